@@ -1,0 +1,308 @@
+"""`bench_config.toml`: validated, frozen, with errors that name the key.
+
+Every table is optional in the file: `diagnose` needs `[plant]`, `[battery]` and `[cutting]`, `record` needs
+`[devices.*]`. A command asks for what it needs and says so when it is missing.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import math
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+
+from bench.errors import ConfigError
+
+_STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Uncertain(BaseModel):
+    """A nominal value with its relative standard uncertainty (one standard deviation).
+
+    Examples
+    --------
+    >>> Uncertain(nominal=0.176, rel_std=0.05).std
+    0.0088
+    """
+
+    model_config = _STRICT
+    nominal: float
+    rel_std: float = Field(default=0.0, ge=0.0, le=10.0)
+
+    @property
+    def std(self) -> float:
+        """Absolute standard uncertainty, in the unit of the nominal value."""
+        return abs(self.nominal) * self.rel_std
+
+
+def _as_uncertain(value: Any) -> Any:
+    """Accept a bare number as a value without stated uncertainty."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return {"nominal": value}
+    return value
+
+
+def _positive(value: Uncertain) -> Uncertain:
+    if value.nominal <= 0:
+        raise ValueError(f"must be greater than 0, got {value.nominal!r}")
+    return value
+
+
+def _not_negative(value: Uncertain) -> Uncertain:
+    if value.nominal < 0:
+        raise ValueError(f"must not be negative, got {value.nominal!r}")
+    return value
+
+
+PositiveValue = Annotated[Uncertain, BeforeValidator(_as_uncertain), AfterValidator(_positive)]
+NotNegativeValue = Annotated[Uncertain, BeforeValidator(_as_uncertain), AfterValidator(_not_negative)]
+
+
+class PlantConfig(BaseModel):
+    """The electromechanical constants of the jigsaw, Table 3 of the paper, SI units."""
+
+    model_config = _STRICT
+    resistance_ohm: PositiveValue
+    inductance_h: PositiveValue
+    back_emf_constant_v_s_per_rad: PositiveValue
+    torque_constant_n_m_per_a: PositiveValue
+    rotor_inertia_kg_m2: PositiveValue
+    yoke_inertia_kg_m2: NotNegativeValue
+    reciprocating_mass_kg: NotNegativeValue
+    crank_radius_m: PositiveValue
+    motor_damping_n_m_s_per_rad: NotNegativeValue
+    gear_ratio: float = Field(gt=0)
+    mechanism: Literal["scotch_yoke", "slider_crank"] = "scotch_yoke"
+    rod_length_m: float | None = Field(default=None, gt=0)
+
+    @model_validator(mode="after")
+    def _rod_fits_mechanism(self) -> PlantConfig:
+        if self.mechanism == "slider_crank" and (
+            self.rod_length_m is None or self.rod_length_m <= self.crank_radius_m.nominal
+        ):
+            raise ValueError("a slider_crank needs rod_length_m, longer than crank_radius_m")
+        return self
+
+
+class BatteryConfig(BaseModel):
+    """The battery of Eq. 16; `beta` in [0, 1)."""
+
+    model_config = _STRICT
+    nominal_voltage_v: float = Field(gt=0)
+    capacity_ah: float = Field(gt=0)
+    beta: float = Field(ge=0, lt=1)
+    internal_resistance_ohm: float = Field(default=0.0, ge=0)
+    cutoff_soc: float = Field(default=0.2, gt=0, lt=1)
+    cutoff_voltage_v: float | None = Field(default=None, gt=0)
+
+
+class CuttingConfig(BaseModel):
+    """Which half of the crank turn cuts (the paper contradicts itself; see docs/paper.md)."""
+
+    model_config = _STRICT
+    cutting_half: Literal["pi_to_2pi", "zero_to_pi"] = "pi_to_2pi"
+
+
+class ConverterConfig(BaseModel):
+    """How the motor voltage is made from the battery voltage.
+
+    `fixed_duty`: U = duty * V_b, as a PWM stage does. `held_voltage`: the converter trims its duty so that
+    U stays at `voltage_v`, the reading that reproduces the paper's runtime.
+    """
+
+    model_config = _STRICT
+    mode: Literal["fixed_duty", "held_voltage"] = "fixed_duty"
+    voltage_v: float | None = Field(default=None, gt=0)
+    default_duty: float = Field(default=0.4375, gt=0, le=1)
+
+    @model_validator(mode="after")
+    def _voltage_given(self) -> ConverterConfig:
+        if self.mode == "held_voltage" and self.voltage_v is None:
+            raise ValueError("mode held_voltage needs voltage_v, the motor voltage that is held")
+        return self
+
+
+class RecordingConfig(BaseModel):
+    """Where recordings go and how often they are made safe."""
+
+    model_config = _STRICT
+    directory: str = "recordings"
+    seconds: float = Field(default=10.0, gt=0)
+    flush_every_s: float = Field(default=1.0, gt=0, le=10)
+    preview_rate_hz: float = Field(default=50.0, gt=0, le=100)
+    second_copy: str | None = None
+
+
+class AnalysisConfig(BaseModel):
+    """Settings of the processing; the defaults suit a jigsaw."""
+
+    model_config = _STRICT
+    n_bins: int = Field(default=256, ge=16, le=65536)
+    min_stroke_rate_hz: float = Field(default=0.2, gt=0)
+    max_stroke_rate_hz: float = Field(default=100.0, gt=0)
+    force_gain_rel_std: float = Field(default=0.005, ge=0)
+    current_gain_rel_std: float = Field(default=0.005, ge=0)
+
+
+class BenchConfig(BaseModel):
+    """The whole of `bench_config.toml`.
+
+    `devices` maps a name to a table with at least `driver`; the driver checks the rest of its table itself
+    (`acquisition.devices`).
+    """
+
+    model_config = _STRICT
+    plant: PlantConfig | None = None
+    battery: BatteryConfig | None = None
+    cutting: CuttingConfig = CuttingConfig()
+    converter: ConverterConfig = ConverterConfig()
+    recording: RecordingConfig = RecordingConfig()
+    analysis: AnalysisConfig = AnalysisConfig()
+    devices: dict[str, dict[str, Any]] = Field(default_factory=dict)
+
+
+class LoadedConfig(BaseModel):
+    """A configuration together with the text it came from.
+
+    Attributes
+    ----------
+    config : BenchConfig
+    text : str
+        The TOML as it was read; stored in every recording.
+    path : str
+    """
+
+    model_config = ConfigDict(frozen=True)
+    config: BenchConfig
+    text: str
+    path: str
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the text, hexadecimal."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+    def plant(self) -> PlantConfig:
+        """Return `[plant]` or say that it is missing."""
+        if self.config.plant is None:
+            raise _missing("plant", self.path)
+        return self.config.plant
+
+    def battery(self) -> BatteryConfig:
+        """Return `[battery]` or say that it is missing."""
+        if self.config.battery is None:
+            raise _missing("battery", self.path)
+        return self.config.battery
+
+
+def _missing(table: str, path: str) -> ConfigError:
+    return ConfigError(
+        f"has no [{table}] table, which this command needs",
+        where=path,
+        remedy=f"copy [{table}] from the bench_config.toml that ships with sawbench and put in your values",
+    )
+
+
+def load_config(path: str | Path) -> LoadedConfig:
+    """Read and validate a bench configuration.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    LoadedConfig
+
+    Raises
+    ------
+    ConfigError
+        If the file is missing, is not TOML, or holds a key or value that is not allowed. The message names
+        every offending key, what was got and what is allowed.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ConfigError(
+            "no such file", where=path, remedy="name the file with --config, or run where bench_config.toml is"
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"cannot be read: {error}", where=path) from error
+    return parse_config(text, where=str(path))
+
+
+def parse_config(text: str, *, where: str = "bench_config.toml") -> LoadedConfig:
+    """Validate a configuration given as TOML text; see `load_config`.
+
+    Examples
+    --------
+    >>> parse_config("[cutting]\\ncutting_half = 'zero_to_pi'").config.cutting.cutting_half
+    'zero_to_pi'
+    """
+    try:
+        tables = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"is not valid TOML: {error}", where=where) from error
+    try:
+        config = BenchConfig.model_validate(tables)
+    except ValidationError as error:
+        raise ConfigError(describe_validation(error, BenchConfig), where=where) from error
+    return LoadedConfig(config=config, text=text, path=where)
+
+
+def describe_validation(error: ValidationError, model: type[BaseModel]) -> str:
+    """Turn a pydantic error into one line per offending key, with the nearest allowed key.
+
+    Parameters
+    ----------
+    error : ValidationError
+    model : type of BaseModel
+        The model that was validated, for the suggestions.
+
+    Returns
+    -------
+    str
+    """
+    lines = []
+    for item in error.errors():
+        key = ".".join(str(part) for part in item["loc"])
+        got = item.get("input")
+        if item["type"] == "extra_forbidden":
+            allowed = _allowed_keys(model, item["loc"][:-1])
+            close = difflib.get_close_matches(str(item["loc"][-1]), allowed, n=1, cutoff=0.5)
+            hint = f"did you mean {close[0]!r}?" if close else f"allowed here: {', '.join(allowed)}"
+            lines.append(f"unknown key {key!r}; {hint}")
+        elif item["type"] == "missing":
+            lines.append(f"missing key {key!r}")
+        else:
+            message = item["msg"].removeprefix("Value error, ")
+            shown = f" (got {got!r})" if isinstance(got, str | int | float | bool) else ""
+            lines.append(f"{key}: {message}{shown}")
+    return lines[0] if len(lines) == 1 else f"{len(lines)} problems:\n  " + "\n  ".join(lines)
+
+
+def _allowed_keys(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
+    for part in location:
+        field = model.model_fields.get(str(part))
+        inner = [] if field is None else [field.annotation, *getattr(field.annotation, "__args__", ())]
+        nested = [t for t in inner if isinstance(t, type) and issubclass(t, BaseModel)]
+        if not nested:
+            return []
+        model = nested[0]
+    return list(model.model_fields)
+
+
+def combine_relative(*relative_stds: float) -> float:
+    """Root sum of squares of independent relative standard uncertainties.
+
+    Examples
+    --------
+    >>> combine_relative(0.03, 0.04)
+    0.05
+    """
+    return math.hypot(*relative_stds)

@@ -1,0 +1,53 @@
+"""The errors a user can meet, each carrying the exit code of the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class SawbenchError(Exception):
+    """Base of every error that is meant for the user.
+
+    Parameters
+    ----------
+    what : str
+        What failed, with what was got and its unit.
+    where : str or Path, optional
+        File, device, channel or time the failure belongs to.
+    remedy : str, optional
+        What to do next, one sentence.
+    """
+
+    exit_code = 1
+
+    def __init__(self, what: str, *, where: str | Path | None = None, remedy: str | None = None) -> None:
+        self.what = what
+        self.where = None if where is None else str(where)
+        self.remedy = remedy
+        super().__init__(str(self))
+
+    def __str__(self) -> str:
+        head = f"{self.where}: {self.what}" if self.where else self.what
+        return f"{head}\n  -> {self.remedy}" if self.remedy else head
+
+
+class InputError(SawbenchError):
+    """The input or the usage is wrong: a file, a value, an option (exit code 2)."""
+
+    exit_code = 2
+
+
+class ConfigError(InputError):
+    """`bench_config.toml` or `campaign.toml` is not valid (exit code 2)."""
+
+
+class RecordingError(InputError):
+    """A file is no recording, or is damaged beyond what was asked (exit code 2)."""
+
+
+class DeviceError(SawbenchError):
+    """An instrument is missing, silent or speaks something else (exit code 1)."""
+
+
+class UntrustedResult(SawbenchError):
+    """The computation ran, but its result must not be relied on (exit code 1)."""

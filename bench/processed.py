@@ -1,0 +1,213 @@
+"""What the processing finds in one trial. Shared, because storage writes it and reports show it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Literal
+
+from bench.folded import FoldedCycle
+from bench.recording import Floats, Trial
+
+Confidence = Literal["high", "moderate", "low"]
+PhaseKind = Literal["rest", "spin_up", "running", "spin_down", "stall"]
+TrialStatus = Literal["cutting", "no_cutting", "stalled", "no_stroke"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PeriodCandidate:
+    """A period that the spectrum also allows.
+
+    Attributes
+    ----------
+    period_s : float
+    relative_power : float
+        Power of its line (and harmonics) relative to the chosen one.
+    reason : str
+        Why it is not the answer, or why it could be.
+    """
+
+    period_s: float
+    relative_power: float
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PeriodEstimate:
+    """Stroke period with its standard uncertainty.
+
+    Attributes
+    ----------
+    period_s : float
+        Mean stroke period over the running part, s.
+    period_std_s : float
+        Standard uncertainty of `period_s`, s.
+    spread_s : float
+        Standard deviation from stroke to stroke, s.
+    n_cycles : int
+        Complete cycles it rests on.
+    confidence : {"high", "moderate", "low"}
+    reason : str
+        Why the confidence is what it is.
+    channel : str
+        Channel it was found in.
+    rivals : tuple of PeriodCandidate
+        Most likely first; empty where nothing else fits.
+    """
+
+    period_s: float
+    period_std_s: float
+    spread_s: float
+    n_cycles: int
+    confidence: Confidence
+    reason: str
+    channel: str
+    rivals: tuple[PeriodCandidate, ...] = ()
+
+    @property
+    def rate_hz(self) -> float:
+        """Stroke rate, Hz."""
+        return 1.0 / self.period_s
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CrankAngle:
+    """Crank angle and speed over time, from the displacement (or from the phase of another channel).
+
+    Attributes
+    ----------
+    time_s : ndarray, shape (n,), s
+    angle_rad : ndarray, shape (n,), rad
+        Unwrapped and never decreasing; 0 (mod 2*pi) is the dead centre where the displacement is smallest.
+    speed_rad_s : ndarray, shape (n,), rad/s
+    angle_std_rad : ndarray, shape (n,), rad
+        Standard uncertainty of the angle.
+    radius_m : float
+        Crank radius used or estimated, m (0 where the angle does not come from displacement).
+    source : str
+        Channel the angle comes from.
+    is_absolute : bool
+        False where the zero of the angle is unknown (no displacement).
+    """
+
+    time_s: Floats
+    angle_rad: Floats
+    speed_rad_s: Floats
+    angle_std_rad: Floats
+    radius_m: float
+    source: str
+    is_absolute: bool
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Phase:
+    """A stretch of the trial: at rest, spinning up, running, spinning down, stalled."""
+
+    kind: PhaseKind
+    start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RemovedForce:
+    """What zeroing the return stroke took away; reported, not hidden.
+
+    Attributes
+    ----------
+    mean_n, rms_n, peak_n : float
+        Of the force on the return half before it was set to zero, N.
+    share_of_impulse : float
+        Mean absolute force removed over mean absolute force of the whole cycle, 0..1.
+    half : str
+        "zero_to_pi" or "pi_to_2pi": the half that was zeroed.
+    looks_swapped : bool
+        True where the removed half carries more force than the kept one: the cutting half of the
+        configuration is probably wrong.
+    """
+
+    mean_n: float
+    rms_n: float
+    peak_n: float
+    share_of_impulse: float
+    half: str
+    looks_swapped: bool
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ChannelQuality:
+    """Health of one channel.
+
+    Attributes
+    ----------
+    channel, unit : str
+    rate_hz : float
+        Median sample rate.
+    n_samples, n_missing : int
+    jitter_std_s : float
+        Standard deviation of the sample interval.
+    noise_std : float
+        White-noise estimate, in `unit`.
+    n_spikes, n_clipped : int
+    problems : tuple of str
+    """
+
+    channel: str
+    unit: str
+    rate_hz: float
+    n_samples: int
+    n_missing: int
+    jitter_std_s: float
+    noise_std: float
+    n_spikes: int
+    n_clipped: int
+    problems: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ProcessedTrial:
+    """Everything `sawbench process` finds in one recording.
+
+    Attributes
+    ----------
+    trial : Trial
+    status : {"cutting", "no_cutting", "stalled", "no_stroke"}
+    period : PeriodEstimate or None
+        None only where status is "no_stroke" (or the trial is stalled from the start).
+    angle : CrankAngle or None
+    phases : tuple of Phase
+    folded : mapping of str to FoldedCycle
+        Every channel as measured.
+    cutting_force : FoldedCycle or None
+        Force with the return stroke set to zero.
+    removed : RemovedForce or None
+    peak_force_n, peak_force_std_n : float or None
+        Mean over the cycles of the largest cutting force, and its standard uncertainty.
+    mean_values : mapping of str to float
+        Mean of each channel over the running part; keys are channel names.
+    rms_values : mapping of str to float
+    quality : tuple of ChannelQuality
+    warnings : tuple of str
+    source_path, source_sha256 : str
+    """
+
+    trial: Trial
+    status: TrialStatus
+    period: PeriodEstimate | None
+    angle: CrankAngle | None
+    phases: tuple[Phase, ...]
+    folded: Mapping[str, FoldedCycle]
+    cutting_force: FoldedCycle | None
+    removed: RemovedForce | None
+    peak_force_n: float | None
+    peak_force_std_n: float | None
+    mean_values: Mapping[str, float] = field(default_factory=dict)
+    rms_values: Mapping[str, float] = field(default_factory=dict)
+    quality: tuple[ChannelQuality, ...] = ()
+    warnings: tuple[str, ...] = ()
+    source_path: str = ""
+    source_sha256: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("folded", "mean_values", "rms_values"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))

@@ -1,0 +1,79 @@
+"""What a fit and a runtime prediction return."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+FitStatus = Literal["ok", "at_bound", "not_identifiable", "not_converged", "stalled"]
+RuntimeStatus = Literal["ok", "stalled", "cannot_start", "never_reached"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CuttingFit:
+    """Linear cutting coefficient k_Fc with its uncertainty.
+
+    Attributes
+    ----------
+    k_fc_n_s_per_m : float
+    std_n_s_per_m : float
+        Combined standard uncertainty: scatter, autocorrelation of the residuals, nominal parameters, gains.
+    statistical_std_n_s_per_m : float
+        The part that more data would shrink.
+    method : str
+        "current", "force", "current_and_force", "annealing".
+    status : FitStatus
+    rmse_a : float or None
+        Root mean square residual of the motor current, A.
+    rmse_n : float or None
+        Root mean square residual of the force, N.
+    n_simulations : int
+    identifiability : str
+        One sentence: what the data can tell apart and what they cannot.
+    notes : tuple of str
+    """
+
+    k_fc_n_s_per_m: float
+    std_n_s_per_m: float
+    statistical_std_n_s_per_m: float
+    method: str
+    status: FitStatus
+    rmse_a: float | None
+    rmse_n: float | None
+    n_simulations: int
+    identifiability: str
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RuntimePrediction:
+    """Battery runtime from full charge to the cut-off.
+
+    Attributes
+    ----------
+    runtime_s : float
+        nan only where status is not "ok".
+    std_s : float
+        Standard uncertainty from k_Fc and plant.
+    mean_battery_current_a, mean_motor_current_a : float
+        Over the discharge.
+    appendix_a_runtime_s : float or None
+        Usable charge over the mean battery current of the measurement (Eq. A.2).
+    ended_by : {"soc", "voltage"}
+    numerical_error_s : float
+        Estimated error of the cycle averaging.
+    status : RuntimeStatus
+    contributions_s : mapping of str to float
+        Standard deviation contributed by each parameter, s.
+    """
+
+    runtime_s: float
+    std_s: float
+    mean_battery_current_a: float
+    mean_motor_current_a: float
+    appendix_a_runtime_s: float | None
+    ended_by: Literal["soc", "voltage"]
+    numerical_error_s: float
+    status: RuntimeStatus
+    contributions_s: Mapping[str, float] = field(default_factory=dict)
