@@ -1,0 +1,1 @@
+"""The words every part of sawbench shares: channels, signals, recordings, configuration, errors."""

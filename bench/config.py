@@ -237,11 +237,11 @@ def load_config(path: str | Path) -> LoadedConfig:
 
 
 def parse_config(text: str, *, where: str = "bench_config.toml") -> LoadedConfig:
-    """Validate a configuration given as TOML text; see `load_config`.
+    r"""Validate a configuration given as TOML text; see `load_config`.
 
     Examples
     --------
-    >>> parse_config("[cutting]\\ncutting_half = 'zero_to_pi'").config.cutting.cutting_half
+    >>> parse_config("[cutting]\ncutting_half = 'zero_to_pi'").config.cutting.cutting_half
     'zero_to_pi'
     """
     try:

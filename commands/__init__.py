@@ -1,0 +1,1 @@
+"""The subcommands of sawbench; all wiring."""

@@ -1,0 +1,118 @@
+"""Entry point of `sawbench`: finds the subcommand, turns errors into one message and an exit code."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from types import MappingProxyType
+from typing import Final
+
+import click
+
+from bench.errors import SawbenchError
+
+# name -> (module with an attribute `command`, one line for the overview). Listed here, so that the overview
+# needs none of the modules.
+SUBCOMMANDS: Final = MappingProxyType(
+    {
+        "demo": "the whole main job on the simulated bench, from instruments to report",
+        "record": "record one trial to MCAP",
+        "import": "turn campaign.toml, CSV, HDF5, MF4 or a candump log into MCAP",
+        "info": "what is in a recording",
+        "recover": "salvage a truncated or damaged recording",
+        "process": "stroke period, folded cycle, quality",
+        "fit": "cutting coefficient k_Fc with its uncertainty",
+        "runtime": "battery runtime with its uncertainty",
+        "simulate": "the electromechanical model alone",
+        "compare": "material-comparison report",
+        "view": "replay a recording in Rerun",
+        "simbench": "the simulated instruments, on ports of their own",
+    }
+)
+_MODULE_OF: Final = MappingProxyType({"import": "import_"})
+
+
+class LazyGroup(click.Group):
+    """Import a subcommand only when it is called, so that `--help` stays fast."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names in the order of the work."""
+        del ctx
+        return list(SUBCOMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import and return one subcommand."""
+        del ctx
+        if cmd_name not in SUBCOMMANDS:
+            return None
+        module = importlib.import_module(f"commands.{_MODULE_OF.get(cmd_name, cmd_name)}")
+        return module.command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the overview from the table, without importing anything."""
+        del ctx
+        with formatter.section("Commands"):
+            formatter.write_dl(list(SUBCOMMANDS.items()))
+
+
+@click.group(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    epilog="Example: sawbench demo --out demo --seconds 8",
+)
+@click.version_option(package_name="sawbench", prog_name="sawbench")
+def cli() -> None:
+    """Record, process, model and compare jigsaw cutting trials."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run `sawbench` and return its exit code: 0 done, 2 wrong input, 1 ran but not to be trusted.
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        Instead of `sys.argv[1:]`.
+
+    Returns
+    -------
+    int
+    """
+    try:
+        code = cli.main(args=arguments, prog_name="sawbench", standalone_mode=False)
+        return code if isinstance(code, int) else 0
+    except SawbenchError as error:
+        return _fail(f"error: {error}", error.exit_code)
+    except click.exceptions.Abort:
+        return _fail("interrupted", 130)
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except KeyboardInterrupt:
+        return _fail("interrupted", 130)
+    except BrokenPipeError:
+        # The reader of our output (head, less) has gone: nothing to say and nobody to say it to.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as error:
+        if os.environ.get("SAWBENCH_DEBUG"):
+            raise
+        return _fail(
+            f"internal error, please report it: {type(error).__name__}: {error}\n"
+            "  -> run again with SAWBENCH_DEBUG=1 for the traceback",
+            1,
+        )
+
+
+def _fail(message: str, code: int) -> int:
+    click.echo(f"sawbench: {message}", err=True)
+    return code
+
+
+def run() -> None:
+    """Console-script entry: exit with the code of `main`."""
+    sys.exit(main())
+
+
+if __name__ == "__main__":
+    run()
