@@ -1,0 +1,94 @@
+"""What a command prints: results as text or JSON, progress only on a terminal."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+T = TypeVar("T")
+
+
+def progress(items: Sequence[T], description: str) -> Iterator[T]:
+    """Yield `items`, with a progress bar on standard error where that is a terminal.
+
+    Parameters
+    ----------
+    items : sequence
+    description : str
+    """
+    if len(items) < 2 or not sys.stderr.isatty():
+        yield from items
+        return
+    from rich.console import Console
+    from rich.progress import track
+
+    yield from track(items, description=description, console=Console(stderr=True), transient=True)
+
+
+def emit(result: Any, text: str, *, as_json: bool) -> None:
+    """Print `result` as JSON or `text` for people.
+
+    Parameters
+    ----------
+    result : object
+        Dataclasses, mappings, sequences, arrays, numbers, paths, times.
+    text : str
+    as_json : bool
+    """
+    click.echo(json.dumps(plain(result), indent=2, allow_nan=False) if as_json else text)
+
+
+def plain(value: Any) -> Any:
+    """Turn a result into what JSON can say; a number that is not finite becomes null.
+
+    Examples
+    --------
+    >>> plain({"a": float("nan"), "b": Path("x")})
+    {'a': None, 'b': 'x'}
+    """
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, str | bool | int) or value is None:
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, datetime):
+        return value.isoformat()
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, Iterable):
+        return [plain(item) for item in value]
+    raise TypeError(f"cannot write {type(value).__name__} as JSON")
+
+
+def table(headers: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Lay out a plain-text table: first column left, the others right.
+
+    Examples
+    --------
+    >>> print(table(["name", "N"], [["force", "12"], ["x", "3"]]))
+    name    N
+    force  12
+    x       3
+    """
+    lines = [list(headers), *[list(row) for row in rows]]
+    widths = [max(len(line[k]) for line in lines) for k in range(len(headers))]
+    return "\n".join(
+        "  ".join(
+            cell.ljust(width) if k == 0 else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(line, widths, strict=True))
+        ).rstrip()
+        for line in lines
+    )
