@@ -6,8 +6,45 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 FitStatus = Literal["ok", "at_bound", "not_identifiable", "not_converged", "stalled"]
 RuntimeStatus = Literal["ok", "stalled", "cannot_start", "never_reached"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ParameterEstimates:
+    """Everything a fit estimated together, with its joint covariance.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Plant constants, `k_fc_n_s_per_m` and sensor gains, SI units in the names.
+    values, prior_std : ndarray, shape (p,)
+        `prior_std` is infinite where nothing was known before.
+    covariance : ndarray, shape (p, p)
+    """
+
+    names: tuple[str, ...]
+    values: NDArray[np.float64]
+    prior_std: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+
+    def value(self, name: str) -> float:
+        """Estimate of one parameter."""
+        return float(self.values[self.names.index(name)])
+
+    def std(self, name: str) -> float:
+        """Standard uncertainty of one parameter."""
+        index = self.names.index(name)
+        return float(np.sqrt(self.covariance[index, index]))
+
+    def correlation(self, first: str, second: str) -> float:
+        """Correlation of the errors of two parameters, -1..1."""
+        i, j = self.names.index(first), self.names.index(second)
+        scale = self.std(first) * self.std(second)
+        return float(self.covariance[i, j] / scale) if scale > 0 else 0.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -32,6 +69,8 @@ class CuttingFit:
     identifiability : str
         One sentence: what the data can tell apart and what they cannot.
     notes : tuple of str
+    estimates : ParameterEstimates or None
+        The parameters that were estimated along with k_Fc; None where the method estimates k_Fc alone.
     """
 
     k_fc_n_s_per_m: float
@@ -44,6 +83,7 @@ class CuttingFit:
     n_simulations: int
     identifiability: str
     notes: tuple[str, ...] = ()
+    estimates: ParameterEstimates | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -1,0 +1,243 @@
+"""Fit the linear cutting coefficient k_Fc of one trial, with an uncertainty that is meant."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from bench.config import BatteryConfig, ConverterConfig, PlantConfig, Uncertain
+from bench.errors import InputError
+from modeling.cycle_observation import FitMethod
+from modeling.force_fit import fit_force
+from modeling.joint_fit import DEFAULT_BOUNDS, K_FC, JointFit, SensorPriors, fit_jointly
+from modeling.measured_cycles import MeasuredCycles
+from modeling.periodic_cycle import PLANT_NAMES, CuttingHalf
+from modeling.results import CuttingFit, FitStatus
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+# A standard uncertainty above this share of k_Fc says that the data do not hold it.
+UNIDENTIFIED_SHARE = 0.5
+
+
+def available_method(cycles: MeasuredCycles) -> FitMethod:
+    """The method that uses every channel the trial has.
+
+    Raises
+    ------
+    InputError
+        If there is neither current nor force.
+    """
+    if cycles.current_a is not None:
+        return "current" if cycles.force_n is None else "current_and_force"
+    if cycles.force_n is not None:
+        return "force"
+    raise InputError("has neither motor current nor force, so k_Fc cannot be fitted", where=cycles.label)
+
+
+def fit_cutting_coefficient(
+    cycles: MeasuredCycles,
+    *,
+    parameters: Any = None,
+    plant: PlantConfig | None = None,
+    battery: BatteryConfig | None = None,
+    converter: ConverterConfig | None = None,
+    cutting_half: CuttingHalf = "pi_to_2pi",
+    force_gain_rel_std: float = 0.005,
+    current_gain_rel_std: float = 0.005,
+    sensors: SensorPriors | None = None,
+    method: FitMethod = "current_and_force",
+    bounds: tuple[float, float] = DEFAULT_BOUNDS,
+) -> CuttingFit:
+    """Fit k_Fc on the strokes of one trial.
+
+    "current_and_force" and "current" compare the mean stroke with the model's periodic stroke by least squares
+    with sensitivities (`fit_jointly`); "force" regresses the force on the measured blade speed and needs no
+    motor model; "annealing" searches k_Fc alone on the current, as Appendix B does, with the plant at its
+    nominal values.
+
+    Parameters
+    ----------
+    cycles : MeasuredCycles
+        Settled strokes: no spin-up inside.
+    parameters : JigsawParameters, optional
+        Nominal plant values where they differ from `plant`; fields named as in `PlantConfig`.
+    plant : PlantConfig, optional
+        Nominal values with `rel_std`. Without it the plant of `parameters` counts as exactly known.
+    battery, converter : optional
+        The supply; the battery voltage is taken as measured where it was.
+    cutting_half : {"pi_to_2pi", "zero_to_pi"}
+    force_gain_rel_std, current_gain_rel_std : float
+        Relative standard uncertainty of the sensor gains.
+    sensors : SensorPriors, optional
+        Replaces the two gains above by a full description.
+    method : {"current_and_force", "current", "force", "annealing"}
+    bounds : tuple of float
+        Lowest and highest k_Fc, N*s/m.
+
+    Returns
+    -------
+    CuttingFit
+        `k_fc_n_s_per_m` +- 1.96 * `std_n_s_per_m` is meant to hold the mean k_Fc in 95 % of trials.
+
+    Raises
+    ------
+    InputError
+        If a channel, the duty or the plant is missing, or the strokes are too few.
+    """
+    plant = _plant(parameters, plant)
+    if sensors is None:
+        sensors = SensorPriors(
+            force_gain_rel_std=force_gain_rel_std, current_gain_rel_std=current_gain_rel_std
+        )
+    if method == "force":
+        return _force_only(cycles, plant, sensors, cutting_half, bounds)
+    if method == "annealing":
+        from modeling.annealing import anneal_cycles
+
+        return anneal_cycles(
+            cycles, plant=plant, battery=battery, converter=converter, cutting_half=cutting_half, bounds=bounds
+        )
+    joint = fit_jointly(
+        [cycles],
+        plant=plant,
+        battery=battery,
+        converter=converter,
+        cutting_half=cutting_half,
+        method=method,
+        sensors=sensors,
+        bounds=bounds,
+    )
+    return cutting_fits(joint, method)[0]
+
+
+def cutting_fits(joint: JointFit, method: FitMethod) -> tuple[CuttingFit, ...]:
+    """The trials of a joint fit, one `CuttingFit` each."""
+    fits = []
+    for trial in range(len(joint.labels)):
+        k_fc, std = float(joint.k_fc_n_s_per_m[trial]), float(joint.std_n_s_per_m[trial])
+        status: FitStatus = "ok"
+        if not joint.is_valid:
+            status, k_fc, std = "stalled", math.nan, math.nan
+        elif not joint.is_converged:
+            status = "not_converged"
+        elif joint.is_at_bound[trial]:
+            status = "at_bound"
+        elif std > UNIDENTIFIED_SHARE * k_fc:
+            status = "not_identifiable"
+        notes = list(joint.notes)
+        if joint.has_misfit:
+            notes.append(
+                "the mean stroke differs from the model by more than noise explains; the uncertainty includes "
+                "the misfit as model error"
+            )
+        fits.append(
+            CuttingFit(
+                k_fc_n_s_per_m=k_fc,
+                std_n_s_per_m=std,
+                statistical_std_n_s_per_m=float(joint.statistical_std_n_s_per_m[trial]),
+                method=method,
+                status=status,
+                rmse_a=joint.rmse_a[trial],
+                rmse_n=joint.rmse_n[trial],
+                n_simulations=joint.n_simulations,
+                identifiability=_identifiability(joint, trial),
+                notes=tuple(notes),
+                estimates=joint.of_trial(trial),
+            )
+        )
+    return tuple(fits)
+
+
+def _identifiability(joint: JointFit, trial: int) -> str:
+    """Say where the variance of k_Fc comes from and what it cannot be told from."""
+    if not joint.is_valid:
+        return "the model stalls at the starting point, so nothing can be said"
+    shares = joint.shares[trial]
+    first, second = sorted(shares, key=lambda name: -shares[name])[:2]
+    estimates = joint.of_trial(trial)
+    others = [name for name in estimates.names if name != K_FC]
+    nearest = max(others, key=lambda name: abs(estimates.correlation(K_FC, name)), default=None)
+    text = f"{shares[first]:.0%} of the variance of k_Fc comes from {_words(first)}, {shares[second]:.0%} from "
+    text += _words(second)
+    if nearest is not None:
+        correlation = estimates.correlation(K_FC, nearest)
+        if abs(correlation) > 0.7:
+            text += (
+                f"; the data cannot separate k_Fc from {nearest} (correlation {correlation:+.2f}), only its prior "
+                "does"
+            )
+        elif abs(correlation) > 0.5:
+            text += f"; k_Fc is only partly separated from {nearest} (correlation {correlation:+.2f})"
+        else:
+            text += f"; no parameter is confused with k_Fc (largest correlation {correlation:+.2f}, {nearest})"
+    return text
+
+
+def _words(share: str) -> str:
+    return {"statistics": "the scatter of the strokes", "model error": "model error"}.get(
+        share, f"the prior of {share.split('[')[0]}"
+    )
+
+
+def _force_only(
+    cycles: MeasuredCycles,
+    plant: PlantConfig,
+    sensors: SensorPriors,
+    cutting_half: CuttingHalf,
+    bounds: tuple[float, float],
+) -> CuttingFit:
+    found = fit_force(cycles, plant=plant, cutting_half=cutting_half)
+    k_fc = min(max(found.k_fc_n_s_per_m, bounds[0]), bounds[1])
+    radius_rel_std = plant.crank_radius_m.rel_std
+    # The mean speed hides the dip where the blade cuts; half of the usual 4 % counts as uncertain.
+    speed_rel_std = 0.04 if found.uses_mean_speed else 0.0
+    angle_rel_std = sensors.angle_zero_std_rad**2
+    systematic = abs(k_fc) * math.hypot(sensors.force_gain_rel_std, radius_rel_std, speed_rel_std, angle_rel_std)
+    std = math.hypot(found.statistical_std_n_s_per_m, systematic)
+    status: FitStatus = "ok"
+    if k_fc != found.k_fc_n_s_per_m:
+        status = "at_bound"
+    elif std > UNIDENTIFIED_SHARE * k_fc:
+        status = "not_identifiable"
+    shares = {
+        "the scatter of the strokes": found.statistical_std_n_s_per_m**2,
+        "the gain of the load cell": (k_fc * sensors.force_gain_rel_std) ** 2,
+        "the crank radius": (k_fc * radius_rel_std) ** 2,
+    }
+    largest = max(shares, key=lambda name: shares[name])
+    note = ("crank speed not measured within the stroke: its mean was used",) if found.uses_mean_speed else ()
+    return CuttingFit(
+        k_fc_n_s_per_m=k_fc,
+        std_n_s_per_m=std,
+        statistical_std_n_s_per_m=found.statistical_std_n_s_per_m,
+        method="force",
+        status=status,
+        rmse_a=None,
+        rmse_n=found.rmse_n,
+        n_simulations=0,
+        identifiability=(
+            f"force and blade speed give k_Fc without the motor; {shares[largest] / max(std**2, 1e-300):.0%} of its "
+            f"variance comes from {largest}; it cannot be told from the gain of the load cell"
+        ),
+        notes=note,
+    )
+
+
+def _plant(parameters: Any, plant: PlantConfig | None) -> PlantConfig:
+    """Nominals of `parameters` with the uncertainties of `plant`."""
+    if parameters is None:
+        if plant is None:
+            raise InputError("give plant or parameters", remedy="fill in [plant] of bench_config.toml")
+        return plant
+    fields: Mapping[str, Any] = {
+        name: Uncertain(
+            nominal=float(getattr(parameters, name)),
+            rel_std=0.0 if plant is None else getattr(plant, name).rel_std,
+        )
+        for name in PLANT_NAMES
+    }
+    if plant is not None:
+        return plant.model_copy(update=dict(fields))
+    return PlantConfig(**fields, gear_ratio=float(parameters.gear_ratio))
