@@ -1,0 +1,1 @@
+"""The withheld-effect check, with a plant of its own."""
