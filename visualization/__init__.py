@@ -1,0 +1,1 @@
+"""Rerun, live and replayed: one adapter, and the only user of rerun."""

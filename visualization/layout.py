@@ -1,0 +1,244 @@
+"""What the technician sees: panels, names, colours, and the text beside the plots."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from bench.processed import ProcessedTrial
+from bench.recording import Event, Trial
+from bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, DISPLACEMENT, FORCE, MOTOR_CURRENT
+from visualization.sdk import rr, rrb
+
+TIMELINE: Final = "time"
+STROKE_RATE_PATH: Final = "signals/stroke_rate_hz"
+TRIAL_PATH: Final = "trial"
+EVENTS_PATH: Final = "events"
+CYCLE_PATH: Final = "cycle"
+CYCLE_TITLE: Final = "Mean force / N, crank angle / ° (grey: zeroed)"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Series:
+    """One line of the display.
+
+    Attributes
+    ----------
+    path : str
+        Rerun entity.
+    title : str
+        Panel title, with the unit.
+    name : str
+        Name in the legend.
+    colour : tuple of int
+        Red, green, blue; from the Okabe-Ito set, legible on a dark and on a light theme.
+    """
+
+    path: str
+    title: str
+    name: str
+    colour: tuple[int, int, int]
+
+
+SERIES: Final[dict[str, Series]] = {
+    series.path.removeprefix("signals/"): series
+    for series in (
+        Series(path=f"signals/{FORCE.name}", title="Cutting force / N", name="force", colour=(230, 110, 20)),
+        Series(
+            path=f"signals/{DISPLACEMENT.name}",
+            title="Blade displacement / mm",
+            name="displacement",
+            colour=(86, 180, 233),
+        ),
+        Series(path=STROKE_RATE_PATH, title="Stroke rate / Hz", name="stroke rate", colour=(240, 220, 90)),
+        Series(
+            path=f"signals/{MOTOR_CURRENT.name}",
+            title="Motor current / A",
+            name="motor current",
+            colour=(0, 178, 130),
+        ),
+        Series(
+            path=f"signals/{BATTERY_VOLTAGE.name}",
+            title="Battery voltage / V",
+            name="battery voltage",
+            colour=(204, 121, 167),
+        ),
+        Series(
+            path=f"signals/{BATTERY_CURRENT.name}",
+            title="Battery current / A",
+            name="battery current",
+            colour=(150, 140, 220),
+        ),
+    )
+}
+_HIDDEN_TIME: Final = rrb.encodings.TimelineColumn(TIMELINE, visible=False)
+"""Rerun cuts its time column short; the text of an event begins with the time instead."""
+_LEFT: Final = (FORCE.name, DISPLACEMENT.name, "stroke_rate_hz")
+_RIGHT: Final = (MOTOR_CURRENT.name, BATTERY_CURRENT.name, BATTERY_VOLTAGE.name)
+
+
+def series_of(channel: str, unit: str = "") -> Series:
+    """Return how a channel is drawn; a channel of an importer gets a panel of its own, in grey."""
+    if channel in SERIES:
+        return SERIES[channel]
+    title = f"{channel} / {unit}" if unit else channel
+    return Series(path=f"signals/{channel}", title=title, name=channel, colour=(170, 170, 170))
+
+
+def make_blueprint(
+    *, channels: Mapping[str, str] | None = None, has_cycle: bool = False, live_window_s: float | None = None
+) -> Any:
+    """Lay out the panels.
+
+    Parameters
+    ----------
+    channels : mapping of str to str, optional
+        Channel names that will be shown, with their units; the six of the bench by default. The stroke rate
+        is shown where there is a displacement.
+    has_cycle : bool
+        Add the folded force cycle.
+    live_window_s : float, optional
+        Show the last seconds only, moving along; the whole trial where absent.
+
+    Returns
+    -------
+    rerun.blueprint.Blueprint
+    """
+    shown = dict.fromkeys(SERIES, "") if channels is None else dict(channels)
+    if DISPLACEMENT.name in shown:
+        shown["stroke_rate_hz"] = "Hz"
+    columns = [[name for name in column if name in shown] for column in (_LEFT, _RIGHT)]
+    for name in shown:
+        if name not in SERIES:
+            min(columns, key=len).append(name)
+    plots = [
+        rrb.Vertical(*[_panel(series_of(name, shown[name]), live_window_s) for name in column])
+        for column in columns
+        if column
+    ]
+    side: list[Any] = [rrb.TextDocumentView(origin=TRIAL_PATH, name="Trial")]
+    if has_cycle:
+        side.append(
+            rrb.BarChartView(origin=CYCLE_PATH, name=CYCLE_TITLE, plot_legend=rrb.PlotLegend(visible=False))
+        )
+    columns_shown = rrb.TextLogColumns(timeline_columns=[_HIDDEN_TIME], text_log_columns=["LogLevel", "Body"])
+    side.append(rrb.TextLogView(origin=EVENTS_PATH, name="Notes and events", columns=columns_shown))
+    shares = [5, 3, 2] if has_cycle else [5, 2]
+    return rrb.Blueprint(
+        rrb.Horizontal(*plots, rrb.Vertical(*side, row_shares=shares), column_shares=[3] * len(plots) + [2]),
+        rrb.TimePanel(
+            state="collapsed",
+            timeline=TIMELINE,
+            play_state="following" if live_window_s else "paused",
+        ),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        auto_layout=False,
+        auto_views=False,
+    )
+
+
+def _panel(series: Series, live_window_s: float | None) -> Any:
+    options: dict[str, Any] = {}
+    if live_window_s:
+        options["time_ranges"] = rrb.VisibleTimeRange(
+            TIMELINE,
+            start=rrb.TimeRangeBoundary.cursor_relative(seconds=-live_window_s),
+            end=rrb.TimeRangeBoundary.cursor_relative(),
+        )
+    return rrb.TimeSeriesView(
+        origin=f"/{series.path}",
+        name=series.title,
+        axis_x=rrb.TimeAxis(link="LinkToGlobal"),
+        plot_legend=rrb.PlotLegend(visible=False),
+        **options,
+    )
+
+
+def log_style(recording: Any, series: Series) -> None:
+    """Give a series its name, colour and width; peaks stay when many samples share a pixel."""
+    style = rr.SeriesLines(colors=series.colour, names=series.name, widths=1.5, aggregation_policy="MinMax")
+    recording.log(series.path, style, static=True)
+
+
+def log_event(recording: Any, event: Event) -> None:
+    """Put a note or an event into the event list at its time."""
+    level = {"warning": "WARN", "gap": "WARN", "interrupted": "ERROR"}.get(event.kind, "INFO")
+    what = " ".join(part for part in (event.kind, event.device, event.channel) if part)
+    recording.set_time(TIMELINE, duration=event.time_s)
+    recording.log(EVENTS_PATH, rr.TextLog(f"{event.time_s:.3f} s  {what}: {event.text}", level=level))
+
+
+def log_trial(recording: Any, trial: Trial, processed: ProcessedTrial | None = None) -> None:
+    """Write the text panel."""
+    text = trial_markdown(trial, processed)
+    recording.log(TRIAL_PATH, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
+
+
+def trial_markdown(trial: Trial, processed: ProcessedTrial | None = None) -> str:
+    """Describe a trial, and what the processing found, as Markdown.
+
+    Parameters
+    ----------
+    trial : Trial
+    processed : ProcessedTrial, optional
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> print(trial_markdown(Trial(trial_id="oak-01", material="oak", duty=0.4375)))
+    # oak-01
+    | Setting | |
+    |---|---|
+    | Material | oak |
+    | Duty | 43.75 % |
+    | Source | bench |
+    """
+    lines = [f"# {_plain(trial.trial_id)}"]
+    if "simulated" in trial.source:
+        lines += ["**Simulated bench: not a measurement.**", ""]
+    rows: list[tuple[str, str | None]] = [
+        ("Material", "blade in air" if trial.is_idle else trial.material),
+        ("Repetition", None if trial.repetition is None else str(trial.repetition)),
+        ("Duty", None if trial.duty is None else f"{100 * trial.duty:.4g} %"),
+        ("Thickness", None if trial.thickness_mm is None else f"{trial.thickness_mm:g} mm"),
+        ("Feed", None if trial.feed_mm_s is None else f"{trial.feed_mm_s:g} mm/s"),
+        ("Blade", trial.blade),
+        ("Battery", trial.battery),
+        ("Operator", trial.operator),
+        ("Started", None if trial.started_at is None else f"{trial.started_at:%Y-%m-%d %H:%M:%S %Z}"),
+        ("Source", trial.source),
+        ("Notes", trial.notes or None),
+    ]
+    if processed is not None:
+        lines += _result_lines(processed)
+    lines += ["| Setting | |", "|---|---|"] + [
+        f"| {name} | {_plain(value)} |" for name, value in rows if value
+    ]
+    return "\n".join(lines)
+
+
+def _result_lines(processed: ProcessedTrial) -> list[str]:
+    rows = [("Status", processed.status.replace("_", " "))]
+    if processed.period is not None:
+        period = processed.period
+        rate_std_hz = period.period_std_s / period.period_s**2
+        rows.append(
+            ("Stroke rate", f"{period.rate_hz:.3f} ± {rate_std_hz:.2g} Hz ({period.confidence} confidence)")
+        )
+    if processed.peak_force_n is not None:
+        rows.append(
+            ("Peak force", f"{processed.peak_force_n:.1f} ± {processed.peak_force_std_n or 0.0:.2g} N")
+        )
+    lines = ["| Result | |", "|---|---|"] + [f"| {name} | {value} |" for name, value in rows]
+    return [*lines, "", *(f"- {_plain(warning)}" for warning in processed.warnings), ""]
+
+
+def _plain(text: str | None) -> str:
+    """Make free text safe inside a Markdown table: one line, no markup of its own."""
+    flat = " ".join((text or "").split())
+    return "".join("\\" + sign if sign in "\\`*_[]<>|#" else sign for sign in flat)

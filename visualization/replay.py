@@ -1,0 +1,154 @@
+"""A recording in Rerun, with the layout of the live view."""
+
+from __future__ import annotations
+
+import uuid
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from bench.processed import ProcessedTrial
+from bench.recording import Floats, Recording, Signal
+from bench.units import DISPLACEMENT, FORCE
+from visualization.layout import (
+    CYCLE_PATH,
+    STROKE_RATE_PATH,
+    log_event,
+    log_style,
+    log_trial,
+    make_blueprint,
+    series_of,
+)
+from visualization.rerun_view import open_rrd, send_samples
+from visualization.sdk import rr
+from visualization.stroke_rate import LiveStrokeRate
+from visualization.viewer import ViewerProcess
+
+_REMOVED_COLOUR: Final = (120, 120, 120)
+_N_BARS: Final = 90
+
+
+def view_recording(
+    recording: Recording,
+    *,
+    save_path: str | Path | None = None,
+    spawn: bool = True,
+    processed: ProcessedTrial | None = None,
+    overwrite: bool = False,
+) -> ViewerProcess | None:
+    """Write a recording as `.rrd` and, if asked, open it in a viewer.
+
+    Every sample is written; a gap breaks the line. Without a display, `spawn=False` and a `save_path` need no
+    viewer and no graphics.
+
+    Parameters
+    ----------
+    recording : Recording
+    save_path : str or Path, optional
+        Where the `.rrd` goes. With `spawn` and no path, a file in a new temporary folder.
+    spawn : bool
+        Open the viewer; it stays when this program ends.
+    processed : ProcessedTrial, optional
+        Adds the folded force cycle, the stroke rate found by the processing, and the results as text.
+    overwrite : bool
+        Allow `save_path` to exist.
+
+    Returns
+    -------
+    ViewerProcess or None
+        The viewer, None where `spawn` is False.
+
+    Raises
+    ------
+    InputError
+        If `save_path` exists and `overwrite` is not set, or cannot be written.
+    """
+    if save_path is None:
+        if not spawn:
+            return None
+        import tempfile
+
+        save_path = Path(tempfile.mkdtemp(prefix="sawbench-")) / f"{uuid.uuid4().hex}.rrd"
+    stream = rr.RecordingStream("sawbench", recording_id=uuid.uuid4())
+    stream.set_sinks(open_rrd(save_path, overwrite=overwrite))
+    _fill(stream, recording, processed)
+    stream.flush(timeout_sec=60.0)
+    stream.disconnect()
+    return ViewerProcess([str(save_path)]) if spawn else None
+
+
+def _fill(stream: Any, recording: Recording, processed: ProcessedTrial | None) -> None:
+    has_cycle = processed is not None and FORCE.name in processed.folded
+    stream.send_recording_name(recording.trial.trial_id)
+    units = {name: signal.unit for name, signal in recording.signals.items()}
+    stream.send_blueprint(make_blueprint(channels=units, has_cycle=has_cycle))
+    log_trial(stream, recording.trial, processed)
+    for event in recording.events:
+        log_event(stream, event)
+    stream.reset_time()
+    for name, signal in recording.signals.items():
+        series = series_of(name, signal.unit)
+        log_style(stream, series)
+        send_samples(stream, series.path, *_with_breaks(signal))
+    rates = _stroke_rates(recording, processed)
+    if len(rates):
+        log_style(stream, series_of("stroke_rate_hz"))
+        # Without these the panel would begin at the first stroke, out of line with the others.
+        ends = [[signal.time_s[end], np.nan] for signal in recording.signals.values() for end in (0, -1)]
+        rates = np.array(sorted([*rates.tolist(), min(ends), max(ends)]))
+        send_samples(stream, STROKE_RATE_PATH, rates[:, 0], rates[:, 1])
+    if processed is not None and has_cycle:
+        _log_cycle(stream, processed)
+
+
+def _with_breaks(signal: Signal) -> tuple[Floats, Floats]:
+    """Return times and values with a NaN inside every gap."""
+    if not signal.gaps:
+        return signal.time_s, signal.values
+    middle_s = np.array([0.5 * (gap.start_s + gap.end_s) for gap in signal.gaps])
+    at = np.searchsorted(signal.time_s, middle_s)
+    return np.insert(signal.time_s, at, middle_s), np.insert(signal.values, at, np.nan)
+
+
+def _stroke_rates(recording: Recording, processed: ProcessedTrial | None) -> Floats:
+    """Return time and stroke rate, shape (n, 2): one value a turn of the crank."""
+    if processed is not None and processed.angle is not None and len(processed.angle.time_s) > 1:
+        turns = processed.angle.angle_rad / (2.0 * np.pi)
+        whole = np.arange(np.ceil(turns[0]), np.floor(turns[-1]) + 1.0)
+        is_rising = np.r_[True, np.diff(turns) > 0]
+        at_s = np.interp(whole, turns[is_rising], processed.angle.time_s[is_rising])
+        return np.column_stack((at_s[1:], 1.0 / np.diff(at_s))) if len(at_s) > 1 else np.empty((0, 2))
+    if DISPLACEMENT.name not in recording.signals:
+        return np.empty((0, 2))
+    signal = recording.signals[DISPLACEMENT.name]
+    estimator, found = LiveStrokeRate(), []
+    block = max(1, round(0.1 * signal.rate_hz))
+    for first in range(0, len(signal.time_s), block):
+        part = slice(first, first + block)
+        found += estimator.update(signal.time_s[part], signal.values[part])
+    return np.asarray(found, dtype=np.float64).reshape(-1, 2)
+
+
+def _log_cycle(stream: Any, processed: ProcessedTrial) -> None:
+    """Draw the mean force over the crank angle: measured in grey, what counts as cutting in colour."""
+    measured = processed.folded[FORCE.name]
+    _log_bars(stream, f"{CYCLE_PATH}/measured", measured.angle_rad, measured.mean, _REMOVED_COLOUR)
+    if processed.cutting_force is not None:
+        cutting = processed.cutting_force
+        colour = series_of(FORCE.name).colour
+        _log_bars(stream, f"{CYCLE_PATH}/cutting", cutting.angle_rad, cutting.mean, colour)
+
+
+def _log_bars(stream: Any, path: str, angle_rad: Floats, mean: Floats, colour: tuple[int, int, int]) -> None:
+    """Draw at most 90 bars, means over neighbouring bins: more than that flicker on a screen."""
+    finite = np.isfinite(mean)
+    if not finite.any():
+        return
+    group = np.minimum((angle_rad[finite] * (_N_BARS / (2.0 * np.pi))).astype(np.int64), _N_BARS - 1)
+    n_in_group = np.bincount(group, minlength=_N_BARS)
+    is_filled = n_in_group > 0
+    height = np.bincount(group, weights=mean[finite], minlength=_N_BARS)[is_filled] / n_in_group[is_filled]
+    angle_deg = ((np.arange(_N_BARS) + 0.5) * (360.0 / _N_BARS))[is_filled]
+    width = np.full(len(angle_deg), 360.0 / _N_BARS)
+    stream.log(path, rr.BarChart(height, abscissa=angle_deg, widths=width, color=colour), static=True)
