@@ -1,0 +1,1 @@
+"""Live instruments: transports, devices, clock, recorder."""

@@ -1,0 +1,220 @@
+"""The common clock: sample counts and arrival times of one instrument -> times on the clock of this machine.
+
+An instrument samples by its own quartz, t = t0 + n * period. This machine sees sample n at a_n = t_n + latency, and
+latency is one-sided: bytes can be late, never early. So the line that touches the arrivals from below is the
+instrument's clock, up to the smallest latency, which no receiver can see.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+_WINDOW_S: Final = 20.0
+_SLOT_S: Final = 0.1
+# A slope read from a span shorter than this is mostly the scatter of the latency; the nominal rate is trusted more.
+_SLOPE_TRUST_S: Final = 2.0
+_SLEW_TIME_S: Final = 1.0
+_LARGEST_SLEW: Final = 0.01
+# Quartz errors are below 1e-4; a data rate that the instrument rounded can be off by a few percent.
+_LARGEST_RATE_ERROR: Final = 0.03
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ClockLine:
+    """t = `offset_s` + n * `period_s`."""
+
+    offset_s: float
+    period_s: float
+
+    def time_of(self, index: float) -> float:
+        """Time of sample `index`, s."""
+        return self.offset_s + index * self.period_s
+
+
+class ArrivalClock:
+    """Estimate of one instrument's clock from arrivals; causal, never going backwards.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Nominal sample rate.
+    window_s : float
+        Arrivals older than this are forgotten, so that drift is followed.
+
+    Notes
+    -----
+    Estimator: the edge of the lower convex hull of (sample index, arrival) under the mean index, the least total
+    latency among all lines below the arrivals (Moon, Skelly, Towsley 1999, "Estimation and removal of clock skew from
+    network delay measurements"). The slope is drawn to the nominal rate while the span is short. Bias: late by
+    the smallest latency of the link (USB: up to 1 ms; not observable). Fails where every arrival of the window is late by
+    a growing amount, which looks like a slow clock.
+
+    Examples
+    --------
+    >>> clock = ArrivalClock(rate_hz=1000.0)
+    >>> for index in range(0, 1000, 10):
+    ...     clock.observe(index, 5.0 + index * 1e-3)
+    >>> t0, period = clock.stamp(1000, 10)
+    >>> round(t0, 6), round(period, 9)
+    (6.0, 0.001)
+    """
+
+    def __init__(self, *, rate_hz: float, window_s: float = _WINDOW_S) -> None:
+        if not rate_hz > 0:
+            raise ValueError(f"rate_hz must be greater than 0, got {rate_hz!r}")
+        self._nominal_period_s = 1.0 / rate_hz
+        self._n_slots = max(4, round(window_s / _SLOT_S))
+        self._lowest: deque[tuple[int, float]] = deque(maxlen=self._n_slots)
+        self._slot = -1
+        self._origin: tuple[int, float] | None = None
+        self._line: ClockLine | None = None
+        self._last: tuple[int, float] | None = None
+        self._spread_s = 0.0
+        self._n_observed = 0
+
+    @property
+    def span_s(self) -> float:
+        """Time between the first and the last arrival it still remembers, s."""
+        return (self._lowest[-1][0] - self._lowest[0][0]) * self._nominal_period_s if self._lowest else 0.0
+
+    @property
+    def line(self) -> ClockLine:
+        """The present estimate.
+
+        Raises
+        ------
+        ValueError
+            If nothing was observed yet.
+        """
+        if self._line is None:
+            if not self._lowest:
+                raise ValueError("no arrival observed yet")
+            self._line = self._fit()
+        return self._line
+
+    @property
+    def uncertainty_s(self) -> float:
+        """Standard uncertainty of the alignment from the scatter of the smallest latencies, s."""
+        if not self._lowest:
+            return float("inf")
+        _ = self.line
+        return max(self._spread_s, 0.25 * self._nominal_period_s)
+
+    def observe(self, index: int, arrival_s: float) -> None:
+        """Note that sample `index` had arrived by `arrival_s`.
+
+        Parameters
+        ----------
+        index : int
+            Of the newest sample of a read.
+        arrival_s : float
+            Monotonic clock of this machine, s.
+        """
+        if self._origin is None:
+            self._origin = (index, arrival_s)
+        self._n_observed += 1
+        slot = int((index - self._origin[0]) * self._nominal_period_s / _SLOT_S)
+        if slot != self._slot:
+            self._slot = slot
+            self._lowest.append((index, arrival_s))
+            self._line = None
+        elif self._lateness(index, arrival_s) < self._lateness(*self._lowest[-1]):
+            self._lowest[-1] = (index, arrival_s)
+            # A line that lies above an arrival is wrong; one that lies below can wait for the next slot.
+            if self._line is not None and arrival_s < self._line.time_of(index):
+                self._line = None
+
+    def residual_s(self, index: int, arrival_s: float) -> float:
+        """How much later than the estimate sample `index` arrived, s."""
+        return arrival_s - self.line.time_of(index)
+
+    def stamp(self, first_index: int, n_samples: int) -> tuple[float, float]:
+        """Give `n_samples` samples their times; later calls never go back.
+
+        Parameters
+        ----------
+        first_index, n_samples : int
+
+        Returns
+        -------
+        first_time_s, period_s : float
+            Time of the first sample (s, monotonic clock) and spacing of the block.
+        """
+        line = self.line
+        end_index = first_index + n_samples
+        if self._last is None:
+            self._last = (end_index, line.time_of(end_index))
+            return line.time_of(first_index), line.period_s
+        last_index, last_time_s = self._last
+        n_steps = end_index - last_index
+        if n_steps <= 0:
+            raise ValueError(f"sample {first_index} was stamped before (next is {last_index})")
+        error_s = line.time_of(end_index) - (last_time_s + n_steps * line.period_s)
+        share = min(1.0, n_steps * line.period_s / _SLEW_TIME_S)
+        wanted = error_s * share / (n_steps * line.period_s)
+        period_s = line.period_s * (1.0 + min(max(wanted, -_LARGEST_SLEW), _LARGEST_SLEW))
+        first_time_s = last_time_s + (first_index - last_index) * period_s
+        self._last = (end_index, last_time_s + n_steps * period_s)
+        return first_time_s, period_s
+
+    def measured_rate_hz(self) -> float:
+        """Samples per second between the first and last remembered arrival (0 if too few)."""
+        if len(self._lowest) < 2:
+            return 0.0
+        (n0, t0), (n1, t1) = self._lowest[0], self._lowest[-1]
+        return (n1 - n0) / (t1 - t0) if t1 > t0 else 0.0
+
+    def statement(self) -> str:
+        """Say in words how the times were made and how sure they are."""
+        line = self.line
+        drift_ppm = (self._nominal_period_s / line.period_s - 1.0) * 1e6
+        return (
+            f"sample count against arrival at this machine, lower envelope over {self.span_s:.1f} s "
+            f"({self._n_observed} reads); rate {1.0 / line.period_s:.4f} Hz ({drift_ppm:+.0f} ppm of nominal); "
+            f"alignment +/- {self.uncertainty_s * 1e3:.2f} ms (1 std), plus the constant latency of the link, "
+            "which a receiver cannot see (USB: up to 1 ms)"
+        )
+
+    def _lateness(self, index: int, arrival_s: float) -> float:
+        assert self._origin is not None
+        return (arrival_s - self._origin[1]) - (index - self._origin[0]) * self._nominal_period_s
+
+    def _fit(self) -> ClockLine:
+        assert self._origin is not None
+        n0, t0 = self._origin
+        points = np.array([(n - n0, self._lateness(n, t)) for n, t in self._lowest])
+        index, late_s = points[:, 0], points[:, 1]
+        span_s = (index[-1] - index[0]) * self._nominal_period_s
+        trust = span_s**2 / (span_s**2 + _SLOPE_TRUST_S**2)
+        limit = _LARGEST_RATE_ERROR * self._nominal_period_s
+        slope = float(np.clip(_hull_slope_below_mean(index, late_s), -limit, limit)) * trust
+        above_s = late_s - slope * index
+        floor_s = float(above_s.min())
+        # The lower half of the slots says how repeatable the smallest latency is.
+        lower_half_s = np.sort(above_s)[: max(2, len(above_s) // 2)]
+        self._spread_s = float(np.sqrt(np.mean((lower_half_s - floor_s) ** 2)))
+        period_s = self._nominal_period_s + slope
+        return ClockLine(offset_s=t0 + floor_s - n0 * period_s, period_s=period_s)
+
+
+def _hull_slope_below_mean(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
+    """Slope of the edge of the lower convex hull of (x, y) that lies under the mean of x; x increases."""
+    hull: list[int] = []
+    for i in range(len(x)):
+        while len(hull) >= 2:
+            a, b = hull[-2], hull[-1]
+            if (y[b] - y[a]) * (x[i] - x[a]) >= (y[i] - y[a]) * (x[b] - x[a]):
+                hull.pop()
+            else:
+                break
+        hull.append(i)
+    middle = float(np.mean(x))
+    for a, b in zip(hull, hull[1:], strict=False):
+        if x[b] >= middle:
+            return float((y[b] - y[a]) / (x[b] - x[a]))
+    return 0.0

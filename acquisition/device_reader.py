@@ -1,0 +1,133 @@
+"""One thread a device: reads it, notices silence, reconnects; never touches the recording."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from acquisition.devices.device import Chunk, Device
+from bench.errors import DeviceError
+
+_FIRST_PAUSE_S: Final = 0.1
+_LONGEST_PAUSE_S: Final = 2.0
+_QUEUE_WAIT_S: Final = 0.2
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Samples:
+    """What one read returned."""
+
+    device: str
+    chunks: list[Chunk]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LinkLost:
+    """The device is gone or silent; `is_final`: nobody will try again."""
+
+    device: str
+    reason: str
+    is_final: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LinkBack:
+    """The device answers again."""
+
+    device: str
+
+
+Message = Samples | LinkLost | LinkBack
+
+
+class DeviceReader(threading.Thread):
+    """Move chunks from an opened and started device to `messages` until told to stop.
+
+    Parameters
+    ----------
+    device : Device
+        Open and started; the thread stops it at the end.
+    messages : Queue
+        Bounded: a writer that is too slow makes this thread wait, and the instrument's buffer overflow, which
+        then shows as a gap.
+    clock : callable
+        Monotonic seconds.
+    silence_s : float
+        Without a sample for this long the link counts as lost.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        messages: queue.Queue[Message],
+        *,
+        clock: Callable[[], float],
+        silence_s: float,
+    ) -> None:
+        super().__init__(name=f"read {device.name}", daemon=True)
+        self.device = device
+        self.n_reconnects = 0
+        self._messages = messages
+        self._clock = clock
+        self._silence_s = silence_s
+        self._stopping = threading.Event()
+
+    def stop(self) -> None:
+        """Ask the thread to end; it stops the device."""
+        self._stopping.set()
+
+    def run(self) -> None:
+        """Read until stopped."""
+        try:
+            self._read_and_reconnect()
+        except Exception as error:
+            # A fault in a driver must not end the other instruments' recording.
+            self._send(LinkLost(device=self.device.name, reason=f"driver failed: {error!r}", is_final=True))
+        finally:
+            self.device.stop()
+
+    def _read_and_reconnect(self) -> None:
+        while not self._stopping.is_set():
+            try:
+                self._read_until_lost()
+            except DeviceError as error:
+                self._send(LinkLost(device=self.device.name, reason=error.what))
+                self._reconnect()
+
+    def _read_until_lost(self) -> None:
+        latest_s = self._clock()
+        while not self._stopping.is_set():
+            chunks = self.device.read()
+            now_s = self._clock()
+            if chunks:
+                latest_s = now_s
+                self._send(Samples(device=self.device.name, chunks=chunks))
+            elif now_s - latest_s > self._silence_s:
+                raise DeviceError(f"sent nothing for {now_s - latest_s:.1f} s", where=self.device.name)
+
+    def _reconnect(self) -> None:
+        pause_s = _FIRST_PAUSE_S
+        self.device.stop()
+        while not self._stopping.wait(pause_s):
+            try:
+                self.device.open()
+                self.device.start()
+            except DeviceError:
+                # Still away: this is what the pause is for. The gap is in the record since the link was lost.
+                self.device.stop()
+                pause_s = min(2.0 * pause_s, _LONGEST_PAUSE_S)
+                continue
+            self.n_reconnects += 1
+            self._send(LinkBack(device=self.device.name))
+            return
+
+    def _send(self, message: Message) -> None:
+        while not self._stopping.is_set():
+            try:
+                self._messages.put(message, timeout=_QUEUE_WAIT_S)
+            except queue.Full:
+                continue
+            return

@@ -1,0 +1,157 @@
+"""What every instrument is to the recorder: streams of channels, chunks of samples, four verbs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
+
+from acquisition.calibration import Calibration
+from bench.units import CHANNEL_BY_NAME
+
+STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class StreamChannel:
+    """One channel of a stream.
+
+    Attributes
+    ----------
+    name, unit : str
+    calibration : Calibration
+        Raw value to `unit`.
+    valid_range : tuple of float
+        Lowest and highest value the instrument can mean, in `unit`.
+    """
+
+    name: str
+    unit: str
+    calibration: Calibration
+    valid_range: tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Stream:
+    """Channels that an instrument samples together.
+
+    Attributes
+    ----------
+    name : str
+        Unique within the device.
+    rate_hz : float
+        Nominal rate; 0 where each sample carries its own time (polled instruments).
+    channels : tuple of StreamChannel
+    """
+
+    name: str
+    rate_hz: float
+    channels: tuple[StreamChannel, ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Chunk:
+    """Samples of one stream that came without a break.
+
+    Attributes
+    ----------
+    stream : str
+    raw : ndarray, shape (n, n_channels)
+        As sent, in the raw unit; columns in the order of `Stream.channels`.
+    arrival_s : ndarray, shape (1,) or (n,), s
+        When the newest sample (or each one) had arrived, monotonic clock.
+    n_lost : int
+        Samples known to be missing before the first one.
+    is_loss_exact : bool
+        Whether `n_lost` was counted (by a sample counter) or only bounded from below by broken bytes.
+    time_s : ndarray, shape (n,), s, optional
+        Monotonic time of each sample, where the instrument was asked for it.
+    """
+
+    stream: str
+    raw: NDArray[np.float64]
+    arrival_s: NDArray[np.float64]
+    n_lost: int = 0
+    is_loss_exact: bool = True
+    time_s: NDArray[np.float64] | None = None
+
+
+class Device(Protocol):
+    """An instrument. The constructor does no input or output; `open` may be called again after `stop`."""
+
+    name: str
+    port: str
+
+    @property
+    def streams(self) -> tuple[Stream, ...]:
+        """Streams it will deliver; rates are final once `open` returned."""
+        ...
+
+    @property
+    def n_discarded_bytes(self) -> int:
+        """Received bytes that were part of no valid frame, since construction."""
+        ...
+
+    def open(self) -> None:
+        """Connect, identify, configure.
+
+        Raises
+        ------
+        DeviceError
+            If it is missing, or answers as another instrument would.
+        """
+        ...
+
+    def start(self) -> None:
+        """Make it send samples."""
+        ...
+
+    def read(self) -> list[Chunk]:
+        """Return what arrived, waiting at most about 0.1 s; DeviceError if the link broke."""
+        ...
+
+    def stop(self) -> None:
+        """Make it stop and close the link; never raises, may be called twice."""
+        ...
+
+    def describe(self) -> dict[str, str]:
+        """Facts for the record: model, firmware, rates, where its times come from."""
+        ...
+
+
+class ChannelTable(BaseModel):
+    """`[devices.NAME.channels.CHANNEL]` of a multi-channel instrument.
+
+    Attributes
+    ----------
+    input : int
+        Input of the instrument the sensor is connected to, from 1.
+    calibration : Calibration
+    raw_range : tuple of float
+        Lowest and highest raw value the input can mean; a sample outside was damaged on the way and becomes a gap.
+    """
+
+    model_config = STRICT
+    input: int
+    calibration: Calibration = Calibration()
+    raw_range: tuple[float, float] = (-1e9, 1e9)
+
+    def stream_channel(self, name: str) -> StreamChannel:
+        """The channel `name` with the range that `raw_range` maps to."""
+        ends = sorted(float(v) for v in self.calibration.apply(np.array(self.raw_range)))
+        return StreamChannel(
+            name=name,
+            unit=CHANNEL_BY_NAME[name].unit,
+            calibration=self.calibration,
+            valid_range=(ends[0], ends[1]),
+        )
+
+
+def known_channel(name: str) -> str:
+    """Validator: `name` is a channel of `bench.units`."""
+    if name not in CHANNEL_BY_NAME:
+        raise ValueError(f"unknown channel {name!r}; channels are {', '.join(CHANNEL_BY_NAME)}")
+    return name

@@ -1,0 +1,228 @@
+"""ME-Systeme GSV-8 and GSV-6 strain-gauge and voltage amplifiers on a serial port.
+
+The load cell (mV/V) and an inductive sensor's analogue output (volts, an input set to +-10 V) both come in through it.
+"""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable
+from typing import Annotated, Any, Final
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, Field, model_validator
+
+from acquisition.devices.device import STRICT, ChannelTable, Chunk, Stream, known_channel
+from acquisition.devices.gsv8_frames import ERROR_TEXT, Answer, DataType, Gsv8Framer, request
+from acquisition.transports.serial_port import SerialPort
+from bench.errors import DeviceError
+
+GET_INTERFACE: Final = 0x01
+SET_ZERO: Final = 0x0C
+STOP_TRANSMISSION: Final = 0x23
+START_TRANSMISSION: Final = 0x24
+GET_FIRMWARE_VERSION: Final = 0x2B
+READ_DATA_RATE: Final = 0x8A
+WRITE_DATA_RATE: Final = 0x8B
+_ANSWER_WAIT_S: Final = 0.5
+_MODELS: Final = {6: "GSV-6", 8: "GSV-8"}
+_DATA_TYPES: Final[dict[int, DataType]] = {1: "int16", 2: "int24", 3: "float32"}
+STREAM: Final = "frames"
+
+
+class Gsv8Settings(BaseModel):
+    """`[devices.NAME]` with `driver = "gsv8"`.
+
+    Attributes
+    ----------
+    port : str
+        Serial port or pyserial URL.
+    rate_hz : float
+        Frames per second that the amplifier is set to: GSV-8 up to 48 kHz.
+    channels : mapping of str to ChannelTable
+        Bench channel -> input of the amplifier (from 1), calibration, raw range.
+    baud_rate : int
+        Bit/s; a frame of one float needs 80 bit, so 115200 Bd carry 1.4 kHz. Of no effect over USB.
+    integer_full_scale : float
+        Raw unit at the largest code of int16 and int24 frames; 2 mV/V inputs reach 2.1 mV/V.
+    """
+
+    model_config = STRICT
+    driver: str = "gsv8"
+    port: str
+    rate_hz: float = Field(default=6000.0, gt=0, le=48000)
+    channels: dict[Annotated[str, AfterValidator(known_channel)], ChannelTable] = Field(min_length=1)
+    baud_rate: int = Field(default=115200, gt=0)
+    integer_full_scale: float = Field(default=2.1, gt=0)
+
+    @model_validator(mode="after")
+    def _inputs_exist(self) -> Gsv8Settings:
+        inputs = [channel.input for channel in self.channels.values()]
+        if not all(1 <= i <= 15 for i in inputs):
+            raise ValueError(f"inputs are numbered 1..15, got {inputs}")
+        if len(set(inputs)) < len(inputs):
+            raise ValueError(f"two channels read the same input: {inputs}")
+        return self
+
+
+class Gsv8:
+    """One amplifier.
+
+    Parameters
+    ----------
+    name : str
+        Of the device table.
+    settings : Gsv8Settings
+    clock : callable
+        Monotonic seconds; stamps the arrival of samples.
+    """
+
+    Settings = Gsv8Settings
+
+    def __init__(self, name: str, settings: Gsv8Settings, *, clock: Callable[[], float] = time.monotonic) -> None:
+        self.name = name
+        self.port = settings.port
+        self._settings = settings
+        self._clock = clock
+        self._link = SerialPort(settings.port, device=name, baud_rate=settings.baud_rate)
+        self._columns = [channel.input - 1 for channel in settings.channels.values()]
+        self._framer = self._new_framer(max(self._columns) + 1, "float32")
+        self._discarded_before = 0
+        self._rate_hz = settings.rate_hz
+        self._facts: dict[str, str] = {}
+
+    @property
+    def streams(self) -> tuple[Stream, ...]:
+        """One stream: all configured channels at the frame rate."""
+        channels = tuple(table.stream_channel(name) for name, table in self._settings.channels.items())
+        return (Stream(name=STREAM, rate_hz=self._rate_hz, channels=channels),)
+
+    @property
+    def n_discarded_bytes(self) -> int:
+        """Received bytes that were part of no valid frame, since construction."""
+        return self._discarded_before + self._framer.n_discarded_bytes
+
+    def open(self) -> None:
+        """Connect, stop the transmission, identify, set the data rate; see `Device.open`."""
+        self._link.open()
+        self._ask(STOP_TRANSMISSION, n_tries=3)
+        # What was on its way when the transmission stopped is no measurement of ours.
+        identity = self._ask(GET_INTERFACE, b"\x00").payload
+        if len(identity) < 2 or identity[0] & 0x3F not in _MODELS:
+            raise self._error(
+                f"answers, but not as a GSV-8 (identity {identity.hex(' ') or 'empty'})",
+                "check that this port belongs to the amplifier",
+            )
+        n_values, data_type = identity[1] >> 4, _DATA_TYPES.get(identity[1] & 0x07)
+        if data_type is None or n_values <= max(self._columns):
+            raise self._error(
+                f"sends {n_values} values a frame of type {data_type}, but input {max(self._columns) + 1} is configured",
+                "map the input into the measured-value frame with the maker's program, or correct `input`",
+            )
+        self._discarded_before = self.n_discarded_bytes
+        self._framer = self._new_framer(n_values, data_type)
+        self._set_rate()
+        firmware = self._ask(GET_FIRMWARE_VERSION).payload
+        self._facts = {
+            "model": _MODELS[identity[0] & 0x3F],
+            "firmware": firmware.hex(" "),
+            "frame": f"{n_values} x {data_type}",
+            "rate_hz": f"{self._rate_hz:g}",
+        }
+
+    def start(self) -> None:
+        """Start the continuous transmission."""
+        self._ask(START_TRANSMISSION)
+
+    def read(self) -> list[Chunk]:
+        """Return the samples that arrived; wait at most 0.1 s for the first byte."""
+        return self.decode(self._link.read(), self._clock())
+
+    def decode(self, received: bytes, arrival_s: float) -> list[Chunk]:
+        """Turn received bytes into chunks; no input or output."""
+        self._framer.answers.clear()
+        arrival = np.array([arrival_s])
+        return [
+            Chunk(
+                stream=STREAM,
+                raw=piece.raw[:, self._columns],
+                arrival_s=arrival,
+                n_lost=piece.n_lost,
+                is_loss_exact=piece.is_loss_exact,
+            )
+            for piece in self._framer.feed(received)
+        ]
+
+    def stop(self) -> None:
+        """Stop the transmission and close the port."""
+        try:
+            self._link.write(request(STOP_TRANSMISSION))
+        except DeviceError:
+            # Unplugged or never opened: nothing is left to be told to stop.
+            pass
+        finally:
+            self._link.close()
+
+    def set_zero(self, channel: str) -> None:
+        """Make the present reading of `channel` the zero of the amplifier (command 0C).
+
+        Raises
+        ------
+        DeviceError
+            If the amplifier refuses.
+        """
+        self._ask(SET_ZERO, bytes([self._settings.channels[channel].input]))
+
+    def describe(self) -> dict[str, str]:
+        """Model, firmware, frame layout, rate, overloads."""
+        return {
+            **self._facts,
+            "n_overloads": str(self._framer.n_overloads),
+            "time_source": "sample count and arrival of the bytes at this machine",
+        }
+
+    def _new_framer(self, n_values: int, data_type: DataType) -> Gsv8Framer:
+        return Gsv8Framer(
+            n_values=n_values, data_type=data_type, full_scale=self._settings.integer_full_scale
+        )
+
+    def _set_rate(self) -> None:
+        wanted_hz = self._settings.rate_hz
+        answer = self._ask(WRITE_DATA_RATE, struct.pack(">f", wanted_hz))
+        self._rate_hz = wanted_hz
+        if answer.error == 1:
+            payload = self._ask(READ_DATA_RATE).payload
+            (self._rate_hz,) = struct.unpack(">f", payload[:4]) if len(payload) >= 4 else (0.0,)
+        if not abs(self._rate_hz - wanted_hz) <= 0.02 * wanted_hz:
+            raise self._error(
+                f"was asked for {wanted_hz:g} Hz and chose {self._rate_hz:g} Hz", "set rate_hz to a rate it offers"
+            )
+
+    def _ask(self, command: int, parameters: bytes = b"", *, n_tries: int = 1) -> Answer:
+        for _ in range(n_tries):
+            self._framer.answers.clear()
+            self._link.write(request(command, parameters))
+            deadline_s = self._clock() + _ANSWER_WAIT_S
+            while self._clock() < deadline_s and not self._framer.answers:
+                self._framer.feed(self._link.read())
+            if self._framer.answers:
+                answer = self._framer.answers[-1]
+                if answer.error <= 1:
+                    return answer
+                raise self._error(
+                    f"refused command {command:02X}: {ERROR_TEXT[answer.error]} (code {answer.error:02X})",
+                    "check its settings with the maker's program",
+                )
+        raise self._error(
+            f"opens, but did not answer command {command:02X} within {n_tries * _ANSWER_WAIT_S:g} s",
+            "check that it is powered, that this is its port, and that baud_rate is its own",
+        )
+
+    def _error(self, what: str, remedy: str) -> DeviceError:
+        return DeviceError(what, where=f"{self.name} (GSV-8) on {self.port}", remedy=remedy)
+
+
+def make(name: str, settings: Any, clock: Callable[[], float]) -> Gsv8:
+    """Build the device of one validated table."""
+    return Gsv8(name, settings, clock=clock)

@@ -1,0 +1,361 @@
+"""Record: devices -> common clock -> writer, with a live view that can never stand in the way.
+
+Each device is read by a thread of its own; one loop, in the caller's thread, times, calibrates and writes. Recording begins
+(t = 0) when every stream delivers and its clock has settled; samples from before are dropped. A device that goes away is
+noted as a gap and taken up again, into the same file, when it returns.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Final, Literal
+
+from acquisition.device_reader import DeviceReader, LinkBack, LinkLost, Message, Samples
+from acquisition.devices.device import Device
+from acquisition.observers import Observer, ObserverFeed
+from acquisition.recording_report import (
+    BlockWriter,
+    DeviceSummary,
+    RecordingStart,
+    RecordingStatus,
+    RecordingSummary,
+)
+from acquisition.stream_recorder import StreamRecorder
+from bench.errors import DeviceError, InputError
+from bench.recording import Event, SampleBlock
+
+_QUEUE_LENGTH: Final = 8192
+_WAIT_S: Final = 0.05
+_JOIN_S: Final = 3.0
+
+WriterOrFactory = BlockWriter | Callable[[RecordingStart], BlockWriter]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RecorderLimits:
+    """Times after which the recorder acts, s.
+
+    Attributes
+    ----------
+    first_sample_s : float
+        A device must deliver within this after its start.
+    settle_s : float
+        All clocks must have settled within this.
+    silence_s : float
+        Silence that counts as a lost link.
+    all_lost_s : float
+        Recording ends when no device delivered for this long.
+    grace_s : float
+        Wait for stragglers after the asked duration.
+    status_every_s : float
+    """
+
+    first_sample_s: float = 2.0
+    settle_s: float = 6.0
+    silence_s: float = 2.0
+    all_lost_s: float = 10.0
+    grace_s: float = 2.0
+    status_every_s: float = 0.2
+
+
+def record(
+    devices: Sequence[Device],
+    writer: WriterOrFactory,
+    *,
+    seconds: float | None = None,
+    stop: threading.Event | None = None,
+    observers: Iterable[Observer] = (),
+    status: Callable[[RecordingStatus], object] | None = None,
+    clock: Callable[[], float] = time.monotonic,
+    limits: RecorderLimits | None = None,
+) -> RecordingSummary:
+    """Record until `seconds` are full, `stop` is set, Ctrl-C, or every instrument is gone.
+
+    Parameters
+    ----------
+    devices : sequence of Device
+        Not opened yet; they are stopped when this returns or raises.
+    writer : BlockWriter, or callable RecordingStart -> BlockWriter
+        A callable is called at t = 0, when start time, alignment and calibration are known. Finishing the file is
+        up to the caller.
+    seconds : float, optional
+        Without it, until stopped.
+    stop : threading.Event, optional
+    observers : iterable of callable
+        See `ObserverFeed`.
+    status : callable, optional
+        Called about five times a second with `RecordingStatus`; an exception in it ends its calls, not the recording.
+    clock : callable
+        Monotonic seconds; the same that the devices use.
+    limits : RecorderLimits, optional
+
+    Returns
+    -------
+    RecordingSummary
+
+    Raises
+    ------
+    DeviceError
+        If at the start a device is missing, silent, or sends at another rate than configured.
+    InputError
+        If there is no device or `seconds` is not positive.
+    """
+    if not devices:
+        raise InputError("there is no instrument to record", remedy="add a [devices.*] table to the configuration")
+    if seconds is not None and not seconds > 0:
+        raise InputError(f"seconds is {seconds!r}, it must be greater than 0")
+    run = _Run(devices, observers, clock, limits or RecorderLimits())
+    try:
+        run.start_devices()
+        run.wait_until_settled(stop)
+        start = run.begin(seconds)
+        target = writer if isinstance(writer, BlockWriter) else writer(start)
+        return run.loop(target, start, seconds, stop, status)
+    finally:
+        run.close()
+
+
+class _Run:
+    """State of one recording."""
+
+    def __init__(
+        self,
+        devices: Sequence[Device],
+        observers: Iterable[Observer],
+        clock: Callable[[], float],
+        limits: RecorderLimits,
+    ) -> None:
+        self._devices = list(devices)
+        self._clock = clock
+        self._limits = limits
+        self._messages: queue.Queue[Message] = queue.Queue(_QUEUE_LENGTH)
+        self._readers: list[DeviceReader] = []
+        self._streams: dict[tuple[str, str], StreamRecorder] = {}
+        self._lost: dict[str, str] = {}
+        self._feed = ObserverFeed(observers)
+        self._discarded_at_start: dict[str, int] = {}
+        self._zero_s = 0.0
+        self._latest_data_s = 0.0
+        self._pending: list[SampleBlock | Event] = []
+
+    def start_devices(self) -> None:
+        """Open all, then start all; DeviceError names the first that fails."""
+        for device in self._devices:
+            device.open()
+        for device in self._devices:
+            for stream in device.streams:
+                self._streams[device.name, stream.name] = StreamRecorder(device.name, stream)
+        for device in self._devices:
+            device.start()
+            reader = DeviceReader(device, self._messages, clock=self._clock, silence_s=self._limits.silence_s)
+            self._readers.append(reader)
+        for reader in self._readers:
+            reader.start()
+
+    def wait_until_settled(self, stop: threading.Event | None) -> None:
+        """Wait until every stream delivers and its clock has settled."""
+        begun_s = self._clock()
+        while not all(s.timer.is_settled and s.timer.has_data for s in self._streams.values()):
+            if stop is not None and stop.is_set():
+                raise InputError("stopped before the recording began")
+            message = self._next_message()
+            if isinstance(message, LinkLost):
+                raise DeviceError(
+                    message.reason, where=self._where(message.device), remedy="check cable and power, then start again"
+                )
+            if message is not None:
+                self._take(message)
+            waited_s = self._clock() - begun_s
+            for (device, stream), recorder in self._streams.items():
+                if not recorder.timer.has_data and waited_s > self._limits.first_sample_s:
+                    raise DeviceError(
+                        f"opens, but sent no sample of {stream} within {self._limits.first_sample_s:g} s",
+                        where=self._where(device),
+                        remedy="check that the sensor is powered and transmits, and that port and settings are its own",
+                    )
+            if waited_s > self._limits.settle_s:
+                slow = [f"{d} {s}" for (d, s), r in self._streams.items() if not r.timer.is_settled]
+                raise DeviceError(f"the samples of {', '.join(slow)} come too irregularly to be timed")
+        for (device, _), recorder in self._streams.items():
+            if problem := recorder.timer.rate_error():
+                raise DeviceError(
+                    problem, where=self._where(device), remedy="set the rate in the configuration to what it sends"
+                )
+
+    def begin(self, seconds: float | None) -> RecordingStart:
+        """Set t = 0 to now."""
+        self._zero_s = self._latest_data_s = self._clock()
+        for recorder in self._streams.values():
+            recorder.begin(self._zero_s, seconds)
+        self._discarded_at_start = {d.name: d.n_discarded_bytes for d in self._devices}
+        return RecordingStart(started_at=datetime.now(UTC), provenance=self._provenance())
+
+    def loop(
+        self,
+        writer: BlockWriter,
+        start: RecordingStart,
+        seconds: float | None,
+        stop: threading.Event | None,
+        status: Callable[[RecordingStatus], object] | None,
+    ) -> RecordingSummary:
+        """Move everything from the readers to the writer until the end."""
+        self._pending.append(self._event("start", f"t = 0 at {start.started_at.isoformat()}"))
+        for (device, stream), recorder in self._streams.items():
+            text = f"clock of {stream}: {recorder.timer.statement()}"
+            self._pending.append(Event(kind="device", time_s=0.0, text=text, device=device))
+        next_status_s = self._clock()
+        reason: tuple[Literal["stop", "interrupted"], str] | None = None
+        while reason is None:
+            try:
+                message = self._next_message()
+                if message is not None:
+                    self._pending += self._take(message)
+                self._write(writer)
+                if status is not None and self._clock() >= next_status_s:
+                    next_status_s = self._clock() + self._limits.status_every_s
+                    status = self._report(status)
+                reason = self._end_reason(seconds, stop)
+            except KeyboardInterrupt:
+                reason = ("stop", "stopped by the operator (Ctrl-C)")
+        return self._finish(writer, start, *reason, seconds)
+
+    def close(self) -> None:
+        """Stop threads and devices."""
+        for reader in self._readers:
+            reader.stop()
+        started = {reader.device.name for reader in self._readers if reader.ident is not None}
+        for device in self._devices:
+            if device.name not in started:
+                device.stop()
+        for reader in self._readers:
+            if reader.ident is not None:
+                reader.join(_JOIN_S)
+        self._feed.close()
+
+    def _next_message(self) -> Message | None:
+        try:
+            return self._messages.get(timeout=_WAIT_S)
+        except queue.Empty:
+            return None
+
+    def _take(self, message: Message) -> list[SampleBlock | Event]:
+        if isinstance(message, Samples):
+            self._latest_data_s = self._clock()
+            out: list[SampleBlock | Event] = []
+            for chunk in message.chunks:
+                out += self._streams[message.device, chunk.stream].push(chunk)
+            return out
+        if isinstance(message, LinkBack):
+            reason = self._lost.pop(message.device, "")
+            return [self._event("device", f"link is back (lost because it {reason})", message.device)]
+        out = [self._event("device", f"link lost: {message.reason}", message.device)]
+        self._lost[message.device] = message.reason
+        for (device, _), recorder in self._streams.items():
+            if device == message.device:
+                out += recorder.link_lost(message.reason)
+        return out
+
+    def _write(self, writer: BlockWriter) -> None:
+        for text in self._feed.failures():
+            self._pending.append(self._event("warning", text))
+        for item in self._pending:
+            if isinstance(item, SampleBlock):
+                writer.write_block(item)
+            else:
+                writer.write_event(item)
+            self._feed.offer(item)
+        self._pending.clear()
+
+    def _report(
+        self, status: Callable[[RecordingStatus], object]
+    ) -> Callable[[RecordingStatus], object] | None:
+        channels = tuple(c for r in self._streams.values() for c in r.status())
+        try:
+            status(
+                RecordingStatus(
+                    elapsed_s=self._clock() - self._zero_s, channels=channels, lost_devices=tuple(self._lost)
+                )
+            )
+        except Exception as error:
+            self._pending.append(self._event("warning", f"status display stopped: {error!r}"))
+            return None
+        return status
+
+    def _end_reason(
+        self, seconds: float | None, stop: threading.Event | None
+    ) -> tuple[Literal["stop", "interrupted"], str] | None:
+        now_s = self._clock()
+        if stop is not None and stop.is_set():
+            return "stop", "stopped by the operator"
+        if seconds is not None:
+            everyone_there = all(r.reached_s >= seconds for r in self._streams.values())
+            if everyone_there or now_s > self._zero_s + seconds + self._limits.grace_s:
+                return "stop", f"{seconds:g} s recorded"
+            alive = [r for (d, _), r in self._streams.items() if d not in self._lost]
+            if now_s > self._zero_s + seconds and all(r.reached_s >= seconds for r in alive):
+                return "stop", f"{seconds:g} s recorded"
+        if now_s - self._latest_data_s > self._limits.all_lost_s:
+            return "interrupted", f"no instrument delivered for {self._limits.all_lost_s:g} s"
+        return None
+
+    def _finish(
+        self,
+        writer: BlockWriter,
+        start: RecordingStart,
+        kind: Literal["stop", "interrupted"],
+        reason: str,
+        seconds: float | None,
+    ) -> RecordingSummary:
+        now_s = self._clock() - self._zero_s
+        end_s = now_s if seconds is None else min(seconds, now_s)
+        for (device, _), recorder in self._streams.items():
+            why = self._lost.get(device, "the samples were not there when the recording ended")
+            self._pending += recorder.finish(end_s, why)
+        self._pending.append(Event(kind=kind, time_s=end_s, text=reason))
+        self._write(writer)
+        channels = tuple(c for r in self._streams.values() for c in r.status())
+        return RecordingSummary(
+            started_at=start.started_at,
+            duration_s=min(end_s, max((r.reached_s for r in self._streams.values()), default=0.0)),
+            end_reason=reason,
+            is_complete=kind == "stop",
+            channels=channels,
+            devices=tuple(self._device_summary(reader) for reader in self._readers),
+            n_dropped_for_observers=self._feed.n_dropped,
+            provenance=self._provenance(),
+        )
+
+    def _device_summary(self, reader: DeviceReader) -> DeviceSummary:
+        device = reader.device
+        return DeviceSummary(
+            device=device.name,
+            port=device.port,
+            n_discarded_bytes=device.n_discarded_bytes - self._discarded_at_start[device.name],
+            n_reconnects=reader.n_reconnects,
+            facts=device.describe(),
+        )
+
+    def _provenance(self) -> dict[str, str]:
+        facts = {
+            "clock": "t = 0 when every instrument streamed; all channels on the monotonic clock of the recording machine"
+        }
+        for (device, stream), recorder in self._streams.items():
+            facts[f"alignment {device} {stream}"] = recorder.timer.statement()
+            for channel in recorder.stream.channels:
+                facts[f"calibration {channel.name}"] = channel.calibration.statement(channel.name, channel.unit)
+        for device in self._devices:
+            for key, value in device.describe().items():
+                facts[f"{device.name} {key}"] = value
+        return facts
+
+    def _event(self, kind: Literal["start", "device", "warning"], text: str, device: str = "") -> Event:
+        return Event(kind=kind, time_s=max(0.0, self._clock() - self._zero_s), text=text, device=device)
+
+    def _where(self, name: str) -> str:
+        port = next(device.port for device in self._devices if device.name == name)
+        return f"{name} on {port}"

@@ -1,0 +1,192 @@
+"""One stream of one device on its way into the recording: times, calibration, range, gaps, counters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acquisition.devices.device import Chunk, Stream, StreamChannel
+from acquisition.recording_report import ChannelStatus
+from acquisition.stream_timing import Loss, StreamTimer, TimedBlock
+from bench.recording import Event, SampleBlock
+
+_SMALLEST_SILENCE_S = 0.25
+
+
+@dataclass(kw_only=True, slots=True)
+class _Counter:
+    n_samples: int = 0
+    n_gaps: int = 0
+    n_missing: int = 0
+    first_s: float = 0.0
+    last_s: float = 0.0
+    gap_s: float = 0.0
+    latest: float | None = None
+
+
+class StreamRecorder:
+    """Chunks in, sample blocks and gap events on the recording's clock out. Starts no thread, reads no clock.
+
+    Parameters
+    ----------
+    device : str
+    stream : Stream
+    """
+
+    def __init__(self, device: str, stream: Stream) -> None:
+        self.device = device
+        self.stream = stream
+        self.timer = StreamTimer(stream)
+        self._zero_s: float | None = None
+        self._end_s = np.inf
+        self._counters = {channel.name: _Counter() for channel in stream.channels}
+        self._reached_s = -np.inf
+
+    @property
+    def reached_s(self) -> float:
+        """Recording time up to which samples were given out, s."""
+        return self._reached_s
+
+    def begin(self, zero_s: float, duration_s: float | None) -> None:
+        """Let samples from monotonic time `zero_s` on into the recording, for `duration_s`."""
+        self._zero_s = zero_s
+        self._end_s = np.inf if duration_s is None else duration_s
+
+    def push(self, chunk: Chunk) -> list[SampleBlock | Event]:
+        """Take one chunk; return what belongs into the recording now."""
+        return self._to_recording(self.timer.push(chunk))
+
+    def link_lost(self, reason: str) -> list[SampleBlock | Event]:
+        """The link broke; the next chunk is the first after the gap."""
+        return self._to_recording(self.timer.restart(reason))
+
+    def finish(self, end_s: float, reason: str) -> list[SampleBlock | Event]:
+        """Give out what is held, and a gap event where the stream ended before `end_s` (recording time)."""
+        out = self._to_recording(self.timer.flush())
+        silence_s = max(_SMALLEST_SILENCE_S, 3.0 / self.stream.rate_hz if self.stream.rate_hz > 0 else 1.0)
+        last_s = max(0.0, self._reached_s)
+        if self._zero_s is not None and end_s - last_s > silence_s:
+            n_missing = round((end_s - last_s) * self.stream.rate_hz)
+            out += self._gaps(last_s, end_s, n_missing, reason)
+        return out
+
+    def status(self) -> tuple[ChannelStatus, ...]:
+        """Counters of every channel."""
+        return tuple(self._status(channel) for channel in self.stream.channels)
+
+    def _status(self, channel: StreamChannel) -> ChannelStatus:
+        c = self._counters[channel.name]
+        span_s = c.last_s - c.first_s - c.gap_s
+        return ChannelStatus(
+            device=self.device,
+            channel=channel.name,
+            unit=channel.unit,
+            n_samples=c.n_samples,
+            rate_hz=(c.n_samples - 1 - c.n_gaps) / span_s if c.n_samples > 1 and span_s > 0 else 0.0,
+            n_gaps=c.n_gaps,
+            n_missing=c.n_missing,
+            latest=c.latest,
+        )
+
+    def _to_recording(self, items: list[TimedBlock | Loss]) -> list[SampleBlock | Event]:
+        if self._zero_s is None:
+            return []
+        out: list[SampleBlock | Event] = []
+        for item in items:
+            if isinstance(item, Loss):
+                out += self._loss(item, self._zero_s)
+            else:
+                out += self._block(item, self._zero_s)
+        return out
+
+    def _loss(self, loss: Loss, zero_s: float) -> list[Event]:
+        start_s, end_s = loss.start_s - zero_s, loss.end_s - zero_s
+        if end_s <= 0 or start_s >= self._end_s:
+            return []
+        inside = (min(end_s, self._end_s) - max(start_s, 0.0)) / (end_s - start_s)
+        return self._gaps(max(start_s, 0.0), min(end_s, self._end_s), round(loss.n_missing * inside), loss.reason)
+
+    def _gaps(self, start_s: float, end_s: float, n_missing: int, reason: str) -> list[Event]:
+        events = []
+        for channel in self.stream.channels:
+            counter = self._counters[channel.name]
+            counter.n_gaps += 1
+            counter.n_missing += n_missing
+            counter.gap_s += end_s - start_s
+            events.append(self._gap_event(channel, start_s, end_s, n_missing, reason))
+        return events
+
+    def _gap_event(
+        self, channel: StreamChannel, start_s: float, end_s: float, n_missing: int, reason: str
+    ) -> Event:
+        return Event(
+            kind="gap",
+            time_s=start_s,
+            end_s=end_s,
+            text=f"about {n_missing} samples missing: {reason}",
+            device=self.device,
+            channel=channel.name,
+        )
+
+    def _block(self, block: TimedBlock, zero_s: float) -> list[SampleBlock | Event]:
+        time_s = block.time_s - zero_s
+        inside = (time_s >= 0.0) & (time_s < self._end_s)
+        self._reached_s = max(self._reached_s, float(time_s[-1]))
+        if not inside.any():
+            return []
+        first = int(np.argmax(inside))
+        time_s, raw = time_s[inside], block.raw[inside]
+        out: list[SampleBlock | Event] = []
+        for column, channel in enumerate(self.stream.channels):
+            out += self._channel(channel, block, block.first_index + first, time_s, raw[:, column])
+        return out
+
+    def _channel(
+        self,
+        channel: StreamChannel,
+        block: TimedBlock,
+        first_index: int,
+        time_s: NDArray[np.float64],
+        raw: NDArray[np.float64],
+    ) -> list[SampleBlock | Event]:
+        with np.errstate(over="ignore", invalid="ignore"):
+            values = channel.calibration.apply(raw)
+            low, high = channel.valid_range
+            is_valid = np.isfinite(raw) & (values >= low) & (values <= high)
+        counter = self._counters[channel.name]
+        out: list[SampleBlock | Event] = []
+        if not is_valid.all():
+            bad = np.flatnonzero(~is_valid)
+            counter.n_gaps += 1
+            counter.n_missing += len(bad)
+            reason = f"outside of what the instrument can mean, {low:g}..{high:g} {channel.unit}"
+            out.append(
+                self._gap_event(channel, float(time_s[bad[0]]), float(time_s[bad[-1]]), len(bad), reason)
+            )
+        for a, b in _runs(is_valid):
+            out.append(
+                SampleBlock(
+                    device=self.device,
+                    channel=channel.name,
+                    unit=channel.unit,
+                    first_index=first_index + a,
+                    time_s=time_s[a:b],
+                    values=values[a:b],
+                    raw=raw[a:b],
+                    period_s=block.period_s,
+                )
+            )
+            if not counter.n_samples:
+                counter.first_s = float(time_s[a])
+            counter.n_samples += b - a
+            counter.last_s = float(time_s[b - 1])
+            counter.latest = float(values[b - 1])
+        return out
+
+
+def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Half-open index ranges where `mask` is true."""
+    edges = np.diff(np.concatenate(([0], mask.astype(np.int8), [0])))
+    return list(zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True))

@@ -1,0 +1,159 @@
+"""A CAN bus through python-can, with a receive loop of our own.
+
+python-can's Notifier thread ends at the first bus exception; here the exception becomes a DeviceError, upon which
+the recorder notes the gap, closes the bus and builds a new one, waiting longer after every failure.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final, Protocol
+
+from acquisition.transports.can_batch import CanBatch, ParsedFrame
+from acquisition.transports.slcan import SlcanBus
+from bench.errors import DeviceError
+
+if TYPE_CHECKING:
+    import can
+
+_WAIT_S: Final = 0.1
+_MOST_AT_ONCE: Final = 2000
+# A bus time further than this from the host's wall clock counts from something else than 1970.
+_LARGEST_CLOCK_DIFFERENCE_S: Final = 5.0
+
+
+class CanSource(Protocol):
+    """What a CAN instrument needs from a bus."""
+
+    time_source: str
+
+    @property
+    def n_discarded_bytes(self) -> int:
+        """Bytes that were part of no frame."""
+        ...
+
+    def open(self) -> None:
+        """Connect; raise DeviceError where that fails."""
+        ...
+
+    def read(self) -> CanBatch:
+        """Return what arrived; wait at most 0.1 s; raise DeviceError where the bus is lost."""
+        ...
+
+    def close(self) -> None:
+        """Disconnect; may be called twice."""
+        ...
+
+
+class PythonCanBus:
+    """Any interface of python-can: socketcan, pcan, kvaser, udp_multicast, virtual, ...
+
+    Parameters
+    ----------
+    interface, channel : str
+        As python-can names them.
+    device : str
+        Name of the instrument, for error messages.
+    bitrate : int
+        Bit/s; ignored by interfaces whose bit rate is set elsewhere (socketcan).
+    clock, wall_clock : callable
+        Monotonic seconds, and seconds since 1970.
+
+    Notes
+    -----
+    Frames carry the bus's own time stamp (kernel or adapter). Where it counts from 1970 it is moved to the monotonic
+    clock; otherwise the arrival in this process is used. `time_source` says which.
+    """
+
+    def __init__(
+        self,
+        interface: str,
+        channel: str,
+        *,
+        device: str,
+        bitrate: int,
+        clock: Callable[[], float] = time.monotonic,
+        wall_clock: Callable[[], float] = time.time,
+    ) -> None:
+        self._interface = interface
+        self._channel = channel
+        self._device = device
+        self._bitrate = bitrate
+        self._clock = clock
+        self._wall_clock = wall_clock
+        self._bus: can.BusABC | None = None
+        self.time_source = "time stamps of the bus"
+        self.n_discarded_bytes = 0
+
+    def open(self) -> None:
+        """Build the bus.
+
+        Raises
+        ------
+        DeviceError
+            If the interface is unknown, missing, or refuses.
+        """
+        import can
+
+        try:
+            self._bus = can.Bus(interface=self._interface, channel=self._channel, bitrate=self._bitrate)
+        except (can.CanError, OSError, ValueError, ImportError, TypeError, NameError) as error:
+            raise DeviceError(
+                f"the CAN bus cannot be opened: {error}",
+                where=self._where,
+                remedy="check interface and port; socketcan needs `ip link set can0 up type can bitrate 500000`",
+            ) from error
+
+    def read(self) -> CanBatch:
+        """Return the frames that arrived; wait at most 0.1 s for the first."""
+        import can
+
+        if self._bus is None:
+            raise DeviceError("is not open", where=self._where, remedy="call open() first")
+        messages: list[can.Message] = []
+        try:
+            message = self._bus.recv(_WAIT_S)
+            while message is not None:
+                messages.append(message)
+                message = self._bus.recv(0) if len(messages) < _MOST_AT_ONCE else None
+        except (can.CanError, OSError) as error:
+            raise DeviceError(
+                f"the bus failed: {error}", where=self._where, remedy="check cable, termination and power"
+            ) from error
+        usable = [m for m in messages if not (m.is_error_frame or m.is_remote_frame or m.is_fd)]
+        self.n_discarded_bytes += sum(len(m.data) for m in messages) - sum(len(m.data) for m in usable)
+        frames = [ParsedFrame(m.arbitration_id, m.is_extended_id, bytes(m.data)) for m in usable]
+        return CanBatch.of(frames, self._arrivals([m.timestamp for m in usable]))
+
+    def close(self) -> None:
+        """Shut the bus down; may be called twice."""
+        bus, self._bus = self._bus, None
+        if bus is not None:
+            bus.shutdown()
+
+    @property
+    def _where(self) -> str:
+        return f"{self._device} on {self._interface} {self._channel}"
+
+    def _arrivals(self, stamps: list[float]) -> list[float]:
+        now_s, wall_s = self._clock(), self._wall_clock()
+        if any(abs(wall_s - stamp) > _LARGEST_CLOCK_DIFFERENCE_S for stamp in stamps):
+            self.time_source = "arrival of the frames in this process"
+            return [now_s] * len(stamps)
+        return [min(now_s, now_s - (wall_s - stamp)) for stamp in stamps]
+
+
+def make_can_source(
+    interface: str,
+    channel: str,
+    *,
+    device: str,
+    bitrate: int,
+    baud_rate: int,
+    clock: Callable[[], float] = time.monotonic,
+) -> CanSource:
+    """Choose the receiver for `interface`; nothing is opened yet."""
+    if interface == "slcan":
+        return SlcanBus(channel, device=device, bitrate=bitrate, baud_rate=baud_rate, clock=clock)
+    return PythonCanBus(interface, channel, device=device, bitrate=bitrate, clock=clock)

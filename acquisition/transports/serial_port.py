@@ -1,0 +1,144 @@
+"""A byte pipe to an instrument: pyserial port, pty, or TCP socket, by URL."""
+
+from __future__ import annotations
+
+import errno
+from typing import Final
+
+import serial
+from serial.tools import list_ports
+
+from bench.errors import DeviceError
+
+_WAIT_S: Final = 0.1
+# A socket cannot say how much is waiting, so it is read for a fixed short time instead.
+_SOCKET_WAIT_S: Final = 0.004
+_LARGEST_READ: Final = 65536
+
+
+class SerialPort:
+    """One open byte pipe; reads everything that is waiting in one call.
+
+    Parameters
+    ----------
+    url : str
+        `/dev/ttyUSB0`, `COM3`, a pty, or a pyserial URL such as `socket://127.0.0.1:5000`.
+    device : str
+        Name of the instrument, for error messages.
+    baud_rate : int
+        Bit/s; of no effect on USB CDC devices, ptys and sockets.
+    parity : {"N", "E", "O"}
+
+    Notes
+    -----
+    The constructor does no input or output.
+    """
+
+    def __init__(self, url: str, *, device: str, baud_rate: int = 115200, parity: str = "N") -> None:
+        self.url = url
+        self._device = device
+        self._baud_rate = baud_rate
+        self._parity = parity
+        self._is_socket = "://" in url
+        self._port: serial.SerialBase | None = None
+
+    def open(self) -> None:
+        """Open the port for this process alone and drop what was waiting in it.
+
+        Raises
+        ------
+        DeviceError
+            If the port is missing, forbidden, or used by another program.
+        """
+        options = {} if self._is_socket else {"exclusive": True}
+        wait_s = _SOCKET_WAIT_S if self._is_socket else _WAIT_S
+        try:
+            self._port = serial.serial_for_url(
+                self.url, baudrate=self._baud_rate, parity=self._parity, timeout=wait_s, write_timeout=1.0, **options
+            )
+        except (OSError, ValueError) as error:
+            raise self._open_error(error) from error
+
+    def read(self) -> bytes:
+        """Return all bytes that have arrived; wait at most 0.1 s for the first one.
+
+        Returns
+        -------
+        bytes
+            Empty where nothing came.
+
+        Raises
+        ------
+        DeviceError
+            If the instrument was unplugged.
+        """
+        port = self._opened()
+        try:
+            if self._is_socket:
+                return bytes(port.read(_LARGEST_READ))
+            first = port.read(1)
+            waiting = port.in_waiting if first else 0
+            return bytes(first + port.read(waiting)) if waiting else bytes(first)
+        except (OSError, TypeError) as error:
+            # TypeError: pyserial's read on a port that another thread has just closed.
+            raise self._lost(error) from error
+
+    def write(self, data: bytes) -> None:
+        """Send `data`; raise DeviceError if the link is gone."""
+        port = self._opened()
+        try:
+            port.write(data)
+            port.flush()
+        except OSError as error:
+            raise self._lost(error) from error
+
+    def close(self) -> None:
+        """Close the port; closing twice, or after the instrument vanished, is allowed."""
+        port, self._port = self._port, None
+        if port is not None:
+            try:
+                port.close()
+            except OSError:
+                # The instrument is gone, and so is everything that closing could tidy up.
+                return
+
+    def _opened(self) -> serial.SerialBase:
+        if self._port is None:
+            raise DeviceError("is not open", where=f"{self._device} on {self.url}", remedy="call open() first")
+        return self._port
+
+    def _lost(self, error: Exception) -> DeviceError:
+        return DeviceError(
+            f"the link broke: {error}",
+            where=f"{self._device} on {self.url}",
+            remedy="check cable and power; the recorder keeps trying to reconnect",
+        )
+
+    def _open_error(self, error: Exception) -> DeviceError:
+        where = f"{self._device} on {self.url}"
+        code = getattr(error, "errno", None)
+        text = str(error)
+        if code in {errno.EACCES, errno.EPERM} or "PermissionError" in text:
+            return DeviceError(
+                "no permission to open the port, or another program holds it",
+                where=where,
+                remedy="close other programs; on Linux add yourself to the group of the port (often `dialout`)",
+            )
+        if code in {errno.EBUSY, errno.EAGAIN}:
+            return DeviceError(
+                "the port is busy: another program holds it",
+                where=where,
+                remedy="close the other program (another sawbench, a serial monitor)",
+            )
+        if self._is_socket:
+            return DeviceError(
+                f"cannot connect: {text}", where=where, remedy="check that the server runs and that the port is right"
+            )
+        if code == errno.ENOENT or "FileNotFoundError" in text:
+            there = ", ".join(sorted(port.device for port in list_ports.comports())) or "none"
+            return DeviceError(
+                f"no such port; ports on this machine: {there}",
+                where=where,
+                remedy=f"plug the instrument in, or correct `port` in [devices.{self._device}]",
+            )
+        return DeviceError(f"cannot be opened: {text}", where=where, remedy="check the settings of the port")
