@@ -9,7 +9,7 @@ from typing import Any, Final
 from bench.processed import ProcessedTrial
 from bench.recording import Event, Trial
 from bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, DISPLACEMENT, FORCE, MOTOR_CURRENT
-from visualization.sdk import rr, rrb
+from visualization.sdk import TimelineColumn, rr, rrb
 
 TIMELINE: Final = "time"
 STROKE_RATE_PATH: Final = "signals/stroke_rate_hz"
@@ -72,7 +72,7 @@ SERIES: Final[dict[str, Series]] = {
         ),
     )
 }
-_HIDDEN_TIME: Final = rrb.encodings.TimelineColumn(TIMELINE, visible=False)
+_HIDDEN_TIME: Final = TimelineColumn(TIMELINE, visible=False)
 """Rerun cuts its time column short; the text of an event begins with the time instead."""
 _LEFT: Final = (FORCE.name, DISPLACEMENT.name, "stroke_rate_hz")
 _RIGHT: Final = (MOTOR_CURRENT.name, BATTERY_CURRENT.name, BATTERY_VOLTAGE.name)

@@ -1,8 +1,8 @@
 """The live view: an observer of a recording that can neither stop it nor slow it down.
 
 Samples pass through a bounded queue to a thread of our own, which thins them out and hands them to rerun.
-Rerun serves them on the loopback interface; the viewer is a separate process that follows this server, so it can
-appear late, die or hang without anything here waiting for it.
+Rerun serves them on the loopback interface; the viewer is a separate process that follows this server, so it
+can appear late, die or hang without anything here waiting for it.
 """
 
 from __future__ import annotations

@@ -12,5 +12,6 @@ os.environ.setdefault("RUST_LOG", "error")
 
 import rerun as rr
 import rerun.blueprint as rrb
+from rerun.blueprint.encodings import TimelineColumn
 
-__all__ = ["rr", "rrb"]
+__all__ = ["TimelineColumn", "rr", "rrb"]
