@@ -109,32 +109,3 @@ def std_of_mean(series: ArrayLike) -> tuple[float, float]:
     n_effective = max(len(values) / time, 2.0)
     student = float(stdtrit(n_effective - 1.0, 0.975)) / 1.959964
     return float(values.std(ddof=1) / np.sqrt(n_effective)) * student, n_effective
-
-
-def shrunk_covariance(samples: Floats) -> Floats:
-    """Covariance of the rows' columns, correlations shrunk towards zero as far as their noise demands.
-
-    Schäfer and Strimmer (2005): the shrinkage weight is the summed variance of the sample correlations over
-    their summed squares. Always positive definite where every column scatters.
-
-    Parameters
-    ----------
-    samples : ndarray, shape (n_strokes, n_features)
-
-    Returns
-    -------
-    ndarray, shape (n_features, n_features)
-    """
-    n, n_features = samples.shape
-    std = samples.std(axis=0, ddof=1)
-    std = np.maximum(std, 1e-12 * max(float(std.max(initial=0.0)), 1e-300))
-    standard = (samples - samples.mean(axis=0)) / std
-    correlation = standard.T @ standard / (n - 1)
-    fourth = (standard**2).T @ (standard**2)
-    variance = n / (n - 1) ** 3 * (fourth - (n - 1) ** 2 * correlation**2 / n)
-    off = ~np.eye(n_features, dtype=bool)
-    power = float((correlation[off] ** 2).sum())
-    weight = 1.0 if power == 0.0 else float(np.clip(variance[off].sum() / power, 0.01, 1.0))
-    correlation = (1.0 - weight) * correlation
-    np.fill_diagonal(correlation, 1.0)
-    return correlation * np.outer(std, std)

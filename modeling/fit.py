@@ -97,7 +97,12 @@ def fit_cutting_coefficient(
         from modeling.annealing import anneal_cycles
 
         return anneal_cycles(
-            cycles, plant=plant, battery=battery, converter=converter, cutting_half=cutting_half, bounds=bounds
+            cycles,
+            plant=plant,
+            battery=battery,
+            converter=converter,
+            cutting_half=cutting_half,
+            bounds=bounds,
         )
     joint = fit_jointly(
         [cycles],
@@ -159,7 +164,9 @@ def _identifiability(joint: JointFit, trial: int) -> str:
     estimates = joint.of_trial(trial)
     others = [name for name in estimates.names if name != K_FC]
     nearest = max(others, key=lambda name: abs(estimates.correlation(K_FC, name)), default=None)
-    text = f"{shares[first]:.0%} of the variance of k_Fc comes from {_words(first)}, {shares[second]:.0%} from "
+    text = (
+        f"{shares[first]:.0%} of the variance of k_Fc comes from {_words(first)}, {shares[second]:.0%} from "
+    )
     text += _words(second)
     if nearest is not None:
         correlation = estimates.correlation(K_FC, nearest)
@@ -171,7 +178,9 @@ def _identifiability(joint: JointFit, trial: int) -> str:
         elif abs(correlation) > 0.5:
             text += f"; k_Fc is only partly separated from {nearest} (correlation {correlation:+.2f})"
         else:
-            text += f"; no parameter is confused with k_Fc (largest correlation {correlation:+.2f}, {nearest})"
+            text += (
+                f"; no parameter is confused with k_Fc (largest correlation {correlation:+.2f}, {nearest})"
+            )
     return text
 
 
@@ -194,7 +203,9 @@ def _force_only(
     # The mean speed hides the dip where the blade cuts; half of the usual 4 % counts as uncertain.
     speed_rel_std = 0.04 if found.uses_mean_speed else 0.0
     angle_rel_std = sensors.angle_zero_std_rad**2
-    systematic = abs(k_fc) * math.hypot(sensors.force_gain_rel_std, radius_rel_std, speed_rel_std, angle_rel_std)
+    systematic = abs(k_fc) * math.hypot(
+        sensors.force_gain_rel_std, radius_rel_std, speed_rel_std, angle_rel_std
+    )
     std = math.hypot(found.statistical_std_n_s_per_m, systematic)
     status: FitStatus = "ok"
     if k_fc != found.k_fc_n_s_per_m:

@@ -20,7 +20,7 @@ from modeling.cycle_observation import (
     drive_of,
     observe,
 )
-from modeling.cycle_statistics import shrunk_covariance, std_of_mean
+from modeling.cycle_statistics import std_of_mean
 from modeling.map_estimate import Estimate, Parameters, most_probable
 from modeling.measured_cycles import MeasuredCycles
 from modeling.periodic_cycle import PLANT_NAMES, CuttingHalf
@@ -259,15 +259,14 @@ def _first_guess(cycles: MeasuredCycles, plant: PlantConfig, method: FitMethod) 
 
 
 def _solve(problem: _Problem, trials: Sequence[MeasuredCycles], notes: tuple[str, ...]) -> JointFit:
-    slices = problem.slices()
-    noise = [shrunk_covariance(o.scatter) / len(o.scatter) for o in problem.observations]
+    # Only the variances: correlations estimated from a few dozen strokes would be used to cancel scatter that
+    # cannot be cancelled, and the uncertainty would come out too small.
+    noise = np.concatenate([o.scatter.var(axis=0, ddof=1) / len(o.scatter) for o in problem.observations])
     model_error = np.concatenate([o.floor_variance for o in problem.observations])
     misfit = np.zeros(len(model_error))
     n_simulations = 0
     for _ in range(3):
-        covariance = np.diag(model_error + misfit)
-        for part, block in zip(slices, noise, strict=True):
-            covariance[part, part] += block
+        covariance = np.diag(noise + model_error + misfit)
         estimate = most_probable(problem.predict, problem.data, covariance, problem.parameters)
         n_simulations += estimate.n_predictions * len(trials)
         if not estimate.is_valid or not estimate.is_converged:
@@ -279,9 +278,7 @@ def _solve(problem: _Problem, trials: Sequence[MeasuredCycles], notes: tuple[str
     return _result(problem, estimate, misfit + model_error, trials, notes, n_simulations, bool(misfit.any()))
 
 
-def _misfit(
-    problem: _Problem, estimate: Estimate, covariance: Floats, misfit: Floats
-) -> Floats | None:
+def _misfit(problem: _Problem, estimate: Estimate, covariance: Floats, misfit: Floats) -> Floats | None:
     """Variance of model error per feature, or None where noise and priors explain the mean strokes."""
     from scipy.special import chdtrc
 
@@ -328,8 +325,12 @@ def _result(
     variance = np.diag(covariance)[own]
     shares = []
     for n, total in zip(own, variance, strict=True):
-        share = {name: from_priors[n, j] ** 2 / total for j, name in enumerate(parameters.names) if prior_std[j]}
-        shares.append({"statistics": statistical[n, n] / total, "model error": from_model[n, n] / total} | share)
+        share = {
+            name: from_priors[n, j] ** 2 / total for j, name in enumerate(parameters.names) if prior_std[j]
+        }
+        shares.append(
+            {"statistics": statistical[n, n] / total, "model error": from_model[n, n] / total} | share
+        )
     values = estimate.values
     at_bound = (values[own] <= parameters.lower[own]) | (values[own] >= parameters.upper[own])
     parts = list(zip(slices, problem.observations, strict=True))

@@ -118,7 +118,9 @@ def most_probable(predict: Predict, data: Floats, covariance: Floats, parameters
         )
         move = np.zeros_like(values)
         free = np.ix_(is_free, is_free)
-        move[is_free] = np.linalg.solve(normal[free] + damping * np.diag(np.diag(normal)[is_free]), downhill[is_free])
+        move[is_free] = np.linalg.solve(
+            normal[free] + damping * np.diag(np.diag(normal)[is_free]), downhill[is_free]
+        )
         trial = np.clip(values + move, parameters.lower, parameters.upper)
         prediction, is_valid = predict(trial[None])
         n_predictions += 1
@@ -166,5 +168,7 @@ def _jacobian(predict: Predict, values: Floats, parameters: Parameters) -> tuple
         up = j if is_valid[j] else -1
         down = p + j if is_valid[p + j] else -1
         width = (rows[up, j] if up >= 0 else values[j]) - (rows[down, j] if down >= 0 else values[j])
-        columns.append((predictions[up] - predictions[down]) / width if width else np.zeros(predictions.shape[1]))
+        columns.append(
+            (predictions[up] - predictions[down]) / width if width else np.zeros(predictions.shape[1])
+        )
     return np.array(columns).T, 2 * p + 1

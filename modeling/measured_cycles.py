@@ -232,7 +232,8 @@ def cycles_from_samples(
 
 
 def _pair(time: ArrayLike, values: ArrayLike, name: str, label: str) -> tuple[Floats, Floats]:
-    time_s, array = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
+    # Copies: writable and contiguous, so the compiled loop exists in one variant only.
+    time_s, array = np.array(time, dtype=np.float64), np.array(values, dtype=np.float64)
     if time_s.ndim != 1 or time_s.shape != array.shape:
         raise InputError(f"{name}: {time_s.shape} times but {array.shape} values", where=label)
     if len(time_s) > 1 and not np.diff(time_s).min() > 0:
