@@ -1,0 +1,284 @@
+"""The MCAP container, read so that damage costs what is damaged and nothing else.
+
+The readers of the mcap library stop at the first broken byte. This scan checks every chunk on its own and
+looks for the next chunk behind a place where the framing itself is broken.
+"""
+
+from __future__ import annotations
+
+import mmap
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import Final
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    Channel,
+    Chunk,
+    DataEnd,
+    Header,
+    McapRecord,
+    Message,
+    MessageIndex,
+    Metadata,
+    Schema,
+    Statistics,
+)
+from mcap.stream_reader import CRCValidationError, breakup_chunk
+
+from bench.errors import RecordingError
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+_FRAME: Final = struct.Struct("<BQ")
+_CHUNK_HEAD: Final = struct.Struct("<QQQI")
+_RECORDS: Final = {
+    Opcode.HEADER: Header,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.CHUNK: Chunk,
+    Opcode.METADATA: Metadata,
+    Opcode.ATTACHMENT: Attachment,
+    Opcode.DATA_END: DataEnd,
+    Opcode.STATISTICS: Statistics,
+    Opcode.MESSAGE_INDEX: MessageIndex,
+    Opcode.MESSAGE: Message,
+}
+_NOT_READ: Final = {
+    Opcode.CHUNK_INDEX,
+    Opcode.ATTACHMENT_INDEX,
+    Opcode.METADATA_INDEX,
+    Opcode.SUMMARY_OFFSET,
+}
+_FIRST_PRIVATE_OPCODE: Final = 0x80
+_FOOTER_LENGTH: Final = 20
+# The compression of a chunk sits at a fixed place in it; "zstd" is what sawbench writes.
+_CHUNK_MARK: Final = struct.pack("<I4s", 4, b"zstd")
+_BROKEN: Final = (
+    McapError,
+    CRCValidationError,
+    struct.error,
+    UnicodeDecodeError,
+    zstandard.ZstdError,
+    MemoryError,
+    OverflowError,
+    RuntimeError,
+)
+
+
+@dataclass(kw_only=True, slots=True)
+class Damage:
+    """One place where bytes of a file were lost.
+
+    Attributes
+    ----------
+    offset, n_bytes : int
+        Where in the file, and how much of it.
+    what : str
+    start_ns, end_ns : int or None
+        Log times the lost messages lay between, where the chunk still says so.
+    n_messages : int or None
+        Messages lost, where the index behind the chunk still says so.
+    is_tail : bool
+        The file ends here without the end record it should have.
+    is_chunk : bool
+        Whether messages were (or may have been) lost.
+    """
+
+    offset: int
+    n_bytes: int
+    what: str
+    start_ns: int | None = None
+    end_ns: int | None = None
+    n_messages: int | None = None
+    is_tail: bool = False
+    is_chunk: bool = True
+
+
+@dataclass(kw_only=True, slots=True)
+class Scan:
+    """What a pass over a file found besides its records; filled while the records are read.
+
+    Attributes
+    ----------
+    damages : list of Damage
+    is_finished : bool
+        Whether the file has its end record.
+    n_chunks : int
+        Chunks that were read whole.
+    """
+
+    damages: list[Damage] = field(default_factory=list)
+    is_finished: bool = False
+    n_chunks: int = 0
+
+
+def read_records(path: Path, scan: Scan) -> Iterator[McapRecord]:
+    """Yield every readable record of an MCAP file, chunks already taken apart.
+
+    Parameters
+    ----------
+    path : Path
+    scan : Scan
+        Receives the damages.
+
+    Yields
+    ------
+    Header, Schema, Channel, Message, Metadata, Attachment or Statistics
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be opened or is no MCAP file.
+    """
+    try:
+        with path.open("rb") as stream:
+            if stream.read(len(MAGIC)) != MAGIC:
+                raise RecordingError(
+                    "is no recording: it is not an MCAP file",
+                    where=path,
+                    remedy="bring tables and logs in with `sawbench import`",
+                )
+            with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
+                yield from _scan_records(content, scan)
+    except FileNotFoundError:
+        raise RecordingError("no such file", where=path, remedy="check the path") from None
+    except OSError as error:
+        raise RecordingError(f"cannot be read: {error.strerror or error}", where=path) from error
+
+
+def _scan_records(content: mmap.mmap, scan: Scan) -> Iterator[McapRecord]:
+    offset, size = len(MAGIC), len(content)
+    is_in_summary = False
+    broken_chunk: Damage | None = None
+    while offset < size and content[offset : offset + len(MAGIC)] != MAGIC:
+        frame = _frame_at(content, offset)
+        if frame is None:
+            offset = _skip_to_next_chunk(content, offset, offset, scan)
+            continue
+        opcode, start, end = frame
+        if opcode == Opcode.FOOTER:
+            scan.is_finished = True
+        if opcode not in _RECORDS:  # a later version's records are skipped, as the format demands
+            offset = end
+            continue
+        stream = ReadDataStream(BytesIO(content[start:end]))
+        try:
+            record = _parse(opcode, stream, end - start)
+            records = breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
+        except _BROKEN as error:
+            broken_chunk = _broken_record(content, opcode, start, end, error)
+            scan.damages.append(broken_chunk)
+            is_framed = stream.count == end - start
+            offset = end if is_framed else _skip_to_next_chunk(content, offset, start, scan)
+            continue
+        if isinstance(record, Chunk):
+            scan.n_chunks += 1
+            broken_chunk = None
+            offset = start + stream.count  # where a damaged length disagrees, the checksum vouches for this
+        elif stream.count == end - start:
+            offset = end
+        else:
+            offset = _skip_to_next_chunk(content, offset, start, scan)
+            continue
+        if isinstance(record, MessageIndex):
+            _count_lost(broken_chunk, record)
+        elif isinstance(record, DataEnd):
+            is_in_summary = True
+            _check_data_section(content, start - _FRAME.size, record, scan)
+        elif not is_in_summary or isinstance(record, Statistics):
+            yield from records
+    if not scan.is_finished:
+        _note_missing_end(scan, size)
+
+
+def _parse(opcode: int, stream: ReadDataStream, length: int) -> McapRecord:
+    if opcode == Opcode.MESSAGE:
+        return Message.read(stream, length)
+    return _RECORDS[Opcode(opcode)].read(stream)
+
+
+def _frame_at(content: mmap.mmap, offset: int) -> tuple[int, int, int] | None:
+    """Return opcode, start and end of the record at `offset`, None where there cannot be one."""
+    if offset + _FRAME.size > len(content):
+        return None
+    opcode, length = _FRAME.unpack_from(content, offset)
+    start = offset + _FRAME.size
+    if start + length > len(content):
+        return None
+    # A chunk is known by its content, so that a damaged opcode does not hide it.
+    if content[start + _CHUNK_HEAD.size : start + _CHUNK_HEAD.size + len(_CHUNK_MARK)] == _CHUNK_MARK:
+        return int(Opcode.CHUNK), start, start + length
+    known = (
+        opcode in _RECORDS or opcode in _NOT_READ or (opcode == Opcode.FOOTER and length == _FOOTER_LENGTH)
+    )
+    return (opcode, start, start + length) if known or opcode >= _FIRST_PRIVATE_OPCODE else None
+
+
+def _skip_to_next_chunk(content: mmap.mmap, offset: int, search_from: int, scan: Scan) -> int:
+    """Note that the framing is lost at `offset` and return where the next whole chunk begins."""
+    to_mark = _FRAME.size + _CHUNK_HEAD.size
+    position = search_from + to_mark
+    while (position := content.find(_CHUNK_MARK, position + 1)) >= 0:
+        candidate = position - to_mark
+        if content[candidate] == Opcode.CHUNK and _frame_at(content, candidate) is not None:
+            what = f"{candidate - offset} bytes before a chunk are damaged"
+            scan.damages.append(Damage(offset=offset, n_bytes=candidate - offset, what=what))
+            return candidate
+    what = f"the file is cut off or damaged from byte {offset} on"
+    damage = Damage(offset=offset, n_bytes=len(content) - offset, what=what, is_tail=True)
+    _add_chunk_times(damage, content, offset)
+    scan.damages.append(damage)
+    return len(content)
+
+
+def _add_chunk_times(damage: Damage, content: mmap.mmap, offset: int) -> None:
+    head = offset + _FRAME.size
+    if content[offset] == Opcode.CHUNK and head + _CHUNK_HEAD.size <= len(content):
+        start_ns, end_ns, _, _ = _CHUNK_HEAD.unpack_from(content, head)
+        if start_ns <= end_ns:
+            damage.start_ns, damage.end_ns = start_ns, end_ns
+
+
+def _broken_record(content: mmap.mmap, opcode: int, start: int, end: int, error: BaseException) -> Damage:
+    is_chunk = opcode == Opcode.CHUNK
+    reason = "checksum does not match" if isinstance(error, CRCValidationError) else "content is damaged"
+    name = "chunk" if is_chunk else Opcode(opcode).name.lower() + " record"
+    damage = Damage(
+        offset=start,
+        n_bytes=end - start,
+        what=f"{name} of {end - start} bytes: {reason}",
+        is_chunk=is_chunk,
+    )
+    if is_chunk:
+        _add_chunk_times(damage, content, start - _FRAME.size)
+    return damage
+
+
+def _count_lost(broken_chunk: Damage | None, index: MessageIndex) -> None:
+    """Add the messages that the index behind a broken chunk lists."""
+    if broken_chunk is not None and broken_chunk.is_chunk:
+        broken_chunk.n_messages = (broken_chunk.n_messages or 0) + len(index.records)
+
+
+def _check_data_section(content: mmap.mmap, end: int, data_end: DataEnd, scan: Scan) -> None:
+    if not data_end.data_section_crc or scan.damages:
+        return
+    with memoryview(content) as view, view[:end] as section:
+        is_whole = zlib.crc32(section) == data_end.data_section_crc
+    if not is_whole:
+        what = "a byte outside the chunks (settings or index) is damaged; the samples are whole"
+        scan.damages.append(Damage(offset=0, n_bytes=0, what=what, is_chunk=False))
+
+
+def _note_missing_end(scan: Scan, size: int) -> None:
+    if not any(damage.is_tail for damage in scan.damages):
+        what = "the end record is missing: the program that wrote it was stopped"
+        scan.damages.append(Damage(offset=size, n_bytes=0, what=what, is_tail=True))

@@ -1,0 +1,163 @@
+"""Where a recording is written: a `.part` file, with a second copy if asked, renamed when it is finished."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from bench.errors import RecordingError
+
+
+class PartFile:
+    """A file that has its final name only once it is whole.
+
+    Parameters
+    ----------
+    path : Path
+        Final name; `<path>.part` is written until `finish`.
+    overwrite : bool
+        Whether `finish` may replace an existing file.
+
+    Raises
+    ------
+    RecordingError
+        If the file exists and `overwrite` is False, or if a `.part` file exists: that one belongs to a
+        recording that is running or was interrupted and is never touched.
+    """
+
+    def __init__(self, path: Path, *, overwrite: bool) -> None:
+        self.path = path
+        self.part_path = path.with_name(path.name + ".part")
+        self._overwrite = overwrite
+        self._refuse_existing()
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._stream = self.part_path.open("xb")
+        except FileExistsError:
+            raise RecordingError(
+                "exists already: a recording is running, or was interrupted",
+                where=self.part_path,
+                remedy="salvage it with `sawbench recover`, then move it away, or choose another name",
+            ) from None
+        except OSError as error:
+            raise RecordingError(
+                f"cannot be written: {error.strerror or error}",
+                where=self.part_path,
+                remedy="check that the folder exists and may be written to",
+            ) from error
+
+    def _refuse_existing(self) -> None:
+        if self.path.exists() and not self._overwrite:
+            raise RecordingError(
+                "exists already and is not overwritten",
+                where=self.path,
+                remedy="choose another name, or give --force to replace it",
+            )
+
+    def write(self, content: bytes) -> int:
+        """Append `content`; return its length."""
+        return self._stream.write(content)
+
+    def tell(self) -> int:
+        """Return the bytes written so far."""
+        return self._stream.tell()
+
+    def flush(self) -> None:
+        """Hand everything to the operating system: from here on the death of this program loses nothing."""
+        self._stream.flush()
+
+    def sync(self) -> None:
+        """Wait until what was flushed is on the disk: from here on a power cut loses nothing."""
+        os.fsync(self._stream.fileno())
+
+    def finish(self) -> Path:
+        """Close the file and give it its final name.
+
+        Raises
+        ------
+        RecordingError
+            If a file of that name appeared meanwhile; the `.part` file is whole and stays.
+        """
+        self._stream.flush()
+        self.sync()
+        self._stream.close()
+        self._refuse_existing()
+        self.part_path.replace(self.path)
+        return self.path
+
+    def abandon(self) -> None:
+        """Close the file and leave what was written under its `.part` name."""
+        self._stream.close()
+
+    def discard(self) -> None:
+        """Close and delete what was written."""
+        self._stream.close()
+        self.part_path.unlink(missing_ok=True)
+
+
+class Output:
+    """The stream the MCAP writer writes to: one file, or one file and its copy.
+
+    The copy never harms the recording: when writing it fails, it is given up and `copy_problem` says why.
+
+    Parameters
+    ----------
+    path : Path
+    second_copy : Path, optional
+        Folder for the copy; made if missing.
+    overwrite : bool
+
+    Raises
+    ------
+    RecordingError
+        As `PartFile`, for either file.
+    """
+
+    def __init__(self, path: Path, *, second_copy: Path | None, overwrite: bool) -> None:
+        self.copy_problem: str | None = None
+        self._first = PartFile(path, overwrite=overwrite)
+        self._second: PartFile | None = None
+        if second_copy is not None:
+            try:
+                self._second = PartFile(second_copy / path.name, overwrite=overwrite)
+            except RecordingError:
+                self._first.discard()
+                raise
+
+    def write(self, content: bytes) -> int:
+        """Append to both files."""
+        self._on_copy("write", content)
+        return self._first.write(content)
+
+    def tell(self) -> int:
+        """Return the bytes written so far."""
+        return self._first.tell()
+
+    def flush(self) -> None:
+        """Flush both files."""
+        self._on_copy("flush")
+        self._first.flush()
+
+    def sync(self) -> None:
+        """Wait until both files are on their disks."""
+        self._on_copy("sync")
+        self._first.sync()
+
+    def finish(self) -> Path:
+        """Give both files their final names; return that of the first."""
+        self._on_copy("finish")
+        return self._first.finish()
+
+    def abandon(self) -> None:
+        """Close both files under their `.part` names."""
+        self._on_copy("abandon")
+        self._first.abandon()
+
+    def _on_copy(self, action: str, *arguments: bytes) -> None:
+        if self._second is None:
+            return
+        try:
+            getattr(self._second, action)(*arguments)
+        except (OSError, RecordingError) as error:
+            self.copy_problem = f"the second copy {self._second.part_path} was given up: {error}"
+            self._second = None

@@ -1,0 +1,357 @@
+"""Reads recordings: whole ones, running ones (`.part`), truncated and damaged ones."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bench.errors import RecordingError
+from bench.recording import Event, Floats, Gap, Recording, SampleBlock, Signal, Trial
+from storage.assembly import join_blocks
+from storage.codec import is_equally_spaced
+from storage.content import Content, damage_events, iter_messages, iter_samples, require_sawbench
+from storage.writer import RecordingWriter
+
+_SAMPLES_PER_BLOCK = 2000
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ChannelInfo:
+    """One channel of a recording at a glance.
+
+    Attributes
+    ----------
+    channel, unit, device : str
+    n_samples : int
+    rate_hz : float
+        Median sample rate, Hz.
+    start_s, duration_s : float
+        Of the samples, s on the recording's clock.
+    gaps : tuple of Gap
+    """
+
+    channel: str
+    unit: str
+    device: str
+    n_samples: int
+    rate_hz: float
+    start_s: float
+    duration_s: float
+    gaps: tuple[Gap, ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TopicInfo:
+    """One topic of an MCAP file: its name, message type, encoding and number of readable messages."""
+
+    topic: str
+    message_type: str
+    encoding: str
+    n_messages: int
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RecordingInfo:
+    """What is in an MCAP file.
+
+    Attributes
+    ----------
+    path : str
+    size_bytes : int
+    is_sawbench : bool
+        False for the MCAP of another program: then only `topics`, `size_bytes`, `software`, `problems` and
+        `is_complete` (the end record is there and nothing is damaged) say something.
+    is_complete : bool
+    trial : Trial or None
+    channels : tuple of ChannelInfo
+    topics : tuple of TopicInfo
+    events : tuple of Event
+        With one for every damage.
+    problems : tuple of str
+        What is damaged, in words; empty for a whole file.
+    software : str
+        What wrote the file.
+    has_config : bool
+        Whether the bench configuration is in it.
+    provenance : dict of str to str
+    duration_s : float
+        From the first to the last sample of any channel, s.
+    """
+
+    path: str
+    size_bytes: int
+    is_sawbench: bool
+    is_complete: bool
+    trial: Trial | None
+    channels: tuple[ChannelInfo, ...]
+    topics: tuple[TopicInfo, ...]
+    events: tuple[Event, ...]
+    problems: tuple[str, ...]
+    software: str
+    has_config: bool
+    provenance: dict[str, str]
+    duration_s: float
+
+
+def read_recording(path: str | Path) -> Recording:
+    """Read one trial.
+
+    A truncated, damaged or unfinished file gives what can be saved of it: `is_complete` is False and an event
+    says what was lost, where the file still tells. A jump of the sample index or of the time becomes a gap of
+    the signal.
+
+    Parameters
+    ----------
+    path : str or Path
+        A `.mcap` or `.part` file.
+
+    Returns
+    -------
+    Recording
+        Signals in the order in which they first appear.
+
+    Raises
+    ------
+    RecordingError
+        If the file is missing, is no MCAP file, was written by another program or by a newer sawbench.
+    """
+    content = Content(path=Path(path))
+    recording = _read(content)
+    require_sawbench(content)
+    return recording
+
+
+def _read(content: Content) -> Recording:
+    blocks: dict[str, list[SampleBlock]] = {}
+    events: list[Event] = []
+    for item in iter_samples(content):
+        if isinstance(item, Event):
+            events.append(item)
+        elif len(item.time_s):
+            blocks.setdefault(item.channel, []).append(item)
+    trial = content.trial() if content.is_sawbench else Trial(trial_id=content.path.stem)
+    last_s = max((float(block.time_s[-1]) for row in blocks.values() for block in row), default=0.0)
+    events += damage_events(content, last_s)
+    signals: dict[str, Signal] = {}
+    for channel, row in blocks.items():
+        signals[channel], warnings = join_blocks(row, events)
+        events += warnings
+    return Recording(
+        trial=trial,
+        signals=signals,
+        events=tuple(events),
+        config_toml=content.config_toml or "",
+        provenance=content.provenance,
+        is_complete=content.is_complete,
+        path=str(content.path),
+    )
+
+
+def iter_blocks(path: str | Path) -> Iterator[SampleBlock]:
+    """Yield the blocks of a recording in the order of the file, without reading it whole.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Yields
+    ------
+    SampleBlock
+        Exactly as it was written; blocks in damaged chunks are left out.
+
+    Raises
+    ------
+    RecordingError
+        As `read_recording`.
+    """
+    content = Content(path=Path(path))
+    for item in iter_samples(content):
+        if isinstance(item, SampleBlock):
+            yield item
+    require_sawbench(content)
+
+
+def describe_recording(path: str | Path) -> RecordingInfo:
+    """Say what is in an MCAP file, also in one of another program.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    RecordingInfo
+
+    Raises
+    ------
+    RecordingError
+        If the file is missing, is no MCAP file or was written by a newer sawbench.
+    """
+    content = Content(path=Path(path))
+    recording = _read(content)
+    starts = [signal.time_s[0] for signal in recording.signals.values()]
+    ends = [signal.time_s[-1] for signal in recording.signals.values()]
+    is_whole = content.scan.is_finished and not content.scan.damages
+    return RecordingInfo(
+        path=str(path),
+        size_bytes=content.path.stat().st_size,
+        is_sawbench=content.is_sawbench,
+        is_complete=content.is_complete if content.is_sawbench else is_whole,
+        trial=recording.trial if content.is_sawbench else None,
+        channels=tuple(_channel_info(signal) for signal in recording.signals.values()),
+        topics=_topics(content),
+        events=recording.events if content.is_sawbench else (),
+        problems=(*(damage.what for damage in content.scan.damages), *content.problems),
+        software=content.provenance.get("software", content.library),
+        has_config=bool(content.config_toml),
+        provenance=dict(content.provenance),
+        duration_s=float(max(ends) - min(starts)) if starts else 0.0,
+    )
+
+
+def _channel_info(signal: Signal) -> ChannelInfo:
+    return ChannelInfo(
+        channel=signal.channel,
+        unit=signal.unit,
+        device=signal.device,
+        n_samples=len(signal.time_s),
+        rate_hz=signal.rate_hz,
+        start_s=float(signal.time_s[0]),
+        duration_s=signal.duration_s,
+        gaps=signal.gaps,
+    )
+
+
+def _topics(content: Content) -> tuple[TopicInfo, ...]:
+    rows = []
+    for channel_id in sorted(content.topics.keys() | content.n_messages.keys()):
+        topic, message_type = content.topics.get(channel_id, (f"unknown topic {channel_id}", ""))
+        channel = content.channels.get(channel_id)
+        rows.append(
+            TopicInfo(
+                topic=topic,
+                message_type=message_type,
+                encoding=channel.message_encoding if channel else "",
+                n_messages=content.n_messages.get(channel_id, 0),
+            )
+        )
+    return tuple(rows)
+
+
+def write_recording(recording: Recording, path: str | Path, overwrite: bool = False) -> Path:
+    """Write a recording that is in memory, for example an imported one.
+
+    Parameters
+    ----------
+    recording : Recording
+        Its gaps are kept as jumps of the sample index; a gap with a reason also becomes an event, unless
+        there is one already.
+    path : str or Path
+    overwrite : bool
+
+    Returns
+    -------
+    Path
+        The file written.
+
+    Raises
+    ------
+    RecordingError
+        If the file exists and `overwrite` is False, or cannot be written.
+    """
+    path = Path(path)
+    writer = RecordingWriter(
+        path=path,
+        trial=recording.trial,
+        config_toml=recording.config_toml,
+        provenance=recording.provenance,
+        started_at=recording.trial.started_at,
+        overwrite=overwrite,
+    )
+    with writer:
+        for block in _interleaved_blocks(recording):
+            writer.write_block(block)
+        for event in (*recording.events, *_gap_events(recording)):
+            writer.write_event(event)
+        writer.close(is_complete=recording.is_complete)
+    return path
+
+
+def _interleaved_blocks(recording: Recording) -> Iterator[SampleBlock]:
+    """Cut all signals at the same times, so that times shared by the channels are packed only once."""
+    signals = [signal for signal in recording.signals.values() if len(signal.time_s)]
+    if not signals:
+        return
+    fullest = max(signals, key=lambda signal: len(signal.time_s))
+    edges_s = fullest.time_s[_SAMPLES_PER_BLOCK::_SAMPLES_PER_BLOCK]
+    pieces = []
+    for order, signal in enumerate(signals):
+        starts = np.array([gap.start_s for gap in signal.gaps])
+        behind_gap = np.searchsorted(signal.time_s, starts, side="right")
+        cuts = np.unique(np.concatenate((np.searchsorted(signal.time_s, edges_s), behind_gap)))
+        bounds = [0, *cuts[(cuts > 0) & (cuts < len(signal.time_s))].tolist(), len(signal.time_s)]
+        index_shift = 0
+        missing = {int(k): gap.n_missing for k, gap in zip(behind_gap, signal.gaps, strict=True)}
+        for first, end in zip(bounds, bounds[1:], strict=False):
+            index_shift += missing.get(first, 0)
+            window = int(np.searchsorted(edges_s, signal.time_s[first], side="right"))
+            pieces.append((window, order, first, end, first + index_shift))
+    for _, order, first, end, first_index in sorted(pieces):
+        yield _piece(signals[order], slice(first, end), first_index)
+
+
+def _piece(signal: Signal, part: slice, first_index: int) -> SampleBlock:
+    time_s = signal.time_s[part]
+    return SampleBlock(
+        device=signal.device,
+        channel=signal.channel,
+        unit=signal.unit,
+        first_index=first_index,
+        time_s=time_s,
+        values=signal.values[part],
+        raw=None if signal.raw is None else signal.raw[part],
+        period_s=_period(time_s),
+    )
+
+
+def _period(time_s: Floats) -> float | None:
+    if len(time_s) < 3:
+        return None
+    period_s = float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
+    return period_s if is_equally_spaced(time_s, period_s) else None
+
+
+def _gap_events(recording: Recording) -> Iterator[Event]:
+    told = {(e.channel, e.time_s, e.end_s) for e in recording.events if e.kind == "gap"}
+    texts = {event.text for event in recording.events}
+    for signal in recording.signals.values():
+        for gap in signal.gaps:
+            is_told = (signal.channel, gap.start_s, gap.end_s) in told or gap.reason in texts
+            if gap.reason and not is_told:
+                yield Event(
+                    kind="gap",
+                    time_s=gap.start_s,
+                    end_s=gap.end_s,
+                    text=gap.reason,
+                    device=signal.device,
+                    channel=signal.channel,
+                )
+
+
+def sha256_of(path: str | Path) -> str:
+    """Return the SHA-256 of a file, hexadecimal.
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be read.
+    """
+    try:
+        with Path(path).open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise RecordingError(f"cannot be read: {error.strerror or error}", where=path) from error
