@@ -1,0 +1,1 @@
+"""Batteries: open-circuit voltage and inner resistance over the state of charge."""

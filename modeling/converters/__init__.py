@@ -1,0 +1,1 @@
+"""Converters between battery and motor, and the ways they are driven."""

@@ -1,0 +1,1 @@
+"""Mechanisms that turn the crank into a stroke."""

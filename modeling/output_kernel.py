@@ -1,0 +1,72 @@
+"""Quantities that follow from current, speed, angle and charge: blade, force, voltages, stored energy."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from modeling import slots
+from modeling.compilation import kernel
+from modeling.machine import TWO_PI, levers, machine, source, spline_force
+from modeling.mechanisms import scotch_yoke, slider_crank
+
+
+@kernel()
+def blade(p, spline, angle, motor_speed):
+    """Displacement, blade velocity and cutting force, shape (3, n): m, m/s, N (Eqs. 1, 3, 9)."""
+    out = np.empty((3, len(angle)))
+    for k in range(len(angle)):
+        turn = angle[k] - TWO_PI * math.floor(angle[k] / TWO_PI)
+        sine, cosine = math.sin(turn), math.cos(turn)
+        if p[slots.ROD] > 0.0:
+            out[0, k] = slider_crank.displacement(sine, cosine, p[slots.RADIUS], p[slots.ROD])
+        else:
+            out[0, k] = scotch_yoke.displacement(sine, cosine, p[slots.RADIUS])
+        g, _ = levers(p, sine, cosine)
+        velocity = g * motor_speed[k] / p[slots.GEAR]
+        out[1, k] = velocity
+        force = 0.0
+        if p[slots.CUTTING_SIGN] * sine > 0.0:
+            force = p[slots.K_FC] * p[slots.CUTTING_SIGN] * velocity
+        if p[slots.FORCE_SCALE] != 0.0 and motor_speed[k] > 0.0:
+            force += p[slots.FORCE_SCALE] * spline_force(spline, turn)
+        out[2, k] = force
+    return out
+
+
+@kernel()
+def electric(p, current, soc):
+    """Motor voltage, battery voltage and battery current, shape (3, n): V, V, A."""
+    m = machine(p)
+    out = np.empty((3, len(current)))
+    for k in range(len(current)):
+        e, battery_current = source(m, soc[k], current[k])
+        out[0, k] = e - m[17] * current[k]
+        if p[slots.MODE] == slots.FIXED_VOLTAGE:
+            out[1, k] = out[0, k]
+            out[2, k] = current[k]
+        else:
+            at_rest, _ = source_voltage(m, soc[k])
+            out[1, k] = at_rest - p[slots.BATTERY_RESISTANCE] * battery_current
+            out[2, k] = battery_current
+    return out
+
+
+@kernel()
+def source_voltage(m, soc):
+    """Open-circuit voltage of the battery and its slope over the state of charge, V."""
+    from_full = 1.0 - (1.0 - soc) * m[12]
+    below = 1.0 / (1.0 - m[11] * (1.0 - max(from_full, 0.0)))
+    return m[10] * max(from_full, 0.0) * below, m[10] * (1.0 - m[11]) * below * below * m[12]
+
+
+@kernel()
+def stored_energy(p, current, crank_speed, angle):
+    """Magnetic and kinetic energy, J (Eq. 5)."""
+    m = machine(p)
+    g, _ = levers(p, math.sin(angle), math.cos(angle))
+    return (
+        0.5 * p[slots.INDUCTANCE] * current * current
+        + 0.5 * (m[5] + m[6] * g * g) * crank_speed * crank_speed
+    )
