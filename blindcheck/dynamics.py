@@ -11,7 +11,7 @@ s the state of charge. What the extra terms stand for is said in `blindcheck.eff
 # ruff: noqa: PLR0917  (compiled kernels take their arrays by position)
 from __future__ import annotations
 
-from math import asinh, atan2, cos, exp, log1p, pi, sin, sqrt, tanh
+from math import asin, asinh, atan2, cos, exp, log1p, pi, sin, sqrt, tanh
 
 import numpy as np
 from numba import njit
@@ -45,15 +45,15 @@ FIELDS = (
     "mesh_mu",
     "gap_m", "contact_n_m", "contact_loss_s_m", "mesh_error_rad", "mesh_torque", "mesh_phase",
     # cutting
-    "blade_n_m", "blade_n_s_m", "rub_n", "tooth_depth", "tooth_pitch_m", "tooth_phase", "inv_knee_s_m",
-    "knee_ref_m_s",
-    "edge_n", "chip_share", "chip_ref_mm", "chip_edge_mm", "wear_per_sqrt_m", "grain_depth", "delay_share",
+    "blade_n_m", "blade_n_s_m", "rub_n", "tooth_depth", "tooth_pitch_m", "tooth_phase", "tooth_sharpness",
+    "inv_knee_s_m", "knee_ref_m_s", "edge_n", "chip_share", "chip_ref_mm", "chip_edge_mm", "wear_per_m",
+    "wear_power", "grain_depth", "delay_share",
     # supply
     "brush_v", "diode_v", "diode_ohm", "switch_v", "switch_ohm", "idle_w", "limit_a", "extra_ohm",
     "extra_soc",
     "polar_fast_ohm", "polar_fast_s", "polar_slow_ohm", "polar_slow_s", "polar_kinetic_v",
     # outside the catalogue
-    "cog_torque", "cog_count", "commutation_v", "commutation_count", "ripple_v", "ripple_hz", "duty_wander",
+    "sway_depth", "sway_hz", "alternate_depth", "ripple_v", "ripple_hz", "duty_wander",
     "grease_torque", "whip_kg", "whip_hz", "soft_start_s", "bounce_ohm",
 )  # fmt: skip
 RECORD = np.dtype([(name, np.float64) for name in FIELDS])
@@ -85,7 +85,8 @@ def _cutting_force(v_tip, x_tip, gain, p):
         force += p.edge_n * p.width_ratio * (gain / p.k_fc) * v_tip / sqrt(v_tip * v_tip + 0.0004)
     if p.tooth_depth != 0.0:
         angle = 2.0 * pi * x_tip / p.tooth_pitch_m + p.tooth_phase
-        force *= 1.0 + p.tooth_depth * 1.5 * atan2(0.6 * sin(angle), 1.0 - 0.6 * cos(angle))
+        saw = atan2(p.tooth_sharpness * sin(angle), 1.0 - p.tooth_sharpness * cos(angle))
+        force *= 1.0 + p.tooth_depth * saw / asin(p.tooth_sharpness)
     if p.delay_share > 0.0:
         travelled = x_tip / (2.0 * p.radius)
         if p.cut_direction < 0.0:
@@ -95,18 +96,22 @@ def _cutting_force(v_tip, x_tip, gain, p):
 
 
 @njit(cache=True)
-def _cutting_gain(y, p, strokes, grain):
-    """Slow factors on k_Fc: stroke scatter, wear, chip thickness, grain; N s/m."""
-    gain = p.k_fc * strokes[int(np.floor(y[2] / (2.0 * pi))) % len(strokes)]
-    if p.wear_per_sqrt_m != 0.0:
-        gain *= 1.0 + p.wear_per_sqrt_m * sqrt(max(y[12], 0.0))
+def _cutting_gain(t, y, p, strokes, grain):
+    """Slow factors on k_Fc: stroke scatter, wear, chip thickness, grain, sway; N s/m."""
+    stroke = int(np.floor(y[2] / (2.0 * pi)))
+    gain = p.k_fc * strokes[stroke % len(strokes)]
+    if p.wear_per_m != 0.0:
+        gain *= 1.0 + p.wear_per_m * max(y[12], 0.0) ** p.wear_power
     if p.chip_share != 0.0:
         chip_mm = p.feed_mm_s / (max(y[15], 0.0) + 1.0)
-        gain *= (
-            1.0 - p.chip_share + p.chip_share * (chip_mm + p.chip_edge_mm) / (p.chip_ref_mm + p.chip_edge_mm)
-        )
+        chip_mm /= sqrt(1.0 + (chip_mm / (2.2 * p.chip_ref_mm)) ** 2)
+        gain *= max(1.0 + p.chip_share * (chip_mm - p.chip_ref_mm) / (p.chip_ref_mm + p.chip_edge_mm), 0.05)
     if p.grain_depth != 0.0:
         gain *= max(1.0 + p.grain_depth * _lookup(grain, y[13] / TABLE_STEP_MM), 0.05)
+    if p.sway_depth != 0.0:
+        gain *= 1.0 + p.sway_depth * sin(2.0 * pi * p.sway_hz * t)
+    if p.alternate_depth != 0.0:
+        gain *= 1.0 + p.alternate_depth * (1.0 if stroke % 2 == 0 else -1.0)
     return gain
 
 
@@ -191,8 +196,6 @@ def _current_rate(t, y, p, wander, motor_v):
     if p.brush_v != 0.0:
         size = abs(i)
         drop = p.brush_v * (1.0 - exp(-size / 0.7)) * (1.0 + 0.05 * log1p(size)) * (1.0 if i > 0.0 else -1.0)
-    if p.commutation_v != 0.0:
-        drop += p.commutation_v * (abs(sin(0.5 * p.commutation_count * y[2] * p.gear)) - 0.6366)
     rate = (motor_v - drop - resistance * i - emf) / p.inductance
     if p.is_on == 0.0 and i <= 0.0 and rate < 0.0:
         return 0.0
@@ -210,15 +213,13 @@ def _drag_torque(y, p):
         torque += p.windage * (abs(w) / 1000.0) ** p.windage_power * (1.0 if w > 0.0 else -1.0)
     if p.grease_torque != 0.0:
         torque += p.grease_torque * exp(-y[16] / 6.0) * sqrt(abs(w) / 1000.0) * (1.0 if w > 0.0 else -1.0)
-    if p.cog_torque != 0.0:
-        torque += p.cog_torque * sin(p.cog_count * y[2] * p.gear)
     if p.mesh_torque != 0.0:
         torque += p.mesh_torque * (exp(0.7 * cos(y[2] - p.mesh_phase)) - 1.1263) / 0.75 * tanh(w / 3.0)
     return torque
 
 
 @njit(cache=True)
-def _blade_side(y, v, crank_speed, p, strokes, grain, dy, out):
+def _blade_side(t, y, v, crank_speed, p, strokes, grain, dy, out):
     """Force of guide, blade and workpiece on the plunger, N, +x, and the speed of the tooth line, m/s.
 
     Fills the rates of bristle, deflection and whip, and the force and position outputs.
@@ -226,7 +227,7 @@ def _blade_side(y, v, crank_speed, p, strokes, grain, dy, out):
     c = cos(y[2])
     x = p.radius * (1.0 - c) + (y[9] if p.gap_m > 0.0 else 0.0)
     v_tip = p.cut_direction * v
-    gain = _cutting_gain(y, p, strokes, grain)
+    gain = _cutting_gain(t, y, p, strokes, grain)
     dy[11] = 0.0
     if p.blade_n_m > 0.0 and p.cuts != 0.0:
         v_tip = _tip_speed(p.cut_direction * v, y[11], x, gain, p)
@@ -283,7 +284,7 @@ def evaluate(t, y, p, strokes, grain, wander, dy, out):
     crank_speed = y[1] * ratio
     v_pin = p.radius * crank_speed * sin(y[2])
     v = y[10] if p.gap_m > 0.0 else v_pin
-    environment, v_tip = _blade_side(y, v, crank_speed, p, strokes, grain, dy, out)
+    environment, v_tip = _blade_side(t, y, v, crank_speed, p, strokes, grain, dy, out)
     _shaft_rates(y, v, v_pin, ratio, environment, p, dy)
     motor_v = _supply(t, y, p, wander, out)
     dy[0] = _current_rate(t, y, p, wander, motor_v)

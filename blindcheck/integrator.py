@@ -10,11 +10,14 @@ Source: J. R. Dormand, P. J. Prince, A family of embedded Runge-Kutta formulae, 
 # ruff: noqa: PLR0917  (compiled kernels take their arrays by position)
 from __future__ import annotations
 
+import zlib
 from math import floor, pi
+from pathlib import Path
 
 import numpy as np
 from numba import njit
 
+from blindcheck import dynamics
 from blindcheck.dynamics import N_OUTPUTS, N_STATES, evaluate
 
 _A = np.array(
@@ -95,76 +98,85 @@ def _part_at_crank(y, k, h, target, scratch):
     return high
 
 
-@njit(cache=True)
-def integrate(
-    y, t, t_end, step_s, first, grid_s, outputs, record, strokes, grain, wander, rtol, atol, stop_charge
-):
-    """Advance `y` in place from `t` to `t_end`, or to where the charge drawn reaches `stop_charge`.
+def _build(source_stamp: int):
+    """Compile `integrate`; the stamp enters numba's cache key: a change of `dynamics.py` recompiles it."""
 
-    Parameters
-    ----------
-    y : ndarray, shape (N_STATES,)
-    t, t_end : float, s
-    step_s : float
-        First step to try, s.
-    first : float, s
-        Time of the first row of `outputs`; row n is at first + n * grid_s.
-    grid_s : float, s
-    outputs : ndarray, shape (n, N_OUTPUTS)
-        Filled for the rows that lie in (t, t_end] (and at `t` itself).
-    record : record array, shape (1,)
-    strokes, grain, wander : ndarray
-        Tables of `evaluate`.
-    rtol : float
-    atol : ndarray, shape (N_STATES,)
-    stop_charge : float, A s
-        Infinity to ignore.
+    def integrate(
+        y, t, t_end, step_s, first, grid_s, outputs, record, strokes, grain, wander, rtol, atol, stop_charge
+    ):
+        """Advance `y` in place from `t` to `t_end`, or to where the charge drawn reaches `stop_charge`.
 
-    Returns
-    -------
-    t : float, s
-    step_s : float, s
-        Where it ended and the next step to try; the step is negative where no progress was possible.
-    n_steps : int
-    """
-    p = record[0]
-    k = np.zeros((7, N_STATES))
-    trial = np.empty(N_STATES)
-    scratch = np.empty(N_STATES)
-    rates = np.empty(N_STATES)
-    out = np.zeros(N_OUTPUTS)
-    row = max(int(np.ceil((t - first) / grid_s - 1e-9)), 0)
-    half_turn = floor(y[_CRANK] / pi + 1e-9)
-    evaluate(t, y, p, strokes, grain, wander, k[0], out)
-    if row < len(outputs) and first + row * grid_s <= t + 1e-12:
-        outputs[row] = out
-        row += 1
-    n_steps = 0
-    while t < t_end - 1e-13:
-        h = min(step_s, MAX_STEP_S, t_end - t)
-        _stages(t, y, h, p, strokes, grain, wander, k, trial, out)
-        norm = _error_norm(y, trial, k, h, rtol, atol)
-        if not norm <= 1.0:
-            step_s = h * max(0.2, 0.9 * norm**-0.2) if norm < 1e30 else 0.1 * h
-            if step_s < MIN_STEP_S:
-                return t, -1.0, n_steps
-            continue
-        proposal = h * min(4.0, 0.9 * max(norm, 1e-10) ** -0.2)
-        target = (half_turn + 1) * pi
-        if trial[_CRANK] > target + 1e-9:
-            h *= max(_part_at_crank(y, k, h, target, scratch), 1e-6)
-            _stages(t, y, h, p, strokes, grain, wander, k, trial, out)
-        if trial[3] >= stop_charge:
-            return t + h * (stop_charge - y[3]) / (trial[3] - y[3]), step_s, n_steps
-        while row < len(outputs) and first + row * grid_s <= t + h + 1e-12:
-            part = min(max((first + row * grid_s - t) / h, 0.0), 1.0)
-            _dense(y, k, h, part, scratch)
-            evaluate(t + part * h, scratch, p, strokes, grain, wander, rates, outputs[row])
-            row += 1
-        t += h
-        y[:] = trial
-        k[0] = k[6]
+        Parameters
+        ----------
+        y : ndarray, shape (N_STATES,)
+        t, t_end : float, s
+        step_s : float
+            First step to try, s.
+        first : float, s
+            Time of the first row of `outputs`; row n is at first + n * grid_s.
+        grid_s : float, s
+        outputs : ndarray, shape (n, N_OUTPUTS)
+            Filled for the rows that lie in (t, t_end] (and at `t` itself).
+        record : record array, shape (1,)
+        strokes, grain, wander : ndarray
+            Tables of `evaluate`.
+        rtol : float
+        atol : ndarray, shape (N_STATES,)
+        stop_charge : float, A s
+            Infinity to ignore.
+
+        Returns
+        -------
+        t : float, s
+        step_s : float, s
+            Where it ended and the next step to try; the step is negative where no progress was possible.
+        n_steps : int
+        """
+        if source_stamp < 0:
+            return t, -1.0, 0
+        p = record[0]
+        k = np.zeros((7, N_STATES))
+        trial = np.empty(N_STATES)
+        scratch = np.empty(N_STATES)
+        rates = np.empty(N_STATES)
+        out = np.zeros(N_OUTPUTS)
+        row = max(int(np.ceil((t - first) / grid_s - 1e-9)), 0)
         half_turn = floor(y[_CRANK] / pi + 1e-9)
-        step_s = proposal
-        n_steps += 1
-    return t, step_s, n_steps
+        evaluate(t, y, p, strokes, grain, wander, k[0], out)
+        if row < len(outputs) and first + row * grid_s <= t + 1e-12:
+            outputs[row] = out
+            row += 1
+        n_steps = 0
+        while t < t_end - 1e-13:
+            h = min(step_s, MAX_STEP_S, t_end - t)
+            _stages(t, y, h, p, strokes, grain, wander, k, trial, out)
+            norm = _error_norm(y, trial, k, h, rtol, atol)
+            if not norm <= 1.0:
+                step_s = h * max(0.2, 0.9 * norm**-0.2) if norm < 1e30 else 0.1 * h
+                if step_s < MIN_STEP_S:
+                    return t, -1.0, n_steps
+                continue
+            proposal = h * min(4.0, 0.9 * max(norm, 1e-10) ** -0.2)
+            target = (half_turn + 1) * pi
+            if trial[_CRANK] > target + 1e-9:
+                h *= max(_part_at_crank(y, k, h, target, scratch), 1e-6)
+                _stages(t, y, h, p, strokes, grain, wander, k, trial, out)
+            if trial[3] >= stop_charge:
+                return t + h * (stop_charge - y[3]) / (trial[3] - y[3]), step_s, n_steps
+            while row < len(outputs) and first + row * grid_s <= t + h + 1e-12:
+                part = min(max((first + row * grid_s - t) / h, 0.0), 1.0)
+                _dense(y, k, h, part, scratch)
+                evaluate(t + part * h, scratch, p, strokes, grain, wander, rates, outputs[row])
+                row += 1
+            t += h
+            y[:] = trial
+            k[0] = k[6]
+            half_turn = floor(y[_CRANK] / pi + 1e-9)
+            step_s = proposal
+            n_steps += 1
+        return t, step_s, n_steps
+
+    return njit(cache=True)(integrate)
+
+
+integrate = _build(zlib.crc32(Path(dynamics.__file__).read_bytes()))

@@ -63,10 +63,11 @@ ABSOLUTE_TOLERANCE.flags.writeable = False
 
 _RECORD_DEFAULTS: Mapping[str, float] = MappingProxyType(
     {
-        "c_winding": 19.0, "c_housing": 190.0, "r_wind_house": 1.6, "r_house_air": 3.5, "width_ratio": 1.0,
+        "c_winding": 19.0, "c_housing": 90.0, "r_wind_house": 1.6, "r_house_air": 3.5, "width_ratio": 1.0,
         "windage_power": 1.85, "guide_presliding_m": 1.2e-4, "guide_stribeck": 0.4, "contact_n_m": 8e5,
-        "contact_loss_s_m": 0.6, "tooth_pitch_m": 2.9e-3, "chip_ref_mm": 0.27, "chip_edge_mm": 0.08,
-        "knee_ref_m_s": 0.7, "blade_n_s_m": 25.0, "polar_fast_s": 2.0, "polar_slow_s": 22.0,
+        "contact_loss_s_m": 0.6, "tooth_pitch_m": 2.9e-3, "tooth_sharpness": 0.75, "chip_ref_mm": 0.27,
+        "chip_edge_mm": 0.08, "knee_ref_m_s": 0.7, "blade_n_s_m": 25.0, "polar_fast_s": 2.0,
+        "polar_slow_s": 22.0, "wear_power": 0.5,
     }
 )  # fmt: skip
 
