@@ -1,0 +1,220 @@
+"""`sawbench record`: one trial to MCAP."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from bench.recording import Trial
+from commands.options import config_for, config_option, force_option, json_option, refuse_existing
+from commands.terminal import emit
+
+if TYPE_CHECKING:
+    from acquisition.recording_report import RecordingStatus, RecordingSummary
+
+
+@click.command(
+    name="record",
+    epilog="Example: sawbench record --material oak --thickness 20 --feed 4 --seconds 10 --simulated --live",
+)
+@click.option("--material", required=True, help="Workpiece; 'none' when the blade runs in air.")
+@click.option("--trial", "trial_id", help="Identifier and file name; default: material and the next free number.")
+@click.option("--seconds", type=click.FloatRange(0, min_open=True), help="Duration; default: the configuration's.")
+@click.option("--until-stopped", is_flag=True, help="Record until Ctrl-C.")
+@click.option("--duty", type=click.FloatRange(0, 1, min_open=True), help="Commanded PWM duty, 0..1.")
+@click.option("--thickness", "thickness_mm", type=click.FloatRange(0, min_open=True), help="mm")
+@click.option("--feed", "feed_mm_s", type=click.FloatRange(0), help="mm/s")
+@click.option("--blade", help="Identity of the blade: its wear carries over.")
+@click.option("--battery", help="Identity of the battery: its charge carries over.")
+@click.option("--operator", help="Who records.")
+@click.option("--repetition", type=click.IntRange(1))
+@click.option("--note", "note_texts", multiple=True, help="Note kept with the trial; may be repeated.")
+@click.option("--out", "directory", type=click.Path(path_type=Path, file_okay=False), help="Folder for the file.")
+@config_option
+@click.option("--live", is_flag=True, help="Show the signals in Rerun while recording.")
+@click.option("--rrd", "rrd_path", type=click.Path(path_type=Path, dir_okay=False), help="Save the live view there.")
+@click.option("--simulated", is_flag=True, help="Record from the simulated bench instead of real instruments.")
+@click.option("--seed", default=0, show_default=True, help="Of the simulated bench.")
+@force_option
+@json_option
+def command(  # noqa: PLR0914 - the options of one trial
+    material: str,
+    trial_id: str | None,
+    seconds: float | None,
+    until_stopped: bool,
+    duty: float | None,
+    thickness_mm: float | None,
+    feed_mm_s: float | None,
+    blade: str | None,
+    battery: str | None,
+    operator: str | None,
+    repetition: int | None,
+    note_texts: tuple[str, ...],
+    directory: Path | None,
+    config_path: Path | None,
+    live: bool,
+    rrd_path: Path | None,
+    simulated: bool,
+    seed: int,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Record one trial. Lines typed meanwhile become notes in the recording; Ctrl-C finishes the file."""
+    from commands.options import DEFAULT_CONFIG
+    from commands.recording_session import NoteBook, SessionOptions, record_trial, simulated_bench
+
+    config_path = config_path or DEFAULT_CONFIG
+    loaded = config_for(None, config_path)
+    settings = loaded.config.recording
+    folder = directory or Path(settings.directory)
+    trial_id = trial_id or next_trial_id(folder, material)
+    path = folder / f"{trial_id}.mcap"
+    refuse_existing(path, force=force)
+    duty = loaded.config.converter.default_duty if duty is None else duty
+    trial = Trial(
+        trial_id=trial_id,
+        material=material,
+        duty=duty,
+        thickness_mm=thickness_mm,
+        feed_mm_s=feed_mm_s,
+        blade=blade,
+        battery=battery,
+        operator=operator,
+        notes="\n".join(note_texts),
+        repetition=repetition,
+        source="simulated bench" if simulated else "bench",
+    )
+    notes = NoteBook()
+    if sys.stdin is not None and sys.stdin.isatty():
+        notes.listen(iter(sys.stdin))
+    bench = (
+        simulated_bench(config_path, material=material, duty=duty, seed=seed)
+        if simulated
+        else contextlib.nullcontext({})
+    )
+    with bench as endpoints, live_view(trial, live=live, rrd_path=rrd_path, force=force) as observers, LiveCounters() as counters:
+        summary = record_trial(
+            loaded,
+            SessionOptions(
+                path=path,
+                trial=trial,
+                seconds=None if until_stopped else seconds or settings.seconds,
+                endpoints=endpoints,
+                overwrite=force,
+            ),
+            observers=observers,
+            status=counters,
+            notes=notes,
+        )
+    emit({"path": path, **summary_rows(summary)}, f"{path}\n{describe(summary)}", as_json=as_json)
+    return 0 if summary.is_complete else 1
+
+
+def next_trial_id(folder: Path, material: str) -> str:
+    """Material and the lowest number that no file of the folder has, finished or not."""
+    number = 1
+    while any((folder / f"{material}-{number:02d}{ending}").exists() for ending in (".mcap", ".mcap.part")):
+        number += 1
+    return f"{material}-{number:02d}"
+
+
+@contextlib.contextmanager
+def live_view(trial: Trial, *, live: bool, rrd_path: Path | None, force: bool) -> Iterator[list[Any]]:
+    """Give the observers that `--live` and `--rrd` ask for; trouble with them is said, never raised."""
+    if not live and rrd_path is None:
+        yield []
+        return
+    from visualization.rerun_view import LiveView
+
+    view = LiveView(trial, show="spawn" if live else "none", save_path=rrd_path, overwrite=force)
+    try:
+        yield [view]
+    finally:
+        view.close()
+        if view.is_dead:
+            click.echo(f"the live view ended early: {view.dead_reason} (the recording is whole)", err=True)
+
+
+class LiveCounters:
+    """Samples, rates and gaps on the terminal; a plain line every few seconds where it is not a terminal."""
+
+    def __init__(self) -> None:
+        self._live: Any = None
+        self._next_line_s = 5.0
+
+    def __enter__(self) -> LiveCounters:
+        if sys.stderr.isatty():
+            from rich.console import Console
+            from rich.live import Live
+
+            self._live = Live(console=Console(stderr=True), refresh_per_second=5, transient=True)
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def __call__(self, status: RecordingStatus) -> None:
+        """Show one snapshot."""
+        if self._live is not None:
+            self._live.update(_as_table(status))
+        elif status.elapsed_s >= self._next_line_s:
+            self._next_line_s += 5.0
+            missing = sum(channel.n_missing for channel in status.channels)
+            n_samples = sum(channel.n_samples for channel in status.channels)
+            click.echo(
+                f"{status.elapsed_s:6.1f} s  {n_samples} samples  {missing} missing"
+                + (f"  LOST: {', '.join(status.lost_devices)}" if status.lost_devices else ""),
+                err=True,
+            )
+
+
+def _as_table(status: RecordingStatus) -> Any:
+    from rich.table import Table
+
+    shown = Table(title=f"recording, {status.elapsed_s:.1f} s", title_justify="left")
+    for header in ("channel", "now", "unit", "samples", "rate Hz", "gaps", "missing"):
+        shown.add_column(header, justify="left" if header in {"channel", "unit"} else "right")
+    for c in status.channels:
+        style = "red" if c.device in status.lost_devices else "yellow" if c.n_gaps else ""
+        shown.add_row(
+            c.channel, "-" if c.latest is None else f"{c.latest:.3f}", c.unit, str(c.n_samples),
+            f"{c.rate_hz:.1f}", str(c.n_gaps), str(c.n_missing), style=style,
+        )  # fmt: skip
+    return shown
+
+
+def summary_rows(summary: RecordingSummary) -> dict[str, Any]:
+    """The summary as plain values, for JSON."""
+    return {
+        "started_at": summary.started_at,
+        "duration_s": summary.duration_s,
+        "end_reason": summary.end_reason,
+        "is_complete": summary.is_complete,
+        "channels": summary.channels,
+        "devices": summary.devices,
+    }
+
+
+def describe(summary: RecordingSummary) -> str:
+    """The summary in words."""
+    from commands.terminal import table
+
+    rows = [
+        [c.channel, str(c.n_samples), f"{c.rate_hz:.2f}", str(c.n_gaps), str(c.n_missing)]
+        for c in summary.channels
+    ]
+    lines = [f"{summary.duration_s:.3f} s recorded: {summary.end_reason}"]
+    lines.append(table(["channel", "samples", "rate Hz", "gaps", "missing"], rows))
+    lines += [
+        f"{d.device}: {d.n_discarded_bytes} damaged bytes, {d.n_reconnects} reconnects"
+        for d in summary.devices
+        if d.n_discarded_bytes or d.n_reconnects
+    ]
+    return "\n".join(lines)

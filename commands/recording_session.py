@@ -1,0 +1,223 @@
+"""One recording from instruments to a finished file; used by `record` and `demo`."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench.errors import DeviceError
+from bench.recording import Event, Trial
+
+if TYPE_CHECKING:
+    from acquisition.recording_report import RecordingStatus, RecordingSummary
+    from bench.config import LoadedConfig
+
+_START_TIMEOUT_S = 60.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SessionOptions:
+    """What one recording needs beside the configuration.
+
+    Attributes
+    ----------
+    path : Path
+        The `.mcap` file.
+    trial : Trial
+    seconds : float or None
+        None: until Ctrl-C.
+    endpoints : mapping of str to str
+        Device name -> port, instead of the configured ones.
+    overwrite : bool
+    """
+
+    path: Path
+    trial: Trial
+    seconds: float | None
+    endpoints: Mapping[str, str]
+    overwrite: bool = False
+
+
+def record_trial(
+    loaded: LoadedConfig,
+    options: SessionOptions,
+    *,
+    observers: Sequence[Any] = (),
+    status: Callable[[RecordingStatus], object] | None = None,
+    notes: NoteBook | None = None,
+    stop: threading.Event | None = None,
+) -> RecordingSummary:
+    """Open the instruments, record one trial, finish the file.
+
+    Parameters
+    ----------
+    loaded : LoadedConfig
+    options : SessionOptions
+    observers : sequence of callable
+        Live views; see `acquisition.observers`.
+    status : callable, optional
+    notes : NoteBook, optional
+        Operator's notes taken while recording.
+    stop : threading.Event, optional
+
+    Returns
+    -------
+    RecordingSummary
+
+    Raises
+    ------
+    DeviceError
+        If an instrument is missing, silent or wrong; then no file is left.
+    """
+    from acquisition.devices import build_devices
+    from acquisition.recorder import record
+    from acquisition.recording_report import RecordingStart
+    from storage.writer import RecordingWriter
+
+    devices = build_devices(loaded.config, options.endpoints)
+    settings = loaded.config.recording
+    opened: list[RecordingWriter] = []
+
+    def open_writer(start: RecordingStart) -> RecordingWriter:
+        writer = RecordingWriter(
+            path=options.path,
+            trial=replace(options.trial, started_at=start.started_at),
+            config_toml=loaded.text,
+            provenance={**start.provenance, "config_sha256": loaded.sha256, "source": options.trial.source},
+            started_at=start.started_at,
+            preview_rate_hz=settings.preview_rate_hz,
+            flush_every_s=settings.flush_every_s,
+            second_copy=None if settings.second_copy is None else Path(settings.second_copy),
+            overwrite=options.overwrite,
+        )
+        opened.append(writer)
+        if notes is not None:
+            notes.attach(writer)
+        return writer
+
+    try:
+        summary = record(
+            devices, open_writer, seconds=options.seconds, observers=observers, status=status, stop=stop
+        )
+    except BaseException as error:
+        for writer in opened:
+            writer.__exit__(type(error), error, error.__traceback__)
+        raise
+    finally:
+        if notes is not None:
+            notes.detach()
+    opened[0].close(provenance=summary.provenance, is_complete=summary.is_complete)
+    return summary
+
+
+class NoteBook:
+    """Operator's notes: lines typed while recording become events at the time they were typed."""
+
+    def __init__(self) -> None:
+        self._writer: Any = None
+        self._begun_s = 0.0
+        self._lock = threading.Lock()
+
+    def attach(self, writer: Any) -> None:
+        """Start to take notes into `writer`; its time 0 is now."""
+        import time
+
+        with self._lock:
+            self._writer, self._begun_s = writer, time.monotonic()
+
+    def detach(self) -> None:
+        """Take no more notes."""
+        with self._lock:
+            self._writer = None
+
+    def take(self, text: str) -> bool:
+        """Write one note; False where nothing is being recorded."""
+        import time
+
+        with self._lock:
+            if self._writer is None or not text.strip():
+                return False
+            self._writer.write_event(
+                Event(kind="note", time_s=time.monotonic() - self._begun_s, text=text.strip())
+            )
+            return True
+
+    def listen(self, lines: Iterator[str]) -> threading.Thread:
+        """Take every line of `lines` as a note, in a thread that ends with the program."""
+
+        def loop() -> None:
+            for line in lines:
+                self.take(line)
+
+        thread = threading.Thread(target=loop, name="operator notes", daemon=True)
+        thread.start()
+        return thread
+
+
+@contextlib.contextmanager
+def simulated_bench(
+    config_path: Path,
+    *,
+    material: str,
+    duty: float | None,
+    seed: int,
+    trigger_after_s: float = 1.0,
+    truth_path: Path | None = None,
+) -> Iterator[dict[str, str]]:
+    """Run `sawbench simbench` beside us and give its ports: device name -> port.
+
+    Parameters
+    ----------
+    config_path : Path
+    material : str
+    duty : float, optional
+    seed : int
+    trigger_after_s : float
+    truth_path : Path, optional
+        The other process writes the truth there; this one never reads it.
+
+    Raises
+    ------
+    DeviceError
+        If the process ends before it announces its ports.
+    """
+    call = [sys.executable, "-m", "commands.main", "simbench", "--config", str(config_path)]
+    call += ["--material", material, "--seed", str(seed), "--trigger-after", str(trigger_after_s)]
+    call += [] if duty is None else ["--duty", str(duty)]
+    call += [] if truth_path is None else ["--truth", str(truth_path)]
+    process = subprocess.Popen(
+        call, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        yield _announced_ports(process)
+    finally:
+        assert process.stdin is not None
+        with contextlib.suppress(OSError):
+            process.stdin.close()
+        try:
+            process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        for stream in (process.stdout, process.stderr):
+            if stream is not None:
+                stream.close()
+
+
+def _announced_ports(process: subprocess.Popen[str]) -> dict[str, str]:
+    assert process.stdout is not None and process.stderr is not None
+    timer = threading.Timer(_START_TIMEOUT_S, process.kill)
+    timer.start()
+    line = process.stdout.readline()
+    timer.cancel()
+    if not line:
+        said = process.stderr.read().strip().removeprefix("sawbench: error: ")
+        raise DeviceError(f"the simulated bench did not start: {said or 'no reason given'}")
+    return json.loads(line)

@@ -1,0 +1,134 @@
+"""`sawbench simbench`: the simulated instruments, in a process and on ports of their own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from commands.options import config_option, refuse_existing
+
+if TYPE_CHECKING:
+    from bench.config import LoadedConfig
+    from blindcheck.settings import PlantSettings
+
+# Which [plant] key of the configuration is which setting of the simulated plant: the same names.
+_PLANT_KEYS = (
+    "resistance_ohm",
+    "inductance_h",
+    "back_emf_constant_v_s_per_rad",
+    "torque_constant_n_m_per_a",
+    "rotor_inertia_kg_m2",
+    "yoke_inertia_kg_m2",
+    "reciprocating_mass_kg",
+    "crank_radius_m",
+    "motor_damping_n_m_s_per_rad",
+)
+_BATTERY_KEYS = ("nominal_voltage_v", "capacity_ah", "beta", "internal_resistance_ohm")
+_LARGEST_DEVIATION = 2.0
+
+
+@click.command(name="simbench", epilog="Example: sawbench simbench --material oak --seed 3")
+@config_option
+@click.option("--material", default="oak", show_default=True, help="nylon, black_locust, oak, or none (air).")
+@click.option("--duty", type=click.FloatRange(0, 1, min_open=True), help="PWM duty; default: the configuration's.")
+@click.option("--seed", default=0, show_default=True, help="Draws the true plant, the wood and the sensor noise.")
+@click.option("--trigger-after", default=1.0, show_default=True, help="Seconds from streaming to switching on.")
+@click.option("--transport", type=click.Choice(["auto", "pty", "tcp"]), default="auto", show_default=True)
+@click.option(
+    "--truth", "truth_path", type=click.Path(path_type=Path, dir_okay=False),
+    help="Write the true values there; no recording ever holds them.",
+)  # fmt: skip
+def command(
+    config_path: Path | None,
+    material: str,
+    duty: float | None,
+    seed: int,
+    trigger_after: float,
+    transport: str,
+    truth_path: Path | None,
+) -> None:
+    """Emulate the instruments of the configuration and print their ports as one line of JSON.
+
+    The plant behind them is not exactly the nominal one: its parameters are drawn from the stated
+    uncertainties. It runs until standard input closes, or until Ctrl-C.
+    """
+    import json
+
+    from acquisition.simulation.bench_server import run_bench
+    from blindcheck.streaming import StreamingPlant
+    from commands.options import config_for
+
+    loaded = config_for(None, config_path)
+    settings = true_settings(loaded, material=material, duty=duty, seed=seed)
+    if truth_path is not None:
+        refuse_existing(truth_path, force=False)
+        truth_path.write_text(json.dumps(truth_of(settings), indent=2) + "\n")
+    run_bench(
+        StreamingPlant(settings),
+        loaded.config,
+        transport=transport,  # type: ignore[arg-type]
+        trigger_after_s=trigger_after,
+        clock_error_ppm={name: 20.0 * (-1) ** k for k, name in enumerate(loaded.config.devices)},
+    )
+
+
+def true_settings(loaded: LoadedConfig, *, material: str, duty: float | None, seed: int) -> PlantSettings:
+    """Draw the plant of the simulated bench from the nominal values and their stated uncertainties.
+
+    Parameters
+    ----------
+    loaded : LoadedConfig
+    material : str
+    duty : float, optional
+    seed : int
+        Seed 0 is a plant like any other, not the nominal one.
+
+    Returns
+    -------
+    PlantSettings
+
+    Raises
+    ------
+    InputError
+        If there is no such material.
+    """
+    import numpy as np
+
+    from bench.errors import InputError
+    from blindcheck.settings import MATERIALS, PlantSettings
+
+    if material not in MATERIALS:
+        raise InputError(
+            f"the simulated bench has no material {material!r}",
+            remedy=f"choose one of {', '.join(MATERIALS)}",
+        )
+    plant, battery = loaded.plant(), loaded.battery()
+    # The tool is the same whatever it cuts: its draw does not depend on the material or the trial.
+    rng = np.random.default_rng(20250815)
+    drawn = {}
+    for key in _PLANT_KEYS:
+        value = getattr(plant, key)
+        deviation = float(np.clip(rng.standard_normal(), -_LARGEST_DEVIATION, _LARGEST_DEVIATION))
+        drawn[key] = value.nominal * (1.0 + value.rel_std * deviation)
+    return PlantSettings.for_material(
+        material,
+        **drawn,
+        **{key: getattr(battery, key) for key in _BATTERY_KEYS},
+        gear_ratio=plant.gear_ratio,
+        cutting_half=loaded.config.cutting.cutting_half,
+        duty=loaded.config.converter.default_duty if duty is None else duty,
+        seed=seed,
+    )
+
+
+def truth_of(settings: PlantSettings) -> dict[str, float | str]:
+    """Plain values of the settings, for the truth file."""
+    import dataclasses
+
+    return {
+        field.name: getattr(settings, field.name)
+        for field in dataclasses.fields(settings)
+        if isinstance(getattr(settings, field.name), float | int | str)
+    }
