@@ -65,8 +65,10 @@ class Calibration(BaseModel):
         """
         x = np.asarray(raw, dtype=np.float64) - self.zero_raw
         if self.polynomial is not None:
-            return np.polynomial.polynomial.polyval(x, np.array(self.polynomial))
-        return self.offset + self.scale * x
+            return np.asarray(
+                np.polynomial.polynomial.polyval(x, np.array(self.polynomial)), dtype=np.float64
+            )
+        return np.asarray(self.offset + self.scale * x, dtype=np.float64)
 
     def statement(self, channel: str, unit: str) -> str:
         """Say the calibration in words, for the recording."""

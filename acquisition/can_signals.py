@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +45,7 @@ def load_dbc(path: str | Path) -> Database:
         raise ConfigError(f"is no readable DBC: {error}", where=given) from error
     if not hasattr(database, "messages"):
         raise ConfigError("holds no CAN messages", where=given)
-    return database  # type: ignore[return-value]
+    return cast("Database", database)
 
 
 def find_signal(database: Database, path: str, *, where: str) -> tuple[Message, DbcSignal]:
@@ -131,7 +131,7 @@ def raw_signal(signal: DbcSignal, payload: NDArray[np.uint8]) -> NDArray[np.floa
 
 
 def is_available(signal: DbcSignal, message: Message, raw: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Where a number is a measurement: J1939 sets the top of the range aside for "error" and "not available"."""
+    """Where a number is a measurement: the top of the range of J1939 means "error" or "not available"."""
     if message.protocol != "j1939" or signal.is_float or signal.is_signed or signal.length < 8:
         return np.isfinite(raw)
     top_byte = 1 << (signal.length - 8)

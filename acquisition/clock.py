@@ -1,14 +1,15 @@
 """The common clock: sample counts and arrival times of one instrument -> times on the clock of this machine.
 
-An instrument samples by its own quartz, t = t0 + n * period. This machine sees sample n at a_n = t_n + latency, and
-latency is one-sided: bytes can be late, never early. So the line that touches the arrivals from below is the
-instrument's clock, up to the smallest latency, which no receiver can see.
+An instrument samples by its own quartz, t = t0 + n * period. This machine sees sample n at a_n = t_n +
+latency, and latency is one-sided: bytes can be late, never early. So the line that touches the arrivals from
+below is the instrument's clock, up to the smallest latency, which no receiver can see.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -16,7 +17,8 @@ from numpy.typing import NDArray
 
 _WINDOW_S: Final = 20.0
 _SLOT_S: Final = 0.1
-# A slope read from a span shorter than this is mostly the scatter of the latency; the nominal rate is trusted more.
+# A slope read from a span shorter than this is mostly the scatter of the latency; the nominal rate is trusted
+# more.
 _SLOPE_TRUST_S: Final = 2.0
 _SLEW_TIME_S: Final = 1.0
 _LARGEST_SLEW: Final = 0.01
@@ -48,11 +50,11 @@ class ArrivalClock:
 
     Notes
     -----
-    Estimator: the edge of the lower convex hull of (sample index, arrival) under the mean index, the least total
-    latency among all lines below the arrivals (Moon, Skelly, Towsley 1999, "Estimation and removal of clock skew from
-    network delay measurements"). The slope is drawn to the nominal rate while the span is short. Bias: late by
-    the smallest latency of the link (USB: up to 1 ms; not observable). Fails where every arrival of the window is late by
-    a growing amount, which looks like a slow clock.
+    Estimator: the edge of the lower convex hull of (sample index, arrival) under the mean index, the least
+    total latency among all lines below the arrivals (Moon, Skelly, Towsley 1999, "Estimation and removal of
+    clock skew from network delay measurements"). The slope is drawn to the nominal rate while the span is
+    short. Bias: late by the smallest latency of the link (USB: up to 1 ms; not observable). Fails where every
+    arrival of the window is late by a growing amount, which looks like a slow clock.
 
     Examples
     --------
@@ -163,7 +165,7 @@ class ArrivalClock:
         return first_time_s, period_s
 
     def measured_rate_hz(self) -> float:
-        """Samples per second between the first and last remembered arrival (0 if too few)."""
+        """Return samples per second between the first and the last remembered arrival (0 if too few)."""
         if len(self._lowest) < 2:
             return 0.0
         (n0, t0), (n1, t1) = self._lowest[0], self._lowest[-1]
@@ -175,9 +177,10 @@ class ArrivalClock:
         drift_ppm = (self._nominal_period_s / line.period_s - 1.0) * 1e6
         return (
             f"sample count against arrival at this machine, lower envelope over {self.span_s:.1f} s "
-            f"({self._n_observed} reads); rate {1.0 / line.period_s:.4f} Hz ({drift_ppm:+.0f} ppm of nominal); "
-            f"alignment +/- {self.uncertainty_s * 1e3:.2f} ms (1 std), plus the constant latency of the link, "
-            "which a receiver cannot see (USB: up to 1 ms)"
+            f"({self._n_observed} reads); "
+            f"rate {1.0 / line.period_s:.4f} Hz ({drift_ppm:+.0f} ppm of nominal); "
+            f"alignment +/- {self.uncertainty_s * 1e3:.2f} ms (1 std), plus the constant latency of the "
+            "link, which a receiver cannot see (USB: up to 1 ms)"
         )
 
     def _lateness(self, index: int, arrival_s: float) -> float:
@@ -199,7 +202,7 @@ class ArrivalClock:
         lower_half_s = np.sort(above_s)[: max(2, len(above_s) // 2)]
         self._spread_s = float(np.sqrt(np.mean((lower_half_s - floor_s) ** 2)))
         period_s = self._nominal_period_s + slope
-        return ClockLine(offset_s=t0 + floor_s - n0 * period_s, period_s=period_s)
+        return ClockLine(offset_s=float(t0 + floor_s - n0 * period_s), period_s=float(period_s))
 
 
 def _hull_slope_below_mean(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
@@ -214,7 +217,7 @@ def _hull_slope_below_mean(x: NDArray[np.float64], y: NDArray[np.float64]) -> fl
                 break
         hull.append(i)
     middle = float(np.mean(x))
-    for a, b in zip(hull, hull[1:], strict=False):
+    for a, b in pairwise(hull):
         if x[b] >= middle:
             return float((y[b] - y[a]) / (x[b] - x[a]))
     return 0.0

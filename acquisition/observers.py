@@ -20,8 +20,8 @@ class ObserverFeed:
     Parameters
     ----------
     observers : iterable of callable
-        Each is called with every block and event. One that raises is removed; one that hangs stops the feed, not
-        the recording.
+        Each is called with every block and event. One that raises is removed; one that hangs stops the feed,
+        not the recording.
     capacity : int
         Items that may wait; further ones are dropped and counted.
     """
@@ -46,7 +46,7 @@ class ObserverFeed:
             self.n_dropped += 1
 
     def failures(self) -> list[str]:
-        """What went wrong in observers since the last call."""
+        """Return what went wrong in observers since the last call."""
         out = []
         while not self._failures.empty():
             out.append(self._failures.get())

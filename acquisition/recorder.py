@@ -1,8 +1,8 @@
 """Record: devices -> common clock -> writer, with a live view that can never stand in the way.
 
-Each device is read by a thread of its own; one loop, in the caller's thread, times, calibrates and writes. Recording begins
-(t = 0) when every stream delivers and its clock has settled; samples from before are dropped. A device that goes away is
-noted as a gap and taken up again, into the same file, when it returns.
+Each device is read by a thread of its own; one loop, in the caller's thread, times, calibrates and writes.
+Recording begins (t = 0) when every stream delivers and its clock has settled; samples from before are
+dropped. A device that goes away is noted as a gap and taken up again, into the same file, when it returns.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -81,15 +82,16 @@ def record(
     devices : sequence of Device
         Not opened yet; they are stopped when this returns or raises.
     writer : BlockWriter, or callable RecordingStart -> BlockWriter
-        A callable is called at t = 0, when start time, alignment and calibration are known. Finishing the file is
-        up to the caller.
+        A callable is called at t = 0, when start time, alignment and calibration are known. Finishing the
+        file is up to the caller.
     seconds : float, optional
         Without it, until stopped.
     stop : threading.Event, optional
     observers : iterable of callable
         See `ObserverFeed`.
     status : callable, optional
-        Called about five times a second with `RecordingStatus`; an exception in it ends its calls, not the recording.
+        Called about five times a second with `RecordingStatus`; an exception in it ends its calls, not the
+        recording.
     clock : callable
         Monotonic seconds; the same that the devices use.
     limits : RecorderLimits, optional
@@ -106,7 +108,9 @@ def record(
         If there is no device or `seconds` is not positive.
     """
     if not devices:
-        raise InputError("there is no instrument to record", remedy="add a [devices.*] table to the configuration")
+        raise InputError(
+            "there is no instrument to record", remedy="add a [devices.*] table to the configuration"
+        )
     if seconds is not None and not seconds > 0:
         raise InputError(f"seconds is {seconds!r}, it must be greater than 0")
     run = _Run(devices, observers, clock, limits or RecorderLimits())
@@ -141,7 +145,7 @@ class _Run:
         self._discarded_at_start: dict[str, int] = {}
         self._zero_s = 0.0
         self._latest_data_s = 0.0
-        self._pending: list[SampleBlock | Event] = []
+        self._pending: deque[SampleBlock | Event] = deque()
 
     def start_devices(self) -> None:
         """Open all, then start all; DeviceError names the first that fails."""
@@ -166,7 +170,9 @@ class _Run:
             message = self._next_message()
             if isinstance(message, LinkLost):
                 raise DeviceError(
-                    message.reason, where=self._where(message.device), remedy="check cable and power, then start again"
+                    message.reason,
+                    where=self._where(message.device),
+                    remedy="check cable and power, then start again",
                 )
             if message is not None:
                 self._take(message)
@@ -176,7 +182,7 @@ class _Run:
                     raise DeviceError(
                         f"opens, but sent no sample of {stream} within {self._limits.first_sample_s:g} s",
                         where=self._where(device),
-                        remedy="check that the sensor is powered and transmits, and that port and settings are its own",
+                        remedy="check power and transmission, and that port and settings are its own",
                     )
             if waited_s > self._limits.settle_s:
                 slow = [f"{d} {s}" for (d, s), r in self._streams.items() if not r.timer.is_settled]
@@ -184,7 +190,9 @@ class _Run:
         for (device, _), recorder in self._streams.items():
             if problem := recorder.timer.rate_error():
                 raise DeviceError(
-                    problem, where=self._where(device), remedy="set the rate in the configuration to what it sends"
+                    problem,
+                    where=self._where(device),
+                    remedy="set the rate in the configuration to what it sends",
                 )
 
     def begin(self, seconds: float | None) -> RecordingStart:
@@ -252,7 +260,7 @@ class _Run:
             return out
         if isinstance(message, LinkBack):
             reason = self._lost.pop(message.device, "")
-            return [self._event("device", f"link is back (lost because it {reason})", message.device)]
+            return [self._event("device", f"link is back ({reason})", message.device)]
         out = [self._event("device", f"link lost: {message.reason}", message.device)]
         self._lost[message.device] = message.reason
         for (device, _), recorder in self._streams.items():
@@ -263,13 +271,14 @@ class _Run:
     def _write(self, writer: BlockWriter) -> None:
         for text in self._feed.failures():
             self._pending.append(self._event("warning", text))
-        for item in self._pending:
+        while self._pending:
+            # Taken out first: a Ctrl-C in the middle of writing must not write it twice.
+            item = self._pending.popleft()
             if isinstance(item, SampleBlock):
                 writer.write_block(item)
             else:
                 writer.write_event(item)
             self._feed.offer(item)
-        self._pending.clear()
 
     def _report(
         self, status: Callable[[RecordingStatus], object]
@@ -312,6 +321,8 @@ class _Run:
         seconds: float | None,
     ) -> RecordingSummary:
         now_s = self._clock() - self._zero_s
+        for _ in range(self._messages.qsize()):
+            self._pending += self._take(self._messages.get())
         end_s = now_s if seconds is None else min(seconds, now_s)
         for (device, _), recorder in self._streams.items():
             why = self._lost.get(device, "the samples were not there when the recording ended")
@@ -342,12 +353,14 @@ class _Run:
 
     def _provenance(self) -> dict[str, str]:
         facts = {
-            "clock": "t = 0 when every instrument streamed; all channels on the monotonic clock of the recording machine"
+            "clock": "t = 0 when every instrument streamed; all channels on the recording machine's own clock"
         }
         for (device, stream), recorder in self._streams.items():
             facts[f"alignment {device} {stream}"] = recorder.timer.statement()
             for channel in recorder.stream.channels:
-                facts[f"calibration {channel.name}"] = channel.calibration.statement(channel.name, channel.unit)
+                facts[f"calibration {channel.name}"] = channel.calibration.statement(
+                    channel.name, channel.unit
+                )
         for device in self._devices:
             for key, value in device.describe().items():
                 facts[f"{device.name} {key}"] = value

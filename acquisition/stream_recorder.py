@@ -59,7 +59,7 @@ class StreamRecorder:
         return self._to_recording(self.timer.push(chunk))
 
     def link_lost(self, reason: str) -> list[SampleBlock | Event]:
-        """The link broke; the next chunk is the first after the gap."""
+        """Note that the link broke; the next chunk is the first after the gap."""
         return self._to_recording(self.timer.restart(reason))
 
     def finish(self, end_s: float, reason: str) -> list[SampleBlock | Event]:
@@ -106,7 +106,9 @@ class StreamRecorder:
         if end_s <= 0 or start_s >= self._end_s:
             return []
         inside = (min(end_s, self._end_s) - max(start_s, 0.0)) / (end_s - start_s)
-        return self._gaps(max(start_s, 0.0), min(end_s, self._end_s), round(loss.n_missing * inside), loss.reason)
+        return self._gaps(
+            max(start_s, 0.0), min(end_s, self._end_s), round(loss.n_missing * inside), loss.reason
+        )
 
     def _gaps(self, start_s: float, end_s: float, n_missing: int, reason: str) -> list[Event]:
         events = []

@@ -1,8 +1,8 @@
 """Chunks of one stream -> blocks with times, and the losses between them.
 
-A stream without a sample counter tells its losses only by arriving late for good: a host that was busy catches up, a
-stream that lost samples does not. Chunks that arrive late are therefore held back until one or the other is
-certain; then they are numbered.
+A stream without a sample counter tells its losses only by arriving late for good: a host that was busy
+catches up, a stream that lost samples does not. Chunks that arrive late are therefore held back until one or
+the other is certain; then they are numbered.
 """
 
 from __future__ import annotations
@@ -79,9 +79,9 @@ class StreamTimer:
 
     Notes
     -----
-    A loss that no counter and no broken byte shows is found once it is longer than 25 ms (3 samples at low rates); a
-    shorter one moves the times by less than that, until the clock has followed. Losses with broken bytes are resolved
-    to about the smallest latency scatter, see `ArrivalClock.uncertainty_s`.
+    A loss that no counter and no broken byte shows is found once it is longer than 25 ms (3 samples at low
+    rates); a shorter one moves the times by less than that, until the clock has followed. Losses with broken
+    bytes are resolved to about the smallest latency scatter, see `ArrivalClock.uncertainty_s`.
     """
 
     def __init__(self, stream: Stream) -> None:
@@ -108,7 +108,7 @@ class StreamTimer:
         return self._last_time_s
 
     def rate_error(self) -> str:
-        """What is wrong with the measured rate; empty if nothing is."""
+        """Say what is wrong with the measured rate; empty if nothing is."""
         if self.stream.rate_hz <= 0 or not self._settled:
             return ""
         measured_hz = self._clock.measured_rate_hz()
@@ -116,7 +116,7 @@ class StreamTimer:
         allowed = _LARGEST_RATE_ERROR + 0.03 / max(self._clock.span_s, 1e-3)
         if abs(measured_hz / self.stream.rate_hz - 1.0) <= allowed:
             return ""
-        return f"{self.stream.name} sends {measured_hz:.4g} samples/s where {self.stream.rate_hz:g} is configured"
+        return f"{self.stream.name} sends {measured_hz:.4g} samples/s, configured are {self.stream.rate_hz:g}"
 
     def statement(self) -> str:
         """How the times were made, in words."""
@@ -154,7 +154,7 @@ class StreamTimer:
         return self._release()
 
     def restart(self, reason: str) -> list[TimedBlock | Loss]:
-        """The link was lost: give out what is held; the next chunk begins a new count."""
+        """Give out what is held, as the link was lost; the next chunk begins a new count."""
         out = self.flush()
         self._reason_before_restart = reason
         self._base += self._count
@@ -245,7 +245,7 @@ class StreamTimer:
         raw = np.concatenate([h.chunk.raw for h in group])
         first, n_lost = group[0].n_before, group[0].chunk.n_lost
         first_time_s, period_s = self._clock.stamp(first, len(raw))
-        reason = f"{n_lost} samples " + ("missed the counter" if group[0].chunk.is_loss_exact else "lost on the way")
+        reason = "counted" if group[0].chunk.is_loss_exact else "lost on the way, their number from the time"
         if self._is_first and self._last_time_s is not None:
             # First block after the link came back: how many samples the outage cost follows from the time.
             first_time_s = max(first_time_s, self._last_time_s + period_s)
@@ -256,12 +256,10 @@ class StreamTimer:
             self._base -= first
             n_lost = 0
         self._is_first = False
-        time_s = first_time_s + period_s * np.arange(len(raw))
+        time_s = first_time_s + period_s * np.arange(len(raw), dtype=np.float64)
         out: list[TimedBlock | Loss] = []
         if n_lost and self._last_time_s is not None:
-            out.append(
-                Loss(start_s=self._last_time_s, end_s=first_time_s, n_missing=n_lost, reason=reason)
-            )
+            out.append(Loss(start_s=self._last_time_s, end_s=first_time_s, n_missing=n_lost, reason=reason))
         out.append(TimedBlock(first_index=self._base + first, time_s=time_s, period_s=period_s, raw=raw))
         self._last_time_s = float(time_s[-1])
         return out
@@ -284,7 +282,9 @@ class StreamTimer:
                     )
                 )
                 self._reason_before_restart = ""
-        out.append(TimedBlock(first_index=self._base + self._count, time_s=time_s, period_s=None, raw=chunk.raw))
+        out.append(
+            TimedBlock(first_index=self._base + self._count, time_s=time_s, period_s=None, raw=chunk.raw)
+        )
         self._count += len(time_s)
         self._last_time_s = float(time_s[-1])
         return out

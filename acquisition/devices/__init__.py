@@ -79,7 +79,7 @@ def build_devices(
     only: tuple[str, ...] = (),
     clock: Callable[[], float] = time.monotonic,
 ) -> list[Device]:
-    """Build every instrument of the configuration; nothing is opened.
+    r"""Build every instrument of the configuration; nothing is opened.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def build_devices(
     Examples
     --------
     >>> from bench.config import parse_config
-    >>> text = "[devices.cell]\\ndriver = 'gsv8'\\nport = 'COM3'\\n[devices.cell.channels.force_n]\\ninput = 1"
+    >>> text = "[devices.cell]\ndriver = 'gsv8'\nport = 'COM3'\n[devices.cell.channels.force_n]\ninput=1"
     >>> build_devices(parse_config(text).config)[0].streams[0].rate_hz
     6000.0
     """

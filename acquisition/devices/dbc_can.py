@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import numpy as np
@@ -111,7 +112,9 @@ def message_layouts(name: str, settings: DbcCanSettings) -> tuple[MessageLayout,
 def _layout(
     where: str, settings: DbcCanSettings, message: Message, pairs: list[tuple[str, DbcSignal]]
 ) -> MessageLayout:
-    rate_hz = settings.rate_hz.get(message.name) or (1000.0 / message.cycle_time if message.cycle_time else 0.0)
+    rate_hz = settings.rate_hz.get(message.name) or (
+        1000.0 / message.cycle_time if message.cycle_time else 0.0
+    )
     if not rate_hz:
         raise ConfigError(
             f"the DBC states no cycle time for {message.name}",
@@ -144,7 +147,9 @@ def _channel(where: str, channel: str, signal: DbcSignal, settings: DbcCanSettin
                 where=where,
                 remedy=f"add [devices.….calibration.{channel}] with the factor between them",
             )
-        calibration = Calibration(raw_unit=unit, source=f"scale and offset of {signal.name} in {settings.dbc}")
+        calibration = Calibration(
+            raw_unit=unit, source=f"scale and offset of {signal.name} in {settings.dbc}"
+        )
     has_range = signal.minimum is not None and signal.maximum is not None and signal.minimum < signal.maximum
     ends = np.array([signal.minimum, signal.maximum]) if has_range else np.array([-1e12, 1e12])
     low, high = sorted(float(v) for v in calibration.apply(ends))
@@ -165,7 +170,9 @@ class DbcCan:
 
     Settings = DbcCanSettings
 
-    def __init__(self, name: str, settings: DbcCanSettings, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, name: str, settings: DbcCanSettings, *, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self.name = name
         self.port = settings.port
         self._settings = settings
@@ -243,7 +250,8 @@ class DbcCan:
         self, layout: MessageLayout, payload: NDArray[np.uint8], arrival_s: NDArray[np.float64]
     ) -> list[Chunk]:
         columns = [
-            raw_signal(signal, payload) * float(signal.scale) + float(signal.offset) for signal in layout.signals
+            raw_signal(signal, payload) * float(signal.scale) + float(signal.offset)
+            for signal in layout.signals
         ]
         raw = np.stack(columns, axis=1)
         if layout.counter is None:
@@ -261,7 +269,7 @@ class DbcCan:
                 n_lost=int(n_lost[a]),
                 is_loss_exact=bool(is_exact[a]),
             )
-            for a, b in zip(edges, edges[1:], strict=False)
+            for a, b in pairwise(edges)
         ]
 
     def _lost_before(

@@ -131,7 +131,8 @@ class ChannelTable(BaseModel):
         Input of the instrument the sensor is connected to, from 1.
     calibration : Calibration
     raw_range : tuple of float
-        Lowest and highest raw value the input can mean; a sample outside was damaged on the way and becomes a gap.
+        Lowest and highest raw value the input can mean; a sample outside was damaged on the way and becomes a
+        gap.
     """
 
     model_config = STRICT
@@ -140,7 +141,7 @@ class ChannelTable(BaseModel):
     raw_range: tuple[float, float] = (-1e9, 1e9)
 
     def stream_channel(self, name: str) -> StreamChannel:
-        """The channel `name` with the range that `raw_range` maps to."""
+        """Return the channel `name` with the range that `raw_range` maps to."""
         ends = sorted(float(v) for v in self.calibration.apply(np.array(self.raw_range)))
         return StreamChannel(
             name=name,
@@ -151,7 +152,7 @@ class ChannelTable(BaseModel):
 
 
 def known_channel(name: str) -> str:
-    """Validator: `name` is a channel of `bench.units`."""
+    """Return `name` if it is a channel of `bench.units`, for use as a validator."""
     if name not in CHANNEL_BY_NAME:
         raise ValueError(f"unknown channel {name!r}; channels are {', '.join(CHANNEL_BY_NAME)}")
     return name

@@ -1,6 +1,7 @@
 """ME-Systeme GSV-8 and GSV-6 strain-gauge and voltage amplifiers on a serial port.
 
-The load cell (mV/V) and an inductive sensor's analogue output (volts, an input set to +-10 V) both come in through it.
+The load cell (mV/V) and an inductive sensor's analogue output (volts, an input set to +-10 V) both come in
+through it.
 """
 
 from __future__ import annotations
@@ -80,7 +81,9 @@ class Gsv8:
 
     Settings = Gsv8Settings
 
-    def __init__(self, name: str, settings: Gsv8Settings, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, name: str, settings: Gsv8Settings, *, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self.name = name
         self.port = settings.port
         self._settings = settings
@@ -117,7 +120,7 @@ class Gsv8:
         n_values, data_type = identity[1] >> 4, _DATA_TYPES.get(identity[1] & 0x07)
         if data_type is None or n_values <= max(self._columns):
             raise self._error(
-                f"sends {n_values} values a frame of type {data_type}, but input {max(self._columns) + 1} is configured",
+                f"sends frames of {n_values} x {data_type}, but input {max(self._columns) + 1} is configured",
                 "map the input into the measured-value frame with the maker's program, or correct `input`",
             )
         self._discarded_before = self.n_discarded_bytes
@@ -196,7 +199,8 @@ class Gsv8:
             (self._rate_hz,) = struct.unpack(">f", payload[:4]) if len(payload) >= 4 else (0.0,)
         if not abs(self._rate_hz - wanted_hz) <= 0.02 * wanted_hz:
             raise self._error(
-                f"was asked for {wanted_hz:g} Hz and chose {self._rate_hz:g} Hz", "set rate_hz to a rate it offers"
+                f"was asked for {wanted_hz:g} Hz and chose {self._rate_hz:g} Hz",
+                "set rate_hz to a rate it offers",
             )
 
     def _ask(self, command: int, parameters: bytes = b"", *, n_tries: int = 1) -> Answer:

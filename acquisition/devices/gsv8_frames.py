@@ -1,11 +1,12 @@
 """Frames of the ME-Systeme GSV-8 (and GSV-6) on its serial interface: pure bytes in, samples out.
 
-A frame is `AA`, b1, b2, payload, `85`. b1: bits 7-6 frame type (0 measured values, 1 answer, 2 request), bits 5-4
-interface (1 serial), bits 3-0 number of values - 1 (measured values) or payload length (answer, request). b2 of measured
-values: bit 7 set, bits 6-4 bytes a value - 1 (1 int16, 2 int24, 3 float32), bit 1 six-axis error, bit 0 input overload;
-of an answer: error code, 0 = done, 1 = done with a changed parameter; of a request: command number. All numbers are
-big-endian; integers are in binary offset format. Facts from the maker's public Python library gsv86lib and the header
-of its DLL (MEGSV86x64.h). Frames carry neither counter nor checksum.
+A frame is `AA`, b1, b2, payload, `85`. b1: bits 7-6 frame type (0 measured values, 1 answer, 2 request), bits
+5-4 interface (1 serial), bits 3-0 number of values - 1 (measured values) or payload length (answer, request).
+b2 of measured values: bit 7 set, bits 6-4 bytes a value - 1 (1 int16, 2 int24, 3 float32), bit 1 six-axis
+error, bit 0 input overload; of an answer: error code, 0 = done, 1 = done with a changed parameter; of a
+request: command number. All numbers are big-endian; integers are in binary offset format. Facts from the
+maker's public Python library gsv86lib and the header of its DLL (MEGSV86x64.h). Frames carry neither counter
+nor checksum.
 """
 
 from __future__ import annotations
@@ -113,10 +114,10 @@ class Gsv8Framer:
 
     Notes
     -----
-    `AA` and `85` may occur in the payload, so neither is searched for while frames follow each other: the next one must
-    begin where the last ended. When that fails, a new beginning is accepted only where two whole frames stand one
-    behind the other. What lies between is counted as discarded. A frame whose payload alone was garbled cannot be told from
-    a good one; the recorder drops what no sensor can mean.
+    `AA` and `85` may occur in the payload, so neither is searched for while frames follow each other: the
+    next one must begin where the last ended. When that fails, a new beginning is accepted only where two
+    whole frames stand one behind the other. What lies between is counted as discarded. A frame whose payload
+    alone was garbled cannot be told from a good one; the recorder drops what no sensor can mean.
 
     Examples
     --------
@@ -198,7 +199,7 @@ class Gsv8Framer:
             at = found + 1
 
     def _begins_frames(self, at: int) -> bool | None:
-        """Whether two measured-value frames (or one and an answer) begin at `at`; None: too few bytes to tell."""
+        """Whether two frames of values (or one and an answer) begin at `at`; None: too few bytes to tell."""
         frame = self._buffer[at : at + self._length]
         rest = len(self._buffer) - at
         if not self._fits(frame):
@@ -225,17 +226,16 @@ class Gsv8Framer:
     def _answer_at(self, at: int) -> int:
         """Length of the answer frame at `at`, taken over; 0: none there; -1: perhaps, more bytes needed."""
         buffer = self._buffer
-        rest = len(buffer) - at
-        if rest < 1 or buffer[at] != SYNC:
+        head = buffer[at : at + 3]
+        could_be = (
+            head[:1] == bytes((SYNC,))
+            and (len(head) < 2 or head[1] & 0xF0 == _ANSWER)
+            and (len(head) < 3 or head[2] <= 1 or head[2] in ERROR_TEXT)
+        )
+        if not could_be:
             return 0
-        if rest < 2:
-            return -1
-        if buffer[at + 1] & 0xF0 != _ANSWER:
-            return 0
-        n_payload = buffer[at + 1] & 0x0F
-        if rest >= 3 and not (buffer[at + 2] <= 1 or buffer[at + 2] in ERROR_TEXT):
-            return 0
-        if rest < 4 + n_payload:
+        n_payload = head[1] & 0x0F if len(head) > 1 else 0
+        if len(buffer) - at < 4 + n_payload:
             return -1
         if buffer[at + 3 + n_payload] != END:
             return 0
@@ -273,4 +273,5 @@ class Gsv8Framer:
             return cells.view(">f4")[..., 0].astype(np.float64)
         weights = 256 ** np.arange(n_bytes - 1, -1, -1)
         half = 1 << (8 * n_bytes - 1)
-        return (cells.astype(np.int64) @ weights - half) * (self._full_scale / half)
+        codes = (cells.astype(np.int64) @ weights - half).astype(np.float64)
+        return codes * (self._full_scale / half)

@@ -1,7 +1,7 @@
 """Micro-Epsilon induSENSOR MSC7xxx inductive displacement controller, polled over RS485.
 
-One question, one value: about 330 Hz at 256 kBd. For a stroke of a jigsaw read the analogue output with a fast
-amplifier instead (`gsv8`); this driver is for slower machines and for checking the sensor.
+One question, one value: about 330 Hz at 256 kBd. For a stroke of a jigsaw read the analogue output with a
+fast amplifier instead (`gsv8`); this driver is for slower machines and for checking the sensor.
 """
 
 from __future__ import annotations
@@ -158,7 +158,9 @@ class Msc7xxx:
 
     Settings = Msc7xxxSettings
 
-    def __init__(self, name: str, settings: Msc7xxxSettings, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, name: str, settings: Msc7xxxSettings, *, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self.name = name
         self.port = settings.port
         self._settings = settings

@@ -1,7 +1,7 @@
 """A CAN bus through python-can, with a receive loop of our own.
 
-python-can's Notifier thread ends at the first bus exception; here the exception becomes a DeviceError, upon which
-the recorder notes the gap, closes the bus and builds a new one, waiting longer after every failure.
+python-can's Notifier thread ends at the first bus exception; here the exception becomes a DeviceError, upon
+which the recorder notes the gap, closes the bus and builds a new one, waiting longer after every failure.
 """
 
 from __future__ import annotations
@@ -26,7 +26,10 @@ _LARGEST_CLOCK_DIFFERENCE_S: Final = 5.0
 class CanSource(Protocol):
     """What a CAN instrument needs from a bus."""
 
-    time_source: str
+    @property
+    def time_source(self) -> str:
+        """Where the times come from, in words."""
+        ...
 
     @property
     def n_discarded_bytes(self) -> int:
@@ -62,8 +65,8 @@ class PythonCanBus:
 
     Notes
     -----
-    Frames carry the bus's own time stamp (kernel or adapter). Where it counts from 1970 it is moved to the monotonic
-    clock; otherwise the arrival in this process is used. `time_source` says which.
+    Frames carry the bus's own time stamp (kernel or adapter). Where it counts from 1970 it is moved to the
+    monotonic clock; otherwise the arrival in this process is used. `time_source` says which.
     """
 
     def __init__(
@@ -102,7 +105,7 @@ class PythonCanBus:
             raise DeviceError(
                 f"the CAN bus cannot be opened: {error}",
                 where=self._where,
-                remedy="check interface and port; socketcan needs `ip link set can0 up type can bitrate 500000`",
+                remedy="check both; for socketcan: `ip link set can0 up type can bitrate 500000`",
             ) from error
 
     def read(self) -> CanBatch:

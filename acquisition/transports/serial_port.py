@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import errno
-from typing import Final
+from typing import Any, Final
 
 import serial
 from serial.tools import list_ports
@@ -40,7 +40,7 @@ class SerialPort:
         self._baud_rate = baud_rate
         self._parity = parity
         self._is_socket = "://" in url
-        self._port: serial.SerialBase | None = None
+        self._port: Any = None  # serial.Serial or one of its URL handlers, which share no typed base
 
     def open(self) -> None:
         """Open the port for this process alone and drop what was waiting in it.
@@ -54,7 +54,12 @@ class SerialPort:
         wait_s = _SOCKET_WAIT_S if self._is_socket else _WAIT_S
         try:
             self._port = serial.serial_for_url(
-                self.url, baudrate=self._baud_rate, parity=self._parity, timeout=wait_s, write_timeout=1.0, **options
+                self.url,
+                baudrate=self._baud_rate,
+                parity=self._parity,
+                timeout=wait_s,
+                write_timeout=1.0,
+                **options,
             )
         except (OSError, ValueError) as error:
             raise self._open_error(error) from error
@@ -102,9 +107,11 @@ class SerialPort:
                 # The instrument is gone, and so is everything that closing could tidy up.
                 return
 
-    def _opened(self) -> serial.SerialBase:
+    def _opened(self) -> Any:
         if self._port is None:
-            raise DeviceError("is not open", where=f"{self._device} on {self.url}", remedy="call open() first")
+            raise DeviceError(
+                "is not open", where=f"{self._device} on {self.url}", remedy="call open() first"
+            )
         return self._port
 
     def _lost(self, error: Exception) -> DeviceError:
@@ -122,7 +129,7 @@ class SerialPort:
             return DeviceError(
                 "no permission to open the port, or another program holds it",
                 where=where,
-                remedy="close other programs; on Linux add yourself to the group of the port (often `dialout`)",
+                remedy="close other programs; on Linux join the group of the port (often `dialout`)",
             )
         if code in {errno.EBUSY, errno.EAGAIN}:
             return DeviceError(
@@ -132,7 +139,9 @@ class SerialPort:
             )
         if self._is_socket:
             return DeviceError(
-                f"cannot connect: {text}", where=where, remedy="check that the server runs and that the port is right"
+                f"cannot connect: {text}",
+                where=where,
+                remedy="check that the server runs and that the port is right",
             )
         if code == errno.ENOENT or "FileNotFoundError" in text:
             there = ", ".join(sorted(port.device for port in list_ports.comports())) or "none"

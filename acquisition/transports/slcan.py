@@ -36,8 +36,9 @@ class SlcanDecoder:
     Notes
     -----
     `tIIIL..` is a frame with an 11-bit identifier, `TIIIIIIIIL..` one with 29 bits; each line ends in `\r`.
-    A time stamp of four hexadecimal digits (command `Z1`) may follow and is ignored: its millisecond is coarser
-    than the arrival. Remote frames carry no sample and are skipped. Source: Lawicel CAN232 manual, section 5.
+    A time stamp of four hexadecimal digits (command `Z1`) may follow and is ignored: its millisecond is
+    coarser than the arrival. Remote frames carry no sample and are skipped. Source: Lawicel CAN232 manual,
+    section 5.
 
     Examples
     --------
@@ -114,8 +115,6 @@ class SlcanBus:
         Monotonic seconds.
     """
 
-    time_source: Final = "arrival of the adapter's bytes at this machine"
-
     def __init__(
         self,
         url: str,
@@ -130,6 +129,11 @@ class SlcanBus:
         self._bitrate = bitrate
         self._clock = clock
         self._decoder = SlcanDecoder()
+
+    @property
+    def time_source(self) -> str:
+        """Where the times come from, in words."""
+        return "arrival of the adapter's bytes at this machine"
 
     @property
     def n_discarded_bytes(self) -> int:
