@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bench.recording import Event, Floats, Gap, SampleBlock, Signal
 
-# An interval is a jump where it exceeds this many nominal ones, its neighbours, and the spread of the intervals.
+# An interval is a jump where it exceeds the usual ones, their spread, and its neighbours by these factors.
 _JUMP_FACTOR: Final = 1.6
 _JUMP_SPREADS: Final = 10.0
 

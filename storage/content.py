@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from google.protobuf.message import DecodeError
-from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema, Statistics
+from mcap.records import Channel, Header, McapRecord, Message, Metadata, Schema
 
 from bench.errors import InputError, RecordingError
 from bench.recording import Event, SampleBlock, Trial
@@ -67,6 +67,14 @@ class Content:
         """Whether the trial was finished in order and every byte is there."""
         return self.finish.get("is_complete") == "true" and self.scan.is_finished and not self.scan.damages
 
+    @property
+    def origin_ns(self) -> int:
+        """UTC of the recording's zero, ns since 1970 (0 where unknown)."""
+        try:
+            return epoch_ns(trial_from_metadata(self.trial_pairs).started_at)
+        except (InputError, KeyError, ValueError):
+            return 0
+
     def trial(self) -> Trial:
         """Return the settings of the trial; what is damaged is left out and noted in `problems`.
 
@@ -99,21 +107,25 @@ def iter_messages(content: Content) -> Iterator[tuple[str, Message]]:
         If the file is no MCAP file.
     """
     for record in read_records(content.path, content.scan):
+        take_record(content, record)
         if isinstance(record, Message):
-            content.n_messages[record.channel_id] = content.n_messages.get(record.channel_id, 0) + 1
             yield content.topics.get(record.channel_id, ("", ""))[1], record
-        elif isinstance(record, Channel):
-            schema = content.schemas.get(record.schema_id)
-            content.channels[record.id] = record
-            content.topics[record.id] = (record.topic, schema.name if schema else "")
-        elif isinstance(record, Schema):
-            content.schemas[record.id] = record
-        elif isinstance(record, Metadata):
-            _take_metadata(content, record)
-        elif isinstance(record, Header):
-            content.profile, content.library = record.profile, record.library
-        elif isinstance(record, Statistics | Attachment):
-            continue
+
+
+def take_record(content: Content, record: McapRecord) -> None:
+    """Keep in `content` what a record says about the file."""
+    if isinstance(record, Message):
+        content.n_messages[record.channel_id] = content.n_messages.get(record.channel_id, 0) + 1
+    elif isinstance(record, Channel):
+        schema = content.schemas.get(record.schema_id)
+        content.channels[record.id] = record
+        content.topics[record.id] = (record.topic, schema.name if schema else "")
+    elif isinstance(record, Schema):
+        content.schemas[record.id] = record
+    elif isinstance(record, Metadata):
+        _take_metadata(content, record)
+    elif isinstance(record, Header):
+        content.profile, content.library = record.profile, record.library
 
 
 def _take_metadata(content: Content, record: Metadata) -> None:
@@ -181,10 +193,7 @@ def damage_events(content: Content, last_s: float) -> list[Event]:
     -------
     list of Event
     """
-    try:
-        origin_ns = epoch_ns(trial_from_metadata(content.trial_pairs).started_at)
-    except (InputError, KeyError, ValueError):
-        origin_ns = 0
+    origin_ns = content.origin_ns
     events = [_damage_event(damage, origin_ns, last_s) for damage in content.scan.damages]
     events += [Event(kind="warning", time_s=last_s, text=problem) for problem in content.problems]
     return events

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from bench.errors import RecordingError
 from bench.recording import Event, Floats, Gap, Recording, SampleBlock, Signal, Trial
 from storage.assembly import join_blocks
 from storage.codec import is_equally_spaced
-from storage.content import Content, damage_events, iter_messages, iter_samples, require_sawbench
+from storage.content import Content, damage_events, iter_samples, require_sawbench
 from storage.writer import RecordingWriter
 
 _SAMPLES_PER_BLOCK = 2000
@@ -296,7 +297,7 @@ def _interleaved_blocks(recording: Recording) -> Iterator[SampleBlock]:
         bounds = [0, *cuts[(cuts > 0) & (cuts < len(signal.time_s))].tolist(), len(signal.time_s)]
         index_shift = 0
         missing = {int(k): gap.n_missing for k, gap in zip(behind_gap, signal.gaps, strict=True)}
-        for first, end in zip(bounds, bounds[1:], strict=False):
+        for first, end in pairwise(bounds):
             index_shift += missing.get(first, 0)
             window = int(np.searchsorted(edges_s, signal.time_s[first], side="right"))
             pieces.append((window, order, first, end, first + index_shift))

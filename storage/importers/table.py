@@ -1,0 +1,208 @@
+"""What every importer ends in: columns over one time, checked, as signals with their gaps."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import InputError
+from bench.recording import Floats, Gap, Signal
+from bench.units import CHANNEL_BY_NAME, TIME_COLUMN, Channel
+from storage.assembly import find_time_jumps
+
+# Slower than this no stroke of a jigsaw can be seen: the times are probably not in seconds.
+_SLOWEST_INTERVAL_S: Final = 0.05
+_LARGEST_SHARE_OUTSIDE: Final = 0.01
+
+
+class FramesNeedDbc(InputError):
+    """The file holds CAN frames: `acquisition.can_logs` reads it with a DBC."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Table:
+    """Columns as they were read, before any check.
+
+    Attributes
+    ----------
+    path : Path
+    time_s : ndarray, shape (n,), s
+    columns : mapping of str to ndarray, shape (n,)
+        NaN where a cell is empty.
+    units : mapping of str to str
+        Units the file states, by column.
+    """
+
+    path: Path
+    time_s: Floats
+    columns: Mapping[str, Floats]
+    units: Mapping[str, str] = field(default_factory=dict)
+
+
+def signals_of(table: Table, *, is_idle: bool = False) -> tuple[dict[str, Signal], list[str]]:
+    """Check a table and turn its columns into signals.
+
+    Values are taken as they are. What looks like another unit is a warning, as is an unknown or empty column.
+
+    Parameters
+    ----------
+    table : Table
+    is_idle : bool
+        The blade ran in air: a force near zero is then no sign of another unit.
+
+    Returns
+    -------
+    signals : dict of str to Signal
+        Unknown columns keep their name; their unit is "" unless the file states one.
+    warnings : list of str
+
+    Raises
+    ------
+    InputError
+        If the time has an empty cell, does not increase or is not finite, or if a value is infinite.
+    """
+    _check_time(table)
+    jumps = find_time_jumps(table.time_s)
+    signals: dict[str, Signal] = {}
+    warnings = _time_warnings(table.time_s)
+    for name, values in table.columns.items():
+        if np.isinf(values).any():
+            row = int(np.flatnonzero(np.isinf(values))[0]) + 1
+            raise InputError(f"column {name} is infinite in data row {row}", where=table.path)
+        is_there = ~np.isnan(values)
+        if not is_there.any():
+            warnings.append(f"column {name} is empty and left out")
+            continue
+        channel = CHANNEL_BY_NAME.get(name)
+        stated = table.units.get(name, "")
+        if channel is None:
+            warnings.append(_unknown_column(name))
+        elif stated and stated != channel.unit:
+            warnings.append(f"{name} states the unit {stated!r} but is taken as {channel.unit}")
+        signal = _signal(name, channel.unit if channel else stated, table.time_s, values, jumps)
+        if signal.gaps:
+            missing = sum(gap.n_missing for gap in signal.gaps)
+            warnings.append(f"{name} has {len(signal.gaps)} gaps, {missing} samples missing")
+        if channel is not None:
+            warnings += _value_warnings(channel, signal.values, is_idle=is_idle)
+        signals[name] = signal
+    return signals, warnings
+
+
+def _check_time(table: Table) -> None:
+    time_s = table.time_s
+    if not len(time_s):
+        raise InputError("has no data rows", where=table.path)
+    if not np.isfinite(time_s).all():
+        row = int(np.flatnonzero(~np.isfinite(time_s))[0]) + 1
+        raise InputError(
+            f"{TIME_COLUMN} is empty or not a finite number in data row {row}",
+            where=table.path,
+            remedy="remove the row",
+        )
+    step = np.diff(time_s)
+    if len(step) and step.min() <= 0:
+        row = int(np.flatnonzero(step <= 0)[0]) + 2
+        raise InputError(
+            f"{TIME_COLUMN} does not increase in data row {row}: {time_s[row - 2]:.9g} s is followed by "
+            f"{time_s[row - 1]:.9g} s",
+            where=table.path,
+            remedy="sort the rows by time and drop repeated ones",
+        )
+
+
+def _signal(name: str, unit: str, time_s: Floats, values: Floats, jumps: NDArray[np.int64]) -> Signal:
+    """Return the filled cells of a column; empty cells and jumps of the time between them are gaps."""
+    rows = np.flatnonzero(~np.isnan(values))
+    kept_s = time_s[rows]
+    # A slower channel fills every n-th row; only what is missing on top of that is a gap.
+    stride = float(np.median(np.diff(rows))) if len(rows) > 1 else 1.0
+    empty = np.maximum(np.rint(np.diff(rows) / stride).astype(np.int64) - 1, 0)
+    nominal_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    lost = np.zeros(len(empty), dtype=np.int64)
+    # A jump belongs to the interval between the filled rows around it.
+    before = np.searchsorted(rows, jumps, side="left") - 1
+    for jump_row, k in zip(jumps, before, strict=True):
+        if 0 <= k < len(lost):
+            width_s = float(time_s[jump_row] - time_s[jump_row - 1])
+            lost[k] += max(round(width_s / (nominal_s * stride)) - 1, 1)
+    gaps = tuple(
+        Gap(
+            start_s=float(kept_s[k]),
+            end_s=float(kept_s[k + 1]),
+            n_missing=int(empty[k] + lost[k]),
+            reason="the time jumps" if lost[k] else "empty cells",
+        )
+        for k in np.flatnonzero(empty + lost)
+    )
+    return Signal(channel=name, unit=unit, time_s=kept_s, values=values[rows], gaps=gaps)
+
+
+def _unknown_column(name: str) -> str:
+    close = difflib.get_close_matches(name.lower(), CHANNEL_BY_NAME, n=1, cutoff=0.6)
+    hint = f"; did you mean {close[0]!r}?" if close else ""
+    return f"column {name} is no channel sawbench knows; it is kept under its own name{hint}"
+
+
+def _time_warnings(time_s: Floats) -> list[str]:
+    if len(time_s) < 3:
+        return []
+    interval_s = float(np.median(np.diff(time_s)))
+    if interval_s < _SLOWEST_INTERVAL_S:
+        return []
+    return [
+        f"{TIME_COLUMN} advances by {interval_s:.4g} a sample: taken as seconds that is too slow to see a "
+        "stroke; if it is in milliseconds, divide the column by 1000"
+    ]
+
+
+def _value_warnings(channel: Channel, values: Floats, *, is_idle: bool) -> list[str]:
+    lowest, highest = channel.plausible
+    warnings = []
+    outside = float(np.mean((values < lowest) | (values > highest)))
+    if outside > _LARGEST_SHARE_OUTSIDE:
+        warnings.append(
+            f"{channel.name}: {100 * outside:.0f} % of the values are outside {lowest:g} to {highest:g} "
+            f"{channel.unit} (largest {np.abs(values).max():.4g}); is it in another unit, or another channel?"
+        )
+    largest = float(np.abs(values).max())
+    if channel.name == "force_n" and 0.0 < largest < 1.0 and not is_idle:
+        warnings.append(f"force_n never exceeds {largest:.3g} N; if it is in kN, multiply the column by 1000")
+    stroke = float(np.ptp(values))
+    if channel.name == "displacement_mm" and 1e-3 < stroke < 0.5:
+        warnings.append(
+            f"displacement_mm moves by {stroke:.3g} mm only; if it is in metres, multiply the column by 1000"
+        )
+    return warnings
+
+
+def take_columns(path: Path, columns: Mapping[str, Floats], units: Mapping[str, str]) -> Table:
+    """Split the time from the other columns.
+
+    Raises
+    ------
+    InputError
+        If there is no `time_s`, or no other column, or lengths differ.
+    """
+    if TIME_COLUMN not in columns:
+        close = [name for name in columns if name.lower().startswith(("time", "t_", "stamp", "sec"))]
+        hint = f"; rename {close[0]!r} if it holds seconds" if close else ""
+        raise InputError(
+            f"has no column {TIME_COLUMN}; it holds {', '.join(columns) or 'no columns'}",
+            where=path,
+            remedy=f"name the time column {TIME_COLUMN}, in seconds{hint}",
+        )
+    others = {name: values for name, values in columns.items() if name != TIME_COLUMN}
+    if not others:
+        raise InputError(f"holds {TIME_COLUMN} but no channel", where=path)
+    n_rows = len(columns[TIME_COLUMN])
+    for name, values in others.items():
+        if len(values) != n_rows:
+            raise InputError(f"{name} has {len(values)} values but {TIME_COLUMN} has {n_rows}", where=path)
+    return Table(path=path, time_s=columns[TIME_COLUMN], columns=others, units=units)

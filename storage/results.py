@@ -1,0 +1,333 @@
+"""What the processing found, as HDF5 and as one row of a table."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import tempfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from bench.errors import InputError
+from bench.folded import FoldedCycle
+from bench.processed import (
+    ChannelQuality,
+    CrankAngle,
+    PeriodCandidate,
+    PeriodEstimate,
+    Phase,
+    ProcessedTrial,
+    RemovedForce,
+)
+from bench.units import CHANNEL_BY_NAME, CHANNELS
+from storage.codec import trial_from_metadata, trial_to_metadata
+
+_FORMAT: Final = "sawbench processed trial"
+_FORMAT_VERSION: Final = 1
+_ANGLE_UNITS: Final = {
+    "time_s": "s",
+    "angle_rad": "rad",
+    "speed_rad_s": "rad/s",
+    "angle_std_rad": "rad",
+}
+Attributes = Mapping[str, Any]
+
+
+def write_processed(processed: ProcessedTrial, path: str | Path, overwrite: bool = False) -> Path:
+    """Write a processed trial to HDF5.
+
+    Every dataset carries its unit in the attribute `unit`; numbers that are no arrays are attributes whose
+    name ends in the unit.
+
+    Parameters
+    ----------
+    processed : ProcessedTrial
+    path : str or Path
+    overwrite : bool
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        If the file exists and `overwrite` is False, or cannot be written.
+    """
+    import h5py
+
+    path = Path(path)
+    if path.exists() and not overwrite:
+        raise InputError(
+            "exists already and is not overwritten",
+            where=path,
+            remedy="choose another folder, or give --force to replace it",
+        )
+    content = io.BytesIO()
+    with h5py.File(content, "w") as store:
+        store.attrs["format"] = _FORMAT
+        store.attrs["format_version"] = _FORMAT_VERSION
+        _put(store.create_group("trial"), trial_to_metadata(processed.trial))
+        for name in ("status", "peak_force_n", "peak_force_std_n", "source_path", "source_sha256"):
+            _put(store, {name: getattr(processed, name)})
+        store.attrs["warnings"] = list(processed.warnings)
+        _put_period(store, processed.period)
+        _put_angle(store, processed.angle)
+        _put_rows(store.create_group("phases"), processed.phases, ("kind", "start_s", "end_s"))
+        for folded in processed.folded.values():
+            _put_folded(store.require_group("folded").create_group(folded.channel), folded)
+        if processed.cutting_force is not None:
+            _put_folded(store.create_group("cutting_force"), processed.cutting_force)
+        if processed.removed is not None:
+            _put_rows(store.create_group("removed"), (processed.removed,), RemovedForce.__slots__)
+        for name in ("mean_values", "rms_values"):
+            _put(store.create_group(name), getattr(processed, name))
+        _put_rows(store.create_group("quality"), processed.quality, ChannelQuality.__slots__)
+    _write_atomically(path, content.getvalue())
+    return path
+
+
+def _put(group: Any, pairs: Attributes) -> None:
+    """Write attributes; None is left out."""
+    for name, value in pairs.items():
+        if value is not None:
+            group.attrs[name] = value
+
+
+def _put_rows(group: Any, rows: tuple[Any, ...], names: Iterable[str]) -> None:
+    """Write each row as a numbered group of attributes."""
+    for number, row in enumerate(rows):
+        entry = group.create_group(f"{number:04d}")
+        for name in names:
+            value = getattr(row, name)
+            entry.attrs[name] = list(value) if isinstance(value, tuple) else value
+
+
+def _put_period(store: Any, period: PeriodEstimate | None) -> None:
+    if period is None:
+        return
+    group = store.create_group("period")
+    names = [name for name in PeriodEstimate.__slots__ if name != "rivals"]
+    _put(group, {name: getattr(period, name) for name in names})
+    _put_rows(group, period.rivals, PeriodCandidate.__slots__)
+
+
+def _put_angle(store: Any, angle: CrankAngle | None) -> None:
+    if angle is None:
+        return
+    group = store.create_group("angle")
+    _put(group, {name: getattr(angle, name) for name in ("radius_m", "source", "is_absolute")})
+    for name, unit in _ANGLE_UNITS.items():
+        _put_array(group, name, getattr(angle, name), unit)
+
+
+def _put_folded(group: Any, folded: FoldedCycle) -> None:
+    _put(group, {"channel": folded.channel, "unit": folded.unit, "n_cycles": folded.n_cycles})
+    units = {"angle_rad": "rad", "mean": folded.unit, "std": folded.unit, "count": ""}
+    for name, unit in units.items():
+        _put_array(group, name, getattr(folded, name), unit)
+
+
+def _put_array(group: Any, name: str, values: Any, unit: str) -> None:
+    group.create_dataset(name, data=values, compression="gzip", shuffle=True).attrs["unit"] = unit
+
+
+def read_processed(path: str | Path) -> ProcessedTrial:
+    """Read what `write_processed` wrote.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    ProcessedTrial
+
+    Raises
+    ------
+    InputError
+        If the file is missing, is no HDF5, or is not a processed trial of this version.
+    """
+    import h5py
+
+    path = Path(path)
+    if not path.exists():
+        raise InputError("no such file", where=path, remedy="make it with `sawbench process`")
+    try:
+        with h5py.File(path, "r") as store:
+            if (
+                store.attrs.get("format") != _FORMAT
+                or _python(store.attrs)["format_version"] > _FORMAT_VERSION
+            ):
+                raise InputError(
+                    "is HDF5, but not a processed trial that this sawbench reads",
+                    where=path,
+                    remedy="make it with `sawbench process`",
+                )
+            return _read_trial(store)
+    except (OSError, KeyError, ValueError) as error:
+        raise InputError(f"is no processed trial, or is damaged: {error}", where=path) from error
+
+
+def _read_trial(store: Any) -> ProcessedTrial:
+    attributes = _python(store.attrs)
+    folded = [_get_folded(group) for group in store["folded"].values()] if "folded" in store else []
+    order = {name: position for position, name in enumerate(CHANNEL_BY_NAME)}
+    folded.sort(key=lambda cycle: order.get(cycle.channel, len(order)))
+    removed = _get_rows(store["removed"], RemovedForce) if "removed" in store else ()
+    return ProcessedTrial(
+        trial=trial_from_metadata(_python(store["trial"].attrs)),
+        status=attributes["status"],
+        period=_get_period(store),
+        angle=_get_angle(store),
+        phases=_get_rows(store["phases"], Phase),
+        folded={cycle.channel: cycle for cycle in folded},
+        cutting_force=_get_folded(store["cutting_force"]) if "cutting_force" in store else None,
+        removed=removed[0] if removed else None,
+        peak_force_n=attributes.get("peak_force_n"),
+        peak_force_std_n=attributes.get("peak_force_std_n"),
+        mean_values=_python(store["mean_values"].attrs),
+        rms_values=_python(store["rms_values"].attrs),
+        quality=_get_rows(store["quality"], ChannelQuality),
+        warnings=tuple(attributes["warnings"]),
+        source_path=attributes["source_path"],
+        source_sha256=attributes["source_sha256"],
+    )
+
+
+def _python(attributes: Attributes) -> dict[str, Any]:
+    """Return attributes as plain numbers, texts and tuples."""
+    return {name: _plain(value) for name, value in attributes.items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return tuple(value.tolist())
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _get_rows(group: Any, kind: type[Any]) -> tuple[Any, ...]:
+    return tuple(kind(**_python(entry.attrs)) for _, entry in sorted(group.items()))
+
+
+def _get_period(store: Any) -> PeriodEstimate | None:
+    if "period" not in store:
+        return None
+    group = store["period"]
+    return PeriodEstimate(**_python(group.attrs), rivals=_get_rows(group, PeriodCandidate))
+
+
+def _get_angle(store: Any) -> CrankAngle | None:
+    if "angle" not in store:
+        return None
+    group = store["angle"]
+    return CrankAngle(**_python(group.attrs), **{name: group[name][()] for name in _ANGLE_UNITS})
+
+
+def _get_folded(group: Any) -> FoldedCycle:
+    arrays = {name: group[name][()] for name in ("angle_rad", "mean", "std", "count")}
+    return FoldedCycle(**_python(group.attrs), **arrays)
+
+
+def summary_row(processed: ProcessedTrial) -> dict[str, str | float | int | None]:
+    """Return one line about a trial; None where something was not found.
+
+    Parameters
+    ----------
+    processed : ProcessedTrial
+
+    Returns
+    -------
+    dict
+        Column name, ending in its unit, to value. Every trial has the same columns.
+    """
+    trial, period, removed = processed.trial, processed.period, processed.removed
+    row: dict[str, str | float | int | None] = {
+        "trial_id": trial.trial_id,
+        "material": trial.material,
+        "duty": trial.duty,
+        "thickness_mm": trial.thickness_mm,
+        "feed_mm_s": trial.feed_mm_s,
+        "blade": trial.blade,
+        "battery": trial.battery,
+        "repetition": trial.repetition,
+        "started_at": trial.started_at.isoformat() if trial.started_at else None,
+        "status": processed.status,
+        "stroke_period_s": period.period_s if period else None,
+        "stroke_period_std_s": period.period_std_s if period else None,
+        "stroke_rate_hz": period.rate_hz if period else None,
+        "n_cycles": period.n_cycles if period else None,
+        "confidence": period.confidence if period else None,
+        "peak_force_n": processed.peak_force_n,
+        "peak_force_std_n": processed.peak_force_std_n,
+        "removed_mean_n": removed.mean_n if removed else None,
+        "removed_share_of_impulse": removed.share_of_impulse if removed else None,
+    }
+    for kind, values in (("mean", processed.mean_values), ("rms", processed.rms_values)):
+        row |= {f"{kind}_{channel.name}": values.get(channel.name) for channel in CHANNELS}
+    row["n_missing"] = sum(quality.n_missing for quality in processed.quality)
+    row["warnings"] = "; ".join(processed.warnings)
+    row["source_path"] = processed.source_path
+    row["source_sha256"] = processed.source_sha256
+    return row
+
+
+def append_summary_row(processed: ProcessedTrial, path: str | Path) -> Path:
+    """Add the line about a trial to a CSV table; a line with the same `source_path` is replaced.
+
+    The table is written whole under another name and then renamed: a reader never sees half of it.
+
+    Parameters
+    ----------
+    processed : ProcessedTrial
+    path : str or Path
+        Made with its header if missing.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        If the file has other columns: it is another table.
+    """
+    path = Path(path)
+    row = {name: "" if value is None else str(value) for name, value in summary_row(processed).items()}
+    rows: list[dict[str, str]] = []
+    if path.exists():
+        with path.open(newline="", encoding="utf-8") as stream:
+            reader = csv.DictReader(stream)
+            if list(reader.fieldnames or ()) != list(row):
+                raise InputError(
+                    "has other columns than the summary of `sawbench process`",
+                    where=path,
+                    remedy="move the file away or choose another folder with --out",
+                )
+            rows = [other for other in reader if other["source_path"] != row["source_path"]]
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, fieldnames=list(row), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows([*rows, row])
+    _write_atomically(path, text.getvalue().encode())
+    return path
+
+
+def _write_atomically(path: Path, content: bytes) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        try:
+            with os.fdopen(handle, "wb") as stream:
+                stream.write(content)
+            Path(temporary).chmod(0o644)
+            Path(temporary).replace(path)
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror or error}", where=path) from error
