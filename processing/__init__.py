@@ -1,0 +1,1 @@
+"""From signals to the folded cycle: period, crank angle, folding, quality."""

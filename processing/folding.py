@@ -1,0 +1,346 @@
+"""Lay every stroke over one turn of the crank: mean, spread and count per bin.
+
+Bin centres are found once a cycle on the time axis and serve every channel sampled at those times; the sums stay in the
+processor's first cache. Each bin takes one value from each cycle, interpolated between neighbouring samples:
+linearly where there are over 400 samples a stroke, else through four points (the error of the first harmonic
+is then below 1e-4 down to 30 samples a stroke).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from bench.folded import FoldedCycle
+from bench.recording import Floats
+
+_LINEAR_FROM_SAMPLES = 400
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Cycles:
+    """Complete strokes without gaps.
+
+    Attributes
+    ----------
+    index : ndarray of int, shape (m,)
+        Turn number of each cycle: it lasts from angle 2 pi index to 2 pi (index + 1).
+    start_s, end_s : ndarray, shape (m,), s
+    """
+
+    index: NDArray[np.int64]
+    start_s: Floats
+    end_s: Floats
+
+    @property
+    def period_s(self) -> Floats:
+        """Duration of each cycle, s."""
+        return self.end_s - self.start_s
+
+
+def find_cycles(
+    time_s: Floats, angle_rad: Floats, windows: Sequence[tuple[float, float]], holes: Sequence[tuple[float, float]]
+) -> Cycles:
+    """Complete turns of the crank inside the windows that touch no hole.
+
+    Parameters
+    ----------
+    time_s, angle_rad : ndarray, shape (n,)
+        Never decreasing angle.
+    windows, holes : sequence of (start_s, end_s)
+        Running phases; gaps.
+
+    Returns
+    -------
+    Cycles
+
+    Examples
+    --------
+    >>> t = np.linspace(0, 1, 1001)
+    >>> find_cycles(t, 2 * np.pi * 5 * t, [(0.1, 1.0)], [(0.5, 0.51)]).index.tolist()
+    [1, 3, 4]
+    """
+    first, last = np.ceil(angle_rad[0] / (2 * np.pi) - 1e-9), np.floor(angle_rad[-1] / (2 * np.pi) + 1e-9)
+    turns = np.arange(int(first), int(last) + 1)
+    if len(turns) < 2:
+        return Cycles(index=np.empty(0, np.int64), start_s=np.empty(0), end_s=np.empty(0))
+    rising = angle_rad + 1e-12 * np.arange(len(angle_rad))
+    crossing = np.interp(2 * np.pi * turns, rising, time_s)
+    start, end = crossing[:-1], crossing[1:]
+    slack = 1e-9
+    is_inside = np.zeros(len(start), dtype=bool)
+    for low, high in windows:
+        is_inside |= (start >= low - slack) & (end <= high + slack)
+    for low, high in holes:
+        is_inside &= (end <= low) | (start >= high)
+    return Cycles(index=turns[:-1][is_inside], start_s=start[is_inside], end_s=end[is_inside])
+
+
+@njit(cache=True, nogil=True)
+def _bin_times(time, angle, first, target, step, out):
+    """Times at which the angle reaches target, target + step, ...; returns where it got to."""
+    k = first
+    last = len(time) - 2
+    for b in range(len(out)):
+        goal = target + b * step
+        while k < last and angle[k + 1] <= goal:
+            k += 1
+        rise = angle[k + 1] - angle[k]
+        part = (goal - angle[k]) / rise if rise > 0.0 else 0.0
+        out[b] = time[k] + part * (time[k + 1] - time[k])
+    return k
+
+
+@njit(cache=True, nogil=True)
+def _positions(time, first, at_s, out):
+    """Fractional sample positions of increasing times; returns where it got to."""
+    k = first
+    last = len(time) - 2
+    for b in range(len(at_s)):
+        t = at_s[b]
+        while k < last and time[k + 1] <= t:
+            k += 1
+        part = (t - time[k]) / (time[k + 1] - time[k])
+        out[b] = k + min(max(part, 0.0), 1.0)
+    return k
+
+
+@njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"})
+def _accumulate_linear(values, position, centre, total, square):
+    for b in range(len(position)):
+        k = int(position[b])
+        part = position[b] - k
+        d = values[k] + part * (values[k + 1] - values[k]) - centre[b]
+        total[b] += d
+        square[b] += d * d
+
+
+@njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"})
+def _accumulate_cubic(values, position, centre, total, square):
+    last = len(values) - 2
+    for b in range(len(position)):
+        d = _cubic(values, position[b], last) - centre[b]
+        total[b] += d
+        square[b] += d * d
+
+
+@njit(cache=True, nogil=True)
+def _cubic(values, position, last):
+    """Four-point Lagrange interpolation; linear at the ends."""
+    k = int(position)
+    u = position - k
+    if k < 1 or k >= last:
+        k = min(k, last)
+        u = position - k
+        return values[k] + u * (values[k + 1] - values[k])
+    a, b, c, d = values[k - 1], values[k], values[k + 1], values[k + 2]
+    return (
+        b
+        + u * (-a / 3.0 - 0.5 * b + c - d / 6.0)
+        + u * u * (0.5 * a - b + 0.5 * c)
+        + u * u * u * (-a / 6.0 + 0.5 * b - 0.5 * c + d / 6.0)
+    )
+
+
+@njit(cache=True, nogil=True)
+def _fold(angle_time, angle, time, same_time, values, turns, n_bins, is_linear, centre, total, square):
+    """Fold the channels `values` (channels x samples) over the turns given; sums about `centre`."""
+    at_s, position = np.empty(n_bins), np.empty(n_bins)
+    step = 2.0 * np.pi / n_bins
+    k_angle = k_time = 0
+    for turn in turns:
+        target = (turn + 0.5 / n_bins) * 2.0 * np.pi
+        if k_angle + 1 < len(angle) and angle[k_angle + 1] < target - 7.0:
+            k_angle = max(np.searchsorted(angle, target) - 2, k_angle)
+        if same_time:
+            k_angle = _positions(angle, k_angle, _targets(target, step, at_s), position)
+        else:
+            k_angle = _bin_times(angle_time, angle, k_angle, target, step, at_s)
+            if time[min(k_time + 64, len(time) - 1)] < at_s[0]:
+                k_time = max(np.searchsorted(time, at_s[0]) - 2, k_time)
+            k_time = _positions(time, k_time, at_s, position)
+        for c in range(values.shape[0]):
+            if is_linear:
+                _accumulate_linear(values[c], position, centre[c], total[c], square[c])
+            else:
+                _accumulate_cubic(values[c], position, centre[c], total[c], square[c])
+
+
+@njit(cache=True, nogil=True)
+def _targets(target, step, out):
+    for b in range(len(out)):
+        out[b] = target + b * step
+    return out
+
+
+def fold_channels(
+    angle_time_s: Floats,
+    angle_rad: Floats,
+    time_s: Floats,
+    values: Floats,
+    turns: NDArray[np.int64],
+    *,
+    n_bins: int = 256,
+    n_threads: int = 1,
+) -> tuple[Floats, Floats]:
+    """Mean and standard deviation over the cycles, for channels sampled at the same times.
+
+    Parameters
+    ----------
+    angle_time_s, angle_rad : ndarray, shape (n,)
+        Crank angle, never decreasing. Pass the same object for `angle_time_s` and `time_s` where they are one.
+    time_s : ndarray, shape (m,), s
+    values : ndarray, shape (channels, m)
+    turns : ndarray of int, shape (k,)
+        Increasing turn numbers, as `Cycles.index`.
+    n_bins, n_threads : int
+
+    Returns
+    -------
+    mean, std : ndarray, shape (channels, n_bins)
+        `std` is that of the cycles (divisor k - 1; 0 for one cycle), at bin centres (b + 1/2) 2 pi / n_bins.
+
+    Examples
+    --------
+    >>> t = np.arange(0, 1, 1e-4)
+    >>> mean, std = fold_channels(t, 2 * np.pi * 10 * t, t, np.cos(2 * np.pi * 10 * t)[None], np.arange(9), n_bins=8)
+    >>> bool(abs(mean[0, 0] - np.cos(np.pi / 8)) < 1e-5)
+    True
+    """
+    channels = len(values)
+    n_cycles = len(turns)
+    same_time = angle_time_s is time_s
+    covered = np.interp(np.array([turns[0], turns[-1] + 1]) * 2 * np.pi, angle_rad, angle_time_s)
+    span = np.searchsorted(time_s, covered)
+    is_linear = (span[1] - span[0]) / max(int(turns[-1] - turns[0]) + 1, 1) >= _LINEAR_FROM_SAMPLES
+    centre = np.zeros((channels, n_bins))
+    first, unused = np.zeros((channels, n_bins)), np.zeros((channels, n_bins))
+    _fold(
+        angle_time_s, angle_rad, time_s, same_time, values, turns[:1], n_bins, is_linear, centre, first, unused
+    )
+
+    def part(chosen: NDArray[np.int64]) -> tuple[Floats, Floats]:
+        total, square = np.zeros((channels, n_bins)), np.zeros((channels, n_bins))
+        _fold(
+            angle_time_s, angle_rad, time_s, same_time, values, chosen, n_bins, is_linear, first, total, square
+        )
+        return total, square
+
+    shares = np.array_split(turns, min(n_threads, n_cycles))
+    if len(shares) == 1:
+        sums = [part(turns)]
+    else:
+        with ThreadPoolExecutor(len(shares)) as pool:
+            sums = list(pool.map(part, shares))
+    total = np.sum([s[0] for s in sums], axis=0)
+    square = np.sum([s[1] for s in sums], axis=0)
+    shift = total / n_cycles
+    variance = np.maximum(square - n_cycles * shift**2, 0.0) / max(n_cycles - 1, 1)
+    return first + shift, np.sqrt(variance)
+
+
+@njit(cache=True, nogil=True)
+def _resample(angle_time, angle, time, values, turns, at_rad, out):
+    """Value of one channel at the angles `at_rad` (increasing, within a turn) of every turn."""
+    position = np.empty(len(at_rad))
+    last = len(values) - 2
+    for row, turn in enumerate(turns):
+        for b in range(len(at_rad)):
+            goal = turn * 2.0 * np.pi + at_rad[b]
+            k = min(max(np.searchsorted(angle, goal) - 1, 0), len(angle) - 2)
+            rise = angle[k + 1] - angle[k]
+            part = (goal - angle[k]) / rise if rise > 0.0 else 0.0
+            position[b] = angle_time[k] + part * (angle_time[k + 1] - angle_time[k])
+        for b in range(len(at_rad)):
+            k = min(max(np.searchsorted(time, position[b]) - 1, 0), last)
+            u = min(max((position[b] - time[k]) / (time[k + 1] - time[k]), 0.0), 1.0)
+            out[row, b] = _cubic(values, k + u, last)
+
+
+def resample_cycles(
+    angle_time_s: Floats,
+    angle_rad: Floats,
+    time_s: Floats,
+    values: Floats,
+    turns: NDArray[np.int64],
+    at_rad: Floats,
+) -> Floats:
+    """One channel at given crank angles, cycle by cycle.
+
+    Parameters
+    ----------
+    angle_time_s, angle_rad : ndarray, shape (n,)
+    time_s, values : ndarray, shape (m,)
+    turns : ndarray of int, shape (k,)
+    at_rad : ndarray, shape (b,), rad
+        0..2 pi.
+
+    Returns
+    -------
+    ndarray, shape (k, b)
+    """
+    out = np.empty((len(turns), len(at_rad)))
+    _resample(angle_time_s, angle_rad, time_s, values, turns, at_rad, out)
+    return out
+
+
+def fold_signals(
+    angle_time_s: Floats,
+    angle_rad: Floats,
+    signals: Mapping[str, tuple[str, Floats, Floats]],
+    cycles: Mapping[str, Cycles],
+    *,
+    n_bins: int,
+    n_threads: int = 1,
+) -> dict[str, FoldedCycle]:
+    """Fold channels of any rate; those with equal sample times and cycles share the index.
+
+    Parameters
+    ----------
+    angle_time_s, angle_rad : ndarray, shape (n,)
+    signals : mapping of channel to (unit, time_s, values)
+    cycles : mapping of channel to Cycles
+        Channels without a cycle are left out of the result.
+    n_bins, n_threads : int
+
+    Returns
+    -------
+    dict of str to FoldedCycle
+    """
+    groups: list[list[str]] = []
+    for name in signals:
+        for group in groups:
+            is_same = np.array_equal(signals[group[0]][1], signals[name][1])
+            if is_same and np.array_equal(cycles[group[0]].index, cycles[name].index):
+                group.append(name)
+                break
+        else:
+            groups.append([name])
+    centres = (np.arange(n_bins) + 0.5) * (2 * np.pi / n_bins)
+    folded = {}
+    for group in groups:
+        turns = cycles[group[0]].index
+        if not len(turns):
+            continue
+        time = signals[group[0]][1]
+        time = angle_time_s if np.array_equal(time, angle_time_s) else time
+        stacked = np.stack([signals[name][2] for name in group])
+        mean, std = fold_channels(
+            angle_time_s, angle_rad, time, stacked, turns, n_bins=n_bins, n_threads=n_threads
+        )
+        for row, name in enumerate(group):
+            folded[name] = FoldedCycle(
+                channel=name,
+                unit=signals[name][0],
+                angle_rad=centres.copy(),
+                mean=mean[row],
+                std=std[row],
+                count=np.full(n_bins, len(turns), dtype=np.int64),
+                n_cycles=len(turns),
+            )
+    return folded

@@ -1,0 +1,188 @@
+"""What the saw was doing when: at rest, spinning up, running, spinning down, stalled."""
+
+from __future__ import annotations
+
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.processed import CrankAngle, Phase, PhaseKind
+from bench.recording import Floats
+
+_STILL_SHARE = 0.05
+_MOVES_SHARE = 0.12
+_RUNS_SHARE = 0.6
+_SETTLED = 0.03
+_STALL_MIN_S = 0.1
+_STALL_SHARE = 1.3
+
+
+def find_phases(
+    angle: CrankAngle,
+    *,
+    current_time_s: Floats | None = None,
+    current_a: Floats | None = None,
+) -> tuple[Phase, ...]:
+    """Split a trial by the crank's speed, and by the motor current where the crank stands still.
+
+    Parameters
+    ----------
+    angle : CrankAngle
+    current_time_s, current_a : ndarray, shape (m,), optional
+        Motor current; without it a stall is called rest.
+
+    Returns
+    -------
+    tuple of Phase
+        Without overlap, in order, covering the whole trial.
+
+    Notes
+    -----
+    Still: below 5 % of the typical speed (it counts as moving again above 12 %). Running begins at the first stroke
+    that is within 3 % of the strokes that follow, and ends at the last one within 3 % of those before. Stalled: still
+    for over 0.1 s at 1.3 times the running current or more.
+
+    Examples
+    --------
+    >>> t = np.arange(0, 2, 1e-3)
+    >>> turning = CrankAngle(time_s=t, angle_rad=100 * t, speed_rad_s=np.full(2000, 100.0),
+    ...     angle_std_rad=np.zeros(2000), radius_m=0.01, source="displacement_mm", is_absolute=True)
+    >>> [phase.kind for phase in find_phases(turning)]
+    ['running']
+    """
+    time = angle.time_s
+    mean_speed = stroke_mean_speed(angle)
+    fast = mean_speed[mean_speed > 0.2 * np.percentile(mean_speed, 95)]
+    reference = float(np.median(fast)) if len(fast) else 0.0
+    if reference <= 0:
+        return (Phase(kind="rest", start_s=float(time[0]), end_s=float(time[-1])),)
+    is_moving = _with_hysteresis(angle.speed_rad_s, _STILL_SHARE * reference, _MOVES_SHARE * reference)
+    kinds = np.full(len(time), "rest", dtype="<U9")
+    for first, last in _runs(is_moving):
+        kinds[first:last] = _moving_kinds(time, mean_speed, reference, first, last)
+    phases = _as_phases(time, kinds)
+    if current_time_s is None or current_a is None:
+        return phases
+    return tuple(_stalled(phase, phases, current_time_s, current_a) for phase in phases)
+
+
+def stroke_mean_speed(angle: CrankAngle) -> Floats:
+    """Speed averaged over the turn around each sample, so that the ripple within a stroke drops out.
+
+    Parameters
+    ----------
+    angle : CrankAngle
+
+    Returns
+    -------
+    ndarray, shape (n,), rad/s
+        Over a shorter stretch at the ends of the trial.
+    """
+    phi, time = angle.angle_rad, angle.time_s
+    strictly = phi + np.linspace(0.0, 1e-9, len(phi))
+    low = np.maximum(strictly - np.pi, strictly[0])
+    high = np.minimum(strictly + np.pi, strictly[-1])
+    width = np.interp(high, strictly, time) - np.interp(low, strictly, time)
+    return (high - low) / np.maximum(width, 1e-12)
+
+
+def _with_hysteresis(speed: Floats, off: float, on: float) -> NDArray[np.bool_]:
+    """True from where `speed` rises above `on` until it falls below `off`."""
+    state = np.where(speed > on, 1, np.where(speed < off, 0, -1))
+    known = np.flatnonzero(state >= 0)
+    if not len(known):
+        return np.zeros(len(speed), dtype=bool)
+    latest = known[np.maximum(np.searchsorted(known, np.arange(len(speed)), side="right") - 1, 0)]
+    return state[latest] == 1
+
+
+def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.r_[False, mask, False]))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _moving_kinds(
+    time: Floats, mean_speed: Floats, reference: float, first: int, last: int
+) -> NDArray[np.str_]:
+    """Split one moving stretch into spin-up, running and spin-down."""
+    kinds = np.full(last - first, "spin_up", dtype="<U9")
+    begin = first if first == 0 and _is_settled(time, mean_speed, 0, 1, reference) else None
+    end = last if last == len(time) and _is_settled(time, mean_speed, last - 1, -1, reference) else None
+    stroke_s = 2 * np.pi / reference
+    edges = np.searchsorted(time, np.arange(time[first], time[last - 1], 0.25 * stroke_s))
+    if begin is None:
+        begin = next((k for k in edges if _is_settled(time, mean_speed, int(k), 1, reference)), None)
+    if begin is None:
+        return kinds
+    if end is None:
+        end = next((k for k in edges[::-1] if _is_settled(time, mean_speed, int(k), -1, reference)), None)
+    if end is None or end <= begin:
+        end = last
+    kinds[begin - first : end - first] = "running"
+    kinds[end - first :] = "spin_down"
+    return kinds
+
+
+def _is_settled(time: Floats, mean_speed: Floats, k: int, direction: int, reference: float) -> bool:
+    """Whether the speed at sample k is that of the six strokes after it (or before it)."""
+    here = mean_speed[k]
+    if here < _RUNS_SHARE * reference:
+        return False
+    stroke_s = 2 * np.pi / reference
+    a, b = time[k] + direction * stroke_s, time[k] + direction * 6 * stroke_s
+    first, last = np.searchsorted(time, [min(a, b), max(a, b)])
+    beyond = mean_speed[first:last]
+    beyond = beyond[beyond > _RUNS_SHARE * reference]
+    if len(beyond) < 4:
+        return abs(here / reference - 1) < _SETTLED
+    return abs(here / float(np.median(beyond)) - 1) < _SETTLED
+
+
+def _as_phases(time: Floats, kinds: NDArray[np.str_]) -> tuple[Phase, ...]:
+    phases, position = [], 0
+    for kind, group in groupby(kinds):
+        length = len(list(group))
+        end = min(position + length, len(time) - 1)
+        known: PhaseKind = str(kind)  # type: ignore[assignment]
+        phases.append(Phase(kind=known, start_s=float(time[position]), end_s=float(time[end])))
+        position += length
+    return tuple(phases)
+
+
+def _stalled(phase: Phase, phases: tuple[Phase, ...], time: Floats, current: Floats) -> Phase:
+    """Return a rest as a stall where the motor pulls hard against it."""
+    if phase.kind != "rest" or phase.end_s - phase.start_s < _STALL_MIN_S:
+        return phase
+    running = np.zeros(len(time), dtype=bool)
+    for other in phases:
+        if other.kind == "running":
+            running |= (time >= other.start_s) & (time <= other.end_s)
+    here = np.abs(current[(time >= phase.start_s) & (time <= phase.end_s)])
+    if not running.any() or not len(here):
+        return phase
+    if float(np.median(here)) > _STALL_SHARE * float(np.mean(np.abs(current[running]))):
+        return Phase(kind="stall", start_s=phase.start_s, end_s=phase.end_s)
+    return phase
+
+
+def stalled_from_start(current_a: Floats, noise_std_a: float, expected_a: float | None) -> bool:
+    """Whether the motor pulls a stall current although nothing moves.
+
+    Parameters
+    ----------
+    current_a : ndarray, shape (m,), A
+    noise_std_a : float
+    expected_a : float or None
+        Stall current of the plant (voltage over resistance), A.
+
+    Returns
+    -------
+    bool
+        True where the median current exceeds a quarter of `expected_a` (2 A where unknown) and ten noise standard
+        deviations.
+    """
+    if not len(current_a):
+        return False
+    level = float(np.median(np.abs(current_a)))
+    return level > max(0.25 * expected_a if expected_a else 2.0, 10 * noise_std_a)

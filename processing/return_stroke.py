@@ -1,0 +1,60 @@
+"""Zero the force on the return stroke, and say what that took away."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from bench.folded import FoldedCycle
+from bench.processed import RemovedForce
+
+CuttingHalf = Literal["zero_to_pi", "pi_to_2pi"]
+
+
+def zero_return_stroke(
+    force: FoldedCycle, cutting_half: CuttingHalf
+) -> tuple[FoldedCycle, RemovedForce]:
+    """Set the half of the cycle that does not cut to zero.
+
+    Parameters
+    ----------
+    force : FoldedCycle
+        N over the crank angle.
+    cutting_half : {"zero_to_pi", "pi_to_2pi"}
+
+    Returns
+    -------
+    cutting_force : FoldedCycle
+        Mean and standard deviation are 0 on the return half.
+    removed : RemovedForce
+
+    Examples
+    --------
+    >>> angle = (np.arange(64) + 0.5) * 2 * np.pi / 64
+    >>> force = FoldedCycle(channel="force_n", unit="N", angle_rad=angle, mean=np.maximum(-np.sin(angle), 0.0),
+    ...     std=np.zeros(64), count=np.ones(64, int), n_cycles=1)
+    >>> zero_return_stroke(force, "pi_to_2pi")[1].share_of_impulse
+    0.0
+    >>> zero_return_stroke(force, "zero_to_pi")[1].looks_swapped
+    True
+    """
+    is_first_half = force.angle_rad < np.pi
+    is_return = ~is_first_half if cutting_half == "zero_to_pi" else is_first_half
+    gone, kept = force.mean[is_return], force.mean[~is_return]
+    total = float(np.abs(force.mean).sum())
+    removed = RemovedForce(
+        mean_n=float(gone.mean()),
+        rms_n=float(np.sqrt(np.mean(gone**2))),
+        peak_n=float(gone[np.argmax(np.abs(gone))]),
+        share_of_impulse=float(np.abs(gone).sum() / total) if total > 0 else 0.0,
+        half="pi_to_2pi" if cutting_half == "zero_to_pi" else "zero_to_pi",
+        looks_swapped=bool(np.abs(gone).sum() > np.abs(kept).sum()),
+    )
+    cutting = replace(
+        force,
+        mean=np.where(is_return, 0.0, force.mean),
+        std=np.where(is_return, 0.0, force.std),
+    )
+    return cutting, removed
