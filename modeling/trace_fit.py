@@ -28,7 +28,7 @@ APPENDIX_B_BOUNDS: Final = (100.0, 500.0)
 APPENDIX_B_START: Final = 130.0
 FIRST_WINDOW_S: Final = 1.0
 # Strokes that two neighbouring scan points slip against each other over the window; a basin is about one wide.
-SCAN_SLIP: Final = 0.4
+SCAN_SLIP: Final = 0.5
 K_TOLERANCE: Final = 1e-4
 
 
@@ -252,7 +252,7 @@ def _neighbours(
         if not bounds[0] < centre < bounds[1] or width > bounds[1] - bounds[0]:
             continue
         span = (max(centre - 0.3 * width, bounds[0]), centre, min(centre + 0.3 * width, bounds[1]))
-        found.append(_minimise(trace.ise, span, bounds, 0.02 * width, most_calls=4))
+        found.append(_minimise(trace.ise, span, bounds, 0.02 * width, most_calls=2))
     return tuple(found)
 
 
