@@ -1,0 +1,1 @@
+"""Pages and tables: one trial, and materials compared."""

@@ -1,0 +1,314 @@
+"""What the comparison page compares: trials with their fits, grouped into series."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from bench.processed import ProcessedTrial
+from bench.units import BATTERY_CURRENT, MOTOR_CURRENT
+from modeling.results import CuttingFit, RuntimePrediction
+from reporting.quantities import format_quantity
+from reporting.repetitions import Difference, Estimate, GroupMean, compare_groups, group_mean
+
+if TYPE_CHECKING:
+    import pandas
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ComparedTrial:
+    """One trial of a comparison.
+
+    Attributes
+    ----------
+    processed : ProcessedTrial
+    fit : CuttingFit or None
+    runtime : RuntimePrediction or None
+    note : str
+        Why there is no fit or runtime, where there is none.
+    """
+
+    processed: ProcessedTrial
+    fit: CuttingFit | None = None
+    runtime: RuntimePrediction | None = None
+    note: str = ""
+
+    @property
+    def name(self) -> str:
+        """Trial identifier."""
+        return self.processed.trial.trial_id
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether the blade ran in air, as declared."""
+        return self.processed.trial.is_idle
+
+    @property
+    def left_out_because(self) -> str:
+        """Why the trial takes no part in the comparison; empty where it does."""
+        reasons = {
+            "stalled": "the saw stalled",
+            "no_stroke": "no stroke was found",
+            "no_cutting": f"no cutting was found although the workpiece is {self.processed.trial.material!r}",
+        }
+        if self.is_idle:
+            return ""
+        if self.processed.trial.material is None:
+            return "the material is not stated"
+        return reasons.get(self.processed.status, "")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LeftOut:
+    """A recording or one of its values that is not part of the comparison, and why."""
+
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Quantity:
+    """A column of the comparison."""
+
+    key: str
+    label: str
+    unit: str
+
+    def written(self, mean: GroupMean) -> str:
+        """Return a group's mean with its standard uncertainty and unit."""
+        return format_quantity(mean.mean, mean.std, self.unit)
+
+
+QUANTITIES: Final[tuple[Quantity, ...]] = (
+    Quantity(key="stroke_rate_hz", label="Stroke rate", unit="Hz"),
+    Quantity(key="peak_force_n", label="Peak force", unit="N"),
+    Quantity(key="k_fc_n_s_per_m", label="k_Fc", unit="N·s/m"),
+    Quantity(key="rms_motor_current_a", label="RMS motor current", unit="A"),
+    Quantity(key="mean_battery_current_a", label="Mean battery current", unit="A"),
+    Quantity(key="runtime_s", label="Battery runtime", unit="s"),
+)
+TESTED: Final = ("peak_force_n", "k_fc_n_s_per_m", "runtime_s")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Series:
+    """One material with one setting, and its repetitions.
+
+    Attributes
+    ----------
+    label : str
+        The material, with the settings that tell it from other series of the same material.
+    trials : tuple of ComparedTrial
+    means : dict of str to GroupMean
+        By key of `QUANTITIES`; a quantity that no trial has is absent.
+    """
+
+    label: str
+    trials: tuple[ComparedTrial, ...]
+    means: dict[str, GroupMean]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Comparison:
+    """All series, what was compared, and what was not."""
+
+    series: tuple[Series, ...]
+    idle: tuple[ComparedTrial, ...]
+    left_out: tuple[LeftOut, ...]
+    differences: dict[str, tuple[Difference, ...]]
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether any trial that is shown comes from the simulated bench."""
+        shown = [trial for series in self.series for trial in series.trials] + list(self.idle)
+        return any("simulated" in trial.processed.trial.source for trial in shown)
+
+
+def estimates_of(trial: ComparedTrial) -> dict[str, Estimate]:
+    """Return the quantities that a trial has, by key of `QUANTITIES`.
+
+    A fit or a runtime whose status is not "ok" gives nothing.
+    """
+    processed, found = trial.processed, {}
+    if processed.period is not None:
+        period = processed.period
+        rate_std_hz = period.period_std_s / period.period_s**2
+        found["stroke_rate_hz"] = Estimate(value=period.rate_hz, statistical_std=rate_std_hz)
+    if processed.peak_force_n is not None:
+        found["peak_force_n"] = Estimate(
+            value=processed.peak_force_n, statistical_std=processed.peak_force_std_n or 0.0
+        )
+    if trial.fit is not None and trial.fit.status == "ok":
+        fit = trial.fit
+        common = math.sqrt(max(0.0, fit.std_n_s_per_m**2 - fit.statistical_std_n_s_per_m**2))
+        found["k_fc_n_s_per_m"] = Estimate(
+            value=fit.k_fc_n_s_per_m, statistical_std=fit.statistical_std_n_s_per_m, common_std=common
+        )
+    if MOTOR_CURRENT.name in processed.rms_values:
+        found["rms_motor_current_a"] = Estimate(value=processed.rms_values[MOTOR_CURRENT.name])
+    if BATTERY_CURRENT.name in processed.mean_values:
+        found["mean_battery_current_a"] = Estimate(value=processed.mean_values[BATTERY_CURRENT.name])
+    if trial.runtime is not None and trial.runtime.status == "ok":
+        found["runtime_s"] = Estimate(value=trial.runtime.runtime_s, common_std=trial.runtime.std_s)
+    return {key: estimate for key, estimate in found.items() if math.isfinite(estimate.value)}
+
+
+def compare(rows: Sequence[ComparedTrial], left_out: Sequence[LeftOut] = ()) -> Comparison:
+    """Group trials into series and compare the series.
+
+    Parameters
+    ----------
+    rows : sequence of ComparedTrial
+        Any order; the result does not depend on it.
+    left_out : sequence of LeftOut
+        Recordings that did not get this far.
+
+    Returns
+    -------
+    Comparison
+        Every row is in it: in a series, among the idle trials, or left out with its reason.
+    """
+    ordered = sorted(rows, key=lambda row: (row.processed.trial.repetition or 0, row.name))
+    missing = list(left_out)
+    kept: list[ComparedTrial] = []
+    for row in ordered:
+        if row.left_out_because:
+            missing.append(LeftOut(name=row.name, reason=row.left_out_because))
+        elif not row.is_idle:
+            kept.append(row)
+            missing += _values_left_out(row)
+    series = tuple(_series(label, trials) for label, trials in _group(kept).items())
+    differences = {}
+    for key in TESTED:
+        values = {one.label: one.means[key].values for one in series if key in one.means}
+        if len(values) > 1:
+            differences[key] = compare_groups(values)
+    idle = tuple(row for row in ordered if row.is_idle)
+    return Comparison(series=series, idle=idle, left_out=tuple(missing), differences=differences)
+
+
+def _values_left_out(row: ComparedTrial) -> list[LeftOut]:
+    """Say which of a trial's results are missing or not to be relied on."""
+    found = []
+    if row.fit is None:
+        found.append(f"no k_Fc: {row.note or 'it was not fitted'}")
+    elif row.fit.status != "ok":
+        found.append(f"k_Fc not used: {FIT_STATUS_WORDS[row.fit.status]}")
+    if row.runtime is not None and row.runtime.status != "ok":
+        found.append(f"runtime not used: {RUNTIME_STATUS_WORDS[row.runtime.status]}")
+    elif row.runtime is None and row.fit is not None:
+        found.append(f"no runtime: {row.note or 'it was not computed'}")
+    return [LeftOut(name=row.name, reason=reason) for reason in found]
+
+
+FIT_STATUS_WORDS: Final = {
+    "ok": "fitted",
+    "at_bound": "the fit ended at the edge of the allowed range",
+    "not_identifiable": "the signals do not determine it",
+    "not_converged": "the fit did not converge",
+    "stalled": "the model stalls with these parameters",
+}
+RUNTIME_STATUS_WORDS: Final = {
+    "ok": "computed",
+    "stalled": "the model stalls before the battery is empty",
+    "cannot_start": "the motor cannot start against this force",
+    "never_reached": "the cut-off is never reached",
+}
+
+
+def _group(trials: Sequence[ComparedTrial]) -> dict[str, list[ComparedTrial]]:
+    """Group by material and settings; a label names only the settings that differ within the material."""
+    settings = (("thickness_mm", "{:g} mm"), ("feed_mm_s", "{:g} mm/s"), ("duty", "duty {:.4g}"))
+    groups: dict[str, list[ComparedTrial]] = {}
+    for material in sorted({row.processed.trial.material or "" for row in trials}):
+        same = [row for row in trials if row.processed.trial.material == material]
+        differing = [
+            (name, form)
+            for name, form in settings
+            if len({getattr(row.processed.trial, name) for row in same}) > 1
+        ]
+        labelled = []
+        for row in same:
+            values = [(getattr(row.processed.trial, name), form, name) for name, form in differing]
+            parts = [
+                form.format(value) if value is not None else f"{name.partition('_')[0]} not stated"
+                for value, form, name in values
+            ]
+            labelled.append((", ".join([material, *parts]), row))
+        for label in sorted({label for label, _ in labelled}):
+            groups[label] = [row for name, row in labelled if name == label]
+    return groups
+
+
+def _series(label: str, trials: Sequence[ComparedTrial]) -> Series:
+    estimates = [estimates_of(row) for row in trials]
+    means = {}
+    for quantity in QUANTITIES:
+        known = [found[quantity.key] for found in estimates if quantity.key in found]
+        if known:
+            means[quantity.key] = group_mean(known)
+    return Series(label=label, trials=tuple(trials), means=means)
+
+
+def comparison_table(rows: Sequence[ComparedTrial]) -> pandas.DataFrame:
+    """Return one row a trial, with every number of the page, for CSV.
+
+    Parameters
+    ----------
+    rows : sequence of ComparedTrial
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns end in their unit; `_std` columns hold standard uncertainties. `use` is "compared", "idle" or
+        the reason why the trial was left out.
+    """
+    import pandas as pd
+
+    records = []
+    for row in rows:
+        trial, estimates = row.processed.trial, estimates_of(row)
+        record: dict[str, Any] = {
+            "trial": row.name,
+            "material": trial.material,
+            "repetition": trial.repetition,
+            "thickness_mm": trial.thickness_mm,
+            "feed_mm_s": trial.feed_mm_s,
+            "duty": trial.duty,
+            "blade": trial.blade,
+            "battery": trial.battery,
+            "status": row.processed.status,
+            "use": row.left_out_because or ("idle" if row.is_idle else "compared"),
+        }
+        for quantity in QUANTITIES:
+            estimate = estimates.get(quantity.key)
+            record[quantity.key] = None if estimate is None else estimate.value
+            std = None if estimate is None else math.hypot(estimate.statistical_std, estimate.common_std)
+            record[f"{quantity.key}_std"] = std or None
+        record |= {"source": trial.source, "source_sha256": row.processed.source_sha256}
+        records.append(record)
+    return pd.DataFrame.from_records(records)
+
+
+def comparison_json(rows: Sequence[ComparedTrial], left_out: Sequence[LeftOut] = ()) -> dict[str, Any]:
+    """Return the comparison as plain values for `json.dumps`: series, differences, idle and left out."""
+    from dataclasses import asdict
+
+    found = compare(rows, left_out)
+    return {
+        "schema_version": 1,
+        "series": [
+            {
+                "label": one.label,
+                "trials": [trial.name for trial in one.trials],
+                "means": {key: asdict(mean) for key, mean in one.means.items()},
+            }
+            for one in found.series
+        ],
+        "differences": {key: [asdict(d) for d in pairs] for key, pairs in found.differences.items()},
+        "idle": [trial.name for trial in found.idle],
+        "left_out": [asdict(item) for item in found.left_out],
+        "is_simulated": found.is_simulated,
+    }

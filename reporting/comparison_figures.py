@@ -1,0 +1,225 @@
+"""The figures of the comparison page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bench.folded import FoldedCycle
+from bench.recording import Floats
+from reporting.compared import QUANTITIES, Series
+from reporting.figures import (
+    INK,
+    SERIES_COLOURS,
+    SERIES_DASHES,
+    SERIES_MARKERS,
+    WIDTH_IN,
+    crank_axis,
+    figure_style,
+)
+from reporting.html import Picture, figure_to_svg
+from reporting.quantities import format_number
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_LARGEST_OVERLAY = 4
+"""More series than this get panels of their own: five bands over each other tell nothing apart."""
+
+
+def mean_cycle(cycles: Sequence[FoldedCycle]) -> tuple[Floats, Floats, Floats]:
+    """Pool the strokes of several repetitions.
+
+    Mean and variance of all strokes together, each repetition weighted by its strokes in the bin: the
+    variance holds the scatter inside the repetitions and between them.
+
+    Parameters
+    ----------
+    cycles : sequence of FoldedCycle
+        Of one channel; cycles on another grid of angles than the first are interpolated onto it.
+
+    Returns
+    -------
+    angle_rad, mean, std : ndarray, shape (n_bins,)
+        NaN where no stroke has a value.
+    """
+    angle_rad = cycles[0].angle_rad
+    means, variances, counts = [], [], []
+    for cycle in cycles:
+        if len(cycle.angle_rad) == len(angle_rad) and np.allclose(cycle.angle_rad, angle_rad):
+            mean, std, count = cycle.mean, cycle.std, cycle.count.astype(np.float64)
+        else:
+            mean, std, count = (
+                np.interp(angle_rad, cycle.angle_rad, values, period=2.0 * np.pi)
+                for values in (cycle.mean, cycle.std, cycle.count.astype(np.float64))
+            )
+        is_known = np.isfinite(mean)
+        means.append(np.where(is_known, mean, 0.0))
+        variances.append(np.where(is_known, np.nan_to_num(std) ** 2, 0.0))
+        counts.append(np.where(is_known, count, 0.0))
+    weight = np.array(counts)
+    total = weight.sum(axis=0)
+    total[total == 0.0] = np.nan
+    pooled = (weight * means).sum(axis=0) / total
+    variance = (weight * (np.array(variances) + (np.array(means) - pooled) ** 2)).sum(axis=0) / total
+    return angle_rad, pooled, np.sqrt(variance)
+
+
+def cycles_picture(series: Sequence[Series]) -> Picture | None:
+    """Draw the folded cutting force of every series with its spread.
+
+    Returns
+    -------
+    Picture or None
+        None where no trial has a cutting force.
+    """
+    from matplotlib.figure import Figure
+
+    shown = [
+        (index, one, cycles)
+        for index, one in enumerate(series)
+        if (
+            cycles := [t.processed.cutting_force for t in one.trials if t.processed.cutting_force is not None]
+        )
+    ]
+    if not shown:
+        return None
+    is_overlay = len(shown) <= _LARGEST_OVERLAY
+    n_columns = 1 if is_overlay else 3
+    n_rows = 1 if is_overlay else -(-len(shown) // n_columns)
+    with figure_style():
+        height_in = 3.7 if is_overlay else 0.4 + 2.1 * n_rows
+        figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
+        axes = figure.subplots(n_rows, n_columns, squeeze=False, sharex=True, sharey=True).ravel()
+        for place, (index, one, cycles) in enumerate(shown):
+            axis = axes[0 if is_overlay else place]
+            _draw_cycle(axis, mean_cycle(cycles), index, f"{one.label} (n = {len(cycles)})")
+            if not is_overlay:
+                axis.set_title(f"{one.label} (n = {len(cycles)})")
+        for axis in axes[: 1 if is_overlay else len(shown)]:
+            crank_axis(axis)
+            axis.margins(y=0.08)
+        if is_overlay:
+            axes[0].set_ylabel("cutting force / N")
+            axes[0].legend(loc=_emptier_corner(shown[0][2][0]))
+        else:
+            figure.supylabel("cutting force / N", fontsize=9.5)
+            _tidy_grid(list(axes), len(shown), n_columns)
+    peaks = [
+        f"{one.label} {format_number(float(np.nanmax(mean_cycle(cycles)[1])))} N" for _, one, cycles in shown
+    ]
+    svg = figure_to_svg(
+        figure,
+        name="cycles",
+        title="Folded cutting force by material",
+        description=f"Cutting force over one turn of the crank. Mean curves peak at: {', '.join(peaks)}.",
+    )
+    caption = (
+        "Mean over all strokes of all repetitions; the band is one standard deviation from stroke to stroke, "
+        "repetitions included. The return stroke is set to zero."
+    )
+    return Picture(svg=svg, caption=caption)
+
+
+def _tidy_grid(axes: list[Axes], n_shown: int, n_columns: int) -> None:
+    for place, axis in enumerate(axes):
+        axis.set_xticks([0, 90, 180, 270, 360])
+        if place >= n_shown:
+            axis.set_visible(False)
+        elif place + n_columns < n_shown:
+            axis.set_xlabel("")
+        else:
+            axis.tick_params(labelbottom=True)
+
+
+def _draw_cycle(axis: Axes, cycle: tuple[Floats, Floats, Floats], index: int, label: str) -> None:
+    angle_rad, mean, std = cycle
+    angle_deg = np.degrees(angle_rad)
+    colour = SERIES_COLOURS[index % len(SERIES_COLOURS)]
+    dashes = SERIES_DASHES[index % len(SERIES_DASHES)]
+    axis.fill_between(angle_deg, mean - std, mean + std, color=colour, alpha=0.2, linewidth=0.0)
+    axis.plot(angle_deg, mean, color=colour, linestyle=dashes, linewidth=1.7, label=label)
+
+
+def _emptier_corner(cycle: FoldedCycle) -> str:
+    half = len(cycle.mean) // 2
+    first, second = np.nansum(np.abs(cycle.mean[:half])), np.nansum(np.abs(cycle.mean[half:]))
+    return "upper left" if first < second else "upper right"
+
+
+def dots_picture(series: Sequence[Series]) -> Picture | None:
+    """Draw every repetition as a dot beside the mean with its 95 % interval, one panel a quantity.
+
+    Returns
+    -------
+    Picture or None
+        None where no series has a value.
+    """
+    from matplotlib.figure import Figure
+
+    shown = [quantity for quantity in QUANTITIES if any(quantity.key in one.means for one in series)]
+    if not shown:
+        return None
+    n_columns = min(3, len(shown))
+    n_rows = -(-len(shown) // n_columns)
+    with figure_style():
+        height_in = n_rows * (0.7 + 0.36 * len(series))
+        figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
+        figure.get_layout_engine().set(w_pad=0.12, h_pad=0.08)  # type: ignore[union-attr]
+        axes = figure.subplots(n_rows, n_columns, squeeze=False, sharey=True).ravel()
+        for axis, quantity in zip(axes, shown, strict=False):
+            for index, one in enumerate(series):
+                _draw_dots(axis, one, quantity.key, index)
+            axis.set_title(f"{quantity.label.replace('k_Fc', '$k_{Fc}$')} / {quantity.unit}")
+            axis.set_yticks(range(len(series)), [one.label for one in series], color=INK)
+            axis.set_ylim(len(series) - 0.4, -0.6)
+            axis.grid(visible=False, axis="y")
+            axis.margins(x=0.12)
+            axis.locator_params(axis="x", nbins=5)
+        for axis in axes[len(shown) :]:
+            axis.set_visible(False)
+    svg = figure_to_svg(
+        figure,
+        name="dots",
+        title="Results by material with 95 % intervals",
+        description=_describe_dots(series),
+    )
+    caption = (
+        "Small open marks: single repetitions. Large marks: mean with its 95 % interval. "
+        "The scales do not begin at zero."
+    )
+    return Picture(svg=svg, caption=caption)
+
+
+def _draw_dots(axis: Axes, series: Series, key: str, index: int) -> None:
+    mean = series.means.get(key)
+    if mean is None:
+        axis.annotate(
+            "no value", (0.02, index), xycoords=("axes fraction", "data"), va="center", fontsize=8.5
+        )
+        return
+    colour = SERIES_COLOURS[index % len(SERIES_COLOURS)]
+    marker = SERIES_MARKERS[index % len(SERIES_MARKERS)]
+    above = np.full(mean.n, index - 0.2)
+    axis.plot(
+        mean.values, above, marker, markerfacecolor="white", color=colour, markersize=4.5, linestyle="none"
+    )
+    if mean.high > mean.low:
+        axis.plot(
+            [mean.low, mean.high], [index + 0.1] * 2, color=colour, linewidth=2.2, solid_capstyle="butt"
+        )
+    axis.plot([mean.mean], [index + 0.1], marker, color=colour, markersize=7.5)
+
+
+def _describe_dots(series: Sequence[Series]) -> str:
+    parts = []
+    for one in series:
+        shown = [
+            f"{quantity.label} {quantity.written(one.means[quantity.key])}"
+            for quantity in QUANTITIES
+            if quantity.key in one.means
+        ]
+        parts.append(f"{one.label}: {', '.join(shown)}.")
+    return " ".join(parts)

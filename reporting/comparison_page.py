@@ -1,0 +1,217 @@
+"""The page that compares materials over their repetitions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from reporting.compared import (
+    QUANTITIES,
+    ComparedTrial,
+    Comparison,
+    LeftOut,
+    Quantity,
+    Series,
+    compare,
+    estimates_of,
+)
+from reporting.comparison_figures import cycles_picture, dots_picture
+from reporting.html import render, write_page
+from reporting.quantities import decimals_of, format_interval, format_quantity, format_to
+from reporting.repetitions import Difference, Estimate, GroupMean
+
+FORMULA: Final = (
+    "mean = Σ xᵢ / n\n"
+    "u²   = max(s², mean(aᵢ²)) / n + mean(bᵢ)²\n"
+    "h²   = t² · max(s², mean(aᵢ²)) / n + 1.96² · mean(bᵢ)²"
+)
+FORMULA_WORDS: Final = (
+    "xᵢ are the n repetitions and s their standard deviation. aᵢ is the part of a trial's own uncertainty "
+    "that differs from trial to trial (it is inside s already, and counts only where s came out smaller by "
+    "chance); bᵢ is the part that all trials share, from the plant's constants and the sensors' gains, which "
+    "repetition does not shrink. u is the standard uncertainty of the mean, h half its 95 % interval, with Student's t for "
+    "n − 1 degrees of freedom: 12.7 for two repetitions, 4.3 for three. With a single repetition nothing is "
+    "known of the scatter: u is that trial's own uncertainty and t is 1.96."
+)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Cell:
+    """A number with smaller lines under it."""
+
+    value: str
+    details: tuple[str, ...] = ()
+
+
+def write_comparison_page(
+    path: str | Path,
+    rows: Sequence[ComparedTrial],
+    *,
+    left_out: Sequence[LeftOut] = (),
+    title: str = "Material comparison",
+    overwrite: bool = False,
+) -> Path:
+    """Write the comparison of materials.
+
+    Parameters
+    ----------
+    path : str or Path
+        HTML file; its folder must exist.
+    rows : sequence of ComparedTrial
+        Idle trials and trials that cannot be compared are shown apart, with the reason.
+    left_out : sequence of LeftOut
+        Recordings that did not get as far as a `ComparedTrial`.
+    title : str
+    overwrite : bool
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        If the file exists and `overwrite` is not set, or cannot be written.
+    """
+    found = compare(rows, left_out)
+    columns = [q for q in QUANTITIES if any(q.key in one.means for one in found.series)]
+    pictures = [picture for picture in (cycles_picture(found.series), dots_picture(found.series)) if picture]
+    context = {
+        "title": title,
+        "is_simulated": found.is_simulated,
+        "summary": _summary(found),
+        "statements": _statements(found),
+        "columns": columns,
+        "series": [_series_row(one, columns) for one in found.series],
+        "pictures": pictures,
+        "formula": FORMULA,
+        "formula_words": FORMULA_WORDS,
+        "differences": _difference_tables(found),
+        "trials": [_trial_row(row, one.label, columns) for one in found.series for row in one.trials],
+        "idle_columns": (idle_columns := _idle_columns(found)),
+        "idle": [_trial_row(row, "blade in air", idle_columns) for row in found.idle],
+        "left_out": found.left_out,
+    }
+    return write_page(path, render("comparison_page.html.j2", context), overwrite=overwrite)
+
+
+def _summary(found: Comparison) -> str:
+    n_trials = sum(len(one.trials) for one in found.series)
+    if not n_trials:
+        return "No trial can be compared; the reasons are listed below."
+    parts = [f"{_count(n_trials, 'cutting trial')} in {_count(len(found.series), 'series')}"]
+    if found.idle:
+        parts.append(_count(len(found.idle), "idle trial"))
+    if found.left_out:
+        names = len({item.name for item in found.left_out})
+        parts.append(f"{_count(names, 'recording')} left out, wholly or in part")
+    return f"{', '.join(parts)}. A series is one material with one setting."
+
+
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun}" if n == 1 or noun.endswith("s") else f"{n} {noun}s"
+
+
+def _statements(found: Comparison) -> list[str]:
+    """Say in words what the differences come to, one sentence a tested quantity."""
+    said = []
+    for quantity in QUANTITIES:
+        pairs = found.differences.get(quantity.key)
+        if not pairs:
+            continue
+        ranked = sorted(
+            (one for one in found.series if quantity.key in one.means),
+            key=lambda one: -one.means[quantity.key].mean,
+        )
+        ends = [
+            f"{one.label} ({quantity.written(one.means[quantity.key])})" for one in (ranked[0], ranked[-1])
+        ]
+        n_yes = sum(pair.is_significant is True for pair in pairs)
+        n_unknown = sum(pair.is_significant is None for pair in pairs)
+        words = f"{quantity.label}: highest for {ends[0]}, lowest for {ends[1]}."
+        if n_unknown == len(pairs):
+            words += " Whether any difference is significant cannot be said."
+        else:
+            verb = "differs" if n_yes == 1 else "differ"
+            words += f" {n_yes} of {_count(len(pairs), 'pair')} {verb} significantly"
+            words += f"; of {n_unknown} it cannot be said." if n_unknown else "."
+        said.append(words)
+    return said
+
+
+def _series_row(one: Series, columns: Sequence[Quantity]) -> dict[str, Any]:
+    return {
+        "label": one.label,
+        "n": len(one.trials),
+        "cells": [_mean_cell(one.means.get(quantity.key)) for quantity in columns],
+    }
+
+
+def _mean_cell(mean: GroupMean | None) -> Cell:
+    if mean is None:
+        return Cell(value="no value")
+    value = format_quantity(mean.mean, mean.std)
+    if mean.std == 0.0:
+        return Cell(value=value, details=("uncertainty not known",))
+    details = (format_interval(mean.low, mean.high),)
+    return Cell(value=value, details=details if mean.rests_on_repetitions else (*details, "one trial only"))
+
+
+def _difference_tables(found: Comparison) -> list[dict[str, Any]]:
+    return [
+        {
+            "quantity": quantity,
+            "rows": [_difference_row(pair, quantity) for pair in found.differences[quantity.key]],
+        }
+        for quantity in QUANTITIES
+        if quantity.key in found.differences
+    ]
+
+
+def _difference_row(pair: Difference, quantity: Quantity) -> dict[str, str]:
+    statement = f"cannot be said: {pair.reason}"
+    interval = p_value = "not known"
+    difference = format_quantity(pair.difference, None, quantity.unit, digits=3)
+    if pair.p_holm is not None and pair.low is not None and pair.high is not None:
+        difference = format_to(pair.difference, decimals_of(0.5 * (pair.high - pair.low)), quantity.unit)
+        interval = format_interval(pair.low, pair.high, quantity.unit)
+        p_value = "< 0.001" if pair.p_holm < 0.001 else f"{pair.p_holm:.3f}"
+        higher = pair.first if pair.difference > 0.0 else pair.second
+        statement = f"significant: {higher} is higher" if pair.is_significant else "not significant"
+    return {
+        "pair": f"{pair.first} − {pair.second}",
+        "difference": difference,
+        "interval": interval,
+        "p_holm": p_value,
+        "statement": statement,
+    }
+
+
+def _idle_columns(found: Comparison) -> list[Quantity]:
+    known = {key for row in found.idle for key in estimates_of(row)}
+    return [q for q in QUANTITIES if q.key in known and q.key in _IDLE_KEYS]
+
+
+_IDLE_KEYS: Final = ("stroke_rate_hz", "rms_motor_current_a", "mean_battery_current_a")
+
+
+def _trial_row(row: ComparedTrial, label: str, columns: Sequence[Quantity]) -> dict[str, Any]:
+    estimates, trial = estimates_of(row), row.processed.trial
+    n_remarks = len(row.processed.warnings) + sum(len(channel.problems) for channel in row.processed.quality)
+    return {
+        "name": row.name,
+        "label": label,
+        "repetition": "" if trial.repetition is None else str(trial.repetition),
+        "cells": [_trial_value(estimates.get(quantity.key)) for quantity in columns],
+        "remarks": "; ".join(row.processed.warnings)
+        or (f"{n_remarks} in the trial's page" if n_remarks else "none"),
+    }
+
+
+def _trial_value(estimate: Estimate | None) -> str:
+    if estimate is None:
+        return "no value"
+    std = (estimate.statistical_std**2 + estimate.common_std**2) ** 0.5
+    return format_quantity(estimate.value, std)

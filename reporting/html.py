@@ -1,0 +1,154 @@
+"""Pages that need nothing but themselves: no script, no network, no font to fetch."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from html import escape
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+from bench.errors import InputError
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+    from markupsafe import Markup
+    from matplotlib.figure import Figure
+
+_FOLDER = Path(__file__).parent
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Picture:
+    """A figure, ready for a page.
+
+    Attributes
+    ----------
+    svg : Markup
+        Inline SVG with a title and a description.
+    caption : str
+        One or two sentences under the figure.
+    """
+
+    svg: Markup
+    caption: str
+
+
+def figure_to_svg(figure: Figure, *, name: str, title: str, description: str) -> Markup:
+    """Turn a figure into inline SVG that a screen reader can announce.
+
+    The same figure gives the same bytes: no date, and identifiers made from the content and `name`.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    name : str
+        Unique within the page; letters, digits and "-".
+    title, description : str
+        What the figure is, and what it shows, in words.
+
+    Returns
+    -------
+    markupsafe.Markup
+    """
+    import matplotlib as mpl
+    from markupsafe import Markup
+
+    buffer = io.StringIO()
+    with mpl.rc_context({"svg.hashsalt": name, "svg.fonttype": "none", "path.simplify": True}):
+        figure.savefig(
+            buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None}
+        )
+    svg = buffer.getvalue()
+    svg = svg[svg.index("<svg") :]
+    body = svg[svg.index(">") + 1 :]
+    view_box = re.search(r'viewBox="([^"]+)"', svg)
+    assert view_box is not None, "matplotlib always writes a viewBox"
+    body = re.sub(r"\s*<metadata>.*?</metadata>", "", body, flags=re.DOTALL)
+    body = body.replace("xlink:href", "href")
+    body = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', body)
+    body = re.sub(r'href="#([^"]+)"', rf'href="#{name}-\1"', body)
+    body = re.sub(r"url\(#([^)]+)\)", rf"url(#{name}-\1)", body)
+    body = re.sub(r"\n\s*", "\n", body)
+    head = (
+        f'<svg role="img" viewBox="{view_box[1]}" aria-labelledby="{name}-title {name}-desc">'
+        f'<title id="{name}-title">{escape(title)}</title><desc id="{name}-desc">{escape(description)}</desc>'
+    )
+    return Markup(head + body.strip())
+
+
+@cache
+def _environment() -> Environment:
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(_FOLDER),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.globals["css"] = (_FOLDER / "style.css").read_text(encoding="utf-8")
+    environment.globals["version"] = software_version()
+    return environment
+
+
+def software_version() -> str:
+    """Return "sawbench X.Y.Z", or just the name where the package is not installed."""
+    try:
+        return f"sawbench {metadata.version('sawbench')}"
+    except metadata.PackageNotFoundError:
+        return "sawbench"
+
+
+def render(template: str, context: Mapping[str, Any]) -> str:
+    """Fill a template of this folder; every value is escaped."""
+    return _environment().get_template(template).render(**context)
+
+
+def write_page(path: str | Path, text: str, *, overwrite: bool) -> Path:
+    """Write a page, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        If the file exists and `overwrite` is not set, or cannot be written.
+    """
+    path = Path(path)
+    if path.exists() and not overwrite:
+        raise InputError(
+            "exists already", where=path, remedy="choose another name, or overwrite it with --force"
+        )
+    part = path.with_name(path.name + ".part")
+    try:
+        part.write_text(text, encoding="utf-8", newline="\n")
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise InputError(f"cannot be written: {error.strerror}", where=path) from error
+    return path
+
+
+def link_to(target: str | Path, page: str | Path) -> tuple[str, str]:
+    """Return the link from a page to a file beside it, and the text to show.
+
+    Parameters
+    ----------
+    target, page : str or Path
+
+    Returns
+    -------
+    href, text : str
+        `href` is empty where no relative link exists (another drive).
+    """
+    try:
+        relative = os.path.relpath(Path(target).resolve(), Path(page).resolve().parent)
+    except ValueError:
+        return "", str(target)
+    return quote(Path(relative).as_posix()), Path(relative).as_posix()

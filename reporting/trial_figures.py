@@ -1,0 +1,238 @@
+"""The figures of the trial page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bench.folded import FoldedCycle
+from bench.processed import ProcessedTrial
+from bench.recording import Floats, Recording, Signal
+from bench.units import CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
+from reporting.figures import (
+    CHANNEL_COLOURS,
+    FORCE_COLOUR,
+    INK,
+    MODEL,
+    QUIET,
+    WIDTH_IN,
+    crank_axis,
+    figure_style,
+    thin_out,
+)
+from reporting.html import Picture, figure_to_svg
+from reporting.quantities import format_number, format_quantity
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def signals_picture(recording: Recording, processed: ProcessedTrial, *, seconds: float) -> Picture | None:
+    """Draw the start of every channel over time, gaps left open.
+
+    Parameters
+    ----------
+    recording : Recording
+    processed : ProcessedTrial
+        Its phases are marked.
+    seconds : float
+        How much of the trial, from its start.
+
+    Returns
+    -------
+    Picture or None
+        None where no channel has a sample in that stretch.
+    """
+    order = [name for name in CHANNEL_BY_NAME if name in recording.signals]
+    order += [name for name in recording.signals if name not in CHANNEL_BY_NAME]
+    starts = [signal.time_s[0] for signal in recording.signals.values() if len(signal.time_s)]
+    if not starts:
+        return None
+    first_s, last_s = min(starts), min(starts) + seconds
+    shown = {name: _window(recording.signals[name], last_s) for name in order}
+    shown = {name: part for name, part in shown.items() if len(part[0]) > 1}
+    if not shown:
+        return None
+    last_s = min(last_s, max(part[0][-1] for part in shown.values()))
+    figure = _signal_panels(recording, processed, shown, first_s, last_s)
+    names = [CHANNEL_BY_NAME[n].label if n in CHANNEL_BY_NAME else n for n in shown]
+    kinds = sorted(
+        {p.kind.replace("_", "-") for p in processed.phases if p.kind != "running" and p.start_s < last_s}
+    )
+    grey = f" Grey: {' and '.join(kinds)}." if kinds else ""
+    svg = figure_to_svg(
+        figure,
+        name="signals",
+        title="Measured signals over time",
+        description=f"{', '.join(names)} over the first {last_s - first_s:.3g} s, one panel each.",
+    )
+    caption = f"The first {last_s - first_s:.3g} s as recorded. A missing stretch of a line is a gap.{grey}"
+    return Picture(svg=svg, caption=caption)
+
+
+def _signal_panels(
+    recording: Recording,
+    processed: ProcessedTrial,
+    shown: Mapping[str, tuple[Floats, Floats]],
+    first_s: float,
+    last_s: float,
+) -> Figure:
+    from matplotlib.figure import Figure
+
+    with figure_style():
+        figure = Figure(figsize=(WIDTH_IN, 0.55 + 1.15 * len(shown)), layout="constrained")
+        axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
+        for axis, (name, (time_s, values)) in zip(axes, shown.items(), strict=True):
+            channel = CHANNEL_BY_NAME.get(name)
+            unit = recording.signals[name].unit
+            axis.plot(time_s, values, color=CHANNEL_COLOURS.get(name, QUIET), linewidth=0.9)
+            axis.set_ylabel(unit, rotation=0, ha="right", va="center")
+            axis.set_title(channel.label.capitalize() if channel else name, fontsize=9.5, color=INK, pad=3)
+            axis.margins(y=0.12)
+            axis.yaxis.set_major_locator(_few_ticks())
+            for phase in processed.phases:
+                if phase.kind != "running":
+                    axis.axvspan(
+                        max(phase.start_s, first_s), min(phase.end_s, last_s), color="#eceff1", linewidth=0
+                    )
+        axes[-1].set_xlim(first_s, last_s)
+        axes[-1].set_xlabel("time / s")
+        figure.align_ylabels(axes)
+    return figure
+
+
+def _few_ticks() -> Any:
+    from matplotlib.ticker import MaxNLocator
+
+    return MaxNLocator(nbins=4, min_n_ticks=2)
+
+
+def _window(signal: Signal, last_s: float) -> tuple[Floats, Floats]:
+    n = int(np.searchsorted(signal.time_s, last_s, side="right"))
+    time_s, values = thin_out(signal.time_s[:n], signal.values[:n])
+    middle_s = np.array([0.5 * (gap.start_s + gap.end_s) for gap in signal.gaps if gap.end_s <= last_s])
+    at = np.searchsorted(time_s, middle_s)
+    return np.insert(time_s, at, middle_s), np.insert(values, at, np.nan)
+
+
+def cycle_picture(processed: ProcessedTrial, simulated: Mapping[str, Floats] | None) -> Picture | None:
+    """Draw the folded cycle: force with what was removed, and motor current, each with the model.
+
+    Parameters
+    ----------
+    processed : ProcessedTrial
+    simulated : mapping of str to ndarray, optional
+        `angle_rad` and any of `force_n`, `motor_current_a`, all shape (n,), over one turn.
+
+    Returns
+    -------
+    Picture or None
+        None where neither force nor motor current was folded.
+    """
+    from matplotlib.figure import Figure
+
+    names = [name for name in (FORCE.name, MOTOR_CURRENT.name) if name in processed.folded]
+    if not names:
+        return None
+    heights = [{FORCE.name: 3.3, MOTOR_CURRENT.name: 2.3}[name] for name in names]
+    with figure_style():
+        figure = Figure(figsize=(WIDTH_IN, 0.5 + sum(heights)), layout="constrained")
+        axes = figure.subplots(len(names), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+        for axis, name in zip(axes, names, strict=True):
+            channel = CHANNEL_BY_NAME[name]
+            if name == FORCE.name:
+                _draw_force(axis, processed)
+            else:
+                _draw_band(axis, processed.folded[name], CHANNEL_COLOURS[name], "measured, mean ± 1 std")
+            if simulated is not None and name in simulated:
+                angle_deg, values = _one_turn(simulated["angle_rad"], simulated[name])
+                axis.plot(angle_deg, values, color=MODEL, dashes=(5, 2), linewidth=1.3, label="model")
+            axis.set_title(channel.label.capitalize())
+            axis.set_ylabel(f"{channel.label.split()[-1]} / {channel.unit}")
+            axis.margins(y=0.1)
+            axis.legend(loc=_emptier_corner(processed))
+            crank_axis(axis)
+        for axis in axes[:-1]:
+            axis.set_xlabel("")
+    svg = figure_to_svg(
+        figure,
+        name="cycle",
+        title="Folded stroke cycle",
+        description=_describe_cycle(processed, simulated),
+    )
+    n_cycles = processed.folded[names[0]].n_cycles
+    caption = (
+        f"{n_cycles} strokes laid over one turn of the crank; 0° is the dead centre with the blade retracted."
+    )
+    if processed.removed is not None:
+        caption += " Hatched: force on the return stroke, shown as measured and set to zero in the results."
+    return Picture(svg=svg, caption=caption)
+
+
+def _emptier_corner(processed: ProcessedTrial) -> str:
+    """Return the corner over the return stroke, where the curves are low."""
+    is_second = processed.removed is not None and processed.removed.half == "pi_to_2pi"
+    return "upper right" if is_second else "upper left"
+
+
+def _draw_force(axis: Axes, processed: ProcessedTrial) -> None:
+    measured = processed.folded[FORCE.name]
+    if processed.cutting_force is None or processed.removed is None:
+        _draw_band(axis, measured, FORCE_COLOUR, "measured, mean ± 1 std")
+        return
+    first_half = measured.angle_rad < np.pi
+    is_removed = first_half if processed.removed.half == "zero_to_pi" else ~first_half
+    angle_deg = np.degrees(measured.angle_rad)
+    kept, removed = np.where(is_removed, np.nan, measured.mean), np.where(is_removed, measured.mean, np.nan)
+    _draw_band(axis, measured, FORCE_COLOUR, "cutting, mean ± 1 std", mean=kept)
+    axis.plot(angle_deg, removed, color=QUIET, linewidth=1.0)
+    axis.fill_between(
+        angle_deg,
+        0.0,
+        removed,
+        facecolor="none",
+        edgecolor=QUIET,
+        hatch="////",
+        linewidth=0.0,
+        label="removed",
+    )
+    axis.axhline(0.0, color=QUIET, linewidth=0.7)
+
+
+def _draw_band(
+    axis: Axes, cycle: FoldedCycle, colour: str, label: str, *, mean: Floats | None = None
+) -> None:
+    mean = cycle.mean if mean is None else mean
+    angle_deg = np.degrees(cycle.angle_rad)
+    axis.fill_between(angle_deg, mean - cycle.std, mean + cycle.std, color=colour, alpha=0.22, linewidth=0.0)
+    axis.plot(angle_deg, mean, color=colour, label=label)
+
+
+def _one_turn(angle_rad: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """Return one turn in order of the crank angle, in degrees."""
+    angle_deg = np.degrees(np.mod(angle_rad, 2.0 * np.pi))
+    order = np.argsort(angle_deg, kind="stable")
+    return angle_deg[order], np.asarray(values)[order]
+
+
+def _describe_cycle(processed: ProcessedTrial, simulated: Mapping[str, Floats] | None) -> str:
+    parts = []
+    if FORCE.name in processed.folded:
+        cycle = processed.folded[FORCE.name]
+        top = int(np.nanargmax(cycle.mean))
+        angle_deg = format_number(float(np.degrees(cycle.angle_rad[top])), digits=3)
+        parts.append(f"Mean force peaks at {format_number(float(cycle.mean[top]))} N near {angle_deg}°.")
+    if processed.removed is not None:
+        parts.append(
+            f"The removed return stroke has {format_quantity(processed.removed.rms_n, None, 'N')} RMS."
+        )
+    if MOTOR_CURRENT.name in processed.folded:
+        cycle = processed.folded[MOTOR_CURRENT.name]
+        low, high = float(np.nanmin(cycle.mean)), float(np.nanmax(cycle.mean))
+        parts.append(f"Motor current runs from {format_number(low)} to {format_number(high)} A.")
+    if simulated is not None:
+        parts.append("The model is drawn dashed over the measurement.")
+    return " ".join(parts)
