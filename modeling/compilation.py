@@ -1,8 +1,8 @@
 """The one way this package compiles a function to machine code.
 
 numba keeps compiled code on disk and renews it when the function's own file changes, but not when a constant or a
-function that it takes from another file changes. Here the folder of compiled code is named after the text of the
-whole package instead, so that an upgrade can never run a mixture of old and new physics.
+function that it takes from another file changes. Here the folder of compiled code is named after the text of
+every file that compiles instead, so that an upgrade can never run a mixture of old and new physics.
 """
 
 from __future__ import annotations
@@ -53,7 +53,9 @@ def _folder() -> Path:
     package = Path(__file__).parent
     digest = hashlib.sha256()
     for source in sorted(package.rglob("*.py")):
-        digest.update(source.read_bytes())
+        text = source.read_bytes()
+        if b"modeling.compilation" in text or source.name == "slots.py":
+            digest.update(text)
     name = f"kernels-{digest.hexdigest()[:16]}"
     places = [
         os.environ.get("NUMBA_CACHE_DIR"),

@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 
 from modeling import slots
-from modeling.batteries.eq16 import voltage
 from modeling.compilation import kernel
 from modeling.mechanisms import scotch_yoke, slider_crank
 
@@ -56,16 +55,26 @@ def machine(p):
 
 
 @kernel()
-def source(m, soc, current):
+def open_circuit(m, soc):
+    """Open-circuit voltage of the battery, its first and half its second derivative over the charge, V (Eq. 16)."""
+    filled = max(1.0 - (1.0 - soc) * m[12], 0.0)
+    below = 1.0 / (1.0 - m[11] * (1.0 - filled))
+    slope = m[10] * (1.0 - m[11]) * below * below * m[12]
+    return m[10] * filled * below, slope, -slope * m[11] * below * m[12]
+
+
+@kernel()
+def source(m, curve, away, current):
     """Voltage e of Eq. 12 and battery current, V and A.
 
-    For a held voltage U the duty solves d (E + V_f - R_b d i / eta) = U + V_f; where it would pass 1 the converter
-    is fully on.
+    `curve` is `open_circuit` at a state of charge, `away` how far from there: within one step the three terms are
+    exact to rounding, and save a division in every stage. For a held voltage U the duty solves
+    d (E + V_f - R_b d i / eta) = U + V_f; where it would pass 1 the converter is fully on.
     """
     mode = m[7]
     if mode == slots.FIXED_VOLTAGE:
         return m[9], 0.0
-    ocv, _ = voltage(m[10], m[11], 1.0 - (1.0 - soc) * m[12])
+    ocv = curve[0] + away * (curve[1] + away * curve[2])
     if mode == slots.FIXED_DUTY:
         return m[8] * (ocv + m[14]) - m[14], m[8] * current * m[15]
     sag = m[13] * current
@@ -86,6 +95,45 @@ def source_rate(m, soc, soc_rate):
         return 0.0
     _, slope = voltage(m[10], m[11], 1.0 - (1.0 - soc) * m[12])
     return m[8] * slope * m[12] * soc_rate
+
+
+@kernel()
+def source_rate(m, curve, away, soc_rate):
+    """de/dt of Eq. 12, V/s; arguments as in `source`."""
+    if m[7] != slots.FIXED_DUTY:
+        return 0.0
+    return m[8] * (curve[1] + 2.0 * away * curve[2]) * soc_rate
+
+
+C2, C4, C6, C8, C10 = -1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800
+C12, C14, C16, C18, C20 = (
+    1 / math.factorial(12),
+    -1 / math.factorial(14),
+    1 / math.factorial(16),
+    -1 / math.factorial(18),
+    1 / math.factorial(20),
+)
+S3, S5, S7, S9, S11 = -1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800
+S13, S15, S17, S19 = 1 / math.factorial(13), -1 / math.factorial(15), 1 / math.factorial(17), -1 / math.factorial(19)
+
+
+@kernel()
+def sine_cosine(half_turn):
+    """Sine and cosine of an angle in [0, pi], rad, to rounding.
+
+    Taylor polynomials about pi/2, summed in pairs so that the terms need not wait for each other: several times
+    faster than two calls to the library, which must reduce any angle.
+    """
+    z = half_turn - 0.5 * math.pi
+    q = z * z
+    q2 = q * q
+    q4 = q2 * q2
+    q8 = q4 * q4
+    cosine = (1.0 + C2 * q + q2 * (C4 + C6 * q)) + q4 * ((C8 + C10 * q) + q2 * (C12 + C14 * q))
+    cosine += q8 * (C16 + C18 * q + C20 * q2)
+    sine = (1.0 + S3 * q + q2 * (S5 + S7 * q)) + q4 * ((S9 + S11 * q) + q2 * (S13 + S15 * q))
+    sine += q8 * (S17 + S19 * q)
+    return cosine, -z * sine
 
 
 @kernel()
@@ -110,9 +158,16 @@ def spline_force(spline, turn):
 
 
 @kernel()
-def load(p, m, spline, turn, is_cutting):
-    """What the mechanical equation needs at an angle in [0, 2*pi]: 1/J, m g g', torque per speed, speed-free torque."""
-    g, slope = levers(p, math.sin(turn), math.cos(turn))
+def load(p, m, spline, is_second, part, is_cutting):
+    """What the mechanical equation needs at `part` rad (0..pi) after the first or second dead centre of a turn.
+
+    Returns 1/J, m g g', torque per speed, torque free of speed.
+    """
+    sine, cosine = sine_cosine(part)
+    turn = part
+    if is_second:
+        sine, cosine, turn = -sine, -cosine, part + math.pi
+    g, slope = levers(p, sine, cosine)
     per_speed = m[4]
     constant = 0.0
     if is_cutting:
@@ -128,9 +183,9 @@ def fill_tables(p, m, spline, n_steps, fractions, tables):
     step = TWO_PI / n_steps
     half = n_steps // 2
     cuts_first = p[slots.CUTTING_SIGN] > 0.0
-    for n in range(n_steps):
-        is_cutting = (n < half) == cuts_first
-        for s in range(len(fractions)):
-            values = load(p, m, spline, (n + fractions[s]) * step, is_cutting)
-            for c in range(4):
-                tables[n, s, c] = values[c]
+    for is_second in (False, True):
+        for n in range(half):
+            for s in range(len(fractions)):
+                values = load(p, m, spline, is_second, (n + fractions[s]) * step, is_second != cuts_first)
+                for c in range(4):
+                    tables[n + half * is_second, s, c] = values[c]

@@ -8,7 +8,7 @@ import numpy as np
 
 from modeling import slots
 from modeling.compilation import kernel
-from modeling.machine import TWO_PI, levers, machine, source, spline_force
+from modeling.machine import TWO_PI, levers, machine, open_circuit, source, spline_force
 from modeling.mechanisms import scotch_yoke, slider_crank
 
 
@@ -41,24 +41,16 @@ def electric(p, current, soc):
     m = machine(p)
     out = np.empty((3, len(current)))
     for k in range(len(current)):
-        e, battery_current = source(m, soc[k], current[k])
+        curve = open_circuit(m, soc[k])
+        e, battery_current = source(m, curve, 0.0, current[k])
         out[0, k] = e - m[17] * current[k]
         if p[slots.MODE] == slots.FIXED_VOLTAGE:
             out[1, k] = out[0, k]
             out[2, k] = current[k]
         else:
-            at_rest, _ = source_voltage(m, soc[k])
-            out[1, k] = at_rest - p[slots.BATTERY_RESISTANCE] * battery_current
+            out[1, k] = curve[0] - p[slots.BATTERY_RESISTANCE] * battery_current
             out[2, k] = battery_current
     return out
-
-
-@kernel()
-def source_voltage(m, soc):
-    """Open-circuit voltage of the battery and its slope over the state of charge, V."""
-    from_full = 1.0 - (1.0 - soc) * m[12]
-    below = 1.0 / (1.0 - m[11] * (1.0 - max(from_full, 0.0)))
-    return m[10] * max(from_full, 0.0) * below, m[10] * (1.0 - m[11]) * below * below * m[12]
 
 
 @kernel()

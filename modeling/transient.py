@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Literal, Protocol
 
 import numpy as np
@@ -18,8 +19,6 @@ from modeling.validation import finite, not_negative, positive
 
 Floats = NDArray[np.float64]
 TransientStatus = Literal["ok", "stalled", "battery_empty", "not_converged"]
-DEFAULT_STEPS_PER_TURN = 16
-TIME_TOLERANCE = 1e-8
 NO_TABLE: Floats = np.zeros((0, 4))
 
 
@@ -66,6 +65,36 @@ class InitialState:
 
 
 AT_REST = InitialState()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Method:
+    """How finely a run is integrated; the defaults keep the relative RMS error of the current below 1e-6.
+
+    Attributes
+    ----------
+    steps_per_turn : int
+        Even number of angle steps a turn to begin with, 4 to 4096.
+    angle_tolerance : float
+        Largest local error of an angle step over stall current and no-load speed; where it is passed the steps are
+        halved for the rest of the run. inf keeps steps_per_turn.
+    time_tolerance : float
+        The same for the time steps near rest, which adapt at every step.
+    """
+
+    steps_per_turn: int = 16
+    angle_tolerance: float = 1e-6
+    time_tolerance: float = 1e-7
+
+    def __post_init__(self) -> None:
+        if self.steps_per_turn % 2 or not 4 <= self.steps_per_turn <= kernel.MOST_STEPS_PER_TURN:
+            raise InputError(f"steps_per_turn must be even, 4 to 4096, got {self.steps_per_turn!r}")
+        for name in ("angle_tolerance", "time_tolerance"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"{name} must be greater than 0, got {getattr(self, name)!r}")
+
+
+DEFAULT_METHOD = Method()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -207,7 +236,7 @@ def simulate(
     time_s: ArrayLike | None = None,
     initial: InitialState = AT_REST,
     effects: Mapping[str, float] | None = None,
-    steps_per_turn: int = DEFAULT_STEPS_PER_TURN,
+    method: Method = DEFAULT_METHOD,
 ) -> Trajectory:
     """Simulate the machine over time (Eqs. 1 to 13).
 
@@ -224,8 +253,7 @@ def simulate(
     initial : InitialState
     effects : mapping of slot name to value, optional
         Unmodelled effects, names and units as in `modeling.slots`.
-    steps_per_turn : int
-        Even; the default keeps the relative RMS error of the current below 1e-6.
+    method : Method
 
     Returns
     -------
@@ -250,7 +278,7 @@ def simulate(
     supply.fill(vector)
     cutting.fill(vector)
     spline = cutting.spline()
-    if slots.set_effects(vector, effects):
+    if effects and slots.set_effects(vector, effects):
         raise InputError("effects are not yet part of simulate")
     start = np.array(
         [
@@ -261,7 +289,7 @@ def simulate(
         ]
     )
     return run_vector(
-        vector, NO_TABLE if spline is None else spline, times, start, steps_per_turn=steps_per_turn
+        vector, NO_TABLE if spline is None else spline, times, start, method=method
     )
 
 
@@ -271,13 +299,14 @@ def run_vector(
     time_s: Floats,
     start: Floats,
     *,
-    steps_per_turn: int = DEFAULT_STEPS_PER_TURN,
+    method: Method = DEFAULT_METHOD,
 ) -> Trajectory:
     """Simulate a parameter vector; `start` is (current, crank speed, crank angle, soc). No checks."""
     out = np.empty((4, len(time_s)))
     record = np.empty(kernel.N_RECORD)
+    tolerances = (method.angle_tolerance, method.time_tolerance)
     code = kernel.simulate_baseline(
-        vector, spline, time_s, start, steps_per_turn, TIME_TOLERANCE, out, record
+        vector, spline, time_s, start, method.steps_per_turn, tolerances, out, record
     )
     status, message = _STATUS[code]
     return Trajectory(
@@ -318,7 +347,13 @@ def _times(duration_s: float | None, rate_hz: float, time_s: ArrayLike | None) -
         raise InputError("give duration_s or time_s")
     positive("duration_s", duration_s, "s")
     positive("rate_hz", rate_hz, "Hz")
-    return np.arange(int(duration_s * rate_hz * (1 + 1e-12)) + 1) / rate_hz
+    return _grid(duration_s, rate_hz).copy()  # numba compiles once more for a read-only array
+
+
+@lru_cache(maxsize=32)
+def _grid(duration_s: float, rate_hz: float) -> Floats:
+    times = np.arange(int(duration_s * rate_hz * (1 + 1e-12)) + 1) / rate_hz
+    return times
 
 
 def _energy(p: Floats, record: Floats, start: Floats) -> EnergyBalance:

@@ -10,7 +10,7 @@ Source: Apati, Hegedus, Hajdu, MSSP 10.1016/j.ymssp.2025.113229, section 4.1 and
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -47,6 +47,7 @@ class MeasuredForce:
     force_n: NDArray[np.float64]
     scale: float = 1.0
     cutting_half: CuttingHalf = "pi_to_2pi"
+    _pieces: NDArray[np.float64] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         force = np.array(self.force_n, dtype=np.float64)
@@ -61,6 +62,7 @@ class MeasuredForce:
         sign_of(self.cutting_half)
         force.setflags(write=False)
         object.__setattr__(self, "force_n", force)
+        object.__setattr__(self, "_pieces", _half_turn_splines(force))
 
     @classmethod
     def from_samples(
@@ -99,16 +101,7 @@ class MeasuredForce:
 
     def spline(self) -> NDArray[np.float64]:
         """Coefficients of each interval, shape (n_nodes, 4): c0 + c1 u + c2 u^2 + c3 u^3, u in rad from its node."""
-        from scipy.interpolate import CubicSpline
-
-        half = len(self.force_n) // 2
-        closed = np.append(self.force_n, self.force_n[0])
-        nodes = 2 * np.pi * np.arange(len(closed)) / len(self.force_n)
-        pieces = []
-        for part in (slice(0, half + 1), slice(half, 2 * half + 1)):
-            coefficients = CubicSpline(nodes[part], closed[part]).c
-            pieces.append(coefficients[::-1].T)
-        return np.ascontiguousarray(np.vstack(pieces))
+        return self._pieces
 
     def force_at(self, angle_rad: ArrayLike) -> NDArray[np.float64]:
         """Force at crank angles, any shape, rad; N."""
@@ -124,3 +117,17 @@ class MeasuredForce:
         vector[slots.K_FC] = 0.0
         vector[slots.FORCE_SCALE] = self.scale
         vector[slots.CUTTING_SIGN] = sign_of(self.cutting_half)
+
+
+def _half_turn_splines(force_n: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Coefficients of two cubic splines, one a half turn, shape (n_nodes, 4)."""
+    from scipy.interpolate import CubicSpline
+
+    half = len(force_n) // 2
+    closed = np.append(force_n, force_n[0])
+    nodes = 2 * np.pi * np.arange(len(closed)) / len(force_n)
+    pieces = []
+    for part in (slice(0, half + 1), slice(half, 2 * half + 1)):
+        coefficients = CubicSpline(nodes[part], closed[part]).c
+        pieces.append(coefficients[::-1].T)
+    return np.ascontiguousarray(np.vstack(pieces))
