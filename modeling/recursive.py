@@ -1,0 +1,339 @@
+"""k_Fc and the remaining runtime, renewed once a stroke while the saw runs.
+
+The time mean of the force over a stroke is the impulse over the period, and the impulse is k_Fc times the
+distance cut, whatever the speed does within the stroke:
+
+    mean F = 2 r_c k_Fc / T          so      k_Fc = mean F * T / (2 r_c)
+
+From the current, k_Fc follows from the mean torques, with the small effect of the ripple taken from the periodic
+model. A running mean with its autocorrelation gives the uncertainty; a two-sided cumulative sum notices a change
+of material and starts the mean anew from where the change began.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from bench.config import BatteryConfig, ConverterConfig, PlantConfig
+from bench.errors import InputError
+from modeling.joint_fit import SensorPriors
+from modeling.periodic_cycle import CuttingHalf
+from modeling.stroke_tables import StrokeTables, stroke_tables
+
+# Cumulative sum: slack and threshold in standard deviations of a stroke, innovations clipped so that one knot in
+# the wood does not look like another material.
+SLACK: Final = 0.75
+THRESHOLD: Final = 9.0
+CLIP: Final = 4.0
+KEPT_STROKES: Final = 64
+FEWEST_FOR_SCATTER: Final = 6
+# Stroke-to-stroke variation of wood before it has been measured.
+ASSUMED_SPREAD: Final = 0.05
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class StrokeSummary:
+    """One stroke as the stream gives it; means over time, None where not measured.
+
+    Attributes
+    ----------
+    period_s : float
+    mean_force_n, mean_current_a : float or None
+        Zeroed load cell; motor current.
+    battery_voltage_v, battery_current_a : float or None
+    """
+
+    period_s: float
+    mean_force_n: float | None = None
+    mean_current_a: float | None = None
+    battery_voltage_v: float | None = None
+    battery_current_a: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LiveEstimate:
+    """What is known after a stroke.
+
+    Attributes
+    ----------
+    k_fc_n_s_per_m, std_n_s_per_m : float
+        Mean since the last change of material, and its standard uncertainty.
+    statistical_std_n_s_per_m : float
+    remaining_s, remaining_std_s : float or None
+        Runtime left to the cut-off; None without a battery.
+    soc : float or None
+    n_strokes : int
+        Since the last change of material.
+    has_changed : bool
+        True at the stroke that a change of material was noticed.
+    """
+
+    k_fc_n_s_per_m: float
+    std_n_s_per_m: float
+    statistical_std_n_s_per_m: float
+    remaining_s: float | None
+    remaining_std_s: float | None
+    soc: float | None
+    n_strokes: int
+    has_changed: bool
+
+
+class RecursiveCuttingEstimator:
+    """Renew k_Fc and the remaining runtime once a stroke.
+
+    Parameters
+    ----------
+    plant : PlantConfig
+    battery : BatteryConfig, optional
+        Needed for the remaining runtime.
+    converter : ConverterConfig, optional
+    duty : float, optional
+        Commanded duty; needed for the remaining runtime of a fixed duty.
+    cutting_half : {"pi_to_2pi", "zero_to_pi"}
+    sensors : SensorPriors, optional
+    start_soc : float
+        State of charge before the first stroke.
+    force_offset_n : float
+        Subtracted from the mean force.
+
+    Examples
+    --------
+    >>> from bench.config import PlantConfig
+    >>> plant = PlantConfig(resistance_ohm=0.176, inductance_h=0.00321, back_emf_constant_v_s_per_rad=0.007383,
+    ...     torque_constant_n_m_per_a=0.005632, rotor_inertia_kg_m2=2.4e-5, yoke_inertia_kg_m2=2.38e-5,
+    ...     reciprocating_mass_kg=0.239, crank_radius_m=0.01, motor_damping_n_m_s_per_rad=3.4274e-6,
+    ...     gear_ratio=56 / 6)
+    >>> live = RecursiveCuttingEstimator(plant=plant)
+    >>> for _ in range(10):
+    ...     estimate = live.update(StrokeSummary(period_s=0.072, mean_force_n=66.75))
+    >>> round(estimate.k_fc_n_s_per_m, 1)
+    240.3
+    """
+
+    def __init__(
+        self,
+        *,
+        plant: PlantConfig,
+        battery: BatteryConfig | None = None,
+        converter: ConverterConfig | None = None,
+        duty: float | None = None,
+        cutting_half: CuttingHalf = "pi_to_2pi",
+        sensors: SensorPriors | None = None,
+        start_soc: float = 1.0,
+        force_offset_n: float = 0.0,
+    ) -> None:
+        if not 0.0 < start_soc <= 1.0:
+            raise InputError(f"start_soc is {start_soc!r}, allowed is above 0 and up to 1")
+        self._tables: StrokeTables = stroke_tables(
+            plant, battery=battery, converter=converter, duty=duty, cutting_half=cutting_half
+        )
+        self._plant = plant
+        self._sensors = sensors or SensorPriors()
+        self._soc = start_soc
+        self._offset_n = force_offset_n
+        self._recent: deque[float] = deque(maxlen=KEPT_STROKES)
+        self._level = _RunningMean()
+        self._current_ratio = _RunningMean()
+        self._up = self._down = 0.0
+        self._since_up = self._since_down = 0
+
+    def update(self, stroke: StrokeSummary) -> LiveEstimate:
+        """Take one stroke.
+
+        Raises
+        ------
+        InputError
+            If the period is not positive, or the stroke holds neither force nor current.
+        """
+        if not (math.isfinite(stroke.period_s) and stroke.period_s > 0):
+            raise InputError(f"period_s is {stroke.period_s!r}, allowed is a number above 0")
+        k_fc, systematic = self._stroke_coefficient(stroke)
+        has_changed = self._notice_change(k_fc)
+        if not has_changed:
+            self._level.add(k_fc)
+        self._recent.append(k_fc)
+        level = self._level.mean
+        statistical = self._level.std_of_mean(ASSUMED_SPREAD * abs(level))
+        remaining_s, remaining_std_s = self._remaining(stroke, level, statistical)
+        return LiveEstimate(
+            k_fc_n_s_per_m=level,
+            std_n_s_per_m=math.hypot(statistical, systematic * abs(level)),
+            statistical_std_n_s_per_m=statistical,
+            remaining_s=remaining_s,
+            remaining_std_s=remaining_std_s,
+            soc=None if self._tables.capacity_a_s is None else self._soc,
+            n_strokes=self._level.count,
+            has_changed=has_changed,
+        )
+
+    def _stroke_coefficient(self, stroke: StrokeSummary) -> tuple[float, float]:
+        """k_Fc of one stroke and the relative uncertainty that all strokes share."""
+        sensors, plant = self._sensors, self._plant
+        parts = []
+        radius_m = plant.crank_radius_m.nominal
+        if stroke.mean_force_n is not None and math.isfinite(stroke.mean_force_n):
+            k_fc = (stroke.mean_force_n - self._offset_n) * stroke.period_s / (2.0 * radius_m)
+            parts.append((k_fc, math.hypot(sensors.force_gain_rel_std, plant.crank_radius_m.rel_std)))
+        if stroke.mean_current_a is not None and math.isfinite(stroke.mean_current_a):
+            k_fc = self._tables.from_current(stroke.mean_current_a, stroke.period_s)
+            share = self._tables.damping_share(k_fc, stroke.period_s)
+            parts.append(
+                (
+                    k_fc,
+                    math.hypot(
+                        (1.0 + share) * sensors.current_gain_rel_std,
+                        (1.0 + share) * plant.torque_constant_n_m_per_a.rel_std,
+                        2.0 * plant.crank_radius_m.rel_std,
+                        share * plant.motor_damping_n_m_s_per_rad.rel_std,
+                    ),
+                )
+            )
+        if not parts:
+            raise InputError("a stroke needs mean_force_n or mean_current_a")
+        weights = [1.0 / max(rel_std, 1e-6) ** 2 for _, rel_std in parts]
+        k_fc = sum(w * k for w, (k, _) in zip(weights, parts, strict=True)) / sum(weights)
+        return k_fc, 1.0 / math.sqrt(sum(weights))
+
+    def _notice_change(self, k_fc: float) -> bool:
+        """Two-sided cumulative sum of the innovations; on a change the mean starts where the sum left zero."""
+        level = self._level
+        if level.count < FEWEST_FOR_SCATTER:
+            return False
+        spread = max(level.effective_std, 0.01 * abs(level.mean))
+        innovation = max(-CLIP, min(CLIP, (k_fc - level.mean) / spread))
+        self._up = max(0.0, self._up + innovation - SLACK)
+        self._down = max(0.0, self._down - innovation - SLACK)
+        self._since_up = self._since_up + 1 if self._up > 0 else 0
+        self._since_down = self._since_down + 1 if self._down > 0 else 0
+        if max(self._up, self._down) <= THRESHOLD:
+            return False
+        n_new = min(self._since_up if self._up > THRESHOLD else self._since_down, KEPT_STROKES)
+        fresh = [*self._recent, k_fc][-n_new:]
+        self._level = _RunningMean()
+        for value in fresh:
+            self._level.add(value)
+        self._current_ratio = _RunningMean()
+        self._up = self._down = 0.0
+        self._since_up = self._since_down = 0
+        return True
+
+    def _remaining(self, stroke: StrokeSummary, level: float, statistical: float) -> tuple[float | None, float | None]:
+        tables = self._tables
+        if tables.capacity_a_s is None:
+            return None, None
+        expected_a = tables.battery_current(level, self._soc)
+        if stroke.battery_current_a is not None and math.isfinite(stroke.battery_current_a):
+            drawn_a = stroke.battery_current_a
+            if expected_a > 0:
+                self._current_ratio.add(drawn_a / expected_a)
+        else:
+            drawn_a = expected_a
+        self._soc = max(self._soc - drawn_a * stroke.period_s / tables.capacity_a_s, 0.0)
+        modelled_s = tables.remaining(level, self._soc)
+        if self._current_ratio.count:
+            ratio = max(self._current_ratio.mean, 1e-3)
+            spread = self._current_ratio.std_of_mean(ASSUMED_SPREAD)
+            rel_std = math.hypot(spread / ratio, self._sensors.current_gain_rel_std)
+            return modelled_s / ratio, modelled_s / ratio * rel_std
+        higher_s = tables.remaining(level + max(statistical, 1e-3 * abs(level)), self._soc)
+        slope = abs(higher_s - modelled_s) / max(statistical, 1e-3 * abs(level), 1e-9)
+        plant_rel = self._plant.torque_constant_n_m_per_a.rel_std
+        return modelled_s, math.hypot(slope * statistical, modelled_s * plant_rel)
+
+
+class _RunningMean:
+    """Mean, scatter and lag-one correlation of a series, kept in a few numbers (Welford)."""
+
+    __slots__ = ("_cross", "_last", "_squares", "count", "mean")
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.mean = 0.0
+        self._squares = 0.0
+        self._cross = 0.0
+        self._last = 0.0
+
+    def add(self, value: float) -> None:
+        """Take one value."""
+        before = self.mean
+        self.count += 1
+        self.mean += (value - before) / self.count
+        self._squares += (value - before) * (value - self.mean)
+        if self.count > 1:
+            self._cross += (value - self.mean) * (self._last - self.mean)
+        self._last = value
+
+    @property
+    def std(self) -> float:
+        """Standard deviation of one value; 0 for fewer than two."""
+        return math.sqrt(self._squares / (self.count - 1)) if self.count > 1 else 0.0
+
+    @property
+    def correlation(self) -> float:
+        """Lag-one correlation, its small-sample bias taken off, 0..0.9."""
+        if self.count < FEWEST_FOR_SCATTER or self._squares <= 0:
+            return 0.0
+        raw = self._cross / self._squares
+        return min(max(raw + (1.0 + 3.0 * raw) / self.count, 0.0), 0.9)
+
+    @property
+    def effective_std(self) -> float:
+        """Standard deviation that a sum of many correlated values behaves as if it had."""
+        rho = self.correlation
+        return self.std * math.sqrt((1.0 + rho) / (1.0 - rho))
+
+    def std_of_mean(self, assumed: float) -> float:
+        """Standard uncertainty of the mean; few values lean on `assumed` for the scatter of one."""
+        if self.count == 0:
+            return assumed
+        if self.count < FEWEST_FOR_SCATTER:
+            return max(self.std, assumed) / math.sqrt(self.count)
+        # Student's t against Gauss: (n - 1) / (n - 3) in the variance.
+        widening = math.sqrt((self.count - 1) / (self.count - 3))
+        return self.effective_std / math.sqrt(self.count) * widening
+
+
+def summarize_strokes(cycles: object) -> list[StrokeSummary]:
+    """Strokes of `MeasuredCycles` as the stream would give them: time means over each stroke.
+
+    Parameters
+    ----------
+    cycles : MeasuredCycles
+
+    Returns
+    -------
+    list of StrokeSummary
+    """
+    from modeling.measured_cycles import MeasuredCycles
+
+    if not isinstance(cycles, MeasuredCycles):
+        raise InputError(f"needs MeasuredCycles, got {type(cycles).__name__}")
+
+    def time_mean(values: np.ndarray | None, stroke: int) -> float | None:
+        if values is None:
+            return None
+        row = values[stroke]
+        weight = np.ones_like(row) if cycles.crank_speed_rad_s is None else 1.0 / cycles.crank_speed_rad_s[stroke]
+        is_there = np.isfinite(row) & np.isfinite(weight)
+        if not is_there.any():
+            return None
+        return float(np.average(row[is_there], weights=weight[is_there]))
+
+    def entry(values: np.ndarray | None, stroke: int) -> float | None:
+        return None if values is None or not np.isfinite(values[stroke]) else float(values[stroke])
+
+    return [
+        StrokeSummary(
+            period_s=float(cycles.period_s[n]),
+            mean_force_n=time_mean(cycles.force_n, n),
+            mean_current_a=time_mean(cycles.current_a, n),
+            battery_voltage_v=entry(cycles.battery_voltage_v, n),
+            battery_current_a=entry(cycles.battery_current_a, n),
+        )
+        for n in range(cycles.n_cycles)
+    ]
