@@ -28,12 +28,13 @@ FORMULA: Final = (
     "h²   = t² · max(s², mean(aᵢ²)) / n + 1.96² · mean(bᵢ)²"
 )
 FORMULA_WORDS: Final = (
-    "xᵢ are the n repetitions and s their standard deviation. aᵢ is the part of a trial's own uncertainty "
-    "that differs from trial to trial (it is inside s already, and counts only where s came out smaller by "
-    "chance); bᵢ is the part that all trials share, from the plant's constants and the sensors' gains, which "
-    "repetition does not shrink. u is the standard uncertainty of the mean, h half its 95 % interval, with Student's t for "
-    "n − 1 degrees of freedom: 12.7 for two repetitions, 4.3 for three. With a single repetition nothing is "
-    "known of the scatter: u is that trial's own uncertainty and t is 1.96."
+    "xᵢ are the n repetitions and s their standard deviation. aᵢ is the part of a trial's own "
+    "uncertainty that differs from trial to trial (it is inside s already, and counts only where s came "
+    "out smaller by chance); bᵢ is the part that all trials share, from the plant's constants and the "
+    "sensors' gains, which repetition does not shrink. u is the standard uncertainty of the mean, h "
+    "half its 95 % interval, with Student's t for n − 1 degrees of freedom: 12.7 for two repetitions, "
+    "4.3 for three. With a single repetition nothing is known of the scatter: u is that trial's own "
+    "uncertainty and t is 1.96."
 )
 
 

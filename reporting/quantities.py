@@ -49,7 +49,7 @@ def format_number(value: float | None, *, digits: int = 4) -> str:
 
 
 def format_quantity(value: float | None, std: float | None = None, unit: str = "", *, digits: int = 4) -> str:
-    """Write a value with its standard uncertainty, to two significant digits of the uncertainty.
+    r"""Write a value with its standard uncertainty, to two significant digits of the uncertainty.
 
     Parameters
     ----------
@@ -69,9 +69,9 @@ def format_quantity(value: float | None, std: float | None = None, unit: str = "
     Examples
     --------
     >>> format_quantity(240.2871, 1.2345, "N·s/m")
-    '240.3 ± 1.2 N·s/m'
+    '240.3\xa0±\xa01.2\xa0N·s/m'
     >>> format_quantity(927.4, 48.0, "s")
-    '927 ± 48 s'
+    '927\xa0±\xa048\xa0s'
     """
     if value is None or not math.isfinite(value):
         return "not known"
@@ -89,23 +89,23 @@ def format_quantity(value: float | None, std: float | None = None, unit: str = "
 
 
 def format_to(value: float, decimals: int, unit: str = "") -> str:
-    """Write a number to given decimal places.
+    r"""Write a number to given decimal places.
 
     Examples
     --------
     >>> format_to(-5.6249, 1, "N")
-    '−5.6 N'
+    '−5.6\xa0N'
     """
     return _signed(_fixed(value, decimals)) + (f"{_NBSP}{unit}" if unit else "")
 
 
 def format_interval(low: float, high: float, unit: str = "") -> str:
-    """Write an interval, its ends to two significant digits of its half-width.
+    r"""Write an interval, its ends to two significant digits of its half-width.
 
     Examples
     --------
     >>> format_interval(237.31, 243.38, "N")
-    '237.3 to 243.4 N'
+    '237.3\xa0to\xa0243.4\xa0N'
     """
     if not (math.isfinite(low) and math.isfinite(high)):
         return "not known"
@@ -118,12 +118,12 @@ def format_interval(low: float, high: float, unit: str = "") -> str:
 
 
 def format_duration(seconds: float | None) -> str:
-    """Write a time of minutes and hours in words.
+    r"""Write a time of minutes and hours in words.
 
     Examples
     --------
     >>> format_duration(927.4), format_duration(48.2), format_duration(7325.0)
-    ('15 min 27 s', '48 s', '2 h 2 min')
+    ('15\xa0min 27\xa0s', '48\xa0s', '2\xa0h 2\xa0min')
     """
     if seconds is None or not math.isfinite(seconds):
         return "not known"

@@ -196,7 +196,7 @@ def _tiles(
         k_fc = format_quantity(fit.k_fc_n_s_per_m, fit.std_n_s_per_m, "N·s/m")
         detail = f"from {fit.method.replace('_', ' ')}"
         if fit.status != "ok":
-            detail += f"; {FIT_STATUS_WORDS[fit.status]}"
+            k_fc, detail = "not reliable", f"{FIT_STATUS_WORDS[fit.status]}, at {k_fc}"
         tiles.append(Tile(label="Cutting coefficient k_Fc", value=k_fc, detail=detail))
     if runtime is not None:
         value = format_quantity(runtime.runtime_s, runtime.std_s, "s")
@@ -282,8 +282,8 @@ def _period_words(processed: ProcessedTrial) -> tuple[str, ...]:
     channel = CHANNEL_BY_NAME.get(period.channel)
     texts = [
         f"{format_quantity(1e3 * period.period_s, 1e3 * period.period_std_s, 'ms')} over {period.n_cycles} "
-        f"whole strokes of the {channel.label if channel else period.channel}; from stroke to stroke it varies by "
-        f"{_short(1e3 * period.spread_s, 'ms')}. Confidence: {period.confidence} ({period.reason})."
+        f"whole strokes of the {channel.label if channel else period.channel}, varying from stroke to "
+        f"stroke by {_short(1e3 * period.spread_s, 'ms')}. Confidence: {period.confidence} ({period.reason})."
     ]
     for rival in period.rivals:
         texts.append(
