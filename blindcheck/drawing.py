@@ -177,7 +177,7 @@ def _peak_force(true: Mapping[str, float], k_fc: float) -> float:
 
 
 def _plan(rng: np.random.Generator, material: str, length: float) -> tuple[TrialPlan, ...]:
-    """Plan 18 trials: three duties, idle, three repeats, two feeds, two thicknesses, a long one, idle again."""
+    """Plan 18 trials: three duties, idle, repeats, two feeds, two thicknesses, a long one, idle again."""
     feed = float(rng.choice([3.0, 4.0, 5.0]))
     other_feed = feed * float(rng.choice([0.6, 1.5]))
     thick = float(rng.choice([12.0, 30.0]))

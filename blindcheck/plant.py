@@ -11,6 +11,7 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import signal
 
 from bench.errors import InputError, UntrustedResult
 from blindcheck.dynamics import (
@@ -106,12 +107,10 @@ def parameter_record(settings: PlantSettings) -> np.ndarray:
 def stroke_factors(settings: PlantSettings, n: int = 16384) -> Floats:
     """Return the factor on the damper for each stroke: a stationary AR(1) process of mean 1, shape (n,)."""
     rng = np.random.default_rng([settings.seed, 1])
-    shocks = rng.standard_normal(n)
     rho = settings.stroke_correlation
-    values = np.empty(n)
-    values[0] = shocks[0]
-    for k in range(1, n):
-        values[k] = rho * values[k - 1] + np.sqrt(1.0 - rho * rho) * shocks[k]
+    shocks = np.sqrt(1.0 - rho * rho) * rng.standard_normal(n)
+    shocks[0] /= np.sqrt(1.0 - rho * rho)
+    values = np.asarray(signal.lfilter([1.0], [1.0, -rho], shocks))
     return np.clip(1.0 + settings.stroke_rel_std * values, 0.2, 2.0)
 
 

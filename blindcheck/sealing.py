@@ -1,8 +1,8 @@
 """Sealed sets of cases: the campaigns and a commitment to every label in the open, the labels in a key.
 
-A commitment is SHA-256(salt || label) over the label's canonical JSON. Salts are random, so that a label cannot
-be found by trying; the open file also holds the hash of every file of the case, and the key the hash of the
-open file, so that neither can be changed later without being found.
+A commitment is SHA-256(salt || label) over the label's canonical JSON. Salts are random, so that a label
+cannot be found by trying; the open file also holds the hash of every file of the case, and the key the hash
+of the open file, so that neither can be changed later without being found.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,9 @@ from blindcheck.effects.table import CATALOGUE, OUTSIDE
 
 COMMITMENTS = "commitments.json"
 SCHEMA_VERSION = 1
-_KINDS = (("none", 0.125), ("parameters", 0.125), ("effect", 0.5), ("pair", 0.1), ("outside", 0.15))
+_SHARES: Mapping[str, float] = MappingProxyType(
+    {"none": 0.125, "parameters": 0.125, "effect": 0.5, "pair": 0.1, "outside": 0.15}
+)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -55,8 +58,8 @@ def draw_cases(seed: int, n_cases: int) -> tuple[CaseSpec, ...]:
     """Draw what every case hides; cases are independent, and the first n do not depend on how many follow.
 
     The shares are 25 % without an effect (half of them with constants beyond their uncertainty), 50 % one
-    effect, 10 % two, 15 % outside the catalogue; the rest of the probability (none) is spread evenly. Severity
-    is log-uniform in 0.5..2 (80 %), 0.1..0.5 or 2..3 (10 % each).
+    effect, 10 % two, 15 % outside the catalogue. Severity is log-uniform in 0.5..2 (80 %), 0.1..0.5 or 2..3
+    (10 % each).
 
     Examples
     --------
@@ -71,8 +74,7 @@ def draw_cases(seed: int, n_cases: int) -> tuple[CaseSpec, ...]:
 
 def _draw_case(name: str, child: np.random.SeedSequence) -> CaseSpec:
     rng = np.random.default_rng(child)
-    kinds, shares = zip(*_KINDS, strict=True)
-    kind = str(rng.choice(kinds, p=np.array(shares) / sum(shares)))
+    kind = str(rng.choice(list(_SHARES), p=list(_SHARES.values())))
     table = list(OUTSIDE if kind == "outside" else CATALOGUE)
     count = {"effect": 1, "pair": 2, "outside": 1}.get(kind, 0)
     chosen = [str(effect) for effect in rng.choice(table, size=count, replace=False)]
@@ -97,7 +99,7 @@ def make(
     forms: Forms = "own",
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Make a sealed set of cases; what is there already is kept, so a broken-off run goes on where it stopped.
+    """Make a sealed set of cases; a run that was broken off goes on where it stopped.
 
     Parameters
     ----------

@@ -111,6 +111,8 @@ class PlantSettings:
             raise InputError(f"duty is {self.duty!r}, allowed is above 0 up to 1")
         if not 0.0 < self.initial_soc <= 1.0:
             raise InputError(f"initial_soc is {self.initial_soc!r}, allowed is above 0 up to 1")
+        if not 0.0 <= self.stroke_correlation < 1.0:
+            raise InputError(f"stroke_correlation is {self.stroke_correlation!r}, allowed is 0 up to below 1")
         for item in fields(self):
             value = getattr(self, item.name)
             if isinstance(value, float) and not np.isfinite(value):

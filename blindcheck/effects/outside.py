@@ -57,10 +57,10 @@ def grease_warming(severity: float, setting: Setting) -> Change:
 def blade_whip(severity: float, setting: Setting) -> Change:
     """Let the blade swing, driven by the stroke.
 
-    q'' + 0.05 w q' + w^2 q = -a_plunger, force m w^2 q; m = 8 g, 35-60 Hz.
+    q'' + 0.05 w q' + w^2 q = -a_plunger, force m w^2 q; m = 60 g of blade and holder, 35-60 Hz.
     """
     return Change(
-        plant={"whip_kg": 0.008 * severity},
+        plant={"whip_kg": 0.06 * severity},
         shape={"whip_hz": float(setting.rng("blade_whip").uniform(35.0, 60.0))},
     )
 

@@ -60,8 +60,11 @@ _OUTSIDE: tuple[Effect, ...] = (
 CATALOGUE: Mapping[str, Effect] = MappingProxyType({effect.__name__: effect for effect in _CATALOGUE})
 OUTSIDE: Mapping[str, Effect] = MappingProxyType({effect.__name__: effect for effect in _OUTSIDE})
 
-# Thresholds and resonances: plain to see, or without meaning, at a few per cent of their typical size.
-NOT_AS_BACKGROUND = frozenset({"current_limit", "preload_lift_off", "yoke_backlash", "carriage_resonance"})
+# Thresholds and resonances are plain to see, or mean nothing, at a few per cent of their typical size; a
+# nearly rigid blade makes the equations stiff.
+NOT_AS_BACKGROUND = frozenset(
+    {"current_limit", "preload_lift_off", "yoke_backlash", "carriage_resonance", "blade_compliance"}
+)
 
 
 def changes_of(effects: Mapping[str, float], setting: Setting) -> Change:
