@@ -1,0 +1,58 @@
+"""`sawbench view`: replay a recording in Rerun."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from bench.errors import SawbenchError
+from commands.options import config_for, config_option, force_option, json_option
+from commands.terminal import emit
+
+
+@click.command(name="view", epilog="Example: sawbench view recordings/oak-01.mcap --rrd oak-01.rrd")
+@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
+@config_option
+@click.option("--rrd", "rrd_path", type=click.Path(path_type=Path, dir_okay=False), help="Save the view there.")
+@click.option("--no-view", is_flag=True, help="Open no viewer; with --rrd.")
+@click.option(
+    "--screenshot", "png_path", type=click.Path(path_type=Path, dir_okay=False),
+    help="Save a picture of the view, drawn without a window; with --rrd.",
+)  # fmt: skip
+@force_option
+@json_option
+def command(
+    path: Path,
+    config_path: Path | None,
+    rrd_path: Path | None,
+    no_view: bool,
+    png_path: Path | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Show a recording with the same layout as the live view."""
+    from storage.reader import read_recording, sha256_of
+    from visualization.replay import view_recording
+
+    if (no_view or png_path) and rrd_path is None:
+        raise click.UsageError("--no-view and --screenshot need --rrd FILE")
+    recording = read_recording(path)
+    try:
+        from processing.process import process_recording
+
+        config = config_for(recording, config_path).config
+        processed = process_recording(recording, config, source_sha256=sha256_of(path))
+    except SawbenchError as error:
+        # The signals are worth seeing also where they cannot be processed.
+        click.echo(f"shown without the folded cycle: {error}", err=True)
+        processed = None
+    view_recording(
+        recording, save_path=rrd_path, spawn=not no_view and png_path is None, processed=processed, overwrite=force
+    )
+    if png_path is not None and rrd_path is not None:
+        from visualization.screenshot import take_screenshot
+
+        take_screenshot(rrd_path, png_path)
+    made = [item for item in (rrd_path, png_path) if item is not None]
+    emit({"files": made}, "\n".join(map(str, made)) or "viewer started", as_json=as_json)

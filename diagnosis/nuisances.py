@@ -1,0 +1,216 @@
+"""What may be mistuned without anything being wrong with the model: parameters, gains, offsets, angle zero.
+
+Each entry gives the change of the residuals for one unit of the parameter's error, and the standard
+uncertainty the configuration (or the sensor class) grants it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.recording import Floats
+from diagnosis.equations import Baseline, Signature, inertia_torque
+from diagnosis.state import State
+
+SignatureFunction = Callable[[Baseline, State], Signature]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Nuisance:
+    """One direction in which the baseline may be mistuned.
+
+    Attributes
+    ----------
+    name : str
+        Name of the `[plant]` or `[battery]` parameter, or of the sensor property.
+    nominal : float
+        0 for offsets.
+    std : float
+        Prior standard uncertainty, in the unit of `nominal`.
+    is_plant : bool
+        A number of the configuration (reported as a parameter shift), not of a sensor.
+    signature : callable
+        (baseline, state) -> change of the residuals for one unit.
+    """
+
+    name: str
+    nominal: float
+    std: float
+    is_plant: bool
+    signature: SignatureFunction
+
+
+def nuisances_of(baseline: Baseline) -> tuple[Nuisance, ...]:
+    """List every nuisance that is shared by all trials of a campaign.
+
+    Parameters
+    ----------
+    baseline : Baseline
+
+    Returns
+    -------
+    tuple of Nuisance
+    """
+    return (*_plant_nuisances(baseline), *_battery_nuisances(baseline), *_sensor_nuisances(baseline))
+
+
+def _plant_nuisances(baseline: Baseline) -> list[Nuisance]:
+    plant, gear = baseline.plant, baseline.gear
+
+    def motor_speed(state: State) -> Floats:
+        return gear * state.speed_rad_s
+
+    signatures: dict[str, SignatureFunction] = {
+        # A larger true value than the nominal one leaves what the baseline did not subtract.
+        "resistance_ohm": lambda _, s: _electrical(s.current_a, +1),
+        "inductance_h": lambda _, s: _electrical(s.current_rate_a_s, +1),
+        "back_emf_constant_v_s_per_rad": lambda _, s: {"electrical": motor_speed(s)},
+        "torque_constant_n_m_per_a": lambda _, s: _mechanical(s.current_a, -1),
+        "motor_damping_n_m_s_per_rad": lambda _, s: {"mechanical": motor_speed(s)},
+        "rotor_inertia_kg_m2": lambda b, s: {"mechanical": inertia_torque(b, s, rotor=1.0)},
+        "yoke_inertia_kg_m2": lambda b, s: {"mechanical": inertia_torque(b, s, yoke=1.0)},
+        "reciprocating_mass_kg": lambda b, s: {"mechanical": inertia_torque(b, s, mass=1.0)},
+        "crank_radius_m": _radius_signature,
+    }
+    return [
+        Nuisance(
+            name=name,
+            nominal=getattr(plant, name).nominal,
+            std=max(getattr(plant, name).std, 1e-3 * abs(getattr(plant, name).nominal)),
+            is_plant=True,
+            signature=signature,
+        )
+        for name, signature in signatures.items()
+    ]
+
+
+def _electrical(values: Floats | None, sign: int) -> Signature:
+    return {} if values is None else {"electrical": sign * values}
+
+
+def _mechanical(values: Floats | None, sign: int) -> Signature:
+    return {} if values is None else {"mechanical": sign * values}
+
+
+def _radius_signature(baseline: Baseline, state: State) -> Signature:
+    force = np.zeros_like(state.angle_rad) if state.force_n is None else state.force_n
+    swing = inertia_torque(baseline, state, mass=baseline.plant.reciprocating_mass_kg.nominal)
+    return {"mechanical": (2.0 * swing + baseline.load_torque(state, force)) / baseline.radius_m}
+
+
+def _battery_nuisances(baseline: Baseline) -> list[Nuisance]:
+    battery = baseline.battery
+    if battery is None:
+        return []
+
+    def by_capacity(b: Baseline, s: State) -> Signature:
+        # dE/dQ times the relative error of the capacity; E from Eq. 16.
+        step = 1e-3
+        rise = b.open_circuit_voltage(s.charge_used_as / (1.0 + step)) - b.open_circuit_voltage(s.charge_used_as)
+        return {"supply": np.broadcast_to(rise / step / battery.capacity_ah, s.angle_rad.shape)}
+
+    return [
+        Nuisance(
+            name="internal_resistance_ohm",
+            nominal=battery.internal_resistance_ohm,
+            std=max(0.1 * battery.internal_resistance_ohm, 5e-4),
+            is_plant=True,
+            signature=lambda _, s: {} if s.battery_current_a is None else {"supply": -s.battery_current_a},
+        ),
+        Nuisance(
+            name="nominal_voltage_v",
+            nominal=battery.nominal_voltage_v,
+            std=0.005 * battery.nominal_voltage_v,
+            is_plant=True,
+            signature=lambda b, s: {
+                "supply": np.broadcast_to(
+                    b.open_circuit_voltage(s.charge_used_as) / battery.nominal_voltage_v, s.angle_rad.shape
+                )
+            },
+        ),
+        Nuisance(
+            name="capacity_ah",
+            nominal=battery.capacity_ah,
+            std=0.05 * battery.capacity_ah,
+            is_plant=True,
+            signature=by_capacity,
+        ),
+    ]
+
+
+def _sensor_nuisances(baseline: Baseline) -> list[Nuisance]:
+    plant = baseline.plant
+    torque_constant = plant.torque_constant_n_m_per_a.nominal
+    resistance, inductance = plant.resistance_ohm.nominal, plant.inductance_h.nominal
+
+    def current_gain(_: Baseline, s: State) -> Signature:
+        if s.current_a is None or s.current_rate_a_s is None:
+            return {}
+        return {
+            "electrical": -(resistance * s.current_a + inductance * s.current_rate_a_s),
+            "mechanical": torque_constant * s.current_a,
+            "converter": -s.setting.duty * s.current_a,
+        }
+
+    def current_offset(_: Baseline, s: State) -> Signature:
+        ones = np.ones_like(s.angle_rad)
+        return {
+            "electrical": -resistance * ones,
+            "mechanical": torque_constant * ones,
+            "converter": -s.setting.duty * ones,
+        }
+
+    def force_gain(b: Baseline, s: State) -> Signature:
+        if s.force_n is None:
+            return {}
+        return {"mechanical": -b.load_torque(s, s.force_n), "cutting": s.force_n}
+
+    def force_offset(b: Baseline, s: State) -> Signature:
+        ones = np.ones_like(s.angle_rad)
+        return {"mechanical": -b.load_torque(s, ones), "cutting": ones}
+
+    def battery_current_gain(b: Baseline, s: State) -> Signature:
+        if s.battery_current_a is None or b.battery is None:
+            return {}
+        drop = b.battery.internal_resistance_ohm * s.battery_current_a
+        return {"converter": s.battery_current_a, "supply": drop}
+
+    def battery_current_offset(b: Baseline, s: State) -> Signature:
+        return {"converter": np.ones_like(s.angle_rad)}
+
+    def voltage_gain(_: Baseline, s: State) -> Signature:
+        if s.battery_voltage_v is None:
+            return {}
+        return {"electrical": s.motor_voltage_v, "supply": s.battery_voltage_v}
+
+    def angle_zero(b: Baseline, s: State) -> Signature:
+        return angle_shift(b, s)
+
+    def entry(name: str, std: float, signature: SignatureFunction) -> Nuisance:
+        return Nuisance(name=name, nominal=0.0, std=std, is_plant=False, signature=signature)
+
+    return [
+        entry("motor_current_gain", 0.01, current_gain),
+        entry("motor_current_offset_a", 0.03, current_offset),
+        entry("force_gain", 0.01, force_gain),
+        entry("force_offset_n", 1.0, force_offset),
+        entry("battery_current_gain", 0.01, battery_current_gain),
+        entry("battery_current_offset_a", 0.03, battery_current_offset),
+        entry("battery_voltage_gain", 0.003, voltage_gain),
+        entry("angle_zero_rad", 0.005, angle_zero),
+    ]
+
+
+def angle_shift(baseline: Baseline, state: State, step_rad: float = 1e-4) -> Signature:
+    """Change of the residuals per radian of error in the zero of the crank angle, by central difference."""
+    import dataclasses
+
+    from diagnosis.equations import residuals
+
+    up = dataclasses.replace(state, angle_rad=state.angle_rad + step_rad)
+    down = dataclasses.replace(state, angle_rad=state.angle_rad - step_rad)
+    high, low = residuals(baseline, up), residuals(baseline, down)
+    return {name: (high[name] - low[name]) / (2.0 * step_rad) for name in high}

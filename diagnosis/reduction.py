@@ -1,0 +1,229 @@
+"""From one recording to its `State`s: strokes averaged over the crank angle, and the start-up over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bench.processed import CrankAngle
+from bench.recording import Floats, Recording
+from bench.units import CHANNEL_BY_NAME
+from diagnosis.state import TWO_PI, State, TrialSetting
+
+N_POINTS = 128
+N_HARMONICS = 40
+MIN_SAMPLES_PER_BIN = 1.5
+START_UP_S = 0.4
+START_UP_STEP_S = 1e-3
+_STATE_CHANNELS = ("motor_current_a", "force_n", "battery_voltage_v", "battery_current_a")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Grid:
+    """Which sample belongs to which unit and angle bin.
+
+    Attributes
+    ----------
+    first_turn : int
+        Turn number at which the first unit starts.
+    turns_per_unit : int
+    n_units : int
+    """
+
+    first_turn: int
+    turns_per_unit: int
+    n_units: int
+
+    def place(self, angle_rad: Floats, n_points: int = N_POINTS) -> np.ndarray:
+        """Flat index unit * n_points + bin of each sample, -1 outside."""
+        turns = angle_rad / TWO_PI - self.first_turn
+        unit = np.floor(turns / self.turns_per_unit).astype(np.int64)
+        part = turns - np.floor(turns)
+        cell = np.minimum((part * n_points).astype(np.int64), n_points - 1)
+        flat = unit * n_points + cell
+        flat[(unit < 0) | (unit >= self.n_units)] = -1
+        return flat
+
+
+def lay_grid(
+    angle: CrankAngle, start_s: float, end_s: float, slowest_rate_hz: float, *, target_units: int = 16
+) -> Grid | None:
+    """Choose units of whole turns between two times, long enough to fill every bin.
+
+    Returns
+    -------
+    Grid or None
+        None where there are not two complete turns.
+    """
+    inside = (angle.time_s >= start_s) & (angle.time_s <= end_s)
+    if inside.sum() < 8:
+        return None
+    turns = angle.angle_rad[inside] / TWO_PI
+    first, last = int(np.ceil(turns[0])), int(np.floor(turns[-1]))
+    n_turns = last - first
+    if n_turns < 2:
+        return None
+    period_s = (angle.time_s[inside][-1] - angle.time_s[inside][0]) / (turns[-1] - turns[0])
+    needed = int(np.ceil(MIN_SAMPLES_PER_BIN * N_POINTS / max(slowest_rate_hz * period_s, 1e-9)))
+    per_unit = min(max(needed, n_turns // target_units, 1), n_turns)
+    return Grid(first_turn=first, turns_per_unit=per_unit, n_units=n_turns // per_unit)
+
+
+def fold(values: Floats, flat: np.ndarray, n_units: int, n_points: int = N_POINTS) -> Floats:
+    """Mean of the samples in each bin, band-limited to `N_HARMONICS`, shape (n_units, n_points).
+
+    The droop of the bin average is undone. Empty bins are interpolated over the turn.
+    """
+    keep = flat >= 0
+    size = n_units * n_points
+    count = np.bincount(flat[keep], minlength=size).reshape(n_units, n_points)
+    total = np.bincount(flat[keep], weights=values[keep], minlength=size).reshape(n_units, n_points)
+    mean = total / np.maximum(count, 1)
+    for unit in np.flatnonzero((count == 0).any(axis=1)):
+        filled = np.flatnonzero(count[unit])
+        if len(filled) >= 2:
+            mean[unit] = np.interp(np.arange(n_points), filled, mean[unit][filled], period=n_points)
+    return band_limit(mean)
+
+
+def band_limit(waves: Floats, n_harmonics: int = N_HARMONICS) -> Floats:
+    """Keep the first harmonics of periodic rows and undo the droop of the bin average."""
+    n_points = waves.shape[-1]
+    spectrum = np.fft.rfft(waves, axis=-1)
+    order = np.arange(spectrum.shape[-1])
+    spectrum = spectrum / np.sinc(order / n_points)
+    spectrum[..., n_harmonics + 1 :] = 0.0
+    return np.fft.irfft(spectrum, n_points, axis=-1)
+
+
+def smooth_state(state: State, n_harmonics: int = 5) -> State:
+    """State to compute signatures from: the mean over the units, its motion limited to a few harmonics.
+
+    A residual and a signature that share the same noise would shrink every parameter of the equation they stand
+    in (errors in variables); averaging first takes that noise out of the signature.
+    """
+    if state.kind != "running":
+        return state
+    shape = state.angle_rad.shape
+
+    def mean(wave: Floats | None, n: int) -> Floats | None:
+        if wave is None:
+            return None
+        spectrum = np.fft.rfft(wave.mean(axis=0))
+        spectrum[n + 1 :] = 0.0
+        return np.broadcast_to(np.fft.irfft(spectrum, shape[1]), shape)
+
+    speed = mean(state.speed_rad_s, n_harmonics)
+    assert speed is not None
+    changes = {"speed_rad_s": speed, "acceleration_rad_s2": speed * angle_derivative(speed)}
+    for name in ("current_a", "current_rate_a_s", "battery_current_a"):
+        changes[name] = mean(getattr(state, name), 2 * n_harmonics)
+    for name in ("force_n", "force_rate_n_s"):
+        changes[name] = mean(getattr(state, name), N_HARMONICS)
+    return replace(state, **changes)
+
+
+def angle_derivative(waves: Floats) -> Floats:
+    """Derivative of periodic rows with respect to the crank angle."""
+    n_points = waves.shape[-1]
+    spectrum = np.fft.rfft(waves, axis=-1)
+    spectrum *= 1j * np.arange(spectrum.shape[-1])
+    return np.fft.irfft(spectrum, n_points, axis=-1)
+
+
+def running_state(
+    recording: Recording, angle: CrankAngle, setting: TrialSetting, start_s: float, end_s: float
+) -> State | None:
+    """Average the running strokes of a trial in units of a few turns.
+
+    Parameters
+    ----------
+    recording : Recording
+    angle : CrankAngle
+    setting : TrialSetting
+    start_s, end_s : float
+        The settled part of the trial.
+
+    Returns
+    -------
+    State or None
+        None where fewer than two turns are complete. Slow states are still zero.
+    """
+    present = {n: recording.signals[n] for n in _STATE_CHANNELS if n in recording.signals}
+    slowest = min([s.rate_hz for s in present.values()], default=0.0)
+    grid = lay_grid(angle, start_s, end_s, slowest)
+    if grid is None:
+        return None
+    points = (np.arange(N_POINTS) + 0.5) * TWO_PI / N_POINTS
+    shape = (grid.n_units, N_POINTS)
+    flat = grid.place(angle.angle_rad)
+    # The mean over angle of 1/speed is the time a turn takes: fold the slowness, not the speed.
+    speed = 1.0 / fold(1.0 / np.maximum(angle.speed_rad_s, 1e-3), flat, grid.n_units)
+    waves = {}
+    for name, signal in present.items():
+        at_samples = np.interp(signal.time_s, angle.time_s, angle.angle_rad)
+        waves[name] = fold(
+            signal.values * CHANNEL_BY_NAME[name].si_factor, grid.place(at_samples), grid.n_units
+        )
+    turns = grid.first_turn + (np.arange(grid.n_units) + 0.5) * grid.turns_per_unit
+    middle_s = np.interp(turns * TWO_PI, angle.angle_rad, angle.time_s)[:, None]
+    return _assemble(
+        "running", setting, np.broadcast_to(points, shape), speed, speed * angle_derivative(speed), waves,
+        {name: speed * angle_derivative(wave) for name, wave in waves.items()},
+        middle_s, np.full(grid.n_units, float(grid.turns_per_unit)),
+    )  # fmt: skip
+
+
+def start_up_state(
+    recording: Recording, angle: CrankAngle, setting: TrialSetting, start_s: float
+) -> State | None:
+    """Signals of the spin-up on a 1 ms grid, shape (1, n_times), or None where it was not recorded."""
+    present = {n: recording.signals[n] for n in _STATE_CHANNELS if n in recording.signals}
+    if "motor_current_a" not in present or start_s + START_UP_S > angle.time_s[-1]:
+        return None
+    edges = start_s + np.arange(0.0, START_UP_S + START_UP_STEP_S / 2, START_UP_STEP_S)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    if any(s.rate_hz < 0.9 / START_UP_STEP_S for s in present.values()):
+        return None
+    waves = {n: _bin_means(s.time_s, s.values, edges)[None, :] for n, s in present.items()}
+    crank = np.interp(middle, angle.time_s, angle.angle_rad)[None, :]
+    speed = _bin_means(angle.time_s, angle.speed_rad_s, edges)[None, :]
+    rate = {n: np.gradient(w, START_UP_STEP_S, axis=1) for n, w in waves.items()}
+    return _assemble(
+        "start_up", setting, crank, speed, np.gradient(speed, START_UP_STEP_S, axis=1), waves, rate,
+        np.array([[start_s]]), np.ones(1),
+    )  # fmt: skip
+
+
+def _bin_means(time_s: Floats, values: Floats, edges: Floats) -> Floats:
+    cell = np.searchsorted(edges, time_s) - 1
+    keep = (cell >= 0) & (cell < len(edges) - 1)
+    count = np.bincount(cell[keep], minlength=len(edges) - 1)
+    total = np.bincount(cell[keep], weights=values[keep], minlength=len(edges) - 1)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    filled = count > 0
+    return np.interp(middle, middle[filled], total[filled] / count[filled])
+
+
+def _assemble(kind, setting, angle_rad, speed, acceleration, waves, rates, time_s, n_strokes) -> State:
+    voltage = waves.get("battery_voltage_v")
+    nothing = np.zeros_like(time_s)
+    return State(
+        kind=kind,
+        setting=setting,
+        angle_rad=np.asarray(angle_rad),
+        speed_rad_s=speed,
+        acceleration_rad_s2=acceleration,
+        current_a=waves.get("motor_current_a"),
+        current_rate_a_s=rates.get("motor_current_a"),
+        force_n=waves.get("force_n"),
+        force_rate_n_s=rates.get("force_n"),
+        battery_voltage_v=voltage,
+        battery_current_a=waves.get("battery_current_a"),
+        motor_voltage_v=np.full(speed.shape, np.nan) if voltage is None else setting.duty * voltage,
+        time_s=time_s,
+        cut_distance_m=nothing,
+        charge_used_as=nothing,
+        n_strokes=n_strokes,
+    )
