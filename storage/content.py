@@ -12,6 +12,7 @@ from mcap.records import Channel, Header, McapRecord, Message, Metadata, Schema
 from bench.errors import InputError, RecordingError
 from bench.recording import Event, SampleBlock, Trial
 from storage.codec import (
+    MESSAGE_TYPES,
     PROFILE,
     decode_block,
     decode_event,
@@ -60,7 +61,8 @@ class Content:
     @property
     def is_sawbench(self) -> bool:
         """Whether sawbench wrote the file."""
-        return self.profile == PROFILE or "format_version" in self.trial_pairs
+        is_marked = self.profile == PROFILE or "format_version" in self.trial_pairs
+        return is_marked or any(message_type in MESSAGE_TYPES for _, message_type in self.topics.values())
 
     @property
     def is_complete(self) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from bench.errors import RecordingError
@@ -160,4 +161,6 @@ class Output:
             getattr(self._second, action)(*arguments)
         except (OSError, RecordingError) as error:
             self.copy_problem = f"the second copy {self._second.part_path} was given up: {error}"
-            self._second = None
+            given_up, self._second = self._second, None
+            with suppress(OSError):
+                given_up.abandon()

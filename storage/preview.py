@@ -24,7 +24,7 @@ class PreviewBuilder:
     >>> list(builder.add(np.array([0.0, 0.05, 0.1]), np.array([1.0, 3.0, 7.0])))
     [(0.05, 1.0, 2.0, 3.0)]
     >>> builder.finish()
-    [(0.15000000000000002, 7.0, 7.0, 7.0)]
+    [(0.15, 7.0, 7.0, 7.0)]
     """
 
     def __init__(self, *, rate_hz: float) -> None:

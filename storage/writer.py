@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -236,7 +236,8 @@ class RecordingWriter:
                 self._mcap.finish()
                 return output.finish()
             except BaseException:
-                output.abandon()
+                with suppress(OSError):
+                    output.abandon()
                 raise
             finally:
                 self._output = None
@@ -250,10 +251,12 @@ class RecordingWriter:
         if kind is None or self._output is None:
             self.close()
             return
-        self.write_event(
-            Event(kind="interrupted", time_s=self._latest_s, text=f"{kind.__name__}: {error}".strip(": "))
-        )
-        self.close(is_complete=False)
+        text = f"{kind.__name__}: {error}".strip(": ")
+        # On a broken disk these fail again; the first error is the one to see.
+        with suppress(RecordingError):
+            self.write_event(Event(kind="interrupted", time_s=self._latest_s, text=text))
+        with suppress(RecordingError):
+            self.close(is_complete=False)
 
     @contextmanager
     def _disk(self) -> Iterator[Output]:

@@ -105,27 +105,33 @@ def load_campaign(path: Path) -> tuple[Campaign, LoadedConfig | None]:
     """
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
-        campaign = Campaign.model_validate(tables)
     except FileNotFoundError:
         raise ConfigError("no such file", where=path, remedy="check the path") from None
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"is not valid TOML: {error}", where=path) from error
-    except ValidationError as error:
-        raise ConfigError(_describe(error), where=path) from error
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"cannot be read: {error}", where=path) from error
+    campaign = _validate(path, tables)
     _check_files(path, campaign)
     config = None if campaign.config is None else load_config(path.parent / campaign.config)
     return campaign, config
 
 
-def _describe(error: ValidationError) -> str:
-    """Name the trial by its number from 1, as a person counts."""
-    text = describe_validation(error, Campaign)
-    for position in sorted({item["loc"][1] for item in error.errors() if len(item["loc"]) > 1}, reverse=True):
-        if isinstance(position, int):
-            text = text.replace(f"trial.{position}.", f"trial {position + 1}: ")
-    return text
+def _validate(path: Path, tables: dict[str, Any]) -> Campaign:
+    """Check every trial on its own first, so that a problem is named by the trial's number and its keys."""
+    entries = tables.get("trial")
+    problems = []
+    for number, entry in enumerate(entries if isinstance(entries, list) else (), start=1):
+        try:
+            TrialEntry.model_validate(entry)
+        except ValidationError as error:
+            problems.append(f"trial {number}: {describe_validation(error, TrialEntry)}")
+    if problems:
+        raise ConfigError("\n  ".join(problems), where=path)
+    try:
+        return Campaign.model_validate(tables)
+    except ValidationError as error:
+        raise ConfigError(describe_validation(error, Campaign), where=path) from error
 
 
 def _check_files(path: Path, campaign: Campaign) -> None:

@@ -57,10 +57,10 @@ def read_csv_table(path: Path) -> Table:
             encoding="utf-8-sig",
             low_memory=False,
         )
-    except pd.errors.EmptyDataError:
-        raise InputError("has a header but no data rows", where=path) from None
     except (pd.errors.ParserError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read as a table: {error}".rstrip("\n"), where=path) from error
+    if frame.empty:
+        raise InputError("has a header but no data rows", where=path)
     columns: dict[str, Floats] = {}
     for position, name in enumerate(header):
         column = frame[position]

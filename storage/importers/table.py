@@ -118,30 +118,27 @@ def _check_time(table: Table) -> None:
 
 
 def _signal(name: str, unit: str, time_s: Floats, values: Floats, jumps: NDArray[np.int64]) -> Signal:
-    """Return the filled cells of a column; empty cells and jumps of the time between them are gaps."""
+    """Return the filled cells of a column; where cells or rows are missing between them is a gap."""
     rows = np.flatnonzero(~np.isnan(values))
     kept_s = time_s[rows]
-    # A slower channel fills every n-th row; only what is missing on top of that is a gap.
-    stride = float(np.median(np.diff(rows))) if len(rows) > 1 else 1.0
-    empty = np.maximum(np.rint(np.diff(rows) / stride).astype(np.int64) - 1, 0)
-    nominal_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
-    lost = np.zeros(len(empty), dtype=np.int64)
-    # A jump belongs to the interval between the filled rows around it.
-    before = np.searchsorted(rows, jumps, side="left") - 1
-    for jump_row, k in zip(jumps, before, strict=True):
-        if 0 <= k < len(lost):
-            width_s = float(time_s[jump_row] - time_s[jump_row - 1])
-            lost[k] += max(round(width_s / (nominal_s * stride)) - 1, 1)
-    gaps = tuple(
-        Gap(
-            start_s=float(kept_s[k]),
-            end_s=float(kept_s[k + 1]),
-            n_missing=int(empty[k] + lost[k]),
-            reason="the time jumps" if lost[k] else "empty cells",
-        )
-        for k in np.flatnonzero(empty + lost)
-    )
-    return Signal(channel=name, unit=unit, time_s=kept_s, values=values[rows], gaps=gaps)
+    gaps: list[Gap] = []
+    if len(rows) > 1:
+        # A slower channel fills every n-th row; only what is missing on top of that is a gap.
+        stride = float(np.median(np.diff(rows)))
+        period_s = float(np.median(np.diff(time_s))) * stride
+        empty = np.rint(np.diff(rows) / stride).astype(np.int64) - 1
+        # A jump of the time belongs to the interval between the filled rows around it.
+        jumped = np.searchsorted(rows, jumps, side="left") - 1
+        jumped = jumped[(jumped >= 0) & (jumped < len(empty))]
+        for k in np.union1d(np.flatnonzero(empty > 0), jumped).tolist():
+            n_missing = max(round(float(kept_s[k + 1] - kept_s[k]) / period_s) - 1, int(empty[k]))
+            reason = "the time jumps" if k in jumped else "empty cells"
+            if n_missing > 0:
+                gap = Gap(
+                    start_s=float(kept_s[k]), end_s=float(kept_s[k + 1]), n_missing=n_missing, reason=reason
+                )
+                gaps.append(gap)
+    return Signal(channel=name, unit=unit, time_s=kept_s, values=values[rows], gaps=tuple(gaps))
 
 
 def _unknown_column(name: str) -> str:
