@@ -76,6 +76,10 @@ class Baseline:
         """1 on the cutting half, 0 on the return half."""
         return (self.cutting_sign * np.sin(state.angle_rad) > 0).astype(float)
 
+    def expected_force(self, state: State) -> Floats:
+        """Force of the linear cutting law with the campaign's own k_Fc for this stock, N."""
+        return state.slow["k_guess_n_s_per_m"] * self.cutting_speed(state)
+
     def load_torque(self, state: State, force_n: Floats) -> Floats:
         """Torque at the motor that a blade force asks for, N*m (Eq. 8)."""
         return self.cutting_sign * force_n * self.radius_m * np.sin(state.angle_rad) / self.gear

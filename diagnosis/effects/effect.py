@@ -1,0 +1,88 @@
+"""What every entry of the catalogue states."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+from diagnosis.equations import Baseline, Signature
+from diagnosis.state import State
+
+Place = Literal["electrical", "mechanical", "cutting", "supply", "sensing"]
+GrowsWith = Literal["speed", "load", "time", "position", "feed"]
+# (baseline, state, shape) -> one Signature, or two where a phase is free (sine and cosine part).
+SignatureFunction = Callable[..., tuple[Signature, ...]]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Strength:
+    """The parameter that says how strong the effect is.
+
+    Attributes
+    ----------
+    name, unit : str
+        As in the report.
+    typical : float
+        A usual size, in `unit`.
+    low, high : float
+        Sizes that occur, as multiples of `typical`; the prior is log-uniform between them. Where the strength is a
+        number inside a nonlinear form (see `Effect.shapes`), both are near 1.
+    source : str
+        Where range and typical size come from; "assumed" where nobody measured it.
+    """
+
+    name: str
+    unit: str
+    typical: float
+    low: float
+    high: float
+    source: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Effect:
+    """One unmodelled effect: what it adds to the residuals of the baseline.
+
+    Attributes
+    ----------
+    name : str
+        The id of the catalogue.
+    place : Place
+        Equation of the report that it violates.
+    equation : str
+        The term it adds, in words and symbols.
+    strength : Strength
+    signature : callable
+        (baseline, state, **shape) -> the change of the residuals, "measured minus baseline", per unit of
+        `strength` (1 for shapes that carry the strength themselves). Two of them where the phase is free.
+    shapes : tuple of dict
+        Functional forms and nonlinear parameters to marginalise over; all equally likely.
+    shape_strength : callable, optional
+        (amplitude, shape) -> value of the reported parameter, where it is not the amplitude itself.
+    needs : tuple of str
+        Channels without which it cannot be seen at all.
+    grows_with : tuple of str
+    confused_with : tuple of str
+        Ids it is easily taken for.
+    told_apart_by : str
+        What an experiment must vary to tell it from those.
+    """
+
+    name: str
+    place: Place
+    equation: str
+    strength: Strength
+    signature: SignatureFunction
+    shapes: tuple[dict[str, float], ...] = field(default=({},))
+    shape_strength: Callable[[float, dict[str, float]], float] | None = None
+    needs: tuple[str, ...] = ()
+    grows_with: tuple[GrowsWith, ...] = ()
+    confused_with: tuple[str, ...] = ()
+    told_apart_by: str = ""
+
+    def signatures(
+        self, baseline: Baseline, state: State, shape: dict[str, float] | None = None
+    ) -> tuple[Signature, ...]:
+        """Evaluate the signature for one shape (default: the first)."""
+        return self.signature(baseline, state, **(self.shapes[0] if shape is None else shape))
