@@ -11,7 +11,6 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
 from bench.errors import InputError, UntrustedResult
 from blindcheck.dynamics import (
@@ -108,9 +107,9 @@ def stroke_factors(settings: PlantSettings, n: int = 16384) -> Floats:
     """Return the factor on the damper for each stroke: a stationary AR(1) process of mean 1, shape (n,)."""
     rng = np.random.default_rng([settings.seed, 1])
     rho = settings.stroke_correlation
-    shocks = np.sqrt(1.0 - rho * rho) * rng.standard_normal(n)
-    shocks[0] /= np.sqrt(1.0 - rho * rho)
-    values = np.asarray(signal.lfilter([1.0], [1.0, -rho], shocks))
+    n_memory = min(int(np.log(1e-12) / np.log(max(rho, 1e-6))) + 1, 2000)
+    shocks = np.sqrt(1.0 - rho * rho) * rng.standard_normal(n + n_memory - 1)
+    values = np.convolve(shocks, rho ** np.arange(n_memory), mode="valid")
     return np.clip(1.0 + settings.stroke_rel_std * values, 0.2, 2.0)
 
 
