@@ -122,7 +122,8 @@ def raw_signal(signal: DbcSignal, payload: NDArray[np.uint8]) -> NDArray[np.floa
     bits = (words.astype(np.uint64) >> np.uint64(shift)) & mask
     if signal.is_float:
         if signal.length == 32:
-            return bits.astype(np.uint32).view(np.float32).astype(np.float64)
+            with np.errstate(invalid="ignore"):
+                return bits.astype(np.uint32).view(np.float32).astype(np.float64)
         return bits.view(np.float64)
     if signal.is_signed:
         wide = (bits << np.uint64(64 - signal.length)).view(np.int64) >> np.int64(64 - signal.length)

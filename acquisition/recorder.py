@@ -58,7 +58,7 @@ class RecorderLimits:
 
     first_sample_s: float = 2.0
     settle_s: float = 6.0
-    silence_s: float = 2.0
+    silence_s: float = 2.5
     all_lost_s: float = 10.0
     grace_s: float = 2.0
     status_every_s: float = 0.2
