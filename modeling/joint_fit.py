@@ -314,9 +314,9 @@ def _result(
     for part, observation in zip(slices, problem.observations, strict=True):
         series = observation.scatter @ estimate.gain[:, part].T
         std = np.array([std_of_mean(column)[0] for column in series.T])
-        raw = np.maximum(series.std(axis=0, ddof=1), 1e-300)
-        covariance = np.atleast_2d(np.cov(series, rowvar=False)) / np.outer(raw, raw)
-        statistical += covariance * np.outer(std, std)
+        raw = series.std(axis=0, ddof=1)
+        scale = np.divide(std, raw, out=np.zeros_like(std), where=raw > 0)
+        statistical += np.atleast_2d(np.cov(series, rowvar=False)) * np.outer(scale, scale)
     prior_std = np.where(np.isfinite(parameters.prior_std), parameters.prior_std, 0.0)
     from_priors = estimate.prior_gain * prior_std
     from_model = (estimate.gain * model_error) @ estimate.gain.T

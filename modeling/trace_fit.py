@@ -42,6 +42,8 @@ class CurrentTrace:
     vector : ndarray, shape (N_SLOTS,)
         Everything but k_Fc.
     start : ndarray, shape (4,)
+    ocv : ndarray, shape (n, 4)
+        Spline of the open-circuit voltage; no rows where there is none.
     spent_s : float
         Simulated time so far; over the trace's length it counts simulations.
     n_calls : int
@@ -51,6 +53,7 @@ class CurrentTrace:
     current_a: Floats
     vector: Floats
     start: Floats
+    ocv: Floats
     spent_s: float = field(default=0.0)
     n_calls: int = field(default=0)
 
@@ -60,7 +63,7 @@ class CurrentTrace:
         self.vector[slots.K_FC] = k_fc
         self.spent_s += float(time_s[-1])
         self.n_calls += 1
-        return run_vector(self.vector, NO_TABLE, time_s, self.start).motor_current_a
+        return run_vector(self.vector, NO_TABLE, self.ocv, time_s, self.start).motor_current_a
 
     def ise(self, k_fc: float, n_samples: int | None = None) -> float:
         """Sum of squared errors (Eq. 15), A^2."""
@@ -102,7 +105,10 @@ def current_trace(
             initial.soc,
         ]
     )
-    return CurrentTrace(time_s=time, current_a=current, vector=vector, start=start)
+    ocv = None if supply.battery is None else supply.battery.ocv_table()
+    return CurrentTrace(
+        time_s=time, current_a=current, vector=vector, start=start, ocv=NO_TABLE if ocv is None else ocv
+    )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
