@@ -52,3 +52,35 @@ def cutting_of(loaded: LoadedConfig, k_fc_n_s_per_m: float) -> LinearCutting:
     return LinearCutting(
         k_fc_n_s_per_m=k_fc_n_s_per_m, cutting_half=loaded.config.cutting.cutting_half
     )
+
+
+def simulated_cycle(
+    loaded: LoadedConfig, k_fc_n_s_per_m: float, duty: float | None, *, n_points: int = 256
+) -> dict[str, Any]:
+    """One settled stroke of the model over the crank angle, to lay over a measured one.
+
+    Returns
+    -------
+    dict
+        `angle_rad`, `force_n`, `motor_current_a`, each of shape (n_points,).
+    """
+    import numpy as np
+
+    from modeling.transient import simulate
+
+    run = simulate(
+        parameters_of(loaded),
+        supply=supply_of(loaded, duty),
+        cutting=cutting_of(loaded, k_fc_n_s_per_m),
+        duration_s=1.5,
+        rate_hz=20_000.0,
+    )
+    turns = run.crank_angle_rad / (2.0 * np.pi)
+    last = np.floor(turns[-1]) - 1.0
+    angle = (np.arange(n_points) + 0.5) * 2.0 * np.pi / n_points
+    at = 2.0 * np.pi * last + angle
+    return {
+        "angle_rad": angle,
+        "force_n": np.interp(at, run.crank_angle_rad, run.force_n),
+        "motor_current_a": np.interp(at, run.crank_angle_rad, run.motor_current_a),
+    }

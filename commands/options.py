@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import bench
 from bench.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,12 +17,13 @@ if TYPE_CHECKING:
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 DEFAULT_CONFIG = Path("bench_config.toml")
+SHIPPED_CONFIG = Path(bench.__file__).with_name("default_config.toml")
 
 config_option: Decorator = click.option(
     "--config",
     "config_path",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Bench configuration; default: the one kept in the recording, else ./bench_config.toml.",
+    help="Bench configuration; default: the one kept in the recording, else ./bench_config.toml, else the one that ships.",
 )
 json_option: Decorator = click.option("--json", "as_json", is_flag=True, help="Print machine-readable JSON.")
 force_option: Decorator = click.option("--force", is_flag=True, help="Overwrite files that exist.")
@@ -66,7 +68,7 @@ def find_recordings(paths: Iterable[Path]) -> list[Path]:
 
 
 def config_for(recording: Recording | None, config_path: Path | None) -> LoadedConfig:
-    """Choose the configuration: `--config`, else the recording's own, else ./bench_config.toml.
+    """Choose the configuration: `--config`, else the recording's own, else ./bench_config.toml, else the one that ships.
 
     Parameters
     ----------
@@ -84,7 +86,15 @@ def config_for(recording: Recording | None, config_path: Path | None) -> LoadedC
         return load_config(config_path)
     if recording is not None and recording.config_toml:
         return parse_config(recording.config_toml, where=f"configuration inside {recording.path}")
-    return load_config(DEFAULT_CONFIG)
+    return load_config(default_config_path())
+
+
+def default_config_path() -> Path:
+    """./bench_config.toml, else the one that ships with sawbench."""
+    if DEFAULT_CONFIG.exists():
+        return DEFAULT_CONFIG
+    click.echo(f"no {DEFAULT_CONFIG} here: using the one that ships with sawbench", err=True)
+    return SHIPPED_CONFIG
 
 
 def refuse_existing(path: Path, *, force: bool) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from bench.recording import Trial
-from commands.options import config_for, config_option, force_option, json_option, refuse_existing
+from commands.options import config_for, config_option, default_config_path, force_option, json_option, refuse_existing
 from commands.terminal import emit
 
 if TYPE_CHECKING:
@@ -65,10 +65,9 @@ def command(  # noqa: PLR0914 - the options of one trial
     as_json: bool,
 ) -> int:
     """Record one trial. Lines typed meanwhile become notes in the recording; Ctrl-C finishes the file."""
-    from commands.options import DEFAULT_CONFIG
     from commands.recording_session import NoteBook, SessionOptions, record_trial, simulated_bench
 
-    config_path = config_path or DEFAULT_CONFIG
+    config_path = config_path or default_config_path()
     loaded = config_for(None, config_path)
     settings = loaded.config.recording
     folder = directory or Path(settings.directory)

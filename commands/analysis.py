@@ -1,0 +1,162 @@
+"""From a recording to its results: process, fit, predict. What `process`, `fit`, `runtime`, `compare`, `demo` share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bench.errors import InputError
+from commands.options import config_for
+
+if TYPE_CHECKING:
+    from bench.config import LoadedConfig
+    from bench.processed import ProcessedTrial
+    from bench.recording import Recording
+    from modeling.fit import FitMethod
+    from modeling.measured_cycles import MeasuredCycles
+    from modeling.results import CuttingFit, RuntimePrediction
+
+FIT_BINS = 64
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class AnalysedTrial:
+    """A recording with what was found in it.
+
+    Attributes
+    ----------
+    recording : Recording
+    loaded : LoadedConfig
+    processed : ProcessedTrial
+    """
+
+    recording: Recording
+    loaded: LoadedConfig
+    processed: ProcessedTrial
+
+
+def load_and_process(path: Path, config_path: Path | None) -> AnalysedTrial:
+    """Read one recording and process it.
+
+    Raises
+    ------
+    InputError
+        If the file is no recording or the configuration is not valid.
+    """
+    from processing.process import process_recording
+    from storage.reader import read_recording, sha256_of
+
+    recording = read_recording(path)
+    loaded = config_for(recording, config_path)
+    processed = process_recording(recording, loaded.config, source_sha256=sha256_of(path))
+    return AnalysedTrial(recording=recording, loaded=loaded, processed=processed)
+
+
+def measured_cycles(trial: AnalysedTrial) -> MeasuredCycles:
+    """Lay the settled strokes of a trial over the crank angle, for the fit.
+
+    Raises
+    ------
+    InputError
+        If the trial has no settled strokes or no crank angle with a known zero.
+    """
+    from bench.units import CHANNEL_BY_NAME
+    from modeling.measured_cycles import cycles_from_samples
+
+    processed, where = trial.processed, trial.recording.path
+    if processed.angle is None or processed.period is None:
+        raise InputError(f"holds no running strokes ({processed.status})", where=where)
+    if not processed.angle.is_absolute:
+        raise InputError(
+            "has no displacement, so the zero of the crank angle is unknown and k_Fc cannot be fitted",
+            where=where,
+            remedy="record displacement_mm",
+        )
+    running = [phase for phase in processed.phases if phase.kind == "running"]
+    if not running:
+        raise InputError("never runs at a settled speed", where=where)
+    longest = max(running, key=lambda phase: phase.end_s - phase.start_s)
+    channels = {
+        name: (signal.time_s, signal.values * CHANNEL_BY_NAME[name].si_factor)
+        for name, signal in trial.recording.signals.items()
+        if name in CHANNEL_BY_NAME
+    }
+    return cycles_from_samples(
+        processed.angle.time_s,
+        processed.angle.angle_rad,
+        processed.angle.speed_rad_s,
+        channels,
+        n_bins=FIT_BINS,
+        start_s=longest.start_s,
+        end_s=longest.end_s,
+        duty=trial.recording.trial.duty,
+        label=trial.recording.trial.trial_id,
+    )
+
+
+def fit_trial(trial: AnalysedTrial, method: FitMethod | None = None) -> CuttingFit:
+    """Fit k_Fc of one trial; by default with every channel it has.
+
+    Raises
+    ------
+    InputError
+        If the trial is no cutting trial or lacks what the fit needs.
+    """
+    from modeling.fit import available_method, fit_cutting_coefficient
+
+    processed, loaded = trial.processed, trial.loaded
+    if processed.status != "cutting":
+        raise InputError(
+            f"is no cutting trial ({processed.status.replace('_', ' ')}), so it has no k_Fc",
+            where=trial.recording.path or processed.trial.trial_id,
+        )
+    cycles = measured_cycles(trial)
+    return fit_cutting_coefficient(
+        cycles,
+        plant=loaded.plant(),
+        battery=loaded.config.battery,
+        converter=loaded.config.converter,
+        cutting_half=loaded.config.cutting.cutting_half,
+        force_gain_rel_std=loaded.config.analysis.force_gain_rel_std,
+        current_gain_rel_std=loaded.config.analysis.current_gain_rel_std,
+        method=method or available_method(cycles),
+    )
+
+
+def runtime_of(trial: AnalysedTrial, fit: CuttingFit) -> RuntimePrediction:
+    """Predict the battery runtime of a tool that goes on cutting like this trial."""
+    return predict(
+        trial.loaded,
+        k_fc=fit.k_fc_n_s_per_m,
+        k_fc_std=fit.std_n_s_per_m,
+        duty=trial.recording.trial.duty,
+        mean_battery_current_a=trial.processed.mean_values.get("battery_current_a"),
+    )
+
+
+def predict(
+    loaded: LoadedConfig,
+    *,
+    k_fc: float,
+    k_fc_std: float,
+    duty: float | None,
+    mean_battery_current_a: float | None = None,
+) -> RuntimePrediction:
+    """Predict the battery runtime for a cutting coefficient."""
+    from commands.model_setup import battery_of, parameters_of, supply_of
+    from modeling.runtime import predict_runtime
+
+    battery = loaded.battery()
+    return predict_runtime(
+        parameters_of(loaded),
+        battery=battery_of(loaded),
+        supply=supply_of(loaded, duty),
+        k_fc=k_fc,
+        k_fc_std=k_fc_std,
+        plant=loaded.plant(),
+        cutting_half=loaded.config.cutting.cutting_half,
+        cutoff_soc=battery.cutoff_soc,
+        cutoff_voltage_v=battery.cutoff_voltage_v,
+        measured_mean_battery_current_a=mean_battery_current_a,
+    )

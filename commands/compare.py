@@ -1,0 +1,78 @@
+"""`sawbench compare`: the material-comparison report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from bench.errors import InputError, SawbenchError
+from commands.options import config_option, find_recordings, force_option, json_option, refuse_existing
+from commands.terminal import emit, progress
+
+if TYPE_CHECKING:
+    from commands.analysis import AnalysedTrial
+    from reporting.compared import ComparedTrial
+
+
+@click.command(name="compare", epilog="Example: sawbench compare recordings --out report.html")
+@click.argument("directory", metavar="DIR", type=click.Path(path_type=Path))
+@click.option(
+    "--out", "out_path", required=True, type=click.Path(path_type=Path, dir_okay=False), help="HTML page."
+)
+@click.option("--csv", "csv_path", type=click.Path(path_type=Path, dir_okay=False), help="The table as CSV too.")
+@config_option
+@force_option
+@json_option
+def command(
+    directory: Path, out_path: Path, csv_path: Path | None, config_path: Path | None, force: bool, as_json: bool
+) -> int:
+    """Process, fit and compare every recording of DIR, one series per material and setting."""
+    from commands.analysis import load_and_process
+    from reporting.comparison_page import write_comparison_page
+    from reporting.compared import ComparedTrial, LeftOut, comparison_json, comparison_table
+
+    if not directory.exists():
+        raise InputError("no such directory", where=directory)
+    for path in (out_path, csv_path):
+        if path is not None:
+            refuse_existing(path, force=force)
+    files = find_recordings([directory])
+    rows: list[ComparedTrial] = []
+    left_out: list[LeftOut] = []
+    for path in progress(files, "comparing"):
+        try:
+            rows.append(compared(load_and_process(path, config_path)))
+        except SawbenchError as error:
+            left_out.append(LeftOut(name=path.name, reason=error.what))
+    if not rows:
+        reasons = "; ".join(f"{item.name}: {item.reason}" for item in left_out)
+        raise InputError(f"none of {len(files)} recordings can be compared: {reasons}", where=directory)
+    write_comparison_page(out_path, rows, left_out=left_out, overwrite=force)
+    if csv_path is not None:
+        comparison_table(rows).to_csv(csv_path, index=False)
+    text = [comparison_table(rows).to_string(index=False), *(f"left out: {x.name}: {x.reason}" for x in left_out)]
+    text.append(str(out_path))
+    emit(comparison_json(rows, left_out), "\n".join(text), as_json=as_json)
+    return 1 if left_out else 0
+
+
+def compared(trial: AnalysedTrial) -> ComparedTrial:
+    """Fit and predict as far as the trial allows; what it does not allow is said in the note."""
+    from commands.analysis import fit_trial, runtime_of
+    from reporting.compared import ComparedTrial
+
+    if trial.processed.status != "cutting":
+        return ComparedTrial(processed=trial.processed)
+    try:
+        fit = fit_trial(trial)
+    except SawbenchError as error:
+        return ComparedTrial(processed=trial.processed, note=error.what)
+    if fit.status != "ok":
+        return ComparedTrial(processed=trial.processed, fit=fit)
+    try:
+        runtime = runtime_of(trial, fit)
+    except SawbenchError as error:
+        return ComparedTrial(processed=trial.processed, fit=fit, note=error.what)
+    return ComparedTrial(processed=trial.processed, fit=fit, runtime=runtime)

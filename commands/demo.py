@@ -1,0 +1,184 @@
+"""`sawbench demo`: the whole main job on the simulated bench."""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from bench.recording import Trial
+from commands.options import config_for, config_option, default_config_path, force_option, json_option, refuse_existing
+from commands.terminal import emit, plain
+
+if TYPE_CHECKING:
+    from commands.analysis import AnalysedTrial
+    from modeling.results import CuttingFit, RuntimePrediction
+
+_TRIAL = "oak-demo"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DemoFiles:
+    """What the demo leaves behind."""
+
+    recording: Path
+    processed: Path
+    report: Path
+    view: Path
+    truth: Path
+
+    @classmethod
+    def in_folder(cls, folder: Path) -> DemoFiles:
+        """Names of the files."""
+        return cls(
+            recording=folder / f"{_TRIAL}.mcap",
+            processed=folder / f"{_TRIAL}.h5",
+            report=folder / f"{_TRIAL}.html",
+            view=folder / f"{_TRIAL}.rrd",
+            truth=folder / "simulated_truth.json",
+        )
+
+
+@click.command(name="demo", epilog="Example: sawbench demo --out demo --seconds 8 --no-view")
+@click.option(
+    "--out", "out_dir", type=click.Path(path_type=Path, file_okay=False), default=Path("demo"), show_default=True
+)
+@click.option("--seconds", type=click.FloatRange(2.0), default=8.0, show_default=True, help="Length of the trial.")
+@click.option("--no-view", is_flag=True, help="Open no Rerun viewer, even where there is a display.")
+@click.option("--seed", default=1, show_default=True, help="Of the simulated wood and sensor noise.")
+@config_option
+@force_option
+@json_option
+def command(
+    out_dir: Path, seconds: float, no_view: bool, seed: int, config_path: Path | None, force: bool, as_json: bool
+) -> int:
+    """Simulated instruments on real ports -> record -> process -> k_Fc -> runtime -> report, in under a minute."""
+    from commands.analysis import fit_trial, load_and_process, runtime_of
+
+    files = DemoFiles.in_folder(out_dir)
+    for name in DemoFiles.__slots__:
+        path = getattr(files, name)
+        refuse_existing(path, force=force)
+        if name != "recording":
+            path.unlink(missing_ok=True)
+    out_dir.mkdir(parents=True, exist_ok=True)
+    _say("1/4  starting the simulated instruments and recording", as_json)
+    _record(files, seconds=seconds, seed=seed, config_path=config_path, show=_wants_view(no_view), force=force)
+    _say("2/4  processing: stroke period, folded cycle, return stroke", as_json)
+    trial = load_and_process(files.recording, config_path)
+    _say("3/4  modelling: k_Fc and runtime", as_json)
+    fit = fit_trial(trial)
+    runtime = runtime_of(trial, fit)
+    _say("4/4  writing HDF5, report and Rerun recording", as_json)
+    _write(files, trial, fit, runtime)
+    emit(_as_json(files, trial, fit, runtime), _as_text(files, trial, fit, runtime), as_json=as_json)
+    return 0 if fit.status == "ok" and runtime.status == "ok" else 1
+
+
+def _say(text: str, as_json: bool) -> None:
+    click.echo(text, err=as_json)
+
+
+def _wants_view(no_view: bool) -> bool:
+    if no_view:
+        return False
+    return sys.platform in {"darwin", "win32"} or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def _record(
+    files: DemoFiles, *, seconds: float, seed: int, config_path: Path | None, show: bool, force: bool
+) -> None:
+    from commands.record import LiveCounters, live_view
+    from commands.recording_session import SessionOptions, record_trial, simulated_bench
+
+    path = config_path or default_config_path()
+    loaded = config_for(None, path)
+    duty = loaded.config.converter.default_duty
+    trial = Trial(
+        trial_id=_TRIAL,
+        material="oak",
+        duty=duty,
+        thickness_mm=20.0,
+        feed_mm_s=4.0,
+        blade="B1",
+        battery="P1",
+        operator="demo",
+        notes="made by the simulated bench",
+        repetition=1,
+        source="simulated bench",
+    )
+    with (
+        simulated_bench(path, material="oak", duty=duty, seed=seed, truth_path=files.truth) as endpoints,
+        live_view(trial, live=show, rrd_path=None, force=force) as observers,
+        LiveCounters() as counters,
+    ):
+        record_trial(
+            loaded,
+            SessionOptions(path=files.recording, trial=trial, seconds=seconds, endpoints=endpoints, overwrite=force),
+            observers=observers,
+            status=counters,
+        )
+
+
+def _write(files: DemoFiles, trial: AnalysedTrial, fit: CuttingFit, runtime: RuntimePrediction) -> None:
+    from commands.model_setup import simulated_cycle
+    from reporting.trial_page import write_trial_page
+    from storage.results import write_processed
+    from visualization.replay import view_recording
+
+    write_processed(trial.processed, files.processed)
+    view_recording(trial.recording, save_path=files.view, spawn=False, processed=trial.processed)
+    write_trial_page(
+        files.report,
+        processed=trial.processed,
+        fit=fit,
+        runtime=runtime,
+        simulated=simulated_cycle(trial.loaded, fit.k_fc_n_s_per_m, trial.recording.trial.duty),
+        files={"recording": files.recording, "processed": files.processed, "Rerun": files.view},
+        recording=trial.recording,
+    )
+
+
+def _as_json(
+    files: DemoFiles, trial: AnalysedTrial, fit: CuttingFit, runtime: RuntimePrediction
+) -> dict[str, Any]:
+    processed = trial.processed
+    return {
+        "period": plain(processed.period),
+        "peak_force_n": processed.peak_force_n,
+        "peak_force_std_n": processed.peak_force_std_n,
+        "fit": plain(fit),
+        "runtime": plain(runtime),
+        "files": {name: getattr(files, name) for name in DemoFiles.__slots__},
+    }
+
+
+def _as_text(files: DemoFiles, trial: AnalysedTrial, fit: CuttingFit, runtime: RuntimePrediction) -> str:
+    from reporting.quantities import format_quantity
+
+    processed, period = trial.processed, trial.processed.period
+    assert period is not None
+    peak = "-"
+    if processed.peak_force_n is not None:
+        peak = format_quantity(processed.peak_force_n, processed.peak_force_std_n, "N")
+    lines = [
+        "",
+        f"stroke period  {format_quantity(1e3 * period.period_s, 1e3 * period.period_std_s, 'ms')}"
+        f"   ({period.rate_hz:.2f} Hz, confidence {period.confidence}, {period.n_cycles} strokes)",
+        f"peak force     {peak}",
+        f"k_Fc           {format_quantity(fit.k_fc_n_s_per_m, fit.std_n_s_per_m, 'N·s/m')}",
+        f"runtime        {format_quantity(runtime.runtime_s, runtime.std_s, 's')}   (full battery to"
+        f" {trial.loaded.battery().cutoff_soc:.0%} charge)",
+        "(value ± one standard uncertainty)",
+        "",
+        f"MCAP   {files.recording}",
+        f"HDF5   {files.processed}",
+        f"HTML   {files.report}",
+        f"Rerun  {files.view}      sawbench view {files.recording}",
+        f"truth  {files.truth}   known to the simulated bench only; nothing above has read it",
+    ]
+    return "\n".join(lines)

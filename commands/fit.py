@@ -1,0 +1,69 @@
+"""`sawbench fit`: the cutting coefficient k_Fc with its uncertainty."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from bench.errors import SawbenchError
+from commands.options import config_option, find_recordings, json_option, recordings_argument
+from commands.terminal import emit, plain, progress, table
+
+if TYPE_CHECKING:
+    from modeling.results import CuttingFit
+
+METHODS = ("current_and_force", "current", "force", "annealing")
+
+
+@click.command(name="fit", epilog="Example: sawbench fit recordings/oak-01.mcap --method current")
+@recordings_argument
+@config_option
+@click.option(
+    "--method", type=click.Choice(METHODS),
+    help="Default: every channel there is. 'annealing' is the paper's search, kept for comparison.",
+)  # fmt: skip
+@json_option
+def command(paths: tuple[Path, ...], config_path: Path | None, method: Any, as_json: bool) -> int:
+    """Fit the linear cutting coefficient of each trial."""
+    from commands.analysis import fit_trial, load_and_process
+
+    files = find_recordings(paths)
+    fits: list[tuple[str, CuttingFit]] = []
+    failures: list[SawbenchError] = []
+    for path in progress(files, "fitting"):
+        try:
+            trial = load_and_process(path, config_path)
+            fits.append((trial.recording.trial.trial_id, fit_trial(trial, method)))
+        except SawbenchError as error:
+            if len(files) == 1:
+                raise
+            click.echo(f"sawbench: error: {error}", err=True)
+            failures.append(error)
+    emit([{"trial": name, **plain(fit)} for name, fit in fits], describe(fits), as_json=as_json)
+    if failures:
+        return max(error.exit_code for error in failures)
+    return 0 if all(fit.status == "ok" for _, fit in fits) else 1
+
+
+def describe(fits: list[tuple[str, CuttingFit]]) -> str:
+    """One row a trial, then the remarks."""
+    from reporting.quantities import format_quantity
+
+    rows = [
+        [
+            name,
+            format_quantity(fit.k_fc_n_s_per_m, fit.std_n_s_per_m, "N·s/m"),
+            f"{fit.statistical_std_n_s_per_m:.2g}",
+            fit.method,
+            "-" if fit.rmse_a is None else f"{fit.rmse_a:.3f} A",
+            "-" if fit.rmse_n is None else f"{fit.rmse_n:.2f} N",
+            fit.status,
+        ]
+        for name, fit in fits
+    ]
+    remarks = [f"{name}: {text}" for name, fit in fits for text in (fit.identifiability, *fit.notes) if text]
+    return "\n".join(
+        [table(["trial", "k_Fc", "of it scatter", "method", "rmse", "rmse", "status"], rows), *remarks]
+    )
