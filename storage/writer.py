@@ -316,8 +316,9 @@ class RecordingWriter:
         message = encode_preview(interval, stream.unit, self._origin_ns)
         self._add(stream.topics["preview"], interval[0], message)
 
-    def _flush_if_due(self) -> None:
-        if self._clock() - self._last_flush_s >= self._flush_every_s:
+    def _flush_if_due(self, interval_s: float | None = None) -> None:
+        due_s = self._flush_every_s if interval_s is None else interval_s
+        if self._clock() - self._last_flush_s >= due_s:
             self._flush()
 
     def _flush(self) -> None:
@@ -331,17 +332,23 @@ class RecordingWriter:
 
     def _flush_regularly(self) -> None:
         """Flush what no later block pushes out, and bring it to the disk without holding anybody up."""
-        while not self._stopping.wait(self._flush_every_s):
+        # Looking four times an interval and flushing at three quarters, nothing gets older than one.
+        look_every_s = self._flush_every_s / 4
+        synced_s = self._last_flush_s
+        while not self._stopping.wait(look_every_s):
             with self._lock:
                 output = self._output
                 if output is None:
                     return
                 try:
                     if self._is_dirty:
-                        self._flush_if_due()
+                        self._flush_if_due(3 * look_every_s)
                 except OSError:
                     return  # the next block meets the same error and reports it
+                flushed_s = self._last_flush_s
             try:
-                output.sync()
+                if flushed_s != synced_s:
+                    output.sync()
+                    synced_s = flushed_s
             except (OSError, ValueError):
                 return  # a disk that cannot sync, or the file was closed meanwhile

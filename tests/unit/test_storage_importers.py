@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import os
 from datetime import UTC, datetime
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -289,3 +292,19 @@ def test_other_kinds_of_files(tmp_path):
         import_path(tmp_path / "a.docx", tmp_path)
     with pytest.raises(InputError, match="no such file"):
         import_path(tmp_path / "a.csv", tmp_path)
+
+
+DAMPER = Path(os.environ.get("SAWBENCH_SHARED") or Path(__file__).parents[3] / "shared") / "data"
+DAMPER = DAMPER / "friction_backlash_damper" / "d3_1Hz_30lb_1in.csv"
+
+
+@pytest.mark.skipif(not DAMPER.is_file(), reason="shared data absent")
+def test_a_real_table_comes_in_as_it_is(tmp_path):
+    recording = read_recording(import_path(DAMPER, tmp_path).paths[0])
+    with DAMPER.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    for name in ("displacement_mm", "force_n"):
+        signal = recording.signal(name)
+        assert signal.values.tolist() == [float(row[name]) for row in rows]
+        assert signal.time_s.tolist() == [float(row["time_s"]) for row in rows]
+        assert not signal.gaps

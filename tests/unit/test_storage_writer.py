@@ -217,14 +217,17 @@ def test_without_a_start_time_log_times_count_from_1970_and_it_is_said(tmp_path)
 
 def test_every_flush_interval_the_samples_are_in_the_file(tmp_path):
     now_s = [0.0]
-    writer = open_writer(tmp_path / "T1.mcap", clock=lambda: now_s[0], flush_every_s=1.0)
+    # So long an interval that only the simulated clock can make a flush due.
+    writer = open_writer(tmp_path / "T1.mcap", clock=lambda: now_s[0], flush_every_s=1000.0)
     part = tmp_path / "T1.mcap.part"
-    for k in range(5):
-        now_s[0] = 0.3 * k
+    for k in range(4):
+        now_s[0] = 300.0 * k
         writer.write_block(block(10 * k))
-    # At 1.2 s everything until then was flushed; before, nothing was due.
+    assert "force_n" not in read_recording(part).signals
+    now_s[0] = 1200.0
+    writer.write_block(block(40))
     assert len(read_recording(part).signal("force_n").values) == 50
-    now_s[0] = 1.5
+    now_s[0] = 1500.0
     writer.write_block(block(50))
     assert len(read_recording(part).signal("force_n").values) == 50
     writer.close()
