@@ -26,6 +26,7 @@ _OVERLAP_STROKES = 4
 _RIPPLES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
 _OUTLIER_STDS = 6.0
 _FIRST_PASS_SLOPE = 0.3
+_VARYING_STROKE = 0.01
 _REST_SPEED_SHARE = 1e-3
 
 
@@ -102,11 +103,18 @@ def track_crank_angle(
         time_s=unfolded.time_s,
         angle_rad=angle,
         speed_rad_s=smoothed[:, 1],
-        angle_std_rad=np.sqrt(smoothed[:, 2]),
+        angle_std_rad=np.hypot(np.sqrt(smoothed[:, 2]), _doubt_of_stroke(unfolded.travel)),
         radius_m=float(np.mean(unfolded.travel.radius_m)),
         source=source,
         is_absolute=True,
     )
+
+
+def _doubt_of_stroke(travel: Travel) -> Floats:
+    """Uncertainty of the angle where the stroke is not the usual one: no crank does that, rad."""
+    radius = travel.radius_m
+    deviation = np.abs(radius / np.percentile(radius, 75.0) - 1.0)
+    return np.where(deviation > _VARYING_STROKE, 4.0 * deviation, 0.0)
 
 
 def _unfold(time: Floats, y: Floats, nominal_radius: float | None, rod_length: float) -> _Unfolded | None:
@@ -123,9 +131,10 @@ def _unfold(time: Floats, y: Floats, nominal_radius: float | None, rod_length: f
     width = max(int(half_turn_s / step / 24), 1)
     turns = _turns_of(time, y, noise, width) or turns
     travel = estimate_travel(time, y, turns, nominal_radius)
-    tolerance = max(8.0 * noise, 4e-3 * float(np.mean(travel.radius_m)))
+    calm_width = max(int(half_turn_s / step / 8), 1)
+    tolerance = max(8.0 * noise / np.sqrt(calm_width), 4e-3 * float(np.mean(travel.radius_m)))
     angle = _angle_between_turns(y, turns, travel, rod_length)
-    is_rest = find_rest(moving_mean(y, width), int(half_turn_s / step), tolerance)
+    is_rest = find_rest(moving_mean(y, calm_width), int(half_turn_s / step), tolerance)
     speed = np.pi / half_turn_s
     return _Unfolded(
         time_s=time,

@@ -44,16 +44,16 @@ class Cycles:
 
 
 def find_cycles(
-    time_s: Floats, angle_rad: Floats, windows: Sequence[tuple[float, float]], holes: Sequence[tuple[float, float]]
+    time_s: Floats, angle_rad: Floats, windows: Sequence[tuple[float, float]]
 ) -> Cycles:
-    """Complete turns of the crank inside the windows that touch no hole.
+    """Complete turns of the crank inside the windows, from smallest displacement to smallest displacement.
 
     Parameters
     ----------
     time_s, angle_rad : ndarray, shape (n,)
         Never decreasing angle.
-    windows, holes : sequence of (start_s, end_s)
-        Running phases; gaps.
+    windows : sequence of (start_s, end_s)
+        Running, without gaps.
 
     Returns
     -------
@@ -62,7 +62,7 @@ def find_cycles(
     Examples
     --------
     >>> t = np.linspace(0, 1, 1001)
-    >>> find_cycles(t, 2 * np.pi * 5 * t, [(0.1, 1.0)], [(0.5, 0.51)]).index.tolist()
+    >>> find_cycles(t, 2 * np.pi * 5 * t, [(0.1, 0.5), (0.51, 1.0)]).index.tolist()
     [1, 3, 4]
     """
     first, last = np.ceil(angle_rad[0] / (2 * np.pi) - 1e-9), np.floor(angle_rad[-1] / (2 * np.pi) + 1e-9)
@@ -76,8 +76,6 @@ def find_cycles(
     is_inside = np.zeros(len(start), dtype=bool)
     for low, high in windows:
         is_inside |= (start >= low - slack) & (end <= high + slack)
-    for low, high in holes:
-        is_inside &= (end <= low) | (start >= high)
     return Cycles(index=turns[:-1][is_inside], start_s=start[is_inside], end_s=end[is_inside])
 
 

@@ -14,6 +14,7 @@ _STILL_SHARE = 0.05
 _MOVES_SHARE = 0.12
 _RUNS_SHARE = 0.6
 _SETTLED = 0.03
+_MAX_STD_RAD = 0.1
 _STALL_MIN_S = 0.1
 _STALL_SHARE = 1.3
 
@@ -40,7 +41,8 @@ def find_phases(
     Notes
     -----
     Still: below 5 % of the typical speed (it counts as moving again above 12 %). Running begins at the first stroke
-    that is within 3 % of the strokes that follow, and ends at the last one within 3 % of those before. Stalled: still
+    that is within 3 % of the strokes that follow, and ends at the last one within 3 % of those before; an angle uncertain by over 0.1 rad (a stroke that
+    changes its length) is not running. Stalled: still
     for over 0.1 s at 1.3 times the running current or more.
 
     Examples
@@ -57,10 +59,11 @@ def find_phases(
     reference = float(np.median(fast)) if len(fast) else 0.0
     if reference <= 0:
         return (Phase(kind="rest", start_s=float(time[0]), end_s=float(time[-1])),)
+    knows = angle.angle_std_rad < _MAX_STD_RAD
     is_moving = _with_hysteresis(angle.speed_rad_s, _STILL_SHARE * reference, _MOVES_SHARE * reference)
     kinds = np.full(len(time), "rest", dtype="<U9")
     for first, last in _runs(is_moving):
-        kinds[first:last] = _moving_kinds(time, mean_speed, reference, first, last)
+        kinds[first:last] = _moving_kinds(time, np.where(knows, mean_speed, 0.0), reference, first, last)
     phases = _as_phases(time, kinds)
     if current_time_s is None or current_a is None:
         return phases
@@ -77,12 +80,13 @@ def stroke_mean_speed(angle: CrankAngle) -> Floats:
     Returns
     -------
     ndarray, shape (n,), rad/s
-        Over a shorter stretch at the ends of the trial.
+        Within half a turn of the ends of the trial that of the first and the last whole turn.
     """
     phi, time = angle.angle_rad, angle.time_s
     strictly = phi + np.linspace(0.0, 1e-9, len(phi))
-    low = np.maximum(strictly - np.pi, strictly[0])
-    high = np.minimum(strictly + np.pi, strictly[-1])
+    half = min(np.pi, 0.5 * float(strictly[-1] - strictly[0]))
+    middle = np.clip(strictly, strictly[0] + half, strictly[-1] - half)
+    low, high = middle - half, middle + half
     width = np.interp(high, strictly, time) - np.interp(low, strictly, time)
     return (high - low) / np.maximum(width, 1e-12)
 

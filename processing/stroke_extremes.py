@@ -13,6 +13,7 @@ from bench.recording import Floats
 _FIT_HALF_WIDTH = 0.11  # of a period: 0.7 rad each side of the dead centre
 _FITTED_TURNS = 400
 _BLOCK = 64
+_VARYING_SHARE = 0.02
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -170,7 +171,8 @@ def estimate_travel(
 
     Notes
     -----
-    Unbiased by noise, unlike the largest and smallest sample. Where the speed changes by more than about 20 %
+    Where the stroke itself changes by over 2 % of the radius (not a crank: a hydraulic actuator, say) the turning
+    points are followed one by one. Unbiased by noise, unlike the largest and smallest sample. Where the speed changes by more than about 20 %
     within the fit's 1.4 rad the value moves by less than 1e-4 of the travel.
     """
     n = len(displacement_m)
@@ -181,6 +183,8 @@ def estimate_travel(
         spread = [np.std(part, ddof=1) / np.sqrt(len(part)) if len(part) > 1 else np.nan for part in (tops, bottoms)]
         std = 0.5 * float(np.hypot(*spread))
         offset = float(np.median(bottoms))
+        if max(float(np.ptp(tops)), float(np.ptp(bottoms))) > _VARYING_SHARE * radius:
+            return _follow_turns(displacement_m, turns, radius_std_m=std)
         if min(len(tops), len(bottoms)) < 2 * _BLOCK:
             return Travel(
                 offset_m=np.full(n, offset), radius_m=np.full(n, radius), radius_std_m=std, n_turns=len(value)
@@ -224,6 +228,15 @@ def _fit_turns(
         dense = np.polynomial.polynomial.polyval(np.linspace(-0.5, 0.5, 201), curve)
         value[k] = dense.max() if is_top[turn] else dense.min()
     return index[usable], value, is_top[usable]
+
+
+def _follow_turns(y: Floats, turns: Turns, *, radius_std_m: float) -> Travel:
+    """Offset and radius from dead centre to dead centre, for a drive whose stroke changes while it runs."""
+    at = np.arange(len(y))
+    top, bottom = turns.index[turns.is_top], turns.index[~turns.is_top]
+    high, low = np.interp(at, top, y[top]), np.interp(at, bottom, y[bottom])
+    radius = np.maximum(0.5 * (high - low), 1e-9)
+    return Travel(offset_m=low, radius_m=radius, radius_std_m=radius_std_m, n_turns=len(turns.index))
 
 
 def _drift(where: NDArray[np.int64], value: Floats, n: int) -> Floats:

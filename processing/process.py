@@ -1,0 +1,357 @@
+"""One recording in, everything the processing finds in it out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bench.config import BenchConfig
+from bench.folded import FoldedCycle
+from bench.processed import (
+    ChannelQuality,
+    CrankAngle,
+    PeriodEstimate,
+    Phase,
+    ProcessedTrial,
+    RemovedForce,
+    TrialStatus,
+)
+from bench.recording import Recording, Trial
+from processing.averages import cycle_averages
+from processing.crank_angle import track_crank_angle
+from processing.demodulation import angle_from_line
+from processing.folding import Cycles, find_cycles, fold_signals
+from processing.peak_force import PeakForce, estimate_peak_force
+from processing.period import StrokeLine, find_stroke_line, from_displacement, from_line, line_noise_power
+from processing.phases import find_phases, stalled_from_start
+from processing.quality import CleanChannel, clean_channel, plausibility_problems
+from processing.return_stroke import zero_return_stroke
+from processing.spectrum import power_spectrum, steady_stretch
+
+_FORCE, _DISPLACEMENT, _CURRENT = "force_n", "displacement_mm", "motor_current_a"
+_LINE_CHANNELS = (_FORCE, _CURRENT, "battery_current_a", "battery_voltage_v")
+_WINDOW_CYCLES = 4.0
+_TWO_THREADS_FROM = 4_000_000
+
+Channels = dict[str, CleanChannel]
+Stretches = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Motion:
+    """What is known about the strokes of a trial."""
+
+    angle: CrankAngle | None
+    phases: tuple[Phase, ...]
+    cycles: Cycles | None
+    period: PeriodEstimate | None
+    warnings: tuple[str, ...]
+
+
+def process_recording(
+    recording: Recording, config: BenchConfig, *, source_sha256: str = ""
+) -> ProcessedTrial:
+    """Find stroke period, crank angle, phases, folded cycles, cutting force and quality of one trial.
+
+    Parameters
+    ----------
+    recording : Recording
+        Any subset of the bench's channels, at any rates.
+    config : BenchConfig
+        `plant` (if present) gives radius and rod length, `cutting` the half that cuts, `analysis` the bins and the
+        allowed stroke rates.
+    source_sha256 : str
+        Of the file, kept in the result.
+
+    Returns
+    -------
+    ProcessedTrial
+        What could not be found is None, and `warnings` says why.
+
+    Examples
+    --------
+    >>> from bench.recording import Signal
+    >>> t = np.arange(0, 2, 1e-3)
+    >>> stroke = Signal(channel="displacement_mm", unit="mm", time_s=t, values=10 * (1 - np.cos(2 * np.pi * 15 * t)))
+    >>> trial = process_recording(
+    ...     Recording(trial=Trial(trial_id="t1"), signals={"displacement_mm": stroke}), BenchConfig())
+    >>> print(f"{trial.period.rate_hz:.3f} Hz, {trial.period.confidence}")
+    15.000 Hz, high
+    """
+    channels = {name: clean_channel(signal) for name, signal in recording.signals.items() if len(signal.values)}
+    suspicions = plausibility_problems(channels, config, recording.trial.duty)
+    quality = tuple(
+        replace(c.quality, problems=c.quality.problems + suspicions.get(name, ()))
+        for name, c in channels.items()
+    )
+    motion = _find_motion(channels, config)
+    status = _status_without_cutting(channels, config, recording.trial, motion)
+    base = ProcessedTrial(
+        trial=recording.trial,
+        status=status,
+        period=motion.period,
+        angle=motion.angle,
+        phases=motion.phases,
+        folded={},
+        cutting_force=None,
+        removed=None,
+        peak_force_n=None,
+        peak_force_std_n=None,
+        quality=quality,
+        warnings=(*motion.warnings, *_quality_warnings(quality)),
+        source_path=recording.path,
+        source_sha256=source_sha256,
+    )
+    if motion.angle is None or motion.cycles is None or not len(motion.cycles.index):
+        return base
+    return _with_cycles(base, channels, config, motion.angle, motion.cycles)
+
+
+def _find_motion(channels: Channels, config: BenchConfig) -> _Motion:
+    """Angle from the displacement where it has any, else from the strongest line of another channel."""
+    displacement = channels.get(_DISPLACEMENT)
+    is_alive = displacement is not None and float(np.ptp(displacement.values)) > 0
+    if displacement is not None and is_alive:
+        return _motion_from_displacement(displacement, channels, config)
+    warnings = () if displacement is None else ("the displacement does not change at all; it is not used",)
+    band = (config.analysis.min_stroke_rate_hz, config.analysis.max_stroke_rate_hz)
+    lines = {
+        name: line
+        for name in _LINE_CHANNELS
+        if name in channels and (line := _stroke_line(channels[name], band)) is not None
+    }
+    if not lines:
+        warnings += ("no channel holds a periodic part that stands out of its noise",)
+        return _Motion(angle=None, phases=(), cycles=None, period=None, warnings=warnings)
+    chosen, *others = lines.values()
+    channel = channels[chosen.channel]
+    cutting_middle = 1.5 * np.pi if config.cutting.cutting_half == "pi_to_2pi" else 0.5 * np.pi
+    angle = angle_from_line(
+        channel.time_s,
+        channel.values,
+        chosen.rate_hz * chosen.order,
+        order=chosen.order,
+        peak_at_rad=cutting_middle * chosen.order,
+        noise_power=line_noise_power(chosen, _WINDOW_CYCLES, channel.values),
+        source=chosen.channel,
+    )
+    warnings += (
+        f"no displacement: the crank angle comes from the phase of {chosen.channel}, and its zero is assumed so that "
+        "this channel peaks in the middle of the cutting half",
+    )
+    phases, stretches, cycles, more = _phases_and_cycles(angle, channels, channel.holes)
+    period = from_line(angle, stretches, cycles, chosen, others, band)
+    return _Motion(angle=angle, phases=phases, cycles=cycles, period=period, warnings=warnings + more)
+
+
+def _motion_from_displacement(
+    displacement: CleanChannel, channels: Channels, config: BenchConfig
+) -> _Motion:
+    plant = config.plant
+    rod = plant.rod_length_m if plant is not None and plant.mechanism == "slider_crank" else None
+    angle = track_crank_angle(
+        displacement.time_s,
+        1e-3 * displacement.values,
+        nominal_radius_m=None if plant is None else plant.crank_radius_m.nominal,
+        rod_length_m=rod,
+    )
+    time = displacement.time_s
+    if angle is None:
+        rest = Phase(kind="rest", start_s=float(time[0]), end_s=float(time[-1]))
+        warning = "the displacement holds no complete stroke"
+        return _Motion(angle=None, phases=(rest,), cycles=None, period=None, warnings=(warning,))
+    phases, stretches, cycles, warnings = _phases_and_cycles(angle, channels, displacement.holes)
+    band = (config.analysis.min_stroke_rate_hz, config.analysis.max_stroke_rate_hz)
+    line = _stroke_line(_longest(displacement, stretches), band) if stretches else None
+    period = from_displacement(angle, stretches, cycles, line, band)
+    if plant is not None:
+        nominal = plant.crank_radius_m
+        if abs(angle.radius_m - nominal.nominal) > max(5 * nominal.std, 0.01 * nominal.nominal):
+            warnings += (
+                f"the stroke measures a crank radius of {1e3 * angle.radius_m:.4g} mm, configured are "
+                f"{1e3 * nominal.nominal:.4g} mm; the measured one is used for the angle",
+            )
+    return _Motion(angle=angle, phases=phases, cycles=cycles, period=period, warnings=warnings)
+
+
+def _longest(channel: CleanChannel, stretches: Stretches) -> CleanChannel:
+    """Return what a channel holds in the longest of the stretches."""
+    start, end = max(stretches, key=lambda stretch: stretch[1] - stretch[0])
+    inside = (channel.time_s >= start) & (channel.time_s <= end)
+    return replace(channel, time_s=channel.time_s[inside], values=channel.values[inside], holes=())
+
+
+def _stroke_line(channel: CleanChannel, band: tuple[float, float]) -> StrokeLine | None:
+    """What the longest stretch of a channel without gaps says about the stroke rate."""
+    time, values = channel.time_s, channel.values
+    if channel.holes:
+        edges = [time[0], *(t for hole in channel.holes for t in hole), time[-1]]
+        start, end = max(zip(edges[::2], edges[1::2], strict=True), key=lambda pair: pair[1] - pair[0])
+        inside = (time >= start) & (time <= end)
+        time, values = time[inside], values[inside]
+    if len(time) < 32 or float(np.ptp(values)) == 0:
+        return None
+    uniform, rate_hz = steady_stretch(time, values, *band)
+    if len(uniform) < 32:
+        return None
+    return find_stroke_line(power_spectrum(uniform, rate_hz), channel.channel, *band)
+
+
+def _phases_and_cycles(
+    angle: CrankAngle, channels: Channels, holes: Stretches
+) -> tuple[tuple[Phase, ...], Stretches, Cycles, tuple[str, ...]]:
+    """Phases, the stretches whose strokes count, and the strokes in them from dead centre to dead centre."""
+    current = channels.get(_CURRENT)
+    phases = find_phases(
+        angle,
+        current_time_s=None if current is None else current.time_s,
+        current_a=None if current is None else current.values,
+    )
+    running = _without(tuple((p.start_s, p.end_s) for p in phases if p.kind == "running"), holes)
+    cycles = find_cycles(angle.time_s, angle.angle_rad, running)
+    if len(cycles.index):
+        return phases, running, cycles, ()
+    moving = [(p.start_s, p.end_s) for p in phases if p.kind in ("spin_up", "running", "spin_down")]
+    whole = _without(((moving[0][0], moving[-1][1]),), holes) if moving else ()
+    cycles = find_cycles(angle.time_s, angle.angle_rad, whole)
+    if len(cycles.index):
+        return phases, whole, cycles, ("the speed never settles: strokes at changing speed are used",)
+    return phases, whole, cycles, ("no complete stroke without a gap",)
+
+
+def _without(stretches: Stretches, holes: Stretches) -> Stretches:
+    """Cut the holes out of the stretches."""
+    left = list(stretches)
+    for low, high in holes:
+        cut = []
+        for start, end in left:
+            if end <= low or start >= high:
+                cut.append((start, end))
+                continue
+            cut += [part for part in ((start, low), (high, end)) if part[1] > part[0]]
+        left = cut
+    return tuple(left)
+
+
+def _status_without_cutting(
+    channels: Channels, config: BenchConfig, trial: Trial, motion: _Motion
+) -> TrialStatus:
+    """Status as far as the motion decides it ("cutting" where it moves)."""
+    if any(phase.kind == "stall" for phase in motion.phases):
+        return "stalled"
+    if motion.period is not None:
+        return "cutting"
+    current = channels.get(_CURRENT)
+    if current is None:
+        return "no_stroke"
+    expected = None
+    if config.plant is not None and config.battery is not None:
+        duty = trial.duty if trial.duty is not None else config.converter.default_duty
+        expected = duty * config.battery.nominal_voltage_v / config.plant.resistance_ohm.nominal
+    is_stalled = stalled_from_start(current.values, current.noise_std, expected)
+    return "stalled" if is_stalled else "no_stroke"
+
+
+def _with_cycles(
+    base: ProcessedTrial, channels: Channels, config: BenchConfig, angle: CrankAngle, cycles: Cycles
+) -> ProcessedTrial:
+    """Add everything that needs complete strokes."""
+    per_channel = {name: _covered(cycles, channel) for name, channel in channels.items()}
+    n_samples = sum(len(channel.values) for channel in channels.values())
+    folded = fold_signals(
+        angle.time_s,
+        angle.angle_rad,
+        {name: (c.unit, c.time_s, c.values) for name, c in channels.items()},
+        per_channel,
+        n_bins=config.analysis.n_bins,
+        n_threads=2 if n_samples > _TWO_THREADS_FROM else 1,
+    )
+    averages = {
+        name: cycle_averages(channels[name].time_s, channels[name].values, per_channel[name])
+        for name in folded
+    }
+    status, cutting, removed, peak, warnings = _cutting(base, channels, config, angle, per_channel, folded)
+    return replace(
+        base,
+        status=status,
+        folded=folded,
+        cutting_force=cutting,
+        removed=removed,
+        peak_force_n=None if peak is None else peak.mean_n,
+        peak_force_std_n=None if peak is None else peak.mean_std_n,
+        mean_values={name: value[0] for name, value in averages.items()},
+        rms_values={name: value[1] for name, value in averages.items()},
+        warnings=base.warnings + warnings,
+    )
+
+
+def _covered(cycles: Cycles, channel: CleanChannel) -> Cycles:
+    """Keep the cycles that lie inside the channel's samples and touch none of its gaps."""
+    keep = (cycles.start_s >= channel.time_s[0]) & (cycles.end_s <= channel.time_s[-1])
+    for start, end in channel.holes:
+        keep &= (cycles.end_s <= start) | (cycles.start_s >= end)
+    return Cycles(index=cycles.index[keep], start_s=cycles.start_s[keep], end_s=cycles.end_s[keep])
+
+
+def _cutting(
+    base: ProcessedTrial,
+    channels: Channels,
+    config: BenchConfig,
+    angle: CrankAngle,
+    cycles: dict[str, Cycles],
+    folded: dict[str, FoldedCycle],
+) -> tuple[TrialStatus, FoldedCycle | None, RemovedForce | None, PeakForce | None, tuple[str, ...]]:
+    """Whether it cut, and the cutting force."""
+    status = base.status
+    force = folded.get(_FORCE)
+    if force is None:
+        if base.trial.is_idle and status == "cutting":
+            status = "no_cutting"
+        return status, None, None, None, ("no usable force: whether the saw cut is not measured",)
+    cuts = has_locked_force(force, channels[_FORCE].noise_std)
+    warnings: tuple[str, ...] = ()
+    if base.trial.is_idle:
+        if cuts:
+            warnings += ("the blade is said to run in air, but the force follows the stroke",)
+        cuts = False
+    if not cuts:
+        return ("no_cutting" if status == "cutting" else status), None, None, None, warnings
+    cutting, removed = zero_return_stroke(force, config.cutting.cutting_half)
+    if removed.looks_swapped:
+        warnings += (
+            f"the zeroed half {removed.half} carries {100 * removed.share_of_impulse:.0f} % of the force: "
+            "cutting_half in the configuration is probably wrong",
+        )
+    channel = channels[_FORCE]
+    peak = estimate_peak_force(
+        cutting, angle.time_s, angle.angle_rad, channel.time_s, channel.values, cycles[_FORCE].index
+    )
+    return status, cutting, removed, peak, warnings
+
+
+def has_locked_force(force: FoldedCycle, noise_std_n: float) -> bool:
+    """Whether the force follows the stroke beyond what noise leaves in the mean cycle.
+
+    Parameters
+    ----------
+    force : FoldedCycle
+    noise_std_n : float
+        White noise of a single sample, N.
+
+    Returns
+    -------
+    bool
+        True where the variance of the mean cycle exceeds four times what the scatter from cycle to cycle explains,
+        and its rms half the noise of a sample and 0.1 N.
+    """
+    varies = float(np.var(force.mean))
+    if force.n_cycles > 1:
+        by_chance = float(np.mean(force.std**2)) / force.n_cycles
+    else:
+        by_chance = noise_std_n**2
+    return varies > 4 * by_chance and np.sqrt(varies) > max(0.5 * noise_std_n, 0.1)
+
+
+def _quality_warnings(quality: tuple[ChannelQuality, ...]) -> tuple[str, ...]:
+    return tuple(f"{q.channel}: {problem}" for q in quality for problem in q.problems)

@@ -1,0 +1,279 @@
+"""Health of a channel: rate, jitter, gaps, spikes, clipping, noise, and whether its values make sense."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.config import BenchConfig
+from bench.processed import ChannelQuality
+from bench.recording import Floats, Signal
+from bench.units import CHANNEL_BY_NAME
+from processing.noise import white_noise_std
+
+_GAP_PERIODS = 2.5
+_SPIKE_NOISE_STDS = 12.0
+_SPIKE_RANGE_SHARE = 0.25
+_FLAT_RUN = 4
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CleanChannel:
+    """One channel without its spikes, and where it has holes.
+
+    Attributes
+    ----------
+    channel, unit : str
+    time_s, values : ndarray, shape (n,)
+    holes : tuple of (start_s, end_s)
+        Stretches without samples, s.
+    noise_std : float
+    quality : ChannelQuality
+    """
+
+    channel: str
+    unit: str
+    time_s: Floats
+    values: Floats
+    holes: tuple[tuple[float, float], ...]
+    noise_std: float
+    quality: ChannelQuality
+
+
+def clean_channel(signal: Signal) -> CleanChannel:
+    """Judge one channel; drop its spikes.
+
+    Parameters
+    ----------
+    signal : Signal
+
+    Returns
+    -------
+    CleanChannel
+
+    Notes
+    -----
+    A spike is one or two samples off the median of the five around it by over 12 noise standard deviations and over a
+    quarter of the channel's range (0.5 to 99.5 %): real edges are left alone, small spikes are missed.
+
+    Examples
+    --------
+    >>> from bench.recording import Signal
+    >>> t = np.arange(1000) * 1e-3
+    >>> y = np.sin(20 * t)
+    >>> y[500] = 40.0
+    >>> clean_channel(Signal(channel="force_n", unit="N", time_s=t, values=y)).quality.n_spikes
+    1
+    """
+    time, values = signal.time_s, signal.values
+    is_spike = find_spikes(values)
+    n_clipped = count_clipped(values[~is_spike])
+    step = np.diff(time)
+    typical = float(np.median(step)) if len(step) else 0.0
+    at_gap = np.flatnonzero(step > _GAP_PERIODS * typical)
+    holes = {(float(time[k]), float(time[k + 1])) for k in at_gap}
+    holes |= {(gap.start_s, gap.end_s) for gap in signal.gaps}
+    n_missing = sum(max(round((end - start) / typical) - 1, 0) for start, end in holes) if typical else 0
+    regular = step[step <= _GAP_PERIODS * typical]
+    noise = white_noise_std(values[~is_spike])
+    problems = _health_problems(values, int(is_spike.sum()), n_clipped, n_missing, signal.unit)
+    return CleanChannel(
+        channel=signal.channel,
+        unit=signal.unit,
+        time_s=time[~is_spike],
+        values=values[~is_spike],
+        holes=tuple(sorted(holes)),
+        noise_std=noise,
+        quality=ChannelQuality(
+            channel=signal.channel,
+            unit=signal.unit,
+            rate_hz=signal.rate_hz,
+            n_samples=len(values),
+            n_missing=n_missing,
+            jitter_std_s=float(np.std(regular)) if len(regular) else 0.0,
+            noise_std=noise,
+            n_spikes=int(is_spike.sum()),
+            n_clipped=n_clipped,
+            problems=problems,
+        ),
+    )
+
+
+def find_spikes(values: Floats) -> NDArray[np.bool_]:
+    """Mark isolated samples far from their neighbours; see `clean_channel`.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    if len(values) < 16:
+        return np.zeros(len(values), dtype=bool)
+    low, high = np.percentile(values, [0.5, 99.5])
+    limit = max(_SPIKE_NOISE_STDS * white_noise_std(values), _SPIKE_RANGE_SHARE * float(high - low))
+    if limit <= 0:
+        return np.zeros(len(values), dtype=bool)
+    # Only samples that jump by the limit against a neighbour can be spikes: the median is taken at those alone.
+    jump = np.abs(np.diff(values)) > 0.5 * limit
+    suspects = np.flatnonzero(np.r_[jump, False] | np.r_[False, jump])
+    is_spike = np.zeros(len(values), dtype=bool)
+    if len(suspects):
+        around = np.clip(suspects[:, None] + np.arange(-2, 3), 0, len(values) - 1)
+        is_spike[suspects] = np.abs(values[suspects] - np.median(values[around], axis=1)) > limit
+    return is_spike
+
+
+def count_clipped(values: Floats) -> int:
+    """Count samples in flat tops: runs of four or more equal values at the channel's own extreme.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+
+    Returns
+    -------
+    int
+        0 for a constant channel (that is no clipping) and for a coarsely quantised one.
+
+    Examples
+    --------
+    >>> count_clipped(np.clip(np.sin(np.arange(0, 60, 0.05)), -2.0, 0.7)) > 100
+    True
+    """
+    if len(values) < 16:
+        return 0
+    low, high = float(values.min()), float(values.max())
+    if high == low or np.mean(np.diff(values) == 0) > 0.5:
+        return 0
+    is_extreme = (values == low) | (values == high)
+    edges = np.flatnonzero(np.diff(np.r_[False, is_extreme, False]))
+    lengths = edges[1::2] - edges[::2]
+    return int(lengths[lengths >= _FLAT_RUN].sum())
+
+
+def _health_problems(
+    values: Floats, n_spikes: int, n_clipped: int, n_missing: int, unit: str
+) -> tuple[str, ...]:
+    problems = []
+    n = len(values)
+    if n < 16:
+        return (f"only {n} samples",)
+    if values.max() == values.min():
+        problems.append(f"constant at {values[0]:.6g} {unit}: the sensor is probably not connected")
+    if n_clipped:
+        problems.append(
+            f"clipped: {n_clipped} samples sit at {values.min():.6g} or {values.max():.6g} {unit}; "
+            "the sensor or its amplifier is at the end of its range"
+        )
+    if n_spikes:
+        problems.append(f"{n_spikes} spikes were left out; check cable and connector")
+    if n_missing:
+        problems.append(f"{n_missing} samples are missing ({100 * n_missing / (n + n_missing):.2g} %)")
+    return tuple(problems)
+
+
+def plausibility_problems(
+    channels: Mapping[str, CleanChannel], config: BenchConfig, duty: float | None
+) -> dict[str, tuple[str, ...]]:
+    """Name channels that are probably swapped, reversed or in another unit.
+
+    Parameters
+    ----------
+    channels : mapping of str to CleanChannel
+    config : BenchConfig
+    duty : float or None
+        Commanded duty of the trial.
+
+    Returns
+    -------
+    dict of str to tuple of str
+        Problems by channel; only channels that have any.
+    """
+    found: dict[str, list[str]] = {}
+    for name, channel in channels.items():
+        known = CHANNEL_BY_NAME.get(name)
+        if known is None or not len(channel.values):
+            continue
+        low, high = np.percentile(channel.values, [0.5, 99.5])
+        if low < known.plausible[0] or high > known.plausible[1]:
+            found.setdefault(name, []).append(
+                f"reaches {low:.4g}..{high:.4g} {known.unit}, plausible is {known.plausible[0]:g}.."
+                f"{known.plausible[1]:g} {known.unit}: another unit (milli?) or a swapped channel"
+            )
+    _check_displacement(channels, config, found)
+    _check_force(channels, found)
+    _check_supply(channels, config, duty, found)
+    return {name: tuple(problems) for name, problems in found.items()}
+
+
+def _check_displacement(
+    channels: Mapping[str, CleanChannel], config: BenchConfig, found: dict[str, list[str]]
+) -> None:
+    channel = channels.get("displacement_mm")
+    if channel is None or config.plant is None or len(channel.values) < 16:
+        return
+    low, high = np.percentile(channel.values, [0.5, 99.5])
+    travel, expected = float(high - low), 2e3 * config.plant.crank_radius_m.nominal
+    if travel <= 20 * channel.noise_std:
+        return
+    ratio = travel / expected
+    units = {1e-3: "metres", 0.1: "centimetres", 1 / 25.4: "inches", 1e3: "micrometres"}
+    for factor, unit in units.items():
+        if abs(ratio / factor - 1) < 0.15:
+            found.setdefault("displacement_mm", []).append(
+                f"travels {travel:.4g} where {expected:.4g} mm are expected: the values are probably in {unit}"
+            )
+            return
+    if ratio > 1.1:
+        found.setdefault("displacement_mm", []).append(
+            f"travels {travel:.4g} mm where the configured crank allows {expected:.4g} mm: wrong radius, sensor "
+            "gain or a swapped channel"
+        )
+
+
+def _check_force(channels: Mapping[str, CleanChannel], found: dict[str, list[str]]) -> None:
+    channel = channels.get("force_n")
+    if channel is None or len(channel.values) < 16:
+        return
+    low, high = np.percentile(channel.values, [0.5, 99.5])
+    swing = float(high - low)
+    if 1e-4 < swing < 1.0 and swing > 50 * channel.noise_std:
+        found.setdefault("force_n", []).append(
+            f"swings by only {swing:.3g} N, far above its noise: the values are probably in kN"
+        )
+    middle = float(np.median(channel.values))
+    if middle - low > 3 * (high - middle) and swing > 20 * channel.noise_std:
+        found.setdefault("force_n", []).append(
+            f"its peaks point downwards (to {low:.4g} N): the sign is probably reversed"
+        )
+
+
+def _check_supply(
+    channels: Mapping[str, CleanChannel], config: BenchConfig, duty: float | None, found: dict[str, list[str]]
+) -> None:
+    voltage = channels.get("battery_voltage_v")
+    if voltage is not None and config.battery is not None and len(voltage.values):
+        level, nominal = float(np.median(voltage.values)), config.battery.nominal_voltage_v
+        if not 0.4 < level / nominal < 1.4:
+            found.setdefault("battery_voltage_v", []).append(
+                f"sits at {level:.4g} V, the battery is one of {nominal:g} V: another unit or a swapped channel"
+            )
+    motor, battery = channels.get("motor_current_a"), channels.get("battery_current_a")
+    if motor is None or battery is None or not len(motor.values) or not len(battery.values):
+        return
+    of_motor, of_battery = float(np.mean(motor.values)), float(np.mean(battery.values))
+    noise = 5 * (motor.noise_std + battery.noise_std) / np.sqrt(min(len(motor.values), len(battery.values)))
+    if duty is not None and duty < 0.9 and of_battery > 1.05 * of_motor + noise:
+        found.setdefault("battery_current_a", []).append(
+            f"its mean of {of_battery:.4g} A exceeds the motor's {of_motor:.4g} A although the duty is {duty:g}: "
+            "motor and battery current are probably swapped"
+        )
+    for name, level in (("motor_current_a", of_motor), ("battery_current_a", of_battery)):
+        if level < -noise - 0.05:
+            found.setdefault(name, []).append(f"its mean is {level:.4g} A: the sign is probably reversed")
