@@ -15,7 +15,7 @@ from modeling import slots
 from modeling.compilation import kernel
 from modeling.dense_output import at, emit, quintic, slope_at
 from modeling.dormand_prince import FRACTIONS, angle_energy, angle_rate, angle_step, time_step
-from modeling.machine import TWO_PI, fill_tables, load, machine, open_circuit, source_rate
+from modeling.machine import TWO_PI, cutter, fill_tables, load, machine, open_circuit, source_rate
 
 OK = 0
 STALLED = 1
@@ -37,7 +37,7 @@ NOTHING, DEAD_CENTRE, STANDSTILL, RELEASE = 0, 1, 2, 3
 
 
 @kernel()
-def simulate_baseline(p, spline, time_s, start, n_steps, tolerances, out, record):
+def simulate_baseline(p, spline, ocv, time_s, start, n_steps, tolerances, out, record):
     """Integrate from `start` = (i, W, a, soc) at time 0 to the last sample; fill `out` and `record`.
 
     Parameters
@@ -45,6 +45,8 @@ def simulate_baseline(p, spline, time_s, start, n_steps, tolerances, out, record
     p : ndarray, shape (N_SLOTS,)
     spline : ndarray, shape (n_nodes, 4)
         Measured force, N; no rows where there is none.
+    ocv : ndarray, shape (n_pieces, 4)
+        Open-circuit voltage over the charge, V; no rows for Eq. 16.
     time_s : ndarray, shape (n,)
         Sample times, increasing, the first not negative.
     start : ndarray, shape (4,)
@@ -79,15 +81,15 @@ def simulate_baseline(p, spline, time_s, start, n_steps, tolerances, out, record
     is_coarse = False
     while t < end and status == OK:
         if not is_coarse:
-            t, k, turns, y, status = _time_phase(
-                p, m, spline, time_s, k, t, y, turns, n_steps, tolerances[1], scales, out, record
+            t, k, turns, y, status = time_phase(
+                p, m, spline, ocv, time_s, k, t, y, turns, n_steps, tolerances[1], scales, out, record
             )
         if t < end and status == OK:
             if len(tables) != n_steps:
                 tables = np.empty((n_steps, 6, 4))
                 fill_tables(p, m, spline, n_steps, FRACTIONS, tables)
             t, k, turns, y, is_coarse = _angle_phase(
-                m, tables, time_s, k, t, y, turns, gear, tolerances[0], scales, out, record
+                m, tables, ocv, time_s, k, t, y, turns, gear, tolerances[0], scales, out, record
             )
             if is_coarse:
                 n_steps *= 2
@@ -112,7 +114,7 @@ def _over_time(w, rates):
 
 
 @kernel()
-def _angle_phase(m, tables, time_s, k, t, y, turns, gear, tolerance, scales, out, record):
+def _angle_phase(m, tables, ocv, time_s, k, t, y, turns, gear, tolerance, scales, out, record):
     """Angle steps from a place of the table until the end is near, the speed changes much, or the steps are too long.
 
     The last value returned says that they are too long: the local error passed the tolerance.
@@ -126,7 +128,7 @@ def _angle_phase(m, tables, time_s, k, t, y, turns, gear, tolerance, scales, out
     place = begin + half * (turns % 2)
     i, w, soc = y[0], y[1], y[3]
     r = 1.0 / w
-    first = angle_rate(m, tables[place, 0], open_circuit(m, soc), i, r, 0.0)
+    first = angle_rate(m, tables[place, 0], open_circuit(m, ocv, soc), i, r, 0.0)
     start_angle = turns * math.pi + begin * h
     count = 0
     is_coarse = False
@@ -135,7 +137,7 @@ def _angle_phase(m, tables, time_s, k, t, y, turns, gear, tolerance, scales, out
     e0 = e1 = e2 = e3 = e4 = error_i = error_w = 0.0
     while True:
         rows = tables[place]
-        curve = open_circuit(m, soc)
+        curve = open_circuit(m, ocv, soc)
         i1, r1, away, last, duration, stages, ei, er = angle_step(m, rows, curve, h, i, r, first)
         t1 = t + duration
         w1 = 1.0 / r1
@@ -198,14 +200,16 @@ def _is_calm(p, m, y, n_steps):
 
 
 @kernel()
-def _time_phase(p, m, spline, time_s, k, t, y, turns, n_steps, tolerance, scales, out, record):
+def time_phase(p, m, spline, ocv, time_s, k, t, y, turns, n_steps, tolerance, scales, out, record):
     """Time steps with error control until a dead centre is reached at a calm speed, or the end.
 
     A step that runs over an event is taken again so that it ends on the event: a dead centre ahead, the crank coming
     to rest, or the motor overcoming the load at rest.
     """
     end = time_s[-1]
-    cuts_odd = p[slots.CUTTING_SIGN] < 0.0
+    c = cutter(p)
+    gear = p[slots.GEAR]
+    cuts_odd = c[4] < 0.0
     h = 0.05 / (m[0] * m[1])
     if y[1] > 0.0:
         h = min(h * 8.0, 0.3 / y[1])
@@ -219,13 +223,13 @@ def _time_phase(p, m, spline, time_s, k, t, y, turns, n_steps, tolerance, scales
         if n_taken > MOST_TIME_STEPS or h < 1e-14:
             return t, k, turns, y, NO_CONVERGENCE
         is_second = turns % 2 == 1
-        curve = open_circuit(m, y[3])
+        curve = open_circuit(m, ocv, y[3])
         place = (is_second, is_second == cuts_odd, curve)
-        if moves != 0.0 and y[1] <= 0.0 and _stays(p, m, spline, place, y):
+        if moves != 0.0 and y[1] <= 0.0 and _stays(c, m, spline, place, y):
             moves = 0.0
             y = (y[0], 0.0, y[2], y[3])
         h = min(h, end - t)
-        new, rates, rates1, errors, energy = time_step(p, m, spline, place, h, y, moves)
+        new, rates, rates1, errors, energy = time_step(c, m, spline, place, h, y, moves)
         if event == NOTHING:
             ratio = max(errors[0] / scales[0], errors[1] / scales[1]) / tolerance
             if not ratio <= 1.0:
@@ -243,7 +247,7 @@ def _time_phase(p, m, spline, time_s, k, t, y, turns, n_steps, tolerance, scales
         )
         path = quintic(h, y[2], moves * y[1], rates[1], new[2], moves * new[1], rates1[1])
         if event == NOTHING:
-            event, part = _first_event(p, m, spline, place, y, new, moves, current, path)
+            event, part = _first_event(c, m, spline, place, y, new, moves, current, path)
             tries = 0
             if event != NOTHING:
                 h *= part
@@ -254,9 +258,9 @@ def _time_phase(p, m, spline, time_s, k, t, y, turns, n_steps, tolerance, scales
             continue
         t1 = end if h >= end - t else t + h
         path = (path[0] + turns * math.pi, path[1], path[2], path[3], path[4], path[5])
-        k = emit(time_s, k, out, p[slots.GEAR], t, t1, current, path, y[3], rates[2], new[3], rates1[2])
-        for c in range(5):
-            record[c] += energy[c]
+        k = emit(time_s, k, out, gear, t, t1, current, path, y[3], rates[2], new[3], rates1[2])
+        for kind in range(5):
+            record[kind] += energy[kind]
         record[ERROR_CURRENT] += errors[0] / scales[0]
         record[ERROR_SPEED] += errors[1] / scales[1]
         record[N_TIME_STEPS] += 1
@@ -276,10 +280,10 @@ def _time_phase(p, m, spline, time_s, k, t, y, turns, n_steps, tolerance, scales
 
 
 @kernel()
-def _first_event(p, m, spline, place, y, new, moves, current, path):
+def _first_event(c, m, spline, place, y, new, moves, current, path):
     """The event a step ran over, and the part of the step at which it happens."""
     if moves == 0.0:
-        held = max(load(p, m, spline, place[0], y[2], place[1])[3], 0.0)
+        held = max(load(c, m, spline, place[0], y[2], place[1])[3], 0.0)
         if m[3] * new[0] > held:
             return RELEASE, _root(current, held / m[3], False)
     elif new[1] < 0.0:
@@ -290,19 +294,19 @@ def _first_event(p, m, spline, place, y, new, moves, current, path):
 
 
 @kernel()
-def _stays(p, m, spline, place, y):
+def _stays(c, m, spline, place, y):
     """Whether a crank at rest stays there: a load only holds, it never drives the crank back."""
-    torque = m[3] * y[0] - max(load(p, m, spline, place[0], y[2], place[1])[3], 0.0)
+    torque = m[3] * y[0] - max(load(c, m, spline, place[0], y[2], place[1])[3], 0.0)
     return torque < 0.0 or (torque == 0.0 and max(m[9], m[8] * m[10]) <= 0.0)
 
 
 @kernel()
-def _root(c, level, of_slope):
+def _root(path, level, of_slope):
     """Part of a step at which a quintic, or its slope falling, passes a level; bisection."""
     low, high = 0.0, 1.0
     for _ in range(52):
         u = 0.5 * (low + high)
-        is_past = slope_at(c, u) < level if of_slope else at(c, u) > level
+        is_past = slope_at(path, u) < level if of_slope else at(path, u) > level
         if is_past:
             high = u
         else:

@@ -93,12 +93,12 @@ def angle_energy(m, rows, h, stages):
 
 
 @kernel()
-def time_rate(p, m, spline, place, i, w, angle, away):
+def time_rate(c, m, spline, place, i, w, angle, away):
     """Rates over time: di/dt, dW/dt, dsoc/dt, then e and the cutting torque.
 
-    `place` is (is_second, is_cutting, curve): which half of the turn, whether it cuts, `open_circuit`.
+    `c` is `cutter`; `place` is (is_second, is_cutting, curve): which half of the turn, whether it cuts, `open_circuit`.
     """
-    inverse_j, bend, per_speed, constant = load(p, m, spline, place[0], angle, place[1])
+    inverse_j, bend, per_speed, constant = load(c, m, spline, place[0], angle, place[1])
     e, battery_current = source(m, place[2], away, i)
     di = (e - m[0] * i - m[2] * w) * m[1]
     dw = inverse_j * (m[3] * i - constant - per_speed * w - bend * w * w)
@@ -106,7 +106,7 @@ def time_rate(p, m, spline, place, i, w, angle, away):
 
 
 @kernel()
-def time_step(p, m, spline, place, h, y, moves):
+def time_step(c, m, spline, place, h, y, moves):
     """One step h over time from y = (i, W, a, soc), the angle from the last dead centre; `moves` is 0.0 for a crank held.
 
     Returns the end, the rates at both ends (di/dt, dW/dt, dsoc/dt), the local errors of i and W, and the integrals
@@ -114,32 +114,32 @@ def time_step(p, m, spline, place, h, y, moves):
     """
     i, w, a, soc = y
     q = 0.0
-    f1 = time_rate(p, m, spline, place, i, w, a, q)
+    f1 = time_rate(c, m, spline, place, i, w, a, q)
     i1, w1, q1 = f1[0], moves * f1[1], f1[2]
     v2 = w + h * A21 * w1
-    f2 = time_rate(p, m, spline, place, i + h * A21 * i1, v2, a + h * A21 * moves * w, q + h * A21 * q1)
+    f2 = time_rate(c, m, spline, place, i + h * A21 * i1, v2, a + h * A21 * moves * w, q + h * A21 * q1)
     i2, w2, q2 = f2[0], moves * f2[1], f2[2]
     u3, v3 = i + h * (A31 * i1 + A32 * i2), w + h * (A31 * w1 + A32 * w2)
     f3 = time_rate(
-        p, m, spline, place, u3, v3, a + h * moves * (A31 * w + A32 * v2), q + h * (A31 * q1 + A32 * q2)
+        c, m, spline, place, u3, v3, a + h * moves * (A31 * w + A32 * v2), q + h * (A31 * q1 + A32 * q2)
     )
     i3, w3, q3 = f3[0], moves * f3[1], f3[2]
     u4 = i + h * (A41 * i1 + A42 * i2 + A43 * i3)
     v4 = w + h * (A41 * w1 + A42 * w2 + A43 * w3)
     a4 = a + h * moves * (A41 * w + A42 * v2 + A43 * v3)
-    f4 = time_rate(p, m, spline, place, u4, v4, a4, q + h * (A41 * q1 + A42 * q2 + A43 * q3))
+    f4 = time_rate(c, m, spline, place, u4, v4, a4, q + h * (A41 * q1 + A42 * q2 + A43 * q3))
     i4, w4, q4 = f4[0], moves * f4[1], f4[2]
     u5 = i + h * (A51 * i1 + A52 * i2 + A53 * i3 + A54 * i4)
     v5 = w + h * (A51 * w1 + A52 * w2 + A53 * w3 + A54 * w4)
     a5 = a + h * moves * (A51 * w + A52 * v2 + A53 * v3 + A54 * v4)
     s5 = q + h * (A51 * q1 + A52 * q2 + A53 * q3 + A54 * q4)
-    f5 = time_rate(p, m, spline, place, u5, v5, a5, s5)
+    f5 = time_rate(c, m, spline, place, u5, v5, a5, s5)
     i5, w5, q5 = f5[0], moves * f5[1], f5[2]
     u6 = i + h * (A61 * i1 + A62 * i2 + A63 * i3 + A64 * i4 + A65 * i5)
     v6 = w + h * (A61 * w1 + A62 * w2 + A63 * w3 + A64 * w4 + A65 * w5)
     a6 = a + h * moves * (A61 * w + A62 * v2 + A63 * v3 + A64 * v4 + A65 * v5)
     s6 = q + h * (A61 * q1 + A62 * q2 + A63 * q3 + A64 * q4 + A65 * q5)
-    f6 = time_rate(p, m, spline, place, u6, v6, a6, s6)
+    f6 = time_rate(c, m, spline, place, u6, v6, a6, s6)
     i6, w6, q6 = f6[0], moves * f6[1], f6[2]
     end = (
         i + h * (B1 * i1 + B3 * i3 + B4 * i4 + B5 * i5 + B6 * i6),
@@ -147,7 +147,7 @@ def time_step(p, m, spline, place, h, y, moves):
         a + h * moves * (B1 * w + B3 * v3 + B4 * v4 + B5 * v5 + B6 * v6),
         soc + h * (B1 * q1 + B3 * q3 + B4 * q4 + B5 * q5 + B6 * q6),
     )
-    f7 = time_rate(p, m, spline, place, end[0], end[1], end[2], end[3] - soc)
+    f7 = time_rate(c, m, spline, place, end[0], end[1], end[2], end[3] - soc)
     last = (f7[0], moves * f7[1], f7[2])
     errors = (
         math.fabs(h * (E1 * i1 + E3 * i3 + E4 * i4 + E5 * i5 + E6 * i6 + E7 * last[0])),

@@ -55,8 +55,18 @@ def machine(p):
 
 
 @kernel()
-def open_circuit(m, soc):
-    """Open-circuit voltage of the battery, its first and half its second derivative over the charge, V (Eq. 16)."""
+def open_circuit(m, ocv, soc):
+    """Open-circuit voltage of the battery, its first and half its second derivative over the charge, V.
+
+    From the table `ocv`, shape (n, 4): cubic pieces on equal parts of [0, 1], where it has rows; else Eq. 16.
+    """
+    n_pieces = len(ocv)
+    if n_pieces > 0:
+        place = max(min(int(soc * n_pieces), n_pieces - 1), 0)
+        u = soc - place / n_pieces
+        c = ocv[place]
+        value = c[0] + u * (c[1] + u * (c[2] + u * c[3]))
+        return value, c[1] + u * (2.0 * c[2] + 3.0 * u * c[3]), c[2] + 3.0 * u * c[3]
     filled = max(1.0 - (1.0 - soc) * m[12], 0.0)
     below = 1.0 / (1.0 - m[11] * (1.0 - filled))
     slope = m[10] * (1.0 - m[11]) * below * below * m[12]
@@ -89,12 +99,44 @@ def source(m, curve, away, current):
 
 
 @kernel()
+def source_slopes(m, curve, current):
+    """`source` at the place of `curve`, then the derivatives of e and of the battery current by the motor current."""
+    e, battery_current = source(m, curve, 0.0, current)
+    if m[7] == slots.FIXED_VOLTAGE:
+        return e, battery_current, 0.0, 0.0
+    if m[7] == slots.FIXED_DUTY:
+        return e, battery_current, 0.0, m[8] * m[15]
+    if e != m[9]:
+        return e, battery_current, -m[13], m[15]
+    head = curve[0] + m[14]
+    root = math.sqrt(head * head - 4.0 * m[13] * current * (m[9] + m[14]))
+    duty = 2.0 * (m[9] + m[14]) / (head + root)
+    return e, battery_current, 0.0, (duty + current * m[13] * duty * duty / root) * m[15]
+
+
+@kernel()
 def source_rate(m, soc, soc_rate):
     """de/dt of Eq. 12, V/s."""
     if m[7] != slots.FIXED_DUTY:
         return 0.0
     _, slope = voltage(m[10], m[11], 1.0 - (1.0 - soc) * m[12])
     return m[8] * slope * m[12] * soc_rate
+
+
+@kernel()
+def source_slopes(m, curve, current):
+    """`source` at the place of `curve`, then the derivatives of e and of the battery current by the motor current."""
+    e, battery_current = source(m, curve, 0.0, current)
+    if m[7] == slots.FIXED_VOLTAGE:
+        return e, battery_current, 0.0, 0.0
+    if m[7] == slots.FIXED_DUTY:
+        return e, battery_current, 0.0, m[8] * m[15]
+    if e != m[9]:
+        return e, battery_current, -m[13], m[15]
+    head = curve[0] + m[14]
+    root = math.sqrt(head * head - 4.0 * m[13] * current * (m[9] + m[14]))
+    duty = 2.0 * (m[9] + m[14]) / (head + root)
+    return e, battery_current, 0.0, (duty + current * m[13] * duty * duty / root) * m[15]
 
 
 @kernel()
@@ -114,7 +156,12 @@ C12, C14, C16, C18, C20 = (
     1 / math.factorial(20),
 )
 S3, S5, S7, S9, S11 = -1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800
-S13, S15, S17, S19 = 1 / math.factorial(13), -1 / math.factorial(15), 1 / math.factorial(17), -1 / math.factorial(19)
+S13, S15, S17, S19 = (
+    1 / math.factorial(13),
+    -1 / math.factorial(15),
+    1 / math.factorial(17),
+    -1 / math.factorial(19),
+)
 
 
 @kernel()
@@ -137,11 +184,17 @@ def sine_cosine(half_turn):
 
 
 @kernel()
-def levers(p, sine, cosine):
-    """g and g' of the mechanism in the vector, m."""
-    if p[slots.ROD] > 0.0:
-        return slider_crank.lever(sine, cosine, p[slots.RADIUS], p[slots.ROD])
-    return scotch_yoke.lever(sine, cosine, p[slots.RADIUS])
+def cutter(p):
+    """Gather mechanism and cutting force from a vector: radius, rod, k_Fc, force scale, sign of the cutting half."""
+    return p[slots.RADIUS], p[slots.ROD], p[slots.K_FC], p[slots.FORCE_SCALE], p[slots.CUTTING_SIGN]
+
+
+@kernel()
+def levers(c, sine, cosine):
+    """g and g' of the mechanism, m; `c` is `cutter`."""
+    if c[1] > 0.0:
+        return slider_crank.lever(sine, cosine, c[0], c[1])
+    return scotch_yoke.lever(sine, cosine, c[0])
 
 
 @kernel()
@@ -158,34 +211,48 @@ def spline_force(spline, turn):
 
 
 @kernel()
-def load(p, m, spline, is_second, part, is_cutting):
-    """What the mechanical equation needs at `part` rad (0..pi) after the first or second dead centre of a turn.
-
-    Returns 1/J, m g g', torque per speed, torque free of speed.
-    """
-    sine, cosine = sine_cosine(part)
-    turn = part
-    if is_second:
-        sine, cosine, turn = -sine, -cosine, part + math.pi
-    g, slope = levers(p, sine, cosine)
+def load_at(c, m, spline, sine, cosine, turn, is_cutting):
+    """What the mechanical equation needs at an angle: 1/J, m g g', torque per speed, torque free of speed."""
+    g, slope = levers(c, sine, cosine)
     per_speed = m[4]
     constant = 0.0
     if is_cutting:
-        per_speed += p[slots.K_FC] * g * g
-    if p[slots.FORCE_SCALE] != 0.0:
-        constant = p[slots.FORCE_SCALE] * spline_force(spline, turn) * p[slots.CUTTING_SIGN] * g
+        per_speed += c[2] * g * g
+    if c[3] != 0.0:
+        constant = c[3] * spline_force(spline, turn) * c[4] * g
     return 1.0 / (m[5] + m[6] * g * g), m[6] * g * slope, per_speed, constant
 
 
 @kernel()
+def load(c, m, spline, is_second, part, is_cutting):
+    """`load_at` at `part` rad (0..pi) after the first or second dead centre of a turn."""
+    sine, cosine = sine_cosine(part)
+    if is_second:
+        return load_at(c, m, spline, -sine, -cosine, part + math.pi, is_cutting)
+    return load_at(c, m, spline, sine, cosine, part, is_cutting)
+
+
+@kernel()
 def fill_tables(p, m, spline, n_steps, fractions, tables):
-    """Fill `tables`, shape (n_steps, n_stages, 4), with `load` at the stages of equal steps from angle 0."""
+    """Fill `tables`, shape (n_steps, n_stages, 4), with `load_at` at the stages of equal steps from angle 0.
+
+    Each angle is the sum of a step's and a stage's, so that their sines and cosines are few.
+    """
+    c = cutter(p)
     step = TWO_PI / n_steps
     half = n_steps // 2
-    cuts_first = p[slots.CUTTING_SIGN] > 0.0
-    for is_second in (False, True):
+    cuts_first = c[4] > 0.0
+    for s in range(len(fractions)):
+        stage_sine, stage_cosine = sine_cosine(fractions[s] * step)
         for n in range(half):
-            for s in range(len(fractions)):
-                values = load(p, m, spline, is_second, (n + fractions[s]) * step, is_second != cuts_first)
-                for c in range(4):
-                    tables[n + half * is_second, s, c] = values[c]
+            tables[n, s, 0], tables[n, s, 1] = stage_sine, stage_cosine
+    for n in range(half):
+        step_sine, step_cosine = sine_cosine(n * step)
+        for s in range(len(fractions)):
+            low, high = tables[n, s], tables[n + half, s]
+            sine = step_sine * low[1] + step_cosine * low[0]
+            cosine = step_cosine * low[1] - step_sine * low[0]
+            angle = (n + fractions[s]) * step
+            low[0], low[1], low[2], low[3] = load_at(c, m, spline, sine, cosine, angle, cuts_first)
+            angle += math.pi
+            high[0], high[1], high[2], high[3] = load_at(c, m, spline, -sine, -cosine, angle, not cuts_first)

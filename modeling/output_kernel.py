@@ -8,13 +8,14 @@ import numpy as np
 
 from modeling import slots
 from modeling.compilation import kernel
-from modeling.machine import TWO_PI, levers, machine, open_circuit, source, spline_force
+from modeling.machine import TWO_PI, cutter, levers, machine, open_circuit, source, spline_force
 from modeling.mechanisms import scotch_yoke, slider_crank
 
 
 @kernel()
 def blade(p, spline, angle, motor_speed):
     """Displacement, blade velocity and cutting force, shape (3, n): m, m/s, N (Eqs. 1, 3, 9)."""
+    c = cutter(p)
     out = np.empty((3, len(angle)))
     for k in range(len(angle)):
         turn = angle[k] - TWO_PI * math.floor(angle[k] / TWO_PI)
@@ -23,7 +24,7 @@ def blade(p, spline, angle, motor_speed):
             out[0, k] = slider_crank.displacement(sine, cosine, p[slots.RADIUS], p[slots.ROD])
         else:
             out[0, k] = scotch_yoke.displacement(sine, cosine, p[slots.RADIUS])
-        g, _ = levers(p, sine, cosine)
+        g, _ = levers(c, sine, cosine)
         velocity = g * motor_speed[k] / p[slots.GEAR]
         out[1, k] = velocity
         force = 0.0
@@ -36,12 +37,12 @@ def blade(p, spline, angle, motor_speed):
 
 
 @kernel()
-def electric(p, current, soc):
+def electric(p, ocv, current, soc):
     """Motor voltage, battery voltage and battery current, shape (3, n): V, V, A."""
     m = machine(p)
     out = np.empty((3, len(current)))
     for k in range(len(current)):
-        curve = open_circuit(m, soc[k])
+        curve = open_circuit(m, ocv, soc[k])
         e, battery_current = source(m, curve, 0.0, current[k])
         out[0, k] = e - m[17] * current[k]
         if p[slots.MODE] == slots.FIXED_VOLTAGE:
@@ -57,7 +58,8 @@ def electric(p, current, soc):
 def stored_energy(p, current, crank_speed, angle):
     """Magnetic and kinetic energy, J (Eq. 5)."""
     m = machine(p)
-    g, _ = levers(p, math.sin(angle), math.cos(angle))
+    c = cutter(p)
+    g, _ = levers(c, math.sin(angle), math.cos(angle))
     return (
         0.5 * p[slots.INDUCTANCE] * current * current
         + 0.5 * (m[5] + m[6] * g * g) * crank_speed * crank_speed

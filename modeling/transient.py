@@ -147,6 +147,8 @@ class Trajectory:
         The parameters it was computed with.
     spline : ndarray, shape (n_nodes, 4)
         Measured force, no rows where there is none.
+    ocv : ndarray, shape (n_pieces, 4)
+        Battery table, no rows where there is none.
     record : ndarray
         Integrals, end state and counts of the kernel; see `energy`, `error_estimate`.
     """
@@ -160,6 +162,7 @@ class Trajectory:
     message: str
     vector: Floats
     spline: Floats
+    ocv: Floats
     record: Floats = field(repr=False)
     start: Floats = field(repr=False)
 
@@ -217,7 +220,13 @@ class Trajectory:
         return _outputs().blade(self.vector, self.spline, self.crank_angle_rad, self.motor_speed_rad_s)
 
     def _electric(self) -> Floats:
-        return _outputs().electric(self.vector, self.motor_current_a, self.soc)
+        return _outputs().electric(self.vector, self.ocv, self.motor_current_a, self.soc)
+
+
+def battery_table(supply: Supply) -> Floats:
+    """Spline of the battery's open-circuit voltage, shape (n, 4); no rows where it has an equation or is absent."""
+    table = None if supply.battery is None else supply.battery.ocv_table()
+    return NO_TABLE if table is None else table
 
 
 def _outputs():
@@ -289,13 +298,14 @@ def simulate(
         ]
     )
     return run_vector(
-        vector, NO_TABLE if spline is None else spline, times, start, method=method
+        vector, NO_TABLE if spline is None else spline, battery_table(supply), times, start, method=method
     )
 
 
 def run_vector(
     vector: Floats,
     spline: Floats,
+    ocv: Floats,
     time_s: Floats,
     start: Floats,
     *,
@@ -306,7 +316,7 @@ def run_vector(
     record = np.empty(kernel.N_RECORD)
     tolerances = (method.angle_tolerance, method.time_tolerance)
     code = kernel.simulate_baseline(
-        vector, spline, time_s, start, method.steps_per_turn, tolerances, out, record
+        vector, spline, ocv, time_s, start, method.steps_per_turn, tolerances, out, record
     )
     status, message = _STATUS[code]
     return Trajectory(
@@ -319,6 +329,7 @@ def run_vector(
         message=message,
         vector=vector,
         spline=spline,
+        ocv=ocv,
         record=record,
         start=start,
     )
