@@ -35,6 +35,9 @@ def command(paths: tuple[Path, ...], config_path: Path | None, method: Any, as_j
     for path in progress(files, "fitting"):
         try:
             trial = load_and_process(path, config_path)
+            if len(files) > 1 and trial.recording.trial.is_idle:
+                click.echo(f"{path}: the blade runs in air, so there is no k_Fc", err=True)
+                continue
             fits.append((trial.recording.trial.trial_id, fit_trial(trial, method)))
         except SawbenchError as error:
             if len(files) == 1:

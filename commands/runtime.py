@@ -38,8 +38,12 @@ def command(
     if k_fc is not None:
         loaded = config_for(None, config_path)
         results.append((f"k_Fc {k_fc:g}", predict(loaded, k_fc=k_fc, k_fc_std=k_fc_std, duty=duty)))
-    for path in progress(find_recordings(paths), "predicting"):
+    files = find_recordings(paths)
+    for path in progress(files, "predicting"):
         trial = load_and_process(path, config_path)
+        if len(files) > 1 and trial.recording.trial.is_idle:
+            click.echo(f"{path}: the blade runs in air, so there is no cutting runtime", err=True)
+            continue
         results.append((trial.recording.trial.trial_id, runtime_of(trial, fit_trial(trial))))
     emit(
         [{"trial": name, **plain(result)} for name, result in results],
