@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bench.errors import InputError
 from commands.options import config_for
@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from bench.config import LoadedConfig
     from bench.processed import ProcessedTrial
     from bench.recording import Recording
-    from modeling.fit import FitMethod
+    from modeling.cycle_observation import FitMethod
+    from modeling.map_estimate import ParameterEstimates
     from modeling.measured_cycles import MeasuredCycles
     from modeling.results import CuttingFit, RuntimePrediction
 
@@ -95,15 +96,24 @@ def measured_cycles(trial: AnalysedTrial) -> MeasuredCycles:
     )
 
 
-def fit_trial(trial: AnalysedTrial, method: FitMethod | None = None) -> CuttingFit:
+def fit_trial(
+    trial: AnalysedTrial, method: FitMethod | None = None
+) -> tuple[CuttingFit, ParameterEstimates | None]:
     """Fit k_Fc of one trial; by default with every channel it has.
+
+    Returns
+    -------
+    fit : CuttingFit
+    estimates : ParameterEstimates or None
+        Plant and k_Fc together with their covariance, for the runtime; None for methods that fit k_Fc alone.
 
     Raises
     ------
     InputError
         If the trial is no cutting trial or lacks what the fit needs.
     """
-    from modeling.fit import available_method, fit_cutting_coefficient
+    from modeling.fit import available_method, cutting_fits, fit_cutting_coefficient
+    from modeling.joint_fit import SensorPriors, fit_jointly
 
     processed, loaded = trial.processed, trial.loaded
     if processed.status != "cutting":
@@ -112,24 +122,36 @@ def fit_trial(trial: AnalysedTrial, method: FitMethod | None = None) -> CuttingF
             where=trial.recording.path or processed.trial.trial_id,
         )
     cycles = measured_cycles(trial)
-    return fit_cutting_coefficient(
-        cycles,
-        plant=loaded.plant(),
-        battery=loaded.config.battery,
-        converter=loaded.config.converter,
-        cutting_half=loaded.config.cutting.cutting_half,
-        force_gain_rel_std=loaded.config.analysis.force_gain_rel_std,
-        current_gain_rel_std=loaded.config.analysis.current_gain_rel_std,
-        method=method or available_method(cycles),
+    method = method or available_method(cycles)
+    config = loaded.config
+    sensors = SensorPriors(
+        force_gain_rel_std=config.analysis.force_gain_rel_std,
+        current_gain_rel_std=config.analysis.current_gain_rel_std,
     )
+    setting: dict[str, Any] = {
+        "plant": loaded.plant(),
+        "battery": config.battery,
+        "converter": config.converter,
+        "cutting_half": config.cutting.cutting_half,
+        "sensors": sensors,
+        "method": method,
+    }
+    if method in {"force", "annealing"}:
+        return fit_cutting_coefficient(cycles, **setting), None
+    joint = fit_jointly([cycles], **setting)
+    fit = cutting_fits(joint, method)[0]
+    return fit, joint.of_trial(0) if fit.status == "ok" else None
 
 
-def runtime_of(trial: AnalysedTrial, fit: CuttingFit) -> RuntimePrediction:
+def runtime_of(
+    trial: AnalysedTrial, fit: CuttingFit, estimates: ParameterEstimates | None
+) -> RuntimePrediction:
     """Predict the battery runtime of a tool that goes on cutting like this trial."""
     return predict(
         trial.loaded,
         k_fc=fit.k_fc_n_s_per_m,
         k_fc_std=fit.std_n_s_per_m,
+        estimates=estimates,
         duty=trial.recording.trial.duty,
         mean_battery_current_a=trial.processed.mean_values.get("battery_current_a"),
     )
@@ -141,20 +163,21 @@ def predict(
     k_fc: float,
     k_fc_std: float,
     duty: float | None,
+    estimates: ParameterEstimates | None = None,
     mean_battery_current_a: float | None = None,
 ) -> RuntimePrediction:
     """Predict the battery runtime for a cutting coefficient."""
-    from commands.model_setup import battery_of, parameters_of, supply_of
+    from commands.model_setup import parameters_of, supply_of
     from modeling.runtime import predict_runtime
 
     battery = loaded.battery()
     return predict_runtime(
         parameters_of(loaded),
-        battery=battery_of(loaded),
         supply=supply_of(loaded, duty),
         k_fc=k_fc,
         k_fc_std=k_fc_std,
         plant=loaded.plant(),
+        estimates=estimates,
         cutting_half=loaded.config.cutting.cutting_half,
         cutoff_soc=battery.cutoff_soc,
         cutoff_voltage_v=battery.cutoff_voltage_v,

@@ -66,13 +66,13 @@ def compared(trial: AnalysedTrial) -> ComparedTrial:
     if trial.processed.status != "cutting":
         return ComparedTrial(processed=trial.processed)
     try:
-        fit = fit_trial(trial)
+        fit, estimates = fit_trial(trial)
     except SawbenchError as error:
         return ComparedTrial(processed=trial.processed, note=error.what)
     if fit.status != "ok":
         return ComparedTrial(processed=trial.processed, fit=fit)
     try:
-        runtime = runtime_of(trial, fit)
+        runtime = runtime_of(trial, fit, estimates)
     except SawbenchError as error:
         return ComparedTrial(processed=trial.processed, fit=fit, note=error.what)
     return ComparedTrial(processed=trial.processed, fit=fit, runtime=runtime)

@@ -38,7 +38,7 @@ def command(paths: tuple[Path, ...], config_path: Path | None, method: Any, as_j
             if len(files) > 1 and trial.recording.trial.is_idle:
                 click.echo(f"{path}: the blade runs in air, so there is no k_Fc", err=True)
                 continue
-            fits.append((trial.recording.trial.trial_id, fit_trial(trial, method)))
+            fits.append((trial.recording.trial.trial_id, fit_trial(trial, method)[0]))
         except SawbenchError as error:
             if len(files) == 1:
                 raise

@@ -44,7 +44,7 @@ def command(
         if len(files) > 1 and trial.recording.trial.is_idle:
             click.echo(f"{path}: the blade runs in air, so there is no cutting runtime", err=True)
             continue
-        results.append((trial.recording.trial.trial_id, runtime_of(trial, fit_trial(trial))))
+        results.append((trial.recording.trial.trial_id, runtime_of(trial, *fit_trial(trial))))
     emit(
         [{"trial": name, **plain(result)} for name, result in results],
         "\n".join(describe(name, result) for name, result in results),
