@@ -1,6 +1,6 @@
 """Fit real cells on slow discharges, predict the fast ones, and write the page with every rate and temperature.
 
-    python -m benchmarks.battery_cells --cells DIR --out docs/battery.md
+python -m benchmarks.battery_cells --cells DIR --out docs/battery.md
 """
 
 from __future__ import annotations
@@ -35,7 +35,9 @@ def read_cells(directory: Path) -> dict[str, dict[str, MeasuredDischarge]]:
 
     path = directory / FILE
     if not path.exists():
-        raise InputError("no such file", where=path, remedy="name the folder of the LG M50 rate tests with --cells")
+        raise InputError(
+            "no such file", where=path, remedy="name the folder of the LG M50 rate tests with --cells"
+        )
     table = loadmat(path, squeeze_me=True, struct_as_record=False)["LGM50_5Ah_RateTest"]
     cells: dict[str, dict[str, MeasuredDischarge]] = {}
     for temperature in table._fieldnames:
@@ -65,7 +67,9 @@ def rows(cells: dict[str, dict[str, MeasuredDischarge]]) -> list[dict]:
         for temperature, rates in cells.items():
             fit = fit_battery([rates[rate] for rate in fitted_on], model=model)
             for rate, discharge in rates.items():
-                predicted = predict_discharge(fit, current_a=discharge.mean_current_a, cutoff_voltage_v=CUTOFF_V)
+                predicted = predict_discharge(
+                    fit, current_a=discharge.mean_current_a, cutoff_voltage_v=CUTOFF_V
+                )
                 voltage_v = fit.voltage_v(discharge.charge_a_s, discharge.current_a)
                 table.append(
                     {
@@ -129,7 +133,9 @@ def page(table: list[dict]) -> str:
             fit = row["fit"]
             if row["model"] == model and row["temperature"] not in seen:
                 seen.add(row["temperature"])
-                shape = "" if fit.beta is None else f"V_nom {fit.nominal_voltage_v:.3f} V, beta {fit.beta:.3f}, "
+                shape = (
+                    "" if fit.beta is None else f"V_nom {fit.nominal_voltage_v:.3f} V, beta {fit.beta:.3f}, "
+                )
                 lines.append(
                     f"- {row['temperature']} degC: {shape}Q {fit.capacity_ah:.3f} Ah, R "
                     f"{1e3 * fit.internal_resistance_ohm:.1f} mOhm"
@@ -139,7 +145,9 @@ def page(table: list[dict]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--cells", type=Path, required=True, help="folder with the LG M50 rate tests")
     parser.add_argument("--out", type=Path, help="page to write; printed without it")
     options = parser.parse_args()

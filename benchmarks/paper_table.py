@@ -1,6 +1,6 @@
 """Write docs/paper.md: the paper's figures beside ours.
 
-    python -m benchmarks.paper_table --out docs/paper.md
+python -m benchmarks.paper_table --out docs/paper.md
 """
 
 from __future__ import annotations
@@ -77,7 +77,9 @@ def page(found: Reproduction) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--out", type=Path, help="page to write; printed without it")
     options = parser.parse_args()
     text = page(reproduce())

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from bench.processed import ProcessedTrial
     from bench.recording import Recording
     from modeling.cycle_observation import FitMethod
-    from modeling.map_estimate import ParameterEstimates
+    from modeling.results import ParameterEstimates
     from modeling.measured_cycles import MeasuredCycles
     from modeling.results import CuttingFit, RuntimePrediction
 

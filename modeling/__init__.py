@@ -1,0 +1,1 @@
+"""The electromechanical model: simulate, fit, predict the runtime."""

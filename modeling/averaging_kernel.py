@@ -16,10 +16,11 @@ import math
 
 import numpy as np
 
+from modeling import slots
 from modeling.compilation import kernel
 from modeling.discharge_kernel import FAILED, drifting_stroke, start_up
 from modeling.dormand_prince import FRACTIONS, angle_rate, angle_step
-from modeling.machine import TWO_PI, fill_tables, machine, open_circuit
+from modeling.machine import TWO_PI, drive, fill_tables, machine, open_circuit
 from modeling.periodic_kernel import guess
 from modeling.stroke_map import tangent_stroke
 
@@ -106,10 +107,10 @@ def _strokes_of_start(p, m, spline, ocv, tables, h, start, tolerance):
     r = 1.0 / y[1]
     if turns % 2:
         half = n_steps // 2
-        first = angle_rate(m, tables[half, 0], open_circuit(m, ocv, soc), i, r, 0.0)
+        first = angle_rate(m, tables[half, 0], drive(m, ocv, soc), i, r, 0.0)
         for n in range(half, n_steps):
             i, r, away, first, duration, stages, _, _ = angle_step(
-                m, tables[n], open_circuit(m, ocv, soc), h, i, r, first
+                m, tables[n], drive(m, ocv, soc), h, i, r, first
             )
             t += duration
             soc += away
@@ -124,12 +125,12 @@ def _solve_nodes(m, tables, ocv, h, places, table, tangents, weights):
     """Fill the node table between two states of charge; returns the largest local error, 1e300 where a node fails."""
     n = len(places)
     worst = 0.0
-    i, w = guess(m, tables, open_circuit(m, ocv, places[0]))
+    i, w = guess(m, tables, drive(m, ocv, places[0]))
     if not w > 0.0:
         return 1e300
     r = 1.0 / w
     for k in range(n):
-        i, r, y, q, local = _frozen(m, tables, open_circuit(m, ocv, places[k]), h, i, r)
+        i, r, y, q, local = _frozen(m, tables, drive(m, ocv, places[k]), h, i, r)
         if not local < 1e299:
             return 1e300
         worst = max(worst, local)
@@ -210,7 +211,7 @@ def discharge_averaged(
         if not worst < 1e299:
             return FAILED
         result[LOCAL_ERROR] = worst
-        resistance = m[13] / m[15]
+        resistance = p[slots.BATTERY_RESISTANCE]
         for k in range(n):
             current = table[k, SHARE] / m[16] / table[k, PERIOD]
             table[k, VOLTAGE] = open_circuit(m, ocv, places[k])[0] - resistance * current

@@ -15,7 +15,7 @@ from modeling import slots
 from modeling.compilation import kernel
 from modeling.dense_output import at, emit, quintic, slope_at
 from modeling.dormand_prince import FRACTIONS, angle_energy, angle_rate, angle_step, time_step
-from modeling.machine import TWO_PI, cutter, fill_tables, load, machine, open_circuit, source_rate
+from modeling.machine import TWO_PI, cutter, drive, fill_tables, load, machine, source_rate
 
 OK = 0
 STALLED = 1
@@ -72,8 +72,8 @@ def simulate_baseline(p, spline, ocv, time_s, start, n_steps, tolerances, out, r
     t = 0.0
     k = 0
     end = time_s[-1]
-    drive = max(m[9], m[8] * m[10])
-    scales = (max(drive / m[0], math.fabs(y[0]), 1e-3), max(drive / m[2], math.fabs(y[1]), 1e-3))
+    voltage = max(m[9], m[8] * m[10])
+    scales = (max(voltage / m[0], math.fabs(y[0]), 1e-3), max(voltage / m[2], math.fabs(y[1]), 1e-3))
     while k < len(time_s) and time_s[k] <= 0.0:
         out[0, k], out[1, k], out[2, k], out[3, k] = y[0], gear * y[1], start[2], y[3]
         k += 1
@@ -128,7 +128,7 @@ def _angle_phase(m, tables, ocv, time_s, k, t, y, turns, gear, tolerance, scales
     place = begin + half * (turns % 2)
     i, w, soc = y[0], y[1], y[3]
     r = 1.0 / w
-    first = angle_rate(m, tables[place, 0], open_circuit(m, ocv, soc), i, r, 0.0)
+    first = angle_rate(m, tables[place, 0], drive(m, ocv, soc), i, r, 0.0)
     start_angle = turns * math.pi + begin * h
     count = 0
     is_coarse = False
@@ -137,7 +137,7 @@ def _angle_phase(m, tables, ocv, time_s, k, t, y, turns, gear, tolerance, scales
     e0 = e1 = e2 = e3 = e4 = error_i = error_w = 0.0
     while True:
         rows = tables[place]
-        curve = open_circuit(m, ocv, soc)
+        curve = drive(m, ocv, soc)
         i1, r1, away, last, duration, stages, ei, er = angle_step(m, rows, curve, h, i, r, first)
         t1 = t + duration
         w1 = 1.0 / r1
@@ -223,7 +223,7 @@ def time_phase(p, m, spline, ocv, time_s, k, t, y, turns, n_steps, tolerance, sc
         if n_taken > MOST_TIME_STEPS or h < 1e-14:
             return t, k, turns, y, NO_CONVERGENCE
         is_second = turns % 2 == 1
-        curve = open_circuit(m, ocv, y[3])
+        curve = drive(m, ocv, y[3])
         place = (is_second, is_second == cuts_odd, curve)
         if moves != 0.0 and y[1] <= 0.0 and _stays(c, m, spline, place, y):
             moves = 0.0

@@ -16,7 +16,7 @@ from modeling.baseline_kernel import (
 )
 from modeling.compilation import kernel
 from modeling.dormand_prince import FRACTIONS, angle_rate, angle_step
-from modeling.machine import TWO_PI, fill_tables, machine, open_circuit
+from modeling.machine import TWO_PI, drive, fill_tables, machine, open_circuit
 
 BY_SOC, BY_VOLTAGE, BY_STALL, BY_LIMIT, FAILED = 0, 1, 2, 3, 4
 LONGEST_S = 1.0e7
@@ -31,8 +31,8 @@ def start_up(p, m, spline, ocv, y, n_steps, tolerance):
 
     Returns time, state, half turns done and a status.
     """
-    drive = max(m[9], m[8] * m[10])
-    scales = (max(drive / m[0], 1e-3), max(drive / m[2], 1e-3))
+    voltage = max(m[9], m[8] * m[10])
+    scales = (max(voltage / m[0], 1e-3), max(voltage / m[2], 1e-3))
     record = np.zeros(N_RECORD)
     turns = math.floor(y[2] / math.pi)
     begin = (y[0], y[1], y[2] - turns * math.pi, y[3])
@@ -92,7 +92,7 @@ def brute_force(p, spline, ocv, start, n_steps, tolerance, cutoff_soc, cutoff_vo
         t += waited
         i, r, soc = y[0], 1.0 / y[1], y[3]
         place = (n_steps // 2) * (turns % 2)
-        first = angle_rate(m, tables[place, 0], open_circuit(m, ocv, soc), i, r, 0.0)
+        first = angle_rate(m, tables[place, 0], drive(m, ocv, soc), i, r, 0.0)
         t_mark, soc_mark, charge_mark = -1.0, soc, motor_charge
         before_v, before_t = -1.0, 0.0
         while True:
@@ -116,7 +116,7 @@ def brute_force(p, spline, ocv, start, n_steps, tolerance, cutoff_soc, cutoff_vo
                         return middle, motor_charge, (begin - soc) / m[16], n_strokes, n_rows, BY_VOLTAGE
                     before_v, before_t = volt, middle
                 t_mark, soc_mark, charge_mark = t, soc, motor_charge
-            curve = open_circuit(m, ocv, soc)
+            curve = drive(m, ocv, soc)
             i1, r1, away, last, duration, stages, _, _ = angle_step(m, tables[place], curve, h, i, r, first)
             if not math.fabs(r1 - r) < CALM * r:
                 half = n_steps // 2
@@ -158,9 +158,9 @@ def drifting_stroke(m, tables, ocv, h, i, r, soc, until):
     n_steps = len(tables)
     t = 0.0
     charge = 0.0
-    first = angle_rate(m, tables[0, 0], open_circuit(m, ocv, soc), i, r, 0.0)
+    first = angle_rate(m, tables[0, 0], drive(m, ocv, soc), i, r, 0.0)
     for n in range(n_steps):
-        curve = open_circuit(m, ocv, soc)
+        curve = drive(m, ocv, soc)
         i1, r1, away, last, duration, stages, _, _ = angle_step(m, tables[n], curve, h, i, r, first)
         if soc + away < until:
             t += _crossing_time(duration, soc, soc + away, first[2] / r, last[2] / r1, until)

@@ -40,7 +40,7 @@ def angle_rate(m, row, curve, i, r, away):
 @kernel()
 def angle_step(m, rows, curve, h, i, r, first):
     """One step h over the crank angle; `rows`, shape (6, 4), holds `load` at the stages, `curve` is
-    `open_circuit` at its start.
+    `drive` at its start.
 
     Returns the end (i, r, and the change of the charge), its rates, the duration, the stages (i, r, e each, of the weights that are not 0) and
     the sums for the local error estimate of i and r, up to the factor h.
@@ -96,7 +96,7 @@ def angle_energy(m, rows, h, stages):
 def time_rate(c, m, spline, place, i, w, angle, away):
     """Rates over time: di/dt, dW/dt, dsoc/dt, then e and the cutting torque.
 
-    `c` is `cutter`; `place` is (is_second, is_cutting, curve): which half of the turn, whether it cuts, `open_circuit`.
+    `c` is `cutter`; `place` is (is_second, is_cutting, curve): which half of the turn, whether it cuts, `drive`.
     """
     inverse_j, bend, per_speed, constant = load(c, m, spline, place[0], angle, place[1])
     e, battery_current = source(m, place[2], away, i)

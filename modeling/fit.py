@@ -186,7 +186,7 @@ def _identifiability(joint: JointFit, trial: int) -> str:
 
 def _words(share: str) -> str:
     return {"statistics": "the scatter of the strokes", "model error": "model error"}.get(
-        share, f"the prior of {share.split('[')[0]}"
+        share, f"the prior of {share.split('[', maxsplit=1)[0]}"
     )
 
 

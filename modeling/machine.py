@@ -30,8 +30,12 @@ def machine(p):
     drop = p[slots.DIODE]
     gear = p[slots.GEAR]
     extra = 0.0
+    share = below  # of the motor current, or of duty times motor current, that the battery gives
     if p[slots.MODE] == slots.FIXED_DUTY:
         extra = duty * duty * p[slots.BATTERY_RESISTANCE] * below
+        share = duty * below
+    elif p[slots.MODE] == slots.FIXED_VOLTAGE:
+        share = 0.0
     return (
         p[slots.RESISTANCE] + extra,  # 0: R_x
         1.0 / p[slots.INDUCTANCE],  # 1
@@ -48,7 +52,7 @@ def machine(p):
         p[slots.CAPACITY_RATIO],  # 12
         p[slots.BATTERY_RESISTANCE] * below,  # 13: per ampere of duty * motor current
         drop,  # 14
-        below,  # 15
+        share,  # 15
         1.0 / p[slots.CAPACITY],  # 16
         extra,  # 17
     )
@@ -74,38 +78,47 @@ def open_circuit(m, ocv, soc):
 
 
 @kernel()
-def source(m, curve, away, current):
-    """Voltage e of Eq. 12 and battery current, V and A.
+def drive(m, ocv, soc):
+    """What `source` needs of a state of charge: three terms of a power series over the charge, V.
 
-    `curve` is `open_circuit` at a state of charge, `away` how far from there: within one step the three terms are
-    exact to rounding, and save a division in every stage. For a held voltage U the duty solves
-    d (E + V_f - R_b d i / eta) = U + V_f; where it would pass 1 the converter is fully on.
+    Of the voltage e for a fixed voltage or duty, of the open-circuit voltage for a held voltage. Within one step the
+    three terms are exact to rounding, and save a division in every stage.
     """
-    mode = m[7]
-    if mode == slots.FIXED_VOLTAGE:
-        return m[9], 0.0
-    ocv = curve[0] + away * (curve[1] + away * curve[2])
-    if mode == slots.FIXED_DUTY:
-        return m[8] * (ocv + m[14]) - m[14], m[8] * current * m[15]
+    if m[7] == slots.FIXED_VOLTAGE:
+        return m[9], 0.0, 0.0
+    value, first, second = open_circuit(m, ocv, soc)
+    if m[7] == slots.FIXED_DUTY:
+        return m[8] * (value + m[14]) - m[14], m[8] * first, m[8] * second
+    return value, first, second
+
+
+@kernel()
+def source(m, curve, away, current):
+    """Voltage e of Eq. 12 and battery current, V and A, at a charge `away` from where `curve` is `drive`.
+
+    For a held voltage U the duty solves d (E + V_f - R_b d i / eta) = U + V_f; where it would pass 1 the converter
+    is fully on.
+    """
+    value = curve[0] + away * (curve[1] + away * curve[2])
+    if m[7] != slots.HELD_VOLTAGE:
+        return value, m[15] * current
     sag = m[13] * current
     wanted = m[9] + m[14]
-    head = ocv + m[14]
+    head = value + m[14]
     square = head * head - 4.0 * sag * wanted
     if square >= 0.0:
         duty = 2.0 * wanted / (head + math.sqrt(square))
         if 0.0 <= duty <= 1.0:
             return m[9], duty * current * m[15]
-    return ocv - sag, current * m[15]
+    return value - sag, current * m[15]
 
 
 @kernel()
 def source_slopes(m, curve, current):
     """`source` at the place of `curve`, then the derivatives of e and of the battery current by the motor current."""
     e, battery_current = source(m, curve, 0.0, current)
-    if m[7] == slots.FIXED_VOLTAGE:
-        return e, battery_current, 0.0, 0.0
-    if m[7] == slots.FIXED_DUTY:
-        return e, battery_current, 0.0, m[8] * m[15]
+    if m[7] != slots.HELD_VOLTAGE:
+        return e, battery_current, 0.0, m[15]
     if e != m[9]:
         return e, battery_current, -m[13], m[15]
     head = curve[0] + m[14]
@@ -127,10 +140,8 @@ def source_rate(m, soc, soc_rate):
 def source_slopes(m, curve, current):
     """`source` at the place of `curve`, then the derivatives of e and of the battery current by the motor current."""
     e, battery_current = source(m, curve, 0.0, current)
-    if m[7] == slots.FIXED_VOLTAGE:
-        return e, battery_current, 0.0, 0.0
-    if m[7] == slots.FIXED_DUTY:
-        return e, battery_current, 0.0, m[8] * m[15]
+    if m[7] != slots.HELD_VOLTAGE:
+        return e, battery_current, 0.0, m[15]
     if e != m[9]:
         return e, battery_current, -m[13], m[15]
     head = curve[0] + m[14]
@@ -142,9 +153,9 @@ def source_slopes(m, curve, current):
 @kernel()
 def source_rate(m, curve, away, soc_rate):
     """de/dt of Eq. 12, V/s; arguments as in `source`."""
-    if m[7] != slots.FIXED_DUTY:
+    if m[7] == slots.HELD_VOLTAGE:
         return 0.0
-    return m[8] * (curve[1] + 2.0 * away * curve[2]) * soc_rate
+    return (curve[1] + 2.0 * away * curve[2]) * soc_rate
 
 
 C2, C4, C6, C8, C10 = -1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800

@@ -8,7 +8,7 @@ import numpy as np
 
 from modeling import slots
 from modeling.compilation import kernel
-from modeling.machine import TWO_PI, cutter, levers, machine, open_circuit, source, spline_force
+from modeling.machine import TWO_PI, cutter, drive, levers, machine, open_circuit, source, spline_force
 from modeling.mechanisms import scotch_yoke, slider_crank
 
 
@@ -42,14 +42,13 @@ def electric(p, ocv, current, soc):
     m = machine(p)
     out = np.empty((3, len(current)))
     for k in range(len(current)):
-        curve = open_circuit(m, ocv, soc[k])
-        e, battery_current = source(m, curve, 0.0, current[k])
+        e, battery_current = source(m, drive(m, ocv, soc[k]), 0.0, current[k])
         out[0, k] = e - m[17] * current[k]
         if p[slots.MODE] == slots.FIXED_VOLTAGE:
             out[1, k] = out[0, k]
             out[2, k] = current[k]
         else:
-            out[1, k] = curve[0] - p[slots.BATTERY_RESISTANCE] * battery_current
+            out[1, k] = open_circuit(m, ocv, soc[k])[0] - p[slots.BATTERY_RESISTANCE] * battery_current
             out[2, k] = battery_current
     return out
 

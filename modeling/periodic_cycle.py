@@ -81,7 +81,7 @@ def periodic_cycles(
 
 @numba.njit(cache=True)
 def _levers(sine, cosine, radius, rod):  # pragma: no cover - compiled
-    """g and dg/da of the mechanism; the rod is 0 for a Scotch yoke."""
+    """G and dg/da of the mechanism; the rod is 0 for a Scotch yoke."""
     lever = sine.copy()
     slope = cosine.copy()
     if rod > 0.0:

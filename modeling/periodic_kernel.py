@@ -10,7 +10,7 @@ import numpy as np
 from modeling import slots
 from modeling.compilation import kernel
 from modeling.dormand_prince import FRACTIONS, angle_rate, angle_step
-from modeling.machine import TWO_PI, fill_tables, machine, open_circuit, source_slopes
+from modeling.machine import TWO_PI, drive, fill_tables, machine, source_slopes
 from modeling.stroke_map import tangent_stroke
 
 PERIODIC, NO_DRIVE, NOT_CONVERGED = 0, 1, 2
@@ -38,12 +38,8 @@ def guess(m, tables, curve):
         constant += tables[n, 0, 3]
     per_speed /= n_steps
     constant /= n_steps
-    drive = m[9]
-    if m[7] == slots.FIXED_DUTY:
-        drive = m[8] * (curve[0] + m[14]) - m[14]
-    elif m[7] == slots.HELD_VOLTAGE:
-        drive = min(drive, curve[0])
-    speed = (drive - m[0] * constant / m[3]) / (m[2] + m[0] * per_speed / m[3])
+    voltage = min(m[9], curve[0]) if m[7] == slots.HELD_VOLTAGE else curve[0]
+    speed = (voltage - m[0] * constant / m[3]) / (m[2] + m[0] * per_speed / m[3])
     if not speed > 0.0:
         return 0.0, 0.0
     current = (constant + per_speed * speed) / m[3]
@@ -116,7 +112,7 @@ def periodic_state(p, spline, ocv, soc, n_steps, tolerance, result):
     is below the tolerance.
     """
     m = machine(p)
-    curve = open_circuit(m, ocv, soc)
+    curve = drive(m, ocv, soc)
     tables = np.empty((n_steps, 6, 4))
     fill_tables(p, m, spline, n_steps, FRACTIONS, tables)
     i, w = guess(m, tables, curve)
@@ -140,7 +136,7 @@ def waveform(p, spline, ocv, soc, n_steps, i, w, current, speed):
     m = machine(p)
     tables = np.empty((n_steps, 6, 4))
     fill_tables(p, m, spline, n_steps, FRACTIONS, tables)
-    curve = open_circuit(m, ocv, soc)
+    curve = drive(m, ocv, soc)
     h = TWO_PI / n_steps
     r = 1.0 / w
     largest_i = 1e-3

@@ -222,7 +222,9 @@ class RecursiveCuttingEstimator:
         self._since_up = self._since_down = 0
         return True
 
-    def _remaining(self, stroke: StrokeSummary, level: float, statistical: float) -> tuple[float | None, float | None]:
+    def _remaining(
+        self, stroke: StrokeSummary, level: float, statistical: float
+    ) -> tuple[float | None, float | None]:
         tables = self._tables
         if tables.capacity_a_s is None:
             return None, None
@@ -318,7 +320,9 @@ def summarize_strokes(cycles: object) -> list[StrokeSummary]:
         if values is None:
             return None
         row = values[stroke]
-        weight = np.ones_like(row) if cycles.crank_speed_rad_s is None else 1.0 / cycles.crank_speed_rad_s[stroke]
+        weight = (
+            np.ones_like(row) if cycles.crank_speed_rad_s is None else 1.0 / cycles.crank_speed_rad_s[stroke]
+        )
         is_there = np.isfinite(row) & np.isfinite(weight)
         if not is_there.any():
             return None

@@ -268,13 +268,17 @@ def _joint(
 ) -> tuple[dict[str, float], dict[tuple[str, str], float]]:
     known = [name for name in estimates.names if name in centre]
     if K_FC not in known:
-        raise InputError(f"estimates hold no {K_FC}", remedy="give the estimates of one trial: JointFit.of_trial")
+        raise InputError(
+            f"estimates hold no {K_FC}", remedy="give the estimates of one trial: JointFit.of_trial"
+        )
     place = {name: estimates.names.index(name) for name in known}
     covariance = {(a, b): float(estimates.covariance[place[a], place[b]]) for a in known for b in known}
     return centre | {name: estimates.value(name) for name in known}, covariance
 
 
-def _slope(discharge: Callable[[Mapping[str, float]], Discharge], name: str, value: float, std: float) -> float:
+def _slope(
+    discharge: Callable[[Mapping[str, float]], Discharge], name: str, value: float, std: float
+) -> float:
     """d(runtime)/d(parameter) across a good part of its uncertainty; one-sided at a boundary or a stall."""
     step = min(STEP_SHARE * std, 0.5 * value) if value > 0 else STEP_SHARE * std
     up, down = discharge({name: value + step}), discharge({name: max(value - step, 0.0)})
@@ -286,7 +290,9 @@ def _slope(discharge: Callable[[Mapping[str, float]], Discharge], name: str, val
         return (up.runtime_s - middle.runtime_s) / step
     if down.status == "ok":
         return (middle.runtime_s - down.runtime_s) / (value - low)
-    raise InputError(f"the run fails within the uncertainty of {name}", remedy="check the plant, k_Fc and the supply")
+    raise InputError(
+        f"the run fails within the uncertainty of {name}", remedy="check the plant, k_Fc and the supply"
+    )
 
 
 def _appendix_a(usable_a_s: float, current_a: float | None) -> float | None:
@@ -364,7 +370,8 @@ def sweep_runtime(
         found = integrate_discharge(
             parameters,
             supply=FixedDuty(
-                duty=duties[place[1]], battery=dataclasses.replace(battery, capacity_ah=capacities_ah[place[2]])
+                duty=duties[place[1]],
+                battery=dataclasses.replace(battery, capacity_ah=capacities_ah[place[2]]),
             ),
             cutting=LinearCutting(k_fc_n_s_per_m=k_fc_values[place[0]], cutting_half=cutting_half),
             cutoff_soc=cutoff_soc,

@@ -50,7 +50,9 @@ class StrokeTables:
         raw = _from_torques(
             mean_current_a, speed, self.torque_constant, self.gear_ratio, self.damping, self.radius_m
         )
-        return float(np.interp(raw, self.raw_k, K_GRID)) if raw > self.raw_k[0] else float(raw - self.raw_k[0])
+        return (
+            float(np.interp(raw, self.raw_k, K_GRID)) if raw > self.raw_k[0] else float(raw - self.raw_k[0])
+        )
 
     def damping_share(self, k_fc: float, period_s: float) -> float:
         """Torque of the motor's damping over the torque of the cut."""
@@ -76,7 +78,7 @@ class StrokeTables:
         return float(low + share * (high - low))
 
 
-def _from_torques(current_a, speed_rad_s, torque_constant, gear_ratio, damping, radius_m):  # noqa: PLR0917
+def _from_torques(current_a, speed_rad_s, torque_constant, gear_ratio, damping, radius_m):
     torque = gear_ratio * (torque_constant * current_a - damping * gear_ratio * speed_rad_s)
     return 4.0 * torque / (radius_m**2 * speed_rad_s)
 
@@ -104,7 +106,8 @@ def stroke_tables(
         held_v = converter.voltage_v
     if battery is not None and held_v is None and duty is None:
         raise InputError(
-            "the remaining runtime needs the duty", remedy="give the duty, or [converter] mode = 'held_voltage'"
+            "the remaining runtime needs the duty",
+            remedy="give the duty, or [converter] mode = 'held_voltage'",
         )
     if battery is None:
         soc, open_v, resistance_ohm = None, np.array([9.0]), 0.0
@@ -137,7 +140,9 @@ def stroke_tables(
         return base
     if held_v is not None:
         power_w = held_v * current_a
-        drawn_a = 2.0 * power_w / (open_v + np.sqrt(np.maximum(open_v**2 - 4.0 * resistance_ohm * power_w, 0.0)))
+        drawn_a = (
+            2.0 * power_w / (open_v + np.sqrt(np.maximum(open_v**2 - 4.0 * resistance_ohm * power_w, 0.0)))
+        )
     else:
         drawn_a = (duty or 1.0) * current_a
     capacity_a_s = 3600.0 * battery.capacity_ah

@@ -275,8 +275,12 @@ def _minimise(
         k, value = points[0]
         below = [p for p in points if p[0] < k]
         above = [p for p in points if p[0] > k]
-        left = max(below, default=(max(bounds[0], k - 0.5 * (above[0][0] - k) if above else bounds[0]), np.nan))
-        right = min(above, default=(min(bounds[1], k + 0.5 * (k - below[-1][0]) if below else bounds[1]), np.nan))
+        left = max(
+            below, default=(max(bounds[0], k - 0.5 * (above[0][0] - k) if above else bounds[0]), np.nan)
+        )
+        right = min(
+            above, default=(min(bounds[1], k + 0.5 * (k - below[-1][0]) if below else bounds[1]), np.nan)
+        )
         guess = _vertex(left, (k, value), right)
         if guess is None or not left[0] < guess < right[0]:
             wide = right[0] - k > k - left[0]

@@ -104,7 +104,7 @@ def track_crank_angle(
         angle_rad=angle,
         speed_rad_s=smoothed[:, 1],
         angle_std_rad=np.hypot(np.sqrt(smoothed[:, 2]), _doubt_of_stroke(unfolded.travel)),
-        radius_m=float(np.mean(unfolded.travel.radius_m)),
+        radius_m=float(np.percentile(unfolded.travel.radius_m, 75.0)),
         source=source,
         is_absolute=True,
     )
@@ -113,13 +113,14 @@ def track_crank_angle(
 def _doubt_of_stroke(travel: Travel) -> Floats:
     """Uncertainty of the angle where the stroke is not the usual one: no crank does that, rad."""
     radius = travel.radius_m
-    deviation = np.abs(radius / np.percentile(radius, 75.0) - 1.0)
+    usual = np.percentile(radius, 75.0)
+    deviation = np.abs(radius / usual - 1.0)
     return np.where(deviation > _VARYING_STROKE, 4.0 * deviation, 0.0)
 
 
 def _unfold(time: Floats, y: Floats, nominal_radius: float | None, rod_length: float) -> _Unfolded | None:
     noise = white_noise_std(y)
-    turns = _turns_of(time, y, noise, width=1)
+    turns = _turns_of(y, noise, width=1, drop_spikes=False) or _turns_of(y, noise, width=1, drop_spikes=True)
     if turns is None:
         return None
     half_turn_s = float(np.median(np.diff(time[turns.index])))
@@ -129,7 +130,7 @@ def _unfold(time: Floats, y: Floats, nominal_radius: float | None, rod_length: f
         time, y = _block_means(time, y, block, step)
         noise, step = max(white_noise_std(y), noise / np.sqrt(block)), step * block
     width = max(int(half_turn_s / step / 24), 1)
-    turns = _turns_of(time, y, noise, width) or turns
+    turns = _turns_of(y, noise, width, drop_spikes=half_turn_s > 24 * step) or turns
     travel = estimate_travel(time, y, turns, nominal_radius)
     calm_width = max(int(half_turn_s / step / 8), 1)
     tolerance = max(8.0 * noise / np.sqrt(calm_width), 4e-3 * float(np.mean(travel.radius_m)))
@@ -149,16 +150,24 @@ def _unfold(time: Floats, y: Floats, nominal_radius: float | None, rod_length: f
     )
 
 
-def _turns_of(time: Floats, y: Floats, noise: float, width: int) -> Turns | None:
-    """Turning points, or None where the plunger does not travel or never turns twice."""
+def _turns_of(y: Floats, noise: float, width: int, *, drop_spikes: bool) -> Turns | None:
+    """Turning points, or None where the plunger does not travel or never turns twice.
+
+    Travel is 20 noise standard deviations; less where the turns come as regularly as noise never does, because at few
+    samples a stroke the noise is overestimated.
+    """
     from scipy.ndimage import median_filter
 
-    calm = moving_mean(median_filter(y, 5, mode="nearest"), width)
+    calm = moving_mean(median_filter(y, 5, mode="nearest") if drop_spikes else y, width)
     low, high = np.percentile(calm, [1.0, 99.0])
-    if high - low < 20.0 * noise or high - low <= 0:
+    if high - low <= 0:
         return None
     turns = find_turns(calm, noise / np.sqrt(width))
-    return turns if len(turns.index) >= 2 else None
+    if len(turns.index) < 2:
+        return None
+    strokes = (turns.index[2:] - turns.index[:-2])[1:-1]
+    regular = len(strokes) > 4 and np.std(strokes) < 0.2 * np.mean(strokes) and np.mean(strokes) >= 4
+    return turns if high - low > 20.0 * noise or regular else None
 
 
 def _block_means(time: Floats, y: Floats, block: int, step: float) -> tuple[Floats, Floats]:

@@ -215,6 +215,8 @@ def mean_period(
         begin = np.linspace(first, max(last - 2 * np.pi * turns, first), 33)
         times = np.interp([begin, begin + 2 * np.pi * turns], rising, angle.time_s)
         duration = float(np.mean(times[1] - times[0]))
+        if len(cycles.index) < 3:  # too few to see their spread: how much the starting angle matters stands for it
+            variance += float(np.var(times[1] - times[0]))
         std = np.interp(times, angle.time_s, angle.angle_std_rad)
         variance += float(np.mean(std**2)) * 2 * (duration / turns / (2 * np.pi)) ** 2
         total_s, n = total_s + duration, n + turns
@@ -237,6 +239,7 @@ def from_displacement(
     cycles: Cycles,
     stroke: StrokeLine | None,
     band_hz: tuple[float, float],
+    doubt: str = "",
 ) -> PeriodEstimate | None:
     """Period from the crank angle, checked against the spectrum of the displacement.
 
@@ -250,6 +253,8 @@ def from_displacement(
     stroke : StrokeLine or None
         From the displacement's spectrum; None where it is too short for one.
     band_hz : tuple of float
+    doubt : str
+        What else speaks against full confidence; empty if nothing does.
 
     Returns
     -------
@@ -269,6 +274,8 @@ def from_displacement(
         rivals = (found, *rivals)
     elif stroke is not None and stroke.doubts:
         confidence, reason = "moderate", f"in the displacement {stroke.doubts[0]}"
+    elif doubt:
+        confidence, reason = "moderate", doubt
     if not band_hz[0] <= 1 / period <= band_hz[1]:
         confidence = "low"
         reason = f"{1 / period:.4g} Hz is outside of the allowed {band_hz[0]:g}..{band_hz[1]:g} Hz"

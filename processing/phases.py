@@ -13,7 +13,7 @@ from bench.recording import Floats
 _STILL_SHARE = 0.05
 _MOVES_SHARE = 0.12
 _RUNS_SHARE = 0.6
-_SETTLED = 0.03
+_SETTLED = (0.005, 0.03)
 _MAX_STD_RAD = 0.1
 _STALL_MIN_S = 0.1
 _STALL_SHARE = 1.3
@@ -40,8 +40,9 @@ def find_phases(
 
     Notes
     -----
-    Still: below 5 % of the typical speed (it counts as moving again above 12 %). Running begins at the first stroke
-    that is within 3 % of the strokes that follow, and ends at the last one within 3 % of those before; an angle uncertain by over 0.1 rad (a stroke that
+    Still: below 5 % of the typical speed for half a stroke (it counts as moving again above 12 %). Running begins where
+    the speed over a stroke is that of the strokes that follow, within three times their scatter (0.5 to 3 %), and ends
+    likewise; an angle uncertain by over 0.1 rad (a stroke that
     changes its length) is not running. Stalled: still
     for over 0.1 s at 1.3 times the running current or more.
 
@@ -61,6 +62,7 @@ def find_phases(
         return (Phase(kind="rest", start_s=float(time[0]), end_s=float(time[-1])),)
     knows = angle.angle_std_rad < _MAX_STD_RAD
     is_moving = _with_hysteresis(angle.speed_rad_s, _STILL_SHARE * reference, _MOVES_SHARE * reference)
+    is_moving = _without_short_stops(time, is_moving, np.pi / reference)
     kinds = np.full(len(time), "rest", dtype="<U9")
     for first, last in _runs(is_moving):
         kinds[first:last] = _moving_kinds(time, np.where(knows, mean_speed, 0.0), reference, first, last)
@@ -101,6 +103,15 @@ def _with_hysteresis(speed: Floats, off: float, on: float) -> NDArray[np.bool_]:
     return state[latest] == 1
 
 
+def _without_short_stops(time: Floats, is_moving: NDArray[np.bool_], shortest_s: float) -> NDArray[np.bool_]:
+    """Bridge stops between two moving stretches that are shorter than `shortest_s`."""
+    bridged = is_moving.copy()
+    for first, last in _runs(~is_moving):
+        if first > 0 and last < len(time) and time[last] - time[first] < shortest_s:
+            bridged[first:last] = True
+    return bridged
+
+
 def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(np.r_[False, mask, False]))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
@@ -116,16 +127,28 @@ def _moving_kinds(
     stroke_s = 2 * np.pi / reference
     edges = np.searchsorted(time, np.arange(time[first], time[last - 1], 0.25 * stroke_s))
     if begin is None:
-        begin = next((k for k in edges if _is_settled(time, mean_speed, int(k), 1, reference)), None)
+        begin = _first_settled(time, mean_speed, edges, 1, reference)
     if begin is None:
         return kinds
     if end is None:
-        end = next((k for k in edges[::-1] if _is_settled(time, mean_speed, int(k), -1, reference)), None)
+        end = _first_settled(time, mean_speed, edges[::-1], -1, reference)
     if end is None or end <= begin:
         end = last
     kinds[begin - first : end - first] = "running"
     kinds[end - first :] = "spin_down"
     return kinds
+
+
+def _first_settled(
+    time: Floats, mean_speed: Floats, edges: NDArray[np.int64], direction: int, reference: float
+) -> int | None:
+    """First of the edges from which on three in a row are settled."""
+    settled = 0
+    for position, edge in enumerate(edges):
+        settled = settled + 1 if _is_settled(time, mean_speed, int(edge), direction, reference) else 0
+        if settled == 3 or (settled and position == len(edges) - 1):
+            return int(edges[position - settled + 1])
+    return None
 
 
 def _is_settled(time: Floats, mean_speed: Floats, k: int, direction: int, reference: float) -> bool:
@@ -139,8 +162,10 @@ def _is_settled(time: Floats, mean_speed: Floats, k: int, direction: int, refere
     beyond = mean_speed[first:last]
     beyond = beyond[beyond > _RUNS_SHARE * reference]
     if len(beyond) < 4:
-        return abs(here / reference - 1) < _SETTLED
-    return abs(here / float(np.median(beyond)) - 1) < _SETTLED
+        return abs(here / reference - 1) < _SETTLED[1]
+    level = float(np.median(beyond))
+    scatter = 1.4826 * float(np.median(np.abs(beyond - level))) / level
+    return abs(here / level - 1) < min(max(3 * scatter, _SETTLED[0]), _SETTLED[1])
 
 
 def _as_phases(time: Floats, kinds: NDArray[np.str_]) -> tuple[Phase, ...]:
@@ -170,12 +195,14 @@ def _stalled(phase: Phase, phases: tuple[Phase, ...], time: Floats, current: Flo
     return phase
 
 
-def stalled_from_start(current_a: Floats, noise_std_a: float, expected_a: float | None) -> bool:
+def stalled_from_start(
+    time_s: Floats, current_a: Floats, noise_std_a: float, expected_a: float | None
+) -> bool:
     """Whether the motor pulls a stall current although nothing moves.
 
     Parameters
     ----------
-    current_a : ndarray, shape (m,), A
+    time_s, current_a : ndarray, shape (m,)
     noise_std_a : float
     expected_a : float or None
         Stall current of the plant (voltage over resistance), A.
@@ -183,10 +210,10 @@ def stalled_from_start(current_a: Floats, noise_std_a: float, expected_a: float 
     Returns
     -------
     bool
-        True where the median current exceeds a quarter of `expected_a` (2 A where unknown) and ten noise standard
+        True where the trial lasts over 0.1 s and the median current exceeds a quarter of `expected_a` (2 A where unknown) and ten noise standard
         deviations.
     """
-    if not len(current_a):
+    if not len(current_a) or time_s[-1] - time_s[0] < _STALL_MIN_S:
         return False
     level = float(np.median(np.abs(current_a)))
     return level > max(0.25 * expected_a if expected_a else 2.0, 10 * noise_std_a)

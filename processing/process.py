@@ -32,6 +32,7 @@ from processing.spectrum import power_spectrum, steady_stretch
 _FORCE, _DISPLACEMENT, _CURRENT = "force_n", "displacement_mm", "motor_current_a"
 _LINE_CHANNELS = (_FORCE, _CURRENT, "battery_current_a", "battery_voltage_v")
 _WINDOW_CYCLES = 4.0
+_CLIPPED_SHARE = 0.02
 _TWO_THREADS_FROM = 4_000_000
 
 Channels = dict[str, CleanChannel]
@@ -164,7 +165,9 @@ def _motion_from_displacement(
     phases, stretches, cycles, warnings = _phases_and_cycles(angle, channels, displacement.holes)
     band = (config.analysis.min_stroke_rate_hz, config.analysis.max_stroke_rate_hz)
     line = _stroke_line(_longest(displacement, stretches), band) if stretches else None
-    period = from_displacement(angle, stretches, cycles, line, band)
+    is_clipped = displacement.quality.n_clipped > _CLIPPED_SHARE * displacement.quality.n_samples
+    doubt = "the displacement is clipped" if is_clipped else (warnings[0] if warnings else "")
+    period = from_displacement(angle, stretches, cycles, line, band, doubt)
     if plant is not None:
         nominal = plant.crank_radius_m
         if abs(angle.radius_m - nominal.nominal) > max(5 * nominal.std, 0.01 * nominal.nominal):
@@ -217,7 +220,7 @@ def _phases_and_cycles(
     cycles = find_cycles(angle.time_s, angle.angle_rad, whole)
     if len(cycles.index):
         return phases, whole, cycles, ("the speed never settles: strokes at changing speed are used",)
-    return phases, whole, cycles, ("no complete stroke without a gap",)
+    return phases, whole, cycles, ("no complete stroke from dead centre to dead centre without a gap: nothing is folded",)
 
 
 def _without(stretches: Stretches, holes: Stretches) -> Stretches:
@@ -242,14 +245,16 @@ def _status_without_cutting(
         return "stalled"
     if motion.period is not None:
         return "cutting"
-    current = channels.get(_CURRENT)
+    current, displacement = channels.get(_CURRENT), channels.get(_DISPLACEMENT)
     if current is None:
         return "no_stroke"
+    if displacement is not None and float(np.ptp(displacement.values)) > 12 * displacement.noise_std > 0:
+        return "no_stroke"  # it moved, but not for a whole stroke
     expected = None
     if config.plant is not None and config.battery is not None:
         duty = trial.duty if trial.duty is not None else config.converter.default_duty
         expected = duty * config.battery.nominal_voltage_v / config.plant.resistance_ohm.nominal
-    is_stalled = stalled_from_start(current.values, current.noise_std, expected)
+    is_stalled = stalled_from_start(current.time_s, current.values, current.noise_std, expected)
     return "stalled" if is_stalled else "no_stroke"
 
 

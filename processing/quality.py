@@ -73,11 +73,12 @@ def clean_channel(signal: Signal) -> CleanChannel:
     n_clipped = count_clipped(values[~is_spike])
     step = np.diff(time)
     typical = float(np.median(step)) if len(step) else 0.0
-    at_gap = np.flatnonzero(step > _GAP_PERIODS * typical)
+    longest = max(_GAP_PERIODS * typical, 1.5 * float(np.percentile(step, 98.0))) if len(step) else 0.0
+    at_gap = np.flatnonzero(step > longest)
     holes = {(float(time[k]), float(time[k + 1])) for k in at_gap}
     holes |= {(gap.start_s, gap.end_s) for gap in signal.gaps}
-    n_missing = sum(max(round((end - start) / typical) - 1, 0) for start, end in holes) if typical else 0
-    regular = step[step <= _GAP_PERIODS * typical]
+    n_missing = _count_missing(step, typical, longest)
+    regular = step[step <= 1.5 * typical] if typical else step
     noise = white_noise_std(values[~is_spike])
     problems = _health_problems(values, int(is_spike.sum()), n_clipped, n_missing, signal.unit)
     return CleanChannel(
@@ -100,6 +101,15 @@ def clean_channel(signal: Signal) -> CleanChannel:
             problems=problems,
         ),
     )
+
+
+def _count_missing(step: Floats, typical: float, longest: float) -> int:
+    """Samples missing between the others; only real gaps where the times are irregular by nature."""
+    if not len(step):
+        return 0
+    is_regular = np.percentile(np.abs(step / typical - 1), 80.0) < 0.3
+    missing = step[step > (1.5 * typical if is_regular else longest)]
+    return int(np.sum(np.maximum(np.round(missing / typical) - 1, 0)))
 
 
 def find_spikes(values: Floats) -> NDArray[np.bool_]:
@@ -139,7 +149,8 @@ def count_clipped(values: Floats) -> int:
     Returns
     -------
     int
-        0 for a constant channel (that is no clipping) and for a coarsely quantised one.
+        0 for a constant channel. A value of exactly 0 is taken as nothing measured, not as clipping, and a quantised
+        signal may dwell at its extreme twice as long as a sine of its range.
 
     Examples
     --------
@@ -149,12 +160,19 @@ def count_clipped(values: Floats) -> int:
     if len(values) < 16:
         return 0
     low, high = float(values.min()), float(values.max())
-    if high == low or np.mean(np.diff(values) == 0) > 0.5:
+    if high == low:
         return 0
-    is_extreme = (values == low) | (values == high)
-    edges = np.flatnonzero(np.diff(np.r_[False, is_extreme, False]))
-    lengths = edges[1::2] - edges[::2]
-    return int(lengths[lengths >= _FLAT_RUN].sum())
+    step = np.abs(np.diff(values))
+    quantum = float(step[step > 0].min())
+    of_sine = np.arccos(1 - 2 * min(quantum / (high - low), 1.0)) / np.pi
+    clipped = 0
+    for extreme in (low, high):
+        edges = np.flatnonzero(np.diff(np.r_[False, values == extreme, False]))
+        lengths = edges[1::2] - edges[::2]
+        flat = int(lengths[lengths >= _FLAT_RUN].sum())
+        if extreme != 0.0 and flat > 2.0 * of_sine * len(values):
+            clipped += flat
+    return clipped
 
 
 def _health_problems(

@@ -171,8 +171,8 @@ def estimate_travel(
 
     Notes
     -----
-    Where the stroke itself changes by over 2 % of the radius (not a crank: a hydraulic actuator, say) the turning
-    points are followed one by one. Unbiased by noise, unlike the largest and smallest sample. Where the speed changes by more than about 20 %
+    Where the stroke itself changes by over 2 % of the radius (not a crank: a hydraulic actuator, say) the strokes of
+    the usual length set the values, elsewhere the turning points are followed one by one. Unbiased by noise, unlike the largest and smallest sample. Where the speed changes by more than about 20 %
     within the fit's 1.4 rad the value moves by less than 1e-4 of the travel.
     """
     n = len(displacement_m)
@@ -231,10 +231,30 @@ def _fit_turns(
 
 
 def _follow_turns(y: Floats, turns: Turns, *, radius_std_m: float) -> Travel:
-    """Offset and radius from dead centre to dead centre, for a drive whose stroke changes while it runs."""
-    at = np.arange(len(y))
-    top, bottom = turns.index[turns.is_top], turns.index[~turns.is_top]
-    high, low = np.interp(at, top, y[top]), np.interp(at, bottom, y[bottom])
+    """Offset and radius for a drive whose stroke changes while it runs.
+
+    Constant over the longest run of strokes of the usual length, from dead centre to dead centre elsewhere.
+    """
+    n, value = len(y), y[turns.index]
+    level = np.where(
+        turns.is_top, np.percentile(value[turns.is_top], 75.0), np.percentile(value[~turns.is_top], 25.0)
+    )
+    is_usual = np.abs(value - level) < _VARYING_SHARE * 0.5 * (np.ptp(level) or 1.0)
+    edges = np.flatnonzero(np.diff(np.r_[False, is_usual, False]))
+    run = int(np.argmax(edges[1::2] - edges[::2]))
+    usual = slice(edges[2 * run], edges[2 * run + 1])
+    plateau = turns.index[usual][[0, -1]]
+    ends = []
+    for is_top in (True, False):
+        of_kind = turns.is_top == is_top
+        constant = float(np.median(value[usual][of_kind[usual]])) if of_kind[usual].any() else np.nan
+        constant = float(np.median(value[of_kind])) if np.isnan(constant) else constant
+        outside = of_kind & ((turns.index < plateau[0]) | (turns.index > plateau[1]))
+        at = np.r_[turns.index[outside], plateau]
+        level_at = np.r_[value[outside], constant, constant]
+        order = np.argsort(at, kind="stable")
+        ends.append(np.interp(np.arange(n), at[order], level_at[order]))
+    high, low = ends
     radius = np.maximum(0.5 * (high - low), 1e-9)
     return Travel(offset_m=low, radius_m=radius, radius_std_m=radius_std_m, n_turns=len(turns.index))
 

@@ -149,7 +149,8 @@ def test_coulomb_friction_is_seen_as_misfit_or_kept_inside_the_uncertainty(quiet
     """A constant torque of the motor that the model does not have: force still gives k_Fc."""
     current = quiet.current_a + 0.01 / TRUE["torque_constant_n_m_per_a"]
     cycles = MeasuredCycles(
-        **{name: getattr(quiet, name) for name in MeasuredCycles.__dataclass_fields__} | {"current_a": current}
+        **{name: getattr(quiet, name) for name in MeasuredCycles.__dataclass_fields__}
+        | {"current_a": current}
     )
     fit = fit_cutting_coefficient(cycles, plant=plant(), battery=BATTERY)
     assert abs(fit.k_fc_n_s_per_m - 240.0) < 2.0 * fit.std_n_s_per_m
@@ -206,12 +207,16 @@ def test_joint_fit_of_three_materials_shares_the_plant():
         )
         for n, k in enumerate(truths)
     ]
-    joint = fit_jointly(cycles, plant=plant(), battery=BATTERY, sensors=SensorPriors(force_gain_rel_std=0.005))
+    joint = fit_jointly(
+        cycles, plant=plant(), battery=BATTERY, sensors=SensorPriors(force_gain_rel_std=0.005)
+    )
     z = (joint.k_fc_n_s_per_m - truths) / joint.std_n_s_per_m
     assert np.abs(z).max() < 3.0
     single = fit_cutting_coefficient(cycles[0], plant=plant(), battery=BATTERY)
     assert single.estimates is not None
-    assert joint.estimates.std("torque_constant_n_m_per_a") < single.estimates.std("torque_constant_n_m_per_a")
+    assert joint.estimates.std("torque_constant_n_m_per_a") < single.estimates.std(
+        "torque_constant_n_m_per_a"
+    )
     fits = cutting_fits(joint, "current_and_force")
     assert [fit.status for fit in fits] == ["ok"] * 3
     assert joint.of_trial(1).value("k_fc_n_s_per_m") == fits[1].k_fc_n_s_per_m
@@ -231,7 +236,9 @@ def test_bounds_that_exclude_the_truth_are_reported(noisy):
 
 
 def test_annealing_moves_k_fc_alone(noisy):
-    fit = fit_cutting_coefficient(noisy, plant=plant(), battery=BATTERY, method="annealing", bounds=(100.0, 500.0))
+    fit = fit_cutting_coefficient(
+        noisy, plant=plant(), battery=BATTERY, method="annealing", bounds=(100.0, 500.0)
+    )
     current = fit_cutting_coefficient(noisy, plant=plant(), battery=BATTERY, method="current")
     assert fit.method == "annealing"
     assert fit.status == "ok"

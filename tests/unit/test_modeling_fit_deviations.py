@@ -39,8 +39,11 @@ def test_spectrum_of_a_constant_is_its_mean():
 
 @pytest.mark.parametrize(
     ("time_s", "real", "message"),
-    [([0.0, 1.0, 3.0], [1.0, 1.0, 1.0], "equally spaced"), ([0.0, 1.0, 2.0], [1.0, np.nan, 1.0], "real"),
-     ([0.0, 1.0, 2.0], [1.0, 1.0], "real")],
+    [
+        ([0.0, 1.0, 3.0], [1.0, 1.0, 1.0], "equally spaced"),
+        ([0.0, 1.0, 2.0], [1.0, np.nan, 1.0], "real"),
+        ([0.0, 1.0, 2.0], [1.0, 1.0], "real"),
+    ],
 )
 def test_nonsense_is_refused_by_name(time_s, real, message):
     with pytest.raises(InputError, match=message):

@@ -45,7 +45,12 @@ def test_agrees_with_the_batch_fit_and_with_the_truth():
     for seed in range(12):
         trial = synthetic.synthetic_trial(100 + seed, seconds=5.0, force_offset_std_n=0.0)
         cycles = cycles_from_samples(
-            trial.angle_time_s, trial.angle_rad, trial.speed_rad_s, trial.channels, start_s=1.5, duty=trial.duty
+            trial.angle_time_s,
+            trial.angle_rad,
+            trial.speed_rad_s,
+            trial.channels,
+            start_s=1.5,
+            duty=trial.duty,
         )
         live = RecursiveCuttingEstimator(plant=PLANT, battery=BATTERY, duty=trial.duty)
         for stroke in summarize_strokes(cycles):
@@ -78,7 +83,9 @@ def test_remaining_runtime_is_that_of_the_independent_discharge():
     charge = np.cumsum(ib) * 1e-3
     end = t[np.argmax(charge > 0.8 * 0.05 * 3600)]
     channels = {"motor_current_a": (t, i), "battery_voltage_v": (t, v)}
-    cycles = cycles_from_samples(t, crank, w / synthetic.GEAR_RATIO, channels, start_s=1.5, end_s=20.0, duty=0.4375)
+    cycles = cycles_from_samples(
+        t, crank, w / synthetic.GEAR_RATIO, channels, start_s=1.5, end_s=20.0, duty=0.4375
+    )
     start_soc = 1.0 - float(np.interp(cycles.cycle_start_s[0], t, charge)) / (0.05 * 3600)
     live = RecursiveCuttingEstimator(plant=PLANT, battery=small, duty=0.4375, start_soc=start_soc)
     for stroke in summarize_strokes(cycles):

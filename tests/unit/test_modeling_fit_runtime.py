@@ -107,7 +107,12 @@ def test_interval_with_the_fits_covariance_holds_the_true_runtime():
     for seed in range(8):
         trial = synthetic.synthetic_trial(300 + seed, seconds=5.0)
         cycles = cycles_from_samples(
-            trial.angle_time_s, trial.angle_rad, trial.speed_rad_s, trial.channels, start_s=1.5, duty=trial.duty
+            trial.angle_time_s,
+            trial.angle_rad,
+            trial.speed_rad_s,
+            trial.channels,
+            start_s=1.5,
+            duty=trial.duty,
         )
         fit = fit_cutting_coefficient(cycles, plant=PLANT, battery=battery)
         found = predict_runtime(
@@ -126,15 +131,17 @@ def test_interval_with_the_fits_covariance_holds_the_true_runtime():
 
 def test_appendix_a_beside_it():
     supply = FixedDuty(duty=0.4375, battery=Eq16Battery(nominal_voltage_v=18.0, capacity_ah=0.05, beta=0.9))
-    found = predict_runtime(
-        paper.PARAMETERS, supply=supply, k_fc=240.0, measured_mean_battery_current_a=4.0
-    )
+    found = predict_runtime(paper.PARAMETERS, supply=supply, k_fc=240.0, measured_mean_battery_current_a=4.0)
     assert found.appendix_a_runtime_s == pytest.approx(0.8 * 180.0 / 4.0)
 
 
 def test_sweep_has_the_shape_and_the_trends():
     sweep = sweep_runtime(
-        paper.PARAMETERS, battery=SMALL, k_fc_values=[120.0, 240.0], duties=[0.4, 0.6], capacities_ah=[0.03, 0.06]
+        paper.PARAMETERS,
+        battery=SMALL,
+        k_fc_values=[120.0, 240.0],
+        duties=[0.4, 0.6],
+        capacities_ah=[0.03, 0.06],
     )
     assert sweep.runtime_s.shape == sweep.status.shape == (2, 2, 2)
     assert (sweep.status == "ok").all()
@@ -163,7 +170,10 @@ def test_a_saw_that_cannot_start_is_a_status():
 )
 def test_nonsense_is_refused_by_name(change, message):
     with pytest.raises(InputError, match=message):
-        predict_runtime(paper.PARAMETERS, **({"supply": HeldVoltage(voltage_v=7.9, battery=SMALL), "k_fc": 240.0} | change))
+        predict_runtime(
+            paper.PARAMETERS,
+            **({"supply": HeldVoltage(voltage_v=7.9, battery=SMALL), "k_fc": 240.0} | change),
+        )
 
 
 def test_estimates_of_another_kind_are_refused():
