@@ -1,8 +1,8 @@
 """How often the 95 % interval of k_Fc holds the truth, over synthetic trials with everything drawn at random.
 
 Each trial has its own plant (nominals off by their rel_std), sensor gains, zeros and noise, stroke-to-stroke
-variation of 4-5 % with random correlation, duty, k_Fc and length. Trials that are done are kept in the results
-file, so a stopped run goes on where it was.
+variation of 4-5 % with random correlation, duty, k_Fc and length. Trials that are done are kept in the
+results file, so a stopped run goes on where it was.
 
     python -m benchmarks.fit_coverage --trials 400 --results coverage.jsonl
 """
@@ -108,12 +108,13 @@ def main() -> None:
     options = parser.parse_args()
     rows = run(options.trials, options.results, options.workers)
     print(f"{len(rows)} trials; the goal is a coverage of 93-97 %")
-    print(f"{'method':20} coverage          mean z   std z   median std   status ok   misfit noted")
+    print(f"{'method':20} coverage, mean z, std z, median std, status ok, misfit noted")
     for method in METHODS:
         c = coverage(rows, method)
+        held = f"{c['coverage']:.1%} +- {c['standard_error']:.1%}"
         print(
-            f"{method:20} {c['coverage']:.1%} +- {c['standard_error']:.1%}   {c['mean_z']:+.3f}   {c['std_z']:.3f}   "
-            f"{c['median_rel_std']:.2%}       {c['n_ok']:.0f}         {c['n_misfit']:.0f}"
+            f"{method:20} {held}   {c['mean_z']:+.3f}   {c['std_z']:.3f}   {c['median_rel_std']:.2%}   "
+            f"{c['n_ok']:.0f}   {c['n_misfit']:.0f}"
         )
 
 

@@ -1,10 +1,11 @@
 """Simulated annealing as in the paper's Appendix B: one parameter, bounds 100 to 500, start at 130 N*s/m.
 
-Read from the MATLAB call `simulannealbnd(fun, d_init, d_l, d_u)` with its defaults: a step of the length of the
-temperature in a random direction, wrapped into the bounds; a worse point is taken with probability
-1 / (1 + exp(rise / T)); T = 100 * 0.95^k with a reannealing every 100 accepted points. It stops, as that function
-does, when the best value has moved by less than 1e-6 on average over 500 iterations. Kept to reproduce the
-paper; `fit_current_trace` finds the same minimum in a hundredth of the simulations and does not depend on luck.
+Read from the MATLAB call `simulannealbnd(fun, d_init, d_l, d_u)` with its defaults: a step of the length
+of the temperature in a random direction, wrapped into the bounds; a worse point is taken with probability
+1 / (1 + exp(rise / T)); T = 100 * 0.95^k with a reannealing every 100 accepted points. It stops, as that
+function does, when the best value has moved by less than 1e-6 on average over 500 iterations. Kept to
+reproduce the paper; `fit_current_trace` finds the same minimum in a hundredth of the simulations and does
+not depend on luck.
 """
 
 from __future__ import annotations

@@ -119,7 +119,7 @@ class BatteryFit:
     note: str = ""
 
     def voltage_v(self, charge_a_s: ArrayLike, current_a: ArrayLike) -> Floats:
-        """Terminal voltage after `charge_a_s` was taken, at `current_a`; 0 V open-circuit when nothing is left."""
+        """Terminal voltage after `charge_a_s` was taken, at `current_a`, V."""
         charge, current = np.asarray(charge_a_s, float), np.asarray(current_a, float)
         drop_v = self.internal_resistance_ohm * current
         if self.table_charge_a_s is not None and self.table_voltage_v is not None:
@@ -300,7 +300,8 @@ class DischargeTime:
         0 where the voltage is below the cut-off from the start.
     delivered_ah : float
     status : {"ok", "never_reached", "below_at_start"}
-        "never_reached": the charge ends before the voltage falls to the cut-off; the duration is then the charge's.
+        "never_reached": the charge ends before the voltage falls to the cut-off; the duration is then the
+        charge's.
     """
 
     duration_s: float

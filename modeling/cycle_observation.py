@@ -240,7 +240,7 @@ class FeatureModel:
         return np.hstack([*rotated, period_s[:, None]]), is_valid
 
     def _force_kernel(self, n_features: int, n_bins: int) -> Floats:
-        """Maps crank speed at the nodes to force features per k_Fc * r_c: the kink at the dead centres resolved."""
+        """Map crank speed at the nodes to force features per k_Fc * r_c, the kinks resolved."""
         n_fine = FINE_PER_STEP * N_STEPS
         angle = np.arange(n_fine) * TWO_PI / n_fine
         lever = np.sin(angle)

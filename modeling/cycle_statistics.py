@@ -72,7 +72,7 @@ def autocorrelation_time(series: ArrayLike) -> float:
 
 
 def std_of_mean(series: ArrayLike) -> tuple[float, float]:
-    """Standard uncertainty of the mean of an autocorrelated series, and the strokes it is worth.
+    """Return the standard uncertainty of the mean of an autocorrelated series, and its effective length.
 
     The standard deviation is widened by the ratio of Student's to Gauss's 97.5 % point at the effective
     number of strokes, so that +-1.96 of it covers 95 % for short series too.

@@ -148,8 +148,9 @@ def amplitude_spectrum(values: ArrayLike, *, rate_hz: float) -> tuple[Floats, Fl
     (np.float64(2.0), [1.0, 0.0, 3.0])
     """
     array = np.asarray(values, dtype=np.float64)
-    amplitude = 2.0 * np.abs(np.fft.rfft(array)) / len(array)
+    amplitude: Floats = 2.0 * np.abs(np.fft.rfft(array)) / len(array)
     amplitude[0] /= 2.0
     if len(array) % 2 == 0:
         amplitude[-1] /= 2.0
-    return np.fft.rfftfreq(len(array), 1.0 / rate_hz), amplitude
+    frequency_hz: Floats = np.arange(len(amplitude), dtype=np.float64) * (rate_hz / len(array))
+    return frequency_hz, amplitude

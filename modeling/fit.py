@@ -22,7 +22,7 @@ UNIDENTIFIED_SHARE = 0.5
 
 
 def available_method(cycles: MeasuredCycles) -> FitMethod:
-    """The method that uses every channel the trial has.
+    """Return the method that uses every channel the trial has.
 
     Raises
     ------
@@ -52,10 +52,10 @@ def fit_cutting_coefficient(
 ) -> CuttingFit:
     """Fit k_Fc on the strokes of one trial.
 
-    "current_and_force" and "current" compare the mean stroke with the model's periodic stroke by least squares
-    with sensitivities (`fit_jointly`); "force" regresses the force on the measured blade speed and needs no
-    motor model; "annealing" searches k_Fc alone on the current, as Appendix B does, with the plant at its
-    nominal values.
+    "current_and_force" and "current" compare the mean stroke with the model's periodic stroke by least
+    squares with sensitivities (`fit_jointly`); "force" regresses the force on the measured blade speed and
+    needs no motor model; "annealing" searches k_Fc alone on the current, as Appendix B does, with the
+    plant at its nominal values.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def fit_cutting_coefficient(
 
 
 def cutting_fits(joint: JointFit, method: FitMethod) -> tuple[CuttingFit, ...]:
-    """The trials of a joint fit, one `CuttingFit` each."""
+    """Return the trials of a joint fit, one `CuttingFit` each."""
     fits = []
     for trial in range(len(joint.labels)):
         k_fc, std = float(joint.k_fc_n_s_per_m[trial]), float(joint.std_n_s_per_m[trial])
@@ -134,8 +134,8 @@ def cutting_fits(joint: JointFit, method: FitMethod) -> tuple[CuttingFit, ...]:
         notes = list(joint.notes)
         if joint.has_misfit:
             notes.append(
-                "the mean stroke differs from the model by more than noise explains; the uncertainty includes "
-                "the misfit as model error"
+                "the mean stroke differs from the model by more than noise explains; the uncertainty "
+                "includes the misfit as model error"
             )
         fits.append(
             CuttingFit(
@@ -172,8 +172,8 @@ def _identifiability(joint: JointFit, trial: int) -> str:
         correlation = estimates.correlation(K_FC, nearest)
         if abs(correlation) > 0.7:
             text += (
-                f"; the data cannot separate k_Fc from {nearest} (correlation {correlation:+.2f}), only its prior "
-                "does"
+                f"; the data cannot separate k_Fc from {nearest} (correlation {correlation:+.2f}), "
+                "only its prior does"
             )
         elif abs(correlation) > 0.5:
             text += f"; k_Fc is only partly separated from {nearest} (correlation {correlation:+.2f})"
@@ -229,8 +229,9 @@ def _force_only(
         rmse_n=found.rmse_n,
         n_simulations=0,
         identifiability=(
-            f"force and blade speed give k_Fc without the motor; {shares[largest] / max(std**2, 1e-300):.0%} of its "
-            f"variance comes from {largest}; it cannot be told from the gain of the load cell"
+            "force and blade speed give k_Fc without the motor; "
+            f"{shares[largest] / max(std**2, 1e-300):.0%} of its variance comes from {largest}; "
+            "it cannot be told from the gain of the load cell"
         ),
         notes=note,
     )

@@ -1,6 +1,7 @@
 """k_Fc straight from the measured force and the measured blade speed, no motor model in between.
 
-F = k_Fc * v on the cutting half, v = r_c |g(a)| W: a regression through the load cell's zero, stroke by stroke.
+F = k_Fc * v on the cutting half, v = r_c |g(a)| W: a regression through the load cell's zero, stroke by
+stroke.
 """
 
 from __future__ import annotations

@@ -130,8 +130,8 @@ def fit_jointly(
     so there is one minimum. The plant constants are held by their priors (`rel_std`), which the data may
     improve. The covariance holds the scatter from stroke to stroke with its autocorrelation, what the priors
     leave, and the misfit of the mean strokes where noise does not explain it (treated as model error).
-    Bias: the mean stroke is compared with the periodic stroke at the mean k_Fc; with 5 % variation from stroke
-    to stroke that is off by less than 0.1 %. Fails on trials that are not settled (spin-up inside).
+    Bias: the mean stroke is compared with the periodic stroke at the mean k_Fc; with 5 % variation from
+    stroke to stroke that is off by less than 0.1 %. Fails on trials that are not settled (spin-up inside).
 
     Parameters
     ----------
@@ -265,11 +265,11 @@ def _solve(problem: _Problem, trials: Sequence[MeasuredCycles], notes: tuple[str
     model_error = np.concatenate([o.floor_variance for o in problem.observations])
     misfit = np.zeros(len(model_error))
     n_simulations = 0
-    for _ in range(3):
+    while True:
         covariance = np.diag(noise + model_error + misfit)
         estimate = most_probable(problem.predict, problem.data, covariance, problem.parameters)
         n_simulations += estimate.n_predictions * len(trials)
-        if not estimate.is_valid or not estimate.is_converged:
+        if misfit.any() or not estimate.is_valid or not estimate.is_converged:
             break
         found = _misfit(problem, estimate, covariance, misfit)
         if found is None:

@@ -90,7 +90,7 @@ def most_probable(predict: Predict, data: Floats, covariance: Floats, parameters
     -------
     Estimate
     """
-    weight = np.linalg.inv(covariance)
+    weight: Floats = np.linalg.inv(covariance).astype(np.float64)
     values = np.clip(parameters.start, parameters.lower, parameters.upper)
     prediction, is_valid = predict(values[None])
     n_predictions, damping, is_converged = 1, 0.0, False
@@ -158,7 +158,7 @@ def _cost(residual: Floats, values: Floats, weight: Floats, parameters: Paramete
 
 
 def _jacobian(predict: Predict, values: Floats, parameters: Parameters) -> tuple[Floats, int]:
-    """Central differences in one batch; one-sided where the other side is out of bounds or has no solution."""
+    """Central differences in one batch; one-sided where one side is out of bounds or has no solution."""
     p = len(values)
     step = np.diag(parameters.step)
     rows = np.clip(np.vstack([values + step, values - step]), parameters.lower, parameters.upper)

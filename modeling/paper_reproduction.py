@@ -224,7 +224,7 @@ def _start_up_rows() -> tuple[PaperRow, ...]:
             target=34.73,
             tolerance=0.01,
             digits=3,
-            reading="k_m of Appendix B, 18 V * 18.41/42.08 at the motor, cutting on pi..2pi, from rest at angle 0",
+            reading="k_m of Appendix B, 18 V * 18.41/42.08 at the motor, cut on pi..2pi, rest at angle 0",
         ),
         PaperRow(
             quantity="the same, cutting on 0..pi as Eq. 9 says",
@@ -297,7 +297,7 @@ def _fit_rows(real: Trajectory, found: TraceFit) -> tuple[PaperRow, ...]:
             target=None,
             tolerance=0.0,
             digits=2,
-            reading=f"{window}, start-up included; not to its digits, as the shape of the force is not published",
+            reading=f"{window}, start-up included; not to its digits: the force is not published",
         ),
     )
 
@@ -401,7 +401,7 @@ def appendix_a_rows() -> tuple[PaperRow, ...]:
             target=3.7,
             tolerance=0.05,
             digits=1,
-            reading="963 s against 927 s: simulation against simulation; against the measured 846 s it is 9.6 %",
+            reading="963 s against 927 s, two simulations; against the measured 846 s it is 9.6 %",
         )
     )
     return tuple(rows)

@@ -5,9 +5,9 @@ distance cut, whatever the speed does within the stroke:
 
     mean F = 2 r_c k_Fc / T          so      k_Fc = mean F * T / (2 r_c)
 
-From the current, k_Fc follows from the mean torques, with the small effect of the ripple taken from the periodic
-model. A running mean with its autocorrelation gives the uncertainty; a two-sided cumulative sum notices a change
-of material and starts the mean anew from where the change began.
+From the current, k_Fc follows from the mean torques, with the small effect of the ripple taken from the
+periodic model. A running mean with its autocorrelation gives the uncertainty; a two-sided cumulative sum
+notices a change of material and starts the mean anew from where the change began.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from modeling.joint_fit import SensorPriors
 from modeling.periodic_cycle import CuttingHalf
 from modeling.stroke_tables import StrokeTables, stroke_tables
 
-# Cumulative sum: slack and threshold in standard deviations of a stroke, innovations clipped so that one knot in
-# the wood does not look like another material.
+# Cumulative sum: slack and threshold in standard deviations of a stroke, innovations clipped so that one
+# knot in the wood does not look like another material.
 SLACK: Final = 0.75
 THRESHOLD: Final = 9.0
 CLIP: Final = 4.0
@@ -104,7 +104,8 @@ class RecursiveCuttingEstimator:
     Examples
     --------
     >>> from bench.config import PlantConfig
-    >>> plant = PlantConfig(resistance_ohm=0.176, inductance_h=0.00321, back_emf_constant_v_s_per_rad=0.007383,
+    >>> plant = PlantConfig(
+    ...     resistance_ohm=0.176, inductance_h=0.00321, back_emf_constant_v_s_per_rad=0.007383,
     ...     torque_constant_n_m_per_a=0.005632, rotor_inertia_kg_m2=2.4e-5, yoke_inertia_kg_m2=2.38e-5,
     ...     reciprocating_mass_kg=0.239, crank_radius_m=0.01, motor_damping_n_m_s_per_rad=3.4274e-6,
     ...     gear_ratio=56 / 6)
@@ -200,7 +201,7 @@ class RecursiveCuttingEstimator:
         return k_fc, 1.0 / math.sqrt(sum(weights))
 
     def _notice_change(self, k_fc: float) -> bool:
-        """Two-sided cumulative sum of the innovations; on a change the mean starts where the sum left zero."""
+        """Two-sided cumulative sum of innovations; on a change the mean starts where the sum left zero."""
         level = self._level
         if level.count < FEWEST_FOR_SCATTER:
             return False
@@ -290,7 +291,7 @@ class _RunningMean:
         return self.std * math.sqrt((1.0 + rho) / (1.0 - rho))
 
     def std_of_mean(self, assumed: float) -> float:
-        """Standard uncertainty of the mean; few values lean on `assumed` for the scatter of one."""
+        """Return the standard uncertainty of the mean; few values lean on `assumed` scatter."""
         if self.count == 0:
             return assumed
         if self.count < FEWEST_FOR_SCATTER:

@@ -32,16 +32,16 @@ class ParameterEstimates:
     covariance: NDArray[np.float64]
 
     def value(self, name: str) -> float:
-        """Estimate of one parameter."""
+        """Return the estimate of one parameter."""
         return float(self.values[self.names.index(name)])
 
     def std(self, name: str) -> float:
-        """Standard uncertainty of one parameter."""
+        """Return the standard uncertainty of one parameter."""
         index = self.names.index(name)
         return float(np.sqrt(self.covariance[index, index]))
 
     def correlation(self, first: str, second: str) -> float:
-        """Correlation of the errors of two parameters, -1..1."""
+        """Return the correlation of the errors of two parameters, -1..1."""
         i, j = self.names.index(first), self.names.index(second)
         scale = self.std(first) * self.std(second)
         return float(self.covariance[i, j] / scale) if scale > 0 else 0.0

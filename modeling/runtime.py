@@ -61,10 +61,10 @@ def integrate_discharge(
     cutoff_voltage_v: float | None = None,
     start_soc: float = 1.0,
 ) -> Discharge:
-    """Run from rest until the state of charge, or the terminal voltage averaged over a second, is at its cut-off.
+    """Run from rest until the state of charge, or the terminal voltage over a second, is at its cut-off.
 
-    The average keeps the dip of the start-up current from ending the run; a protection circuit that reacts faster
-    ends it earlier.
+    The average keeps the dip of the start-up current from ending the run; a protection circuit that reacts
+    faster ends it earlier.
 
     Parameters
     ----------
@@ -186,9 +186,9 @@ def predict_runtime(
     plant : PlantConfig, optional
         Its `rel_std` are the uncertainties of the plant constants, taken as independent of k_Fc.
     estimates : ParameterEstimates, optional
-        Of the fit that gave k_Fc. Replaces `parameters`' values and the two uncertainties above: a k_Fc fitted
-        to the current with a wrong torque constant is wrong in the direction that keeps the current right, so
-        the errors cancel and the independent sum would overstate the interval.
+        Of the fit that gave k_Fc. Replaces `parameters`' values and the two uncertainties above: a k_Fc
+        fitted to the current with a wrong torque constant is wrong in the direction that keeps the current
+        right, so the errors cancel and the independent sum would overstate the interval.
     cutting_half : {"pi_to_2pi", "zero_to_pi"}
     cutoff_soc, start_soc : float
     cutoff_voltage_v : float, optional

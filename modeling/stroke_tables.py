@@ -176,7 +176,8 @@ def _grid_means(
     if not is_valid.all():
         worst = int(np.argmin(is_valid))
         raise InputError(
-            f"the model has no steady stroke at k_Fc = {k.ravel()[worst]:.0f} N*s/m and {u.ravel()[worst]:.2f} V",
+            f"the model has no steady stroke at k_Fc = {k.ravel()[worst]:.0f} N*s/m "
+            f"and {u.ravel()[worst]:.2f} V",
             remedy="check [plant], the duty and the battery voltage",
         )
     pace = 1.0 / speed

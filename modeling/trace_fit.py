@@ -1,8 +1,8 @@
 """The paper's identification: the k_Fc whose current over time has the smallest squared error (Eqs. 14, 15).
 
-The error over time has several minima, because a wrong k_Fc makes the strokes slip in phase. The search starts
-on a window so short that every basin is caught by the scan, then lengthens the window, and finally looks into
-the neighbouring basins, one stroke of slip to each side.
+The error over time has several minima, because a wrong k_Fc makes the strokes slip in phase. The search
+starts on a window so short that every basin is caught by the scan, then lengthens the window, and finally
+looks into the neighbouring basins, one stroke of slip to each side.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ Floats = NDArray[np.float64]
 APPENDIX_B_BOUNDS: Final = (100.0, 500.0)
 APPENDIX_B_START: Final = 130.0
 FIRST_WINDOW_S: Final = 1.0
-# Strokes that two neighbouring scan points slip against each other over the window; a basin is about one wide.
+# Strokes that two neighbouring scan points slip against each other over the window; a basin is about one
+# wide.
 SCAN_SLIP: Final = 0.5
 K_TOLERANCE: Final = 1e-4
 
@@ -195,7 +196,7 @@ def fit_current_trace(
     others = _neighbours(trace, best, total_s, bounds)
     for k_fc, value in others:
         if value < ise:
-            others = tuple((k, v) for k, v in others if k != k_fc) + ((best, ise),)
+            others = (*((k, v) for k, v in others if k != k_fc), (best, ise))
             best, ise = k_fc, value
     is_inside = bounds[0] + 10 * K_TOLERANCE < best < bounds[1] - 10 * K_TOLERANCE
     return TraceFit(
@@ -269,7 +270,7 @@ def _minimise(
     tolerance: float,
     most_calls: int = 12,
 ) -> tuple[float, float]:
-    """Parabolas through the three best points, a golden section where a parabola fails; stays in the bounds."""
+    """Parabolas through the three best points, a golden section where one fails; stays in the bounds."""
     points = sorted({(float(k), cost(float(k))) for k in dict.fromkeys(span)}, key=lambda point: point[1])
     for _ in range(most_calls):
         k, value = points[0]

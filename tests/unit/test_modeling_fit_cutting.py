@@ -1,4 +1,4 @@
-"""k_Fc from synthetic trials of an independent integrator: right, honest, and clear about what it cannot tell."""
+"""k_Fc from synthetic trials of an independent integrator: right, and clear about what it cannot tell."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The estimate that is renewed once a stroke: agrees with the batch fit, follows a change, counts the charge."""
+"""The estimate that is renewed once a stroke: agrees with the batch fit, follows a change."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_current_alone_gives_k_fc_too():
 
 
 def test_remaining_runtime_is_that_of_the_independent_discharge():
-    """Battery current nearly constant at constant k_Fc: charge left over current, against a whole integration."""
+    """Charge left over current at constant k_Fc, against a whole integration."""
     t, i, w, crank, _, v, ib = synthetic.simulate(
         TRUE, np.full(3000, 240.0), 0.4375, 40.0, 1000.0, capacity_ah=0.05
     )

@@ -62,7 +62,7 @@ def test_readings_that_do_not_give_the_figures_are_shown_as_such(found):
     assert row(found, "the same, cutting on 0..pi").is_reproduced is False
     assert row(found, "runtime, linear force, with Appendix A's 2.5 Ah").is_reproduced is False
     assert row(found, "runtime, real force").is_reproduced is True  # the ratio
-    assert [r for r in found.rows if r.quantity == "runtime, real force"][0].is_reproduced is None
+    assert next(r for r in found.rows if r.quantity == "runtime, real force").is_reproduced is None
 
 
 def test_annealing_and_least_squares_agree(found):

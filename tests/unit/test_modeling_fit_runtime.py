@@ -1,4 +1,4 @@
-"""Runtime: against an independent integration of the whole discharge, with an interval that is neither vain nor vague."""
+"""Runtime: against an independent integration of the whole discharge, and how wide the interval is."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_runtime_matches_the_independent_discharge(independent):
 
 
 def test_runtime_to_a_voltage_matches_too(independent):
-    time_s, _, voltage, _, _ = independent
+    _, _, voltage, _, _ = independent
     means = voltage[: len(voltage) // 1000 * 1000].reshape(-1, 1000).mean(axis=1)
     cutoff = 16.9
     end = float(np.interp(-cutoff, -means, np.arange(len(means)) + 0.5))
