@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 
+import numba
 import numpy as np
 
 from modeling import slots
@@ -26,8 +27,8 @@ from modeling.stroke_map import tangent_stroke
 
 OK, STALLED = 0, 1
 # Columns of the node table.
-SOC, PERIOD, SHARE, CHARGE, CURRENT, SLOWNESS, VOLTAGE = range(7)
-N_COLUMNS = 7
+SOC, PERIOD, SHARE, CHARGE, CURRENT, SLOWNESS, VOLTAGE, BATTERY = range(8)
+N_COLUMNS = 8
 # What `result` holds.
 RUNTIME, STROKES, START_TIME, START_SOC, END_SOC, START_CHARGE, MOTOR_CHARGE, LOCAL_ERROR = range(8)
 N_RESULT = 8
@@ -168,6 +169,12 @@ def _solve_nodes(m, tables, ocv, h, places, table, tangents, weights):
 
 
 @kernel()
+def _voltage(m, ocv, resistance, places, weights, table, soc):
+    """Battery voltage at a state of charge, V: the current is interpolated, the open-circuit voltage is not."""
+    return open_circuit(m, ocv, soc)[0] - resistance * interpolate(places, weights, table[:, BATTERY], soc)
+
+
+@kernel()
 def discharge_averaged(
     p,
     spline,
@@ -214,10 +221,11 @@ def discharge_averaged(
         resistance = p[slots.BATTERY_RESISTANCE]
         for k in range(n):
             current = table[k, SHARE] / m[16] / table[k, PERIOD]
+            table[k, BATTERY] = current
             table[k, VOLTAGE] = open_circuit(m, ocv, places[k])[0] - resistance * current
         if cutoff_voltage <= 0.0:
             break
-        reached = interpolate(places, weights, table[:, VOLTAGE], stop)
+        reached = _voltage(m, ocv, resistance, places, weights, table, stop)
         if ended == 0 and reached > cutoff_voltage:
             break
         if ended == 1 and math.fabs(reached - cutoff_voltage) < 1e-9 * cutoff_voltage:
@@ -226,7 +234,7 @@ def discharge_averaged(
         low, high = max(stop - 0.1 * half, 0.0), soc0
         for _ in range(60):
             guess_soc = 0.5 * (low + high)
-            if interpolate(places, weights, table[:, VOLTAGE], guess_soc) > cutoff_voltage:
+            if _voltage(m, ocv, resistance, places, weights, table, guess_soc) > cutoff_voltage:
                 high = guess_soc
             else:
                 low = guess_soc
@@ -253,7 +261,6 @@ def discharge_averaged(
     result[STROKES] = strokes
     if ended == 0:
         # The last stroke begins where a whole number of strokes is done; a cut-off by mean voltage has no such phase.
-        last = n - 1
         part = strokes - math.floor(strokes)
         share = interpolate(places, weights, table[:, SHARE], stop)
         period = interpolate(places, weights, table[:, PERIOD], stop)
@@ -271,3 +278,25 @@ def discharge_averaged(
     result[START_TIME], result[START_SOC], result[END_SOC] = t0, soc0, stop
     result[MOTOR_CHARGE] = charge
     return ended
+
+
+@kernel(parallel=True)
+def runtimes(
+    vectors, spline, ocv, n_steps, tolerance, cutoff_soc, cutoff_voltage, gauss_nodes, gauss_weights, out
+):
+    """Runtime of every row of `vectors` from full and at rest, on all cores; NaN where it cannot be averaged."""
+    for case in numba.prange(len(vectors)):
+        table = np.zeros((len(gauss_nodes), N_COLUMNS))
+        result = np.zeros(N_RESULT)
+        start = np.array([0.0, 0.0, 0.0, 1.0])
+        code = discharge_averaged(
+            vectors[case], spline, ocv, start, n_steps, tolerance, cutoff_soc, cutoff_voltage, gauss_nodes,
+            gauss_weights, table, result,
+        )  # fmt: skip
+        out[case] = result[RUNTIME] if code <= 1 else np.nan
+
+
+@kernel()
+def open_circuit_at(p, ocv, soc):
+    """Open-circuit voltage of the battery in a vector, V."""
+    return open_circuit(machine(p), ocv, soc)[0]

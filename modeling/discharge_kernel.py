@@ -75,7 +75,6 @@ def brute_force(p, spline, ocv, start, n_steps, tolerance, cutoff_soc, cutoff_vo
     time, motor charge, battery charge, strokes, rows of curves filled, how it ended
     """
     m = machine(p)
-    gear = p[slots.GEAR]
     tables = np.empty((n_steps, 6, 4))
     fill_tables(p, m, spline, n_steps, FRACTIONS, tables)
     h = TWO_PI / n_steps

@@ -128,29 +128,6 @@ def source_slopes(m, curve, current):
 
 
 @kernel()
-def source_rate(m, soc, soc_rate):
-    """de/dt of Eq. 12, V/s."""
-    if m[7] != slots.FIXED_DUTY:
-        return 0.0
-    _, slope = voltage(m[10], m[11], 1.0 - (1.0 - soc) * m[12])
-    return m[8] * slope * m[12] * soc_rate
-
-
-@kernel()
-def source_slopes(m, curve, current):
-    """`source` at the place of `curve`, then the derivatives of e and of the battery current by the motor current."""
-    e, battery_current = source(m, curve, 0.0, current)
-    if m[7] != slots.HELD_VOLTAGE:
-        return e, battery_current, 0.0, m[15]
-    if e != m[9]:
-        return e, battery_current, -m[13], m[15]
-    head = curve[0] + m[14]
-    root = math.sqrt(head * head - 4.0 * m[13] * current * (m[9] + m[14]))
-    duty = 2.0 * (m[9] + m[14]) / (head + root)
-    return e, battery_current, 0.0, (duty + current * m[13] * duty * duty / root) * m[15]
-
-
-@kernel()
 def source_rate(m, curve, away, soc_rate):
     """de/dt of Eq. 12, V/s; arguments as in `source`."""
     if m[7] == slots.HELD_VOLTAGE:

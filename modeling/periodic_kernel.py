@@ -10,7 +10,7 @@ import numpy as np
 from modeling import slots
 from modeling.compilation import kernel
 from modeling.dormand_prince import FRACTIONS, angle_rate, angle_step
-from modeling.machine import TWO_PI, drive, fill_tables, machine, source_slopes
+from modeling.machine import TWO_PI, drive, fill_tables, machine, open_circuit, source_slopes
 from modeling.stroke_map import tangent_stroke
 
 PERIODIC, NO_DRIVE, NOT_CONVERGED = 0, 1, 2
@@ -159,3 +159,9 @@ def periodic_states(vectors, spline, ocv, soc, n_steps, tolerance, results, stat
         statuses[case] = periodic_state(
             vectors[case], spline, ocv, soc[case], n_steps, tolerance, results[case]
         )
+
+
+@kernel()
+def open_circuit_voltage(p, ocv, soc):
+    """Open-circuit voltage of the battery in a vector, V."""
+    return open_circuit(machine(p), ocv, soc)[0]

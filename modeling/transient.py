@@ -74,7 +74,7 @@ class Method:
     Attributes
     ----------
     steps_per_turn : int
-        Even number of angle steps a turn to begin with, 4 to 4096.
+        Even number of angle steps a turn to begin with, 4 to 4096; with a measured force at least one an interval.
     angle_tolerance : float
         Largest local error of an angle step over stall current and no-load speed; where it is passed the steps are
         halved for the rest of the run. inf keeps steps_per_turn.

@@ -1,0 +1,310 @@
+"""The periodic stroke at a fixed state of charge: what the machine settles to within a second."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bench.errors import InputError
+from modeling import periodic_kernel as kernel
+from modeling import slots
+from modeling.parameters import JigsawParameters
+from modeling.supplies import Supply
+from modeling.transient import NO_TABLE, Cutting, battery_table
+from modeling.validation import finite
+
+Floats = NDArray[np.float64]
+PeriodicStatus = Literal["ok", "stalled", "not_converged"]
+DEFAULT_STEPS = 12
+TOLERANCE = 1e-5  # largest local error, relative; leaves a mean current good to 3e-7
+MESSAGES: dict[int, tuple[PeriodicStatus, str]] = {
+    kernel.PERIODIC: ("ok", "periodic"),
+    kernel.NO_DRIVE: (
+        "stalled",
+        "no periodic stroke: the motor cannot overcome the load at this supply (voltage_v, duty, force_n)",
+    ),
+    kernel.NOT_CONVERGED: ("not_converged", "Newton's method did not settle"),
+}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PeriodicState:
+    """One periodic stroke.
+
+    Attributes
+    ----------
+    period_s : float
+        Duration of a stroke, s; 0 where status is not "ok", like every figure here.
+    mean_motor_current_a, mean_battery_current_a : float
+        Over one stroke, A; for an ideal voltage source the battery current is the motor's.
+    battery_voltage_v : float
+        Mean at the battery's terminals, V; the source's voltage for an ideal one.
+    start_current_a, start_motor_speed_rad_s : float
+        At the dead centre at angle 0.
+    status : {"ok", "stalled", "not_converged"}
+    message : str
+    n_strokes : int
+        Strokes computed to find it.
+    steps_per_turn : int
+        That the tolerance asked for.
+    """
+
+    period_s: float
+    mean_motor_current_a: float
+    mean_battery_current_a: float
+    battery_voltage_v: float
+    start_current_a: float
+    start_motor_speed_rad_s: float
+    status: PeriodicStatus
+    message: str
+    n_strokes: int
+    steps_per_turn: int
+    vector: Floats = field(repr=False)
+    spline: Floats = field(repr=False)
+    ocv: Floats = field(repr=False)
+    soc: float = 1.0
+
+    @property
+    def stroke_rate_hz(self) -> float:
+        """Strokes a second."""
+        return 1.0 / self.period_s if self.period_s > 0 else 0.0
+
+    def waveform(self, n_points: int = 64) -> Waveform:
+        """Current, speed and force at equal crank angles from 0 on; `n_points` even."""
+        if n_points % 2 or n_points < 4:
+            raise InputError(f"n_points must be even and at least 4, got {n_points!r}")
+        from modeling.output_kernel import blade
+
+        factor = -(-self.steps_per_turn // n_points)
+        n_fine = n_points * factor
+        current, speed = np.zeros(n_fine), np.zeros(n_fine)
+        gear = self.vector[slots.GEAR]
+        if self.status == "ok":
+            w = self.start_motor_speed_rad_s / gear
+            kernel.waveform(
+                self.vector, self.spline, self.ocv, self.soc, n_fine, self.start_current_a, w, current, speed
+            )
+        angle = 2 * np.pi * np.arange(n_points) / n_points
+        motor_speed = np.ascontiguousarray(speed[::factor]) * gear
+        displacement, velocity, force = blade(self.vector, self.spline, angle, motor_speed)
+        return Waveform(
+            crank_angle_rad=angle,
+            motor_current_a=np.ascontiguousarray(current[::factor]),
+            motor_speed_rad_s=motor_speed,
+            displacement_m=displacement,
+            blade_velocity_m_s=velocity,
+            force_n=force,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Waveform:
+    """A periodic stroke over the crank angle; every array has shape (n_points,).
+
+    Attributes
+    ----------
+    crank_angle_rad, motor_current_a, motor_speed_rad_s, displacement_m, blade_velocity_m_s, force_n : ndarray
+    """
+
+    crank_angle_rad: Floats
+    motor_current_a: Floats
+    motor_speed_rad_s: Floats
+    displacement_m: Floats
+    blade_velocity_m_s: Floats
+    force_n: Floats
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PeriodicBatch:
+    """Periodic strokes of many parameter vectors; every array has shape (n_cases,), 0 where `is_periodic` is False.
+
+    Attributes
+    ----------
+    period_s, mean_motor_current_a, mean_battery_current_a, start_current_a, start_motor_speed_rad_s : ndarray
+    is_periodic : ndarray of bool
+    """
+
+    period_s: Floats
+    mean_motor_current_a: Floats
+    mean_battery_current_a: Floats
+    start_current_a: Floats
+    start_motor_speed_rad_s: Floats
+    is_periodic: NDArray[np.bool_]
+
+
+def steps_for(spline: Floats | None, default: int) -> int:
+    """Steps a turn: the default, or with a measured force one a spline interval (or two, ... where they are many).
+
+    Steps that end on the nodes see a polynomial; steps that straddle them lose two orders, unseen by the embedded
+    error estimate.
+
+    Examples
+    --------
+    >>> steps_for(None, 12), steps_for(np.zeros((64, 4)), 12), steps_for(np.zeros((256, 4)), 12)
+    (12, 64, 64)
+    """
+    if spline is None or len(spline) == 0:
+        return default
+    n = len(spline)
+    while n > 96 and n % 4 == 0:
+        n //= 2
+    while n < default:
+        n *= 2
+    return n
+
+
+def model_vector(
+    parameters: JigsawParameters,
+    supply: Supply,
+    cutting: Cutting,
+    effects: Mapping[str, float] | None = None,
+) -> tuple[Floats, Floats, Floats, bool]:
+    """Return the parameter vector, the force spline, the battery table, and whether any effect is on."""
+    vector = parameters.to_vector()
+    supply.fill(vector)
+    cutting.fill(vector)
+    spline = cutting.spline()
+    has_effects = bool(effects) and slots.set_effects(vector, effects)
+    return vector, NO_TABLE if spline is None else spline, battery_table(supply), has_effects
+
+
+def steady_state(
+    parameters: JigsawParameters,
+    *,
+    supply: Supply,
+    cutting: Cutting,
+    soc: float = 1.0,
+    effects: Mapping[str, float] | None = None,
+    steps_per_turn: int | None = None,
+) -> PeriodicState:
+    """Find the periodic stroke by Newton's method on the stroke map with its exact derivative.
+
+    Parameters
+    ----------
+    parameters : JigsawParameters
+    supply : FixedVoltage, FixedDuty or HeldVoltage
+    cutting : LinearCutting or MeasuredForce
+    soc : float
+        State of charge at which the battery is held, 0..1.
+    effects : mapping of slot name to value, optional
+        As in `simulate`.
+    steps_per_turn : int, optional
+        To begin with, default 12 or an interval of the measured force; doubled until the local error is below 1e-5, which leaves the mean current good to 3e-7.
+
+    Returns
+    -------
+    PeriodicState
+
+    Examples
+    --------
+    >>> from modeling.parameter_sets import paper_jigsaw as paper
+    >>> from modeling.supplies import FixedVoltage
+    >>> state = steady_state(paper.PARAMETERS, supply=FixedVoltage(voltage_v=paper.MOTOR_VOLTAGE_V),
+    ...                      cutting=paper.CUTTING)
+    >>> round(state.stroke_rate_hz, 2), round(state.mean_motor_current_a, 3)
+    (13.93, 10.483)
+    """
+    finite("soc", soc, "")
+    if not 0 <= soc <= 1:
+        raise InputError(f"soc must be in [0, 1], got {soc!r}")
+    if steps_per_turn is not None and (steps_per_turn % 2 or steps_per_turn < 4):
+        raise InputError(f"steps_per_turn must be even and at least 4, got {steps_per_turn!r}")
+    vector, spline, ocv, has_effects = model_vector(parameters, supply, cutting, effects)
+    n_steps = steps_for(spline, DEFAULT_STEPS) if steps_per_turn is None else steps_per_turn
+    if has_effects:
+        raise InputError("effects are not yet part of steady_state")
+    return periodic_vector(vector, spline, ocv, soc=soc, steps_per_turn=n_steps)
+
+
+def periodic_vector(
+    vector: Floats,
+    spline: Floats,
+    ocv: Floats,
+    *,
+    soc: float = 1.0,
+    steps_per_turn: int = DEFAULT_STEPS,
+    tolerance: float = TOLERANCE,
+) -> PeriodicState:
+    """Find the periodic stroke of a parameter vector; see `steady_state`. No checks."""
+    result = np.zeros(kernel.N_PERIODIC)
+    code = kernel.periodic_state(vector, spline, ocv, float(soc), steps_per_turn, tolerance, result)
+    status, message = MESSAGES[code]
+    if code != kernel.PERIODIC:
+        result[:] = 0.0
+    period = float(result[kernel.PERIOD])
+    per = 1.0 / period if period > 0 else 0.0
+    motor = float(result[kernel.MOTOR_CHARGE]) * per
+    is_source = vector[slots.MODE] == slots.FIXED_VOLTAGE
+    battery = motor if is_source else float(result[kernel.BATTERY_CHARGE]) * per
+    return PeriodicState(
+        period_s=period,
+        mean_motor_current_a=motor,
+        mean_battery_current_a=battery,
+        battery_voltage_v=float(vector[slots.VOLTAGE])
+        if is_source
+        else kernel.open_circuit_voltage(vector, ocv, float(soc))
+        - vector[slots.BATTERY_RESISTANCE] * battery,
+        start_current_a=float(result[kernel.START_CURRENT]),
+        start_motor_speed_rad_s=float(result[kernel.START_SPEED] * vector[slots.GEAR]),
+        status=status,
+        message=message,
+        n_strokes=int(result[kernel.N_STROKES]),
+        steps_per_turn=int(result[kernel.STEPS]),
+        vector=vector,
+        spline=spline,
+        ocv=ocv,
+        soc=float(soc),
+    )
+
+
+def steady_state_batch(
+    vectors: ArrayLike | Sequence[Floats],
+    *,
+    soc: ArrayLike = 1.0,
+    spline: Floats | None = None,
+    ocv: Floats | None = None,
+    steps_per_turn: int | None = None,
+) -> PeriodicBatch:
+    """Periodic strokes of many parameter vectors at once, on all cores.
+
+    Parameters
+    ----------
+    vectors : array_like, shape (n_cases, N_SLOTS)
+        As `JigsawParameters.to_vector` and the parts' `fill` make them.
+    soc : float or array_like, shape (n_cases,)
+    spline, ocv : ndarray, shape (n, 4), optional
+        Tables that all cases share.
+    steps_per_turn : int
+
+    Returns
+    -------
+    PeriodicBatch
+    """
+    rows = np.ascontiguousarray(vectors, dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] != slots.N_SLOTS:
+        raise InputError(f"vectors needs shape (n_cases, {slots.N_SLOTS}), got {rows.shape}")
+    charge = np.ascontiguousarray(np.broadcast_to(np.asarray(soc, dtype=np.float64), (len(rows),)))
+    results = np.zeros((len(rows), kernel.N_PERIODIC))
+    statuses = np.empty(len(rows), dtype=np.int64)
+    force = NO_TABLE if spline is None else spline
+    table = NO_TABLE if ocv is None else ocv
+    n_steps = steps_for(spline, DEFAULT_STEPS) if steps_per_turn is None else steps_per_turn
+    kernel.periodic_states(rows, force, table, charge, n_steps, TOLERANCE, results, statuses)
+    good = statuses == kernel.PERIODIC
+    results[~good] = 0.0
+    period = results[:, kernel.PERIOD]
+    per = np.divide(1.0, period, out=np.zeros_like(period), where=good)
+    motor = results[:, kernel.MOTOR_CHARGE] * per
+    is_source = rows[:, slots.MODE] == slots.FIXED_VOLTAGE
+    return PeriodicBatch(
+        period_s=period,
+        mean_motor_current_a=motor,
+        mean_battery_current_a=np.where(is_source, motor, results[:, kernel.BATTERY_CHARGE] * per),
+        start_current_a=results[:, kernel.START_CURRENT],
+        start_motor_speed_rad_s=results[:, kernel.START_SPEED] * rows[:, slots.GEAR],
+        is_periodic=good,
+    )
