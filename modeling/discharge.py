@@ -238,9 +238,7 @@ def _averaged(
         if code not in (strokes.BY_SOC, strokes.BY_VOLTAGE):
             return None
         span = result[averaging.START_SOC] - result[averaging.END_SOC]
-        error = _quadrature_error(
-            nodes, weights, table[:, averaging.PERIOD] / table[:, averaging.SHARE], span
-        )
+        error = _quadrature_error(table[:, averaging.PERIOD] / table[:, averaging.SHARE], span)
         runtime = float(result[averaging.RUNTIME])
         if error <= TARGET * runtime or 2 * n_nodes > MOST_NODES:
             break
