@@ -9,6 +9,7 @@ with the published peak F_p = 280.16 N (Fig. 12) and the place m of the peak as 
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Final
@@ -21,7 +22,9 @@ from modeling.annealing import anneal_current_trace
 from modeling.cutting_forces.linear import CuttingHalf, LinearCutting
 from modeling.cutting_forces.measured import MeasuredForce
 from modeling.deviations import Deviations, deviations
+from modeling.discharge import discharge
 from modeling.parameter_sets import paper_jigsaw as paper
+from modeling.steady_state import steady_state
 from modeling.supplies import FixedVoltage, HeldVoltage
 from modeling.trace_fit import TraceFit, fit_current_trace
 from modeling.transient import Trajectory, simulate
@@ -139,42 +142,33 @@ def identify(real: Trajectory) -> TraceFit:
 
 
 def discharge_time_s(cutting: LinearCutting | MeasuredForce, capacity_ah: float = 1.5) -> float:
-    """Runtime from full to 20 % SOC, every stroke integrated, the converter holding the motor voltage.
+    """Runtime from full to 20 % SOC with a converter that holds the motor voltage, s.
 
     Raises
     ------
     UntrustedResult
-        If the battery does not get there within an hour.
+        If the discharge does not get there.
     """
-    battery = type(paper.BATTERY)(
-        nominal_voltage_v=paper.BATTERY.nominal_voltage_v,
-        capacity_ah=capacity_ah,
-        beta=paper.BATTERY.beta,
-        internal_resistance_ohm=paper.BATTERY.internal_resistance_ohm,
-    )
-    run = simulate(
+    battery = dataclasses.replace(paper.BATTERY, capacity_ah=capacity_ah)
+    found = discharge(
         paper.PARAMETERS,
         supply=HeldVoltage(voltage_v=paper.MOTOR_VOLTAGE_V, battery=battery),
         cutting=cutting,
-        duration_s=1200.0 * capacity_ah / 1.5,
-        rate_hz=20.0,
+        cutoff_soc=paper.CUTOFF_SOC,
     )
-    if run.soc[-1] > paper.CUTOFF_SOC:
-        raise UntrustedResult(f"the battery is still at {run.soc[-1]:.0%} after {run.time_s[-1]:.0f} s")
-    return float(np.interp(-paper.CUTOFF_SOC, -run.soc, run.time_s))
+    if found.status != "ok":
+        raise UntrustedResult(f"the discharge of the paper's jigsaw ended as {found.status}: {found.message}")
+    return found.runtime_s
 
 
 def stroke_rate_hz(k_fc: float) -> float:
     """Settled stroke rate on the constant motor voltage, Hz."""
-    run = simulate(
+    settled = steady_state(
         paper.PARAMETERS,
         supply=FixedVoltage(voltage_v=paper.MOTOR_VOLTAGE_V),
         cutting=LinearCutting(k_fc_n_s_per_m=k_fc),
-        duration_s=6.0,
     )
-    turns = run.crank_angle_rad / (2.0 * np.pi)
-    whole = np.arange(math.ceil(turns[3000]), math.floor(turns[-1]) + 1)
-    return float((whole[-1] - whole[0]) / np.ptp(np.interp(whole[[0, -1]], turns, run.time_s)))
+    return 1.0 / settled.period_s
 
 
 def reproduce() -> Reproduction:

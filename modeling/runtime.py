@@ -6,158 +6,27 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.config import PlantConfig
 from bench.errors import InputError
-from modeling import slots
 from modeling.cutting_forces.linear import CuttingHalf, LinearCutting
+from modeling.discharge import Discharge, discharge
 from modeling.parameters import JigsawParameters
 from modeling.periodic_cycle import PLANT_NAMES
-from modeling.results import ParameterEstimates, RuntimePrediction, RuntimeStatus
+from modeling.results import ParameterEstimates, RuntimePrediction
 from modeling.supplies import FixedDuty, HeldVoltage
-from modeling.transient import Cutting, InitialState, Trajectory, simulate
+from modeling.transient import InitialState
 
 Floats = NDArray[np.float64]
 BatterySupply = FixedDuty | HeldVoltage
 
 K_FC: Final = "k_fc_n_s_per_m"
-SAMPLE_RATE_HZ: Final = 200.0
-PROBE_S: Final = 3.0
-VOLTAGE_WINDOW_S: Final = 1.0
-MOST_EXTENSIONS: Final = 4
 # Finite differences over this share of a standard deviation.
 STEP_SHARE: Final = 0.5
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Discharge:
-    """One whole discharge, every stroke integrated.
-
-    Attributes
-    ----------
-    runtime_s, mean_battery_current_a, mean_motor_current_a : float
-        nan where status is not "ok".
-    ended_by : {"soc", "voltage"}
-    status : {"ok", "stalled", "cannot_start", "never_reached"}
-    """
-
-    runtime_s: float
-    mean_battery_current_a: float
-    mean_motor_current_a: float
-    ended_by: Literal["soc", "voltage"]
-    status: RuntimeStatus
-
-
-def integrate_discharge(
-    parameters: JigsawParameters,
-    *,
-    supply: BatterySupply,
-    cutting: Cutting,
-    cutoff_soc: float = 0.2,
-    cutoff_voltage_v: float | None = None,
-    start_soc: float = 1.0,
-) -> Discharge:
-    """Run from rest until the state of charge, or the terminal voltage over a second, is at its cut-off.
-
-    The average keeps the dip of the start-up current from ending the run; a protection circuit that reacts
-    faster ends it earlier.
-
-    Parameters
-    ----------
-    parameters : JigsawParameters
-    supply : FixedDuty or HeldVoltage
-        Holds the battery.
-    cutting : Cutting
-    cutoff_soc, start_soc : float
-    cutoff_voltage_v : float, optional
-
-    Returns
-    -------
-    Discharge
-
-    Raises
-    ------
-    InputError
-        If a cut-off is out of its range.
-    """
-    if not 0.0 <= cutoff_soc < start_soc <= 1.0:
-        raise InputError(
-            f"cutoff_soc is {cutoff_soc!r} and start_soc {start_soc!r}, allowed is 0 <= cutoff < start <= 1"
-        )
-    if cutoff_voltage_v is not None and not (math.isfinite(cutoff_voltage_v) and cutoff_voltage_v > 0):
-        raise InputError(f"cutoff_voltage_v is {cutoff_voltage_v!r}, allowed is a number above 0")
-    initial = InitialState(soc=start_soc)
-
-    def run(seconds: float, rate_hz: float = SAMPLE_RATE_HZ) -> Trajectory:
-        return simulate(
-            parameters, supply=supply, cutting=cutting, duration_s=seconds, rate_hz=rate_hz, initial=initial
-        )
-
-    probe = run(PROBE_S)
-    if probe.crank_angle_rad[-1] < 2.0 * math.pi:
-        return _nothing("cannot_start")
-    used = start_soc - float(probe.soc[-1])
-    seconds = PROBE_S + 1.2 * (start_soc - cutoff_soc) / max(used, 1e-9) * PROBE_S
-    for _ in range(MOST_EXTENSIONS):
-        if seconds * SAMPLE_RATE_HZ > 2e7:
-            return _nothing("never_reached")
-        trajectory = run(seconds)
-        end = _end(trajectory, cutoff_soc, cutoff_voltage_v)
-        if end is not None:
-            return end
-        if trajectory.status == "stalled":
-            return _nothing("stalled")
-        seconds *= 2.0
-    return _nothing("never_reached")
-
-
-def _nothing(status: RuntimeStatus) -> Discharge:
-    return Discharge(
-        runtime_s=math.nan,
-        mean_battery_current_a=math.nan,
-        mean_motor_current_a=math.nan,
-        ended_by="soc",
-        status=status,
-    )
-
-
-def _end(run: Trajectory, cutoff_soc: float, cutoff_voltage_v: float | None) -> Discharge | None:
-    """First of the two cut-offs inside the run, or None."""
-    ends: list[tuple[float, Literal["soc", "voltage"]]] = []
-    if run.soc.min() <= cutoff_soc:
-        ends.append((float(np.interp(-cutoff_soc, -run.soc, run.time_s)), "soc"))
-    if cutoff_voltage_v is not None:
-        window = int(VOLTAGE_WINDOW_S * SAMPLE_RATE_HZ)
-        n_windows = len(run.time_s) // window
-        voltage_v = run.battery_voltage_v[: n_windows * window].reshape(n_windows, window).mean(axis=1)
-        below = np.flatnonzero(voltage_v <= cutoff_voltage_v)
-        if len(below):
-            ends.append((_crossing(voltage_v, int(below[0]), cutoff_voltage_v), "voltage"))
-    if not ends:
-        return None
-    runtime_s, ended_by = min(ends)
-    n_samples = max(int(np.searchsorted(run.time_s, runtime_s)), 1)
-    used = float(run.soc[0] - np.interp(runtime_s, run.time_s, run.soc))
-    return Discharge(
-        runtime_s=runtime_s,
-        mean_battery_current_a=used * float(run.vector[slots.CAPACITY]) / runtime_s,
-        mean_motor_current_a=float(run.motor_current_a[:n_samples].mean()),
-        ended_by=ended_by,
-        status="ok",
-    )
-
-
-def _crossing(voltage_v: Floats, first: int, cutoff_v: float) -> float:
-    """Time at which the window means pass the cut-off, s."""
-    middle = (first + 0.5) * VOLTAGE_WINDOW_S
-    if first == 0:
-        return middle
-    share = (voltage_v[first - 1] - cutoff_v) / (voltage_v[first - 1] - voltage_v[first])
-    return float(middle - (1.0 - share) * VOLTAGE_WINDOW_S)
 
 
 def predict_runtime(
@@ -216,24 +85,24 @@ def predict_runtime(
     if estimates is not None:
         centre, covariance = _joint(centre, estimates)
 
-    def discharge(changes: Mapping[str, float]) -> Discharge:
+    def run(changes: Mapping[str, float]) -> Discharge:
         values = centre | dict(changes)
-        return integrate_discharge(
+        return discharge(
             parameters.replace(**{name: values[name] for name in PLANT_NAMES}),
             supply=supply,
             cutting=LinearCutting(k_fc_n_s_per_m=values[K_FC], cutting_half=cutting_half),
             cutoff_soc=cutoff_soc,
             cutoff_voltage_v=cutoff_voltage_v,
-            start_soc=start_soc,
+            initial=InitialState(soc=start_soc),
         )
 
-    nominal = discharge({})
+    nominal = run({})
     usable_a_s = 3600.0 * supply.battery.capacity_ah * (start_soc - cutoff_soc)
     appendix_a_s = _appendix_a(usable_a_s, measured_mean_battery_current_a)
     if nominal.status != "ok":
         return _prediction(nominal, 0.0, {}, appendix_a_s)
     names = [name for name in centre if covariance.get((name, name), 0.0) > 0.0]
-    slope = {name: _slope(discharge, name, centre[name], math.sqrt(covariance[name, name])) for name in names}
+    slope = {name: _slope(run, name, centre[name], math.sqrt(covariance[name, name])) for name in names}
     variance = sum(slope[a] * slope[b] * covariance.get((a, b), 0.0) for a in names for b in names)
     shares = {name: abs(slope[name]) * math.sqrt(covariance[name, name]) for name in names}
     return _prediction(nominal, math.sqrt(max(variance, 0.0)), shares, appendix_a_s)
@@ -243,14 +112,13 @@ def _prediction(
     nominal: Discharge, std_s: float, shares: Mapping[str, float], appendix_a_s: float | None
 ) -> RuntimePrediction:
     return RuntimePrediction(
-        runtime_s=nominal.runtime_s,
+        runtime_s=nominal.runtime_s if nominal.status == "ok" else math.nan,
         std_s=std_s,
         mean_battery_current_a=nominal.mean_battery_current_a,
         mean_motor_current_a=nominal.mean_motor_current_a,
         appendix_a_runtime_s=appendix_a_s,
-        ended_by=nominal.ended_by,
-        # Every stroke is integrated; the default steps hold the current to 1e-6.
-        numerical_error_s=0.0 if math.isnan(nominal.runtime_s) else 1e-6 * nominal.runtime_s,
+        ended_by="voltage" if nominal.ended_by == "voltage" else "soc",
+        numerical_error_s=nominal.numerical_error_s,
         status=nominal.status,
         contributions_s=shares,
     )
@@ -276,16 +144,14 @@ def _joint(
     return centre | {name: estimates.value(name) for name in known}, covariance
 
 
-def _slope(
-    discharge: Callable[[Mapping[str, float]], Discharge], name: str, value: float, std: float
-) -> float:
+def _slope(run: Callable[[Mapping[str, float]], Discharge], name: str, value: float, std: float) -> float:
     """d(runtime)/d(parameter) across a good part of its uncertainty; one-sided at a boundary or a stall."""
     step = min(STEP_SHARE * std, 0.5 * value) if value > 0 else STEP_SHARE * std
-    up, down = discharge({name: value + step}), discharge({name: max(value - step, 0.0)})
+    up, down = run({name: value + step}), run({name: max(value - step, 0.0)})
     low = max(value - step, 0.0)
     if up.status == "ok" and down.status == "ok":
         return (up.runtime_s - down.runtime_s) / (value + step - low)
-    middle = discharge({})
+    middle = run({})
     if up.status == "ok":
         return (up.runtime_s - middle.runtime_s) / step
     if down.status == "ok":
@@ -367,7 +233,7 @@ def sweep_runtime(
     runtime_s, current_a = np.full(shape, np.nan), np.full(shape, np.nan)
     status = np.full(shape, "never_reached", dtype="U16")
     for place in np.ndindex(*shape):
-        found = integrate_discharge(
+        found = discharge(
             parameters,
             supply=FixedDuty(
                 duty=duties[place[1]],
@@ -377,8 +243,9 @@ def sweep_runtime(
             cutoff_soc=cutoff_soc,
             cutoff_voltage_v=cutoff_voltage_v,
         )
-        runtime_s[place], current_a[place] = found.runtime_s, found.mean_battery_current_a
         status[place] = found.status
+        if found.status == "ok":
+            runtime_s[place], current_a[place] = found.runtime_s, found.mean_battery_current_a
     return RuntimeSweep(
         k_fc_n_s_per_m=np.array(k_fc_values, dtype=np.float64),
         duty=np.array(duties, dtype=np.float64),
