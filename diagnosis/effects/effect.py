@@ -6,7 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
-from diagnosis.equations import Baseline, Signature
+import numpy as np
+
+from diagnosis.equations import Baseline, Equation, Signature
 from diagnosis.state import State
 
 Place = Literal["electrical", "mechanical", "cutting", "supply", "sensing"]
@@ -26,8 +28,8 @@ class Strength:
     typical : float
         A usual size, in `unit`.
     low, high : float
-        Sizes that occur, as multiples of `typical`; the prior is log-uniform between them. Where the strength is a
-        number inside a nonlinear form (see `Effect.shapes`), both are near 1.
+        Sizes that occur, as multiples of `typical`; the prior is log-uniform between them. Where the strength
+        is a number inside a nonlinear form (see `Effect.shapes`), both are near 1.
     source : str
         Where range and typical size come from; "assumed" where nobody measured it.
     """
@@ -84,5 +86,40 @@ class Effect:
     def signatures(
         self, baseline: Baseline, state: State, shape: dict[str, float] | None = None
     ) -> tuple[Signature, ...]:
-        """Evaluate the signature for one shape (default: the first)."""
-        return self.signature(baseline, state, **(self.shapes[0] if shape is None else shape))
+        """Evaluate the signature for one shape (default: the first).
+
+        Returns
+        -------
+        tuple of dict
+            Arrays of the state's shape; only equations that the measured channels allow.
+        """
+        found = self.signature(baseline, state, **(self.shapes[0] if shape is None else shape))
+        kept = evaluable_equations(baseline, state)
+        return tuple(
+            {
+                name: np.broadcast_to(wave, state.angle_rad.shape)
+                for name, wave in part.items()
+                if name in kept
+            }
+            for part in found
+        )
+
+    def reported_strength(self, amplitude: float, shape: dict[str, float]) -> float:
+        """Value of `strength` that goes with an amplitude of one shape."""
+        return amplitude if self.shape_strength is None else self.shape_strength(amplitude, shape)
+
+
+def evaluable_equations(baseline: Baseline, state: State) -> frozenset[Equation]:
+    """Name the equations that `diagnosis.equations.residuals` can evaluate on a state's channels."""
+    has_current = state.current_a is not None
+    has_battery_current = state.battery_current_a is not None
+    found: dict[Equation, bool] = {
+        "electrical": has_current,
+        "mechanical": has_current and (state.force_n is not None or state.setting.is_idle),
+        "cutting": state.force_n is not None,
+        "supply": has_battery_current
+        and state.battery_voltage_v is not None
+        and baseline.battery is not None,
+        "converter": has_battery_current and has_current,
+    }
+    return frozenset(name for name, is_there in found.items() if is_there)

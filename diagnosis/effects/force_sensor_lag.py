@@ -1,9 +1,9 @@
 """A low-pass in the force amplifier: tau dF_m/dt + F_m = F, 0.1 to 5 ms.
 
-Only the reading lags: the motor feels the true force at once. So the cutting residual lags and the mechanical one,
-which uses the reading, shows the same missing force with the other sign. A blade that gives way (blade_compliance)
-lags in the cutting equation alone; a late clock (clock_offset) delays without loss of amplitude.
-Range: amplifiers' analogue filters of 30 Hz to 1.6 kHz (data sheets of bridge amplifiers).
+Only the reading lags: the motor feels the true force at once. So the cutting residual lags and the
+mechanical one, which uses the reading, shows the same missing force with the other sign. A blade that gives
+way (blade_compliance) lags in the cutting equation alone; a late clock (clock_offset) delays without loss
+of amplitude. Range: amplifiers' analogue filters of 30 Hz to 1.6 kHz (data sheets of bridge amplifiers).
 """
 
 from __future__ import annotations
@@ -20,14 +20,18 @@ _TAUS_S = tuple(float(tau) for tau in np.geomspace(1.5e-4, 1e-2, 18))
 
 def _signature(baseline: Baseline, state: State, tau_s: float) -> tuple[Signature, ...]:
     force = baseline.expected_force(state)
-    return (force_reading(baseline, state, filtered(force, state, lambda f: 1 / (1 + 2j * np.pi * f * tau_s))),)
+    return (
+        force_reading(baseline, state, filtered(force, state, lambda f: 1 / (1 + 2j * np.pi * f * tau_s))),
+    )
 
 
 EFFECT = Effect(
     name="force_sensor_lag",
     place="sensing",
     equation="tau * dF_m/dt + F_m = F",
-    strength=Strength(name="time_constant_s", unit="s", typical=1.0, low=0.7, high=1.4, source="amplifier data sheets"),
+    strength=Strength(
+        name="time_constant_s", unit="s", typical=1.0, low=0.7, high=1.4, source="amplifier data sheets"
+    ),
     signature=_signature,
     shapes=tuple({"tau_s": tau} for tau in _TAUS_S),
     shape_strength=lambda amplitude, shape: amplitude * shape["tau_s"],

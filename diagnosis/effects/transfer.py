@@ -1,4 +1,4 @@
-"""Linear distortions of a reading, applied to periodic strokes in the frequency domain."""
+"""Linear distortions of a reading: periodic strokes in the frequency domain, a start-up on its time grid."""
 
 from __future__ import annotations
 
@@ -9,32 +9,91 @@ from numpy.typing import NDArray
 
 from bench.recording import Floats
 from diagnosis.equations import Baseline, Signature
+from diagnosis.reduction import START_UP_STEP_S, angle_derivative
 from diagnosis.state import TWO_PI, State
 
-TransferFunction = Callable[[Floats], NDArray[np.complex128]]
+TransferFunction = Callable[[Floats], NDArray[np.complexfloating]]
 
 
 def filtered(wave: Floats, state: State, transfer: TransferFunction) -> Floats:
-    """Pass strokes through a transfer function of frequency in Hz.
+    """Pass strokes, or a start-up, through a transfer function of frequency in Hz.
 
     Parameters
     ----------
     wave : ndarray, shape (n_units, n_points)
-        Equally spaced over the crank angle; the speed ripple within a stroke is neglected.
+        Of the state's grid. The speed ripple within a stroke is taken into account.
     state : State
     transfer : callable
-        Frequency in Hz -> complex gain.
+        Frequency in Hz, shape (n_units or 1, n_frequencies) -> complex gain of a shape that broadcasts to it.
 
     Returns
     -------
-    ndarray, shape of `wave`; unchanged for a start-up, which is not periodic.
+    ndarray, shape of `wave`
+        A start-up is taken to come from rest: before it the wave runs back to 0 with its first slope.
+
+    Examples
+    --------
+    A transfer function of one changes nothing:
+
+    >>> from types import SimpleNamespace
+    >>> speed = 90.0 + 15.0 * np.cos(np.arange(32) * TWO_PI / 32)[None, :]
+    >>> state = SimpleNamespace(kind="running", speed_rad_s=speed)
+    >>> bool(np.allclose(filtered(speed**2, state, np.ones_like), speed**2))
+    True
     """
     if state.kind != "running":
-        return wave
+        return _filtered_start(wave, transfer)
     n_points = wave.shape[-1]
-    rate_hz = 1.0 / (TWO_PI * np.mean(1.0 / state.speed_rad_s, axis=-1, keepdims=True))
-    spectrum = np.fft.rfft(wave, axis=-1)
-    return np.fft.irfft(spectrum * transfer(rate_hz * np.arange(spectrum.shape[-1])), n_points, axis=-1)
+    speed = state.speed_rad_s
+    if np.all(speed == speed[:1]):
+        speed = speed[:1]  # the strokes of an averaged state are all alike
+    slowness = TWO_PI / speed
+    period_s = slowness.mean(axis=-1, keepdims=True)
+    phase = _time_phase(slowness / period_s)
+    orders = np.arange(n_points // 2)
+    turns = np.exp(1j * phase[..., None, :] * orders[:, None])  # (rows, orders, points)
+    weighted = wave * (slowness / period_s) / n_points
+    coefficients = (weighted[:, None, :] @ turns.conj().swapaxes(-1, -2))[:, 0]
+    change = coefficients * (transfer(orders / period_s) - 1.0)
+    change[:, 1:] *= 2.0
+    return wave + (change[:, None, :] @ turns)[:, 0].real
+
+
+def _time_phase(share: Floats) -> Floats:
+    """2 pi times the share of the period that has passed at each crank angle; `share` has mean 1."""
+    n_points = share.shape[-1]
+    spectrum = np.fft.rfft(share, axis=-1)
+    spectrum[..., 0] = 0.0
+    spectrum[..., 1:] /= 1j * np.arange(1, spectrum.shape[-1])
+    return (np.arange(n_points) + 0.5) * TWO_PI / n_points + np.fft.irfft(spectrum, n_points, axis=-1)
+
+
+def _filtered_start(wave: Floats, transfer: TransferFunction) -> Floats:
+    n = wave.shape[-1]
+    first, last = wave[..., :1], wave[..., -1:]
+    slope = wave[..., 1:2] - first
+    before = first + slope * np.arange(-n, 0)
+    before = np.where(before * first > 0, before, 0.0)
+    before = np.where(np.abs(before) <= np.abs(first), before, first)
+    fade = 0.5 + 0.5 * np.cos(np.pi * np.arange(n) / n)
+    after = np.concatenate([np.broadcast_to(last, wave.shape), last * fade], axis=-1)
+    long = np.concatenate([before, wave, after], axis=-1)
+    spectrum = np.fft.rfft(long, axis=-1)
+    frequency_hz = np.arange(spectrum.shape[-1])[None, :] / (long.shape[-1] * START_UP_STEP_S)
+    change = np.fft.irfft(spectrum * (transfer(frequency_hz) - 1.0), long.shape[-1], axis=-1)
+    return wave + change[..., n : 2 * n]
+
+
+def stroke_rate_hz(state: State) -> Floats:
+    """Strokes per second of each unit, shape (n_units, 1)."""
+    return 1.0 / (TWO_PI * np.mean(1.0 / np.maximum(state.speed_rad_s, 1e-3), axis=-1, keepdims=True))
+
+
+def time_derivative(wave: Floats, state: State) -> Floats:
+    """Differentiate a wave on the state's grid with time, per second."""
+    if state.kind == "running":
+        return state.speed_rad_s * angle_derivative(wave)
+    return np.gradient(wave, START_UP_STEP_S, axis=-1)
 
 
 def force_reading(baseline: Baseline, state: State, reading: Floats) -> Signature:

@@ -1,0 +1,48 @@
+"""The blade dulls: k (1 + w g(distance cut)), monotone over its life, no recovery at rest.
+
+g = (d / 10 m)^q with q = 0.5, 1, 1.5, or a quick running-in 1 - exp(-d/d_0). w is the growth over the first
+10 m, for the running-in form the growth at its end. Positive amplitude: the force grows. Heat and offset
+drift recover at rest or leave the shape alone. The paper changes its blades when the specific force has
+grown by 20 %; rate: assumed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from diagnosis.effects.effect import Effect, Strength
+from diagnosis.equations import Baseline, Signature
+from diagnosis.state import State
+
+_UNIT_M = 10.0
+
+
+def _signature(
+    baseline: Baseline, state: State, power: float = 1.0, run_in_m: float = 0.0
+) -> tuple[Signature, ...]:
+    if state.setting.is_idle:
+        return ({},)
+    distance_m = np.maximum(state.cut_distance_m, 0.0)
+    growth = 1.0 - np.exp(-distance_m / run_in_m) if run_in_m > 0.0 else (distance_m / _UNIT_M) ** power
+    return ({"cutting": baseline.expected_force(state) * growth},)
+
+
+EFFECT = Effect(
+    name="blade_wear",
+    place="cutting",
+    equation="k * (1 + w * distance cut)",
+    strength=Strength(
+        name="growth_per_10_m",
+        unit="1",
+        typical=0.1,
+        low=0.1,
+        high=4.0,
+        source="assumed; limit 20 %: the paper",
+    ),
+    signature=_signature,
+    shapes=(*({"power": q} for q in (1.0, 0.5, 1.5)), {"run_in_m": 3.0}, {"run_in_m": 10.0}),
+    needs=("force_n",),
+    grows_with=("time",),
+    confused_with=("force_offset_drift", "chip_thickness"),
+    told_apart_by="the same operating point with a worn and a new blade, after a rest",
+)

@@ -1,0 +1,37 @@
+"""Brushes take a voltage that hardly depends on the current: V sgn(i), 0.5 to 1.5 V for the pair.
+
+    L di/dt = U - R i - k_e w - V tanh(i / i_0)
+
+Positive amplitude: a constant voltage is missing at every duty. Below i_0 the drop turns ohmic. A diode
+drop shrinks with duty, resistance grows with current. Range: handbooks on carbon brushes (0.3 V copper
+graphite to 1 V a brush).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from diagnosis.effects.effect import Effect, Strength
+from diagnosis.equations import Baseline, Signature
+from diagnosis.state import State
+
+
+def _signature(baseline: Baseline, state: State, knee_a: float) -> tuple[Signature, ...]:
+    if state.current_a is None:
+        return ({},)
+    return ({"electrical": np.tanh(state.current_a / knee_a)},)
+
+
+EFFECT = Effect(
+    name="brush_voltage_drop",
+    place="electrical",
+    equation="V * sgn(i) in the armature circuit",
+    strength=Strength(
+        name="voltage_v", unit="V", typical=0.8, low=0.1, high=3.0, source="handbooks on carbon brushes"
+    ),
+    signature=_signature,
+    shapes=tuple({"knee_a": i} for i in (0.1, 1.0, 3.0)),
+    needs=("motor_current_a", "battery_voltage_v"),
+    confused_with=("converter_diode_drop", "winding_heating"),
+    told_apart_by="trials at several duties, idle and loaded",
+)

@@ -1,0 +1,44 @@
+"""Thicker chips cut harder: k grows with feed per stroke, k (h / h_ref)^m, h = feed / stroke rate.
+
+h_ref = 0.3 mm. The gain changes with feed and stroke rate, the shape of the force over the stroke does not.
+Nothing can be said where nobody told the feed. m = 0.4 to 0.9 in wood (tooth forces about h^0.68; Kivimaa
+1950 and later). A speed exponent changes the shape too; wear grows whatever the feed.
+"""
+
+from __future__ import annotations
+
+from diagnosis.effects.effect import Effect, Strength
+from diagnosis.effects.transfer import stroke_rate_hz
+from diagnosis.equations import Baseline, Signature
+from diagnosis.state import State
+
+_H_REF_M = 3e-4
+
+
+def _signature(baseline: Baseline, state: State, exponent: float) -> tuple[Signature, ...]:
+    if state.setting.is_idle or not state.setting.feed_m_s > 0.0 or state.kind != "running":
+        return ({},)
+    thickness_m = state.setting.feed_m_s / stroke_rate_hz(state)
+    return ({"cutting": baseline.expected_force(state) * ((thickness_m / _H_REF_M) ** exponent - 1.0)},)
+
+
+EFFECT = Effect(
+    name="chip_thickness",
+    place="cutting",
+    equation="k proportional to (feed / stroke rate)^m",
+    strength=Strength(
+        name="exponent",
+        unit="1",
+        typical=1.0,
+        low=0.6,
+        high=1.5,
+        source="0.4 to 0.9: wood cutting literature",
+    ),
+    signature=_signature,
+    shapes=tuple({"exponent": m} for m in (0.3, 0.45, 0.6, 0.75, 0.9)),
+    shape_strength=lambda amplitude, shape: amplitude * shape["exponent"],
+    needs=("force_n",),
+    grows_with=("feed", "speed"),
+    confused_with=("cutting_speed_exponent", "blade_wear"),
+    told_apart_by="trials at several feeds",
+)

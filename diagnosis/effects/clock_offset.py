@@ -1,0 +1,85 @@
+"""One device's clock is late by 0.1 to 10 ms: its channels come as a pure delay, F_m(t) = F(t - tau).
+
+late force         the load cell alone: cutting and (through the reading) mechanical residual
+late CAN           motor current, battery voltage and current together: U - R i - L di/dt is the back-EMF of
+                   tau ago, k_m i the torque of tau ago; the converter stays right
+late displacement  angle and speed of tau ago: force and CAN look early
+
+Positive tau: late. Forms: a constant delay; a delay that drifts over the session (tau at 1000 s, clocks not
+aligned again between trials); one that drifts within each trial (tau at 10 s). No amplitude is lost, unlike
+in a lag. Latencies of USB, serial and CAN chains 0.1 to 10 ms, quartz clocks 10 to 100 ppm (data sheets).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.recording import Floats
+from diagnosis.effects.effect import Effect, Strength
+from diagnosis.effects.transfer import filtered, force_reading
+from diagnosis.equations import Baseline, Signature
+from diagnosis.state import State
+
+FORCE, CAN, DISPLACEMENT = 0.0, 1.0, 2.0
+_SESSION_UNIT_S, _TRIAL_UNIT_S = 1000.0, 10.0
+
+
+def _signature(
+    baseline: Baseline, state: State, device: float, tau_s: float, drifts: float
+) -> tuple[Signature, ...]:
+    session_s, trial_s = state.setting.session_s + state.time_s, state.time_s
+    delay_s = tau_s * (1.0, session_s / _SESSION_UNIT_S, trial_s / _TRIAL_UNIT_S)[int(drifts)]
+    if device == FORCE:
+        return (_late_force(baseline, state, delay_s),)
+    # Early CAN beside a displacement that sets the time is late CAN with the other sign.
+    found = _late_can(baseline, state, delay_s if device == CAN else -delay_s)
+    if device == DISPLACEMENT:
+        for name, wave in _late_force(baseline, state, -delay_s).items():
+            found[name] = found.get(name, 0.0) + wave
+    return (found,)
+
+
+def _delayed(wave: Floats, state: State, delay_s: Floats | float) -> Floats:
+    return filtered(wave, state, lambda f: np.exp(-2j * np.pi * f * delay_s))
+
+
+def _late_force(baseline: Baseline, state: State, delay_s: Floats | float) -> Signature:
+    return force_reading(baseline, state, _delayed(baseline.expected_force(state), state, delay_s))
+
+
+def _late_can(baseline: Baseline, state: State, delay_s: Floats | float) -> Signature:
+    if state.current_a is None:
+        return {}
+    plant = baseline.plant
+    emf = plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * state.speed_rad_s
+    in_time_a = _delayed(state.current_a, state, -delay_s)
+    return {
+        "electrical": _delayed(emf, state, delay_s) - emf,
+        "mechanical": plant.torque_constant_n_m_per_a.nominal * (state.current_a - in_time_a),
+    }
+
+
+def _shapes() -> tuple[dict[str, float], ...]:
+    constant = [(0.0, tau) for tau in np.geomspace(1e-4, 1e-2, 16)]
+    drifting = [(kind, tau) for kind in (1.0, 2.0) for tau in np.geomspace(3e-4, 3e-2, 8)]
+    return tuple(
+        {"device": device, "tau_s": float(tau), "drifts": kind}
+        for device in (FORCE, CAN, DISPLACEMENT)
+        for kind, tau in constant + drifting
+    )
+
+
+EFFECT = Effect(
+    name="clock_offset",
+    place="sensing",
+    equation="channels of one device: y_m(t) = y(t - tau)",
+    strength=Strength(
+        name="delay_s", unit="s", typical=1.0, low=0.7, high=1.4, source="data sheets of interfaces"
+    ),
+    signature=_signature,
+    shapes=_shapes(),
+    shape_strength=lambda amplitude, shape: amplitude * shape["tau_s"],
+    grows_with=("speed",),
+    confused_with=("force_sensor_lag", "current_sensor_lag", "blade_compliance"),
+    told_apart_by="every channel of the device by the same time, at several speeds; no amplitude is lost",
+)

@@ -1,0 +1,61 @@
+"""The controller pulls the duty back above i_max: flat-topped start-up and peaks of the current.
+
+At the limit di/dt is about 0, so the voltage pulled back is what is left: duty V_b - R i_max - k_e w > 0.
+The baseline still counts it (electrical residual positive) and expects more battery current (converter
+residual negative, by the same share of the current). Forms: hard (the current stays within a few per cent
+of the campaign's top current), soft (the duty falls in proportion to the excess over a knee; the unit is
+then all the voltage that R times the top current leaves). Without a limit the left-over voltage at the top
+of a start-up is 0, so is the signature. Limits of 10 to 40 A: assumed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.recording import Floats
+from diagnosis.effects.effect import Effect, Strength
+from diagnosis.equations import Baseline, Signature
+from diagnosis.state import State
+
+_EDGE = 0.015
+
+
+def _signature(baseline: Baseline, state: State, share: float, soft: float) -> tuple[Signature, ...]:
+    top_a = state.slow["top_current_a"]
+    if state.current_a is None or not np.all(top_a > 0.0):
+        return ({},)
+    plant = baseline.plant
+    if soft:
+        left_v = np.maximum(state.motor_voltage_v - plant.resistance_ohm.nominal * top_a, 0.0)
+        lack_v = left_v * np.clip((state.current_a / top_a - share) / (1.0 - share), 0.0, 1.0)
+    else:
+        lack_v = _left_over(baseline, state, state.current_a) / (
+            1.0 + np.exp(np.clip((share - state.current_a / top_a) / _EDGE, -50.0, 50.0))
+        )
+    pulled_back = lack_v / np.maximum(state.motor_voltage_v, 1e-3)
+    return ({"electrical": lack_v, "converter": -state.setting.duty * pulled_back * state.current_a},)
+
+
+def _left_over(baseline: Baseline, state: State, current_a: Floats) -> Floats:
+    plant = baseline.plant
+    emf = plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * state.speed_rad_s
+    return np.maximum(state.motor_voltage_v - plant.resistance_ohm.nominal * current_a - emf, 0.0)
+
+
+EFFECT = Effect(
+    name="current_limit",
+    place="electrical",
+    equation="duty falls so that i <= i_max",
+    strength=Strength(
+        name="voltage_share_pulled_back", unit="1", typical=1.0, low=0.1, high=1.5, source="assumed"
+    ),
+    signature=_signature,
+    shapes=(
+        *({"share": s, "soft": 0.0} for s in (0.96, 0.92, 0.86)),
+        *({"share": s, "soft": 1.0} for s in (0.5, 0.7, 0.85)),
+    ),
+    needs=("motor_current_a", "battery_voltage_v"),
+    grows_with=("load",),
+    confused_with=("brush_voltage_drop", "winding_heating"),
+    told_apart_by="a recorded start-up; the histogram of the current",
+)

@@ -1,0 +1,40 @@
+"""A force of the cutting edge that does not depend on speed: F = F_0 + k v on the cutting half.
+
+Positive amplitude: the force steps up at the reversal, where the baseline rises from 0. The reading is the
+true force. Forms: sharp and smooth onset; one F_0 for all stocks, or in proportion to the cutting
+coefficient (240 N*s/m as the unit), since more teeth are in thicker stock. A speed
+exponent bends the curve, an edge force shifts it. Mechanistic models of cutting carry such an edge term
+(Altintas, Manufacturing Automation); 10 to 40 % of the peak force: assumed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from diagnosis.effects.effect import Effect, Strength
+from diagnosis.equations import Baseline, Signature
+from diagnosis.state import State
+
+_K_UNIT_N_S_PER_M = 240.0
+
+
+def _signature(baseline: Baseline, state: State, onset_m_s: float, by_stock: float) -> tuple[Signature, ...]:
+    if state.setting.is_idle:
+        return ({},)
+    force = np.tanh(baseline.cutting_speed(state) / onset_m_s)
+    if by_stock:
+        force = force * state.slow["k_guess_n_s_per_m"] / _K_UNIT_N_S_PER_M
+    return ({"cutting": force},)
+
+
+EFFECT = Effect(
+    name="edge_force",
+    place="cutting",
+    equation="F = F_0 + k * v on the cutting half",
+    strength=Strength(name="force_n", unit="N", typical=40.0, low=0.1, high=4.0, source="assumed"),
+    signature=_signature,
+    shapes=tuple({"onset_m_s": v, "by_stock": s} for v in (0.01, 0.04, 0.12) for s in (0.0, 1.0)),
+    needs=("force_n",),
+    confused_with=("cutting_speed_exponent", "preload_lift_off"),
+    told_apart_by="trials at several speeds",
+)

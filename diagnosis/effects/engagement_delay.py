@@ -1,0 +1,42 @@
+"""The teeth bite late: no force until a fraction of the cutting half has been travelled.
+
+    F = 0 while travelled / stroke < d,  then k v  (sharp, or rising over a few per cent of the stroke)
+
+Fixed in position, whatever the speed; the reading is the true force. Baseline minus what is missing:
+negative residual at the start of the cut. Backlash delays by far less and also bends the displacement; a
+lag moves with the stroke rate. Range 2 to 40 % of the travel: assumed (play of blade and workpiece, tooth
+pitch over thickness).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from diagnosis.effects.effect import Effect, Strength
+from diagnosis.equations import Baseline, Signature
+from diagnosis.state import State
+
+
+def _signature(baseline: Baseline, state: State, fraction: float, ramp: float) -> tuple[Signature, ...]:
+    travelled = 0.5 * (1.0 - baseline.cutting_sign * np.cos(state.angle_rad))
+    engaged = np.clip((travelled - fraction) / ramp + 0.5, 0.0, 1.0)
+    return ({"cutting": -baseline.expected_force(state) * (1.0 - engaged)},)
+
+
+EFFECT = Effect(
+    name="engagement_delay",
+    place="cutting",
+    equation="F = 0 until a fraction of the cutting half is travelled",
+    strength=Strength(name="fraction", unit="1", typical=1.0, low=0.7, high=1.3, source="assumed"),
+    signature=_signature,
+    shapes=tuple(
+        {"fraction": d, "ramp": ramp}
+        for d in (0.02, 0.04, 0.07, 0.1, 0.14, 0.18, 0.22, 0.27, 0.33, 0.4)
+        for ramp in (0.01, 0.08)
+    ),
+    shape_strength=lambda amplitude, shape: amplitude * shape["fraction"],
+    needs=("force_n",),
+    grows_with=("position",),
+    confused_with=("yoke_backlash", "cutting_speed_exponent", "force_sensor_lag"),
+    told_apart_by="trials at several speeds: it stays at one blade position",
+)

@@ -1,0 +1,53 @@
+"""The zero of the load cell drifts over the session: F_m = F + d(t).
+
+d per 1000 s: linear, square root, or a warm-up 1 - exp(-t/t_w) (unit: its end). Rising and falling zeros
+are separate forms (an amplitude is positive); reported is the signed drift. The same at all angles, cutting
+or not; the mechanical residual, which uses the reading, shows it as -d times the lever. A constant offset
+is no drift (see nuisances). Bridge amplifiers and strain gauges: 0.02 to 0.1 % of the range per 10 K, that
+is 1 to 10 N (data sheets).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from diagnosis.effects.effect import Effect, Strength
+from diagnosis.effects.transfer import force_reading
+from diagnosis.equations import Baseline, Signature
+from diagnosis.state import State
+
+_UNIT_S = 1000.0
+
+
+def _signature(
+    baseline: Baseline, state: State, direction: float, power: float = 1.0, warm_up_s: float = 0.0
+) -> tuple[Signature, ...]:
+    elapsed_s = np.maximum(state.setting.session_s + state.time_s, 0.0)
+    drift = 1.0 - np.exp(-elapsed_s / warm_up_s) if warm_up_s > 0.0 else (elapsed_s / _UNIT_S) ** power
+    return (force_reading(baseline, state, baseline.expected_force(state) + direction * drift),)
+
+
+EFFECT = Effect(
+    name="force_offset_drift",
+    place="sensing",
+    equation="F_m = F + d(t)",
+    strength=Strength(
+        name="drift_n_per_1000_s",
+        unit="N",
+        typical=4.0,
+        low=0.1,
+        high=6.0,
+        source="bridge amplifiers' data sheets",
+    ),
+    signature=_signature,
+    shapes=tuple(
+        {"direction": d, **form}
+        for form in ({"power": 1.0}, {"power": 0.5}, {"warm_up_s": 100.0}, {"warm_up_s": 400.0})
+        for d in (1.0, -1.0)
+    ),
+    shape_strength=lambda amplitude, shape: amplitude * shape["direction"],
+    needs=("force_n",),
+    grows_with=("time",),
+    confused_with=("blade_wear", "return_stroke_rubbing"),
+    told_apart_by="idle runs before and after",
+)

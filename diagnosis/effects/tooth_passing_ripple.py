@@ -1,0 +1,39 @@
+"""Single teeth show in the force: F (1 + a sin(2 pi x / p + psi)), x the blade's position, p the pitch.
+
+Locked to the blade's position, so it chirps in time: fast at mid stroke, slow at the dead centres. The
+reading is the true force. Free phase: sine and cosine part. The pitch grid advances by a fifth of a turn
+over 20 mm from one entry to the next. A resonance rings at one frequency whatever the position. Jigsaw
+blades: 1.8 to 4.5 mm (makers' catalogues, 6 to 14 teeth an inch); depth: assumed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from diagnosis.effects.effect import Effect, Strength
+from diagnosis.equations import Baseline, Signature
+from diagnosis.state import TWO_PI, State
+
+_TEETH_PER_M = np.arange(220.0, 560.0 + 1.0, 10.0)
+
+
+def _signature(baseline: Baseline, state: State, pitch_m: float) -> tuple[Signature, ...]:
+    phase = TWO_PI * baseline.radius_m * (1.0 - np.cos(state.angle_rad)) / pitch_m
+    force = baseline.expected_force(state)
+    return {"cutting": force * np.sin(phase)}, {"cutting": force * np.cos(phase)}
+
+
+EFFECT = Effect(
+    name="tooth_passing_ripple",
+    place="cutting",
+    equation="F * (1 + a * sin(2 pi x / p + psi))",
+    strength=Strength(
+        name="depth", unit="1", typical=0.15, low=0.1, high=3.0, source="assumed; pitch: blade catalogues"
+    ),
+    signature=_signature,
+    shapes=tuple({"pitch_m": float(1.0 / n)} for n in _TEETH_PER_M),
+    needs=("force_n",),
+    grows_with=("position", "load"),
+    confused_with=("carriage_resonance",),
+    told_apart_by="trials at other speeds: it keeps its blade position, a resonance its frequency",
+)
