@@ -15,9 +15,9 @@ from modeling import averaging_kernel as averaging
 from modeling import discharge_kernel as strokes
 from modeling import slots
 from modeling.parameters import JigsawParameters
-from modeling.steady_state import model_vector, periodic_vector, steps_for
+from modeling.steady_state import model_vector, periodic_vector
 from modeling.supplies import FixedDuty, FixedVoltage, HeldVoltage
-from modeling.transient import AT_REST, Cutting, InitialState
+from modeling.transient import AT_REST, Cutting, InitialState, steps_for
 from modeling.validation import positive
 
 Floats = NDArray[np.float64]

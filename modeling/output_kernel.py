@@ -10,6 +10,7 @@ from modeling import slots
 from modeling.compilation import kernel
 from modeling.machine import TWO_PI, cutter, drive, levers, machine, open_circuit, source, spline_force
 from modeling.mechanisms import scotch_yoke, slider_crank
+from modeling.turn_segments import breaks
 
 
 @kernel()
@@ -63,3 +64,19 @@ def stored_energy(p, current, crank_speed, angle):
         0.5 * p[slots.INDUCTANCE] * current * current
         + 0.5 * (m[5] + m[6] * g * g) * crank_speed * crank_speed
     )
+
+
+@kernel()
+def play_velocity(p, angle, motor_speed):
+    """Blade velocity with the backlash's play, m/s: 0 until the pin has crossed it."""
+    c = cutter(p)
+    edges = np.empty((2, 2))
+    breaks(p, edges)
+    out = np.empty(len(angle))
+    for k in range(len(angle)):
+        turn = angle[k] - TWO_PI * math.floor(angle[k] / TWO_PI)
+        half = 1 if turn >= math.pi else 0
+        g, _ = levers(c, math.sin(turn), math.cos(turn))
+        is_free = turn - half * math.pi < edges[half, 0]
+        out[k] = 0.0 if is_free else g * motor_speed[k] / p[slots.GEAR]
+    return out

@@ -164,6 +164,28 @@ _DEFAULTS: Final = np.array([default for _, default, _ in SLOTS])
 _DEFAULTS.setflags(write=False)
 
 
+_POSITIVE: Final = (
+    "guide_stribeck_speed_m_s",
+    "tooth_pitch_m",
+    "cutting_reference_speed_m_s",
+    "chip_reference_m",
+    "grain_wavelength_m",
+    "winding_thermal_resistance_k_per_w",
+    "polarization_time_constant_s",
+)
+_NOT_NEGATIVE: Final = (
+    "backlash_m",
+    "blade_compliance_m_per_n",
+    "cutting_exponent",
+    "feed_m_s",
+    "engagement_fraction",
+    "winding_heat_capacity_j_per_k",
+    "current_limit_a",
+    "tooth_amplitude",
+    "grain_amplitude",
+)
+
+
 def defaults() -> NDArray[np.float64]:
     """Return a fresh vector, shape (N_SLOTS,), with every effect switched off.
 
@@ -175,7 +197,19 @@ def defaults() -> NDArray[np.float64]:
     return _DEFAULTS.copy()
 
 
-def set_effects(vector: NDArray[np.float64], effects: Mapping[str, float] | None) -> bool:
+def needs_extended(vector: NDArray[np.float64]) -> bool:
+    """Whether a vector holds anything that the baseline kernels leave out.
+
+    Examples
+    --------
+    >>> needs_extended(defaults())
+    False
+    """
+    first = GUIDE_COULOMB
+    return bool(vector[RC_RESISTANCE] != 0.0 or (vector[first:] != _DEFAULTS[first:]).any())
+
+
+def set_effects(vector: NDArray[np.float64], effects: Mapping[str, float] | None) -> None:
     """Write named effect slots into a vector, in place.
 
     Parameters
@@ -183,11 +217,6 @@ def set_effects(vector: NDArray[np.float64], effects: Mapping[str, float] | None
     vector : ndarray, shape (N_SLOTS,)
     effects : mapping of slot name to value, or None
         Any of `EFFECT_NAMES`, units as in `UNITS`.
-
-    Returns
-    -------
-    bool
-        True where any effect differs from its default, so that the extended kernel is needed.
 
     Raises
     ------
@@ -197,8 +226,9 @@ def set_effects(vector: NDArray[np.float64], effects: Mapping[str, float] | None
     Examples
     --------
     >>> vector = defaults()
-    >>> set_effects(vector, {"brush_drop_v": 1.0}), float(vector[BRUSH])
-    (True, 1.0)
+    >>> set_effects(vector, {"brush_drop_v": 1.0})
+    >>> float(vector[BRUSH]), needs_extended(vector)
+    (1.0, True)
     """
     for name, value in (effects or {}).items():
         if name not in EFFECT_NAMES:
@@ -206,5 +236,26 @@ def set_effects(vector: NDArray[np.float64], effects: Mapping[str, float] | None
         if not np.isfinite(value):
             raise InputError(f"effect {name} must be finite, got {value!r} {UNITS[name]}")
         vector[INDEX[name]] = float(value)
-    first = GUIDE_COULOMB
-    return bool((vector[first:] != _DEFAULTS[first:]).any())
+    _check_effects(vector)
+
+
+def _check_effects(vector: NDArray[np.float64]) -> None:
+    """Raise InputError where an effect lacks what it needs or is out of its range."""
+    for name in _POSITIVE:
+        if vector[INDEX[name]] <= 0:
+            raise InputError(
+                f"effect {name} must be greater than 0, got {vector[INDEX[name]]!r} {UNITS[name]}"
+            )
+    for name in _NOT_NEGATIVE:
+        if vector[INDEX[name]] < 0:
+            raise InputError(f"effect {name} must not be negative, got {vector[INDEX[name]]!r} {UNITS[name]}")
+    if vector[COMPLIANCE] > 0 and vector[K_FC] <= 0:
+        raise InputError(
+            "effect blade_compliance_m_per_n acts on the linear force: it needs k_fc_n_s_per_m > 0"
+        )
+    if vector[CHIP_EXPONENT] != 0 and vector[FEED] <= 0:
+        raise InputError("effect chip_exponent needs feed_m_s > 0")
+    if vector[RADIUS] > 0 and vector[BACKLASH] >= 2 * vector[RADIUS]:
+        raise InputError(f"effect backlash_m must be below the stroke, got {vector[BACKLASH]!r} m")
+    if vector[ENGAGEMENT] >= 1:
+        raise InputError(f"effect engagement_fraction must be below 1, got {vector[ENGAGEMENT]!r}")

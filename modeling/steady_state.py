@@ -14,7 +14,7 @@ from modeling import periodic_kernel as kernel
 from modeling import slots
 from modeling.parameters import JigsawParameters
 from modeling.supplies import Supply
-from modeling.transient import NO_TABLE, Cutting, battery_table
+from modeling.transient import NO_TABLE, Cutting, battery_table, steps_for
 from modeling.validation import finite
 
 Floats = NDArray[np.float64]
@@ -136,27 +136,6 @@ class PeriodicBatch:
     is_periodic: NDArray[np.bool_]
 
 
-def steps_for(spline: Floats | None, default: int) -> int:
-    """Steps a turn: the default, or with a measured force one a spline interval (or two, ... where they are many).
-
-    Steps that end on the nodes see a polynomial; steps that straddle them lose two orders, unseen by the embedded
-    error estimate.
-
-    Examples
-    --------
-    >>> steps_for(None, 12), steps_for(np.zeros((64, 4)), 12), steps_for(np.zeros((256, 4)), 12)
-    (12, 64, 64)
-    """
-    if spline is None or len(spline) == 0:
-        return default
-    n = len(spline)
-    while n > 96 and n % 4 == 0:
-        n //= 2
-    while n < default:
-        n *= 2
-    return n
-
-
 def model_vector(
     parameters: JigsawParameters,
     supply: Supply,
@@ -168,8 +147,8 @@ def model_vector(
     supply.fill(vector)
     cutting.fill(vector)
     spline = cutting.spline()
-    has_effects = bool(effects) and slots.set_effects(vector, effects)
-    return vector, NO_TABLE if spline is None else spline, battery_table(supply), has_effects
+    slots.set_effects(vector, effects)
+    return vector, NO_TABLE if spline is None else spline, battery_table(supply), slots.needs_extended(vector)
 
 
 def steady_state(

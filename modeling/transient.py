@@ -48,12 +48,25 @@ class InitialState:
         Motor current.
     soc : float
         State of charge, 0..1.
+    blade_force_n : float
+        Force stored in the blade, with blade_compliance_m_per_n.
+    winding_temperature_rise_k : float
+        Above the temperature that resistance and constants are stated for.
+    rc_voltage_v, polarization_v : float
+        Across the battery's RC element, and across that of the polarization effect.
+    cut_distance_m : float
+        That the blade has cut before, for wear_per_m.
     """
 
     crank_angle_rad: float = 0.0
     motor_speed_rad_s: float = 0.0
     current_a: float = 0.0
     soc: float = 1.0
+    blade_force_n: float = 0.0
+    winding_temperature_rise_k: float = 0.0
+    rc_voltage_v: float = 0.0
+    polarization_v: float = 0.0
+    cut_distance_m: float = 0.0
 
     def __post_init__(self) -> None:
         finite("crank_angle_rad", self.crank_angle_rad, "rad")
@@ -62,7 +75,27 @@ class InitialState:
         finite("soc", self.soc, "")
         if not 0 <= self.soc <= 1:
             raise InputError(f"soc must be in [0, 1], got {self.soc!r}")
+        for name, unit in _SLOW_UNITS:
+            finite(name, getattr(self, name), unit)
 
+    @property
+    def is_baseline(self) -> bool:
+        """Whether the quantities that only effects know are all 0."""
+        return not any(getattr(self, name) for name, _ in _SLOW_UNITS)
+
+    def to_state(self, gear_ratio: float) -> Floats:
+        """Return current, crank speed, crank angle, charge and the slow quantities, shape (9,)."""
+        fast = (self.current_a, self.motor_speed_rad_s / gear_ratio, self.crank_angle_rad, self.soc)
+        return np.array([*fast, *(getattr(self, name) for name, _ in _SLOW_UNITS)])
+
+
+_SLOW_UNITS = (
+    ("blade_force_n", "N"),
+    ("winding_temperature_rise_k", "K"),
+    ("rc_voltage_v", "V"),
+    ("polarization_v", "V"),
+    ("cut_distance_m", "m"),
+)
 
 AT_REST = InitialState()
 
@@ -113,6 +146,8 @@ class EnergyBalance:
         Integral of cutting force times blade speed.
     conversion_j : float
         Integral of (k_e - k_m) i omega: 0 for an ideal motor; the paper's constants differ.
+    other_j : float
+        Friction, windage, rubbing, eccentricity and brushes, where effects are on.
     stored_j : float
         Change of magnetic and kinetic energy.
     closure_error : float
@@ -124,6 +159,7 @@ class EnergyBalance:
     damping_j: float
     cutting_j: float
     conversion_j: float
+    other_j: float
     stored_j: float
     closure_error: float
 
@@ -151,6 +187,10 @@ class Trajectory:
         Battery table, no rows where there is none.
     record : ndarray
         Integrals, end state and counts of the kernel; see `energy`, `error_estimate`.
+    start : ndarray, shape (9,)
+        State at time 0.
+    seen : ndarray, shape (5, n), or None
+        Force, displacement and voltages as a run with effects leaves them.
     """
 
     time_s: Floats
@@ -165,6 +205,7 @@ class Trajectory:
     ocv: Floats
     record: Floats = field(repr=False)
     start: Floats = field(repr=False)
+    seen: Floats | None = field(default=None, repr=False)
 
     @property
     def motor_angle_rad(self) -> Floats:
@@ -217,9 +258,14 @@ class Trajectory:
         return _energy(self.vector, self.record, self.start)
 
     def _blade(self) -> Floats:
+        if self.seen is not None:
+            velocity = _outputs().play_velocity(self.vector, self.crank_angle_rad, self.motor_speed_rad_s)
+            return np.array([self.seen[1], velocity, self.seen[0]])
         return _outputs().blade(self.vector, self.spline, self.crank_angle_rad, self.motor_speed_rad_s)
 
     def _electric(self) -> Floats:
+        if self.seen is not None:
+            return self.seen[2:5]
         return _outputs().electric(self.vector, self.ocv, self.motor_current_a, self.soc)
 
 
@@ -287,18 +333,9 @@ def simulate(
     supply.fill(vector)
     cutting.fill(vector)
     spline = cutting.spline()
-    if effects and slots.set_effects(vector, effects):
-        raise InputError("effects are not yet part of simulate")
-    start = np.array(
-        [
-            initial.current_a,
-            initial.motor_speed_rad_s / parameters.gear_ratio,
-            initial.crank_angle_rad,
-            initial.soc,
-        ]
-    )
+    slots.set_effects(vector, effects)
     return run_vector(
-        vector, NO_TABLE if spline is None else spline, battery_table(supply), times, start, method=method
+        vector, NO_TABLE if spline is None else spline, battery_table(supply), times, initial, method=method
     )
 
 
@@ -307,17 +344,25 @@ def run_vector(
     spline: Floats,
     ocv: Floats,
     time_s: Floats,
-    start: Floats,
+    initial: InitialState = AT_REST,
     *,
     method: Method = DEFAULT_METHOD,
 ) -> Trajectory:
-    """Simulate a parameter vector; `start` is (current, crank speed, crank angle, soc). No checks."""
+    """Simulate a parameter vector; see `simulate`. No checks."""
+    start = initial.to_state(vector[slots.GEAR])
     out = np.empty((4, len(time_s)))
-    record = np.empty(kernel.N_RECORD)
-    tolerances = (method.angle_tolerance, method.time_tolerance)
-    code = kernel.simulate_baseline(
-        vector, spline, ocv, time_s, start, method.steps_per_turn, tolerances, out, record
-    )
+    seen = None
+    if slots.needs_extended(vector) or not initial.is_baseline:
+        from modeling.extended_transient import run_extended
+
+        code, record, seen = run_extended(vector, spline, ocv, time_s, start, method.time_tolerance, out)
+    else:
+        record = np.empty(kernel.N_RECORD)
+        tolerances = (method.angle_tolerance, method.time_tolerance)
+        n_steps = (
+            method.steps_per_turn if len(spline) == 0 else max(method.steps_per_turn, steps_for(spline, 16))
+        )
+        code = kernel.simulate_baseline(vector, spline, ocv, time_s, start, n_steps, tolerances, out, record)
     status, message = _STATUS[code]
     return Trajectory(
         time_s=time_s,
@@ -332,7 +377,29 @@ def run_vector(
         ocv=ocv,
         record=record,
         start=start,
+        seen=seen,
     )
+
+
+def steps_for(spline: Floats | None, default: int) -> int:
+    """Steps a turn: the default, or with a measured force one a spline interval (or two, ... where they are many).
+
+    Steps that end on the nodes see a polynomial; steps that straddle them lose two orders, unseen by the embedded
+    error estimate.
+
+    Examples
+    --------
+    >>> steps_for(None, 12), steps_for(np.zeros((64, 4)), 12), steps_for(np.zeros((256, 4)), 12)
+    (12, 64, 64)
+    """
+    if spline is None or len(spline) == 0:
+        return default
+    n = len(spline)
+    while n > 96 and n % 4 == 0:
+        n //= 2
+    while n < default:
+        n *= 2
+    return n
 
 
 _STATUS: dict[int, tuple[TransientStatus, str]] = {
@@ -369,22 +436,32 @@ def _grid(duration_s: float, rate_hz: float) -> Floats:
 
 def _energy(p: Floats, record: Floats, start: Floats) -> EnergyBalance:
     gear = p[slots.GEAR]
-    stored = _outputs().stored_energy(p, record[5], record[6], record[7]) - _outputs().stored_energy(
-        p, start[0], start[1], start[2]
-    )
+    end = record[kernel.END_CURRENT : kernel.END_ANGLE + 1]
+    stored = _outputs().stored_energy(p, end[0], end[1], end[2])
+    stored -= _outputs().stored_energy(p, start[0], start[1], start[2])
     supplied = record[kernel.E_SUPPLIED]
-    copper = p[slots.RESISTANCE] * record[kernel.E_COPPER]
-    damping = p[slots.DAMPING] * gear * gear * record[kernel.E_DAMPED]
-    conversion = (p[slots.BACK_EMF] - p[slots.TORQUE_CONSTANT]) * gear * record[kernel.E_CONVERTED]
-    cut = record[kernel.E_CUT]
-    missing = supplied - copper - damping - conversion - cut - stored
-    largest = max(abs(supplied), copper, damping, abs(cut), abs(stored), 1e-30)
+    if len(record) > kernel.N_RECORD:  # a run with effects keeps the terms themselves
+        copper, conversion, damping, cut, other = (
+            record[1],
+            record[2],
+            record[3],
+            record[4],
+            record[kernel.N_RECORD],
+        )
+    else:
+        copper = p[slots.RESISTANCE] * record[kernel.E_COPPER]
+        damping = p[slots.DAMPING] * gear * gear * record[kernel.E_DAMPED]
+        conversion = (p[slots.BACK_EMF] - p[slots.TORQUE_CONSTANT]) * gear * record[kernel.E_CONVERTED]
+        cut, other = record[kernel.E_CUT], 0.0
+    missing = supplied - copper - damping - conversion - cut - other - stored
+    largest = max(abs(supplied), copper, damping, abs(cut), abs(other), abs(stored), 1e-30)
     return EnergyBalance(
         electrical_in_j=float(supplied),
         copper_j=float(copper),
         damping_j=float(damping),
         cutting_j=float(cut),
         conversion_j=float(conversion),
+        other_j=float(other),
         stored_j=float(stored),
         closure_error=float(missing / largest),
     )
