@@ -1,10 +1,10 @@
 """Kalman filter and smoother of a turning crank, seen through its plunger's displacement.
 
-State: angle, speed, acceleration; the jerk is white noise of spectral density `jerk_density`.
-Measurement: y = c + x(angle) + noise, linearised about a given trajectory, so that repeating the smoother is a
-Gauss-Newton search for the most probable trajectory (iterated extended Kalman smoother, Bell 1994). The backward
-pass is the modified Bryson-Frazier one: no matrix is inverted, so a measurement without information
-(at a dead centre dx/dangle = 0) does no harm.
+State: angle, speed, acceleration; the jerk is white noise of spectral density `jerk_density`. Measurement: y
+= c + x(angle) + noise, linearised about a given trajectory, so that repeating the smoother is a Gauss-Newton
+search for the most probable trajectory (iterated extended Kalman smoother, Bell 1994). The backward pass is
+the modified Bryson-Frazier one: no matrix is inverted, so a measurement without information (at a dead centre
+dx/dangle = 0) does no harm.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def plunger_position(angle_rad, radius_m, rod_length_m):
 
 @njit(cache=True, nogil=True)
 def linearise(lin_angle, y, offset, radius, rod_length, variance, slope, target):
-    """Measurement rows: slope * angle = target; slope 0 where the sample is left out.
+    """Write measurement rows: slope * angle = target; slope 0 where the sample is left out.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def smooth(time, slope, target, variance, is_rest, start, start_std, jerk_densit
 
 @njit(cache=True, nogil=True)
 def _backward(time, predicted, innovation, out):
-    """Modified Bryson-Frazier pass: adjoint vector l and matrix m run backwards."""
+    """Run the modified Bryson-Frazier pass: adjoint vector l and matrix m run backwards."""
     n = len(time)
     l0 = l1 = l2 = 0.0
     m00 = m01 = m02 = m11 = m12 = m22 = 0.0

@@ -1,15 +1,17 @@
 """Crank angle and speed over time, from the plunger's displacement.
 
-1. The displacement is unfolded at its turning points: y = c + x(angle), angle always forward.
-2. Offset and radius come from the dead centres themselves, so a wrong nominal radius or a sensor centred on zero
+1. The displacement is unfolded at its turning points: y = c + x(angle), angle always forward. 2. Offset and
+radius come from the dead centres themselves, so a wrong nominal radius or a sensor centred on zero
    does no harm.
-3. An iterated Kalman smoother (`angle_smoother`) finds the most probable smooth trajectory through all samples;
+3. An iterated Kalman smoother (`angle_smoother`) finds the most probable smooth trajectory through all
+samples;
    the strength of the jerk is chosen by likelihood, the noise by the residuals, outliers are left out.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +19,7 @@ from numpy.typing import NDArray
 from bench.processed import CrankAngle
 from bench.recording import Floats
 from processing.angle_smoother import linearise, robust_variance, smooth
-from processing.noise import white_noise_std
+from processing.noise import robust_range, white_noise_std
 from processing.stroke_extremes import Travel, Turns, estimate_travel, find_rest, find_turns, moving_mean
 
 _KNOTS_A_STROKE = 128
@@ -71,14 +73,14 @@ def track_crank_angle(
     Returns
     -------
     CrankAngle or None
-        None where the plunger does not travel. Where there are more than 256 samples a stroke the angle is given
-        at block means, 128 or more a stroke.
+        None where the plunger does not travel. Where there are more than 256 samples a stroke the angle is
+        given at block means, 128 or more a stroke.
 
     Notes
     -----
     The crank is taken to turn forward only. Bias: none seen above 0.1 mrad with white noise; errors of the
-    displacement that repeat with the stroke (a bent sensor curve, play) show up as a speed ripple of their size
-    over the radius. `docs/processing.md` holds the measured errors.
+    displacement that repeat with the stroke (a bent sensor curve, play) show up as a speed ripple of their
+    size over the radius. `docs/processing.md` holds the measured errors.
 
     Examples
     --------
@@ -151,15 +153,15 @@ def _unfold(time: Floats, y: Floats, nominal_radius: float | None, rod_length: f
 
 
 def _turns_of(y: Floats, noise: float, width: int, *, drop_spikes: bool) -> Turns | None:
-    """Turning points, or None where the plunger does not travel or never turns twice.
+    """Find the turning points, or None where the plunger does not travel or never turns twice.
 
-    Travel is 20 noise standard deviations; less where the turns come as regularly as noise never does, because at few
-    samples a stroke the noise is overestimated.
+    Travel is 20 noise standard deviations; less where the turns come as regularly as noise never does,
+    because at few samples a stroke the noise is overestimated.
     """
     from scipy.ndimage import median_filter
 
     calm = moving_mean(median_filter(y, 5, mode="nearest") if drop_spikes else y, width)
-    low, high = np.percentile(calm, [1.0, 99.0])
+    low, high = robust_range(calm, 1.0)
     if high - low <= 0:
         return None
     turns = find_turns(calm, noise / np.sqrt(width))
@@ -174,7 +176,7 @@ def _block_means(time: Floats, y: Floats, block: int, step: float) -> tuple[Floa
     """Means of `block` samples each, never across a gap."""
     breaks = np.flatnonzero(np.diff(time) > 2.5 * step) + 1
     edges = np.r_[0, breaks, len(time)]
-    starts = np.concatenate([np.arange(a, b, block) for a, b in zip(edges[:-1], edges[1:], strict=True)])
+    starts = np.concatenate([np.arange(a, b, block) for a, b in pairwise(edges)])
     counts = np.diff(np.r_[starts, len(time)])
     return np.add.reduceat(time, starts) / counts, np.add.reduceat(y, starts) / counts
 
@@ -192,7 +194,8 @@ def _angle_between_turns(y: Floats, turns: Turns, travel: Travel, rod_length: fl
     passed = np.searchsorted(turns.index, np.arange(len(y)), side="right")
     first_top = bool(turns.is_top[0])
     half_turns = passed + (0 if first_top else 1)  # rising in even, falling in odd half turns
-    return np.where(half_turns % 2 == 0, within, 2 * np.pi - within) + 2 * np.pi * (half_turns // 2)
+    angle = np.where(half_turns % 2 == 0, within, 2 * np.pi - within) + 2 * np.pi * (half_turns // 2)
+    return np.asarray(angle, dtype=np.float64)
 
 
 def _bridge_gaps(time: Floats, angle: Floats, speed: float, step: float) -> Floats:
@@ -207,7 +210,7 @@ def _bridge_gaps(time: Floats, angle: Floats, speed: float, step: float) -> Floa
 
 
 def _choose_settings(u: _Unfolded) -> tuple[float, _Unfolded]:
-    """Jerk density by likelihood and noise from the residuals, on up to 8192 samples from the first motion on."""
+    """Jerk density by likelihood and noise by residuals, from up to 8192 samples after the first motion."""
     moving = np.flatnonzero(~u.is_rest)
     first = max(int(moving[0]) - 64, 0) if len(moving) else 0
     part = slice(first, first + 8192)
@@ -221,7 +224,9 @@ def _choose_settings(u: _Unfolded) -> tuple[float, _Unfolded]:
         best = max(scored)[1]
         out, _ = _run(sample, best, n_passes=4)
         residual = _residual(sample, out[:, 0])[~sample.is_rest]
-        noise = max(u.noise_std_m, 1.4826 * float(np.median(np.abs(residual)))) if len(residual) > 32 else noise
+        noise = (
+            max(u.noise_std_m, 1.4826 * float(np.median(np.abs(residual)))) if len(residual) > 32 else noise
+        )
     return best, replace(u, noise_std_m=noise)
 
 
@@ -259,7 +264,8 @@ def _run(u: _Unfolded, jerk_density: float, n_passes: int) -> tuple[Floats, floa
     likelihood = 0.0
     for step in range(n_passes):
         linearise(
-            angle, u.displacement_m, u.travel.offset_m, u.travel.radius_m, u.rod_length_m, variance, slope, target,
+            angle, u.displacement_m, u.travel.offset_m, u.travel.radius_m, u.rod_length_m,
+            variance, slope, target,
         )  # fmt: skip
         likelihood = smooth(
             u.time_s, slope, target, variance, u.is_rest, start, start_std, jerk_density,
@@ -280,14 +286,15 @@ def _run(u: _Unfolded, jerk_density: float, n_passes: int) -> tuple[Floats, floa
 def _choose_branch(u: _Unfolded, jerk_density: float, *, at_end: bool) -> _Unfolded:
     """Decide by likelihood on which side of a dead centre the crank started (or stopped).
 
-    Within noise of a dead centre the displacement cannot tell the two sides apart; the motion that follows can.
+    Within noise of a dead centre the displacement cannot tell the two sides apart; the motion that follows
+    can.
     """
     angle = u.angle_rad[::-1] if at_end else u.angle_rad
     dead_centre = np.pi * round(float(np.median(angle[:16])) / np.pi)
     if abs(float(np.median(angle[:16])) - dead_centre) > 0.6:
         return u
     leaves = np.flatnonzero(np.abs(angle - dead_centre) > 1.0)
-    if not len(leaves):
+    if not len(leaves) or leaves[0] == 0:
         return u
     head = slice(0, int(leaves[0]))
     step = float(np.median(np.diff(u.time_s)))

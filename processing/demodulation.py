@@ -1,8 +1,8 @@
 """Phase of one spectral line over time: the crank angle where there is no displacement.
 
-The signal is multiplied by a turning phasor, summed over blocks of a sixteenth of a cycle and smoothed by a Hann window
-of four cycles, whose zeros lie on the mean value, on half the rate and on every harmonic. Unlike a spectrum over
-the whole trial it follows a drift of the speed.
+The signal is multiplied by a turning phasor, summed over blocks of a sixteenth of a cycle and smoothed by a
+Hann window of four cycles, whose zeros lie on the mean value, on half the rate and on every harmonic. Unlike
+a spectrum over the whole trial it follows a drift of the speed.
 """
 
 from __future__ import annotations
@@ -41,19 +41,19 @@ class LinePhase:
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"})
-def _block_sums(values, block, step_rad, real, imaginary):
-    """Sums of values times exp(-i k step_rad) over blocks of samples; phase 0 at the first sample."""
-    c1, s1 = cos(step_rad), sin(step_rad)
+def _block_sums(values, level, cosine, sine, step_rad, real, imaginary):
+    """Sum (values - level) times exp(-i k step_rad) over blocks; the phasors of one block are given."""
+    block = len(cosine)
     for b in range(len(real)):
-        first = b * block
-        c, s = cos(first * step_rad), sin(first * step_rad)
+        part = values[b * block : (b + 1) * block]
         total_c = total_s = 0.0
-        for k in range(first, first + block):
-            total_c += values[k] * c
-            total_s += values[k] * s
-            c, s = c * c1 - s * s1, s * c1 + c * s1
-        real[b] = total_c
-        imaginary[b] = -total_s
+        for k in range(block):
+            d = part[k] - level
+            total_c += d * cosine[k]
+            total_s += d * sine[k]
+        c, s = cos(b * block * step_rad), sin(b * block * step_rad)
+        real[b] = total_c * c - total_s * s
+        imaginary[b] = -(total_c * s + total_s * c)
 
 
 def demodulate(start_s: float, step_s: float, values: Floats, line_hz: float) -> LinePhase:
@@ -85,13 +85,15 @@ def demodulate(start_s: float, step_s: float, values: Floats, line_hz: float) ->
     n_blocks = len(values) // block
     real, imaginary = np.empty(n_blocks), np.empty(n_blocks)
     step_rad = 2 * pi * line_hz * step_s
-    _block_sums(values - values.mean(), block, step_rad, real, imaginary)
+    in_block = np.arange(block) * step_rad
+    level = float(values[:: max(block // 2, 1)].mean())
+    _block_sums(values, level, np.cos(in_block), np.sin(in_block), step_rad, real, imaginary)
     taps = min(round(_WINDOW_CYCLES / (line_hz * step_s * block)), max(n_blocks // 2, 3))
     window = np.hanning(taps + 2)[1:-1]
     weight = np.convolve(np.ones(n_blocks), window, mode="same") * block
     z = (np.convolve(real, window, mode="same") + 1j * np.convolve(imaginary, window, mode="same")) / weight
     time = (np.arange(n_blocks) * block + 0.5 * (block - 1)) * step_s
-    phase = 2 * np.pi * line_hz * time + np.unwrap(np.angle(z))
+    phase = np.asarray(2 * np.pi * line_hz * time + np.unwrap(np.angle(z)), dtype=np.float64)
     return LinePhase(time_s=start_s + time, phase_rad=phase, amplitude=2 * np.abs(z))
 
 
@@ -122,8 +124,8 @@ def angle_from_line(
     Returns
     -------
     CrankAngle
-        Speed 0 where the line is weaker than 30 % of its median amplitude, off its rate by over 40 %, or fits for
-        less than the window of four cycles.
+        Speed 0 where the line is weaker than 30 % of its median amplitude, off its rate by over 40 %, or fits
+        for less than the window of four cycles.
     """
     step = float(np.median(np.diff(time_s)))
     grid = np.arange(time_s[0], time_s[-1] + 0.5 * step, step)

@@ -60,12 +60,12 @@ def estimate_peak_force(
 
     Notes
     -----
-    A polynomial of degree 4 through the mean force where it exceeds 85 % of its largest value gives the shape g and its
-    top; stroke k has the peak top * <f_k, g> / <g, g>. White noise does not bias this (the largest sample of a
-    stroke would be high by 2.5 to 3.5 noise standard deviations). The peak is that of the force locked to the
-    crank: tooth impacts that come at another angle in every stroke are averaged away, and a peak that wanders by
-    d rad from stroke to stroke comes out low by about 0.5 (curvature) d^2, 0.5 d^2 of it for a half sine. The standard
-    uncertainty allows for correlation of neighbouring strokes.
+    A polynomial of degree 4 through the mean force where it exceeds 85 % of its largest value gives the shape
+    g and its top; stroke k has the peak top * <f_k, g> / <g, g>. White noise does not bias this (the largest
+    sample of a stroke would be high by 2.5 to 3.5 noise standard deviations). The peak is that of the force
+    locked to the crank: tooth impacts that come at another angle in every stroke are averaged away, and a
+    peak that wanders by d rad from stroke to stroke comes out low by about 0.5 (curvature) d^2, 0.5 d^2 of it
+    for a half sine. The standard uncertainty allows for correlation of neighbouring strokes.
     """
     mean = cutting_force.mean
     n_bins = len(mean)
@@ -76,7 +76,7 @@ def estimate_peak_force(
     if len(window) < 5:
         window = np.arange(top - 2, top + 3)
     step = 2 * np.pi / n_bins
-    at = (window + 0.5) * step
+    at = np.asarray((window + 0.5) * step, dtype=np.float64)
     inside = (at > 0) & (at < 2 * np.pi)
     window, at = window[inside], at[inside]
     u = (at - at.mean()) / max(float(np.ptp(at)), step)
@@ -106,7 +106,7 @@ def _window_around(mean: Floats, top: int) -> NDArray[np.int64]:
 
 
 def standard_error(values: Floats) -> float:
-    """Standard uncertainty of the mean of values whose neighbours may be correlated.
+    """Give the standard uncertainty of the mean of values whose neighbours may be correlated.
 
     Parameters
     ----------
@@ -115,8 +115,8 @@ def standard_error(values: Floats) -> float:
     Returns
     -------
     float
-        s / sqrt(k), widened by the autocorrelation of lag 1 where that is positive and significant; for one value
-        its absolute value (nothing is known).
+        s / sqrt(k), widened by the autocorrelation of lag 1 where that is positive and significant; for one
+        value its absolute value (nothing is known).
 
     Examples
     --------

@@ -1,8 +1,9 @@
 """Stroke period: which line of the spectrum is the stroke, and how long a stroke lasts on average.
 
-The displacement has one line a stroke and is believed, after a look at half and twice the rate. Force and currents may
-have their strongest line at any order (belts at 0.27, alternating strokes at 0.5, torque ripple from 2 up): without
-displacement the answer is at most of moderate confidence, from a current alone always of low confidence.
+The displacement has one line a stroke and is believed, after a look at half and twice the rate. Force and
+currents may have their strongest line at any order (belts at 0.27, alternating strokes at 0.5, torque ripple
+from 2 up): without displacement the answer is at most of moderate confidence, from a current alone always of
+low confidence.
 """
 
 from __future__ import annotations
@@ -65,24 +66,23 @@ def find_stroke_line(
     Returns
     -------
     StrokeLine or None
-        None where no line stands out of the noise by a factor of 40 in power, or where the stretch holds fewer
-        than two cycles of it.
+        None where no line stands out of the noise by a factor of 40 in power, or where the stretch holds
+        fewer than two cycles of it.
 
     Notes
     -----
-    The strongest line is taken as the stroke, or as its second harmonic where half its rate is also present with at least
-    a quarter of its power and the odd multiples of that half rate are present too. Failure: a machine whose
-    strongest line is of another order (belt, alternating strokes, ripple); that is what `doubts` and `rivals` are for.
+    The strongest line is taken as the stroke, or as its second harmonic where half its rate is also present
+    with at least a quarter of its power and the odd multiples of that half rate are present too. Failure: a
+    machine whose strongest line is of another order (belt, alternating strokes, ripple); that is what
+    `doubts` and `rivals` are for.
     """
     lowest = max(min_rate_hz, 2.0 * spectrum.resolution_hz)
-    lines = [
-        line for line in find_lines(spectrum, lowest, max_rate_hz) if line.prominence > _MIN_PROMINENCE
-    ]
+    lines = [line for line in find_lines(spectrum, lowest, max_rate_hz) if line.prominence > _MIN_PROMINENCE]
     if not lines:
         return None
     top = lines[0]
     rate, order = top.frequency_hz, 1
-    half, odd = power_near(spectrum, [0.5 * rate, 1.5 * rate]) / top.power
+    half, odd = power_near(spectrum, np.array([0.5 * rate, 1.5 * rate])) / top.power
     is_resolved = 0.5 * rate >= max(lowest, 3.0 * spectrum.resolution_hz)
     if is_resolved and half > _SERIOUS_SHARE and odd > _RIVAL_SHARE:
         rate, order = 0.5 * rate, 2
@@ -117,14 +117,18 @@ def _rivals(
             PeriodCandidate(
                 period_s=1 / line.frequency_hz,
                 relative_power=share,
-                reason=f"a line at {multiple:.3f} times the rate, not one of its harmonics: {_order_words(multiple)}",
+                reason=f"a line at {multiple:.3f} times the rate, none of its harmonics: {_order_words(multiple)}",
             )
         )
         if share > _SERIOUS_SHARE:
-            doubts.append(f"a line at {line.frequency_hz:.4g} Hz ({multiple:.3g} times the rate) is nearly as strong")
+            doubts.append(
+                f"a line at {line.frequency_hz:.4g} Hz ({multiple:.3g} times the rate) is nearly as strong"
+            )
     for divisor in (2, 3):
         share = float(power_near(spectrum, rate / divisor)[0]) / top.power
-        if rate / divisor < max(band[0], 3.0 * spectrum.resolution_hz):  # hidden under the foot of the main line
+        if rate / divisor < max(
+            band[0], 3.0 * spectrum.resolution_hz
+        ):  # hidden under the foot of the main line
             continue
         known = any(abs(c.period_s * rate / divisor - 1) < 0.02 for c in found)
         floor = float(np.interp(rate / divisor, spectrum.frequency_hz, spectrum.floor))
@@ -200,10 +204,10 @@ def mean_period(
 
     Notes
     -----
-    The mean is time over whole turns, stretch by stretch, averaged over the starting angles that a stretch allows, so
-    only its ends carry the error of the angle and the ripple within a stroke drops out. Where the strokes differ by more
-    than that error, s / sqrt(n) is added: the strokes are then a sample of how the saw runs (standard uncertainty
-    of type A). A scale error of the clock is not contained.
+    The mean is time over whole turns, stretch by stretch, averaged over the starting angles that a stretch
+    allows, so only its ends carry the error of the angle and the ripple within a stroke drops out. Where the
+    strokes differ by more than that error, s / sqrt(n) is added: the strokes are then a sample of how the saw
+    runs (standard uncertainty of type A). A scale error of the clock is not contained.
     """
     total_s, variance, n = 0.0, 0.0, 0
     rising = angle.angle_rad + 1e-12 * np.arange(len(angle.angle_rad))
@@ -213,10 +217,11 @@ def mean_period(
         if turns < 1:
             continue
         begin = np.linspace(first, max(last - 2 * np.pi * turns, first), 33)
-        times = np.interp([begin, begin + 2 * np.pi * turns], rising, angle.time_s)
-        duration = float(np.mean(times[1] - times[0]))
-        if len(cycles.index) < 3:  # too few to see their spread: how much the starting angle matters stands for it
-            variance += float(np.var(times[1] - times[0]))
+        times = np.interp(np.stack([begin, begin + 2 * np.pi * turns]), rising, angle.time_s)
+        lasted = np.asarray(times[1] - times[0])
+        duration = float(np.mean(lasted))
+        if len(cycles.index) < 3:  # too few to show a spread; that over the starting angles stands for it
+            variance += float(np.var(lasted))
         std = np.interp(times, angle.time_s, angle.angle_std_rad)
         variance += float(np.mean(std**2)) * 2 * (duration / turns / (2 * np.pi)) ** 2
         total_s, n = total_s + duration, n + turns
@@ -270,7 +275,9 @@ def from_displacement(
     if stroke is not None and abs(stroke.rate_hz * period - 1) > max(0.03, 3 * spread / period):
         confidence = "moderate"
         reason = f"the strokes counted differ from the spectrum, which has {stroke.rate_hz:.4g} Hz"
-        found = PeriodCandidate(period_s=1 / stroke.rate_hz, relative_power=1.0, reason="strongest line of the spectrum")
+        found = PeriodCandidate(
+            period_s=1 / stroke.rate_hz, relative_power=1.0, reason="strongest line of the spectrum"
+        )
         rivals = (found, *rivals)
     elif stroke is not None and stroke.doubts:
         confidence, reason = "moderate", f"in the displacement {stroke.doubts[0]}"
@@ -332,8 +339,8 @@ def from_line(
     if stroke.channel != "force_n":
         confidence = "low"
         reason = (
-            f"from {stroke.channel} alone: its strongest line may belong to a belt, to a harmonic or to every second "
-            "stroke; a displacement or force signal would decide"
+            f"from {stroke.channel} alone: its strongest line may belong to a belt, to a harmonic or to every "
+            "second stroke; a displacement or force signal would decide"
         )
     elif stroke.doubts:
         confidence, reason = "low", f"in the force {stroke.doubts[0]}"

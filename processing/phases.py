@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import groupby
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +12,7 @@ _STILL_SHARE = 0.05
 _MOVES_SHARE = 0.12
 _RUNS_SHARE = 0.6
 _SETTLED = (0.005, 0.03)
+_ENOUGH_STROKES = 3
 _MAX_STD_RAD = 0.1
 _STALL_MIN_S = 0.1
 _STALL_SHARE = 1.3
@@ -40,11 +39,11 @@ def find_phases(
 
     Notes
     -----
-    Still: below 5 % of the typical speed for half a stroke (it counts as moving again above 12 %). Running begins where
-    the speed over a stroke is that of the strokes that follow, within three times their scatter (0.5 to 3 %), and ends
-    likewise; an angle uncertain by over 0.1 rad (a stroke that
-    changes its length) is not running. Stalled: still
-    for over 0.1 s at 1.3 times the running current or more.
+    Still: below 5 % of the typical speed for half a stroke (it counts as moving again above 12 %). Running
+    begins where the speed over a stroke is that of the strokes that follow, within three times their scatter
+    (0.5 to 3 %; always 3 % where less than three strokes would be left), and ends likewise; an angle
+    uncertain by over 0.1 rad (a stroke that changes its length) is not running. Stalled: still for over 0.1 s
+    at 1.3 times the running current or more.
 
     Examples
     --------
@@ -63,10 +62,16 @@ def find_phases(
     knows = angle.angle_std_rad < _MAX_STD_RAD
     is_moving = _with_hysteresis(angle.speed_rad_s, _STILL_SHARE * reference, _MOVES_SHARE * reference)
     is_moving = _without_short_stops(time, is_moving, np.pi / reference)
-    kinds = np.full(len(time), "rest", dtype="<U9")
-    for first, last in _runs(is_moving):
-        kinds[first:last] = _moving_kinds(time, np.where(knows, mean_speed, 0.0), reference, first, last)
-    phases = _as_phases(time, kinds)
+    speed = np.where(knows, mean_speed, 0.0)
+    phases: tuple[Phase, ...] = ()
+    for tolerance in _SETTLED:
+        kinds = np.full(len(time), "rest", dtype="<U9")
+        for first, last in _runs(is_moving):
+            kinds[first:last] = _moving_kinds(time, speed, reference, first, last, tolerance)
+        phases = _as_phases(time, kinds)
+        running_s = sum(phase.end_s - phase.start_s for phase in phases if phase.kind == "running")
+        if running_s * reference > 2 * np.pi * _ENOUGH_STROKES:
+            break
     if current_time_s is None or current_a is None:
         return phases
     return tuple(_stalled(phase, phases, current_time_s, current_a) for phase in phases)
@@ -94,7 +99,7 @@ def stroke_mean_speed(angle: CrankAngle) -> Floats:
 
 
 def _with_hysteresis(speed: Floats, off: float, on: float) -> NDArray[np.bool_]:
-    """True from where `speed` rises above `on` until it falls below `off`."""
+    """Give True from where `speed` rises above `on` until it falls below `off`."""
     state = np.where(speed > on, 1, np.where(speed < off, 0, -1))
     known = np.flatnonzero(state >= 0)
     if not len(known):
@@ -118,20 +123,24 @@ def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 
 def _moving_kinds(
-    time: Floats, mean_speed: Floats, reference: float, first: int, last: int
+    time: Floats, mean_speed: Floats, reference: float, first: int, last: int, tolerance: float
 ) -> NDArray[np.str_]:
     """Split one moving stretch into spin-up, running and spin-down."""
     kinds = np.full(last - first, "spin_up", dtype="<U9")
-    begin = first if first == 0 and _is_settled(time, mean_speed, 0, 1, reference) else None
-    end = last if last == len(time) and _is_settled(time, mean_speed, last - 1, -1, reference) else None
+    begin = first if first == 0 and _is_settled(time, mean_speed, 0, 1, reference, tolerance) else None
+    end = (
+        last
+        if last == len(time) and _is_settled(time, mean_speed, last - 1, -1, reference, tolerance)
+        else None
+    )
     stroke_s = 2 * np.pi / reference
     edges = np.searchsorted(time, np.arange(time[first], time[last - 1], 0.25 * stroke_s))
     if begin is None:
-        begin = _first_settled(time, mean_speed, edges, 1, reference)
+        begin = _first_settled(time, mean_speed, edges, 1, reference, tolerance)
     if begin is None:
         return kinds
     if end is None:
-        end = _first_settled(time, mean_speed, edges[::-1], -1, reference)
+        end = _first_settled(time, mean_speed, edges[::-1], -1, reference, tolerance)
     if end is None or end <= begin:
         end = last
     kinds[begin - first : end - first] = "running"
@@ -140,18 +149,26 @@ def _moving_kinds(
 
 
 def _first_settled(
-    time: Floats, mean_speed: Floats, edges: NDArray[np.int64], direction: int, reference: float
+    time: Floats,
+    mean_speed: Floats,
+    edges: NDArray[np.int64],
+    direction: int,
+    reference: float,
+    tolerance: float,
 ) -> int | None:
     """First of the edges from which on three in a row are settled."""
     settled = 0
     for position, edge in enumerate(edges):
-        settled = settled + 1 if _is_settled(time, mean_speed, int(edge), direction, reference) else 0
+        is_settled = _is_settled(time, mean_speed, int(edge), direction, reference, tolerance)
+        settled = settled + 1 if is_settled else 0
         if settled == 3 or (settled and position == len(edges) - 1):
             return int(edges[position - settled + 1])
     return None
 
 
-def _is_settled(time: Floats, mean_speed: Floats, k: int, direction: int, reference: float) -> bool:
+def _is_settled(
+    time: Floats, mean_speed: Floats, k: int, direction: int, reference: float, tolerance: float
+) -> bool:
     """Whether the speed at sample k is that of the six strokes after it (or before it)."""
     here = mean_speed[k]
     if here < _RUNS_SHARE * reference:
@@ -165,17 +182,16 @@ def _is_settled(time: Floats, mean_speed: Floats, k: int, direction: int, refere
         return abs(here / reference - 1) < _SETTLED[1]
     level = float(np.median(beyond))
     scatter = 1.4826 * float(np.median(np.abs(beyond - level))) / level
-    return abs(here / level - 1) < min(max(3 * scatter, _SETTLED[0]), _SETTLED[1])
+    return abs(here / level - 1) < min(max(3 * scatter, tolerance), _SETTLED[1])
 
 
 def _as_phases(time: Floats, kinds: NDArray[np.str_]) -> tuple[Phase, ...]:
-    phases, position = [], 0
-    for kind, group in groupby(kinds):
-        length = len(list(group))
-        end = min(position + length, len(time) - 1)
-        known: PhaseKind = str(kind)  # type: ignore[assignment]
-        phases.append(Phase(kind=known, start_s=float(time[position]), end_s=float(time[end])))
-        position += length
+    starts = np.r_[0, np.flatnonzero(kinds[1:] != kinds[:-1]) + 1]
+    ends = np.r_[starts[1:], len(time) - 1]
+    phases = []
+    for start, end in zip(starts, ends, strict=True):
+        known: PhaseKind = str(kinds[start])  # type: ignore[assignment]
+        phases.append(Phase(kind=known, start_s=float(time[start]), end_s=float(time[end])))
     return tuple(phases)
 
 
@@ -210,8 +226,8 @@ def stalled_from_start(
     Returns
     -------
     bool
-        True where the trial lasts over 0.1 s and the median current exceeds a quarter of `expected_a` (2 A where unknown) and ten noise standard
-        deviations.
+        True where the trial lasts over 0.1 s and the median current exceeds a quarter of `expected_a` (2 A
+        where unknown) and ten noise standard deviations.
     """
     if not len(current_a) or time_s[-1] - time_s[0] < _STALL_MIN_S:
         return False

@@ -60,8 +60,8 @@ def process_recording(
     recording : Recording
         Any subset of the bench's channels, at any rates.
     config : BenchConfig
-        `plant` (if present) gives radius and rod length, `cutting` the half that cuts, `analysis` the bins and the
-        allowed stroke rates.
+        `plant` (if present) gives radius and rod length, `cutting` the half that cuts, `analysis` the bins
+        and the allowed stroke rates.
     source_sha256 : str
         Of the file, kept in the result.
 
@@ -74,13 +74,16 @@ def process_recording(
     --------
     >>> from bench.recording import Signal
     >>> t = np.arange(0, 2, 1e-3)
-    >>> stroke = Signal(channel="displacement_mm", unit="mm", time_s=t, values=10 * (1 - np.cos(2 * np.pi * 15 * t)))
+    >>> y = 10 * (1 - np.cos(2 * np.pi * 15 * t))
+    >>> stroke = Signal(channel="displacement_mm", unit="mm", time_s=t, values=y)
     >>> trial = process_recording(
     ...     Recording(trial=Trial(trial_id="t1"), signals={"displacement_mm": stroke}), BenchConfig())
     >>> print(f"{trial.period.rate_hz:.3f} Hz, {trial.period.confidence}")
     15.000 Hz, high
     """
-    channels = {name: clean_channel(signal) for name, signal in recording.signals.items() if len(signal.values)}
+    channels = {
+        name: clean_channel(signal) for name, signal in recording.signals.items() if len(signal.values)
+    }
     suspicions = plausibility_problems(channels, config, recording.trial.duty)
     quality = tuple(
         replace(c.quality, problems=c.quality.problems + suspicions.get(name, ()))
@@ -138,17 +141,15 @@ def _find_motion(channels: Channels, config: BenchConfig) -> _Motion:
         source=chosen.channel,
     )
     warnings += (
-        f"no displacement: the crank angle comes from the phase of {chosen.channel}, and its zero is assumed so that "
-        "this channel peaks in the middle of the cutting half",
+        f"no displacement: the crank angle comes from the phase of {chosen.channel}, its zero assumed so "
+        "that this channel peaks in the middle of the cutting half",
     )
     phases, stretches, cycles, more = _phases_and_cycles(angle, channels, channel.holes)
     period = from_line(angle, stretches, cycles, chosen, others, band)
     return _Motion(angle=angle, phases=phases, cycles=cycles, period=period, warnings=warnings + more)
 
 
-def _motion_from_displacement(
-    displacement: CleanChannel, channels: Channels, config: BenchConfig
-) -> _Motion:
+def _motion_from_displacement(displacement: CleanChannel, channels: Channels, config: BenchConfig) -> _Motion:
     plant = config.plant
     rod = plant.rod_length_m if plant is not None and plant.mechanism == "slider_crank" else None
     angle = track_crank_angle(
@@ -186,7 +187,7 @@ def _longest(channel: CleanChannel, stretches: Stretches) -> CleanChannel:
 
 
 def _stroke_line(channel: CleanChannel, band: tuple[float, float]) -> StrokeLine | None:
-    """What the longest stretch of a channel without gaps says about the stroke rate."""
+    """Ask the longest stretch of a channel without gaps for the stroke rate."""
     time, values = channel.time_s, channel.values
     if channel.holes:
         edges = [time[0], *(t for hole in channel.holes for t in hole), time[-1]]
@@ -218,9 +219,14 @@ def _phases_and_cycles(
     moving = [(p.start_s, p.end_s) for p in phases if p.kind in ("spin_up", "running", "spin_down")]
     whole = _without(((moving[0][0], moving[-1][1]),), holes) if moving else ()
     cycles = find_cycles(angle.time_s, angle.angle_rad, whole)
+    turned = max(
+        (float(np.ptp(np.interp(part, angle.time_s, angle.angle_rad))) for part in running), default=0.0
+    )
+    stretches = running if turned > 2 * np.pi else whole
     if len(cycles.index):
-        return phases, whole, cycles, ("the speed never settles: strokes at changing speed are used",)
-    return phases, whole, cycles, ("no complete stroke from dead centre to dead centre without a gap: nothing is folded",)
+        return phases, stretches, cycles, ("the speed hardly settles: strokes at changing speed are used",)
+    warning = "no complete stroke from dead centre to dead centre without a gap: nothing is folded"
+    return phases, stretches, cycles, (warning,)
 
 
 def _without(stretches: Stretches, holes: Stretches) -> Stretches:
@@ -347,14 +353,11 @@ def has_locked_force(force: FoldedCycle, noise_std_n: float) -> bool:
     Returns
     -------
     bool
-        True where the variance of the mean cycle exceeds four times what the scatter from cycle to cycle explains,
-        and its rms half the noise of a sample and 0.1 N.
+        True where the variance of the mean cycle exceeds four times what the scatter from cycle to cycle
+        explains, and its rms half the noise of a sample and 0.1 N.
     """
     varies = float(np.var(force.mean))
-    if force.n_cycles > 1:
-        by_chance = float(np.mean(force.std**2)) / force.n_cycles
-    else:
-        by_chance = noise_std_n**2
+    by_chance = float(np.mean(force.std**2)) / force.n_cycles if force.n_cycles > 1 else noise_std_n**2
     return varies > 4 * by_chance and np.sqrt(varies) > max(0.5 * noise_std_n, 0.1)
 
 

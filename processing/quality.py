@@ -12,7 +12,7 @@ from bench.config import BenchConfig
 from bench.processed import ChannelQuality
 from bench.recording import Floats, Signal
 from bench.units import CHANNEL_BY_NAME
-from processing.noise import white_noise_std
+from processing.noise import robust_range, white_noise_std
 
 _GAP_PERIODS = 2.5
 _SPIKE_NOISE_STDS = 12.0
@@ -56,8 +56,9 @@ def clean_channel(signal: Signal) -> CleanChannel:
 
     Notes
     -----
-    A spike is one or two samples off the median of the five around it by over 12 noise standard deviations and over a
-    quarter of the channel's range (0.5 to 99.5 %): real edges are left alone, small spikes are missed.
+    A spike is one or two samples off the median of the five around it by over 12 noise standard deviations
+    and over a quarter of the channel's range (0.5 to 99.5 %): real edges are left alone, small spikes are
+    missed.
 
     Examples
     --------
@@ -104,7 +105,7 @@ def clean_channel(signal: Signal) -> CleanChannel:
 
 
 def _count_missing(step: Floats, typical: float, longest: float) -> int:
-    """Samples missing between the others; only real gaps where the times are irregular by nature."""
+    """Count the samples missing; only real gaps count where the times are irregular by nature."""
     if not len(step):
         return 0
     is_regular = np.percentile(np.abs(step / typical - 1), 80.0) < 0.3
@@ -125,11 +126,11 @@ def find_spikes(values: Floats) -> NDArray[np.bool_]:
     """
     if len(values) < 16:
         return np.zeros(len(values), dtype=bool)
-    low, high = np.percentile(values, [0.5, 99.5])
+    low, high = robust_range(values)
     limit = max(_SPIKE_NOISE_STDS * white_noise_std(values), _SPIKE_RANGE_SHARE * float(high - low))
     if limit <= 0:
         return np.zeros(len(values), dtype=bool)
-    # Only samples that jump by the limit against a neighbour can be spikes: the median is taken at those alone.
+    # Only samples that jump against a neighbour can be spikes: the median is taken at those alone.
     jump = np.abs(np.diff(values)) > 0.5 * limit
     suspects = np.flatnonzero(np.r_[jump, False] | np.r_[False, jump])
     is_spike = np.zeros(len(values), dtype=bool)
@@ -149,8 +150,8 @@ def count_clipped(values: Floats) -> int:
     Returns
     -------
     int
-        0 for a constant channel. A value of exactly 0 is taken as nothing measured, not as clipping, and a quantised
-        signal may dwell at its extreme twice as long as a sine of its range.
+        0 for a constant channel. A value of exactly 0 is taken as nothing measured, not as clipping, and a
+        quantised signal may dwell at its extreme twice as long as a sine of its range.
 
     Examples
     --------
@@ -218,7 +219,7 @@ def plausibility_problems(
         known = CHANNEL_BY_NAME.get(name)
         if known is None or not len(channel.values):
             continue
-        low, high = np.percentile(channel.values, [0.5, 99.5])
+        low, high = robust_range(channel.values)
         if low < known.plausible[0] or high > known.plausible[1]:
             found.setdefault(name, []).append(
                 f"reaches {low:.4g}..{high:.4g} {known.unit}, plausible is {known.plausible[0]:g}.."
@@ -236,7 +237,7 @@ def _check_displacement(
     channel = channels.get("displacement_mm")
     if channel is None or config.plant is None or len(channel.values) < 16:
         return
-    low, high = np.percentile(channel.values, [0.5, 99.5])
+    low, high = robust_range(channel.values)
     travel, expected = float(high - low), 2e3 * config.plant.crank_radius_m.nominal
     if travel <= 20 * channel.noise_std:
         return
@@ -245,13 +246,13 @@ def _check_displacement(
     for factor, unit in units.items():
         if abs(ratio / factor - 1) < 0.15:
             found.setdefault("displacement_mm", []).append(
-                f"travels {travel:.4g} where {expected:.4g} mm are expected: the values are probably in {unit}"
+                f"travels {travel:.4g} where {expected:.4g} mm are expected: probably {unit}"
             )
             return
     if ratio > 1.1:
         found.setdefault("displacement_mm", []).append(
-            f"travels {travel:.4g} mm where the configured crank allows {expected:.4g} mm: wrong radius, sensor "
-            "gain or a swapped channel"
+            f"travels {travel:.4g} mm where the configured crank allows {expected:.4g} mm: wrong radius, "
+            "sensor gain or a swapped channel"
         )
 
 
@@ -259,7 +260,7 @@ def _check_force(channels: Mapping[str, CleanChannel], found: dict[str, list[str
     channel = channels.get("force_n")
     if channel is None or len(channel.values) < 16:
         return
-    low, high = np.percentile(channel.values, [0.5, 99.5])
+    low, high = robust_range(channel.values)
     swing = float(high - low)
     if 1e-4 < swing < 1.0 and swing > 50 * channel.noise_std:
         found.setdefault("force_n", []).append(
@@ -280,7 +281,7 @@ def _check_supply(
         level, nominal = float(np.median(voltage.values)), config.battery.nominal_voltage_v
         if not 0.4 < level / nominal < 1.4:
             found.setdefault("battery_voltage_v", []).append(
-                f"sits at {level:.4g} V, the battery is one of {nominal:g} V: another unit or a swapped channel"
+                f"sits at {level:.4g} V, the battery is one of {nominal:g} V: other unit or swapped channel"
             )
     motor, battery = channels.get("motor_current_a"), channels.get("battery_current_a")
     if motor is None or battery is None or not len(motor.values) or not len(battery.values):
@@ -289,7 +290,7 @@ def _check_supply(
     noise = 5 * (motor.noise_std + battery.noise_std) / np.sqrt(min(len(motor.values), len(battery.values)))
     if duty is not None and duty < 0.9 and of_battery > 1.05 * of_motor + noise:
         found.setdefault("battery_current_a", []).append(
-            f"its mean of {of_battery:.4g} A exceeds the motor's {of_motor:.4g} A although the duty is {duty:g}: "
+            f"its mean of {of_battery:.4g} A exceeds the motor's {of_motor:.4g} A at a duty of {duty:g}: "
             "motor and battery current are probably swapped"
         )
     for name, level in (("motor_current_a", of_motor), ("battery_current_a", of_battery)):

@@ -13,9 +13,7 @@ from bench.processed import RemovedForce
 CuttingHalf = Literal["zero_to_pi", "pi_to_2pi"]
 
 
-def zero_return_stroke(
-    force: FoldedCycle, cutting_half: CuttingHalf
-) -> tuple[FoldedCycle, RemovedForce]:
+def zero_return_stroke(force: FoldedCycle, cutting_half: CuttingHalf) -> tuple[FoldedCycle, RemovedForce]:
     """Set the half of the cycle that does not cut to zero.
 
     Parameters
@@ -33,7 +31,8 @@ def zero_return_stroke(
     Examples
     --------
     >>> angle = (np.arange(64) + 0.5) * 2 * np.pi / 64
-    >>> force = FoldedCycle(channel="force_n", unit="N", angle_rad=angle, mean=np.maximum(-np.sin(angle), 0.0),
+    >>> mean = np.maximum(-np.sin(angle), 0.0)
+    >>> force = FoldedCycle(channel="force_n", unit="N", angle_rad=angle, mean=mean,
     ...     std=np.zeros(64), count=np.ones(64, int), n_cycles=1)
     >>> zero_return_stroke(force, "pi_to_2pi")[1].share_of_impulse
     0.0

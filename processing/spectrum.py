@@ -57,8 +57,8 @@ def steady_stretch(
     Returns
     -------
     values : ndarray, shape (m,)
-        The last 85 % (the start-up transient leaks into every line), at most 8 of the slowest strokes long and
-        from the middle, so that a drift of speed does not smear the line.
+        The last 85 % (the start-up transient leaks into every line), at most 8 of the slowest strokes long
+        and from the middle, so that a drift of speed does not smear the line.
     rate_hz : float
     """
     duration = time_s[-1] - time_s[0]
@@ -98,12 +98,14 @@ def power_spectrum(values: Floats, rate_hz: float) -> Spectrum:
     level = values - values.mean()
     level = level - x * (x @ level) / (x @ x)
     window = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(n) + 0.5) / n)
-    length = next_fast_len(4 * n, real=True)
-    amplitude = 2.0 * np.abs(rfft(level * window, length)) / window.sum()
+    length = int(next_fast_len(4 * n, real=True) or 4 * n)
+    amplitude = 2.0 * np.abs(np.asarray(rfft(level * window, length))) / window.sum()
     power = amplitude**2
     coarse = power[:: max(len(power) // 4096, 1)]
     every = max(len(power) // 4096, 1)
-    floor = median_filter(coarse, min(129, len(coarse) // 2 * 2 - 1) if len(coarse) > 4 else 1, mode="nearest")
+    floor = median_filter(
+        coarse, min(129, len(coarse) // 2 * 2 - 1) if len(coarse) > 4 else 1, mode="nearest"
+    )
     floor = np.interp(np.arange(len(power)), np.arange(len(coarse)) * every, floor)
     return Spectrum(
         frequency_hz=np.arange(len(power)) * (rate_hz / length),
@@ -128,8 +130,8 @@ def find_lines(spectrum: Spectrum, low_hz: float, high_hz: float, count: int = 1
 
     Notes
     -----
-    Log-parabola on a Hann window, four times padded: error below 1 % of the resolution without noise. Lines nearer
-    than 2.5 resolutions to a stronger one are its side lobes and left out.
+    Log-parabola on a Hann window, four times padded: error below 1 % of the resolution without noise. Lines
+    nearer than 2.5 resolutions to a stronger one are its side lobes and left out.
     """
     power = spectrum.power
     inner = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1

@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bench.recording import Floats
+from processing.noise import robust_range
 
 _FIT_HALF_WIDTH = 0.11  # of a period: 0.7 rad each side of the dead centre
 _FITTED_TURNS = 400
@@ -103,7 +104,7 @@ def find_turns(displacement_m: Floats, noise_std_m: float) -> Turns:
         Empty where the plunger does not travel.
     """
     y = displacement_m
-    low, high = np.percentile(y, [1.0, 99.0])
+    low, high = robust_range(y, 1.0)
     travel = high - low
     index, is_top = np.empty(len(y) + 1, np.int64), np.empty(len(y) + 1, np.bool_)
     count = _zigzag(y, 0.3 * travel, index, is_top) if travel > 0 else 0
@@ -171,17 +172,20 @@ def estimate_travel(
 
     Notes
     -----
-    Where the stroke itself changes by over 2 % of the radius (not a crank: a hydraulic actuator, say) the strokes of
-    the usual length set the values, elsewhere the turning points are followed one by one. Unbiased by noise, unlike the largest and smallest sample. Where the speed changes by more than about 20 %
-    within the fit's 1.4 rad the value moves by less than 1e-4 of the travel.
+    Where the stroke itself changes by over 2 % of the radius (not a crank: a hydraulic actuator, say) the
+    strokes of the usual length set the values, elsewhere the turning points are followed one by one. Unbiased
+    by noise, unlike the largest and smallest sample. Where the speed changes by more than about 20 % within
+    the fit's 1.4 rad the value moves by less than 1e-4 of the travel.
     """
     n = len(displacement_m)
     where, value, is_top = _fit_turns(time_s, displacement_m, turns)
     tops, bottoms = value[is_top], value[~is_top]
     if len(tops) and len(bottoms):
         radius = 0.5 * (np.median(tops) - np.median(bottoms))
-        spread = [np.std(part, ddof=1) / np.sqrt(len(part)) if len(part) > 1 else np.nan for part in (tops, bottoms)]
-        std = 0.5 * float(np.hypot(*spread))
+        spread = [
+            np.std(part, ddof=1) / np.sqrt(len(part)) if len(part) > 1 else np.nan for part in (tops, bottoms)
+        ]
+        std = 0.5 * float(np.hypot(spread[0], spread[1]))
         offset = float(np.median(bottoms))
         if max(float(np.ptp(tops)), float(np.ptp(bottoms))) > _VARYING_SHARE * radius:
             return _follow_turns(displacement_m, turns, radius_std_m=std)
@@ -192,7 +196,7 @@ def estimate_travel(
         low = _drift(where[~is_top], bottoms, n)
         high = _drift(where[is_top], tops, n)
         return Travel(offset_m=low, radius_m=0.5 * (high - low), radius_std_m=std, n_turns=len(value))
-    low, high = np.percentile(displacement_m, [0.5, 99.5])
+    low, high = robust_range(displacement_m)
     if nominal_radius_m is None:
         radius, offset = 0.5 * float(high - low), float(low)
     else:
@@ -215,7 +219,10 @@ def _fit_turns(
     typical = float(np.median(half_turns))
     steady = np.abs(half_turns / typical - 1.0) < 0.5
     width = 2.0 * _FIT_HALF_WIDTH * typical
-    first, last = np.searchsorted(time_s, time_s[index] - width), np.searchsorted(time_s, time_s[index] + width)
+    first, last = (
+        np.searchsorted(time_s, time_s[index] - width),
+        np.searchsorted(time_s, time_s[index] + width),
+    )
     left, right = np.r_[True, steady], np.r_[steady, True]
     inside = (time_s[index] - width >= time_s[0]) & (time_s[index] + width <= time_s[-1])
     usable = np.flatnonzero(left & right & inside & (last - first >= 8))
