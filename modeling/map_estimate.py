@@ -95,32 +95,13 @@ def most_probable(predict: Predict, data: Floats, covariance: Floats, parameters
     prediction, is_valid = predict(values[None])
     n_predictions, damping, is_converged = 1, 0.0, False
     if not is_valid[0]:
-        nothing = np.zeros((len(values), len(data)))
-        return Estimate(
-            values=values,
-            residual=data,
-            jacobian=nothing.T,
-            gain=nothing,
-            prior_gain=np.eye(len(values)),
-            is_converged=False,
-            is_valid=False,
-            n_predictions=1,
-        )
+        return _no_solution(values, data)
     residual = data - prediction[0]
     jacobian, n = _jacobian(predict, values, parameters)
     n_predictions += n
     cost = _cost(residual, values, weight, parameters)
     for _ in range(MOST_ITERATIONS):
-        normal = jacobian.T @ weight @ jacobian + np.diag(parameters.precision)
-        downhill = jacobian.T @ weight @ residual + parameters.precision * (parameters.prior_mean - values)
-        is_free = ~(
-            ((values <= parameters.lower) & (downhill < 0)) | ((values >= parameters.upper) & (downhill > 0))
-        )
-        move = np.zeros_like(values)
-        free = np.ix_(is_free, is_free)
-        move[is_free] = np.linalg.solve(
-            normal[free] + damping * np.diag(np.diag(normal)[is_free]), downhill[is_free]
-        )
+        move = _step(residual, jacobian, values, weight, parameters, damping)
         trial = np.clip(values + move, parameters.lower, parameters.upper)
         prediction, is_valid = predict(trial[None])
         n_predictions += 1
@@ -150,6 +131,42 @@ def most_probable(predict: Predict, data: Floats, covariance: Floats, parameters
         is_valid=True,
         n_predictions=n_predictions,
     )
+
+
+def _no_solution(values: Floats, data: Floats) -> Estimate:
+    """Where the model has no solution at the start, nothing is estimated."""
+    nothing = np.zeros((len(values), len(data)))
+    return Estimate(
+        values=values,
+        residual=data,
+        jacobian=nothing.T,
+        gain=nothing,
+        prior_gain=np.eye(len(values)),
+        is_converged=False,
+        is_valid=False,
+        n_predictions=1,
+    )
+
+
+def _step(
+    residual: Floats,
+    jacobian: Floats,
+    values: Floats,
+    weight: Floats,
+    parameters: Parameters,
+    damping: float,
+) -> Floats:
+    """Damped Gauss-Newton step; a parameter at a bound that it wants to cross stays."""
+    normal = jacobian.T @ weight @ jacobian + np.diag(parameters.precision)
+    downhill = jacobian.T @ weight @ residual + parameters.precision * (parameters.prior_mean - values)
+    is_held_low = (values <= parameters.lower) & (downhill < 0)
+    is_held_high = (values >= parameters.upper) & (downhill > 0)
+    is_free = ~(is_held_low | is_held_high)
+    free = np.ix_(is_free, is_free)
+    move = np.zeros_like(values)
+    damped = normal[free] + damping * np.diag(np.diag(normal)[is_free])
+    move[is_free] = np.linalg.solve(damped, downhill[is_free])
+    return move
 
 
 def _cost(residual: Floats, values: Floats, weight: Floats, parameters: Parameters) -> float:

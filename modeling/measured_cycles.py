@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bench.errors import InputError
+from modeling.compilation import kernel
 
 Floats = NDArray[np.float64]
 TWO_PI = 2.0 * np.pi
@@ -255,7 +255,7 @@ def _bin(
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-@numba.njit(cache=True)
+@kernel()
 def _accumulate(time_s, angle_rad, sample_s, values, first, n_cycles, n_bins):  # pragma: no cover - compiled
     """Sum and count of the samples in each bin of each stroke; values that are not finite are left out."""
     total = np.zeros((n_cycles, n_bins))

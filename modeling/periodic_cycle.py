@@ -15,9 +15,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, Literal
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from modeling.compilation import kernel
 
 Floats = NDArray[np.float64]
 CuttingHalf = Literal["pi_to_2pi", "zero_to_pi"]
@@ -79,7 +80,7 @@ def periodic_cycles(
     return _solve(values, np.sin(angle), np.cos(angle), cuts.astype(np.float64), gear_ratio, rod, n_steps)
 
 
-@numba.njit(cache=True)
+@kernel()
 def _levers(sine, cosine, radius, rod):  # pragma: no cover - compiled
     """G and dg/da of the mechanism; the rod is 0 for a Scotch yoke."""
     lever = sine.copy()
@@ -95,14 +96,14 @@ def _levers(sine, cosine, radius, rod):  # pragma: no cover - compiled
     return lever, slope
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel()
 def _slope(i, w, inverse_inertia, half_slope, drag, p):  # pragma: no cover - compiled
     di = (p[0] - p[1] * i - p[2] * w) * p[3] / w
     dw = (p[4] * i / w - drag) * inverse_inertia - half_slope * inverse_inertia * w
     return di, dw
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel()
 def _stroke(i, w, tables, p, step, current, speed):  # pragma: no cover - compiled
     """One turn from (i, w); False where the crank would stop."""
     n_steps = len(current)
@@ -130,7 +131,7 @@ def _stroke(i, w, tables, p, step, current, speed):  # pragma: no cover - compil
     return i, w, True
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel()
 def _solve(values, sine, cosine, cuts, gear, rod, n_steps):  # pragma: no cover - compiled
     n_cases = len(values)
     current = np.zeros((n_cases, n_steps))

@@ -104,22 +104,7 @@ def stroke_tables(
     held_v = None
     if converter is not None and converter.mode == "held_voltage":
         held_v = converter.voltage_v
-    if battery is not None and held_v is None and duty is None:
-        raise InputError(
-            "the remaining runtime needs the duty",
-            remedy="give the duty, or [converter] mode = 'held_voltage'",
-        )
-    if battery is None:
-        soc, open_v, resistance_ohm = None, np.array([9.0]), 0.0
-    else:
-        soc = np.linspace(battery.cutoff_soc, 1.0, N_SOC)
-        open_v = battery.nominal_voltage_v * soc / (1.0 - battery.beta * (1.0 - soc))
-        resistance_ohm = battery.internal_resistance_ohm
-    if held_v is not None:
-        voltage_v, source_ohm = np.full_like(open_v, held_v), 0.0
-    else:
-        ratio = 1.0 if duty is None else duty
-        voltage_v, source_ohm = ratio * open_v, ratio**2 * resistance_ohm
+    soc, open_v, voltage_v, source_ohm = _supply(battery, held_v, duty)
     current_a, speed_rad_s = _grid_means(plant, voltage_v, source_ohm, cutting_half)
     raw_k = _from_torques(
         current_a[:, -1],
@@ -141,7 +126,9 @@ def stroke_tables(
     if held_v is not None:
         power_w = held_v * current_a
         drawn_a = (
-            2.0 * power_w / (open_v + np.sqrt(np.maximum(open_v**2 - 4.0 * resistance_ohm * power_w, 0.0)))
+            2.0
+            * power_w
+            / (open_v + np.sqrt(np.maximum(open_v**2 - 4.0 * battery.internal_resistance_ohm * power_w, 0.0)))
         )
     else:
         drawn_a = (duty or 1.0) * current_a
@@ -157,6 +144,27 @@ def stroke_tables(
         remaining_s=_runtime(soc, drawn_a, capacity_a_s),
         capacity_a_s=capacity_a_s,
     )
+
+
+def _supply(
+    battery: BatteryConfig | None, held_v: float | None, duty: float | None
+) -> tuple[Floats | None, Floats, Floats, float]:
+    """States of charge, open-circuit voltage, motor voltage, and battery resistance as the motor sees it."""
+    if battery is not None and held_v is None and duty is None:
+        raise InputError(
+            "the remaining runtime needs the duty",
+            remedy="give the duty, or [converter] mode = 'held_voltage'",
+        )
+    if battery is None:
+        soc, open_v, resistance_ohm = None, np.array([9.0]), 0.0
+    else:
+        soc = np.linspace(battery.cutoff_soc, 1.0, N_SOC)
+        open_v = battery.nominal_voltage_v * soc / (1.0 - battery.beta * (1.0 - soc))
+        resistance_ohm = battery.internal_resistance_ohm
+    if held_v is not None:
+        return soc, open_v, np.full_like(open_v, held_v), 0.0
+    ratio = 1.0 if duty is None else duty
+    return soc, open_v, ratio * open_v, ratio**2 * resistance_ohm
 
 
 def _grid_means(

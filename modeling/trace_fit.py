@@ -42,7 +42,7 @@ class CurrentTrace:
     time_s, current_a : ndarray, shape (n,)
     vector : ndarray, shape (N_SLOTS,)
         Everything but k_Fc.
-    start : ndarray, shape (4,)
+    initial : InitialState
     ocv : ndarray, shape (n, 4)
         Spline of the open-circuit voltage; no rows where there is none.
     spent_s : float
@@ -53,7 +53,7 @@ class CurrentTrace:
     time_s: Floats
     current_a: Floats
     vector: Floats
-    start: Floats
+    initial: InitialState
     ocv: Floats
     spent_s: float = field(default=0.0)
     n_calls: int = field(default=0)
@@ -64,7 +64,7 @@ class CurrentTrace:
         self.vector[slots.K_FC] = k_fc
         self.spent_s += float(time_s[-1])
         self.n_calls += 1
-        return run_vector(self.vector, NO_TABLE, self.ocv, time_s, self.start).motor_current_a
+        return run_vector(self.vector, NO_TABLE, self.ocv, time_s, self.initial).motor_current_a
 
     def ise(self, k_fc: float, n_samples: int | None = None) -> float:
         """Sum of squared errors (Eq. 15), A^2."""
@@ -98,17 +98,9 @@ def current_trace(
     vector = parameters.to_vector()
     supply.fill(vector)
     LinearCutting(k_fc_n_s_per_m=0.0, cutting_half=cutting_half).fill(vector)
-    start = np.array(
-        [
-            initial.current_a,
-            initial.motor_speed_rad_s / parameters.gear_ratio,
-            initial.crank_angle_rad,
-            initial.soc,
-        ]
-    )
     ocv = None if supply.battery is None else supply.battery.ocv_table()
     return CurrentTrace(
-        time_s=time, current_a=current, vector=vector, start=start, ocv=NO_TABLE if ocv is None else ocv
+        time_s=time, current_a=current, vector=vector, initial=initial, ocv=NO_TABLE if ocv is None else ocv
     )
 
 

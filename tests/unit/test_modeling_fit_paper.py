@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from bench.errors import InputError
-from modeling.paper_reproduction import appendix_a_rows, reproduce, skewed_half_sine
+from modeling.appendix_a import appendix_a_rows
+from modeling.paper_reproduction import reproduce, skewed_half_sine
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -152,6 +152,14 @@ def test_sweep_has_the_shape_and_the_trends():
     np.testing.assert_allclose(sweep.runtime_s[..., 1], 2.0 * sweep.runtime_s[..., 0], rtol=0.05)
 
 
+def test_hard_wood_at_low_duty_still_runs():
+    sweep = sweep_runtime(
+        paper.PARAMETERS, battery=SMALL, k_fc_values=[430.0, 900.0], duties=[0.3, 0.45], capacities_ah=[0.05]
+    )
+    assert (sweep.status == "ok").all()
+    assert (np.diff(sweep.runtime_s, axis=0) < 0).all()
+
+
 def test_a_supply_that_never_empties_the_battery_is_a_status():
     weak = FixedDuty(duty=1e-6, battery=SMALL)
     found = predict_runtime(paper.PARAMETERS, supply=weak, k_fc=240.0)
