@@ -21,6 +21,7 @@ from modeling import slots
 from modeling.compilation import kernel
 from modeling.discharge_kernel import FAILED, drifting_stroke, start_up
 from modeling.dormand_prince import FRACTIONS, angle_rate, angle_step
+from modeling.frozen_effects import add_effects
 from modeling.machine import TWO_PI, drive, fill_tables, machine, open_circuit
 from modeling.periodic_kernel import guess
 from modeling.stroke_map import tangent_stroke
@@ -197,6 +198,7 @@ def discharge_averaged(
     m = machine(p)
     tables = np.empty((n_steps, 6, 4))
     fill_tables(p, m, spline, n_steps, FRACTIONS, tables)
+    add_effects(p, n_steps, FRACTIONS, tables)
     h = TWO_PI / n_steps
     begin = (start[0], start[1], start[2], start[3])
     t0, i0, r0, soc0, _, status = _strokes_of_start(p, m, spline, ocv, tables, h, begin, tolerance)

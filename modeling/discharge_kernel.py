@@ -16,6 +16,7 @@ from modeling.baseline_kernel import (
 )
 from modeling.compilation import kernel
 from modeling.dormand_prince import FRACTIONS, angle_rate, angle_step
+from modeling.frozen_effects import add_effects
 from modeling.machine import TWO_PI, drive, fill_tables, machine, open_circuit
 
 BY_SOC, BY_VOLTAGE, BY_STALL, BY_LIMIT, FAILED = 0, 1, 2, 3, 4
@@ -77,6 +78,7 @@ def brute_force(p, spline, ocv, start, n_steps, tolerance, cutoff_soc, cutoff_vo
     m = machine(p)
     tables = np.empty((n_steps, 6, 4))
     fill_tables(p, m, spline, n_steps, FRACTIONS, tables)
+    add_effects(p, n_steps, FRACTIONS, tables)
     h = TWO_PI / n_steps
     y = (start[0], start[1], start[2], start[3])
     t = 0.0

@@ -24,7 +24,7 @@ TWO_PI = 2.0 * math.pi
 
 @kernel()
 def machine(p):
-    """Gather what every evaluation needs from a parameter vector, as one tuple of 18 floats."""
+    """Gather what every evaluation needs from a parameter vector, as one tuple of 20 floats."""
     duty = p[slots.DUTY]
     below = 1.0 / p[slots.EFFICIENCY]
     drop = p[slots.DIODE]
@@ -55,6 +55,8 @@ def machine(p):
         share,  # 15
         1.0 / p[slots.CAPACITY],  # 16
         extra,  # 17
+        p[slots.SAG],  # 18
+        p[slots.BRUSH_OFFSET],  # 19
     )
 
 
@@ -70,11 +72,11 @@ def open_circuit(m, ocv, soc):
         u = soc - place / n_pieces
         c = ocv[place]
         value = c[0] + u * (c[1] + u * (c[2] + u * c[3]))
-        return value, c[1] + u * (2.0 * c[2] + 3.0 * u * c[3]), c[2] + 3.0 * u * c[3]
+        return value - m[18], c[1] + u * (2.0 * c[2] + 3.0 * u * c[3]), c[2] + 3.0 * u * c[3]
     filled = max(1.0 - (1.0 - soc) * m[12], 0.0)
     below = 1.0 / (1.0 - m[11] * (1.0 - filled))
     slope = m[10] * (1.0 - m[11]) * below * below * m[12]
-    return m[10] * filled * below, slope, -slope * m[11] * below * m[12]
+    return m[10] * filled * below - m[18], slope, -slope * m[11] * below * m[12]
 
 
 @kernel()
@@ -85,10 +87,10 @@ def drive(m, ocv, soc):
     three terms are exact to rounding, and save a division in every stage.
     """
     if m[7] == slots.FIXED_VOLTAGE:
-        return m[9], 0.0, 0.0
+        return m[9] - m[19], 0.0, 0.0
     value, first, second = open_circuit(m, ocv, soc)
     if m[7] == slots.FIXED_DUTY:
-        return m[8] * (value + m[14]) - m[14], m[8] * first, m[8] * second
+        return m[8] * (value + m[14]) - m[14] - m[19], m[8] * first, m[8] * second
     return value, first, second
 
 
@@ -109,8 +111,8 @@ def source(m, curve, away, current):
     if square >= 0.0:
         duty = 2.0 * wanted / (head + math.sqrt(square))
         if 0.0 <= duty <= 1.0:
-            return m[9], duty * current * m[15]
-    return value - sag, current * m[15]
+            return m[9] - m[19], duty * current * m[15]
+    return value - sag - m[19], current * m[15]
 
 
 @kernel()
@@ -119,7 +121,7 @@ def source_slopes(m, curve, current):
     e, battery_current = source(m, curve, 0.0, current)
     if m[7] != slots.HELD_VOLTAGE:
         return e, battery_current, 0.0, m[15]
-    if e != m[9]:
+    if e != m[9] - m[19]:
         return e, battery_current, -m[13], m[15]
     head = curve[0] + m[14]
     root = math.sqrt(head * head - 4.0 * m[13] * current * (m[9] + m[14]))

@@ -8,6 +8,7 @@ import numpy as np
 
 from modeling import slots
 from modeling.compilation import kernel
+from modeling.frozen_effects import simple_force
 from modeling.machine import TWO_PI, cutter, drive, levers, machine, open_circuit, source, spline_force
 from modeling.mechanisms import scotch_yoke, slider_crank
 from modeling.turn_segments import breaks
@@ -79,4 +80,13 @@ def play_velocity(p, angle, motor_speed):
         g, _ = levers(c, math.sin(turn), math.cos(turn))
         is_free = turn - half * math.pi < edges[half, 0]
         out[k] = 0.0 if is_free else g * motor_speed[k] / p[slots.GEAR]
+    return out
+
+
+@kernel()
+def simple_forces(p, spline, angle, motor_speed):
+    """Cutting force of an effective vector at crank angles in [0, 2*pi), N, shape (n,)."""
+    out = np.empty(len(angle))
+    for k in range(len(angle)):
+        out[k] = simple_force(p, spline, angle[k], motor_speed[k] / p[slots.GEAR])
     return out

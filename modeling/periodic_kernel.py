@@ -10,6 +10,7 @@ import numpy as np
 from modeling import slots
 from modeling.compilation import kernel
 from modeling.dormand_prince import FRACTIONS, angle_rate, angle_step
+from modeling.frozen_effects import add_effects
 from modeling.machine import TWO_PI, drive, fill_tables, machine, open_circuit, source_slopes
 from modeling.stroke_map import tangent_stroke
 
@@ -38,7 +39,7 @@ def guess(m, tables, curve):
         constant += tables[n, 0, 3]
     per_speed /= n_steps
     constant /= n_steps
-    voltage = min(m[9], curve[0]) if m[7] == slots.HELD_VOLTAGE else curve[0]
+    voltage = min(m[9], curve[0]) - m[19] if m[7] == slots.HELD_VOLTAGE else curve[0]
     speed = (voltage - m[0] * constant / m[3]) / (m[2] + m[0] * per_speed / m[3])
     if not speed > 0.0:
         return 0.0, 0.0
@@ -115,12 +116,14 @@ def periodic_state(p, spline, ocv, soc, n_steps, tolerance, result):
     curve = drive(m, ocv, soc)
     tables = np.empty((n_steps, 6, 4))
     fill_tables(p, m, spline, n_steps, FRACTIONS, tables)
+    add_effects(p, n_steps, FRACTIONS, tables)
     i, w = guess(m, tables, curve)
     status = solve_periodic(m, tables, curve, i, w, result)
     while status == PERIODIC and result[LOCAL_ERROR] > tolerance and 2 * n_steps <= MOST_STEPS:
         n_steps *= 2
         tables = np.empty((n_steps, 6, 4))
         fill_tables(p, m, spline, n_steps, FRACTIONS, tables)
+        add_effects(p, n_steps, FRACTIONS, tables)
         before = result[N_STROKES]
         status = solve_periodic(m, tables, curve, result[START_CURRENT], result[START_SPEED], result)
         result[N_STROKES] += before
@@ -136,6 +139,7 @@ def waveform(p, spline, ocv, soc, n_steps, i, w, current, speed):
     m = machine(p)
     tables = np.empty((n_steps, 6, 4))
     fill_tables(p, m, spline, n_steps, FRACTIONS, tables)
+    add_effects(p, n_steps, FRACTIONS, tables)
     curve = drive(m, ocv, soc)
     h = TWO_PI / n_steps
     r = 1.0 / w

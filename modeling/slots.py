@@ -47,6 +47,8 @@ _SUPPLY: Final = (
     ("has_ocv_table", 0.0, "1"),
     ("rc_resistance_ohm", 0.0, "Ohm"),
     ("rc_time_constant_s", 1.0, "s"),
+    ("battery_sag_v", 0.0, "V"),  # across RC elements, where they are held frozen
+    ("brush_offset_v", 0.0, "V"),  # brush drop of a current that keeps its sign
 )
 _EFFECTS: Final = (
     ("guide_coulomb_n", 0.0, "N"),
@@ -124,6 +126,8 @@ CAPACITY_RATIO: Final = INDEX["capacity_ratio"]
 HAS_OCV: Final = INDEX["has_ocv_table"]
 RC_RESISTANCE: Final = INDEX["rc_resistance_ohm"]
 RC_TIME: Final = INDEX["rc_time_constant_s"]
+SAG: Final = INDEX["battery_sag_v"]
+BRUSH_OFFSET: Final = INDEX["brush_offset_v"]
 GUIDE_COULOMB: Final = INDEX["guide_coulomb_n"]
 GUIDE_STATIC: Final = INDEX["guide_static_n"]
 GUIDE_SPEED: Final = INDEX["guide_stribeck_speed_m_s"]

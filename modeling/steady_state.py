@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,8 +14,11 @@ from modeling import periodic_kernel as kernel
 from modeling import slots
 from modeling.parameters import JigsawParameters
 from modeling.supplies import Supply
-from modeling.transient import NO_TABLE, Cutting, battery_table, steps_for
+from modeling.transient import AT_REST, NO_TABLE, Cutting, InitialState, battery_table, steps_for
 from modeling.validation import finite
+
+if TYPE_CHECKING:
+    from modeling.effect_strokes import EffectStroke
 
 Floats = NDArray[np.float64]
 PeriodicStatus = Literal["ok", "stalled", "not_converged"]
@@ -67,6 +70,8 @@ class PeriodicState:
     spline: Floats = field(repr=False)
     ocv: Floats = field(repr=False)
     soc: float = 1.0
+    slow: InitialState = AT_REST
+    stroke: EffectStroke | None = field(default=None, repr=False)
 
     @property
     def stroke_rate_hz(self) -> float:
@@ -77,28 +82,9 @@ class PeriodicState:
         """Current, speed and force at equal crank angles from 0 on; `n_points` even."""
         if n_points % 2 or n_points < 4:
             raise InputError(f"n_points must be even and at least 4, got {n_points!r}")
-        from modeling.output_kernel import blade
-
-        factor = -(-self.steps_per_turn // n_points)
-        n_fine = n_points * factor
-        current, speed = np.zeros(n_fine), np.zeros(n_fine)
-        gear = self.vector[slots.GEAR]
-        if self.status == "ok":
-            w = self.start_motor_speed_rad_s / gear
-            kernel.waveform(
-                self.vector, self.spline, self.ocv, self.soc, n_fine, self.start_current_a, w, current, speed
-            )
-        angle = 2 * np.pi * np.arange(n_points) / n_points
-        motor_speed = np.ascontiguousarray(speed[::factor]) * gear
-        displacement, velocity, force = blade(self.vector, self.spline, angle, motor_speed)
-        return Waveform(
-            crank_angle_rad=angle,
-            motor_current_a=np.ascontiguousarray(current[::factor]),
-            motor_speed_rad_s=motor_speed,
-            displacement_m=displacement,
-            blade_velocity_m_s=velocity,
-            force_n=force,
-        )
+        if self.stroke is not None and self.stroke.kind == "extended":
+            return _extended_waveform(self, n_points)
+        return _simple_waveform(self, n_points)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -136,6 +122,58 @@ class PeriodicBatch:
     is_periodic: NDArray[np.bool_]
 
 
+def _simple_waveform(state: PeriodicState, n_points: int) -> Waveform:
+    from modeling.output_kernel import blade, simple_forces
+
+    factor = -(-state.steps_per_turn // n_points)
+    n_fine = n_points * factor
+    current, speed = np.zeros(n_fine), np.zeros(n_fine)
+    vector = state.vector if state.stroke is None else state.stroke.vector
+    gear = vector[slots.GEAR]
+    if state.status == "ok":
+        w = state.start_motor_speed_rad_s / gear
+        kernel.waveform(
+            vector, state.spline, state.ocv, state.soc, n_fine, state.start_current_a, w, current, speed
+        )
+    angle = 2 * np.pi * np.arange(n_points) / n_points
+    motor_speed = np.ascontiguousarray(speed[::factor]) * gear
+    displacement, velocity, force = blade(vector, state.spline, angle, motor_speed)
+    if state.stroke is not None:
+        force = simple_forces(vector, state.spline, angle, motor_speed)
+    return Waveform(
+        crank_angle_rad=angle,
+        motor_current_a=np.ascontiguousarray(current[::factor]),
+        motor_speed_rad_s=motor_speed,
+        displacement_m=displacement,
+        blade_velocity_m_s=velocity,
+        force_n=force,
+    )
+
+
+def _extended_waveform(state: PeriodicState, n_points: int) -> Waveform:
+    from modeling import extended_periodic_kernel as slow_kernel
+    from modeling.effect_strokes import STROKE_TOLERANCE, frozen_state
+    from modeling.extended_transient import scales
+    from modeling.output_kernel import play_velocity
+
+    assert state.stroke is not None
+    out, seen = np.zeros((4, n_points)), np.zeros((5, n_points))
+    if state.status == "ok":
+        held = frozen_state(replace(state.slow, soc=state.soc))
+        slow_kernel.extended_waveform(
+            state.vector, state.spline, state.ocv, held, state.stroke.start, state.period_s, STROKE_TOLERANCE,
+            scales(state.vector), n_points, out, seen,
+        )  # fmt: skip
+    return Waveform(
+        crank_angle_rad=2 * np.pi * np.arange(n_points) / n_points,
+        motor_current_a=out[0],
+        motor_speed_rad_s=out[1],
+        displacement_m=seen[1],
+        blade_velocity_m_s=play_velocity(state.vector, out[2], out[1]),
+        force_n=seen[0],
+    )
+
+
 def model_vector(
     parameters: JigsawParameters,
     supply: Supply,
@@ -158,6 +196,7 @@ def steady_state(
     cutting: Cutting,
     soc: float = 1.0,
     effects: Mapping[str, float] | None = None,
+    slow: InitialState = AT_REST,
     steps_per_turn: int | None = None,
 ) -> PeriodicState:
     """Find the periodic stroke by Newton's method on the stroke map with its exact derivative.
@@ -170,7 +209,10 @@ def steady_state(
     soc : float
         State of charge at which the battery is held, 0..1.
     effects : mapping of slot name to value, optional
-        As in `simulate`.
+        As in `simulate`. Those that only change coefficients cost as much as the baseline; a cutting exponent, a
+        Stribeck dip, blade compliance, a current limit, backlash and delayed engagement some hundred times more.
+    slow : InitialState
+        Winding temperature, RC voltages and distance cut that are held; the rest of it does not matter.
     steps_per_turn : int, optional
         To begin with, default 12 or an interval of the measured force; doubled until the local error is below 1e-5, which leaves the mean current good to 3e-7.
 
@@ -194,8 +236,8 @@ def steady_state(
         raise InputError(f"steps_per_turn must be even and at least 4, got {steps_per_turn!r}")
     vector, spline, ocv, has_effects = model_vector(parameters, supply, cutting, effects)
     n_steps = steps_for(spline, DEFAULT_STEPS) if steps_per_turn is None else steps_per_turn
-    if has_effects:
-        raise InputError("effects are not yet part of steady_state")
+    if has_effects or not slow.is_baseline:
+        return periodic_effects(vector, spline, ocv, replace(slow, soc=soc), steps_per_turn=n_steps)
     return periodic_vector(vector, spline, ocv, soc=soc, steps_per_turn=n_steps)
 
 
@@ -237,6 +279,52 @@ def periodic_vector(
         spline=spline,
         ocv=ocv,
         soc=float(soc),
+    )
+
+
+def periodic_effects(
+    vector: Floats,
+    spline: Floats,
+    ocv: Floats,
+    slow: InitialState,
+    *,
+    steps_per_turn: int = DEFAULT_STEPS,
+    guess: Floats | None = None,
+) -> PeriodicState:
+    """Find the periodic stroke of a parameter vector with effects; see `steady_state`. No checks."""
+    from modeling.effect_strokes import effect_stroke
+
+    stroke = effect_stroke(
+        vector, spline, ocv, slow, steps_per_turn=steps_per_turn, tolerance=TOLERANCE, guess=guess
+    )
+    status, message = MESSAGES[stroke.code]
+    per = 1.0 / stroke.period_s if status == "ok" else 0.0
+    is_source = vector[slots.MODE] == slots.FIXED_VOLTAGE
+    motor = stroke.motor_charge_a_s * per
+    battery = motor if is_source else stroke.battery_charge_a_s * per
+    terminal = float(vector[slots.VOLTAGE])
+    if not is_source:
+        terminal = (
+            kernel.open_circuit_voltage(vector, ocv, slow.soc) - slow.rc_voltage_v - slow.polarization_v
+        )
+        terminal -= (vector[slots.BATTERY_RESISTANCE] + vector[slots.EXTRA_RESISTANCE]) * battery
+    return PeriodicState(
+        period_s=stroke.period_s if status == "ok" else 0.0,
+        mean_motor_current_a=motor,
+        mean_battery_current_a=battery,
+        battery_voltage_v=float(terminal),
+        start_current_a=float(stroke.start[0]) if status == "ok" else 0.0,
+        start_motor_speed_rad_s=float(stroke.start[1] * vector[slots.GEAR]) if status == "ok" else 0.0,
+        status=status,
+        message=message,
+        n_strokes=stroke.n_strokes,
+        steps_per_turn=stroke.steps_per_turn,
+        vector=vector,
+        spline=spline,
+        ocv=ocv,
+        soc=slow.soc,
+        slow=slow,
+        stroke=stroke,
     )
 
 

@@ -48,7 +48,7 @@ def tangent_rate(m, row, curve, y):
     i, r = y[0], y[1]
     e, battery_current = source(m, curve, 0.0, i)
     e_slope = 0.0
-    if m[7] == slots.HELD_VOLTAGE and e != m[9]:
+    if m[7] == slots.HELD_VOLTAGE and e != m[9] - m[19]:
         e_slope = -m[13]
     torque = m[3] * i - row[3]
     i_i = (e_slope - m[0]) * r * m[1]
