@@ -119,7 +119,7 @@ class TraceFit:
     simulation_times : float
         Simulated time over the length of the trace: the cost in whole simulations.
     other_minima : tuple of (k_fc, ise)
-        Neighbouring minima that were looked into.
+        Neighbouring minima that were looked into; none for a trace no longer than `FIRST_WINDOW_S`.
     status : {"ok", "at_bound"}
     """
 
@@ -185,7 +185,8 @@ def fit_current_trace(
         window_s = min(2.0 * window_s, total_s)
         width = 0.25 * _basin_width(trace, best, window_s)
         low, high = max(best - width, bounds[0]), min(best + width, bounds[1])
-    others = _neighbours(trace, best, total_s, bounds)
+    # Over the first window the scan has seen every basin; only longer ones can hide a better neighbour.
+    others = _neighbours(trace, best, total_s, bounds) if total_s > FIRST_WINDOW_S else ()
     for k_fc, value in others:
         if value < ise:
             others = (*((k, v) for k, v in others if k != k_fc), (best, ise))
@@ -221,7 +222,7 @@ def _stroke_rate_hz(trace: CurrentTrace, k_fc: Floats | float) -> Floats | float
 
 def _scan_grid(trace: CurrentTrace, window_s: float, bounds: tuple[float, float]) -> Floats:
     """k_Fc values that slip by `SCAN_SLIP` strokes from one to the next over the window."""
-    fine = np.linspace(*bounds, 2001)
+    fine = np.linspace(*bounds, 401)
     strokes = window_s * np.asarray(_stroke_rate_hz(trace, fine))
     n_points = max(int(np.ceil((strokes[0] - strokes[-1]) / SCAN_SLIP)) + 1, 5)
     return np.interp(np.linspace(strokes[0], strokes[-1], n_points), strokes[::-1], fine[::-1])
