@@ -30,6 +30,7 @@ MOST_NODES = 64
 START_TOLERANCE = 1e-5  # of the second before the first calm dead centre; leaves some microseconds
 TARGET = 1e-6
 N_CURVE_POINTS = 65
+CANNOT_START = "the motor never turns the crank over at this supply (voltage_v, duty, force_n)"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -138,19 +139,43 @@ def discharge(
     if cutoff_voltage_v is not None:
         positive("cutoff_voltage_v", cutoff_voltage_v, "V")
     vector, spline, ocv, has_effects = model_vector(parameters, supply, cutting, effects)
-    if has_effects:
-        raise InputError("effects are not yet part of discharge")
-    start = np.array(
-        [
-            initial.current_a,
-            initial.motor_speed_rad_s / parameters.gear_ratio,
-            initial.crank_angle_rad,
-            initial.soc,
-        ]
-    )
     volts = -1.0 if cutoff_voltage_v is None else float(cutoff_voltage_v)
     n_steps = steps_for(spline, N_STEPS) if steps_per_turn is None else steps_per_turn
+    if has_effects or not initial.is_baseline:
+        return _with_effects(vector, spline, ocv, initial, cutoff_soc, volts, method, n_steps)
+    start = initial.to_state(parameters.gear_ratio)
     return discharge_vector(vector, spline, ocv, start, cutoff_soc, volts, method, n_steps)
+
+
+def _with_effects(
+    vector: Floats,
+    spline: Floats,
+    ocv: Floats,
+    initial: InitialState,
+    cutoff_soc: float,
+    volts: float,
+    method: DischargeMethod,
+    n_steps: int,
+) -> Discharge:
+    from modeling import effect_discharge as slow
+
+    if method == "multi_scale":
+        done = slow.averaged(vector, spline, ocv, initial, cutoff_soc, volts, n_steps)
+    else:
+        done = slow.brute_force(vector, spline, ocv, initial, cutoff_soc, volts)
+    runtime, motor, battery, ended, error, rows = done
+    status, message = _EFFECT_ENDINGS[ended]
+    return Discharge(
+        runtime_s=float(runtime),
+        mean_battery_current_a=float(battery / runtime) if runtime > 0 else 0.0,
+        mean_motor_current_a=float(motor / runtime) if runtime > 0 else 0.0,
+        n_strokes=float(np.trapezoid(rows[:, 5], rows[:, 0])) if len(rows) > 1 else 0.0,
+        ended_by="stall" if ended in ("stall", "cannot_start") else ended,
+        status=status,
+        message=message,
+        numerical_error_s=float(error),
+        _make_curves=partial(_stroke_curves, rows),
+    )
 
 
 def discharge_vector(
@@ -331,10 +356,7 @@ def _brute(
         error = 2.0 * time * abs(coarse.mean_battery_current_a / fine.mean_battery_current_a - 1.0)
     ended, status, message = _ENDINGS[code]
     if code == strokes.BY_STALL and n_strokes == 0:
-        status, message = (
-            "cannot_start",
-            "the motor never turns the crank over at this supply (voltage_v, duty, force_n)",
-        )
+        status, message = "cannot_start", CANNOT_START
     return Discharge(
         runtime_s=float(time),
         mean_battery_current_a=float(battery / time) if time > 0 else 0.0,
@@ -358,4 +380,11 @@ _ENDINGS: dict[int, tuple[EndedBy, DischargeStatus, str]] = {
     ),
     strokes.BY_LIMIT: ("time", "never_reached", "the cut-off was not reached in 1e7 s"),
     strokes.FAILED: ("time", "never_reached", "the start-up did not converge"),
+}
+_EFFECT_ENDINGS: dict[str, tuple[DischargeStatus, str]] = {
+    "soc": _ENDINGS[strokes.BY_SOC][1:],
+    "voltage": _ENDINGS[strokes.BY_VOLTAGE][1:],
+    "stall": _ENDINGS[strokes.BY_STALL][1:],
+    "cannot_start": ("cannot_start", CANNOT_START),
+    "time": _ENDINGS[strokes.BY_LIMIT][1:],
 }

@@ -212,16 +212,21 @@ def _extended(
     )
 
 
-def _start_without_them(
-    vector: Floats, spline: Floats, ocv: Floats, slow: InitialState, n_steps: int
-) -> Floats:
-    """Start of the stroke without the effects that make it extended."""
+def without_extended(vector: Floats) -> Floats:
+    """Return a vector without the effects that only the extended kernel knows."""
     plain = vector.copy()
     plain[slots.EXPONENT] = 1.0
     plain[slots.GUIDE_STATIC] = 0.0
     for place in (slots.COMPLIANCE, slots.CURRENT_LIMIT, slots.BACKLASH, slots.ENGAGEMENT):
         plain[place] = 0.0
-    stroke = _simple(plain, spline, ocv, slow, n_steps, np.inf)
+    return plain
+
+
+def _start_without_them(
+    vector: Floats, spline: Floats, ocv: Floats, slow: InitialState, n_steps: int
+) -> Floats:
+    """Start of the stroke without the effects that make it extended."""
+    stroke = _simple(without_extended(vector), spline, ocv, slow, n_steps, np.inf)
     if stroke.code == kernel.PERIODIC:
         return stroke.start
     current, speed = scales(vector)

@@ -12,7 +12,7 @@ from modeling import slots
 
 Floats = NDArray[np.float64]
 NOT_FROZEN: Floats = np.zeros(0)
-N_RECORD = baseline.N_RECORD + 1
+N_RECORD = baseline.N_RECORD + 1 + 7  # the rest of the energy, then the state that a run can go on from
 
 
 def scales(vector: Floats) -> tuple[float, float]:
@@ -29,7 +29,7 @@ def run_extended(
 ) -> tuple[int, Floats, Floats]:
     """Fill `out`, shape (4, n); return the status code, a record as the baseline's plus one place, and what is seen.
 
-    The first five places of the record hold the terms of the energy balance themselves, J; its last the rest.
+    The first five places of the record hold the terms of the energy balance themselves, J.
     """
     turns = int(np.floor(start[physics.ANGLE] / np.pi))
     state = np.zeros(physics.N_ALL)
@@ -50,5 +50,26 @@ def run_extended(
     record[baseline.END_ANGLE] = end[physics.ANGLE] + turns * np.pi
     record[baseline.END_SOC], record[baseline.END_TIME] = end[physics.SOC], time
     record[baseline.N_TIME_STEPS] = counts[kernel.N_STEPS]
-    record[-1] = end[physics.OTHER]
+    record[baseline.N_RECORD] = end[physics.OTHER]
+    turned = end[physics.ANGLE] + (turns % 2) * np.pi
+    record[baseline.N_RECORD + 1 :] = (
+        end[physics.SPEED] * vector[slots.GEAR],
+        turned,
+        *end[physics.FORCE : physics.N_STATES],
+    )
     return code, record, seen
+
+
+def end_state(record: Floats) -> dict[str, float]:
+    """Fields of an InitialState that goes on from the end of a run with effects, its charge apart."""
+    names = (
+        "motor_speed_rad_s",
+        "crank_angle_rad",
+        "blade_force_n",
+        "winding_temperature_rise_k",
+        "rc_voltage_v",
+        "polarization_v",
+        "cut_distance_m",
+    )
+    state = {name: float(value) for name, value in zip(names, record[baseline.N_RECORD + 1 :], strict=True)}
+    return {**state, "current_a": float(record[baseline.END_CURRENT])}

@@ -169,3 +169,25 @@ def periodic_states(vectors, spline, ocv, soc, n_steps, tolerance, results, stat
 def open_circuit_voltage(p, ocv, soc):
     """Open-circuit voltage of the battery in a vector, V."""
     return open_circuit(machine(p), ocv, soc)[0]
+
+
+@kernel()
+def lag_gains(p, spline, ocv, soc, n_steps, i, w):
+    """What a lasting lag of the state behind the periodic one costs: four sums over the strokes it takes to settle.
+
+    Time and motor charge by current (s/A, A s/A), then by inverse speed (s/(s/rad), A s/(s/rad)): the derivatives of a
+    stroke's integrals times the inverse of 1 less the map's derivative.
+    """
+    m = machine(p)
+    tables = np.empty((n_steps, 6, 4))
+    fill_tables(p, m, spline, n_steps, FRACTIONS, tables)
+    add_effects(p, n_steps, FRACTIONS, tables)
+    y, q, _, _ = tangent_stroke(m, tables, drive(m, ocv, soc), TWO_PI / n_steps, i, 1.0 / w)
+    a, b, c, d = 1.0 - y[2], -y[3], -y[4], 1.0 - y[5]
+    determinant = a * d - b * c
+    return (
+        (q[3] * d - q[4] * c) / determinant,
+        (q[5] * d - q[6] * c) / determinant,
+        (q[4] * a - q[3] * b) / determinant,
+        (q[6] * a - q[5] * b) / determinant,
+    )
