@@ -122,17 +122,25 @@ def _doubt_of_stroke(travel: Travel) -> Floats:
 
 def _unfold(time: Floats, y: Floats, nominal_radius: float | None, rod_length: float) -> _Unfolded | None:
     noise = white_noise_std(y)
-    turns = _turns_of(y, noise, width=1, drop_spikes=False) or _turns_of(y, noise, width=1, drop_spikes=True)
+    turns = _turns_of(y, noise, width=1, drop_spikes=True)
+    if (
+        turns is None or np.median(np.diff(turns.index)) <= 24
+    ):  # a median of five would eat such short strokes
+        turns = _turns_of(y, noise, width=1, drop_spikes=False)
     if turns is None:
         return None
     half_turn_s = float(np.median(np.diff(time[turns.index])))
     step = float(np.median(np.diff(time)))
+    if half_turn_s > 24 * step:
+        time, y = _without_spikes(time, y, noise)
     block = int(2 * half_turn_s / step) // _KNOTS_A_STROKE
     if block >= 2:
         time, y = _block_means(time, y, block, step)
         noise, step = max(white_noise_std(y), noise / np.sqrt(block)), step * block
     width = max(int(half_turn_s / step / 24), 1)
-    turns = _turns_of(y, noise, width, drop_spikes=half_turn_s > 24 * step) or turns
+    turns = _turns_of(y, noise, width, drop_spikes=half_turn_s > 24 * step)
+    if turns is None:
+        return None
     travel = estimate_travel(time, y, turns, nominal_radius)
     calm_width = max(int(half_turn_s / step / 8), 1)
     tolerance = max(8.0 * noise / np.sqrt(calm_width), 4e-3 * float(np.mean(travel.radius_m)))
@@ -150,6 +158,15 @@ def _unfold(time: Floats, y: Floats, nominal_radius: float | None, rod_length: f
         speed_scale_rad_s=speed,
         noise_std_m=noise,
     )
+
+
+def _without_spikes(time: Floats, y: Floats, noise: float) -> tuple[Floats, Floats]:
+    """Drop samples far from the median of the five around them: they would bend the first pass."""
+    from scipy.ndimage import median_filter
+
+    low, high = robust_range(y, 1.0)
+    good = np.abs(y - median_filter(y, 5, mode="nearest")) < max(8.0 * noise, 0.05 * (high - low))
+    return time[good], y[good]
 
 
 def _turns_of(y: Floats, noise: float, width: int, *, drop_spikes: bool) -> Turns | None:

@@ -92,7 +92,7 @@ def demodulate(start_s: float, step_s: float, values: Floats, line_hz: float) ->
     window = np.hanning(taps + 2)[1:-1]
     weight = np.convolve(np.ones(n_blocks), window, mode="same") * block
     z = (np.convolve(real, window, mode="same") + 1j * np.convolve(imaginary, window, mode="same")) / weight
-    time = (np.arange(n_blocks) * block + 0.5 * (block - 1)) * step_s
+    time = np.asarray((np.arange(n_blocks) * block + 0.5 * (block - 1)) * step_s, dtype=np.float64)
     phase = np.asarray(2 * np.pi * line_hz * time + np.unwrap(np.angle(z)), dtype=np.float64)
     return LinePhase(time_s=start_s + time, phase_rad=phase, amplitude=2 * np.abs(z))
 

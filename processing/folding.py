@@ -158,7 +158,7 @@ def _cubic(values, k, u):
 
 @njit(cache=True, nogil=True)
 def _fold(angle_time, angle, time, same_time, values, turns, is_linear, centre, total, square):
-    """Fold the channels `values` (channels x samples) over the turns given; sums about a `centre` per channel.
+    """Fold the channels `values` (channels x samples) over the turns; sums about a `centre` per channel.
 
     Everything a cycle touches (positions, sums, one channel's samples) fits a first-level cache of 32 KiB.
     """

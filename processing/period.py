@@ -22,6 +22,7 @@ from processing.spectrum import Line, Spectrum, find_lines, power_near
 _MIN_PROMINENCE = 40.0
 _RIVAL_SHARE = 0.02
 _SERIOUS_SHARE = 0.25
+_NARROW_SHARE = 0.5  # second harmonic over first; a half sine has 0.18
 _MAX_RIVALS = 8
 
 
@@ -87,6 +88,9 @@ def find_stroke_line(
     if is_resolved and half > _SERIOUS_SHARE and odd > _RIVAL_SHARE:
         rate, order = 0.5 * rate, 2
     rivals, doubts = _rivals(spectrum, lines, rate, top, (min_rate_hz, max_rate_hz))
+    twice = float(power_near(spectrum, 2 * rate)[0]) / top.power
+    if order == 1 and twice > _NARROW_SHARE:
+        doubts = (*doubts, f"the line at twice the rate ({2 * rate:.4g} Hz) is nearly as strong")
     if order == 2:
         doubts = (f"the line at twice the rate ({top.frequency_hz:.4g} Hz) is the stronger one", *doubts)
     floor = float(np.interp(rate * order, spectrum.frequency_hz, spectrum.floor))
@@ -117,7 +121,7 @@ def _rivals(
             PeriodCandidate(
                 period_s=1 / line.frequency_hz,
                 relative_power=share,
-                reason=f"a line at {multiple:.3f} times the rate, none of its harmonics: {_order_words(multiple)}",
+                reason=f"at {multiple:.3f} times the rate, none of its harmonics: {_order_words(multiple)}",
             )
         )
         if share > _SERIOUS_SHARE:
@@ -207,7 +211,8 @@ def mean_period(
     The mean is time over whole turns, stretch by stretch, averaged over the starting angles that a stretch
     allows, so only its ends carry the error of the angle and the ripple within a stroke drops out. Where the
     strokes differ by more than that error, s / sqrt(n) is added: the strokes are then a sample of how the saw
-    runs (standard uncertainty of type A). A scale error of the clock is not contained.
+    runs (standard uncertainty of type A). The gain of averaging over the starting angles is not claimed, so that at a constant rate the
+    uncertainty is conservative by up to a factor of two. A scale error of the clock is not contained.
     """
     total_s, variance, n = 0.0, 0.0, 0
     rising = angle.angle_rad + 1e-12 * np.arange(len(angle.angle_rad))
@@ -339,7 +344,7 @@ def from_line(
     if stroke.channel != "force_n":
         confidence = "low"
         reason = (
-            f"from {stroke.channel} alone: its strongest line may belong to a belt, to a harmonic or to every "
+            f"from {stroke.channel} alone: its strongest line may belong to a belt, a harmonic or every "
             "second stroke; a displacement or force signal would decide"
         )
     elif stroke.doubts:

@@ -18,6 +18,7 @@ _GAP_PERIODS = 2.5
 _SPIKE_NOISE_STDS = 12.0
 _SPIKE_RANGE_SHARE = 0.25
 _FLAT_RUN = 4
+_FLAT_RUNS = 3
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -150,8 +151,9 @@ def count_clipped(values: Floats) -> int:
     Returns
     -------
     int
-        0 for a constant channel. A value of exactly 0 is taken as nothing measured, not as clipping, and a
-        quantised signal may dwell at its extreme twice as long as a sine of its range.
+        0 for a constant channel. Fewer than three flat tops are a machine standing still, and a value of
+        exactly 0 is taken as nothing measured, not as clipping, and a quantised signal may dwell at its
+        extreme twice as long as a sine of its range.
 
     Examples
     --------
@@ -170,8 +172,9 @@ def count_clipped(values: Floats) -> int:
     for extreme in (low, high):
         edges = np.flatnonzero(np.diff(np.r_[False, values == extreme, False]))
         lengths = edges[1::2] - edges[::2]
-        flat = int(lengths[lengths >= _FLAT_RUN].sum())
-        if extreme != 0.0 and flat > 2.0 * of_sine * len(values):
+        lengths = lengths[lengths >= _FLAT_RUN]
+        flat = int(lengths.sum())
+        if extreme != 0.0 and len(lengths) >= _FLAT_RUNS and flat > 2.0 * of_sine * len(values):
             clipped += flat
     return clipped
 

@@ -108,7 +108,7 @@ def power_spectrum(values: Floats, rate_hz: float) -> Spectrum:
     )
     floor = np.interp(np.arange(len(power)), np.arange(len(coarse)) * every, floor)
     return Spectrum(
-        frequency_hz=np.arange(len(power)) * (rate_hz / length),
+        frequency_hz=np.asarray(np.arange(len(power)) * (rate_hz / length), dtype=np.float64),
         power=power,
         floor=np.maximum(floor, 1e-30),
         resolution_hz=rate_hz / n,

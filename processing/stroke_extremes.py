@@ -15,6 +15,7 @@ _FIT_HALF_WIDTH = 0.11  # of a period: 0.7 rad each side of the dead centre
 _FITTED_TURNS = 400
 _BLOCK = 64
 _VARYING_SHARE = 0.02
+_OUTLIER_MADS = 6.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -232,6 +233,10 @@ def _fit_turns(
         part = slice(first[turn], last[turn])
         u = (time_s[part] - time_s[index[turn]]) / width
         curve = np.polynomial.polynomial.polyfit(u, y[part], 4)
+        off = np.abs(y[part] - np.polynomial.polynomial.polyval(u, curve))
+        is_good = off <= _OUTLIER_MADS * np.median(off)
+        if not is_good.all() and is_good.sum() >= 8:
+            curve = np.polynomial.polynomial.polyfit(u[is_good], y[part][is_good], 4)
         dense = np.polynomial.polynomial.polyval(np.linspace(-0.5, 0.5, 201), curve)
         value[k] = dense.max() if is_top[turn] else dense.min()
     return index[usable], value, is_top[usable]
