@@ -328,6 +328,28 @@ def periodic_effects(
     )
 
 
+def _solve_batch(
+    rows: Floats, force: Floats, table: Floats, soc: Floats, n_steps: int, results: Floats, statuses: NDArray
+) -> None:
+    """Lanes where they fit, the scalar kernel for the rest; rows with effects one by one."""
+    from modeling import lane_kernel as lanes
+
+    first = slots.GUIDE_COULOMB
+    has_effects = (rows[:, first:] != slots.defaults()[first:]).any(axis=1) | (
+        rows[:, slots.RC_RESISTANCE] != 0
+    )
+    if has_effects.any():
+        raise InputError("a batch takes vectors without effects; call steady_state for those")
+    statuses[:] = lanes.UNDECIDED
+    if len(force) == 0:
+        lanes.periodic_lanes(rows, table, soc, n_steps, TOLERANCE, results, statuses)
+    left = np.flatnonzero(statuses < 0)
+    if len(left):
+        some, codes = np.zeros((len(left), kernel.N_PERIODIC)), np.empty(len(left), dtype=np.int64)
+        kernel.periodic_states(rows[left], force, table, soc[left], n_steps, TOLERANCE, some, codes)
+        results[left], statuses[left] = some, codes
+
+
 def steady_state_batch(
     vectors: ArrayLike | Sequence[Floats],
     *,
@@ -360,7 +382,7 @@ def steady_state_batch(
     force = NO_TABLE if spline is None else spline
     table = NO_TABLE if ocv is None else ocv
     n_steps = steps_for(spline, DEFAULT_STEPS) if steps_per_turn is None else steps_per_turn
-    kernel.periodic_states(rows, force, table, charge, n_steps, TOLERANCE, results, statuses)
+    _solve_batch(rows, force, table, charge, n_steps, results, statuses)
     good = statuses == kernel.PERIODIC
     results[~good] = 0.0
     period = results[:, kernel.PERIOD]
