@@ -17,7 +17,8 @@ from diagnosis.effects.effect import Effect, Strength
 from diagnosis.equations import Baseline, Signature
 from diagnosis.state import State
 
-_EDGE = 0.015
+# Width of the hard limit's edge over the distance of the edge from the top current.
+_EDGE = 0.25
 
 
 def _signature(baseline: Baseline, state: State, share: float, soft: float) -> tuple[Signature, ...]:
@@ -30,7 +31,7 @@ def _signature(baseline: Baseline, state: State, share: float, soft: float) -> t
         lack_v = left_v * np.clip((state.current_a / top_a - share) / (1.0 - share), 0.0, 1.0)
     else:
         lack_v = _left_over(baseline, state, state.current_a) / (
-            1.0 + np.exp(np.clip((share - state.current_a / top_a) / _EDGE, -50.0, 50.0))
+            1.0 + np.exp(np.clip((share - state.current_a / top_a) / (_EDGE * (1.0 - share)), -50.0, 50.0))
         )
     pulled_back = lack_v / np.maximum(state.motor_voltage_v, 1e-3)
     return ({"electrical": lack_v, "converter": -state.setting.duty * pulled_back * state.current_a},)
@@ -51,7 +52,7 @@ EFFECT = Effect(
     ),
     signature=_signature,
     shapes=(
-        *({"share": s, "soft": 0.0} for s in (0.96, 0.92, 0.86)),
+        *({"share": s, "soft": 0.0} for s in (0.985, 0.96, 0.92, 0.86)),
         *({"share": s, "soft": 1.0} for s in (0.5, 0.7, 0.85)),
     ),
     needs=("motor_current_a", "battery_voltage_v"),

@@ -3,11 +3,11 @@
     torque form:     J dw/dt = ... - a sin(angle + psi)
     kinematic form:  motor speed = gear * crank speed * (1 + e cos(angle + psi))
 
-In the kinematic form the baseline, which knows the crank alone, misses back-EMF (-k_e times the swing of
-the motor speed) and the torque that swings the rotor. Free phase: sine and cosine part. One unit of the
-kinematic form is e = 1 per N*m, so that 0.003 stands for 3 mN*m or for 0.3 %. Once a stroke, also in idle
-runs, where cutting cannot cause it. Radial runout of hobbed gears of this size is 20 to 60 um (ISO 1328),
-0.1 to 0.5 % of the radius; torque: assumed.
+In the kinematic form the baseline, which knows the crank alone, misses back-EMF (k_e times the swing of the
+motor speed) and the torque that swings the rotor, and the load reaches the motor through the other ratio.
+Free phase: sine and cosine part. One unit of the kinematic form is e = 1 per N*m, so that 0.003 stands for
+3 mN*m or for 0.3 %. Once a stroke, also in idle runs, where cutting cannot cause it. Radial runout of
+hobbed gears of this size is 20 to 60 um (classes of ISO 1328), 0.1 to 0.5 % of the radius; torque: assumed.
 """
 
 from __future__ import annotations
@@ -24,21 +24,20 @@ def _signature(baseline: Baseline, state: State, kinematic: float) -> tuple[Sign
     sine, cosine = np.sin(state.angle_rad), np.cos(state.angle_rad)
     if kinematic == 0.0:
         return {"mechanical": sine}, {"mechanical": cosine}
-    speed = baseline.gear * state.speed_rad_s
-    acceleration = baseline.gear * state.acceleration_rad_s2
-    turn = state.speed_rad_s
-    return (
-        _swing(baseline, speed * sine, acceleration * sine + speed * turn * cosine),
-        _swing(baseline, speed * cosine, acceleration * cosine - speed * turn * sine),
-    )
+    return _swing(baseline, state, sine, cosine), _swing(baseline, state, cosine, -sine)
 
 
-def _swing(baseline: Baseline, speed: Floats, acceleration: Floats) -> Signature:
+def _swing(baseline: Baseline, state: State, wave: Floats, slope: Floats) -> Signature:
+    """Residuals where the ratio swings by `wave`, whose derivative with the crank angle is `slope`."""
     plant = baseline.plant
+    extra_speed = baseline.gear * state.speed_rad_s * wave
+    extra_acceleration = baseline.gear * (state.acceleration_rad_s2 * wave + state.speed_rad_s**2 * slope)
+    load = 0.0 if state.force_n is None else baseline.load_torque(state, state.force_n)
     return {
-        "electrical": -plant.back_emf_constant_v_s_per_rad.nominal * speed,
-        "mechanical": plant.rotor_inertia_kg_m2.nominal * acceleration
-        + plant.motor_damping_n_m_s_per_rad.nominal * speed,
+        "electrical": plant.back_emf_constant_v_s_per_rad.nominal * extra_speed,
+        "mechanical": plant.rotor_inertia_kg_m2.nominal * extra_acceleration
+        + plant.motor_damping_n_m_s_per_rad.nominal * extra_speed
+        - load * wave,
     }
 
 

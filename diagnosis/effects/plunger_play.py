@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from math import copysign
 
 import numpy as np
 
 from bench.recording import Floats
-from diagnosis.reduction import angle_derivative
 from diagnosis.state import TWO_PI
 
 _FINE = 4
 _TURNS = 3
-# Stiffness of a tracker that follows displacement with a noise of 5 um a knot and a jerk ripple of 0.3, m^2.
-_TRACKER_STIFFNESS_M2 = (5e-6) ** 2 * (TWO_PI / 128) / 0.3**2
+# A tracker that takes 5 um of noise a knot and its largest jerk ripple, 1 (processing.crank_angle), m^2.
+_TRACKER_STIFFNESS_M2 = (5e-6) ** 2 * TWO_PI / 128
 _TRACKER_PASSES = 6
+_TRACKER_HARMONICS = 24
+_FIT_HALF_WIDTH_RAD = 0.7
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -43,7 +45,7 @@ def plunger_motion(
     mass_kg: float,
     damping_n_s_per_m: float,
     cutting_sign: int,
-    is_held: bool,
+    friction_n: float,
 ) -> Motion:
     """Carry the plunger through a few turns of the crank by contact time-stepping.
 
@@ -55,14 +57,14 @@ def plunger_motion(
         Width of the slot less the width of the pin.
     radius_m, mass_kg, damping_n_s_per_m, cutting_sign
         Of mechanism and cut.
-    is_held : bool
-        True: guide friction holds the plunger while the pin crosses the gap (slow machines); false: it flies
-        freely, as its own inertia and the cut will have it.
+    friction_n : float
+        Guide friction while the pin crosses the gap: 0 lets the plunger fly as inertia and cut will have
+        it, a large one holds it where it is.
 
     Returns
     -------
     Motion
-        Impacts do not bounce.
+        Impacts do not bounce. The pin force is without the friction.
     """
     n_points = len(speed_rad_s)
     n = n_points * _FINE
@@ -77,7 +79,8 @@ def plunger_motion(
     for step in range(_TURNS * n):
         k = step % n
         resist = -cutting_sign * damping_n_s_per_m * max(cutting_sign * v, 0.0)
-        free = 0.0 if is_held else v + steps[k] * resist / mass_kg
+        pulled = v + steps[k] * resist / mass_kg
+        free = copysign(max(abs(pulled) - steps[k] * friction_n / mass_kg, 0.0), pulled)
         ahead = x + steps[k] * free - pin[k]
         if abs(ahead) > half:
             x = pin[k] + (half if ahead > 0 else -half)
@@ -98,24 +101,43 @@ def _bin(rows: Floats, n_points: int) -> Floats:
 def tracked_angle(position_m: Floats) -> Floats:
     """Deviation of the crank angle that a smooth tracker reads off a displacement, rad, shape (n_points,).
 
-    Offset and radius come from the turning points, as in any tracker that knows neither; then the smoothest
-    trajectory that explains the displacement (third derivative penalised).
+    Offset and radius come from the dead centres, as in any tracker that knows neither; then the smoothest
+    trajectory that explains the displacement (third derivative penalised) by Gauss-Newton.
     """
     n = len(position_m)
     angle = (np.arange(n) + 0.5) * TWO_PI / n
-    low, high = position_m.min(), position_m.max()
+    low = _dead_centre(position_m, int(np.argmin(position_m)))
+    high = _dead_centre(position_m, int(np.argmax(position_m)))
     radius = 0.5 * (high - low)
-    penalty = _TRACKER_STIFFNESS_M2 * _third_derivative_square(n)
+    basis, penalty = _smooth_waves(n)
     deviation = np.zeros(n)
     for _ in range(_TRACKER_PASSES):
         read = angle + deviation
         slope = radius * np.sin(read)
-        missing = position_m - low - radius * (1.0 - np.cos(read))
-        deviation = np.linalg.solve(np.diag(slope**2) + penalty, slope * (missing + slope * deviation))
+        missing = position_m - low - radius * (1.0 - np.cos(read)) + slope * deviation
+        sloped = basis * slope[:, None]
+        weights = np.linalg.solve(sloped.T @ sloped + np.diag(penalty), sloped.T @ missing)
+        deviation = basis @ weights
     return deviation
 
 
 @lru_cache(maxsize=4)
-def _third_derivative_square(n: int) -> Floats:
-    third = angle_derivative(angle_derivative(angle_derivative(np.eye(n))))
-    return third @ third.T
+def _smooth_waves(n_points: int) -> tuple[Floats, Floats]:
+    """Fourier waves over a turn, shape (n_points, 2 h + 1), and the penalty of each (third derivative)."""
+    angle = (np.arange(n_points) + 0.5) * TWO_PI / n_points
+    orders = np.arange(1, _TRACKER_HARMONICS + 1)
+    waves = angle[:, None] * orders
+    basis = np.concatenate([np.ones((n_points, 1)), np.cos(waves), np.sin(waves)], axis=1)
+    third = 0.5 * n_points * orders.astype(float) ** 6
+    return basis, _TRACKER_STIFFNESS_M2 * np.concatenate([[1.0], third, third])
+
+
+def _dead_centre(position_m: Floats, middle: int) -> float:
+    """Extreme of a fourth-order polynomial through a dead centre: a plateau of play lies inside of it."""
+    n = len(position_m)
+    half = round(_FIT_HALF_WIDTH_RAD / TWO_PI * n)
+    offset = np.arange(-half, half + 1)
+    fitted = np.polynomial.Polynomial.fit(offset, position_m[(middle + offset) % n], 4)
+    near = fitted(np.linspace(-0.5 * half, 0.5 * half, 101))
+    is_top = position_m[middle] > np.mean(position_m)
+    return float(near.max() if is_top else near.min())

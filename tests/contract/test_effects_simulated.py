@@ -1,0 +1,381 @@
+"""Signatures against an independent simulation: Eq. 12-13 with the effect's own physics, in steady strokes.
+
+The simulation writes each effect as what happens in the machine or in the sensor; the residuals of the
+baseline on it must be what the catalogue says, sign and size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from bench.config import BatteryConfig, PlantConfig
+from diagnosis.effects.catalogue import EFFECT_BY_NAME
+from diagnosis.equations import Baseline, residuals
+from diagnosis.state import State, TrialSetting
+
+R, L, KE, KM, B = 0.176, 0.00321, 0.007383, 0.005632, 3.4274e-06
+JM, JC, MASS, RADIUS, GEAR = 2.4e-05, 2.38e-05, 0.239, 0.01, 9.333333333333334
+R_BATTERY, DUTY, K_CUT, E_OPEN = 0.02, 0.4375, 240.0, 18.0
+N_POINTS = 128
+
+
+def _plant() -> PlantConfig:
+    return PlantConfig.model_validate(
+        {
+            "resistance_ohm": R,
+            "inductance_h": L,
+            "back_emf_constant_v_s_per_rad": KE,
+            "torque_constant_n_m_per_a": KM,
+            "rotor_inertia_kg_m2": JM,
+            "yoke_inertia_kg_m2": JC,
+            "reciprocating_mass_kg": MASS,
+            "crank_radius_m": RADIUS,
+            "motor_damping_n_m_s_per_rad": B,
+            "gear_ratio": GEAR,
+        }
+    )
+
+
+BASELINE = Baseline(
+    plant=_plant(),
+    battery=BatteryConfig(
+        nominal_voltage_v=18.0, capacity_ah=1.5, beta=0.99, internal_resistance_ohm=R_BATTERY, cutoff_soc=0.2
+    ),
+    cutting_sign=-1,
+)
+
+
+def _linear_cut(speed_m_s, travelled_m, force_n):
+    """Force on the cutting half; `force_n` is the state of a cutting law with memory."""
+    return K_CUT * speed_m_s
+
+
+@dataclass
+class Machine:
+    """Eq. 12-13 in the crank's frame, with a place for every piece of extra physics."""
+
+    duty: float = DUTY
+    cuts: bool = True
+    cut: Callable = _linear_cut  # (speed into the wood >= 0, travelled, memory) -> N
+    rub: Callable = lambda speed: 0.0  # speed of the return stroke -> N, against the motion
+    guide: Callable = lambda v: 0.0  # plunger velocity -> N against the motion
+    drag: Callable = lambda w, load: 0.0  # motor speed, load torque at the motor -> N m
+    once: Callable = lambda angle: 0.0  # crank angle -> N m at the motor
+    lost_voltage: Callable = lambda i, w: 0.0
+    resistance: float = R
+    flux: float = 1.0
+    battery_resistance: float = R_BATTERY
+    lost_share: Callable = lambda i: 0.0
+    memory_s: float = 0.0  # tau of a cutting law with memory
+    unloads: bool = False
+    lag_force_s: float = 0.0
+    lag_current_s: float = 0.0
+    ring: tuple[float, float] | None = None  # natural frequency, damping of the carriage
+    late: dict = field(default_factory=dict)  # channel -> s
+
+    def forces(self, angle, speed, memory):
+        v = RADIUS * speed * np.sin(angle)
+        into = max(-v, 0.0)
+        if not self.cuts:
+            return v, 0.0
+        if self.memory_s:
+            return v, memory
+        # cutting half pi..2 pi: the blade comes back from 2 r
+        travelled = 2 * RADIUS - RADIUS * (1 - np.cos(angle))
+        cutting = self.cut(into, travelled, memory) if v < 0 else 0.0
+        return v, cutting - (self.rub(v) if v > 0 else 0.0)
+
+    def rhs(self, t, y):
+        i, w, angle, memory, i_read, f_read, f_read_rate = y
+        v, force = self.forces(angle, w, memory)
+        # power that the blade takes from the crank: cutting while v < 0, rubbing (force < 0) while v > 0
+        blade = -force * RADIUS * np.sin(angle)
+        voltage = self.duty * (E_OPEN - self.battery_resistance * self.duty * i) - self.lost_voltage(
+            i, GEAR * w
+        )
+        di = (voltage - self.resistance * i - KE * self.flux * GEAR * w) / L
+        braking = self.guide(v) * RADIUS * abs(np.sin(angle))
+        motor = KM * self.flux * i - B * GEAR * w - self.drag(GEAR * w, blade / GEAR) - self.once(angle)
+        inertia = JM * GEAR**2 + JC + MASS * RADIUS**2 * np.sin(angle) ** 2
+        swing = MASS * RADIUS**2 * np.sin(angle) * np.cos(angle) * w**2
+        dw = (GEAR * motor - blade - braking - swing) / inertia
+        dm = 0.0
+        if self.memory_s:
+            drive = K_CUT * (-v if self.unloads else max(-v, 0.0))
+            dm = (drive - memory) / self.memory_s
+            if self.unloads and memory <= 0.0:
+                dm = max(dm, -memory / 1e-4)
+        dr = (i - i_read) / self.lag_current_s if self.lag_current_s else 0.0
+        if self.ring:
+            wn, zeta = 2 * np.pi * self.ring[0], self.ring[1]
+            return [di, dw, w, dm, dr, f_read_rate, wn**2 * (force - f_read) - 2 * zeta * wn * f_read_rate]
+        df = (force - f_read) / self.lag_force_s if self.lag_force_s else 0.0
+        return [di, dw, w, dm, dr, df, 0.0]
+
+    def run(self, n_units: int = 2) -> State:
+        """Two equal units of the settled stroke, as `running_state` would give them without noise."""
+        solution = solve_ivp(
+            self.rhs, (0.0, 1.6), [5.0, 80.0, 0.0, 0.0, 5.0, 0.0, 0.0], rtol=1e-8, atol=1e-8, max_step=5e-4,
+            dense_output=True,
+        )  # fmt: skip
+        exact = solution.sol
+        late = self.late
+        t = np.arange(1.3, 1.6, 2e-5)
+        crank = exact(t - late.get("displacement", 0.0))[2]
+        grid = (np.arange(N_POINTS) + 0.5) * 2 * np.pi / N_POINTS
+        at = np.interp(grid + 2 * np.pi * np.ceil(crank[0] / (2 * np.pi)), crank, t)
+        h = 2e-6
+
+        def read(function, delay):
+            return function(at - delay), (function(at + h - delay) - function(at - h - delay)) / (2 * h)
+
+        def true_force(time):
+            return np.array([self.forces(a, w, m)[1] for _, w, a, m, *_ in exact(time).T])
+
+        def force(time):
+            return exact(time)[5] if self.lag_force_s or self.ring else true_force(time)
+
+        def current(time):
+            return exact(time)[4 if self.lag_current_s else 0]
+
+        def battery_current(time):
+            i = exact(time)[0]
+            return self.duty * i * (1.0 + np.array([self.lost_share(x) for x in self.duty * i]))
+
+        def battery_voltage(time):
+            return E_OPEN - self.battery_resistance * self.duty * exact(time)[0]
+
+        can = late.get("can", 0.0)
+        speed, acceleration = read(lambda time: exact(time)[1], late.get("displacement", 0.0))
+        i, i_rate = read(current, can)
+        f, f_rate = read(force, late.get("force", 0.0))
+        voltage = battery_voltage(at - can)
+        rows = lambda wave: np.broadcast_to(wave, (n_units, N_POINTS))  # noqa: E731
+        return make_state(
+            self, angle_rad=rows(grid), speed_rad_s=rows(speed), acceleration_rad_s2=rows(acceleration),
+            current_a=rows(i), current_rate_a_s=rows(i_rate), force_n=rows(f), force_rate_n_s=rows(f_rate),
+            battery_voltage_v=rows(voltage), battery_current_a=rows(battery_current(at - can)),
+            motor_voltage_v=rows(self.duty * voltage),
+        )  # fmt: skip
+
+
+def make_state(machine: Machine, **waves) -> State:
+    n_units = len(waves["angle_rad"])
+    column = np.ones((n_units, 1))
+    setting = TrialSetting(
+        label="t", index=0, duty=machine.duty, is_idle=not machine.cuts, stock="oak", feed_m_s=0.004,
+        thickness_m=0.02, operating_point="p", session_s=500.0,
+    )  # fmt: skip
+    slow = {"k_guess_n_s_per_m": column * (K_CUT if machine.cuts else 0.0), "peak_force_n": column * 180.0}
+    slow |= {"top_current_a": column * np.max(waves["current_a"])}
+    slow |= {f"heat_{tau}_a2": 120.0 * column for tau in (15, 40, 100, 300, 900)}
+    slow |= {f"polarization_{tau}_a": 4.0 * column for tau in (1, 3, 10, 30, 60)}
+    return State(
+        kind="running", setting=setting, time_s=column * [[2.0]], cut_distance_m=5.0 * column,
+        charge_used_as=0.0 * column, n_strokes=np.ones(n_units), slow=slow, **waves,
+    )  # fmt: skip
+
+
+def gap(state: State) -> dict:
+    """Residuals less the expected force: what the baseline with the right k_Fc leaves."""
+    found = residuals(BASELINE, state)
+    return {**found, "cutting": found["cutting"] - BASELINE.expected_force(state)}
+
+
+# Sizes below which a residual counts as none, in the unit of its equation.
+SMALL = {"electrical": 2e-3, "mechanical": 5e-5, "cutting": 0.2, "supply": 1e-4, "converter": 1e-4}
+
+
+def check(
+    machine: Machine, name: str, amplitude: float, shape: dict | None = None, tolerance: float = 0.03
+) -> None:
+    state = machine.run()
+    seen = gap(state)
+    (claimed,) = EFFECT_BY_NAME[name].signatures(BASELINE, state, shape)
+    compare(seen, {key: amplitude * wave for key, wave in claimed.items()}, tolerance)
+
+
+def compare(seen: dict, claimed: dict, tolerance: float) -> None:
+    n_compared = 0
+    for equation, wave in seen.items():
+        expected = claimed.get(equation, np.zeros_like(wave))
+        error = np.sqrt(np.mean((wave - expected) ** 2))
+        size = np.sqrt(np.mean(wave**2))
+        assert error <= tolerance * size + SMALL[equation], (equation, error, size)
+        n_compared += size > 5 * SMALL[equation]
+    assert n_compared, "the simulated effect left no residual: the comparison says nothing"
+
+
+def test_a_machine_without_effects_leaves_no_residual():
+    for wave, small in ((w, SMALL[e]) for e, w in gap(Machine().run()).items()):
+        assert np.max(np.abs(wave)) < small
+
+
+@pytest.mark.parametrize("cuts", [True, False])
+def test_guide_friction(cuts):
+    machine = Machine(cuts=cuts, guide=lambda v: 6.0 * np.tanh(abs(v) / 0.01))
+    check(machine, "guide_friction", 6.0)
+
+
+def test_guide_friction_with_a_stribeck_dip():
+    machine = Machine(guide=lambda v: 6.0 * np.tanh(abs(v) / 0.01) * (1 + 0.5 * np.exp(-((v / 0.1) ** 2))))
+    check(machine, "guide_friction", 6.0, {"static_ratio": 1.5, "stribeck_m_s": 0.1})
+
+
+def test_motor_coulomb_friction():
+    check(Machine(drag=lambda w, load: 0.006 * np.sign(w)), "motor_coulomb_friction", 0.006)
+
+
+def test_windage_drag():
+    check(Machine(drag=lambda w, load: 7e-9 * w**2), "windage_drag", 0.007)
+
+
+def test_load_dependent_friction():
+    check(Machine(drag=lambda w, load: 0.1 * abs(load)), "load_dependent_friction", 0.1)
+
+
+def test_gear_eccentricity_in_both_phases():
+    for phase, weights in ((0.0, (1.0, 0.0)), (0.9, (np.cos(0.9), np.sin(0.9)))):
+        state = Machine(once=lambda angle, psi=phase: 0.004 * np.sin(angle + psi)).run()
+        parts = EFFECT_BY_NAME["gear_eccentricity"].signatures(BASELINE, state)
+        summed = sum(0.004 * w * part["mechanical"] for w, part in zip(weights, parts, strict=True))
+        compare(gap(state), {"mechanical": summed}, 0.01)
+
+
+def test_a_swinging_transmission_ratio():
+    """Crank and rotor tied by motor angle = gear (angle + e sin(angle)), the energy balance written out."""
+    swing, state = 0.004, Machine().run()
+    angle, w, a, load = state.angle_rad, state.speed_rad_s, state.acceleration_rad_s2, state.force_n
+    ratio = GEAR * (1 + swing * np.cos(angle))
+    motor_speed, motor_acceleration = ratio * w, ratio * a - GEAR * swing * np.sin(angle) * w**2
+    crank_torque = JC * a + MASS * RADIUS**2 * np.sin(angle) * (np.sin(angle) * a + np.cos(angle) * w**2)
+    crank_torque = crank_torque - load * RADIUS * np.sin(angle)
+    current = (JM * motor_acceleration + B * motor_speed + crank_torque / ratio) / KM
+    voltage = R * current + L * state.current_rate_a_s + KE * motor_speed
+    seen = gap(replace(state, current_a=current, motor_voltage_v=voltage))
+    _, cosine = EFFECT_BY_NAME["gear_eccentricity"].signatures(BASELINE, state, {"kinematic": 1.0})
+    seen = {name: seen[name] for name in ("electrical", "mechanical")}
+    compare(seen, {name: swing * wave for name, wave in cosine.items()}, 0.03)
+
+
+@pytest.mark.parametrize("unloads", [False, True])
+def test_blade_compliance(unloads):
+    machine = Machine(memory_s=K_CUT / 1e5, unloads=unloads)
+    shape = {"stiffness_n_per_m": 1e5, "unloads": float(unloads)}
+    check(machine, "blade_compliance", 1.0, shape, tolerance=0.05)
+
+
+def test_return_stroke_rubbing():
+    check(Machine(rub=lambda v: 30.0 * v), "return_stroke_rubbing", 30.0)
+
+
+def test_cutting_speed_exponent():
+    machine = Machine(cut=lambda v, x, m: K_CUT * 0.7 * (v / 0.7) ** 0.4)
+    check(machine, "cutting_speed_exponent", 1.0, {"exponent": 0.4}, tolerance=0.01)
+
+
+def test_edge_force():
+    check(Machine(cut=lambda v, x, m: 35.0 * np.tanh(v / 0.01) + K_CUT * v), "edge_force", 35.0)
+
+
+def test_tooth_passing_ripple():
+    def cut(v, travelled, memory):
+        return K_CUT * v * (1 + 0.2 * np.cos(2 * np.pi * (2 * RADIUS - travelled) / 0.004))
+
+    state = Machine(cut=cut).run()
+    _, cosine = EFFECT_BY_NAME["tooth_passing_ripple"].signatures(BASELINE, state, {"pitch_m": 0.004})
+    compare(gap(state), {key: 0.2 * wave for key, wave in cosine.items()}, 0.02)
+
+
+def test_engagement_delay():
+    machine = Machine(cut=lambda v, x, m: K_CUT * v * np.clip((x / (2 * RADIUS) - 0.18) / 0.08 + 0.5, 0, 1))
+    check(machine, "engagement_delay", 1.0, {"fraction": 0.18, "ramp": 0.08})
+
+
+def test_brush_voltage_drop():
+    check(Machine(lost_voltage=lambda i, w: 0.9 * np.tanh(i / 0.1)), "brush_voltage_drop", 0.9)
+
+
+@pytest.mark.parametrize("duty", [0.35, 0.6])
+def test_converter_diode_drop(duty):
+    machine = Machine(duty=duty, lost_voltage=lambda i, w: 0.6 * (1 - duty))
+    check(machine, "converter_diode_drop", 0.6)
+
+
+def test_winding_heating():
+    rise_k = 4.0 * R * 120.0  # K/W times the copper loss in the slow state
+    machine = Machine(resistance=R * (1 + 0.0039 * rise_k))
+    check(machine, "winding_heating", 4.0, tolerance=0.01)
+
+
+def test_magnet_weakening():
+    machine = Machine(flux=1 - 0.0015 * 3.0 * R * 120.0)
+    check(machine, "magnet_weakening", 3.0, tolerance=0.01)
+
+
+def test_battery_internal_resistance():
+    check(Machine(battery_resistance=R_BATTERY + 0.05), "battery_internal_resistance", 0.05)
+
+
+@pytest.mark.parametrize(
+    ("loss", "shape"),
+    [
+        (lambda i: 0.08, {"proportional": 1.0, "square": 0.0, "constant": 0.0}),
+        (lambda i: 0.08 * abs(i) / 5.0, {"proportional": 0.0, "square": 1.0, "constant": 0.0}),
+    ],
+)
+def test_converter_loss(loss, shape):
+    state = Machine(lost_share=loss).run()
+    (claimed,) = EFFECT_BY_NAME["converter_loss"].signatures(BASELINE, state, shape)
+    # The battery's voltage goes with the ideal current in this machine: only the converter is compared.
+    seen = {"converter": gap(state)["converter"]}
+    compare(seen, {"converter": 0.08 * claimed["converter"]}, 0.01)
+
+
+def test_current_limit():
+    state = Machine(lost_voltage=lambda i, w: 40.0 * max(i - 10.6, 0.0)).run()
+    assert gap(state)["electrical"].max() > 0.4
+    (claimed,) = EFFECT_BY_NAME["current_limit"].signatures(BASELINE, state, {"share": 0.985, "soft": 0.0})
+    seen = {"electrical": gap(state)["electrical"]}
+    # The edge of the signature is softer than this controller's.
+    compare(seen, {"electrical": claimed["electrical"]}, 0.25)
+
+
+def test_preload_lift_off():
+    state = Machine().run()
+    true_force = state.force_n
+    state = replace(state, force_n=np.minimum(true_force, 180.0))
+    assert true_force.max() > 190.0
+    (claimed,) = EFFECT_BY_NAME["preload_lift_off"].signatures(BASELINE, state, {"share": 1.0, "scale": 1.0})
+    compare(gap(state), claimed, 0.1)
+
+
+@pytest.mark.parametrize("tau_s", [5e-4, 3e-3])
+def test_force_sensor_lag(tau_s):
+    check(Machine(lag_force_s=tau_s), "force_sensor_lag", 1.0, {"tau_s": tau_s}, tolerance=0.04)
+
+
+@pytest.mark.parametrize("tau_s", [5e-4, 3e-3])
+def test_current_sensor_lag(tau_s):
+    check(Machine(lag_current_s=tau_s), "current_sensor_lag", 1.0, {"tau_s": tau_s}, tolerance=0.02)
+
+
+@pytest.mark.parametrize(("frequency_hz", "damping"), [(95.0, 0.2), (150.0, 0.08)])
+def test_carriage_resonance(frequency_hz, damping):
+    machine = Machine(ring=(frequency_hz, damping))
+    shape = {"frequency_hz": frequency_hz, "damping": damping}
+    check(machine, "carriage_resonance", 1.0, shape, tolerance=0.05)
+
+
+@pytest.mark.parametrize(("device", "channel"), [(0.0, "force"), (1.0, "can"), (2.0, "displacement")])
+@pytest.mark.parametrize("tau_s", [1e-3, 5e-3])
+def test_clock_offset(device, channel, tau_s):
+    machine = Machine(late={channel: tau_s})
+    shape = {"device": device, "tau_s": tau_s, "drifts": 0.0}
+    # A late displacement also puts the cutting half at the wrong angle, a second-order term.
+    check(machine, "clock_offset", 1.0, shape, tolerance=0.05)
