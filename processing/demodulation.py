@@ -1,6 +1,6 @@
 """Phase of one spectral line over time: the crank angle where there is no displacement.
 
-The signal is multiplied by a turning phasor, summed over blocks of a sixteenth of a cycle and smoothed by a
+The signal is multiplied by a turning phasor, summed over blocks of an eighth of a cycle and smoothed by a
 Hann window of four cycles, whose zeros lie on the mean value, on half the rate and on every harmonic. Unlike
 a spectrum over the whole trial it follows a drift of the speed.
 """
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bench.processed import CrankAngle
 from bench.recording import Floats
 
-_BLOCKS_A_CYCLE = 16
+_BLOCKS_A_CYCLE = 8
 _WINDOW_CYCLES = 4
 _MIN_AMPLITUDE_SHARE = 0.3
 _MAX_RATE_CHANGE = 0.4
@@ -70,7 +70,7 @@ def demodulate(start_s: float, step_s: float, values: Floats, line_hz: float) ->
     Returns
     -------
     LinePhase
-        One value per sixteenth of a cycle (or per sample where those are fewer).
+        One value per eighth of a cycle (or per sample where those are fewer).
 
     Examples
     --------
@@ -90,11 +90,19 @@ def demodulate(start_s: float, step_s: float, values: Floats, line_hz: float) ->
     _block_sums(values, level, np.cos(in_block), np.sin(in_block), step_rad, real, imaginary)
     taps = min(round(_WINDOW_CYCLES / (line_hz * step_s * block)), max(n_blocks // 2, 3))
     window = np.hanning(taps + 2)[1:-1]
-    weight = np.convolve(np.ones(n_blocks), window, mode="same") * block
-    z = (np.convolve(real, window, mode="same") + 1j * np.convolve(imaginary, window, mode="same")) / weight
+    z = np.convolve(real, window, mode="same") + 1j * np.convolve(imaginary, window, mode="same")
+    z /= _covered_weight(window, n_blocks) * block
     time = np.asarray((np.arange(n_blocks) * block + 0.5 * (block - 1)) * step_s, dtype=np.float64)
     phase = np.asarray(2 * np.pi * line_hz * time + np.unwrap(np.angle(z)), dtype=np.float64)
     return LinePhase(time_s=start_s + time, phase_rad=phase, amplitude=2 * np.abs(z))
+
+
+def _covered_weight(window: Floats, n: int) -> Floats:
+    """Sum of the window where it lies inside n values; smaller near both ends."""
+    if n < 4 * len(window):
+        return np.convolve(np.ones(n), window, mode="same")
+    edge = np.convolve(np.ones(2 * len(window)), window, mode="same")[: len(window)]
+    return np.concatenate((edge, np.full(n - 2 * len(window), window.sum()), edge[::-1]))
 
 
 def angle_from_line(

@@ -1,7 +1,7 @@
 """Lay every stroke over one turn of the crank: mean, spread and count per bin.
 
 Bin centres are found once a cycle on the time axis and serve every channel sampled at those times; the sums
-stay in the processor's first cache. Each bin takes one value from each cycle, interpolated between
+stay in the first-level cache. Each bin takes one value from each cycle, interpolated between
 neighbouring samples: linearly where there are over 400 samples a stroke, else through four points (the error
 of the first harmonic is then below 1e-4 down to 30 samples a stroke).
 """
@@ -20,9 +20,8 @@ from bench.folded import FoldedCycle
 from bench.recording import Floats
 
 _LINEAR_FROM_SAMPLES = 400
-_STRIDE = (
-    8  # bins from one exact position to the next, at 256 bins 0.2 rad; a parabola leads through those between
-)
+_CHANNELS_AT_ONCE = 2  # more evict each other from the first-level cache
+_STRIDE = 8  # bins from one exact position to the next; a parabola leads through those between
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -157,30 +156,33 @@ def _cubic(values, k, u):
 
 
 @njit(cache=True, nogil=True)
-def _fold(angle_time, angle, time, same_time, values, turns, is_linear, centre, total, square):
-    """Fold the channels `values` (channels x samples) over the turns; sums about a `centre` per channel.
-
-    Everything a cycle touches (positions, sums, one channel's samples) fits a first-level cache of 32 KiB.
-    """
-    n_bins = total.shape[1]
-    n_knots = (n_bins + _STRIDE - 1) // _STRIDE + 1
-    goals, knots = np.empty(n_knots), np.empty(n_knots)
-    index, part = np.empty(n_bins, np.uint64), np.empty(n_bins)
+def _knots(angle_time, angle, time, same_time, turns, n_bins, knots):
+    """Fractional sample positions of every `_STRIDE`-th bin centre of every turn."""
+    goals = np.empty(knots.shape[1])
     step = 2.0 * np.pi * _STRIDE / n_bins
-    last = len(time) - 1.000001
     k_angle = k_time = 0
-    for turn in turns:
-        start = (turn + 0.5 / n_bins) * 2.0 * np.pi
-        for j in range(n_knots):
+    for row in range(len(turns)):
+        start = (turns[row] + 0.5 / n_bins) * 2.0 * np.pi
+        for j in range(len(goals)):
             goals[j] = start + j * step
-        k_angle = _inverse(angle, goals, k_angle, knots)
-        if not same_time:
-            for j in range(n_knots):
-                k = min(int(knots[j]), len(angle_time) - 2)
-                goals[j] = angle_time[k] + (knots[j] - k) * (angle_time[k + 1] - angle_time[k])
-            k_time = _inverse(time, goals, k_time, knots)
-        _spread(knots, last, index, part)
-        for c in range(values.shape[0]):
+        k_angle = _inverse(angle, goals, k_angle, knots[row])
+        if same_time:
+            continue
+        for j in range(len(goals)):
+            k = min(int(knots[row, j]), len(angle_time) - 2)
+            goals[j] = angle_time[k] + (knots[row, j] - k) * (angle_time[k + 1] - angle_time[k])
+        k_time = _inverse(time, goals, k_time, knots[row])
+
+
+@njit(cache=True, nogil=True)
+def _fold(knots, values, is_linear, centre, total, square):
+    """Add up `values` (channels x samples) over the cycles of `knots`, about a `centre` per channel."""
+    n_bins = total.shape[1]
+    index, part = np.empty(n_bins, np.uint64), np.empty(n_bins)
+    last = values.shape[1] - 1.000001
+    for row in range(len(knots)):
+        _spread(knots[row], last, index, part)
+        for c in range(len(values)):
             if is_linear:
                 _add_linear(values[c], index, part, centre[c], total[c], square[c])
             else:
@@ -234,7 +236,11 @@ def fold_channels(
 
     def part(chosen: NDArray[np.int64]) -> tuple[Floats, Floats]:
         total, square = np.zeros((2, channels, n_bins))
-        _fold(angle_time_s, angle_rad, time_s, same_time, values, chosen, is_linear, centre, total, square)
+        knots = np.empty((len(chosen), -(-n_bins // _STRIDE) + 1))
+        _knots(angle_time_s, angle_rad, time_s, same_time, chosen, n_bins, knots)
+        for c in range(0, channels, _CHANNELS_AT_ONCE):
+            some = slice(c, c + _CHANNELS_AT_ONCE)
+            _fold(knots, values[some], is_linear, centre[some], total[some], square[some])
         return total, square
 
     shares = np.array_split(turns, min(n_threads, n_cycles))

@@ -211,8 +211,9 @@ def mean_period(
     The mean is time over whole turns, stretch by stretch, averaged over the starting angles that a stretch
     allows, so only its ends carry the error of the angle and the ripple within a stroke drops out. Where the
     strokes differ by more than that error, s / sqrt(n) is added: the strokes are then a sample of how the saw
-    runs (standard uncertainty of type A). The gain of averaging over the starting angles is not claimed, so that at a constant rate the
-    uncertainty is conservative by up to a factor of two. A scale error of the clock is not contained.
+    runs (standard uncertainty of type A). The gain of averaging over the starting angles is
+    not claimed, so that at a constant rate the uncertainty is conservative by up to a factor of two. A scale
+    error of the clock is not contained.
     """
     total_s, variance, n = 0.0, 0.0, 0
     rising = angle.angle_rad + 1e-12 * np.arange(len(angle.angle_rad))
