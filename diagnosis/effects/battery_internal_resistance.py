@@ -2,7 +2,7 @@
 
 Positive amplitude: the voltage dips with the current at once (supply residual -dR i_b), in every stroke and
 at spin-up. Polarization dips late and recovers at rest. Five 18650 cells in series with leads, contacts and
-age: 0.05 to 0.15 Ohm against 0.02 stated (cell makers' data, 15 to 30 mOhm a cell).
+age: 0.05 to 0.15 Ohm against 0.02 stated (15 to 30 mOhm a cell): assumed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ EFFECT = Effect(
     place="supply",
     equation="V_b = E(soc) - (R_b + dR) * i_b",
     strength=Strength(
-        name="extra_resistance_ohm", unit="Ohm", typical=0.04, low=0.1, high=4.0, source="cell makers' data"
+        name="extra_resistance_ohm", unit="Ohm", typical=0.04, low=0.1, high=4.0, source="assumed"
     ),
     signature=_signature,
     needs=("battery_voltage_v", "battery_current_a"),

@@ -3,7 +3,7 @@
 Positive amplitude: the voltage sags for seconds after a step of the current and recovers at rest. Forms:
 one RC element, or the sum of a fast and a slow one, half each. Within a start-up the element follows the
 measured current. Internal resistance answers at once. Charge transfer and diffusion of 18650 cells: 5 to 30
-mOhm a cell and 1 to 100 s (equivalent-circuit fits, Plett, Battery Management Systems 1).
+mOhm a cell and 1 to 100 s in equivalent-circuit models: assumed.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ EFFECT = Effect(
         typical=0.04,
         low=0.1,
         high=4.0,
-        source="equivalent-circuit fits",
+        source="assumed",
     ),
     signature=_signature,
     shapes=(

@@ -3,8 +3,8 @@
     L di/dt = U - R i - k_e w - V tanh(i / i_0)
 
 Positive amplitude: a constant voltage is missing at every duty. Below i_0 the drop turns ohmic. A diode
-drop shrinks with duty, resistance grows with current. Range: handbooks on carbon brushes (0.3 V copper
-graphite to 1 V a brush).
+drop shrinks with duty, resistance grows with current. The form, ohmic at small current and flat above, is
+that of Modelica.Electrical.Machines.Losses.DCMachines.Brush. Range: assumed.
 """
 
 from __future__ import annotations
@@ -26,9 +26,7 @@ EFFECT = Effect(
     name="brush_voltage_drop",
     place="electrical",
     equation="V * sgn(i) in the armature circuit",
-    strength=Strength(
-        name="voltage_v", unit="V", typical=0.8, low=0.1, high=3.0, source="handbooks on carbon brushes"
-    ),
+    strength=Strength(name="voltage_v", unit="V", typical=0.8, low=0.1, high=3.0, source="assumed"),
     signature=_signature,
     shapes=tuple({"knee_a": i} for i in (0.1, 1.0, 3.0)),
     needs=("motor_current_a", "battery_voltage_v"),

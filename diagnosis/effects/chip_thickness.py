@@ -1,8 +1,8 @@
 """Thicker chips cut harder: k grows with feed per stroke, k (h / h_ref)^m, h = feed / stroke rate.
 
 h_ref = 0.3 mm. The gain changes with feed and stroke rate, the shape of the force over the stroke does not.
-Nothing can be said where nobody told the feed. m = 0.4 to 0.9 in wood (tooth forces about h^0.68; Kivimaa
-1950 and later). A speed exponent changes the shape too; wear grows whatever the feed.
+Nothing can be said where nobody told the feed. m = 0.4 to 0.9 in wood (tooth forces about h^0.68), assumed.
+A speed exponent changes the shape too; wear grows whatever the feed.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ EFFECT = Effect(
         typical=1.0,
         low=0.6,
         high=1.5,
-        source="0.4 to 0.9: wood cutting literature",
+        source="assumed; wood: about 0.68",
     ),
     signature=_signature,
     shapes=tuple({"exponent": m} for m in (0.3, 0.45, 0.6, 0.75, 0.9)),

@@ -7,7 +7,7 @@ late displacement  angle and speed of tau ago: force and CAN look early
 
 Positive tau: late. Forms: a constant delay; a delay that drifts over the session (tau at 1000 s, clocks not
 aligned again between trials); one that drifts within each trial (tau at 10 s). No amplitude is lost, unlike
-in a lag. Latencies of USB, serial and CAN chains 0.1 to 10 ms, quartz clocks 10 to 100 ppm (data sheets).
+in a lag. Latencies of USB, serial and CAN chains 0.1 to 10 ms, quartz clocks 10 to 100 ppm: assumed.
 """
 
 from __future__ import annotations
@@ -73,9 +73,7 @@ EFFECT = Effect(
     name="clock_offset",
     place="sensing",
     equation="channels of one device: y_m(t) = y(t - tau)",
-    strength=Strength(
-        name="delay_s", unit="s", typical=1.0, low=0.7, high=1.4, source="data sheets of interfaces"
-    ),
+    strength=Strength(name="delay_s", unit="s", typical=1.0, low=0.7, high=1.4, source="assumed"),
     signature=_signature,
     shapes=_shapes(),
     shape_strength=lambda amplitude, shape: amplitude * shape["tau_s"],

@@ -4,7 +4,7 @@
 
 Positive amplitude: voltage is missing, most at low duty. Dead time adds a part that is the same at every
 duty (second form: 0.3 of V_f). A brush drop is the same at every duty. Forward voltage: 0.4 V (Schottky) to
-1.2 V (silicon), data sheets.
+1.2 V (silicon), assumed.
 """
 
 from __future__ import annotations
@@ -30,7 +30,12 @@ EFFECT = Effect(
     place="electrical",
     equation="U = duty * V_b - V_f * (1 - duty)",
     strength=Strength(
-        name="forward_voltage_v", unit="V", typical=0.7, low=0.1, high=3.0, source="diode data sheets"
+        name="forward_voltage_v",
+        unit="V",
+        typical=0.7,
+        low=0.1,
+        high=3.0,
+        source="assumed; Schottky to silicon",
     ),
     signature=_signature,
     shapes=({"dead_share": 0.0}, {"dead_share": 0.3}),

@@ -3,7 +3,7 @@
 The reading is wrong by i_m - i = -tau di_m/dt, exactly; every equation that uses the reading shows it:
 voltage (R and L times the error), torque (k_m times) and the converter. Two equations in a fixed ratio tell
 it from a parameter error; a late clock delays without loss of amplitude and is silent in the converter.
-Range: amplifiers' and Hall sensors' filters of 30 Hz to 1.6 kHz (data sheets).
+Range: amplifiers' and Hall sensors' filters of 30 Hz to 1.6 kHz: assumed.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ EFFECT = Effect(
         typical=1.0,
         low=0.7,
         high=1.4,
-        source="current sensors' data sheets",
+        source="assumed",
     ),
     signature=_signature,
     shapes=tuple({"tau_s": tau} for tau in _TAUS_S),

@@ -6,8 +6,7 @@
 v_ref = 0.7 m/s, where a straight line fitted to a stroke of usual speed meets the curve. p < 1 flattens the
 top of the force; the peak then does not follow the stroke rate. Told from an edge force (a step plus a
 line) by a speed sweep. Tooth forces in wood barely depend on cutting speed from 2.5 to 15 m/s (p near 0);
-viscous polymers exceed 1. Range as in the literature on wood cutting; reported is p, for the saturating
-form its slope at v_ref.
+viscous polymers exceed 1. Range assumed; reported is p, for the saturating form its slope at v_ref.
 """
 
 from __future__ import annotations
@@ -42,7 +41,12 @@ EFFECT = Effect(
     place="cutting",
     equation="F = k * v_ref * (v / v_ref)^p",
     strength=Strength(
-        name="exponent", unit="1", typical=1.0, low=0.7, high=1.4, source="wood cutting literature"
+        name="exponent",
+        unit="1",
+        typical=1.0,
+        low=0.7,
+        high=1.4,
+        source="assumed; wood: near 0 above 2.5 m/s",
     ),
     signature=_signature,
     shapes=(

@@ -4,7 +4,7 @@ d per 1000 s: linear, square root, or a warm-up 1 - exp(-t/t_w) (unit: its end).
 are separate forms (an amplitude is positive); reported is the signed drift. The same at all angles, cutting
 or not; the mechanical residual, which uses the reading, shows it as -d times the lever. A constant offset
 is no drift (see nuisances). Bridge amplifiers and strain gauges: 0.02 to 0.1 % of the range per 10 K, that
-is 1 to 10 N (data sheets).
+is 1 to 10 N: assumed.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ EFFECT = Effect(
         typical=4.0,
         low=0.1,
         high=6.0,
-        source="bridge amplifiers' data sheets",
+        source="assumed",
     ),
     signature=_signature,
     shapes=tuple(

@@ -3,7 +3,7 @@
 Only the reading lags: the motor feels the true force at once. So the cutting residual lags and the
 mechanical one, which uses the reading, shows the same missing force with the other sign. A blade that gives
 way (blade_compliance) lags in the cutting equation alone; a late clock (clock_offset) delays without loss
-of amplitude. Range: amplifiers' analogue filters of 30 Hz to 1.6 kHz (data sheets of bridge amplifiers).
+of amplitude. Range: amplifiers' analogue filters of 30 Hz to 1.6 kHz: assumed.
 """
 
 from __future__ import annotations
@@ -29,9 +29,7 @@ EFFECT = Effect(
     name="force_sensor_lag",
     place="sensing",
     equation="tau * dF_m/dt + F_m = F",
-    strength=Strength(
-        name="time_constant_s", unit="s", typical=1.0, low=0.7, high=1.4, source="amplifier data sheets"
-    ),
+    strength=Strength(name="time_constant_s", unit="s", typical=1.0, low=0.7, high=1.4, source="assumed"),
     signature=_signature,
     shapes=tuple({"tau_s": tau} for tau in _TAUS_S),
     shape_strength=lambda amplitude, shape: amplitude * shape["tau_s"],

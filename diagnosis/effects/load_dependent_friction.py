@@ -6,8 +6,7 @@ Positive amplitude: the motor needs more current under load than the measured fo
 air. Forms: gear mesh (tooth load = load torque, with or without the inertia of the plunger, which the teeth
 carry too), sliding block in the yoke's slot (|pin force| r |cos(angle)|), crank pin bearing (|pin force|
 r_pin, here 0.3 r). A wrong torque constant looks alike under load but also shows in idle runs and at
-spin-up. Spur gears lose 1 to 3 % a mesh, dry or greased sliding pairs have mu = 0.05 to 0.15 (Niemann,
-Maschinenelemente 2).
+spin-up. Spur gears lose some per cent a mesh, greased or dry sliding pairs have mu = 0.05 to 0.15: assumed.
 """
 
 from __future__ import annotations
@@ -55,7 +54,7 @@ EFFECT = Effect(
         typical=0.08,
         low=0.1,
         high=4.0,
-        source="Niemann, Maschinenelemente 2",
+        source="assumed",
     ),
     signature=_signature,
     shapes=(

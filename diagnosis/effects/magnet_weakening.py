@@ -2,8 +2,8 @@
 
 Positive amplitude: the back-EMF is smaller than the baseline says (electrical residual negative, idle speed
 higher) and so is the torque for a current (mechanical residual positive). Both together tell it from
-winding heat, which grows with the current. Ferrite loses 0.2 %/K, NdFeB 0.11 %/K (makers' data); 0.15 %/K
-is used here. Thermal resistance of the magnets' ring to air: 1 to 6 K/W, assumed.
+winding heat, which grows with the current. Ferrite loses 0.2 %/K, NdFeB 0.11 %/K (makers' tables of
+remanence); 0.15 %/K is used here. Thermal resistance of the magnets' ring to air: 1 to 6 K/W, assumed.
 """
 
 from __future__ import annotations
@@ -41,7 +41,12 @@ EFFECT = Effect(
     place="electrical",
     equation="k_e, k_m * (1 - 0.0015/K * dT)",
     strength=Strength(
-        name="thermal_resistance_k_per_w", unit="K/W", typical=3.0, low=0.1, high=4.0, source="assumed"
+        name="thermal_resistance_k_per_w",
+        unit="K/W",
+        typical=3.0,
+        low=0.1,
+        high=4.0,
+        source="assumed; 0.15 %/K: between ferrite and NdFeB",
     ),
     signature=_signature,
     shapes=HEAT_SHAPES,

@@ -2,8 +2,8 @@
 
 Positive amplitude: voltage R * 0.0039 * dT * i is missing, growing under load and gone after a rest.
 Copper: 0.0039/K (IEC 60028). Thermal resistance of small brushed motors winding to air 3 to 8 K/W, time
-constants 15 s (winding) to 900 s (housing): makers' data sheets. Weaker magnets act on back-EMF and torque,
-not on R i.
+constants 15 s (winding) to 900 s (housing): assumed; the two-body form is that of motor makers (Portescap,
+thermal parameters of DC motors). Weaker magnets act on back-EMF and torque, not on R i.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ EFFECT = Effect(
         typical=4.0,
         low=0.1,
         high=4.0,
-        source="motor makers' data sheets",
+        source="assumed",
     ),
     signature=_signature,
     shapes=HEAT_SHAPES,
