@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 
+import numba
 import numpy as np
 
 from modeling import slots
@@ -312,3 +313,13 @@ def _root(path, level, of_slope):
         else:
             low = u
     return high
+
+
+@kernel(parallel=True)
+def simulate_many(vectors, spline, ocv, time_s, starts, n_steps, tolerances, outs, codes):
+    """`simulate_baseline` for every row of `vectors`, on all cores; `outs` has shape (n_cases, 4, n)."""
+    for case in numba.prange(len(vectors)):
+        record = np.empty(N_RECORD)
+        codes[case] = simulate_baseline(
+            vectors[case], spline, ocv, time_s, starts[case], n_steps, tolerances, outs[case], record
+        )

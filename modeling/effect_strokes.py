@@ -8,11 +8,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from modeling import extended_periodic_kernel as slow_kernel
 from modeling import extended_physics as physics
 from modeling import frozen_effects as frozen
 from modeling import periodic_kernel as kernel
 from modeling import slots
+from modeling.extended_stroke import StrokeMap, find_periodic
 from modeling.extended_transient import scales
 from modeling.transient import InitialState
 
@@ -60,6 +60,7 @@ def effect_stroke(
     *,
     steps_per_turn: int,
     tolerance: float,
+    accept: float = kernel.ACCEPT,
     guess: Floats | None = None,
 ) -> EffectStroke:
     """Find the periodic stroke with the slow quantities of `slow` held.
@@ -74,11 +75,13 @@ def effect_stroke(
         To begin with, of a simple stroke.
     tolerance : float
         Local error of a simple stroke's steps.
+    accept : float
+        Newton step that is the last, of a simple stroke.
     guess : ndarray, shape (4,), optional
         `start` of a stroke near by.
     """
     if frozen.is_simple(vector):
-        return _simple(vector, spline, ocv, slow, steps_per_turn, tolerance)
+        return _simple(vector, spline, ocv, slow, steps_per_turn, tolerance, accept)
     return _extended(vector, spline, ocv, slow, steps_per_turn, guess)
 
 
@@ -93,7 +96,13 @@ def _steps_with_teeth(vector: Floats, steps_per_turn: int) -> int:
 
 
 def _simple(
-    vector: Floats, spline: Floats, ocv: Floats, slow: InitialState, n_steps: int, tolerance: float
+    vector: Floats,
+    spline: Floats,
+    ocv: Floats,
+    slow: InitialState,
+    n_steps: int,
+    tolerance: float,
+    accept: float,
 ) -> EffectStroke:
     effective = np.empty_like(vector)
     result = np.zeros(kernel.N_PERIODIC)
@@ -104,7 +113,7 @@ def _simple(
     before: tuple[float, float] | None = None
     for _ in range(MOST_CHIP_ROUNDS):
         frozen.freeze(vector, slow.winding_temperature_rise_k, sagged, slow.cut_distance_m, turn_s, effective)
-        code = kernel.periodic_state(effective, spline, ocv, slow.soc, n_steps, tolerance, result)
+        code = kernel.periodic_state(effective, spline, ocv, slow.soc, n_steps, tolerance, accept, result)
         n_strokes += int(result[kernel.N_STROKES])
         if code != kernel.PERIODIC or vector[slots.CHIP_EXPONENT] == 0.0:
             break
@@ -180,22 +189,30 @@ def frozen_state(slow: InitialState) -> Floats:
     return state
 
 
+def extended_map(vector: Floats, spline: Floats, ocv: Floats, slow: InitialState) -> StrokeMap:
+    """Return the stroke of the extended machine with the slow quantities of `slow` held."""
+    return StrokeMap(
+        vector=vector,
+        spline=spline,
+        ocv=ocv,
+        frozen=frozen_state(slow),
+        scales=scales(vector),
+        tolerance=STROKE_TOLERANCE,
+    )
+
+
 def _extended(
     vector: Floats, spline: Floats, ocv: Floats, slow: InitialState, n_steps: int, guess: Floats | None
 ) -> EffectStroke:
-    sizes = scales(vector)
-    held = frozen_state(slow)
     if guess is None:
         guess = _start_without_them(vector, spline, ocv, slow, n_steps)
-    x = guess.copy()
-    end = np.empty(physics.N_ALL)
-    period, n_strokes, code = slow_kernel.periodic_extended(
-        vector, spline, ocv, held, x, STROKE_TOLERANCE, sizes, end
-    )
+    stroke = extended_map(vector, spline, ocv, slow)
+    code, x, end, n_strokes = find_periodic(stroke, guess)
+    period = float(x[3])
     rates = np.zeros(physics.N_STATES)
     battery = 0.0
-    if code == slow_kernel.PERIODIC:
-        rates[physics.SOC :] = (end - held)[physics.SOC : physics.N_STATES] / period
+    if code == kernel.PERIODIC:
+        rates[physics.SOC :] = (end - stroke.frozen)[physics.SOC : physics.N_STATES] / period
         rates[physics.FORCE] = 0.0
         battery = -rates[physics.SOC] * period * vector[slots.CAPACITY]
     return EffectStroke(
@@ -203,8 +220,8 @@ def _extended(
         kind="extended",
         vector=vector,
         start=x,
-        period_s=float(period),
-        motor_charge_a_s=float(end[physics.MOTOR_CHARGE]) if period > 0 else 0.0,
+        period_s=period,
+        motor_charge_a_s=float(end[physics.MOTOR_CHARGE]),
         battery_charge_a_s=float(battery),
         mean_rates=rates,
         n_strokes=n_strokes,
@@ -226,7 +243,7 @@ def _start_without_them(
     vector: Floats, spline: Floats, ocv: Floats, slow: InitialState, n_steps: int
 ) -> Floats:
     """Start of the stroke without the effects that make it extended."""
-    stroke = _simple(without_extended(vector), spline, ocv, slow, n_steps, np.inf)
+    stroke = _simple(without_extended(vector), spline, ocv, slow, n_steps, np.inf, kernel.ACCEPT)
     if stroke.code == kernel.PERIODIC:
         return stroke.start
     current, speed = scales(vector)

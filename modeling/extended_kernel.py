@@ -59,6 +59,7 @@ from modeling.turn_segments import breaks, place_at
 OK, STALLED, NO_CONVERGENCE, EMPTY = 0, 1, 2, 3
 MOST_STEPS = 5_000_000
 MOST_TURN = 0.35  # rad of crank in one step
+STEEP = 0.004  # rad of crank in the first and last steps of a half turn where the laws are steep
 # Interpolant of the pair: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, section II.6.
 D1, D3, D4 = -12715105075 / 11282082432, 87487479700 / 32700410799, -10690763975 / 1880347072
 D5, D6, D7 = 701980252875 / 199316789632, -1453857185 / 822651844, 69997945 / 29380423
@@ -219,6 +220,8 @@ def simulate_extended(
     t = 0.0
     turn_began = -1.0
     n = 0
+    # A power law or a Stribeck dip is steep next to the dead centres, in a part of the turn that steps would jump.
+    is_steep = p[slots.EXPONENT] != 1.0 or p[slots.GUIDE_STATIC] > p[slots.GUIDE_COULOMB]
     h = 0.02 * p[slots.INDUCTANCE] / p[slots.RESISTANCE]
     next_h = h
     event = 0
@@ -232,8 +235,10 @@ def simulate_extended(
         if t >= last:
             break
         h = min(h, last - t)
-        if y[SPEED] > 0.0:
+        if y[SPEED] > 0.0 and event == 0:
             h = min(h, MOST_TURN / y[SPEED])
+            if is_steep:
+                h = min(h, max(0.5 * min(math.pi - y[ANGLE], 4.0 * y[ANGLE]), STEEP) / y[SPEED])
         extended_step(p, c, spline, ocv, place, t, h, y, frozen, is_frozen, k, new, scratch)
         if event == 0:
             ratio = local_error(h, k, scale_i, scale_w, scale_f) / tolerance
@@ -314,25 +319,3 @@ def _write(p, y, turns, watched, n, out, seen):
     out[3, n] = y[SOC]
     for m in range(N_SEEN):
         seen[m, n] = watched[m]
-
-
-@kernel()
-def extended_stroke(
-    p, spline, ocv, x, chip_turn_s, frozen, tolerance, scales, y, end, record, out, seen, far
-):
-    """One stroke with the slow quantities frozen, from x = (i, W, F) at angle 0.
-
-    Fills `end`; returns its duration, 0 where the stroke does not get round.
-    """
-    y[:] = 0.0
-    for m in range(N_STATES):
-        y[m] = frozen[m]
-    y[CURRENT], y[SPEED], y[FORCE] = x[0], x[1], x[2]
-    y[ANGLE] = 0.0
-    record[:] = 0.0
-    record[TURN_S] = chip_turn_s
-    record[SCALE_CURRENT], record[SCALE_SPEED] = scales[0], scales[1]
-    t, turns, status = simulate_extended(
-        p, spline, ocv, far, y, 0, 2, frozen, tolerance, out, seen, end, record
-    )
-    return t if turns == 2 and status != NO_CONVERGENCE else 0.0

@@ -63,7 +63,7 @@ def guess(m, tables, curve):
 
 
 @kernel()
-def solve_periodic(m, tables, curve, i, w, result):
+def solve_periodic(m, tables, curve, i, w, accept, result):
     """Newton iteration from (i, W) at angle 0; fills `result`, shape (N_PERIODIC,), returns a status."""
     n_steps = len(tables)
     h = TWO_PI / n_steps
@@ -85,7 +85,7 @@ def solve_periodic(m, tables, curve, i, w, result):
                 return NO_DRIVE
             continue
         relative = max(math.fabs(step_r) / r, math.fabs(step_i) / scale_i)
-        if relative < ACCEPT:
+        if relative < accept:
             result[START_CURRENT] = i + step_i
             result[START_SPEED] = 1.0 / (r + step_r)
             more_time = q[3] * step_i + q[4] * step_r
@@ -106,11 +106,11 @@ def solve_periodic(m, tables, curve, i, w, result):
 
 
 @kernel()
-def periodic_state(p, spline, ocv, soc, n_steps, tolerance, result):
+def periodic_state(p, spline, ocv, soc, n_steps, tolerance, accept, result):
     """Periodic stroke of one parameter vector at a state of charge, from a cold start.
 
     Begins with `n_steps` steps a turn and doubles them until the largest local error, relative to current and speed,
-    is below the tolerance.
+    is below the tolerance. The Newton step that is below `accept` is the last: it leaves an error of its square.
     """
     m = machine(p)
     curve = drive(m, ocv, soc)
@@ -118,14 +118,14 @@ def periodic_state(p, spline, ocv, soc, n_steps, tolerance, result):
     fill_tables(p, m, spline, n_steps, FRACTIONS, tables)
     add_effects(p, n_steps, FRACTIONS, tables)
     i, w = guess(m, tables, curve)
-    status = solve_periodic(m, tables, curve, i, w, result)
+    status = solve_periodic(m, tables, curve, i, w, accept, result)
     while status == PERIODIC and result[LOCAL_ERROR] > tolerance and 2 * n_steps <= MOST_STEPS:
         n_steps *= 2
         tables = np.empty((n_steps, 6, 4))
         fill_tables(p, m, spline, n_steps, FRACTIONS, tables)
         add_effects(p, n_steps, FRACTIONS, tables)
         before = result[N_STROKES]
-        status = solve_periodic(m, tables, curve, result[START_CURRENT], result[START_SPEED], result)
+        status = solve_periodic(m, tables, curve, result[START_CURRENT], result[START_SPEED], accept, result)
         result[N_STROKES] += before
     return status
 
@@ -161,7 +161,7 @@ def periodic_states(vectors, spline, ocv, soc, n_steps, tolerance, results, stat
     """`periodic_state` for every row of `vectors`, on all cores."""
     for case in numba.prange(len(vectors)):
         statuses[case] = periodic_state(
-            vectors[case], spline, ocv, soc[case], n_steps, tolerance, results[case]
+            vectors[case], spline, ocv, soc[case], n_steps, tolerance, ACCEPT, results[case]
         )
 
 

@@ -164,6 +164,41 @@ POLARIZATION_RESISTANCE: Final = INDEX["polarization_resistance_ohm"]
 POLARIZATION_TIME: Final = INDEX["polarization_time_constant_s"]
 CURRENT_LIMIT: Final = INDEX["current_limit_a"]
 
+# Sizes of effects that matter on the bench: steps of derivatives, scales of searches. Not limits.
+TYPICAL: Final[Mapping[str, float]] = {
+    "guide_coulomb_n": 5.0,
+    "guide_static_n": 8.0,
+    "guide_stribeck_speed_m_s": 0.1,
+    "motor_coulomb_n_m": 0.004,
+    "windage_n_m_s2_per_rad2": 4.0e-9,
+    "load_friction": 0.05,
+    "backlash_m": 2.0e-4,
+    "eccentricity_n_m": 0.02,
+    "eccentricity_phase_rad": 1.0,
+    "blade_compliance_m_per_n": 3.0e-6,
+    "return_rubbing_n_s_per_m": 15.0,
+    "return_rubbing_n": 5.0,
+    "tooth_amplitude": 0.15,
+    "tooth_phase_rad": 1.0,
+    "edge_force_n": 20.0,
+    "chip_exponent": 0.6,
+    "feed_m_s": 0.004,
+    "wear_per_m": 2.0e-4,
+    "grain_amplitude": 0.15,
+    "grain_phase_rad": 1.0,
+    "engagement_fraction": 0.1,
+    "winding_heat_capacity_j_per_k": 60.0,
+    "magnet_temperature_coefficient_per_k": 0.0015,
+    "brush_drop_v": 1.0,
+    "extra_battery_resistance_ohm": 0.05,
+    "polarization_resistance_ohm": 0.05,
+    "current_limit_a": 20.0,
+    "diode_drop_v": 0.7,
+    "battery_sag_v": 0.3,
+    "brush_offset_v": 1.0,
+    "force_scale": 1.0,
+}
+
 _DEFAULTS: Final = np.array([default for _, default, _ in SLOTS])
 _DEFAULTS.setflags(write=False)
 
@@ -177,7 +212,7 @@ _POSITIVE: Final = (
     "winding_thermal_resistance_k_per_w",
     "polarization_time_constant_s",
 )
-_NOT_NEGATIVE: Final = (
+NOT_NEGATIVE: Final = (
     "backlash_m",
     "blade_compliance_m_per_n",
     "cutting_exponent",
@@ -250,7 +285,7 @@ def _check_effects(vector: NDArray[np.float64]) -> None:
             raise InputError(
                 f"effect {name} must be greater than 0, got {vector[INDEX[name]]!r} {UNITS[name]}"
             )
-    for name in _NOT_NEGATIVE:
+    for name in NOT_NEGATIVE:
         if vector[INDEX[name]] < 0:
             raise InputError(f"effect {name} must not be negative, got {vector[INDEX[name]]!r} {UNITS[name]}")
     if vector[COMPLIANCE] > 0 and vector[K_FC] <= 0:

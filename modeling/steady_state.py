@@ -151,19 +151,15 @@ def _simple_waveform(state: PeriodicState, n_points: int) -> Waveform:
 
 
 def _extended_waveform(state: PeriodicState, n_points: int) -> Waveform:
-    from modeling import extended_periodic_kernel as slow_kernel
-    from modeling.effect_strokes import STROKE_TOLERANCE, frozen_state
-    from modeling.extended_transient import scales
+    from modeling.effect_strokes import extended_map
+    from modeling.extended_stroke import waveform
     from modeling.output_kernel import play_velocity
 
     assert state.stroke is not None
     out, seen = np.zeros((4, n_points)), np.zeros((5, n_points))
     if state.status == "ok":
-        held = frozen_state(replace(state.slow, soc=state.soc))
-        slow_kernel.extended_waveform(
-            state.vector, state.spline, state.ocv, held, state.stroke.start, state.period_s, STROKE_TOLERANCE,
-            scales(state.vector), n_points, out, seen,
-        )  # fmt: skip
+        stroke = extended_map(state.vector, state.spline, state.ocv, replace(state.slow, soc=state.soc))
+        out, seen = waveform(stroke, state.stroke.start, state.period_s, n_points)
     return Waveform(
         crank_angle_rad=2 * np.pi * np.arange(n_points) / n_points,
         motor_current_a=out[0],
@@ -249,10 +245,11 @@ def periodic_vector(
     soc: float = 1.0,
     steps_per_turn: int = DEFAULT_STEPS,
     tolerance: float = TOLERANCE,
+    accept: float = kernel.ACCEPT,
 ) -> PeriodicState:
     """Find the periodic stroke of a parameter vector; see `steady_state`. No checks."""
     result = np.zeros(kernel.N_PERIODIC)
-    code = kernel.periodic_state(vector, spline, ocv, float(soc), steps_per_turn, tolerance, result)
+    code = kernel.periodic_state(vector, spline, ocv, float(soc), steps_per_turn, tolerance, accept, result)
     status, message = MESSAGES[code]
     if code != kernel.PERIODIC:
         result[:] = 0.0
@@ -289,13 +286,22 @@ def periodic_effects(
     slow: InitialState,
     *,
     steps_per_turn: int = DEFAULT_STEPS,
+    tolerance: float = TOLERANCE,
+    accept: float = kernel.ACCEPT,
     guess: Floats | None = None,
 ) -> PeriodicState:
     """Find the periodic stroke of a parameter vector with effects; see `steady_state`. No checks."""
     from modeling.effect_strokes import effect_stroke
 
     stroke = effect_stroke(
-        vector, spline, ocv, slow, steps_per_turn=steps_per_turn, tolerance=TOLERANCE, guess=guess
+        vector,
+        spline,
+        ocv,
+        slow,
+        steps_per_turn=steps_per_turn,
+        tolerance=tolerance,
+        accept=accept,
+        guess=guess,
     )
     status, message = MESSAGES[stroke.code]
     per = 1.0 / stroke.period_s if status == "ok" else 0.0

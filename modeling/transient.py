@@ -328,7 +328,7 @@ def simulate(
     >>> run.status, round(float(run.motor_current_a.max()), 2)
     ('ok', 34.73)
     """
-    times = _times(duration_s, rate_hz, time_s)
+    times = sample_times(duration_s, rate_hz, time_s)
     vector = parameters.to_vector()
     supply.fill(vector)
     cutting.fill(vector)
@@ -413,7 +413,7 @@ _STATUS: dict[int, tuple[TransientStatus, str]] = {
 }
 
 
-def _times(duration_s: float | None, rate_hz: float, time_s: ArrayLike | None) -> Floats:
+def sample_times(duration_s: float | None, rate_hz: float, time_s: ArrayLike | None) -> Floats:
     if time_s is not None:
         times = np.ascontiguousarray(time_s, dtype=np.float64)
         if times.ndim != 1 or len(times) == 0 or not np.isfinite(times).all():
