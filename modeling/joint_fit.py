@@ -272,7 +272,8 @@ def _solve(problem: _Problem, trials: Sequence[MeasuredCycles], notes: tuple[str
         if misfit.any() or not estimate.is_valid or not estimate.is_converged:
             break
         found = _misfit(problem, estimate, covariance, misfit)
-        if found is None:
+        if found is None or not found.any():
+            # Either noise explains the mean strokes, or only the priors object, which no model error can mend.
             break
         misfit = found
     return _result(problem, estimate, misfit + model_error, trials, notes, n_simulations, bool(misfit.any()))
