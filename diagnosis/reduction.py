@@ -186,9 +186,9 @@ def start_up_state(
     middle = 0.5 * (edges[1:] + edges[:-1])
     if any(s.rate_hz < 0.9 / START_UP_STEP_S for s in present.values()):
         return None
-    waves = {n: _bin_means(s.time_s, s.values, edges)[None, :] for n, s in present.items()}
+    waves = {n: bin_means(s.time_s, s.values, edges)[None, :] for n, s in present.items()}
     crank = np.interp(middle, angle.time_s, angle.angle_rad)[None, :]
-    speed = _bin_means(angle.time_s, angle.speed_rad_s, edges)[None, :]
+    speed = bin_means(angle.time_s, angle.speed_rad_s, edges)[None, :]
     rate = {n: np.gradient(w, START_UP_STEP_S, axis=1) for n, w in waves.items()}
     return _assemble(
         "start_up", setting, crank, speed, np.gradient(speed, START_UP_STEP_S, axis=1), waves, rate,
@@ -196,7 +196,7 @@ def start_up_state(
     )  # fmt: skip
 
 
-def _bin_means(time_s: Floats, values: Floats, edges: Floats) -> Floats:
+def bin_means(time_s: Floats, values: Floats, edges: Floats) -> Floats:
     cell = np.searchsorted(edges, time_s) - 1
     keep = (cell >= 0) & (cell < len(edges) - 1)
     count = np.bincount(cell[keep], minlength=len(edges) - 1)

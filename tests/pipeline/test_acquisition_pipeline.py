@@ -101,8 +101,10 @@ def test_every_sample_arrives_and_all_channels_agree_in_time(transport):
     shifts = []
     for channel, rate_hz in RATES.items():
         index, time_s, values = writer.joined(channel)
-        assert len(index) == pytest.approx(1.5 * rate_hz, abs=1)
+        # Nothing lost, nothing twice: the index is whole. How many samples fall into 1.5 s hangs on the clock,
+        # which places the two ends of the recording to half a millisecond where the machine is busy.
         assert np.all(np.diff(index) == 1)
+        assert len(index) == pytest.approx(1.5 * rate_hz, abs=1 + 0.5e-3 * rate_hz)
         assert np.all(np.diff(time_s) > 0)
         assert 0 <= time_s[0] < time_s[-1] < 1.5
         # Over the sample count a sine stays a sine, but for 40 ppm and quantisation: none lost, none twice.

@@ -1,0 +1,207 @@
+"""A campaign as the diagnosis sees it: every trial reduced to its states, with what it inherits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bench.config import LoadedConfig
+from bench.errors import InputError
+from bench.processed import CrankAngle
+from bench.recording import Floats, Recording
+from bench.units import DISPLACEMENT
+from diagnosis.equations import Baseline
+from diagnosis.reduction import running_state, start_up_state
+from diagnosis.slow_states import SlowTrack, slow_tracks
+from diagnosis.state import State, TrialSetting
+
+# The spin-up and the settling of the stroke rate after it stay out of the running part.
+SETTLE_S = 0.8
+_MOVING_RAD_S = 2.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Campaign:
+    """Trials in their order, reduced.
+
+    Attributes
+    ----------
+    baseline : Baseline
+    states : tuple of State
+        Running and start-up states of all usable trials.
+    k_guess_n_s_per_m : dict of str to float
+        k_Fc of each stock by regression of force on speed.
+    warnings : tuple of str
+        What was left out or weakens the answer.
+    """
+
+    baseline: Baseline
+    states: tuple[State, ...]
+    k_guess_n_s_per_m: dict[str, float]
+    warnings: tuple[str, ...]
+
+    @property
+    def operating_points(self) -> tuple[str, ...]:
+        """Names of the operating points, in order of their first trial."""
+        return tuple(dict.fromkeys(s.setting.operating_point for s in self.states))
+
+
+def reduce_campaign(
+    recordings: Sequence[Recording],
+    loaded: LoadedConfig,
+    *,
+    on_trial: Callable[[int, int, str], None] | None = None,
+) -> Campaign:
+    """Reduce the recordings of a campaign.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        In any order; sorted by start time where every trial has one.
+    loaded : LoadedConfig
+    on_trial : callable, optional
+        (done, total, name).
+
+    Returns
+    -------
+    Campaign
+
+    Raises
+    ------
+    InputError
+        If no trial has a running blade with measured displacement.
+    """
+    ordered = _in_order(recordings)
+    warnings: list[str] = []
+    baseline = Baseline(
+        plant=loaded.plant(),
+        battery=loaded.config.battery,
+        cutting_sign=-1 if loaded.config.cutting.cutting_half == "pi_to_2pi" else 1,
+    )
+    usable: list[Recording] = []
+    angles: list[CrankAngle] = []
+    for number, recording in enumerate(ordered):
+        angle, reason = _angle(recording, baseline)
+        if angle is None:
+            warnings.append(f"{recording.trial.trial_id} left out: {reason}")
+        else:
+            usable.append(recording)
+            angles.append(angle)
+        if on_trial is not None:
+            on_trial(number + 1, len(ordered), recording.trial.trial_id)
+    if not usable:
+        raise InputError(f"no trial can be diagnosed: {'; '.join(warnings)}")
+    tracks = slow_tracks(usable, angles, stroke_m=2.0 * baseline.radius_m)
+    states: list[State] = []
+    for index, (recording, angle, track) in enumerate(zip(usable, angles, tracks, strict=True)):
+        states += _states(baseline, recording, angle, track, index, warnings)
+    if not states:
+        raise InputError(f"no trial runs long enough to be diagnosed: {'; '.join(warnings)}")
+    guesses = _with_guesses(baseline, states)
+    return Campaign(
+        baseline=baseline, states=tuple(states), k_guess_n_s_per_m=guesses, warnings=tuple(warnings)
+    )
+
+
+def _in_order(recordings: Sequence[Recording]) -> list[Recording]:
+    if all(r.trial.started_at is not None for r in recordings):
+        return sorted(recordings, key=lambda r: r.trial.started_at)  # type: ignore[arg-type, return-value]
+    return list(recordings)
+
+
+def _angle(recording: Recording, baseline: Baseline) -> tuple[CrankAngle | None, str]:
+    from processing.crank_angle import track_crank_angle
+
+    if recording.trial.duty is None:
+        return None, "its duty is not stated"
+    signal = recording.signals.get(DISPLACEMENT.name)
+    if signal is None:
+        return None, "it has no displacement, so neither crank angle nor speed is known"
+    angle = track_crank_angle(
+        signal.time_s, signal.values * DISPLACEMENT.si_factor, nominal_radius_m=baseline.radius_m
+    )
+    return angle, "its displacement shows no strokes"
+
+
+def _states(
+    baseline: Baseline, recording: Recording, angle: CrankAngle, track: SlowTrack, index: int, warnings: list[str]
+) -> list[State]:
+    trial = recording.trial
+    setting = TrialSetting(
+        label=trial.trial_id,
+        index=index,
+        duty=trial.duty or 0.0,
+        is_idle=trial.is_idle,
+        stock="air" if trial.is_idle else f"{trial.material}, {trial.thickness_mm} mm",
+        feed_m_s=math.nan if trial.feed_mm_s is None else 1e-3 * trial.feed_mm_s,
+        thickness_m=math.nan if trial.thickness_mm is None else 1e-3 * trial.thickness_mm,
+        operating_point=_operating_point(recording),
+        session_s=track.session_s,
+    )
+    moving_s = float(angle.time_s[np.argmax(angle.speed_rad_s > _MOVING_RAD_S)])
+    end_s = float(angle.time_s[-1])
+    running = running_state(recording, angle, setting, moving_s + SETTLE_S, end_s)
+    if running is None:
+        warnings.append(f"{trial.trial_id} left out: it runs for less than two settled strokes")
+        return []
+    started_at_rest = moving_s > angle.time_s[0] or angle.speed_rad_s[0] < _MOVING_RAD_S
+    start_up = start_up_state(recording, angle, setting, moving_s) if started_at_rest else None
+    found = []
+    for state in (running, start_up):
+        if state is not None:
+            slow = track.at(state.time_s[:, 0])
+            charge_used_as = slow.pop("charge_used_as")
+            found.append(
+                replace(
+                    state,
+                    charge_used_as=charge_used_as,
+                    cut_distance_m=slow.pop("cut_distance_m"),
+                    slow=slow,
+                    motor_voltage_v=_motor_voltage(baseline, state, charge_used_as),
+                )
+            )
+    return found
+
+
+def _motor_voltage(baseline: Baseline, state: State, charge_used_as: Floats) -> Floats:
+    """Duty times the battery voltage as measured, else as the battery model gives it."""
+    if state.battery_voltage_v is not None or baseline.battery is None:
+        return state.motor_voltage_v
+    current_a = state.battery_current_a
+    if current_a is None:
+        current_a = 0.0 if state.current_a is None else state.setting.duty * state.current_a
+    voltage_v = baseline.open_circuit_voltage(charge_used_as) - baseline.battery.internal_resistance_ohm * current_a
+    return np.broadcast_to(state.setting.duty * voltage_v, state.speed_rad_s.shape)
+
+
+def _operating_point(recording: Recording) -> str:
+    trial = recording.trial
+    if trial.is_idle:
+        return f"idle, duty {trial.duty:g}"
+    return f"{trial.material}, {trial.thickness_mm} mm, feed {trial.feed_mm_s} mm/s, duty {trial.duty:g}"
+
+
+def _with_guesses(baseline: Baseline, states: list[State]) -> dict[str, float]:
+    """Regress k_Fc of each stock and write it, with the campaign's extremes, into the slow states."""
+    sums: dict[str, list[float]] = {}
+    peak_n = top_a = 0.0
+    for state in states:
+        if state.kind == "running" and not state.setting.is_idle and state.force_n is not None:
+            speed = baseline.cutting_speed(state)
+            total = sums.setdefault(state.setting.stock, [0.0, 0.0])
+            total[0] += float(np.sum(state.force_n * speed))
+            total[1] += float(np.sum(speed * speed))
+            peak_n = max(peak_n, float(state.force_n.mean(axis=0).max()))
+        if state.kind == "start_up" and state.current_a is not None:
+            top_a = max(top_a, float(state.current_a.max()))
+    guesses = {stock: max(up / max(down, 1e-12), 0.0) for stock, (up, down) in sums.items()}
+    for state in states:
+        k_guess = 0.0 if state.setting.is_idle else guesses.get(state.setting.stock, 0.0)
+        ones = np.ones_like(state.time_s)
+        state.slow["k_guess_n_s_per_m"] = k_guess * ones
+        state.slow["peak_force_n"] = peak_n * ones
+        state.slow["top_current_a"] = top_a * ones
+    return guesses

@@ -1,0 +1,268 @@
+"""The whitened linear problem: features of all trials, their noise, and everything that may be mistuned.
+
+The residuals are linear in the errors of the parameters and in the strength of an effect, so with Gaussian noise C
+and Gaussian priors Lambda on the nuisances N, the nuisances are integrated out exactly: M = C + N Lambda N'. Here
+everything is kept whitened by C (a Cholesky factor per block), and M is never formed (Woodbury).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.recording import Floats
+from diagnosis.campaign import Campaign
+from diagnosis.equations import Signature, residuals
+from diagnosis.features import Layout, block_matrix, layout_of
+from diagnosis.nuisances import nuisances_of
+from diagnosis.reduction import smooth_state
+from diagnosis.state import State, TrialSetting
+
+# Model error that no repetition shows: what a tracked speed, a band-limited current and a linear residual leave.
+# Standard deviation of a feature, in the unit of its equation.
+_FLOOR = {"electrical": 0.004, "mechanical": 2e-4, "cutting": 0.4, "supply": 0.003, "converter": 0.004}
+_IDLE_FLOOR = {**_FLOOR, "cutting": 0.15}
+_START_UP_FACTOR = 10.0
+# Unit-to-unit scatter is correlated from block to block; variance of a block mean is that much larger.
+_CORRELATION_FACTOR = 1.5
+STOCK_STD_N_S_PER_M = 1000.0
+TRIAL_SPREAD_STD = 0.05
+WIDE = 5.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Part:
+    """Features of one state.
+
+    Attributes
+    ----------
+    state, smooth : State
+        As measured, and for signatures.
+    layout : Layout
+    blocks : ndarray, shape (n_blocks, n_units)
+        Average of units into time blocks.
+    whitener : ndarray, shape (size, size)
+        Inverse Cholesky factor of the covariance of one block.
+    place : slice
+        Of this part in the stacked vector.
+    """
+
+    state: State
+    smooth: State
+    layout: Layout
+    blocks: Floats
+    whitener: Floats
+    place: slice
+
+    @property
+    def setting(self) -> TrialSetting:
+        """Of the trial."""
+        return self.state.setting
+
+    def whiten(self, signature: Signature) -> Floats:
+        """Stacked whitened features of a signature on the state's grid."""
+        shape = self.state.angle_rad.shape
+        waves = {name: np.broadcast_to(wave, shape) for name, wave in signature.items()}
+        return ((self.blocks @ self.layout.place(waves, shape[0])) @ self.whitener.T).ravel()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LinearProblem:
+    """All features of a campaign with the nuisances.
+
+    Attributes
+    ----------
+    campaign : Campaign
+    parts : tuple of Part
+    data : ndarray, shape (n,)
+        Whitened residuals of the nominal baseline.
+    nuisance : ndarray, shape (n, p)
+        Whitened signatures, times their prior standard deviation.
+    names : tuple of str
+    prior_std : ndarray, shape (p,)
+    """
+
+    campaign: Campaign
+    parts: tuple[Part, ...]
+    data: Floats
+    nuisance: Floats
+    names: tuple[str, ...]
+    prior_std: Floats
+
+    def project(self, signature: Callable[[State], Signature]) -> Floats:
+        """Whitened features of a signature evaluated on every state, shape (n,)."""
+        out = np.zeros(len(self.data))
+        for part in self.parts:
+            found = signature(part.smooth)
+            if any(name in part.layout.equations for name in found):
+                out[part.place] = part.whiten(found)
+        return out
+
+    def rows(self, keep: Callable[[TrialSetting], bool]) -> np.ndarray:
+        """Mask of the features of trials that `keep` accepts, shape (n,)."""
+        mask = np.zeros(len(self.data), dtype=bool)
+        for part in self.parts:
+            mask[part.place] = keep(part.setting)
+        return mask
+
+
+def build_problem(campaign: Campaign, *, with_start_up: bool = True) -> LinearProblem:
+    """Lay out features, noise and nuisances of a campaign.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    with_start_up : bool
+
+    Returns
+    -------
+    LinearProblem
+    """
+    baseline = campaign.baseline
+    states = [s for s in campaign.states if with_start_up or s.kind == "running"]
+    found = []
+    for state in states:
+        residual = residuals(baseline, state)
+        layout = layout_of(state, residual)
+        if layout.equations:
+            found.append((state, layout, layout.place(residual, state.angle_rad.shape[0])))
+    scatter = _scatter(found)
+    parts: list[Part] = []
+    data: list[Floats] = []
+    start = 0
+    for state, layout, features in found:
+        blocks = block_matrix(len(features)) if state.kind == "running" else np.eye(1)
+        covariance = np.diag(_floor(layout, state) ** 2)
+        key = (state.setting.is_idle, layout.equations)
+        if state.kind == "running" and key in scatter:
+            strokes = float(state.n_strokes[0]) / float((blocks[0] ** 2).sum())
+            covariance = covariance + _CORRELATION_FACTOR * scatter[key] / strokes
+        whitener = np.linalg.inv(np.linalg.cholesky(covariance))
+        size = blocks.shape[0] * layout.size
+        part = Part(
+            state=state, smooth=smooth_state(state), layout=layout, blocks=blocks, whitener=whitener,
+            place=slice(start, start + size),
+        )  # fmt: skip
+        parts.append(part)
+        data.append(((blocks @ features) @ whitener.T).ravel())
+        start += size
+    empty = LinearProblem(
+        campaign=campaign, parts=tuple(parts), data=np.concatenate(data), nuisance=np.zeros((start, 0)),
+        names=(), prior_std=np.zeros(0),
+    )  # fmt: skip
+    return _with_nuisances(empty)
+
+
+def _scatter(found: list[tuple[State, Layout, Floats]]) -> dict[tuple[bool, tuple[str, ...]], Floats]:
+    """Covariance of a single stroke's features, pooled over idle and over cutting trials, shrunk to its diagonal."""
+    pools: dict[tuple[bool, tuple[str, ...]], list[Floats]] = {}
+    for state, layout, features in found:
+        n = len(features)
+        if state.kind != "running" or n < 4:
+            continue
+        time = np.arange(n) - 0.5 * (n - 1)
+        trend = np.outer(time, time @ features) / (time @ time)
+        deviation = (features - features.mean(axis=0) - trend) * np.sqrt(n / (n - 2) * state.n_strokes[0])
+        pools.setdefault((state.setting.is_idle, layout.equations), []).append(deviation)
+    out = {}
+    for key, rows in pools.items():
+        deviation = np.concatenate(rows)
+        n, size = deviation.shape
+        covariance = deviation.T @ deviation / n
+        share = min(0.5, max(0.05, 0.3 * size / n))
+        out[key] = (1.0 - share) * covariance + share * np.diag(np.diag(covariance))
+    return out
+
+
+def _floor(layout: Layout, state: State) -> Floats:
+    table = _IDLE_FLOOR if state.setting.is_idle else _FLOOR
+    factor = 1.0 if state.kind == "running" else _START_UP_FACTOR
+    floor = np.empty(layout.size)
+    for equation, part in layout.slices.items():
+        floor[part] = factor * table[equation]
+    return floor
+
+
+def _with_nuisances(problem: LinearProblem) -> LinearProblem:
+    campaign, baseline = problem.campaign, problem.campaign.baseline
+    columns, names, stds = [], [], []
+
+    def add(name: str, std: float, signature: Callable[[State], Signature]) -> None:
+        column = problem.project(signature)
+        if column.any():
+            columns.append(std * column)
+            names.append(name)
+            stds.append(std)
+
+    for nuisance in nuisances_of(baseline):
+        add(nuisance.name, nuisance.std, lambda s, n=nuisance: n.signature(baseline, s))
+    for stock in campaign.k_guess_n_s_per_m:
+        add(
+            f"k_fc of {stock}",
+            STOCK_STD_N_S_PER_M,
+            lambda s, k=stock: {"cutting": baseline.cutting_speed(s)} if s.setting.stock == k else {},
+        )
+    for label in dict.fromkeys(s.setting.label for s in campaign.states if not s.setting.is_idle):
+        add(
+            f"k_fc spread of {label}",
+            TRIAL_SPREAD_STD,
+            lambda s, t=label: {"cutting": baseline.expected_force(s)} if s.setting.label == t else {},
+        )
+    return LinearProblem(
+        campaign=campaign, parts=problem.parts, data=problem.data, nuisance=np.array(columns).T,
+        names=tuple(names), prior_std=np.array(stds),
+    )  # fmt: skip
+
+
+class Marginal:
+    """Inner products under M = I + B B' (whitened noise plus nuisances), for a subset of rows and scaled priors.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    scale : ndarray, shape (p,), optional
+        Factor on the prior standard deviations (5 for a plant that is retuned freely).
+    rows : ndarray of bool, shape (n,), optional
+    extra : ndarray, shape (n, q), optional
+        Further nuisance columns, already times their prior standard deviation.
+    """
+
+    def __init__(
+        self,
+        problem: LinearProblem,
+        *,
+        scale: Floats | None = None,
+        rows: np.ndarray | None = None,
+        extra: Floats | None = None,
+    ) -> None:
+        design = problem.nuisance if scale is None else problem.nuisance * scale
+        if extra is not None:
+            design = np.hstack([design, extra])
+        self._rows = slice(None) if rows is None else rows
+        self.design = design[self._rows]
+        self.data = problem.data[self._rows]
+        self._root = np.linalg.cholesky(np.eye(self.design.shape[1]) + self.design.T @ self.design)
+        self._data_half = self._half(self.data)
+        self.misfit = float(self.data @ self.data - self._data_half @ self._data_half)
+        self.log_determinant = 2.0 * float(np.log(np.diag(self._root)).sum())
+
+    def _half(self, columns: Floats) -> Floats:
+        from scipy.linalg import solve_triangular
+
+        return solve_triangular(self._root, self.design.T @ columns, lower=True)
+
+    def gram(self, columns: Floats) -> tuple[Floats, Floats]:
+        """S' M^-1 S, shape (q, q), and S' M^-1 y, shape (q,), for full-length columns S, shape (n, q)."""
+        part = columns[self._rows]
+        half = self._half(part)
+        return part.T @ part - half.T @ half, part.T @ self.data - half.T @ self._data_half
+
+    def estimate(self) -> tuple[Floats, Floats]:
+        """Posterior mean and standard deviation of the nuisances, in units of their (scaled) prior std."""
+        from scipy.linalg import cho_solve
+
+        mean = cho_solve((self._root, True), self.design.T @ self.data)
+        std = np.sqrt(np.diag(cho_solve((self._root, True), np.eye(len(self._root)))))
+        return mean, std
