@@ -101,7 +101,7 @@ def _frozen(m, tables, curve, h, i, r):
 def _strokes_of_start(p, m, spline, ocv, tables, h, start, tolerance):
     """Start-up and the first strokes: time, i, r, soc, motor charge at a dead centre at angle 0, and a status."""
     n_steps = len(tables)
-    t, y, turns, status = start_up(p, m, spline, ocv, start, n_steps, tolerance)
+    t, y, turns, status = start_up(p, m, spline, ocv, start, n_steps, tolerance, False)
     i, r, soc = y[0], 0.0, y[3]
     charge = 0.0
     if status != 0:

@@ -83,7 +83,7 @@ def simulate_baseline(p, spline, ocv, time_s, start, n_steps, tolerances, out, r
     while t < end and status == OK:
         if not is_coarse:
             t, k, turns, y, status = time_phase(
-                p, m, spline, ocv, time_s, k, t, y, turns, n_steps, tolerances[1], scales, out, record
+                p, m, spline, ocv, time_s, k, t, y, turns, n_steps, tolerances[1], scales, False, out, record
             )
         if t < end and status == OK:
             if len(tables) != n_steps:
@@ -201,8 +201,10 @@ def _is_calm(p, m, y, n_steps):
 
 
 @kernel()
-def time_phase(p, m, spline, ocv, time_s, k, t, y, turns, n_steps, tolerance, scales, out, record):
-    """Time steps with error control until a dead centre is reached at a calm speed, or the end.
+def time_phase(
+    p, m, spline, ocv, time_s, k, t, y, turns, n_steps, tolerance, scales, ends_at_once, out, record
+):
+    """Time steps with error control until a dead centre is reached at a calm speed (or at any), or the end.
 
     A step that runs over an event is taken again so that it ends on the event: a dead centre ahead, the crank coming
     to rest, or the motor overcoming the load at rest.
@@ -270,7 +272,7 @@ def time_phase(p, m, spline, ocv, time_s, k, t, y, turns, n_steps, tolerance, sc
         if event == DEAD_CENTRE:
             turns += 1
             y = (y[0], y[1], 0.0, y[3])
-            if _is_calm(p, m, y, n_steps):
+            if ends_at_once or _is_calm(p, m, y, n_steps):
                 return t, k, turns, y, OK
         elif event == STANDSTILL:
             y = (y[0], 0.0, y[2], y[3])

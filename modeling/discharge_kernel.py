@@ -21,14 +21,15 @@ from modeling.machine import TWO_PI, drive, fill_tables, machine, open_circuit
 
 BY_SOC, BY_VOLTAGE, BY_STALL, BY_LIMIT, FAILED = 0, 1, 2, 3, 4
 LONGEST_S = 1.0e7
+LONGEST_START_S = 30.0  # a motor that has not turned the crank by then will not
 # Columns of the curves: at the middle of a stroke.
 TIME, SOC, VOLTAGE, BATTERY_CURRENT, MOTOR_CURRENT, RATE = range(6)
 N_CURVES = 6
 
 
 @kernel()
-def start_up(p, m, spline, ocv, y, n_steps, tolerance):
-    """Run from `y` = (i, W, a, soc) at rest until a dead centre is passed calmly.
+def start_up(p, m, spline, ocv, y, n_steps, tolerance, ends_at_once):
+    """Run from `y` = (i, W, a, soc) until a dead centre is passed calmly, or at all.
 
     Returns time, state, half turns done and a status.
     """
@@ -38,9 +39,11 @@ def start_up(p, m, spline, ocv, y, n_steps, tolerance):
     turns = math.floor(y[2] / math.pi)
     begin = (y[0], y[1], y[2] - turns * math.pi, y[3])
     t, _, turns, end, status = time_phase(
-        p, m, spline, ocv, np.array([LONGEST_S]), 0, 0.0, begin, turns, n_steps, tolerance,
-        scales, np.empty((4, 1)), record,
+        p, m, spline, ocv, np.array([LONGEST_START_S]), 0, 0.0, begin, turns, n_steps, tolerance,
+        scales, ends_at_once, np.empty((4, 1)), record,
     )  # fmt: skip
+    if t >= LONGEST_START_S:
+        status = STALLED
     return t, end, turns, status
 
 
@@ -87,9 +90,14 @@ def brute_force(p, spline, ocv, start, n_steps, tolerance, cutoff_soc, cutoff_vo
     n_strokes = 0
     begin = y[3]
     while t < LONGEST_S:
-        waited, y, turns, status = start_up(p, m, spline, ocv, y, n_steps, tolerance)
+        before_soc = y[3]
+        waited, y, turns, status = start_up(p, m, spline, ocv, y, n_steps, tolerance, True)
         if status != OK:
-            return t, motor_charge, 0.0, n_strokes, n_rows, BY_STALL if status == STALLED else FAILED
+            used = (begin - before_soc) / m[16]
+            return t, motor_charge, used, n_strokes, n_rows, BY_STALL if status == STALLED else FAILED
+        if y[3] <= cutoff_soc:
+            t += waited * (before_soc - cutoff_soc) / (before_soc - y[3])
+            return t, motor_charge, (begin - cutoff_soc) / m[16], n_strokes, n_rows, BY_SOC
         t += waited
         i, r, soc = y[0], 1.0 / y[1], y[3]
         place = (n_steps // 2) * (turns % 2)
@@ -112,9 +120,12 @@ def brute_force(p, spline, ocv, start, n_steps, tolerance, cutoff_soc, cutoff_vo
                         n_rows += 1
                     middle = 0.5 * (t + t_mark)
                     if volt <= cutoff_voltage:
+                        reached = 0.5 * (soc + soc_mark)
                         if before_v > cutoff_voltage:
-                            middle -= (middle - before_t) * (cutoff_voltage - volt) / (before_v - volt)
-                        return middle, motor_charge, (begin - soc) / m[16], n_strokes, n_rows, BY_VOLTAGE
+                            back = (cutoff_voltage - volt) / (before_v - volt)
+                            reached += back * (middle - before_t) / took * (soc_mark - soc)
+                            middle -= back * (middle - before_t)
+                        return middle, motor_charge, (begin - reached) / m[16], n_strokes, n_rows, BY_VOLTAGE
                     before_v, before_t = volt, middle
                 t_mark, soc_mark, charge_mark = t, soc, motor_charge
             curve = drive(m, ocv, soc)

@@ -152,7 +152,8 @@ class Reference:
                 dense_output=True,
             )
             here = (times >= t) & (times <= done.t[-1])
-            out[:, here] = done.sol(times[here])[:4]
+            if here.any():
+                out[:, here] = done.sol(times[here])[:4]
             t, y, half = done.t[-1], done.y[:, -1], half + 1
         return out
 
@@ -210,7 +211,7 @@ def test_start_at_any_angle_and_speed():
     start = (-4.0, 500.0, 9.0 * paper.PARAMETERS.gear_ratio, 0.6, 0.0)
     expected = Reference(paper.PARAMETERS, DUTY, paper.CUTTING).run(run.time_s, start=start)
     assert rms(run.motor_current_a, expected[0]) < 1e-6
-    assert rms(run.motor_angle_rad, expected[2]) < 1e-7
+    assert rms(run.motor_angle_rad, expected[2]) < 1e-6
 
 
 def test_order_of_convergence_over_the_angle_is_five():
@@ -260,11 +261,11 @@ def test_batch_agrees_with_single_strokes():
 
 @pytest.mark.parametrize("make", ["duty", "held", "free"])
 def test_discharge_agrees_with_the_reference_stroke_by_stroke(make):
-    small = {"capacity_ah": 0.02}
+    small = {"capacity_ah": 0.06}
     supply = {
         "duty": replace(DUTY, battery=replace(EQ16, **small)),
         "held": replace(HELD, battery=replace(EQ16, **small)),
-        "free": FixedDuty(duty=0.5, battery=replace(FREE, capacity_ah=0.02, shape_capacity_ah=0.028)),
+        "free": FixedDuty(duty=0.5, battery=replace(FREE, capacity_ah=0.06, shape_capacity_ah=0.084)),
     }[make]
     reference = Reference(paper.PARAMETERS, supply, paper.CUTTING)
     brute = discharge(paper.PARAMETERS, supply=supply, cutting=paper.CUTTING, method="brute_force")
@@ -274,7 +275,7 @@ def test_discharge_agrees_with_the_reference_stroke_by_stroke(make):
     soc = reference.run(times, tolerance=1e-10)[3]
     expected = float(np.interp(-0.2, -soc[1:], times[1:]))
     assert brute.runtime_s == pytest.approx(expected, rel=1e-6)
-    assert fast.runtime_s == pytest.approx(expected, rel=5e-5)  # 170 strokes: averaging is at its coarsest
+    assert fast.runtime_s == pytest.approx(expected, rel=2e-5)  # 500 strokes: 25 times coarser than a real battery
     assert brute.ended_by == fast.ended_by == "soc"
 
 
