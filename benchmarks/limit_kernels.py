@@ -1,7 +1,7 @@
 """How fast the hardware lets these equations go: kernels that do one case, one output and nothing else.
 
-Written only to be measured against; no part of the product uses them. Constants are folded in, nothing is checked,
-no energy is gathered, no event is found. Equation numbers are the paper's.
+Written only to be measured against; no part of the product uses them. Constants are folded in, nothing is
+checked, no energy is gathered, no event is found. Equation numbers are the paper's.
 """
 
 from __future__ import annotations

@@ -1,13 +1,14 @@
 """A whole discharge from periodic strokes at a few states of charge.
 
-The charge of one stroke is some 6e-5 of the battery's, so the machine runs close to the stroke that would be periodic
-at a frozen charge. With T(s) and q(s) the duration and the charge fraction of the stroke whose middle is at s,
+The charge of one stroke is some 6e-5 of the battery's, so the machine runs close to the stroke that would be
+periodic at a frozen charge. With T(s) and q(s) the duration and the charge fraction of the stroke whose
+middle is at s,
 
     runtime = t_0 + integral of T/q over s,    strokes = integral of 1/q,
 
-by Gauss-Legendre nodes. Four small terms bring the error from 2e-4 to 1e-6: the strokes of the start-up are simulated,
-what is left of it decays with the stroke map's own eigenvalues and is summed in closed form; the strokes at the nodes
-drift, P_drift(X) - X = -q dX*/ds; and the last, unfinished stroke is simulated.
+by Gauss-Legendre nodes. Four small terms bring the error from 2e-4 to 1e-6: the strokes of the start-up are
+simulated, what is left of it decays with the stroke map's own eigenvalues and is summed in closed form; the
+strokes at the nodes drift, P_drift(X) - X = -q dX*/ds; and the last, unfinished stroke is simulated.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ def barycentric(nodes, weights):
 
 @kernel()
 def slope(nodes, weights, values, k):
-    """Derivative of the interpolant at node k."""
+    """Differentiate the interpolant at node k."""
     total = 0.0
     for j in range(len(nodes)):
         if j != k:
@@ -77,7 +78,9 @@ def slope(nodes, weights, values, k):
 
 @kernel()
 def _frozen(m, tables, curve, h, i, r):
-    """Periodic stroke from a near start: (i, r), and the derivative of its map and integrals, last Newton step done."""
+    """Find a periodic stroke from a near start: (i, r), the derivatives of map and integrals, local error."""
+    y = (i, r, 0.0, 0.0, 0.0, 0.0)
+    q = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for _ in range(30):
         y, q, worst_i, worst_r = tangent_stroke(m, tables, curve, h, i, r)
         a, b, c, d = 1.0 - y[2], -y[3], -y[4], 1.0 - y[5]
@@ -99,7 +102,7 @@ def _frozen(m, tables, curve, h, i, r):
 
 @kernel()
 def _strokes_of_start(p, m, spline, ocv, tables, h, start, tolerance):
-    """Start-up and the first strokes: time, i, r, soc, motor charge at a dead centre at angle 0, and a status."""
+    """Run the start-up and some strokes: time, i, r, soc and motor charge at angle 0, and a status."""
     n_steps = len(tables)
     t, y, turns, status = start_up(p, m, spline, ocv, start, n_steps, tolerance, False)
     i, r, soc = y[0], 0.0, y[3]
@@ -111,7 +114,7 @@ def _strokes_of_start(p, m, spline, ocv, tables, h, start, tolerance):
         half = n_steps // 2
         first = angle_rate(m, tables[half, 0], drive(m, ocv, soc), i, r, 0.0)
         for n in range(half, n_steps):
-            i, r, away, first, duration, stages, _, _ = angle_step(
+            i, r, away, first, duration, _, _, _ = angle_step(
                 m, tables[n], drive(m, ocv, soc), h, i, r, first
             )
             t += duration
@@ -124,7 +127,7 @@ def _strokes_of_start(p, m, spline, ocv, tables, h, start, tolerance):
 
 @kernel()
 def _solve_nodes(m, tables, ocv, h, places, table, tangents, weights):
-    """Fill the node table between two states of charge; returns the largest local error, 1e300 where a node fails."""
+    """Fill the node table; returns the largest local error, 1e300 where a node fails."""
     n = len(places)
     worst = 0.0
     i, w = guess(m, tables, drive(m, ocv, places[0]))
@@ -171,12 +174,12 @@ def _solve_nodes(m, tables, ocv, h, places, table, tangents, weights):
 
 @kernel()
 def _voltage(m, ocv, resistance, places, weights, table, soc):
-    """Battery voltage at a state of charge, V: the current is interpolated, the open-circuit voltage is not."""
+    """Battery voltage at a state of charge, V; only the current is interpolated."""
     return open_circuit(m, ocv, soc)[0] - resistance * interpolate(places, weights, table[:, BATTERY], soc)
 
 
 @kernel()
-def discharge_averaged(
+def discharge_averaged(  # noqa: PLR0912, PLR0915 - one state in registers
     p,
     spline,
     ocv,
@@ -192,8 +195,8 @@ def discharge_averaged(
 ):
     """Runtime to a cut-off; fills `table`, shape (n_nodes, N_COLUMNS), and `result`; returns how it ended.
 
-    `gauss_nodes` descend from 1 to -1. BY_SOC 0, BY_VOLTAGE 1, BY_STALL 2, FAILED 4 as in `discharge_kernel`; where
-    it says 2 or 4 the discharge has to be run stroke by stroke.
+    `gauss_nodes` descend from 1 to -1. BY_SOC 0, BY_VOLTAGE 1, BY_STALL 2, FAILED 4 as in
+    `discharge_kernel`; where it says 2 or 4 the discharge has to be run stroke by stroke.
     """
     m = machine(p)
     tables = np.empty((n_steps, 6, 4))
@@ -210,6 +213,7 @@ def discharge_averaged(
     tangents = np.empty((n, 10))
     stop = cutoff_soc
     ended = 0
+    half = 0.0
     for _ in range(6):
         if not soc0 > stop:
             return FAILED
@@ -262,7 +266,8 @@ def discharge_averaged(
     strokes -= more_share / table[0, SHARE]
     result[STROKES] = strokes
     if ended == 0:
-        # The last stroke begins where a whole number of strokes is done; a cut-off by mean voltage has no such phase.
+        # The last stroke begins where a whole number of strokes is done; a cut-off by mean voltage has no
+        # such phase.
         part = strokes - math.floor(strokes)
         share = interpolate(places, weights, table[:, SHARE], stop)
         period = interpolate(places, weights, table[:, PERIOD], stop)
@@ -286,7 +291,7 @@ def discharge_averaged(
 def runtimes(
     vectors, spline, ocv, n_steps, tolerance, cutoff_soc, cutoff_voltage, gauss_nodes, gauss_weights, out
 ):
-    """Runtime of every row of `vectors` from full and at rest, on all cores; NaN where it cannot be averaged."""
+    """Fill the runtime of every row of `vectors`, full and at rest, s; NaN where it cannot be averaged."""
     for case in numba.prange(len(vectors)):
         table = np.zeros((len(gauss_nodes), N_COLUMNS))
         result = np.zeros(N_RESULT)

@@ -1,8 +1,9 @@
 """Transient of the baseline machine: time steps while the crank is slow, angle steps once it turns.
 
-From rest, and wherever the speed changes much within one angle step, Dormand-Prince steps in time with error control;
-they end exactly on the dead centres. Between dead centres the crank angle takes over as the independent variable: the
-trigonometry and the load are tabulated at the stages of equal steps, no step ever straddles a reversal.
+From rest, and wherever the speed changes much within one angle step, Dormand-Prince steps in time with error
+control; they end exactly on the dead centres. Between dead centres the crank angle takes over as the
+independent variable: the trigonometry and the load are tabulated at the stages of equal steps, no step ever
+straddles a reversal.
 """
 
 from __future__ import annotations
@@ -115,8 +116,8 @@ def _over_time(w, rates):
 
 
 @kernel()
-def _angle_phase(m, tables, ocv, time_s, k, t, y, turns, gear, tolerance, scales, out, record):
-    """Angle steps from a place of the table until the end is near, the speed changes much, or the steps are too long.
+def _angle_phase(m, tables, ocv, time_s, k, t, y, turns, gear, tolerance, scales, out, record):  # noqa: PLR0915
+    """Take angle steps until the end is near, the speed changes much, or the steps are too long.
 
     The last value returned says that they are too long: the local error passed the tolerance.
     """
@@ -125,7 +126,7 @@ def _angle_phase(m, tables, ocv, time_s, k, t, y, turns, gear, tolerance, scales
     h = TWO_PI / n_steps
     end = time_s[-1]
     n_samples = len(time_s)
-    begin = int(round(y[2] / h))
+    begin = round(y[2] / h)
     place = begin + half * (turns % 2)
     i, w, soc = y[0], y[1], y[3]
     r = 1.0 / w
@@ -201,13 +202,13 @@ def _is_calm(p, m, y, n_steps):
 
 
 @kernel()
-def time_phase(
+def time_phase(  # noqa: PLR0912, PLR0915
     p, m, spline, ocv, time_s, k, t, y, turns, n_steps, tolerance, scales, ends_at_once, out, record
 ):
     """Time steps with error control until a dead centre is reached at a calm speed (or at any), or the end.
 
-    A step that runs over an event is taken again so that it ends on the event: a dead centre ahead, the crank coming
-    to rest, or the motor overcoming the load at rest.
+    A step that runs over an event is taken again so that it ends on the event: a dead centre ahead, the
+    crank coming to rest, or the motor overcoming the load at rest.
     """
     end = time_s[-1]
     c = cutter(p)
@@ -284,7 +285,7 @@ def time_phase(
 
 @kernel()
 def _first_event(c, m, spline, place, y, new, moves, current, path):
-    """The event a step ran over, and the part of the step at which it happens."""
+    """Find the event a step ran over, and the part of the step at which it happens."""
     if moves == 0.0:
         held = max(load(c, m, spline, place[0], y[2], place[1])[3], 0.0)
         if m[3] * new[0] > held:

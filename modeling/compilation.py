@@ -1,8 +1,8 @@
 """The one way this package compiles a function to machine code.
 
-numba keeps compiled code on disk and renews it when the function's own file changes, but not when a constant or a
-function that it takes from another file changes. Here the folder of compiled code is named after the text of
-every file that compiles instead, so that an upgrade can never run a mixture of old and new physics.
+numba keeps compiled code on disk and renews it when the function's own file changes, but not when a constant
+or a function that it takes from another file changes. Here the folder of compiled code is named after the
+text of every file that compiles instead, so that an upgrade can never run a mixture of old and new physics.
 """
 
 from __future__ import annotations

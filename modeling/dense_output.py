@@ -1,8 +1,8 @@
 """Values between the steps: quintic Hermite polynomials in time.
 
-Both ends of a step give value, first and second derivative of the current (Eq. 12 once more differentiated) and of
-the angle (whose derivatives are speed and acceleration), so the polynomials cost no evaluation of the model. The
-speed is the derivative of the angle's polynomial.
+Both ends of a step give value, first and second derivative of the current (Eq. 12 once more differentiated)
+and of the angle (whose derivatives are speed and acceleration), so the polynomials cost no evaluation of the
+model. The speed is the derivative of the angle's polynomial.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from modeling.compilation import kernel
 
 @kernel()
 def quintic(h, y0, d0, s0, y1, d1, s1):
-    """Coefficients over u in [0, 1] of the quintic with given ends: values, slopes and curvatures over time."""
+    """Coefficients over u in [0, 1] of the quintic with given values, slopes and curvatures at its ends."""
     a1 = h * d0
     a2 = 0.5 * h * h * s0
     rise = y1 - y0 - a1 - a2
@@ -36,7 +36,7 @@ def at(c, u):
 
 @kernel()
 def slope_at(c, u):
-    """Derivative of a quintic with respect to u."""
+    """Differentiate a quintic with respect to u."""
     return c[1] + u * (2.0 * c[2] + u * (3.0 * c[3] + u * (4.0 * c[4] + u * 5.0 * c[5])))
 
 

@@ -164,13 +164,14 @@ def _with_effects(
     else:
         done = slow.brute_force(vector, spline, ocv, initial, cutoff_soc, volts)
     runtime, motor, battery, ended, error, rows = done
+    ended_by: EndedBy = "stall" if ended in ("stall", "cannot_start") else ended  # type: ignore[assignment]
     status, message = _EFFECT_ENDINGS[ended]
     return Discharge(
         runtime_s=float(runtime),
         mean_battery_current_a=float(battery / runtime) if runtime > 0 else 0.0,
         mean_motor_current_a=float(motor / runtime) if runtime > 0 else 0.0,
         n_strokes=float(np.trapezoid(rows[:, 5], rows[:, 0])) if len(rows) > 1 else 0.0,
-        ended_by="stall" if ended in ("stall", "cannot_start") else ended,
+        ended_by=ended_by,
         status=status,
         message=message,
         numerical_error_s=float(error),

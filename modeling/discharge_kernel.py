@@ -64,7 +64,7 @@ def _crossing_time(duration, soc0, soc1, rate0, rate1, level):
 
 
 @kernel()
-def brute_force(p, spline, ocv, start, n_steps, tolerance, cutoff_soc, cutoff_voltage, curves):
+def brute_force(p, spline, ocv, start, n_steps, tolerance, cutoff_soc, cutoff_voltage, curves):  # noqa: PLR0912, PLR0915
     """Every stroke from `start` to a cut-off, angle steps from the first calm dead centre on.
 
     Parameters

@@ -1,7 +1,8 @@
 """One step of the Dormand-Prince 5(4) pair for the baseline machine, over the angle and over time.
 
-Source of the coefficients: Dormand, Prince, J. Comput. Appl. Math. 6 (1980) 19, RK5(4)7M. The last stage of a step is
-the first of the next. The sums put the newest stage last: it is the only one the next stage has to wait for.
+Source of the coefficients: Dormand, Prince, J. Comput. Appl. Math. 6 (1980) 19, RK5(4)7M. The last stage of
+a step is the first of the next. The sums put the newest stage last: it is the only one the next stage has to
+wait for.
 
 Over the angle the speed is carried as its inverse r = dt/da, which turns Eqs. 12 and 13 into polynomials:
 
@@ -39,11 +40,12 @@ def angle_rate(m, row, curve, i, r, away):
 
 @kernel()
 def angle_step(m, rows, curve, h, i, r, first):
-    """One step h over the crank angle; `rows`, shape (6, 4), holds `load` at the stages, `curve` is
-    `drive` at its start.
+    """Take one step h over the crank angle.
 
-    Returns the end (i, r, and the change of the charge), its rates, the duration, the stages (i, r, e each, of the weights that are not 0) and
-    the sums for the local error estimate of i and r, up to the factor h.
+    `rows`, shape (6, 4), holds `load` at the stages, `curve` is `drive` at the start.
+
+    Returns the end (i, r, and the change of the charge), its rates, the duration, the stages (i, r, e each,
+    of the weights that are not 0) and the sums for the local error estimate of i and r, up to the factor h.
     """
     i1, r1, c1, e1 = first
     i2, r2, c2, _ = angle_rate(m, rows[1], curve, i + h * A21 * i1, r + h * A21 * r1, h * A21 * c1)
@@ -96,7 +98,8 @@ def angle_energy(m, rows, h, stages):
 def time_rate(c, m, spline, place, i, w, angle, away):
     """Rates over time: di/dt, dW/dt, dsoc/dt, then e and the cutting torque.
 
-    `c` is `cutter`; `place` is (is_second, is_cutting, curve): which half of the turn, whether it cuts, `drive`.
+    `c` is `cutter`; `place` is (is_second, is_cutting, curve): which half of the turn, whether it cuts,
+    `drive`.
     """
     inverse_j, bend, per_speed, constant = load(c, m, spline, place[0], angle, place[1])
     e, battery_current = source(m, place[2], away, i)
@@ -107,10 +110,12 @@ def time_rate(c, m, spline, place, i, w, angle, away):
 
 @kernel()
 def time_step(c, m, spline, place, h, y, moves):
-    """One step h over time from y = (i, W, a, soc), the angle from the last dead centre; `moves` is 0.0 for a crank held.
+    """Take one step h over time from y = (i, W, a, soc), a from the last dead centre.
 
-    Returns the end, the rates at both ends (di/dt, dW/dt, dsoc/dt), the local errors of i and W, and the integrals
-    of U i, i^2, i W, W^2 and cutting power.
+    `moves` is 0.0 for a crank held, else 1.0.
+
+    Returns the end, the rates at both ends (di/dt, dW/dt, dsoc/dt), the local errors of i and W, and the
+    integrals of U i, i^2, i W, W^2 and cutting power.
     """
     i, w, a, soc = y
     q = 0.0

@@ -2,9 +2,10 @@
 
     dz/dt = mean over the periodic stroke at z,   z = (charge, winding temperature, RC voltages, distance cut)
 
-by the Bogacki-Shampine 3(2) pair with error control; steps are limited by the shortest time constant of an RC element.
-The first second is simulated. While z moves, current and speed lag behind their periodic values by some tenths of a
-second; what that costs over the whole discharge is added in closed form. Brute force integrates every stroke.
+by the Bogacki-Shampine 3(2) pair with error control; steps are limited by the shortest time constant of an
+RC element. The first second is simulated. While z moves, current and speed lag behind their periodic values
+by some tenths of a second; what that costs over the whole discharge is added in closed form. Brute force
+integrates every stroke.
 """
 
 from __future__ import annotations
@@ -280,7 +281,7 @@ def brute_force(
         if run.status == "stalled":
             ended = "stall" if run.crank_angle_rad[-1] > 4 * np.pi or begin > 0 else "cannot_start"
             standing = np.flatnonzero(run.crank_speed_rad_s > 1.0)
-            end = begin + (times[standing[-1]] if len(standing) else 0.0)
+            end = begin + (float(times[standing[-1]]) if len(standing) else 0.0)
             return end, motor, float((initial.soc - run.soc[-1]) * capacity), ended, 0.0, np.vstack(rows)
         begin += chunk_s
         state = _continued(run.record, run.soc[-1], state)

@@ -1,4 +1,4 @@
-"""Periodic strokes with effects: at the baseline's speed where coefficients suffice, else by the extended kernel."""
+"""Periodic strokes with effects: at the baseline's speed where possible, else by the extended kernel."""
 
 from __future__ import annotations
 
@@ -110,6 +110,7 @@ def _simple(
     sagged = slow.rc_voltage_v + slow.polarization_v
     turn_s = 2 * np.pi / (0.75 * scales(vector)[1])
     n_strokes = 0
+    code = kernel.NOT_CONVERGED
     before: tuple[float, float] | None = None
     for _ in range(MOST_CHIP_ROUNDS):
         frozen.freeze(vector, slow.winding_temperature_rise_k, sagged, slow.cut_distance_m, turn_s, effective)

@@ -1,7 +1,8 @@
 """Integrate the extended machine over time: error control, every change of law an event that a step ends on.
 
-Dormand-Prince 5(4) with steps that end on the dead centres, on the angles where the blade engages or a backlash is
-crossed, and where the current limit takes hold or lets go. Between steps the pair's own fourth-order interpolant.
+Dormand-Prince 5(4) with steps that end on the dead centres, on the angles where the blade engages or a
+backlash is crossed, and where the current limit takes hold or lets go. Between steps the pair's own
+fourth-order interpolant.
 """
 
 from __future__ import annotations
@@ -77,7 +78,7 @@ def chip_factor(p, turn_s):
 
 
 @kernel()
-def extended_step(p, c, spline, ocv, place, t, h, y, frozen, is_frozen, k, new, scratch):
+def extended_step(p, c, spline, ocv, place, t, h, y, frozen, is_frozen, k, new, scratch):  # noqa: PLR0912
     """One step from `y` to `new`, stages in `k`, shape (7, N_ALL)."""
     for stage in range(7):
         if stage == 0:
@@ -133,7 +134,7 @@ def between(u, h, y, new, k, out):
 
 @kernel()
 def _first_change(p, y, new, k, h, until, is_limited, free_rate):
-    """The first event within a step, 0 none, 1 angle, 2 limit reached, 3 limit let go, and the fraction of the step."""
+    """Find the first event of a step (0 none, 1 angle, 2 limit reached, 3 limit let go) and its fraction."""
     event = 0
     part = 1.0
     if new[ANGLE] > until:
@@ -176,7 +177,7 @@ def _free_rate(p, c, spline, ocv, place, t, y, slow, k):
 
 
 @kernel()
-def simulate_extended(
+def simulate_extended(  # noqa: PLR0912, PLR0915
     p, spline, ocv, time_s, start, turns, stop_turns, frozen, tolerance, out, seen, end, record
 ):
     """Integrate from `start` (shape (N_ALL,), angle since the last of `turns` half turns) to the last sample.
@@ -220,7 +221,8 @@ def simulate_extended(
     t = 0.0
     turn_began = -1.0
     n = 0
-    # A power law or a Stribeck dip is steep next to the dead centres, in a part of the turn that steps would jump.
+    # A power law or a Stribeck dip is steep next to the dead centres, in a part of the turn that steps would
+    # jump.
     is_steep = p[slots.EXPONENT] != 1.0 or p[slots.GUIDE_STATIC] > p[slots.GUIDE_COULOMB]
     h = 0.02 * p[slots.INDUCTANCE] / p[slots.RESISTANCE]
     next_h = h
@@ -254,7 +256,7 @@ def simulate_extended(
                 free = _free_rate(p, c, spline, ocv, place, t + h, new, frozen if is_frozen else new, scratch)
             event, part = _first_change(p, y, new, k, h, until, is_limited, free)
             tries = 0
-            if event == 1 or event == 2:
+            if event in (1, 2):
                 h *= part
                 continue
             if event == 3 and h > 1e-7:

@@ -1,14 +1,14 @@
-"""The machine with everything the baseline leaves out: rates of an extended state, and what an observer sees of it.
+"""The machine with everything the baseline leaves out: rates of an extended state, and what is seen of it.
 
-Every effect is a slot of the parameter vector and vanishes at its default. The crank turns one way, so the sign of the
-blade's motion is the half turn it is in; where an effect needs the sign of the motion itself (dry friction at rest) a
-tanh of the crank speed stands for it, `STILL` rad/s wide, a four-hundredth of a working speed: the crank then creeps
-where a real one sticks.
+Every effect is a slot of the parameter vector and vanishes at its default. The crank turns one way, so the
+sign of the blade's motion is the half turn it is in; where an effect needs the sign of the motion itself
+(dry friction at rest) a tanh of the crank speed stands for it, `STILL` rad/s wide, a four-hundredth of a
+working speed: the crank then creeps where a real one sticks.
 
-Approximations, by slot: a backlash holds the blade still until the pin has crossed it, the mass stays coupled (no
-impact); blade compliance delays the linear law, F + k_Fc/k_b dF/dt = law; the chip thickness takes the stroke rate of
-the turn before; the magnets are as warm as the winding; cutting_exponent is smoothed below SLOW m/s, the brush drop
-below FAINT A.
+Approximations, by slot: a backlash holds the blade still until the pin has crossed it, the mass stays
+coupled (no impact); blade compliance delays the linear law, F + k_Fc/k_b dF/dt = law; the chip
+thickness takes the stroke rate of the turn before; the magnets are as warm as the winding; cutting_exponent
+is smoothed below SLOW m/s, the brush drop below FAINT A.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ N_SEEN = 5
 
 @kernel()
 def supply(p, ocv, soc, sagged, current):
-    """Motor voltage, battery terminal voltage and battery current, V, V, A; `sagged` is lost in RC elements, V."""
+    """Motor voltage, battery voltage, battery current: V, V, A; `sagged` is lost in RC elements, V."""
     if p[slots.MODE] == slots.FIXED_VOLTAGE:
         return p[slots.VOLTAGE], p[slots.VOLTAGE], current
     n_pieces = len(ocv)
@@ -146,10 +146,11 @@ def cutting_law(p, spline, place, turn, speed, blade_at, t, distance, moving):
 
 
 @kernel()
-def extended_rates(p, c, spline, ocv, place, t, y, slow, k):
+def extended_rates(p, c, spline, ocv, place, t, y, slow, k):  # noqa: PLR0915
     """Fill `k`, shape (N_ALL,), with the rates over time of `y`; slow quantities are read from `slow`.
 
-    `slow` is `y` itself, or a frozen state for a periodic stroke. `y[ANGLE]` counts from the last dead centre.
+    `slow` is `y` itself, or a frozen state for a periodic stroke. `y[ANGLE]` counts from the last dead
+    centre.
     """
     i, w = y[CURRENT], y[SPEED]
     gear = p[slots.GEAR]

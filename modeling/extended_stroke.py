@@ -1,7 +1,8 @@
-"""The periodic stroke of the extended machine with its slow quantities frozen: Broyden's method on the stroke map.
+"""The periodic stroke of the extended machine, slow quantities frozen: Broyden's method on the stroke map.
 
-The unknowns are current and speed at angle 0, the force in a compliant blade, and the duration of the turn where the
-chip thickness depends on it. The iteration runs in Python: one stroke costs the kernel some thirty times more.
+The unknowns are current and speed at angle 0, the force in a compliant blade, and the duration of the turn
+where the chip thickness depends on it. The iteration runs in Python: one stroke costs the kernel some thirty
+times more.
 """
 
 from __future__ import annotations
@@ -50,7 +51,8 @@ class StrokeMap:
     def run(self, x: Floats, time_s: Floats) -> tuple[float, Floats, Floats, Floats]:
         """One stroke from x = (i, W, F, duration of the turn before), or until the last of `time_s`.
 
-        Returns the duration (0 where it does not get round), the end (N_ALL,), and the samples (4, n), (N_SEEN, n).
+        Returns the duration (0 where it does not get round), the end (N_ALL,), and the samples (4, n),
+        (N_SEEN, n).
         """
         start = np.zeros(physics.N_ALL)
         start[: physics.N_STATES] = self.frozen[: physics.N_STATES]
@@ -144,7 +146,7 @@ def find_periodic(stroke: StrokeMap, guess: Floats) -> tuple[int, Floats, Floats
 
 
 def waveform(stroke: StrokeMap, x: Floats, duration: float, n_points: int) -> tuple[Floats, Floats]:
-    """Samples, shapes (4, n_points) and (N_SEEN, n_points), at the angles 2*pi*j/n_points of the stroke from x.
+    """Sample the stroke from x at the angles 2*pi*j/n_points: shapes (4, n_points) and (N_SEEN, n_points).
 
     The times are guessed from a first pass, then moved to the angles by the speed there.
     """

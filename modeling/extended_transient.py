@@ -27,7 +27,7 @@ def scales(vector: Floats) -> tuple[float, float]:
 def run_extended(
     vector: Floats, spline: Floats, ocv: Floats, time_s: Floats, start: Floats, tolerance: float, out: Floats
 ) -> tuple[int, Floats, Floats]:
-    """Fill `out`, shape (4, n); return the status code, a record as the baseline's plus one place, and what is seen.
+    """Fill `out`, shape (4, n); return the status, a longer record than the baseline's, and what is seen.
 
     The first five places of the record hold the terms of the energy balance themselves, J.
     """

@@ -1,9 +1,10 @@
 """Effects that a periodic stroke can carry at the speed of the baseline.
 
-With slow quantities frozen, most effects only change coefficients: a torque free of speed, a torque per speed, one in
-proportion to the speed's square, a resistance, a voltage. Those are written into the load tables and into an effective
-parameter vector, and the baseline's own kernels do the rest. The others (a cutting exponent, a Stribeck dip, blade
-compliance, a current limit, backlash, delayed engagement) need the extended kernel; see `is_simple`.
+With slow quantities frozen, most effects only change coefficients: a torque free of speed, a torque per
+speed, one in proportion to the speed's square, a resistance, a voltage. Those are written into the load
+tables and into an effective parameter vector, and the baseline's own kernels do the rest. The others (a
+cutting exponent, a Stribeck dip, blade compliance, a current limit, backlash, delayed engagement) need the
+extended kernel; see `is_simple`.
 """
 
 from __future__ import annotations
@@ -47,10 +48,10 @@ def changes_load(p):
 
 @kernel()
 def freeze(p, warm, sagged, distance, turn_s, out):
-    """Fill `out` with an effective vector: slow quantities and the chip of a turn of `turn_s` written into it.
+    """Fill `out` with an effective vector: slow quantities and the chip of a turn of `turn_s` put into it.
 
-    `warm` is the winding's rise of temperature, K; `sagged` the voltage across RC elements, V; `distance` cut before,
-    m. Grain averages out over a frozen stroke.
+    `warm` is the winding's rise of temperature, K; `sagged` the voltage across RC elements, V; `distance`
+    cut before, m. Grain averages out over a frozen stroke.
     """
     out[:] = p
     gain = 1.0 + p[slots.WEAR] * distance
@@ -119,7 +120,7 @@ def add_effects(p, n_steps, fractions, tables):
 
 @kernel()
 def simple_force(p, spline, turn, speed):
-    """Cutting force that an effective vector gives at an angle in [0, 2*pi) and a crank speed, N, as a cell sees it."""
+    """Cutting force of an effective vector at an angle in [0, 2*pi) and a crank speed, N."""
     c = cutter(p)
     sine, cosine = math.sin(turn), math.cos(turn)
     g, _ = levers(c, sine, cosine)

@@ -1,8 +1,9 @@
 """Periodic strokes of many parameter vectors, eight at a time in the lanes of a vector register.
 
-The same Newton iteration as `periodic_kernel`, for the case that batches consist of: a linear force, a Scotch yoke, an
-ideal source or a fixed duty, no effect on the load. Other rows, and rows that do not settle, are left to the caller.
-Every loop over the lanes is free of branches and runs over unsigned indices, else it would not vectorise.
+The same Newton iteration as `periodic_kernel`, for the case that batches consist of: a linear force, a
+Scotch yoke, an ideal source or a fixed duty, no effect on the load. Other rows, and rows that do not settle,
+are left to the caller. Every loop over the lanes is free of branches and runs over unsigned indices, else it
+would not vectorise.
 """
 
 from __future__ import annotations
@@ -62,8 +63,8 @@ LANES = 8
 UNDECIDED, TOO_COARSE = -1, -2
 MOST_ROUNDS = 6
 WIDTH = np.uint64(LANES)
-# Where the rows of a block begin in its one array (one, so that the compiler need not fear that arrays overlap):
-# constants, then the state (i, r and its four derivatives), then the integrals, the
+# Where the rows of a block begin in its one array (one, so that the compiler need not fear that arrays
+# overlap): constants, then the state (i, r and its four derivatives), then the integrals, the
 # largest local errors, and the start.
 R_X, PER_L, K_E, K_M, E, INERTIA, MASS, DRAG, CUT, SHARE = (np.uint64(n * LANES) for n in range(10))
 Y0, Y1, Y2, Y3, Y4, Y5 = (np.uint64(n * LANES) for n in range(10, 16))
@@ -203,7 +204,7 @@ def _trigonometry(n_steps, sines, cosines):
 
 @kernel()
 def _begin(c, lane, sign):
-    """Start of a lane: mean torque balance and the linear response to the load's first two harmonics (closed forms)."""
+    """Start of a lane: mean torque balance and the response to the load's first two harmonics."""
     # sin^2 on one half turn: mean 1/4, first harmonic -+4/(3 pi) sin, second -1/4 cos.
     mean = c[DRAG + lane] + 0.25 * c[CUT + lane]
     speed = c[E + lane] / (c[K_E + lane] + c[R_X + lane] * mean / c[K_M + lane])

@@ -81,10 +81,10 @@ def open_circuit(m, ocv, soc):
 
 @kernel()
 def drive(m, ocv, soc):
-    """What `source` needs of a state of charge: three terms of a power series over the charge, V.
+    """Gather what `source` needs of a state of charge: three terms of a power series over the charge, V.
 
-    Of the voltage e for a fixed voltage or duty, of the open-circuit voltage for a held voltage. Within one step the
-    three terms are exact to rounding, and save a division in every stage.
+    Of the voltage e for a fixed voltage or duty, of the open-circuit voltage for a held voltage. Within one
+    step the three terms are exact to rounding, and save a division in every stage.
     """
     if m[7] == slots.FIXED_VOLTAGE:
         return m[9] - m[19], 0.0, 0.0
@@ -98,8 +98,8 @@ def drive(m, ocv, soc):
 def source(m, curve, away, current):
     """Voltage e of Eq. 12 and battery current, V and A, at a charge `away` from where `curve` is `drive`.
 
-    For a held voltage U the duty solves d (E + V_f - R_b d i / eta) = U + V_f; where it would pass 1 the converter
-    is fully on.
+    For a held voltage U the duty solves d (E + V_f - R_b d i / eta) = U + V_f; where it would pass 1 the
+    converter is fully on.
     """
     value = curve[0] + away * (curve[1] + away * curve[2])
     if m[7] != slots.HELD_VOLTAGE:
@@ -117,7 +117,7 @@ def source(m, curve, away, current):
 
 @kernel()
 def source_slopes(m, curve, current):
-    """`source` at the place of `curve`, then the derivatives of e and of the battery current by the motor current."""
+    """`source` at the place of `curve`, and the derivatives of e and battery current by the motor current."""
     e, battery_current = source(m, curve, 0.0, current)
     if m[7] != slots.HELD_VOLTAGE:
         return e, battery_current, 0.0, m[15]
@@ -158,8 +158,8 @@ S13, S15, S17, S19 = (
 def sine_cosine(half_turn):
     """Sine and cosine of an angle in [0, pi], rad, to rounding.
 
-    Taylor polynomials about pi/2, summed in pairs so that the terms need not wait for each other: several times
-    faster than two calls to the library, which must reduce any angle.
+    Taylor polynomials about pi/2, summed in pairs so that the terms need not wait for each other: several
+    times faster than two calls to the library, which must reduce any angle.
     """
     z = half_turn - 0.5 * math.pi
     q = z * z
@@ -175,13 +175,13 @@ def sine_cosine(half_turn):
 
 @kernel()
 def cutter(p):
-    """Gather mechanism and cutting force from a vector: radius, rod, k_Fc, force scale, sign of the cutting half."""
+    """Gather mechanism and cutting force: radius, rod, k_Fc, force scale, sign of the cutting half."""
     return p[slots.RADIUS], p[slots.ROD], p[slots.K_FC], p[slots.FORCE_SCALE], p[slots.CUTTING_SIGN]
 
 
 @kernel()
 def levers(c, sine, cosine):
-    """g and g' of the mechanism, m; `c` is `cutter`."""
+    """G and g' of the mechanism, m; `c` is `cutter`."""
     if c[1] > 0.0:
         return slider_crank.lever(sine, cosine, c[0], c[1])
     return scotch_yoke.lever(sine, cosine, c[0])
@@ -202,7 +202,7 @@ def spline_force(spline, turn):
 
 @kernel()
 def load_at(c, m, spline, sine, cosine, turn, is_cutting):
-    """What the mechanical equation needs at an angle: 1/J, m g g', torque per speed, torque free of speed."""
+    """Return what the mechanical equation needs: 1/J, m g g', torque per speed, torque free of speed."""
     g, slope = levers(c, sine, cosine)
     per_speed = m[4]
     constant = 0.0

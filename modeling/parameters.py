@@ -102,7 +102,7 @@ class JigsawParameters:
         return dataclasses.replace(self, **changes)
 
     def to_vector(self) -> NDArray[np.float64]:
-        """Return a parameter vector, shape (N_SLOTS,), with the plant filled in and everything else at its default."""
+        """Return a parameter vector, shape (N_SLOTS,): the plant, everything else at its default."""
         vector = slots.defaults()
         self.fill(vector)
         return vector

@@ -27,7 +27,7 @@ ACCEPT = 3e-4  # residual whose last Newton correction leaves an error of its sq
 
 @kernel()
 def guess(m, tables, curve):
-    """Current and crank speed at angle 0 to begin with, A and rad/s; a speed of 0 where the mean torques balance at none.
+    """Guess current and crank speed at angle 0, A and rad/s; 0 where the mean torques balance at no speed.
 
     The mean torque balance, and on top of it the linear response to the first two harmonics of the load.
     """
@@ -109,8 +109,9 @@ def solve_periodic(m, tables, curve, i, w, accept, result):
 def periodic_state(p, spline, ocv, soc, n_steps, tolerance, accept, result):
     """Periodic stroke of one parameter vector at a state of charge, from a cold start.
 
-    Begins with `n_steps` steps a turn and doubles them until the largest local error, relative to current and speed,
-    is below the tolerance. The Newton step that is below `accept` is the last: it leaves an error of its square.
+    Begins with `n_steps` steps a turn and doubles them until the largest local error, relative to current
+    and speed, is below the tolerance. The Newton step that is below `accept` is the last: it leaves an error
+    of its square.
     """
     m = machine(p)
     curve = drive(m, ocv, soc)
@@ -132,7 +133,7 @@ def periodic_state(p, spline, ocv, soc, n_steps, tolerance, accept, result):
 
 @kernel()
 def waveform(p, spline, ocv, soc, n_steps, i, w, current, speed):
-    """Current and crank speed at the angles 2*pi*j/n_steps of a stroke that starts at (i, W); returns its error.
+    """Fill current and crank speed at the angles 2*pi*j/n_steps of a stroke from (i, W); returns its error.
 
     The error is the largest embedded local error of the steps, relative to the largest current and speed.
     """
@@ -173,10 +174,10 @@ def open_circuit_voltage(p, ocv, soc):
 
 @kernel()
 def lag_gains(p, spline, ocv, soc, n_steps, i, w):
-    """What a lasting lag of the state behind the periodic one costs: four sums over the strokes it takes to settle.
+    """Return what a lag of the state behind the periodic one costs: sums over the strokes it takes to settle.
 
-    Time and motor charge by current (s/A, A s/A), then by inverse speed (s/(s/rad), A s/(s/rad)): the derivatives of a
-    stroke's integrals times the inverse of 1 less the map's derivative.
+    Time and motor charge by current (s/A, A s/A), then by inverse speed (s/(s/rad), A s/(s/rad)): the
+    derivatives of a stroke's integrals times the inverse of 1 less the map's derivative.
     """
     m = machine(p)
     tables = np.empty((n_steps, 6, 4))

@@ -1,11 +1,12 @@
-"""Derivatives of runs and of periodic strokes with respect to any slot: plant, k_Fc, supply, battery, effects.
+"""Derivatives of runs and periodic strokes with respect to any slot: plant, k_Fc, supply, effects.
 
-Central differences of fourth order over the model itself, on steps that do not adapt to the parameter: the angle steps are
-fixed, the time steps near rest have a tolerance of 1e-12. So the difference sees the derivative of the discrete solution
-and hardly any noise of the step control. Why differences and not variational equations: they hold for every slot and
-every effect alike, need no second set of equations that could disagree with the first, and batches over the
-perturbations use both cores. Measured against fourth differences of a 1e-13 reference integrator the derivatives are
-good to 1e-6 of their largest value (see the tests).
+Central differences of fourth order over the model itself, on steps that do not adapt to the parameter: the
+angle steps are fixed, the time steps near rest have a tolerance of 1e-12. So the difference sees the
+derivative of the discrete solution and hardly any noise of the step control. Why differences and not
+variational equations: they hold for every slot and every effect alike, need no second set of equations that
+could disagree with the first, and batches over the perturbations use both cores. Measured against fourth
+differences of a 1e-13 reference integrator the derivatives are good to 1e-6 of their largest value (see the
+tests).
 """
 
 from __future__ import annotations
@@ -169,7 +170,7 @@ def stroke_sensitivities(
 
 
 def _difference(vector: Floats, name: str, run, relative_step: float) -> Floats:
-    """Fourth-order difference of `run` by one slot; one-sided where the slot stands at the end of its range."""
+    """Fourth-order difference of `run` by one slot; one-sided at the end of the slot's range."""
     if name not in slots.INDEX:
         raise InputError(f"unknown slot {name!r}", remedy=f"one of {', '.join(slots.NAMES)}")
     place = slots.INDEX[name]

@@ -1,7 +1,8 @@
-"""What instruments make of a run: lags, resonance, lift-off, clocks, offsets. They change no motion, only readings.
+"""What instruments make of a run: lags, resonance, lift-off, clocks, offsets. No motion changes.
 
-Each function takes equally spaced samples, shape (n,), and returns new ones of the same shape. Linear filters are
-discretised exactly for an input that is straight between the samples, so that they hold at any sample rate.
+Each function takes equally spaced samples, shape (n,), and returns new ones of the same shape. Linear
+filters are discretised exactly for an input that is straight between the samples, so that they hold at any
+sample rate.
 """
 
 from __future__ import annotations
@@ -110,7 +111,7 @@ def lifted_off(force_n: Floats, *, preload_n: float) -> Floats:
 
 
 def late(values: Floats, *, rate_hz: float, delay_s: float, drift_s_per_s: float = 0.0) -> Floats:
-    """Samples of a device whose clock is late: y(t) = x(t - delay - drift t), straight between samples.
+    """Delay samples, as of a device whose clock is late: y(t) = x(t - delay - drift t), straight between.
 
     Before the first sample the first value holds.
     """

@@ -1,7 +1,7 @@
 """The flat parameter vector that every kernel reads: one named slot a number.
 
-A run with other parameters, another supply or another effect is another vector, never another compilation. A slot's
-default switches its effect off, so `defaults()` is a plain motor with no load.
+A run with other parameters, another supply or another effect is another vector, never another compilation. A
+slot's default switches its effect off, so `defaults()` is a plain motor with no load.
 """
 
 from __future__ import annotations
@@ -44,7 +44,6 @@ _SUPPLY: Final = (
     ("beta", 0.0, "1"),
     ("battery_resistance_ohm", 0.0, "Ohm"),
     ("capacity_ratio", 1.0, "1"),  # stated capacity over the capacity that shapes Eq. 16
-    ("has_ocv_table", 0.0, "1"),
     ("rc_resistance_ohm", 0.0, "Ohm"),
     ("rc_time_constant_s", 1.0, "s"),
     ("battery_sag_v", 0.0, "V"),  # across RC elements, where they are held frozen
@@ -123,7 +122,6 @@ CAPACITY: Final = INDEX["capacity_a_s"]
 BETA: Final = INDEX["beta"]
 BATTERY_RESISTANCE: Final = INDEX["battery_resistance_ohm"]
 CAPACITY_RATIO: Final = INDEX["capacity_ratio"]
-HAS_OCV: Final = INDEX["has_ocv_table"]
 RC_RESISTANCE: Final = INDEX["rc_resistance_ohm"]
 RC_TIME: Final = INDEX["rc_time_constant_s"]
 SAG: Final = INDEX["battery_sag_v"]

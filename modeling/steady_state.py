@@ -16,6 +16,7 @@ from modeling.parameters import JigsawParameters
 from modeling.supplies import Supply
 from modeling.transient import AT_REST, NO_TABLE, Cutting, InitialState, battery_table, steps_for
 from modeling.validation import finite
+from modeling.waveform import Waveform, extended_waveform, simple_waveform
 
 if TYPE_CHECKING:
     from modeling.effect_strokes import EffectStroke
@@ -79,34 +80,17 @@ class PeriodicState:
         return 1.0 / self.period_s if self.period_s > 0 else 0.0
 
     def waveform(self, n_points: int = 64) -> Waveform:
-        """Current, speed and force at equal crank angles from 0 on; `n_points` even."""
+        """Return current, speed and force at equal crank angles from 0 on; `n_points` even."""
         if n_points % 2 or n_points < 4:
             raise InputError(f"n_points must be even and at least 4, got {n_points!r}")
         if self.stroke is not None and self.stroke.kind == "extended":
-            return _extended_waveform(self, n_points)
-        return _simple_waveform(self, n_points)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Waveform:
-    """A periodic stroke over the crank angle; every array has shape (n_points,).
-
-    Attributes
-    ----------
-    crank_angle_rad, motor_current_a, motor_speed_rad_s, displacement_m, blade_velocity_m_s, force_n : ndarray
-    """
-
-    crank_angle_rad: Floats
-    motor_current_a: Floats
-    motor_speed_rad_s: Floats
-    displacement_m: Floats
-    blade_velocity_m_s: Floats
-    force_n: Floats
+            return extended_waveform(self, n_points)
+        return simple_waveform(self, n_points)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PeriodicBatch:
-    """Periodic strokes of many parameter vectors; every array has shape (n_cases,), 0 where `is_periodic` is False.
+    """Periodic strokes of many vectors; arrays have shape (n_cases,), 0 where `is_periodic` is False.
 
     Attributes
     ----------
@@ -120,54 +104,6 @@ class PeriodicBatch:
     start_current_a: Floats
     start_motor_speed_rad_s: Floats
     is_periodic: NDArray[np.bool_]
-
-
-def _simple_waveform(state: PeriodicState, n_points: int) -> Waveform:
-    from modeling.output_kernel import blade, simple_forces
-
-    factor = -(-state.steps_per_turn // n_points)
-    n_fine = n_points * factor
-    current, speed = np.zeros(n_fine), np.zeros(n_fine)
-    vector = state.vector if state.stroke is None else state.stroke.vector
-    gear = vector[slots.GEAR]
-    if state.status == "ok":
-        w = state.start_motor_speed_rad_s / gear
-        kernel.waveform(
-            vector, state.spline, state.ocv, state.soc, n_fine, state.start_current_a, w, current, speed
-        )
-    angle = 2 * np.pi * np.arange(n_points) / n_points
-    motor_speed = np.ascontiguousarray(speed[::factor]) * gear
-    displacement, velocity, force = blade(vector, state.spline, angle, motor_speed)
-    if state.stroke is not None:
-        force = simple_forces(vector, state.spline, angle, motor_speed)
-    return Waveform(
-        crank_angle_rad=angle,
-        motor_current_a=np.ascontiguousarray(current[::factor]),
-        motor_speed_rad_s=motor_speed,
-        displacement_m=displacement,
-        blade_velocity_m_s=velocity,
-        force_n=force,
-    )
-
-
-def _extended_waveform(state: PeriodicState, n_points: int) -> Waveform:
-    from modeling.effect_strokes import extended_map
-    from modeling.extended_stroke import waveform
-    from modeling.output_kernel import play_velocity
-
-    assert state.stroke is not None
-    out, seen = np.zeros((4, n_points)), np.zeros((5, n_points))
-    if state.status == "ok":
-        stroke = extended_map(state.vector, state.spline, state.ocv, replace(state.slow, soc=state.soc))
-        out, seen = waveform(stroke, state.stroke.start, state.period_s, n_points)
-    return Waveform(
-        crank_angle_rad=2 * np.pi * np.arange(n_points) / n_points,
-        motor_current_a=out[0],
-        motor_speed_rad_s=out[1],
-        displacement_m=seen[1],
-        blade_velocity_m_s=play_velocity(state.vector, out[2], out[1]),
-        force_n=seen[0],
-    )
 
 
 def model_vector(
@@ -205,12 +141,14 @@ def steady_state(
     soc : float
         State of charge at which the battery is held, 0..1.
     effects : mapping of slot name to value, optional
-        As in `simulate`. Those that only change coefficients cost as much as the baseline; a cutting exponent, a
-        Stribeck dip, blade compliance, a current limit, backlash and delayed engagement some hundred times more.
+        As in `simulate`. Those that only change coefficients cost as much as the baseline; a cutting
+        exponent, a Stribeck dip, blade compliance, a current limit, backlash and delayed engagement some
+        hundred times more.
     slow : InitialState
         Winding temperature, RC voltages and distance cut that are held; the rest of it does not matter.
     steps_per_turn : int, optional
-        To begin with, default 12 or an interval of the measured force; doubled until the local error is below 1e-5, which leaves the mean current good to 3e-7.
+        To begin with, default 12 or an interval of the measured force; doubled until the local error is
+        below 1e-5, which leaves the mean current good to 3e-7.
 
     Returns
     -------

@@ -1,8 +1,9 @@
 """One stroke of the baseline machine at a fixed state of charge, with the exact derivative of its end.
 
-The state is (i, r), current and inverse crank speed at the dead centre at angle 0. The stroke's end and its integrals
-are differentiated by the variational equations, stepped along with the state by the same Dormand-Prince formula, so
-that the derivative is exactly that of the discrete map and a Newton iteration converges quadratically.
+The state is (i, r), current and inverse crank speed at the dead centre at angle 0. The stroke's end and its
+integrals are differentiated by the variational equations, stepped along with the state by the same
+Dormand-Prince formula, so that the derivative is exactly that of the discrete map and a Newton
+iteration converges quadratically.
 """
 
 from __future__ import annotations
@@ -97,7 +98,8 @@ def _gather(q, weight, y, k):
 def tangent_stroke(m, tables, curve, h, i, r):
     """One stroke from (i, r) with derivatives.
 
-    Returns the end y (as in `tangent_rate`), the integrals (as in `_gather`), and the largest local errors of i and r.
+    Returns the end y (as in `tangent_rate`), the integrals (as in `_gather`), and the largest local errors
+    of i and r.
     """
     y = (i, r, 1.0, 0.0, 0.0, 1.0)
     q = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

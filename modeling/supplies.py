@@ -1,4 +1,4 @@
-"""What feeds the motor: an ideal voltage, a fixed duty of a battery, or a voltage held by trimming the duty."""
+"""What feeds the motor: an ideal voltage, a fixed duty of a battery, or a held voltage."""
 
 from __future__ import annotations
 
@@ -102,8 +102,8 @@ class FixedDuty:
 class HeldVoltage:
     """A converter that trims its duty so that the motor voltage stays: duty = U / V_b, at most 1.
 
-    The reading that reproduces the paper's runtime. V_b = E - R_b i_b with i_b = duty i is a quadratic in the duty,
-    solved in closed form.
+    The reading that reproduces the paper's runtime. V_b = E - R_b i_b with i_b = duty i is a quadratic in
+    the duty, solved in closed form.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Where in a turn the laws change: after a backlash is crossed, where the blade engages, at the dead centres."""
+"""Where in a turn the laws change: a backlash crossed, the blade engaged, the dead centres."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from modeling.mechanisms import scotch_yoke, slider_crank
 
 @kernel()
 def travel_angle(p, from_top, fraction):
-    """Angle after a dead centre at which the blade has travelled a fraction of the stroke, rad, by bisection."""
+    """Angle after a dead centre at which the blade has travelled a fraction of the stroke, rad."""
     if fraction <= 0.0:
         return 0.0
     if fraction >= 1.0:
@@ -37,7 +37,7 @@ def travel_angle(p, from_top, fraction):
 
 @kernel()
 def breaks(p, edges):
-    """Fill `edges`, shape (2, 2): for each half turn the angles where a backlash is crossed and where the blade engages."""
+    """Fill `edges`, shape (2, 2): a half turn a row, where a backlash is crossed, where the blade engages."""
     cuts_first = p[slots.CUTTING_SIGN] > 0.0
     for half in range(2):
         gap = p[slots.BACKLASH] / (2.0 * p[slots.RADIUS])
@@ -48,7 +48,7 @@ def breaks(p, edges):
 
 @kernel()
 def place_at(p, edges, turns, angle, is_limited, chip):
-    """The law that holds at an angle after a dead centre, and the angle at which it changes next."""
+    """Return the law that holds at an angle after a dead centre, and the angle at which it changes."""
     half = int(turns % 2)
     is_second = half == 1
     is_cutting = is_second != (p[slots.CUTTING_SIGN] > 0.0)

@@ -52,7 +52,7 @@ class Eq16Battery:
 
     Examples
     --------
-    >>> battery = Eq16Battery(nominal_voltage_v=18.0, capacity_ah=1.5, beta=0.99, internal_resistance_ohm=0.02)
+    >>> battery = Eq16Battery(nominal_voltage_v=18.0, capacity_ah=1.5, beta=0.99)
     >>> round(battery.open_circuit_voltage_v(0.2), 3)
     17.308
     """
@@ -93,3 +93,5 @@ class Eq16Battery:
         vector[slots.BETA] = self.beta
         vector[slots.BATTERY_RESISTANCE] = self.internal_resistance_ohm
         vector[slots.CAPACITY_RATIO] = 1.0
+        vector[slots.RC_RESISTANCE] = 0.0
+        vector[slots.RC_TIME] = 1.0

@@ -2,9 +2,9 @@ r"""Equation 16 with the charge that shapes it free of the rated capacity.
 
     x = 1 - (1 - s) Q / Q_shape,   E = V_nom x / (1 - beta (1 - x))
 
-Eq. 16 falls to 0 V exactly when the rated charge is gone. Real cells are cut off well before; with Q_shape fitted
-beside beta the curve follows measured discharges several times closer. Range: Q_shape > 0, 0 <= beta < 1. State of
-charge and cut-off keep the rated capacity. Source: Eq. 16 of the paper with one more parameter.
+Eq. 16 falls to 0 V exactly when the rated charge is gone. Real cells are cut off well before; with Q_shape
+fitted beside beta the curve follows measured discharges several times closer. Range: Q_shape > 0, 0 <= beta
+< 1. State of charge and cut-off keep the rated capacity. Source: Eq. 16 of the paper with one more parameter.
 """
 
 from __future__ import annotations
@@ -73,3 +73,5 @@ class FreeCapacityBattery:
         vector[slots.BETA] = self.beta
         vector[slots.BATTERY_RESISTANCE] = self.internal_resistance_ohm
         vector[slots.CAPACITY_RATIO] = self.capacity_ah / self.shape_capacity_ah
+        vector[slots.RC_RESISTANCE] = 0.0
+        vector[slots.RC_TIME] = 1.0

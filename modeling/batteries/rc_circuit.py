@@ -2,9 +2,9 @@ r"""Equivalent circuit: an open-circuit voltage over the state of charge, a resi
 
     V = OCV(s) - R_0 i - v,   dv/dt = (R_1 i - v) / (R_1 C_1),   ds/dt = -i / Q
 
-Assumptions: one relaxation time, no temperature, discharge only (no hysteresis). Range: the table rises with the
-charge and spans 0 to 1; between its points a monotone cubic (Fritsch-Carlson), sampled on 200 equal pieces.
-Source: the Thevenin model, Plett, Battery Management Systems I, section 2.4.
+Assumptions: one relaxation time, no temperature, discharge only (no hysteresis). Range: the table rises with
+the charge and spans 0 to 1; between its points a monotone cubic (Fritsch-Carlson), sampled on 200 equal
+pieces. Source: the Thevenin model, Plett, Battery Management Systems I, section 2.4.
 """
 
 from __future__ import annotations
@@ -97,7 +97,6 @@ class RcBattery:
         vector[slots.BETA] = 0.0
         vector[slots.CAPACITY_RATIO] = 1.0
         vector[slots.BATTERY_RESISTANCE] = self.internal_resistance_ohm
-        vector[slots.HAS_OCV] = 1.0
         vector[slots.RC_RESISTANCE] = self.rc_resistance_ohm
         vector[slots.RC_TIME] = self.rc_time_constant_s
 

@@ -3,8 +3,8 @@
     U = d V_b,   i_b = d i
 
 Assumptions: switching far above the motor's corner frequency, no loss. Range: 0 < d <= 1.
-Source: the averaged switch model of a buck stage (Erickson, Maksimovic, Fundamentals of Power Electronics, chapter 7);
-section 4.3 of the paper describes the block, Appendix B its duty n_ea / n_em.
+Source: the averaged switch model of a buck stage (Erickson, Maksimovic, Fundamentals of Power Electronics,
+chapter 7); section 4.3 of the paper describes the block, Appendix B its duty n_ea / n_em.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
     F_c = k_Fc v_c  on the cutting half,   0 on the other
 
-v_c is the blade speed in the cutting direction, so F_c >= 0 opposes the motion. Assumptions: no dependence on feed,
-wear or chip; see the effects for those. Range: k_Fc >= 0 (the paper searches 100 to 500 N*s/m).
+v_c is the blade speed in the cutting direction, so F_c >= 0 opposes the motion. Assumptions: no dependence
+on feed, wear or chip; see the effects for those. Range: k_Fc >= 0 (the paper searches 100 to 500 N*s/m).
 Source: Apati, Hegedus, Hajdu, MSSP 10.1016/j.ymssp.2025.113229, Eq. 9 and section 4.1.3.
 """
 

@@ -2,9 +2,10 @@
 
     F_c = F(phi), periodic over one turn
 
-Between the nodes a cubic spline runs through each half turn on its own, with nodes on the dead centres, so that the
-kink at the reversal stays where it is. Assumptions: the force depends on the angle alone, not on speed. Where the
-motor cannot overcome it the machine stands: at rest the force only holds, it never drives the crank back.
+Between the nodes a cubic spline runs through each half turn on its own, with nodes on the dead centres, so
+that the kink at the reversal stays where it is. Assumptions: the force depends on the angle alone, not on
+speed. Where the motor cannot overcome it the machine stands: at rest the force only holds, it never
+drives the crank back.
 Source: Apati, Hegedus, Hajdu, MSSP 10.1016/j.ymssp.2025.113229, section 4.1 and Fig. 5b.
 """
 
@@ -30,8 +31,8 @@ class MeasuredForce:
     Attributes
     ----------
     force_n : ndarray, shape (n_nodes,)
-        Force at the angles 2*pi*j/n_nodes, N, positive when the blade cuts; n_nodes even, 8 to 512. Zero on the half
-        that does not cut, unless the blade rubs there (then negative).
+        Force at the angles 2*pi*j/n_nodes, N, positive when the blade cuts; n_nodes even, 8 to 512. Zero on
+        the half that does not cut, unless the blade rubs there (then negative).
     scale : float
         Multiplies the force.
     cutting_half : {"pi_to_2pi", "zero_to_pi"}
@@ -100,7 +101,7 @@ class MeasuredForce:
         return cls(force_n=values, cutting_half=cutting_half)
 
     def spline(self) -> NDArray[np.float64]:
-        """Coefficients of each interval, shape (n_nodes, 4): c0 + c1 u + c2 u^2 + c3 u^3, u in rad from its node."""
+        """Return c0..c3 of c0 + c1 u + c2 u^2 + c3 u^3, shape (n_nodes, 4); u in rad from the node."""
         return self._pieces
 
     def force_at(self, angle_rad: ArrayLike) -> NDArray[np.float64]:

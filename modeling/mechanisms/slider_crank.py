@@ -3,9 +3,9 @@
     y(phi) = r (1 - cos phi) + l (1 - q),   q = sqrt(1 - (r/l)^2 sin^2 phi)
     dy/dphi = r sin phi (1 + (r/l) cos phi / q)
 
-Assumptions: the stroke line passes through the crank axis (dead centres at 0 and pi), a massless rod (its mass is
-shared out to yoke inertia and reciprocating mass). Range: l > r. As l grows this becomes the Scotch yoke.
-Source: the loop-closure equation of a planar slider-crank, e.g. Norton, Design of Machinery, chapter 4.
+Assumptions: the stroke line passes through the crank axis (dead centres at 0 and pi), a massless rod (its
+mass is shared out to yoke inertia and reciprocating mass). Range: l > r. As l grows this becomes the Scotch
+yoke. Source: the loop-closure equation of a planar slider-crank, e.g. Norton, Design of Machinery, chapter 4.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """The jigsaw of the paper.
 
-Source of every line: Apati, Hegedus, Hajdu, "Linear cutting force model to predict battery runtime of jigsaws", MSSP,
-10.1016/j.ymssp.2025.113229. Where table and appendix disagree the comment says which value holds and why.
+Source of every line: Apati, Hegedus, Hajdu, "Linear cutting force model to predict battery runtime of
+jigsaws", MSSP, 10.1016/j.ymssp.2025.113229. Where table and appendix disagree the comment says which value
+holds and why.
 """
 
 from __future__ import annotations

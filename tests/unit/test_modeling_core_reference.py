@@ -1,7 +1,7 @@
 """Runs and discharges against an independent integrator: DOP853 at 1e-12, split at the dead centres.
 
-The reference is written from the paper's equations in motor coordinates, shares nothing with the kernels, and solves
-the battery's algebraic loop by bisection.
+The reference is written from the paper's equations in motor coordinates, shares nothing with the kernels,
+and solves the battery's algebraic loop by bisection.
 """
 
 import math
@@ -65,7 +65,10 @@ class Reference:
             closed = np.append(cutting.force_n, cutting.force_n[0])
             half = len(cutting.force_n) // 2
             nodes = 2 * np.pi * np.arange(len(closed)) / len(cutting.force_n)
-            self.force = [CubicSpline(nodes[: half + 1], closed[: half + 1]), CubicSpline(nodes[half:], closed[half:])]
+            self.force = [
+                CubicSpline(nodes[: half + 1], closed[: half + 1]),
+                CubicSpline(nodes[half:], closed[half:]),
+            ]
 
     def blade(self, angle):
         p = self.p
@@ -121,7 +124,9 @@ class Reference:
             torque = float(self.force[half % 2](turn)) * sign * g * k
         elif cuts:
             torque = self.cutting.k_fc_n_s_per_m * (g * k) ** 2 * w
-        inertia = p.rotor_inertia_kg_m2 + p.yoke_inertia_kg_m2 * k * k + p.reciprocating_mass_kg * (g * k) ** 2
+        inertia = (
+            p.rotor_inertia_kg_m2 + p.yoke_inertia_kg_m2 * k * k + p.reciprocating_mass_kg * (g * k) ** 2
+        )
         half_slope = p.reciprocating_mass_kg * g * bend * k**3
         di = (u - p.resistance_ohm * i - p.back_emf_constant_v_s_per_rad * w) / p.inductance_h
         drive = p.torque_constant_n_m_per_a * i - p.motor_damping_n_m_s_per_rad * w
@@ -172,9 +177,17 @@ def rms(a, b):
 
 CASES = {
     "the paper's run": (paper.PARAMETERS, SOURCE, paper.CUTTING),
-    "cutting on 0..pi": (paper.PARAMETERS, SOURCE, LinearCutting(k_fc_n_s_per_m=240.29, cutting_half="zero_to_pi")),
+    "cutting on 0..pi": (
+        paper.PARAMETERS,
+        SOURCE,
+        LinearCutting(k_fc_n_s_per_m=240.29, cutting_half="zero_to_pi"),
+    ),
     "no cutting": (paper.PARAMETERS, SOURCE, LinearCutting(k_fc_n_s_per_m=0.0)),
-    "hard cut at low voltage": (paper.PARAMETERS, FixedVoltage(voltage_v=3.0), LinearCutting(k_fc_n_s_per_m=500.0)),
+    "hard cut at low voltage": (
+        paper.PARAMETERS,
+        FixedVoltage(voltage_v=3.0),
+        LinearCutting(k_fc_n_s_per_m=500.0),
+    ),
     "measured force": (paper.PARAMETERS, SOURCE, SKEWED),
     "slider-crank": (SLIDER, SOURCE, paper.CUTTING),
     "slider-crank, measured force": (SLIDER, DUTY, SKEWED),
@@ -182,8 +195,16 @@ CASES = {
     "Eq. 16, held voltage": (paper.PARAMETERS, HELD, paper.CUTTING),
     "free capacity": (paper.PARAMETERS, FixedDuty(duty=0.5, battery=FREE), paper.CUTTING),
     "RC circuit": (paper.PARAMETERS, FixedDuty(duty=0.4, battery=RC), paper.CUTTING),
-    "lossy converter": (paper.PARAMETERS, replace(DUTY, converter=LossyConverter(efficiency=0.9)), paper.CUTTING),
-    "diode drop": (paper.PARAMETERS, replace(DUTY, converter=DiodeDropConverter(forward_voltage_v=0.7)), paper.CUTTING),
+    "lossy converter": (
+        paper.PARAMETERS,
+        replace(DUTY, converter=LossyConverter(efficiency=0.9)),
+        paper.CUTTING,
+    ),
+    "diode drop": (
+        paper.PARAMETERS,
+        replace(DUTY, converter=DiodeDropConverter(forward_voltage_v=0.7)),
+        paper.CUTTING,
+    ),
     "diode drop, held": (
         paper.PARAMETERS,
         replace(HELD, converter=DiodeDropConverter(forward_voltage_v=0.7)),
@@ -207,7 +228,9 @@ def test_default_settings_keep_the_current_within_1e6(name):
 
 def test_start_at_any_angle_and_speed():
     initial = InitialState(crank_angle_rad=9.0, motor_speed_rad_s=500.0, current_a=-4.0, soc=0.6)
-    run = simulate(paper.PARAMETERS, supply=DUTY, cutting=paper.CUTTING, duration_s=0.5, rate_hz=777.0, initial=initial)
+    run = simulate(
+        paper.PARAMETERS, supply=DUTY, cutting=paper.CUTTING, duration_s=0.5, rate_hz=777.0, initial=initial
+    )
     start = (-4.0, 500.0, 9.0 * paper.PARAMETERS.gear_ratio, 0.6, 0.0)
     expected = Reference(paper.PARAMETERS, DUTY, paper.CUTTING).run(run.time_s, start=start)
     assert rms(run.motor_current_a, expected[0]) < 1e-6
@@ -240,7 +263,9 @@ def test_periodic_stroke_is_where_a_long_run_settles():
         assert end[1] == pytest.approx(w, rel=2e-6)
         assert end[2] == pytest.approx(2 * np.pi * parameters.gear_ratio, rel=1e-7)
         used = (1.0 - end[3]) * 3600 * endless.capacity_ah / state.period_s
-        assert used == pytest.approx(state.mean_battery_current_a, rel=1e-3)  # 16 digits of the charge, 3e-10 used
+        assert used == pytest.approx(
+            state.mean_battery_current_a, rel=1e-3
+        )  # 16 digits of the charge, 3e-10 used
 
 
 def test_batch_agrees_with_single_strokes():
@@ -256,7 +281,9 @@ def test_batch_agrees_with_single_strokes():
     batch = steady_state_batch(vectors)
     assert batch.is_periodic.all()
     assert batch.period_s == pytest.approx([s.period_s for s in expected], rel=1e-6)
-    assert batch.mean_battery_current_a == pytest.approx([s.mean_battery_current_a for s in expected], rel=1e-6)
+    assert batch.mean_battery_current_a == pytest.approx(
+        [s.mean_battery_current_a for s in expected], rel=1e-6
+    )
 
 
 @pytest.mark.parametrize("make", ["duty", "held", "free"])
@@ -275,7 +302,9 @@ def test_discharge_agrees_with_the_reference_stroke_by_stroke(make):
     soc = reference.run(times, tolerance=1e-10)[3]
     expected = float(np.interp(-0.2, -soc[1:], times[1:]))
     assert brute.runtime_s == pytest.approx(expected, rel=1e-6)
-    assert fast.runtime_s == pytest.approx(expected, rel=2e-5)  # 500 strokes: 25 times coarser than a real battery
+    assert fast.runtime_s == pytest.approx(
+        expected, rel=2e-5
+    )  # 500 strokes: 25 times coarser than a real battery
     assert brute.ended_by == fast.ended_by == "soc"
 
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -66,7 +67,9 @@ def test_energy_of_the_balance_is_the_integral_of_the_samples():
     run = simulate(paper.PARAMETERS, supply=SOURCE, cutting=paper.CUTTING, duration_s=1.0, rate_hz=20_000.0)
     energy = run.energy
     t = run.time_s
-    assert np.trapezoid(run.motor_voltage_v * run.motor_current_a, t) == pytest.approx(energy.electrical_in_j, rel=1e-6)
+    assert np.trapezoid(run.motor_voltage_v * run.motor_current_a, t) == pytest.approx(
+        energy.electrical_in_j, rel=1e-6
+    )
     assert np.trapezoid(0.176 * run.motor_current_a**2, t) == pytest.approx(energy.copper_j, rel=1e-6)
     power = -run.force_n * run.blade_velocity_m_s  # cuts on pi..2pi, where the displacement falls
     assert np.trapezoid(power, t) == pytest.approx(energy.cutting_j, rel=1e-5)
@@ -104,7 +107,7 @@ def test_force_that_the_motor_cannot_overcome_stalls_it():
 
 
 def test_a_crank_at_rest_waits_until_the_current_has_risen():
-    """At a steep place the load holds the crank until k_m i exceeds it; i follows its own exponential until then."""
+    """The load holds the crank until k_m i exceeds it; the current follows its exponential until then."""
     angle = 1.5 * np.pi
     run = simulate(
         paper.PARAMETERS,
@@ -192,7 +195,7 @@ def test_nonsense_parts_and_times_are_named():
         (lambda: Method(steps_per_turn=7), "steps_per_turn"),
         (lambda: _run(time_s=[0.1, 0.1]), "time_s"),
         (lambda: _run(duration_s=-1.0), "duration_s"),
-        (lambda: _run(), "duration_s or time_s"),
+        (_run, "duration_s or time_s"),
         (lambda: _run(duration_s=0.1, effects={"brush": 1.0}), "unknown effect slot 'brush'"),
         (lambda: _run(duration_s=0.1, effects={"backlash_m": -1e-4}), "backlash_m"),
         (lambda: _run(duration_s=0.1, effects={"chip_exponent": 0.5}), "feed_m_s"),
@@ -206,8 +209,8 @@ def _run(**kwargs):
 
 
 def test_parameters_come_from_the_config_and_go_to_the_vector():
-    with open("bench_config.toml", encoding="utf-8") as file:
-        plant = parse_config(file.read()).plant()
+    text = (Path(__file__).parents[2] / "bench_config.toml").read_text(encoding="utf-8")
+    plant = parse_config(text).plant()
     parameters = JigsawParameters.from_config(plant)
     assert parameters == replace(paper.PARAMETERS, gear_ratio=plant.gear_ratio)
     vector = parameters.to_vector()

@@ -1,0 +1,236 @@
+"""Every mechanism, battery, converter, cutting force and parameter set keeps the same promises."""
+
+import importlib
+import pkgutil
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import modeling
+from bench.errors import InputError
+from modeling import slots
+from modeling.batteries.eq16 import Eq16Battery
+from modeling.batteries.eq16_free_capacity import FreeCapacityBattery
+from modeling.batteries.rc_circuit import RcBattery
+from modeling.converters.averaged import AveragedConverter
+from modeling.converters.with_diode_drop import DiodeDropConverter
+from modeling.converters.with_loss import LossyConverter
+from modeling.cutting_forces.linear import LinearCutting
+from modeling.cutting_forces.measured import MeasuredForce
+from modeling.mechanisms import scotch_yoke, slider_crank
+from modeling.parameter_sets import paper_jigsaw
+from modeling.parameters import JigsawParameters
+from modeling.supplies import FixedDuty, FixedVoltage, HeldVoltage
+from modeling.transient import simulate
+
+FOLDERS = ("mechanisms", "batteries", "converters", "cutting_forces")
+BATTERIES = [
+    Eq16Battery(nominal_voltage_v=18.0, capacity_ah=1.5, beta=0.9, internal_resistance_ohm=0.02),
+    FreeCapacityBattery(nominal_voltage_v=18.0, capacity_ah=1.5, shape_capacity_ah=2.0, beta=0.9),
+    RcBattery(soc=[0.0, 0.3, 1.0], ocv_v=[14.0, 17.0, 20.0], capacity_ah=1.5, rc_resistance_ohm=0.02),
+]
+CONVERTERS = [AveragedConverter(), LossyConverter(efficiency=0.9), DiodeDropConverter(forward_voltage_v=0.7)]
+FORCES = [
+    LinearCutting(k_fc_n_s_per_m=200.0),
+    LinearCutting(k_fc_n_s_per_m=200.0, cutting_half="zero_to_pi"),
+    MeasuredForce(force_n=150 * np.maximum(-np.sin(2 * np.pi * np.arange(32) / 32), 0.0)),
+]
+NONSENSE = [
+    (Eq16Battery, {"nominal_voltage_v": 18.0, "capacity_ah": 1.5, "beta": 0.9}),
+    (
+        FreeCapacityBattery,
+        {"nominal_voltage_v": 18.0, "capacity_ah": 1.5, "shape_capacity_ah": 2.0, "beta": 0.9},
+    ),
+    (
+        RcBattery,
+        {
+            "capacity_ah": 1.5,
+            "internal_resistance_ohm": 0.1,
+            "rc_resistance_ohm": 0.1,
+            "rc_time_constant_s": 1.0,
+        },
+    ),
+    (LossyConverter, {"efficiency": 0.9}),
+    (DiodeDropConverter, {"forward_voltage_v": 0.5}),
+    (LinearCutting, {"k_fc_n_s_per_m": 100.0}),
+    (FixedVoltage, {"voltage_v": 8.0}),
+    (FixedDuty, {"duty": 0.5}),
+    (HeldVoltage, {"voltage_v": 8.0}),
+]
+FIXED = {
+    RcBattery: {"soc": [0.0, 0.5, 1.0], "ocv_v": [14.0, 17.0, 20.0]},
+    FixedDuty: {"battery": BATTERIES[0]},
+    HeldVoltage: {"battery": BATTERIES[0]},
+}
+
+
+def part_modules():
+    for folder in FOLDERS:
+        package = importlib.import_module(f"modeling.{folder}")
+        for info in pkgutil.iter_modules(package.__path__):
+            yield f"modeling.{folder}.{info.name}"
+
+
+@pytest.mark.parametrize("name", list(part_modules()))
+def test_a_part_is_one_small_file_that_states_itself(name):
+    module = importlib.import_module(name)
+    text = module.__doc__ or ""
+    assert "Source:" in text, "says where its equation is from"
+    assert re.search(r"Range:|Assumptions:", text), "says where it holds"
+    assert "=" in text, "states its equation"
+    assert len(Path(module.__file__).read_text(encoding="utf-8").splitlines()) <= 200
+
+
+def test_every_part_is_under_test_here():
+    tested = {type(part).__module__ for part in (*BATTERIES, *CONVERTERS, *FORCES)}
+    tested |= {scotch_yoke.__name__, slider_crank.__name__}
+    assert tested == set(part_modules())
+
+
+@pytest.mark.parametrize("lengths", [None, 0.03, 0.08, 100.0])
+def test_levers_are_the_derivatives_of_the_displacement(lengths):
+    angle = np.linspace(0.01, 6.28, 97)
+    step = 1e-4
+
+    def at(a):
+        if lengths is None:
+            return np.array([scotch_yoke.displacement(np.sin(x), np.cos(x), 0.01) for x in a])
+        return np.array([slider_crank.displacement(np.sin(x), np.cos(x), 0.01, lengths) for x in a])
+
+    if lengths is None:
+        levers = np.array([scotch_yoke.lever(np.sin(x), np.cos(x), 0.01) for x in angle])
+    else:
+        levers = np.array([slider_crank.lever(np.sin(x), np.cos(x), 0.01, lengths) for x in angle])
+    assert levers[:, 0] == pytest.approx((at(angle + step) - at(angle - step)) / (2 * step), abs=1e-9)
+    curved = (at(angle + step) - 2 * at(angle) + at(angle - step)) / step**2
+    assert levers[:, 1] == pytest.approx(curved, abs=5e-6)
+    assert at([0.0])[0] == pytest.approx(0.0, abs=1e-15)
+    assert at([np.pi])[0] == pytest.approx(0.02, rel=1e-12)
+
+
+def test_a_long_rod_is_a_scotch_yoke():
+    long = slider_crank.lever(0.6, 0.8, 0.01, 1e4)
+    assert long == pytest.approx(scotch_yoke.lever(0.6, 0.8, 0.01), rel=1e-5)
+
+
+@pytest.mark.parametrize("battery", BATTERIES, ids=lambda b: type(b).__name__)
+def test_batteries(battery):
+    soc = np.linspace(0.0, 1.0, 301)
+    volts = np.array([battery.open_circuit_voltage_v(float(s)) for s in soc])
+    assert (np.diff(volts) > 0).all() and (volts >= 0).all()
+    run = simulate(
+        paper_jigsaw.PARAMETERS,
+        supply=FixedDuty(duty=0.4, battery=battery),
+        cutting=FORCES[0],
+        duration_s=0.3,
+    )
+    assert run.battery_voltage_v[0] == pytest.approx(volts[-1], rel=1e-9)  # at rest, no current
+    drawn = np.trapezoid(run.battery_current_a, run.time_s)
+    assert 1.0 - run.soc[-1] == pytest.approx(drawn / (1.5 * 3600), rel=1e-4)
+
+
+@pytest.mark.parametrize("converter", CONVERTERS, ids=lambda c: type(c).__name__)
+@pytest.mark.parametrize("mode", ["duty", "held"])
+def test_converters_never_make_power(converter, mode):
+    battery = BATTERIES[0]
+    supply = (
+        FixedDuty(duty=0.44, battery=battery, converter=converter)
+        if mode == "duty"
+        else HeldVoltage(voltage_v=7.9, battery=battery, converter=converter)
+    )
+    run = simulate(paper_jigsaw.PARAMETERS, supply=supply, cutting=FORCES[0], duration_s=0.5)
+    into, out = run.battery_voltage_v * run.battery_current_a, run.motor_voltage_v * run.motor_current_a
+    assert (into >= out - 1e-9).all()
+    if isinstance(converter, AveragedConverter):
+        assert into == pytest.approx(out, rel=1e-10)
+    if isinstance(converter, LossyConverter):
+        assert out[1:] == pytest.approx(0.9 * into[1:], rel=1e-10)
+    if mode == "held":
+        assert run.motor_voltage_v == pytest.approx(7.9, rel=1e-12)
+
+
+def test_a_held_voltage_gives_way_when_the_battery_cannot_reach_it():
+    run = simulate(
+        paper_jigsaw.PARAMETERS,
+        supply=HeldVoltage(voltage_v=17.9, battery=BATTERIES[0]),
+        cutting=FORCES[0],
+        duration_s=0.3,
+    )
+    assert run.motor_voltage_v.min() < 17.5
+    low = run.motor_voltage_v < 17.89
+    assert run.motor_voltage_v[low] == pytest.approx(run.battery_voltage_v[low], rel=1e-12)
+
+
+@pytest.mark.parametrize("force", FORCES, ids=["linear", "other half", "measured"])
+def test_forces_oppose_the_motion(force):
+    run = simulate(paper_jigsaw.PARAMETERS, supply=FixedVoltage(voltage_v=8.0), cutting=force, duration_s=0.5)
+    sign = -1.0 if force.cutting_half == "pi_to_2pi" else 1.0
+    assert (run.force_n * sign * run.blade_velocity_m_s >= -1e-9).all()
+    assert run.force_n.max() > 50
+    assert (run.force_n[sign * run.blade_velocity_m_s < -1e-6] == 0.0).all()
+
+
+def test_measured_force_runs_through_its_nodes_and_keeps_the_kink():
+    force = FORCES[2]
+    nodes = 2 * np.pi * np.arange(32) / 32
+    assert force.force_at(nodes) == pytest.approx(force.force_n, abs=1e-9)
+    assert np.abs(force.force_at(np.linspace(0, np.pi, 500))).max() < 1e-9
+    angle = np.sort(np.random.default_rng(3).uniform(0, 2 * np.pi, 400))
+    resampled = MeasuredForce.from_samples(angle, 150 * np.maximum(-np.sin(angle), 0.0), n_nodes=64)
+    inside = np.linspace(3.4, 6.0, 50)
+    assert resampled.force_at(inside) == pytest.approx(-150 * np.sin(inside), abs=0.5)
+
+
+@pytest.mark.parametrize(("part", "values"), NONSENSE, ids=lambda x: getattr(x, "__name__", ""))
+def test_nonsense_names_the_parameter(part, values):
+    for name in values:
+        for bad in (float("nan"), float("inf"), -1.0, True):
+            with pytest.raises(InputError, match=name):
+                part(**FIXED.get(part, {}), **{**values, name: bad})
+
+
+def test_nonsense_tables():
+    for soc, ocv in (
+        ([0.0, 1.0], [1.0, 2.0]),
+        ([0.1, 0.5, 1.0], [1.0, 2.0, 3.0]),
+        ([0.0, 0.5, 1.0], [1.0, 3.0, 2.0]),
+        ([0.0, 0.5, 1.0], [1.0, float("nan"), 2.0]),
+    ):
+        with pytest.raises(InputError, match=r"soc|ocv_v"):
+            RcBattery(soc=soc, ocv_v=ocv, capacity_ah=1.0)
+
+
+@pytest.mark.parametrize("part", [*BATTERIES, *CONVERTERS, *FORCES], ids=lambda p: type(p).__name__)
+def test_a_part_fills_the_vector_whole(part):
+    """Filling over any other part of its kind leaves nothing of that behind."""
+    kind = next(group for group in (BATTERIES, CONVERTERS, FORCES) if any(part is other for other in group))
+    clean = slots.defaults()
+    part.fill(clean)
+    assert np.isfinite(clean).all()
+    for other in kind:
+        used = slots.defaults()
+        other.fill(used)
+        part.fill(used)
+        assert (used == clean).all(), type(other).__name__
+
+
+def test_slots_have_names_units_and_defaults_that_switch_off():
+    assert len(set(slots.NAMES)) == slots.N_SLOTS
+    assert all(slots.UNITS[name] for name in slots.NAMES)
+    assert not slots.needs_extended(slots.defaults())
+    assert set(slots.TYPICAL) <= set(slots.NAMES)
+    assert set(slots.NOT_NEGATIVE) <= set(slots.NAMES)
+
+
+def test_parameter_sets_are_sourced_line_by_line():
+    package = importlib.import_module("modeling.parameter_sets")
+    for info in pkgutil.iter_modules(package.__path__):
+        module = importlib.import_module(f"modeling.parameter_sets.{info.name}")
+        assert isinstance(module.PARAMETERS, JigsawParameters)
+        lines = Path(module.__file__).read_text(encoding="utf-8").splitlines()
+        begin = next(n for n, line in enumerate(lines) if line.startswith("PARAMETERS"))
+        numbers = [line for line in lines[begin:] if re.search(r"=\s*-?\d", line)]
+        assert numbers and all("#" in line for line in numbers)
+    assert modeling.__doc__
