@@ -227,7 +227,10 @@ def _fit_turns(
     left, right = np.r_[True, steady], np.r_[steady, True]
     inside = (time_s[index] - width >= time_s[0]) & (time_s[index] + width <= time_s[-1])
     usable = np.flatnonzero(left & right & inside & (last - first >= 8))
-    usable = usable[:: max(len(usable) // _FITTED_TURNS, 1)] if len(usable) > _FITTED_TURNS else usable
+    if len(usable) > _FITTED_TURNS:
+        # Neighbours in pairs, one top and one bottom: every k-th turn could be all of one kind.
+        pairs = np.linspace(0, len(usable) // 2 - 1, _FITTED_TURNS // 2).astype(np.int64)
+        usable = usable[np.stack([2 * pairs, 2 * pairs + 1], axis=1).ravel()]
     value = np.empty(len(usable))
     for k, turn in enumerate(usable):
         part = slice(first[turn], last[turn])
