@@ -1,0 +1,136 @@
+"""k_Fc and the remaining runtime while `sawbench record` runs: strokes into the recursive estimator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Final
+
+from bench.recording import Event, SampleBlock
+
+if TYPE_CHECKING:
+    from bench.config import LoadedConfig
+    from bench.recording import Trial
+    from modeling.recursive import LiveEstimate
+
+# Without any displacement for this long there will be no live k_Fc, s.
+_PATIENCE_S: Final = 2.0
+
+
+class LiveCuttingEstimate:
+    """An observer of a recording that keeps k_Fc and the remaining runtime up to date.
+
+    It runs behind the recorder's bounded queue; whatever goes wrong in it ends the display, is kept in
+    `problem`, and never reaches the recording. The load cell is zeroed on the rest before the saw starts;
+    strokes during which it spins up are left out. The battery is taken as full at the start.
+
+    Parameters
+    ----------
+    loaded : LoadedConfig
+    trial : Trial
+        For the duty and whether the blade runs in air.
+    show : callable, optional
+        Called with (time_s, LiveEstimate) once a stroke.
+
+    Attributes
+    ----------
+    latest : LiveEstimate or None
+    n_changes : int
+        Changes of material noticed.
+    problem : str
+        Why there is no estimate, or none any more; empty while all is well.
+    """
+
+    def __init__(
+        self,
+        loaded: LoadedConfig,
+        trial: Trial,
+        *,
+        show: Callable[[float, LiveEstimate], object] | None = None,
+    ) -> None:
+        from processing.live_strokes import LiveStrokeSplitter
+
+        self.latest: LiveEstimate | None = None
+        self.n_changes = 0
+        self.problem = ""
+        self._show = show
+        self._splitter = LiveStrokeSplitter()
+        self._begun_s: float | None = None
+        self._estimator: Any = None
+        if trial.is_idle:
+            self.problem = "the blade runs in air"
+        elif loaded.config.plant is None:
+            self.problem = "the configuration has no [plant]"
+        else:
+            self._build(loaded, trial)
+
+    def _build(self, loaded: LoadedConfig, trial: Trial) -> None:
+        """Make the tables before the recording starts: the first time compiles for a few seconds."""
+        from modeling.joint_fit import SensorPriors
+        from modeling.recursive import RecursiveCuttingEstimator
+
+        config = loaded.config
+        try:
+            self._estimator = RecursiveCuttingEstimator(
+                plant=loaded.plant(),
+                battery=config.battery,
+                converter=config.converter,
+                duty=config.converter.default_duty if trial.duty is None else trial.duty,
+                cutting_half=config.cutting.cutting_half,
+                sensors=SensorPriors(
+                    force_gain_rel_std=config.analysis.force_gain_rel_std,
+                    current_gain_rel_std=config.analysis.current_gain_rel_std,
+                ),
+            )
+        except Exception as error:
+            self.problem = str(error)
+
+    def __call__(self, item: SampleBlock | Event) -> None:
+        """Take a block of samples; never raises."""
+        if self.problem or not isinstance(item, SampleBlock):
+            return
+        try:
+            self._take(item)
+        except Exception as error:  # the display ends, the recording does not
+            self.problem = f"{type(error).__name__}: {error}"
+
+    def _take(self, block: SampleBlock) -> None:
+        from modeling.recursive import StrokeSummary
+
+        splitter = self._splitter
+        strokes = splitter.update(block)
+        if self._begun_s is None and len(block.time_s):
+            self._begun_s = float(block.time_s[0])
+        if not splitter.has_displacement:
+            if splitter.newest_s - (self._begun_s or 0.0) > _PATIENCE_S:
+                self.problem = "no displacement_mm arrives, so the strokes are not known"
+            return
+        offset_n = splitter.rest_force_n or 0.0
+        for stroke in strokes:
+            force_n = None if stroke.mean_force_n is None else stroke.mean_force_n - offset_n
+            if not stroke.is_settled or (force_n is None and stroke.mean_current_a is None):
+                continue
+            self.latest = self._estimator.update(
+                StrokeSummary(
+                    period_s=stroke.period_s,
+                    mean_force_n=force_n,
+                    mean_current_a=stroke.mean_current_a,
+                    battery_voltage_v=stroke.battery_voltage_v,
+                    battery_current_a=stroke.battery_current_a,
+                )
+            )
+            self.n_changes += self.latest.has_changed
+            if self._show is not None:
+                self._show(stroke.end_s, self.latest)
+
+    def describe(self) -> str:
+        """One line for the terminal; empty before the first stroke and where there is no estimate."""
+        from reporting.quantities import format_quantity
+
+        latest = self.latest
+        if latest is None:
+            return ""
+        line = f"k_Fc {format_quantity(latest.k_fc_n_s_per_m, latest.std_n_s_per_m, 'N·s/m')}"
+        if latest.remaining_s is not None:
+            line += f", {format_quantity(latest.remaining_s, latest.remaining_std_s, 's')} of battery left"
+        line += f" ({latest.n_strokes} strokes"
+        return line + (f", {self.n_changes} changes of material)" if self.n_changes else ")")
