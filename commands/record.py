@@ -11,11 +11,22 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from bench.recording import Trial
-from commands.options import config_for, config_option, default_config_path, force_option, json_option, refuse_existing
+from commands.options import (
+    config_for,
+    config_option,
+    default_config_path,
+    force_option,
+    json_option,
+    refuse_existing,
+)
 from commands.terminal import emit
 
 if TYPE_CHECKING:
     from acquisition.recording_report import RecordingStatus, RecordingSummary
+    from bench.config import LoadedConfig
+    from commands.live_estimate import LiveCuttingEstimate
+    from modeling.recursive import LiveEstimate
+    from visualization.rerun_view import LiveView
 
 
 @click.command(
@@ -23,8 +34,12 @@ if TYPE_CHECKING:
     epilog="Example: sawbench record --material oak --thickness 20 --feed 4 --seconds 10 --simulated --live",
 )
 @click.option("--material", required=True, help="Workpiece; 'none' when the blade runs in air.")
-@click.option("--trial", "trial_id", help="Identifier and file name; default: material and the next free number.")
-@click.option("--seconds", type=click.FloatRange(0, min_open=True), help="Duration; default: the configuration's.")
+@click.option(
+    "--trial", "trial_id", help="Identifier and file name; default: material and the next free number."
+)
+@click.option(
+    "--seconds", type=click.FloatRange(0, min_open=True), help="Duration; default: the configuration's."
+)
 @click.option("--until-stopped", is_flag=True, help="Record until Ctrl-C.")
 @click.option("--duty", type=click.FloatRange(0, 1, min_open=True), help="Commanded PWM duty, 0..1.")
 @click.option("--thickness", "thickness_mm", type=click.FloatRange(0, min_open=True), help="mm")
@@ -34,15 +49,21 @@ if TYPE_CHECKING:
 @click.option("--operator", help="Who records.")
 @click.option("--repetition", type=click.IntRange(1))
 @click.option("--note", "note_texts", multiple=True, help="Note kept with the trial; may be repeated.")
-@click.option("--out", "directory", type=click.Path(path_type=Path, file_okay=False), help="Folder for the file.")
+@click.option(
+    "--out", "directory", type=click.Path(path_type=Path, file_okay=False), help="Folder for the file."
+)
 @config_option
 @click.option("--live", is_flag=True, help="Show the signals in Rerun while recording.")
-@click.option("--rrd", "rrd_path", type=click.Path(path_type=Path, dir_okay=False), help="Save the live view there.")
-@click.option("--simulated", is_flag=True, help="Record from the simulated bench instead of real instruments.")
+@click.option(
+    "--rrd", "rrd_path", type=click.Path(path_type=Path, dir_okay=False), help="Save the live view there."
+)
+@click.option(
+    "--simulated", is_flag=True, help="Record from the simulated bench instead of real instruments."
+)
 @click.option("--seed", default=0, show_default=True, help="Of the simulated bench.")
 @force_option
 @json_option
-def command(  # noqa: PLR0914 - the options of one trial
+def command(
     material: str,
     trial_id: str | None,
     seconds: float | None,
@@ -96,7 +117,11 @@ def command(  # noqa: PLR0914 - the options of one trial
         if simulated
         else contextlib.nullcontext({})
     )
-    with bench as endpoints, live_view(trial, live=live, rrd_path=rrd_path, force=force) as observers, LiveCounters() as counters:
+    with contextlib.ExitStack() as stack:
+        views = stack.enter_context(live_view(trial, live=live, rrd_path=rrd_path, force=force))
+        estimate = live_estimate(loaded, trial, views)
+        endpoints = stack.enter_context(bench)
+        counters = stack.enter_context(LiveCounters(estimate))
         summary = record_trial(
             loaded,
             SessionOptions(
@@ -106,11 +131,19 @@ def command(  # noqa: PLR0914 - the options of one trial
                 endpoints=endpoints,
                 overwrite=force,
             ),
-            observers=observers,
+            observers=[*views, estimate],
             status=counters,
             notes=notes,
         )
-    emit({"path": path, **summary_rows(summary)}, f"{path}\n{describe(summary)}", as_json=as_json)
+    last = estimate.describe()
+    said = (
+        f"last live estimate: {last}" if last else f"no live k_Fc: {estimate.problem or 'no settled stroke'}"
+    )
+    emit(
+        {"path": path, **summary_rows(summary), "live_estimate": live_rows(estimate)},
+        f"{path}\n{describe(summary)}\n{said}",
+        as_json=as_json,
+    )
     return 0 if summary.is_complete else 1
 
 
@@ -123,14 +156,20 @@ def next_trial_id(folder: Path, material: str) -> str:
 
 
 @contextlib.contextmanager
-def live_view(trial: Trial, *, live: bool, rrd_path: Path | None, force: bool) -> Iterator[list[Any]]:
+def live_view(trial: Trial, *, live: bool, rrd_path: Path | None, force: bool) -> Iterator[list[LiveView]]:
     """Give the observers that `--live` and `--rrd` ask for; trouble with them is said, never raised."""
     if not live and rrd_path is None:
         yield []
         return
     from visualization.rerun_view import LiveView
 
-    view = LiveView(trial, show="spawn" if live else "none", save_path=rrd_path, overwrite=force)
+    view = LiveView(
+        trial,
+        show="spawn" if live else "none",
+        save_path=rrd_path,
+        overwrite=force,
+        has_estimate=not trial.is_idle,
+    )
     try:
         yield [view]
     finally:
@@ -139,10 +178,29 @@ def live_view(trial: Trial, *, live: bool, rrd_path: Path | None, force: bool) -
             click.echo(f"the live view ended early: {view.dead_reason} (the recording is whole)", err=True)
 
 
-class LiveCounters:
-    """Samples, rates and gaps on the terminal; a plain line every few seconds where it is not a terminal."""
+def live_estimate(loaded: LoadedConfig, trial: Trial, views: list[LiveView]) -> LiveCuttingEstimate:
+    """Give the observer that estimates k_Fc once a stroke and shows it in the live views."""
+    from commands.live_estimate import LiveCuttingEstimate
 
-    def __init__(self) -> None:
+    def show(time_s: float, found: LiveEstimate) -> None:
+        for view in views:
+            view.cutting_estimate(time_s, found.k_fc_n_s_per_m, found.std_n_s_per_m, found.remaining_s)
+
+    return LiveCuttingEstimate(loaded, trial, show=show)
+
+
+class LiveCounters:
+    """Samples, rates, gaps and the live k_Fc on the terminal; a plain line every few seconds where it is none.
+
+    Parameters
+    ----------
+    estimate : LiveCuttingEstimate, optional
+        Its trouble, if any, is said once.
+    """
+
+    def __init__(self, estimate: LiveCuttingEstimate | None = None) -> None:
+        self._estimate = estimate
+        self._is_trouble_said = False
         self._live: Any = None
         self._next_line_s = 5.0
 
@@ -161,23 +219,42 @@ class LiveCounters:
 
     def __call__(self, status: RecordingStatus) -> None:
         """Show one snapshot."""
+        self._say_trouble()
+        estimated = "" if self._estimate is None else self._estimate.describe()
         if self._live is not None:
-            self._live.update(_as_table(status))
+            self._live.update(_as_table(status, estimated))
         elif status.elapsed_s >= self._next_line_s:
             self._next_line_s += 5.0
             missing = sum(channel.n_missing for channel in status.channels)
             n_samples = sum(channel.n_samples for channel in status.channels)
             click.echo(
                 f"{status.elapsed_s:6.1f} s  {n_samples} samples  {missing} missing"
+                + (f"  {estimated}" if estimated else "")
                 + (f"  LOST: {', '.join(status.lost_devices)}" if status.lost_devices else ""),
                 err=True,
             )
 
+    def _say_trouble(self) -> None:
+        problem = "" if self._estimate is None else self._estimate.problem
+        if not problem or self._is_trouble_said:
+            return
+        self._is_trouble_said = True
+        text = f"no live k_Fc: {problem}"
+        if self._live is not None:
+            self._live.console.print(text)
+        else:
+            click.echo(text, err=True)
 
-def _as_table(status: RecordingStatus) -> Any:
+
+def _as_table(status: RecordingStatus, estimated: str = "") -> Any:
     from rich.table import Table
 
-    shown = Table(title=f"recording, {status.elapsed_s:.1f} s", title_justify="left")
+    shown = Table(
+        title=f"recording, {status.elapsed_s:.1f} s",
+        title_justify="left",
+        caption=estimated or None,
+        caption_justify="left",
+    )
     for header in ("channel", "now", "unit", "samples", "rate Hz", "gaps", "missing"):
         shown.add_column(header, justify="left" if header in {"channel", "unit"} else "right")
     for c in status.channels:
@@ -198,6 +275,17 @@ def summary_rows(summary: RecordingSummary) -> dict[str, Any]:
         "is_complete": summary.is_complete,
         "channels": summary.channels,
         "devices": summary.devices,
+    }
+
+
+def live_rows(estimate: LiveCuttingEstimate) -> dict[str, Any]:
+    """The last live estimate as plain values, for JSON."""
+    from commands.terminal import plain
+
+    return {
+        **(plain(estimate.latest) or {}),
+        "n_changes_of_material": estimate.n_changes,
+        "problem": estimate.problem,
     }
 
 

@@ -13,6 +13,8 @@ from visualization.sdk import TimelineColumn, rr, rrb
 
 TIMELINE: Final = "time"
 STROKE_RATE_PATH: Final = "signals/stroke_rate_hz"
+K_FC: Final = "k_fc_n_s_per_m"
+REMAINING: Final = "remaining_runtime_s"
 TRIAL_PATH: Final = "trial"
 EVENTS_PATH: Final = "events"
 CYCLE_PATH: Final = "cycle"
@@ -70,12 +72,24 @@ SERIES: Final[dict[str, Series]] = {
             name="battery current",
             colour=(150, 140, 220),
         ),
+        Series(
+            path=f"signals/{K_FC}",
+            title="k_Fc ± its uncertainty / N·s/m, renewed each stroke",
+            name="k_Fc",
+            colour=(200, 200, 200),
+        ),
+        Series(
+            path=f"signals/{REMAINING}",
+            title="Battery left at this cut / s",
+            name="remaining runtime",
+            colour=(213, 94, 0),
+        ),
     )
 }
 _HIDDEN_TIME: Final = TimelineColumn(TIMELINE, visible=False)
 """Rerun cuts its time column short; the text of an event begins with the time instead."""
-_LEFT: Final = (FORCE.name, DISPLACEMENT.name, "stroke_rate_hz")
-_RIGHT: Final = (MOTOR_CURRENT.name, BATTERY_CURRENT.name, BATTERY_VOLTAGE.name)
+_LEFT: Final = (FORCE.name, DISPLACEMENT.name, "stroke_rate_hz", K_FC)
+_RIGHT: Final = (MOTOR_CURRENT.name, BATTERY_CURRENT.name, BATTERY_VOLTAGE.name, REMAINING)
 
 
 def series_of(channel: str, unit: str = "") -> Series:
@@ -87,7 +101,11 @@ def series_of(channel: str, unit: str = "") -> Series:
 
 
 def make_blueprint(
-    *, channels: Mapping[str, str] | None = None, has_cycle: bool = False, live_window_s: float | None = None
+    *,
+    channels: Mapping[str, str] | None = None,
+    has_cycle: bool = False,
+    has_estimate: bool = False,
+    live_window_s: float | None = None,
 ) -> Any:
     """Lay out the panels.
 
@@ -98,6 +116,8 @@ def make_blueprint(
         is shown where there is a displacement.
     has_cycle : bool
         Add the folded force cycle.
+    has_estimate : bool
+        Add k_Fc and the remaining runtime, which only a live view has.
     live_window_s : float, optional
         Show the last seconds only, moving along; the whole trial where absent.
 
@@ -106,6 +126,8 @@ def make_blueprint(
     rerun.blueprint.Blueprint
     """
     shown = dict.fromkeys(SERIES, "") if channels is None else dict(channels)
+    if live_window_s is None or not has_estimate:
+        shown = {name: unit for name, unit in shown.items() if name not in {K_FC, REMAINING}}
     if DISPLACEMENT.name in shown:
         shown["stroke_rate_hz"] = "Hz"
     columns = [[name for name in column if name in shown] for column in (_LEFT, _RIGHT)]
@@ -160,6 +182,14 @@ def log_style(recording: Any, series: Series) -> None:
     """Give a series its name, colour and width; peaks stay when many samples share a pixel."""
     style = rr.SeriesLines(colors=series.colour, names=series.name, widths=1.5, aggregation_policy="MinMax")
     recording.log(series.path, style, static=True)
+
+
+def log_bounds_style(recording: Any, series: Series) -> None:
+    """Draw the bounds of a series, `lower` and `upper` below its path, thin and dim."""
+    dim = tuple(colour // 2 for colour in series.colour)
+    for bound in ("lower", "upper"):
+        style = rr.SeriesLines(colors=dim, names=f"{series.name} {bound}", widths=1.0)
+        recording.log(f"{series.path}/{bound}", style, static=True)
 
 
 def log_event(recording: Any, event: Event) -> None:

@@ -7,6 +7,7 @@ can appear late, die or hang without anything here waiting for it.
 
 from __future__ import annotations
 
+import math
 import queue
 import threading
 import time
@@ -22,8 +23,11 @@ from bench.recording import Event, Floats, SampleBlock, Trial
 from bench.units import DISPLACEMENT
 from visualization.envelope import envelope_indices
 from visualization.layout import (
+    K_FC,
+    REMAINING,
     STROKE_RATE_PATH,
     TIMELINE,
+    log_bounds_style,
     log_event,
     log_style,
     log_trial,
@@ -35,6 +39,7 @@ from visualization.stroke_rate import LiveStrokeRate
 from visualization.viewer import LOOPBACK, ViewerProcess, free_port
 
 Show = Literal["spawn", "serve", "none"]
+_Item = SampleBlock | Event | tuple[float, float] | tuple[float, float, float, float]
 _QUEUE_LENGTH: Final = 4096
 _SEND_EVERY_S: Final = 0.05
 _VIEWER_CHECK_EVERY_S: Final = 0.5
@@ -108,6 +113,8 @@ class LiveView:
         Width of the moving time window, s.
     memory_limit : str
         For viewers that connect late the stream is kept up to this size, the oldest part goes first.
+    has_estimate : bool
+        Make room for k_Fc and the remaining runtime; see `cutting_estimate`.
     start_viewer : callable
         Starts the viewer that follows the stream at a URL; tests start one without a window.
 
@@ -147,6 +154,7 @@ class LiveView:
         max_rate_hz: float = 1000.0,
         window_s: float = 3.0,
         memory_limit: str = "256MB",
+        has_estimate: bool = False,
         start_viewer: Callable[[str], ViewerProcess] = _start_viewer,
     ) -> None:
         self.is_dead = False
@@ -155,7 +163,7 @@ class LiveView:
         self.url: str | None = None
         self._viewer: ViewerProcess | None = None
         self._max_rate_hz = max_rate_hz
-        self._queue: queue.Queue[SampleBlock | Event | tuple[float, float]] = queue.Queue(_QUEUE_LENGTH)
+        self._queue: queue.Queue[_Item] = queue.Queue(_QUEUE_LENGTH)
         self._is_closing = threading.Event()
         self._pending: dict[str, list[SampleBlock]] = {}
         self._next_index: dict[str, int] = {}
@@ -165,7 +173,7 @@ class LiveView:
         self._attach(show, save_path, overwrite, memory_limit, start_viewer)
         if trial is not None:
             log_trial(self._recording, trial)
-        self._recording.send_blueprint(make_blueprint(live_window_s=window_s))
+        self._recording.send_blueprint(make_blueprint(live_window_s=window_s, has_estimate=has_estimate))
         self._worker = threading.Thread(target=self._work, name="live view", daemon=True)
         self._worker.start()
 
@@ -213,6 +221,13 @@ class LiveView:
         """
         self._put((time_s, rate_hz))
 
+    def cutting_estimate(
+        self, time_s: float, k_fc_n_s_per_m: float, std_n_s_per_m: float, remaining_s: float | None = None
+    ) -> None:
+        """Show k_Fc with its standard uncertainty as a band, and the battery's remaining time; returns at once."""
+        remaining = math.nan if remaining_s is None else remaining_s
+        self._put((time_s, k_fc_n_s_per_m, std_n_s_per_m, remaining))
+
     def close(self, timeout_s: float = 5.0) -> None:
         """Send what is waiting, finish the file and let go of the viewer, which stays open.
 
@@ -232,7 +247,7 @@ class LiveView:
         elif self._viewer is not None:
             self._viewer.release()
 
-    def _put(self, item: SampleBlock | Event | tuple[float, float]) -> None:
+    def _put(self, item: _Item) -> None:
         try:
             self._queue.put_nowait(item)
         except queue.Full:
@@ -286,8 +301,10 @@ class LiveView:
                 self._pending.setdefault(item.channel, []).append(item)
             elif isinstance(item, Event):
                 log_event(self._recording, item)
-            else:
+            elif len(item) == 2:
                 self._send_stroke_rates([item])
+            else:
+                self._send_estimate(*item)
             if left_s <= 0 and not self._is_closing.is_set():
                 return
 
@@ -317,6 +334,18 @@ class LiveView:
             self._style_once("stroke_rate_hz", "Hz")
             found = np.asarray(rates, dtype=np.float64)
             send_samples(self._recording, STROKE_RATE_PATH, found[:, 0], found[:, 1])
+
+    def _send_estimate(self, time_s: float, k_fc: float, std: float, remaining_s: float) -> None:
+        if K_FC not in self._styled:
+            log_bounds_style(self._recording, series_of(K_FC))
+        self._style_once(K_FC, "")
+        self._style_once(REMAINING, "")
+        path, at_s = series_of(K_FC).path, np.array([time_s])
+        send_samples(self._recording, path, at_s, np.array([k_fc]))
+        send_samples(self._recording, f"{path}/lower", at_s, np.array([k_fc - std]))
+        send_samples(self._recording, f"{path}/upper", at_s, np.array([k_fc + std]))
+        if math.isfinite(remaining_s):
+            send_samples(self._recording, series_of(REMAINING).path, at_s, np.array([remaining_s]))
 
     def _style_once(self, channel: str, unit: str) -> None:
         if channel not in self._styled:
