@@ -127,7 +127,12 @@ def _angle(recording: Recording, baseline: Baseline) -> tuple[CrankAngle | None,
 
 
 def _states(
-    baseline: Baseline, recording: Recording, angle: CrankAngle, track: SlowTrack, index: int, warnings: list[str]
+    baseline: Baseline,
+    recording: Recording,
+    angle: CrankAngle,
+    track: SlowTrack,
+    index: int,
+    warnings: list[str],
 ) -> list[State]:
     trial = recording.trial
     setting = TrialSetting(
@@ -173,7 +178,9 @@ def _motor_voltage(baseline: Baseline, state: State, charge_used_as: Floats) -> 
     current_a = state.battery_current_a
     if current_a is None:
         current_a = 0.0 if state.current_a is None else state.setting.duty * state.current_a
-    voltage_v = baseline.open_circuit_voltage(charge_used_as) - baseline.battery.internal_resistance_ohm * current_a
+    voltage_v = (
+        baseline.open_circuit_voltage(charge_used_as) - baseline.battery.internal_resistance_ohm * current_a
+    )
     return np.broadcast_to(state.setting.duty * voltage_v, state.speed_rad_s.shape)
 
 

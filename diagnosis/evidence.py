@@ -67,7 +67,9 @@ class Explanation:
     def strength_std(self) -> float:
         """Its standard uncertainty."""
         return abs(
-            self.effect.reported_strength(self.amplitude_std * self.effect.strength.typical, self.column.shape)
+            self.effect.reported_strength(
+                self.amplitude_std * self.effect.strength.typical, self.column.shape
+            )
         )
 
 
@@ -185,6 +187,8 @@ def _two(grid: Floats, gram: Floats, moment: Floats) -> tuple[float, float, floa
 def background(columns: dict[str, list[Column]], *, leave_out: Sequence[str] = ()) -> Floats | None:
     """Nuisance columns for small amounts of every effect, shape (n, q), times their prior std; None if none."""
     chosen = [
-        found[0].columns * BACKGROUND_SHARE for name, found in columns.items() if found and name not in leave_out
+        found[0].columns * BACKGROUND_SHARE
+        for name, found in columns.items()
+        if found and name not in leave_out
     ]
     return np.hstack(chosen) if chosen else None

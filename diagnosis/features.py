@@ -17,8 +17,24 @@ HARMONICS: Final = MappingProxyType(
 )
 N_BLOCKS: Final = 4
 # Edges of the start-up's time bins, s after the motion begins.
-START_UP_EDGES_S: Final = (0.0, 0.003, 0.006, 0.01, 0.015, 0.022, 0.032, 0.045, 0.06, 0.08, 0.11, 0.15, 0.2, 0.28, 0.4)
-START_UP_EQUATIONS: Final[tuple[Equation, ...]] = ("electrical", "mechanical", "supply", "converter")
+START_UP_EDGES_S: Final = (
+    0.0,
+    0.003,
+    0.006,
+    0.01,
+    0.015,
+    0.022,
+    0.032,
+    0.045,
+    0.06,
+    0.08,
+    0.11,
+    0.15,
+    0.2,
+    0.28,
+    0.4,
+)
+START_UP_EQUATIONS: Final[tuple[Equation, ...]] = ("electrical", "supply", "converter")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -71,7 +87,9 @@ def layout_of(state: State, residual: Signature) -> Layout:
 def harmonics(waves: Floats, n: int) -> Floats:
     """Mean, cosine and sine amplitudes of periodic rows, shape (n_units, 2 n + 1)."""
     spectrum = np.fft.rfft(waves, axis=-1)[..., : n + 1] / waves.shape[-1]
-    return np.concatenate([spectrum[..., :1].real, 2 * spectrum[..., 1:].real, -2 * spectrum[..., 1:].imag], axis=-1)
+    return np.concatenate(
+        [spectrum[..., :1].real, 2 * spectrum[..., 1:].real, -2 * spectrum[..., 1:].imag], axis=-1
+    )
 
 
 def time_bins(rows: Floats) -> Floats:
@@ -79,7 +97,9 @@ def time_bins(rows: Floats) -> Floats:
     from diagnosis.reduction import START_UP_STEP_S
 
     edges = np.round(np.array(START_UP_EDGES_S) / START_UP_STEP_S).astype(int)
-    return np.stack([rows[..., a:b].mean(axis=-1) for a, b in zip(edges[:-1], edges[1:], strict=True)], axis=-1)
+    return np.stack(
+        [rows[..., a:b].mean(axis=-1) for a, b in zip(edges[:-1], edges[1:], strict=True)], axis=-1
+    )
 
 
 def block_matrix(n_units: int, n_blocks: int = N_BLOCKS) -> Floats:

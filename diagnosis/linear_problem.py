@@ -24,7 +24,9 @@ from diagnosis.state import State, TrialSetting
 # Standard deviation of a feature, in the unit of its equation.
 _FLOOR = {"electrical": 0.004, "mechanical": 2e-4, "cutting": 0.4, "supply": 0.003, "converter": 0.004}
 _IDLE_FLOOR = {**_FLOOR, "cutting": 0.15}
-_START_UP_FACTOR = 10.0
+# The tracked speed is least certain while the tool spins up.
+_START_UP_FACTOR = 30.0
+_TRACKING_FLOOR_N_M = 3e-4
 # Unit-to-unit scatter is correlated from block to block; variance of a block mean is that much larger.
 _CORRELATION_FACTOR = 1.5
 STOCK_STD_N_S_PER_M = 1000.0
@@ -182,6 +184,11 @@ def _floor(layout: Layout, state: State) -> Floats:
     floor = np.empty(layout.size)
     for equation, part in layout.slices.items():
         floor[part] = factor * table[equation]
+        if equation == "mechanical" and state.kind == "running":
+            # The smoothing of the tracked speed costs the more of the acceleration, the higher the harmonic.
+            n = (part.stop - part.start - 1) // 2
+            order = np.concatenate([[0.0], np.arange(1.0, n + 1), np.arange(1.0, n + 1)])
+            floor[part] = np.hypot(table[equation], _TRACKING_FLOOR_N_M * order**2)
     return floor
 
 

@@ -7,12 +7,12 @@ uncertainty the configuration (or the sensor class) grants it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bench.recording import Floats
-from diagnosis.equations import Baseline, Signature, inertia_torque
+from diagnosis.equations import Baseline, Signature, inertia_torque, residuals
 from diagnosis.state import State
 
 SignatureFunction = Callable[[Baseline, State], Signature]
@@ -68,7 +68,7 @@ def _plant_nuisances(baseline: Baseline) -> list[Nuisance]:
         "resistance_ohm": lambda _, s: _electrical(s.current_a, +1),
         "inductance_h": lambda _, s: _electrical(s.current_rate_a_s, +1),
         "back_emf_constant_v_s_per_rad": lambda _, s: {"electrical": motor_speed(s)},
-        "torque_constant_n_m_per_a": lambda _, s: _mechanical(s.current_a, -1),
+        "torque_constant_n_m_per_a": _torque_constant_signature,
         "motor_damping_n_m_s_per_rad": lambda _, s: {"mechanical": motor_speed(s)},
         "rotor_inertia_kg_m2": lambda b, s: {"mechanical": inertia_torque(b, s, rotor=1.0)},
         "yoke_inertia_kg_m2": lambda b, s: {"mechanical": inertia_torque(b, s, yoke=1.0)},
@@ -95,6 +95,19 @@ def _mechanical(values: Floats | None, sign: int) -> Signature:
     return {} if values is None else {"mechanical": sign * values}
 
 
+def _torque_constant_signature(baseline: Baseline, state: State) -> Signature:
+    """Current that the measured motion and force ask for, instead of the measured one.
+
+    With the measured current, scaling every torque of the equation by the same factor would scale its residual,
+    noise included, and the fit would always shrink them all. With this one that direction does nothing, as it
+    must: an equation without a constant term says nothing of its scale.
+    """
+    residual = residuals(baseline, state).get("mechanical")
+    if residual is None or state.current_a is None:
+        return {}
+    return {"mechanical": residual / baseline.plant.torque_constant_n_m_per_a.nominal - state.current_a}
+
+
 def _radius_signature(baseline: Baseline, state: State) -> Signature:
     force = np.zeros_like(state.angle_rad) if state.force_n is None else state.force_n
     swing = inertia_torque(baseline, state, mass=baseline.plant.reciprocating_mass_kg.nominal)
@@ -109,7 +122,9 @@ def _battery_nuisances(baseline: Baseline) -> list[Nuisance]:
     def by_capacity(b: Baseline, s: State) -> Signature:
         # dE/dQ times the relative error of the capacity; E from Eq. 16.
         step = 1e-3
-        rise = b.open_circuit_voltage(s.charge_used_as / (1.0 + step)) - b.open_circuit_voltage(s.charge_used_as)
+        rise = b.open_circuit_voltage(s.charge_used_as / (1.0 + step)) - b.open_circuit_voltage(
+            s.charge_used_as
+        )
         return {"supply": np.broadcast_to(rise / step / battery.capacity_ah, s.angle_rad.shape)}
 
     return [
@@ -146,12 +161,12 @@ def _sensor_nuisances(baseline: Baseline) -> list[Nuisance]:
     torque_constant = plant.torque_constant_n_m_per_a.nominal
     resistance, inductance = plant.resistance_ohm.nominal, plant.inductance_h.nominal
 
-    def current_gain(_: Baseline, s: State) -> Signature:
+    def current_gain(b: Baseline, s: State) -> Signature:
         if s.current_a is None or s.current_rate_a_s is None:
             return {}
         return {
             "electrical": -(resistance * s.current_a + inductance * s.current_rate_a_s),
-            "mechanical": torque_constant * s.current_a,
+            "mechanical": -torque_constant * _torque_constant_signature(b, s).get("mechanical", 0.0),
             "converter": -s.setting.duty * s.current_a,
         }
 
@@ -206,11 +221,7 @@ def _sensor_nuisances(baseline: Baseline) -> list[Nuisance]:
 
 def angle_shift(baseline: Baseline, state: State, step_rad: float = 1e-4) -> Signature:
     """Change of the residuals per radian of error in the zero of the crank angle, by central difference."""
-    import dataclasses
-
-    from diagnosis.equations import residuals
-
-    up = dataclasses.replace(state, angle_rad=state.angle_rad + step_rad)
-    down = dataclasses.replace(state, angle_rad=state.angle_rad - step_rad)
+    up = replace(state, angle_rad=state.angle_rad + step_rad)
+    down = replace(state, angle_rad=state.angle_rad - step_rad)
     high, low = residuals(baseline, up), residuals(baseline, down)
     return {name: (high[name] - low[name]) / (2.0 * step_rad) for name in high}

@@ -1,0 +1,198 @@
+"""Probabilities over effects, pairs, "parameters", "no_gap" and "unknown"."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from bench.recording import Floats
+from diagnosis.effects.effect import Effect
+from diagnosis.evidence import Column, Explanation, background, explain
+from diagnosis.features import HARMONICS
+from diagnosis.linear_problem import WIDE, LinearProblem, Marginal
+from diagnosis.nuisances import nuisances_of
+
+Verdict = Literal["effect", "effects", "parameters", "no_gap", "unknown"]
+
+# Prior: half of all campaigns have nothing unmodelled, a tenth has something nobody listed.
+PRIOR_NO_GAP = 0.3
+PRIOR_PARAMETERS = 0.15
+PRIOR_UNKNOWN = 0.1
+PRIOR_PAIRS = 0.1
+PRIOR_EFFECTS = 1.0 - PRIOR_NO_GAP - PRIOR_PARAMETERS - PRIOR_UNKNOWN - PRIOR_PAIRS
+# Log evidences are divided by this: the noise is not exactly Gaussian and the forms are not exactly nature's.
+TEMPERATURE = 4.0
+_N_PAIR_CANDIDATES = 8
+# A second effect is one more way to be wrong: its evidence must beat this before a pair gains on a single cause.
+_PAIR_COST = 12.0
+_DISCREPANCY_SIZES = (3.0, 10.0, 30.0, 100.0, 300.0)
+_DISCREPANCY_HARMONICS = 6
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Pair:
+    """Two effects that act together."""
+
+    first: Explanation
+    second: Explanation
+    log_evidence: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Posterior:
+    """What the evidence says.
+
+    Attributes
+    ----------
+    verdict : Verdict
+    probabilities : dict of str to float
+        By "no_gap", "parameters", "unknown", effect name, or "first + second"; they sum to 1.
+    explanations : tuple of Explanation
+        Most likely first.
+    pairs : tuple of Pair
+    log_evidence : dict of str to float
+        Untempered, relative to "no_gap".
+    """
+
+    verdict: Verdict
+    probabilities: dict[str, float]
+    explanations: tuple[Explanation, ...]
+    pairs: tuple[Pair, ...]
+    log_evidence: dict[str, float]
+
+
+def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior:
+    """Weigh all hypotheses against each other.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    columns : dict of str to list of Column
+        Of `catalogue_columns`.
+
+    Returns
+    -------
+    Posterior
+    """
+    small = background(columns)
+    nominal = Marginal(problem, extra=small)
+    retuned = Marginal(problem, scale=wide_scale(problem), extra=small)
+    reference = _log_z(nominal)
+    log_evidence = {"no_gap": 0.0, "parameters": _log_z(retuned) - reference}
+    found = [explain(nominal, entries) for entries in columns.values()]
+    explanations = sorted((e for e in found if e is not None), key=lambda e: -e.log_evidence)
+    for explanation in explanations:
+        log_evidence[explanation.effect.name] = explanation.log_evidence
+    pairs = _pairs(problem, small, explanations[:_N_PAIR_CANDIDATES], columns)
+    for pair in pairs:
+        log_evidence[_pair_name(pair)] = pair.log_evidence
+    log_evidence["unknown"] = _discrepancy(problem, small) - reference
+    probabilities = _probabilities(log_evidence, [e.effect for e in explanations], pairs)
+    top = max(probabilities, key=lambda name: probabilities[name])
+    verdict: Verdict = (
+        top if top in {"no_gap", "parameters", "unknown"} else "effects" if " + " in top else "effect"
+    )  # type: ignore[assignment]
+    return Posterior(
+        verdict=verdict, probabilities=probabilities, explanations=tuple(explanations), pairs=tuple(pairs),
+        log_evidence=log_evidence,
+    )  # fmt: skip
+
+
+def wide_scale(problem: LinearProblem) -> Floats:
+    """Factor on the prior of each nuisance where the plant is retuned: 5 for its numbers, 1 for the rest."""
+    plant = {n.name for n in nuisances_of(problem.campaign.baseline) if n.is_plant}
+    return np.array([WIDE if name in plant else 1.0 for name in problem.names])
+
+
+def _log_z(marginal: Marginal) -> float:
+    return -0.5 * (marginal.misfit + marginal.log_determinant)
+
+
+def _pair_name(pair: Pair) -> str:
+    return " + ".join(sorted((pair.first.effect.name, pair.second.effect.name)))
+
+
+def _pairs(
+    problem: LinearProblem,
+    small: Floats | None,
+    candidates: Sequence[Explanation],
+    columns: dict[str, list[Column]],
+) -> list[Pair]:
+    """Evidence of every two of the best effects: the first in its best shape, the second with all of its shapes."""
+    out: dict[frozenset[str], Pair] = {}
+    for first in candidates:
+        given = first.column.columns * first.effect.strength.high
+        extra = given if small is None else np.hstack([small, given])
+        marginal = Marginal(problem, extra=extra)
+        for second in candidates:
+            if second.effect.name == first.effect.name:
+                continue
+            found = explain(marginal, columns[second.effect.name])
+            if found is None:
+                continue
+            key = frozenset((first.effect.name, second.effect.name))
+            pair = Pair(
+                first=first,
+                second=found,
+                log_evidence=first.log_evidence + found.log_evidence - _PAIR_COST,
+            )
+            if key not in out or pair.log_evidence > out[key].log_evidence:
+                out[key] = pair
+    return sorted(out.values(), key=lambda pair: -pair.log_evidence)
+
+
+def _discrepancy(problem: LinearProblem, small: Floats | None) -> float:
+    """Log evidence of a smooth gap of no particular form: harmonics times {1, speed, load, time, feed}."""
+    blocks = []
+    settings = [part.setting for part in problem.parts]
+    duty = np.array([s.duty for s in settings])
+    feed = np.nan_to_num(np.array([s.feed_m_s for s in settings]))
+    session = np.array([s.session_s for s in settings])
+    covariates = np.array(
+        [np.ones(len(settings)), _centred(duty), [0.0 if s.is_idle else 1.0 for s in settings],
+         _centred(session), _centred(feed)]
+    )  # fmt: skip
+    for equation, n_harmonics in HARMONICS.items():
+        for k in range(2 * min(_DISCREPANCY_HARMONICS, n_harmonics) + 1):
+            for row in covariates:
+                column = np.zeros(len(problem.data))
+                for part, weight in zip(problem.parts, row, strict=True):
+                    if part.state.kind != "running" or equation not in part.layout.equations or not weight:
+                        continue
+                    place = part.layout.slices[equation]
+                    n = 2 * n_harmonics + 1
+                    index = 0 if k == 0 else (k + 1) // 2 if k % 2 else n_harmonics + k // 2
+                    feature = np.zeros((part.blocks.shape[0], part.layout.size))
+                    feature[:, place.start + min(index, n - 1)] = weight
+                    column[part.place] = (feature @ part.whitener.T).ravel()
+                norm = float(np.linalg.norm(column))
+                if norm > 0:
+                    blocks.append(column / norm)
+    shapes = np.array(blocks).T
+    logs = []
+    for size in _DISCREPANCY_SIZES:
+        extra = size * shapes if small is None else np.hstack([small, size * shapes])
+        logs.append(_log_z(Marginal(problem, extra=extra)))
+    top = max(logs)
+    return top + float(np.log(np.mean(np.exp(np.array(logs) - top))))
+
+
+def _centred(values: Floats) -> Floats:
+    spread = float(values.std())
+    return (values - values.mean()) / spread if spread > 0 else np.zeros_like(values)
+
+
+def _probabilities(
+    log_evidence: dict[str, float], effects: Sequence[Effect], pairs: Sequence[Pair]
+) -> dict[str, float]:
+    prior = {"no_gap": PRIOR_NO_GAP, "parameters": PRIOR_PARAMETERS, "unknown": PRIOR_UNKNOWN}
+    prior |= {effect.name: PRIOR_EFFECTS / max(len(effects), 1) for effect in effects}
+    prior |= {_pair_name(pair): PRIOR_PAIRS / max(len(pairs), 1) for pair in pairs}
+    score = {name: np.log(prior[name]) + log_evidence[name] / TEMPERATURE for name in log_evidence}
+    top = max(score.values())
+    weight = {name: float(np.exp(value - top)) for name, value in score.items()}
+    total = sum(weight.values())
+    return {name: value / total for name, value in sorted(weight.items(), key=lambda item: -item[1])}

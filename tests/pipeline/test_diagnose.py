@@ -1,0 +1,56 @@
+"""A campaign of the blind check's plant, diagnosed from its files to the report."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from blindcheck.campaign import make_campaign
+from commands.main import main
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("campaign")
+    make_campaign(901, folder / "tables", effects={"motor_coulomb_friction": 1.5}, length=0.6)
+    assert main(["import", str(folder / "tables" / "campaign.toml"), "--out", str(folder / "mcap")]) == 0
+    config = folder / "tables" / "bench_config.toml"
+    assert main(["diagnose", str(folder / "mcap"), "--config", str(config), "--out", str(folder / "gap")]) == 0
+    return json.loads((folder / "gap" / "gap_report.json").read_text()), folder / "gap" / "gap_report.html"
+
+
+def test_report_has_every_key_of_the_contract(report):
+    found, _ = report
+    keys = {"schema_version", "verdict", "where", "causes", "probabilities", "parameter_shifts", "gap", "next_trial"}
+    assert keys | {"provenance"} <= set(found)
+    assert found["schema_version"] == 1
+    assert set(found["probabilities"]) == {"no_gap", "parameters", "unknown"}
+    assert {"metric", "nominal", "retuned", "with_effect", "noise_floor", "by_channel"} <= set(found["gap"])
+    cause_keys = {"effects", "indistinguishable_from", "probability", "parameters", "gap_closed", "gap_closed_ci95"}
+    for cause in found["causes"]:
+        assert cause_keys <= set(cause)
+        assert 0 <= cause["probability"] <= 1
+    assert len(found["causes"]) >= 2, "the runner-up is always shown"
+    assert len(found["provenance"]["recordings"]) == 18
+
+
+def test_the_hidden_friction_is_named_first(report):
+    found, _ = report
+    assert found["verdict"] == "effect"
+    assert found["causes"][0]["effects"] == ["motor_coulomb_friction"]
+    assert found["causes"][0]["gap_closed"] > 0.5
+    assert found["gap"]["with_effect"] < found["gap"]["retuned"] < found["gap"]["nominal"]
+
+
+def test_page_needs_no_network(report):
+    text = report[1].read_text()
+    assert "motor coulomb friction" in text
+    assert 'src="http' not in text and 'href="http' not in text
+
+
+def test_files_without_displacement_get_a_clear_error(tmp_path, capsys):
+    (tmp_path / "t.csv").write_text("time_s,motor_current_a\n" + "\n".join(f"{k / 1000},1.0" for k in range(3000)))
+    assert main(["import", str(tmp_path / "t.csv"), "--out", str(tmp_path / "mcap")]) == 0
+    assert main(["diagnose", str(tmp_path / "mcap"), "--config", "bench_config.toml", "--out", str(tmp_path / "g")]) == 2
+    assert "left out" in capsys.readouterr().err
