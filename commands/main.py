@@ -26,6 +26,7 @@ SUBCOMMANDS: Final = MappingProxyType(
         "runtime": "battery runtime with its uncertainty",
         "simulate": "the electromechanical model alone",
         "compare": "material-comparison report",
+        "diagnose": "the sim-to-real gap: where it lies, what causes it, how far it closes",
         "view": "replay a recording in Rerun",
         "simbench": "the simulated instruments, on ports of their own",
     }
