@@ -106,7 +106,19 @@ def message_layouts(name: str, settings: DbcCanSettings) -> tuple[MessageLayout,
     for channel, path in settings.signals.items():
         message, signal = find_signal(database, path, where=where)
         by_message.setdefault(message.name, (message, []))[1].append((channel, signal))
+    _check_counter(where, settings, [message for message, _ in by_message.values()])
     return tuple(_layout(where, settings, message, pairs) for message, pairs in by_message.values())
+
+
+def _check_counter(where: str, settings: DbcCanSettings, messages: list[Message]) -> None:
+    """Refuse a counter that was asked for and is nowhere: lost frames would go unseen."""
+    names = sorted({signal.name for message in messages for signal in message.signals})
+    if "counter" in settings.model_fields_set and settings.counter and settings.counter not in names:
+        raise ConfigError(
+            f"counter is {settings.counter!r}, but no message that is read has such a signal",
+            where=where,
+            remedy=f'choose one of {", ".join(names)}, or counter = "" if none counts samples',
+        )
 
 
 def _layout(
