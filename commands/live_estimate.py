@@ -109,7 +109,7 @@ class LiveCuttingEstimate:
             force_n = None if stroke.mean_force_n is None else stroke.mean_force_n - offset_n
             if not stroke.is_settled or (force_n is None and stroke.mean_current_a is None):
                 continue
-            self.latest = self._estimator.update(
+            found: LiveEstimate = self._estimator.update(
                 StrokeSummary(
                     period_s=stroke.period_s,
                     mean_force_n=force_n,
@@ -118,9 +118,10 @@ class LiveCuttingEstimate:
                     battery_current_a=stroke.battery_current_a,
                 )
             )
-            self.n_changes += self.latest.has_changed
+            self.latest = found
+            self.n_changes += found.has_changed
             if self._show is not None:
-                self._show(stroke.end_s, self.latest)
+                self._show(stroke.end_s, found)
 
     def describe(self) -> str:
         """One line for the terminal; empty before the first stroke and where there is no estimate."""

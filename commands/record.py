@@ -34,12 +34,8 @@ if TYPE_CHECKING:
     epilog="Example: sawbench record --material oak --thickness 20 --feed 4 --seconds 10 --simulated --live",
 )
 @click.option("--material", required=True, help="Workpiece; 'none' when the blade runs in air.")
-@click.option(
-    "--trial", "trial_id", help="Identifier and file name; default: material and the next free number."
-)
-@click.option(
-    "--seconds", type=click.FloatRange(0, min_open=True), help="Duration; default: the configuration's."
-)
+@click.option("--trial", "trial_id", help="Identifier and file name; default: material and the next free number.")
+@click.option("--seconds", type=click.FloatRange(0, min_open=True), help="Duration; default: the configuration's.")
 @click.option("--until-stopped", is_flag=True, help="Record until Ctrl-C.")
 @click.option("--duty", type=click.FloatRange(0, 1, min_open=True), help="Commanded PWM duty, 0..1.")
 @click.option("--thickness", "thickness_mm", type=click.FloatRange(0, min_open=True), help="mm")
@@ -49,17 +45,11 @@ if TYPE_CHECKING:
 @click.option("--operator", help="Who records.")
 @click.option("--repetition", type=click.IntRange(1))
 @click.option("--note", "note_texts", multiple=True, help="Note kept with the trial; may be repeated.")
-@click.option(
-    "--out", "directory", type=click.Path(path_type=Path, file_okay=False), help="Folder for the file."
-)
+@click.option("--out", "directory", type=click.Path(path_type=Path, file_okay=False), help="Folder for the file.")
 @config_option
 @click.option("--live", is_flag=True, help="Show the signals in Rerun while recording.")
-@click.option(
-    "--rrd", "rrd_path", type=click.Path(path_type=Path, dir_okay=False), help="Save the live view there."
-)
-@click.option(
-    "--simulated", is_flag=True, help="Record from the simulated bench instead of real instruments."
-)
+@click.option("--rrd", "rrd_path", type=click.Path(path_type=Path, dir_okay=False), help="Save the live view there.")
+@click.option("--simulated", is_flag=True, help="Record from the simulated bench instead of real instruments.")
 @click.option("--seed", default=0, show_default=True, help="Of the simulated bench.")
 @force_option
 @json_option
@@ -136,9 +126,7 @@ def command(
             notes=notes,
         )
     last = estimate.describe()
-    said = (
-        f"last live estimate: {last}" if last else f"no live k_Fc: {estimate.problem or 'no settled stroke'}"
-    )
+    said = f"last live estimate: {last}" if last else f"no live k_Fc: {estimate.problem or 'no settled stroke'}"
     emit(
         {"path": path, **summary_rows(summary), "live_estimate": live_rows(estimate)},
         f"{path}\n{describe(summary)}\n{said}",
@@ -294,8 +282,7 @@ def describe(summary: RecordingSummary) -> str:
     from commands.terminal import table
 
     rows = [
-        [c.channel, str(c.n_samples), f"{c.rate_hz:.2f}", str(c.n_gaps), str(c.n_missing)]
-        for c in summary.channels
+        [c.channel, str(c.n_samples), f"{c.rate_hz:.2f}", str(c.n_gaps), str(c.n_missing)] for c in summary.channels
     ]
     lines = [f"{summary.duration_s:.3f} s recorded: {summary.end_reason}"]
     lines.append(table(["channel", "samples", "rate Hz", "gaps", "missing"], rows))

@@ -28,8 +28,11 @@ from modeling.stroke_tables import StrokeTables, stroke_tables
 # Cumulative sum: slack and threshold in standard deviations of a stroke, innovations clipped so that one
 # knot in the wood does not look like another material.
 SLACK: Final = 0.75
-THRESHOLD: Final = 9.0
+THRESHOLD: Final = 12.0
 CLIP: Final = 4.0
+# From this sum on a change is suspected: the level and the spread that strokes are judged by stay as they were
+# before, or the first strokes of a new material would widen the spread until the change hides in it.
+SUSPICION: Final = 3.0
 KEPT_STROKES: Final = 64
 FEWEST_FOR_SCATTER: Final = 6
 # Stroke-to-stroke variation of wood before it has been measured.
@@ -142,6 +145,7 @@ class RecursiveCuttingEstimator:
         self._current_ratio = _RunningMean()
         self._up = self._down = 0.0
         self._since_up = self._since_down = 0
+        self._judged_by = (0.0, 1.0)
 
     def update(self, stroke: StrokeSummary) -> LiveEstimate:
         """Take one stroke.
@@ -201,12 +205,14 @@ class RecursiveCuttingEstimator:
         return k_fc, 1.0 / math.sqrt(sum(weights))
 
     def _notice_change(self, k_fc: float) -> bool:
-        """Two-sided cumulative sum of innovations; on a change the mean starts where the sum left zero."""
+        """Two-sided cumulative sum of innovations; on a change the mean starts anew from it."""
         level = self._level
         if level.count < FEWEST_FOR_SCATTER:
             return False
-        spread = max(level.effective_std, 0.01 * abs(level.mean))
-        innovation = max(-CLIP, min(CLIP, (k_fc - level.mean) / spread))
+        if max(self._up, self._down) < SUSPICION:
+            self._judged_by = (level.mean, self._spread())
+        mean, spread = self._judged_by
+        innovation = max(-CLIP, min(CLIP, (k_fc - mean) / spread))
         self._up = max(0.0, self._up + innovation - SLACK)
         self._down = max(0.0, self._down - innovation - SLACK)
         self._since_up = self._since_up + 1 if self._up > 0 else 0
@@ -214,7 +220,7 @@ class RecursiveCuttingEstimator:
         if max(self._up, self._down) <= THRESHOLD:
             return False
         n_new = min(self._since_up if self._up > THRESHOLD else self._since_down, KEPT_STROKES)
-        fresh = [*self._recent, k_fc][-n_new:]
+        fresh = _since_change([*self._recent, k_fc][-n_new:], mean)
         self._level = _RunningMean()
         for value in fresh:
             self._level.add(value)
@@ -223,9 +229,15 @@ class RecursiveCuttingEstimator:
         self._since_up = self._since_down = 0
         return True
 
-    def _remaining(
-        self, stroke: StrokeSummary, level: float, statistical: float
-    ) -> tuple[float | None, float | None]:
+    def _spread(self) -> float:
+        """Scatter of a stroke; few strokes lean on the scatter assumed for wood, as if it were that of six more."""
+        level = self._level
+        measured, assumed = level.effective_std, ASSUMED_SPREAD * abs(level.mean)
+        n_assumed = FEWEST_FOR_SCATTER
+        pooled = (level.count * measured**2 + n_assumed * assumed**2) / (level.count + n_assumed)
+        return max(math.sqrt(pooled), 0.01 * abs(level.mean))
+
+    def _remaining(self, stroke: StrokeSummary, level: float, statistical: float) -> tuple[float | None, float | None]:
         tables = self._tables
         if tables.capacity_a_s is None:
             return None, None
@@ -247,6 +259,19 @@ class RecursiveCuttingEstimator:
         slope = abs(higher_s - modelled_s) / max(statistical, 1e-3 * abs(level), 1e-9)
         plant_rel = self._plant.torque_constant_n_m_per_a.rel_std
         return modelled_s, math.hypot(slope * statistical, modelled_s * plant_rel)
+
+
+def _since_change(values: list[float], level_before: float) -> list[float]:
+    """Strokes after the change: the split that leaves the least squared deviation from the two levels.
+
+    The cumulative sum leaves zero at the change or, by chance, some strokes before it.
+    """
+    candidates = range(max(len(values) - 2, 1))
+    costs = [
+        sum((value - level_before) ** 2 for value in values[:n]) + float(np.var(values[n:])) * (len(values) - n)
+        for n in candidates
+    ]
+    return values[int(np.argmin(costs)) :]
 
 
 class _RunningMean:
@@ -321,9 +346,7 @@ def summarize_strokes(cycles: object) -> list[StrokeSummary]:
         if values is None:
             return None
         row = values[stroke]
-        weight = (
-            np.ones_like(row) if cycles.crank_speed_rad_s is None else 1.0 / cycles.crank_speed_rad_s[stroke]
-        )
+        weight = np.ones_like(row) if cycles.crank_speed_rad_s is None else 1.0 / cycles.crank_speed_rad_s[stroke]
         is_there = np.isfinite(row) & np.isfinite(weight)
         if not is_there.any():
             return None

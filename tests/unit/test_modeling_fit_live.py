@@ -129,3 +129,12 @@ def test_nonsense_is_refused_by_name():
         RecursiveCuttingEstimator(plant=PLANT, battery=BATTERY)
     with pytest.raises(InputError, match="start_soc"):
         RecursiveCuttingEstimator(plant=PLANT, start_soc=0.0)
+
+
+def test_a_change_after_few_strokes_is_noticed_and_the_old_ones_are_left_out():
+    for seed in range(10):
+        live = RecursiveCuttingEstimator(plant=PLANT)
+        seen = [live.update(stroke) for stroke in live_strokes([318.0] * 15 + [58.0] * 12, seed=seed)]
+        assert [n for n, estimate in enumerate(seen) if estimate.has_changed] == [18]
+        assert seen[-1].n_strokes == 12
+        assert abs(seen[-1].k_fc_n_s_per_m - 58.0) < 4.0 * seen[-1].std_n_s_per_m
