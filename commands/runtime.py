@@ -7,19 +7,39 @@ from typing import TYPE_CHECKING
 
 import click
 
-from commands.options import config_for, config_option, find_recordings, json_option
+from bench.errors import SawbenchError, UntrustedResult
+from commands.options import config_for, config_option, find_recordings, force_option, json_option
 from commands.terminal import emit, plain, progress
 
 if TYPE_CHECKING:
     from modeling.results import RuntimePrediction
 
 
-@click.command(name="runtime", epilog="Example: sawbench runtime recordings/oak-01.mcap")
+@click.command(
+    name="runtime",
+    epilog="Example: sawbench runtime recordings/oak-01.mcap; sawbench runtime --k-fc 240 --sweep --plot what-if.svg",
+)
 @click.argument("paths", metavar="[FILE...]", nargs=-1, type=click.Path(path_type=Path))
 @config_option
 @click.option("--k-fc", "k_fc", type=click.FloatRange(0), help="Instead of recordings: this k_Fc, N*s/m.")
 @click.option("--k-fc-std", type=click.FloatRange(0), default=0.0, help="Its standard uncertainty, N*s/m.")
 @click.option("--duty", type=click.FloatRange(0, 1, min_open=True), help="With --k-fc; default: the configuration's.")
+@click.option("--sweep", "is_sweep", is_flag=True, help="With --k-fc: a table over k_Fc, duty and capacity.")
+@click.option(
+    "--k-fc-range",
+    nargs=3,
+    type=(float, float, int),
+    metavar="LOW HIGH N",
+    default=None,
+    help="Of the sweep; default: half to twice k_Fc, 7 values.",
+)
+@click.option("--duties", help="Of the sweep, such as 0.3,0.44,0.6; default: 3/4, 1 and 5/4 of the duty.")
+@click.option("--capacities", help="Of the sweep, Ah, such as 1.5,2,4; default: 1, 4/3 and 8/3 of the battery's.")
+@click.option("--csv", "csv_path", type=click.Path(path_type=Path, dir_okay=False), help="The sweep as CSV too.")
+@click.option(
+    "--plot", "plot_path", type=click.Path(path_type=Path, dir_okay=False), help="The sweep as a picture, .svg or .png."
+)
+@force_option
 @json_option
 def command(
     paths: tuple[Path, ...],
@@ -27,29 +47,64 @@ def command(
     k_fc: float | None,
     k_fc_std: float,
     duty: float | None,
+    is_sweep: bool,
+    k_fc_range: tuple[float, float, int] | None,
+    duties: str | None,
+    capacities: str | None,
+    csv_path: Path | None,
+    plot_path: Path | None,
+    force: bool,
     as_json: bool,
 ) -> int:
     """Predict how long the battery lasts if the tool goes on cutting as in each trial."""
     from commands.analysis import fit_trial, load_and_process, predict, runtime_of
+    from commands.runtime_sweep import SweepChoice, sweep
 
     if bool(paths) == (k_fc is not None):
         raise click.UsageError("name recordings, or give --k-fc, one of the two")
+    choice = SweepChoice(
+        k_fc_range=k_fc_range, duties=duties, capacities=capacities, csv_path=csv_path, plot_path=plot_path
+    )
+    if is_sweep:
+        if k_fc is None:
+            raise click.UsageError("--sweep needs --k-fc")
+        return sweep(config_for(None, config_path), choice, k_fc=k_fc, duty=duty, force=force, as_json=as_json)
+    if choice != SweepChoice():
+        raise click.UsageError("--k-fc-range, --duties, --capacities, --csv and --plot need --sweep")
     results: list[tuple[str, RuntimePrediction]] = []
     if k_fc is not None:
         loaded = config_for(None, config_path)
         results.append((f"k_Fc {k_fc:g}", predict(loaded, k_fc=k_fc, k_fc_std=k_fc_std, duty=duty)))
     files = find_recordings(paths)
+    failures: list[SawbenchError] = []
     for path in progress(files, "predicting"):
-        trial = load_and_process(path, config_path)
-        if len(files) > 1 and trial.recording.trial.is_idle:
-            click.echo(f"{path}: the blade runs in air, so there is no cutting runtime", err=True)
-            continue
-        results.append((trial.recording.trial.trial_id, runtime_of(trial, *fit_trial(trial))))
+        try:
+            trial = load_and_process(path, config_path)
+            if len(files) > 1 and trial.recording.trial.is_idle:
+                click.echo(f"{path}: the blade runs in air, so there is no cutting runtime", err=True)
+                continue
+            fit, estimates = fit_trial(trial)
+            if fit.status != "ok":
+                raise UntrustedResult(
+                    "no runtime, because k_Fc is not to be relied on: "
+                    + "; ".join((fit.status.replace("_", " "), *fit.notes)),
+                    where=path,
+                    remedy=f"see `sawbench fit {path}`",
+                )
+            results.append((trial.recording.trial.trial_id, runtime_of(trial, fit, estimates)))
+        except SawbenchError as error:
+            if len(files) == 1:
+                raise
+            # One bad file must not cost the results of the others.
+            click.echo(f"sawbench: error: {error}", err=True)
+            failures.append(error)
     emit(
         [{"trial": name, **plain(result)} for name, result in results],
         "\n".join(describe(name, result) for name, result in results),
         as_json=as_json,
     )
+    if failures:
+        return max(error.exit_code for error in failures)
     return 0 if all(result.status == "ok" for _, result in results) else 1
 
 
