@@ -134,6 +134,8 @@ def draw_sweep(sweep: RuntimeSweep) -> Figure:
             axis.set_ylabel("runtime / min")
         if c + n_columns >= n_panels:
             axis.set_xlabel("k_Fc / N·s/m")
+    # After all panels: they share the axis, and a limit set earlier would stop it from growing.
+    axes[0].set_ylim(bottom=0.0)
     for axis in axes[n_panels:]:
         axis.remove()
     handles, labels = axes[0].get_legend_handles_labels()
@@ -166,5 +168,4 @@ def _draw_panel(axis: Axes, sweep: RuntimeSweep, capacity: int) -> None:
                 k_fc[is_without], height, "x", color=colour, markersize=7, clip_on=False,
                 transform=axis.get_xaxis_transform(),
             )  # fmt: skip
-    axis.set_ylim(bottom=0.0)
     axis.margins(x=0.04)
