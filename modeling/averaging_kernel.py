@@ -114,9 +114,7 @@ def _strokes_of_start(p, m, spline, ocv, tables, h, start, tolerance):
         half = n_steps // 2
         first = angle_rate(m, tables[half, 0], drive(m, ocv, soc), i, r, 0.0)
         for n in range(half, n_steps):
-            i, r, away, first, duration, _, _, _ = angle_step(
-                m, tables[n], drive(m, ocv, soc), h, i, r, first
-            )
+            i, r, away, first, duration, _, _, _ = angle_step(m, tables[n], drive(m, ocv, soc), h, i, r, first)
             t += duration
             soc += away
     for _ in range(N_START_STROKES):
@@ -150,9 +148,7 @@ def _solve_nodes(m, tables, ocv, h, places, table, tangents, weights):
         # The drifting stroke whose middle is at the node.
         i, r = table[k, CURRENT], table[k, SLOWNESS]
         share = table[k, SHARE]
-        end_i, end_r, end_soc, period, charge = drifting_stroke(
-            m, tables, ocv, h, i, r, places[k] + 0.5 * share, -1.0
-        )
+        end_i, end_r, end_soc, period, charge = drifting_stroke(m, tables, ocv, h, i, r, places[k] + 0.5 * share, -1.0)
         s = tangents[k]
         a, b, c, d = 1.0 - s[0], -s[1], -s[2], 1.0 - s[3]
         determinant = a * d - b * c
@@ -288,9 +284,7 @@ def discharge_averaged(  # noqa: PLR0912, PLR0915 - one state in registers
 
 
 @kernel(parallel=True)
-def runtimes(
-    vectors, spline, ocv, n_steps, tolerance, cutoff_soc, cutoff_voltage, gauss_nodes, gauss_weights, out
-):
+def runtimes(vectors, spline, ocv, n_steps, tolerance, cutoff_soc, cutoff_voltage, gauss_nodes, gauss_weights, out):
     """Fill the runtime of every row of `vectors`, full and at rest, s; NaN where it cannot be averaged."""
     for case in numba.prange(len(vectors)):
         table = np.zeros((len(gauss_nodes), N_COLUMNS))

@@ -60,9 +60,7 @@ def angle_step(m, rows, curve, h, i, r, first):
     i5, r5, c5, e5 = angle_rate(m, rows[4], curve, y5, z5, h * (A51 * c1 + A52 * c2 + A53 * c3 + A54 * c4))
     y6 = (i + h * (A61 * i1 + A62 * i2 + A63 * i3 + A64 * i4)) + h * A65 * i5
     z6 = (r + h * (A61 * r1 + A62 * r2 + A63 * r3 + A64 * r4)) + h * A65 * r5
-    i6, r6, c6, e6 = angle_rate(
-        m, rows[5], curve, y6, z6, h * (A61 * c1 + A62 * c2 + A63 * c3 + A64 * c4 + A65 * c5)
-    )
+    i6, r6, c6, e6 = angle_rate(m, rows[5], curve, y6, z6, h * (A61 * c1 + A62 * c2 + A63 * c3 + A64 * c4 + A65 * c5))
     end_i = (i + h * (B1 * i1 + B3 * i3 + B4 * i4 + B5 * i5)) + h * B6 * i6
     end_r = (r + h * (B1 * r1 + B3 * r3 + B4 * r4 + B5 * r5)) + h * B6 * r6
     away = h * (B1 * c1 + B3 * c3 + B4 * c4 + B5 * c5 + B6 * c6)
@@ -125,9 +123,7 @@ def time_step(c, m, spline, place, h, y, moves):
     f2 = time_rate(c, m, spline, place, i + h * A21 * i1, v2, a + h * A21 * moves * w, q + h * A21 * q1)
     i2, w2, q2 = f2[0], moves * f2[1], f2[2]
     u3, v3 = i + h * (A31 * i1 + A32 * i2), w + h * (A31 * w1 + A32 * w2)
-    f3 = time_rate(
-        c, m, spline, place, u3, v3, a + h * moves * (A31 * w + A32 * v2), q + h * (A31 * q1 + A32 * q2)
-    )
+    f3 = time_rate(c, m, spline, place, u3, v3, a + h * moves * (A31 * w + A32 * v2), q + h * (A31 * q1 + A32 * q2))
     i3, w3, q3 = f3[0], moves * f3[1], f3[2]
     u4 = i + h * (A41 * i1 + A42 * i2 + A43 * i3)
     v4 = w + h * (A41 * w1 + A42 * w2 + A43 * w3)

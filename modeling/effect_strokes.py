@@ -132,9 +132,7 @@ def _simple(
         code=code,
         kind="simple",
         vector=effective,
-        start=np.array(
-            [result[kernel.START_CURRENT], result[kernel.START_SPEED], 0.0, result[kernel.PERIOD]]
-        ),
+        start=np.array([result[kernel.START_CURRENT], result[kernel.START_SPEED], 0.0, result[kernel.PERIOD]]),
         period_s=float(result[kernel.PERIOD]),
         motor_charge_a_s=float(result[kernel.MOTOR_CHARGE]),
         battery_charge_a_s=float(result[kernel.BATTERY_CHARGE]),
@@ -240,9 +238,7 @@ def without_extended(vector: Floats) -> Floats:
     return plain
 
 
-def _start_without_them(
-    vector: Floats, spline: Floats, ocv: Floats, slow: InitialState, n_steps: int
-) -> Floats:
+def _start_without_them(vector: Floats, spline: Floats, ocv: Floats, slow: InitialState, n_steps: int) -> Floats:
     """Start of the stroke without the effects that make it extended."""
     stroke = _simple(without_extended(vector), spline, ocv, slow, n_steps, np.inf, kernel.ACCEPT)
     if stroke.code == kernel.PERIODIC:

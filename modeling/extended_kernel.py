@@ -98,9 +98,7 @@ def extended_step(p, c, spline, ocv, place, t, h, y, frozen, is_frozen, k, new, 
                 scratch[n] = y[n] + h * (A51 * k[0, n] + A52 * k[1, n] + A53 * k[2, n] + A54 * k[3, n])
         elif stage == 5:
             for n in range(N_ALL):
-                scratch[n] = y[n] + h * (
-                    A61 * k[0, n] + A62 * k[1, n] + A63 * k[2, n] + A64 * k[3, n] + A65 * k[4, n]
-                )
+                scratch[n] = y[n] + h * (A61 * k[0, n] + A62 * k[1, n] + A63 * k[2, n] + A64 * k[3, n] + A65 * k[4, n])
         else:
             for n in range(N_ALL):
                 new[n] = y[n] + h * (B1 * k[0, n] + B3 * k[2, n] + B4 * k[3, n] + B5 * k[4, n] + B6 * k[5, n])

@@ -139,9 +139,7 @@ def cutting_law(p, spline, place, turn, speed, blade_at, t, distance, moving):
         fed = p[slots.FEED] * t
         gain *= 1.0 + p[slots.GRAIN] * math.sin(TWO_PI * fed / p[slots.GRAIN_LENGTH] + p[slots.GRAIN_PHASE])
     if p[slots.TOOTH] != 0.0:
-        gain *= 1.0 + p[slots.TOOTH] * math.sin(
-            TWO_PI * blade_at / p[slots.TOOTH_PITCH] + p[slots.TOOTH_PHASE]
-        )
+        gain *= 1.0 + p[slots.TOOTH] * math.sin(TWO_PI * blade_at / p[slots.TOOTH_PITCH] + p[slots.TOOTH_PHASE])
     return force * gain
 
 
@@ -257,9 +255,7 @@ def observe(p, c, spline, ocv, place, t, y, seen):
     if place[4]:
         resistance = p[slots.RESISTANCE] * (1.0 + p[slots.RESISTANCE_TEMPERATURE] * y[HEAT])
         magnet = 1.0 + p[slots.MAGNET_TEMPERATURE] * y[HEAT]
-        needed = (
-            resistance * y[CURRENT] + p[slots.BACK_EMF] * magnet * p[slots.GEAR] * w + brush(p, y[CURRENT])
-        )
+        needed = resistance * y[CURRENT] + p[slots.BACK_EMF] * magnet * p[slots.GEAR] * w + brush(p, y[CURRENT])
         values = limited_supply(p, ocv, y[SOC], sagged, y[CURRENT], needed)
     else:
         values = supply(p, ocv, y[SOC], sagged, y[CURRENT])

@@ -102,9 +102,7 @@ def add_effects(p, n_steps, fractions, tables):
                     at = slider_crank.displacement(sine, cosine, p[slots.RADIUS], p[slots.ROD])
                 else:
                     at = scotch_yoke.displacement(sine, cosine, p[slots.RADIUS])
-                gain *= 1.0 + p[slots.TOOTH] * math.sin(
-                    TWO_PI * at / p[slots.TOOTH_PITCH] + p[slots.TOOTH_PHASE]
-                )
+                gain *= 1.0 + p[slots.TOOTH] * math.sin(TWO_PI * at / p[slots.TOOTH_PITCH] + p[slots.TOOTH_PHASE])
             per_speed *= gain
             constant *= gain
             guide = p[slots.GUIDE_COULOMB]
@@ -134,9 +132,7 @@ def simple_force(p, spline, turn, speed):
                 at = slider_crank.displacement(sine, cosine, p[slots.RADIUS], p[slots.ROD])
             else:
                 at = scotch_yoke.displacement(sine, cosine, p[slots.RADIUS])
-            force *= 1.0 + p[slots.TOOTH] * math.sin(
-                TWO_PI * at / p[slots.TOOTH_PITCH] + p[slots.TOOTH_PHASE]
-            )
+            force *= 1.0 + p[slots.TOOTH] * math.sin(TWO_PI * at / p[slots.TOOTH_PITCH] + p[slots.TOOTH_PHASE])
         return force
     force = -p[slots.RUBBING_VISCOUS] * math.fabs(along) - p[slots.RUBBING_CONSTANT]
     if c[3] != 0.0:

@@ -152,19 +152,13 @@ def _lane_stroke(c, sines, cosines, cuts, h):
             y5 = _add(_add(_add(_add(y1, h * A51, k1), h * A52, k2), h * A53, k3), h * A54, k4)
             j5 = 1.0 / (inertia + mass * s5 * s5)
             k5 = _rate(r_x, per_l, k_e, k_m, e, j5, mass * s5 * c5, base + extra * s5 * s5, y5)
-            y6 = _add(
-                _add(_add(_add(_add(y1, h * A61, k1), h * A62, k2), h * A63, k3), h * A64, k4), h * A65, k5
-            )
+            y6 = _add(_add(_add(_add(_add(y1, h * A61, k1), h * A62, k2), h * A63, k3), h * A64, k4), h * A65, k5)
             j6 = 1.0 / (inertia + mass * s6 * s6)
             k6 = _rate(r_x, per_l, k_e, k_m, e, j6, mass * s6 * c6, base + extra * s6 * s6, y6)
             w1, w3, w4, w5, w6 = h * B1, h * B3, h * B4, h * B5, h * B6
             c[Q0 + lane] += w1 * y1[1] + w3 * y3[1] + w4 * y4[1] + w5 * y5[1] + w6 * y6[1]
             c[Q1 + lane] += (
-                w1 * y1[0] * y1[1]
-                + w3 * y3[0] * y3[1]
-                + w4 * y4[0] * y4[1]
-                + w5 * y5[0] * y5[1]
-                + w6 * y6[0] * y6[1]
+                w1 * y1[0] * y1[1] + w3 * y3[0] * y3[1] + w4 * y4[0] * y4[1] + w5 * y5[0] * y5[1] + w6 * y6[0] * y6[1]
             )
             c[Q2 + lane] += w1 * y1[4] + w3 * y3[4] + w4 * y4[4] + w5 * y5[4] + w6 * y6[4]
             c[Q3 + lane] += w1 * y1[5] + w3 * y3[5] + w4 * y4[5] + w5 * y5[5] + w6 * y6[5]
@@ -212,9 +206,7 @@ def _begin(c, lane, sign):
     start_i, start_w = current, speed
     for harmonic in (1, 2):
         cut = c[CUT + lane] * speed
-        torque = (
-            complex(0.0, -sign * 4.0 / (3.0 * math.pi) * cut) if harmonic == 1 else complex(-0.25 * cut, 0.0)
-        )
+        torque = complex(0.0, -sign * 4.0 / (3.0 * math.pi) * cut) if harmonic == 1 else complex(-0.25 * cut, 0.0)
         if harmonic == 2:
             torque += complex(0.0, -0.5 * c[MASS + lane] * speed * speed)
         rate = complex(0.0, harmonic * speed)

@@ -61,10 +61,7 @@ def stored_energy(p, current, crank_speed, angle):
     m = machine(p)
     c = cutter(p)
     g, _ = levers(c, math.sin(angle), math.cos(angle))
-    return (
-        0.5 * p[slots.INDUCTANCE] * current * current
-        + 0.5 * (m[5] + m[6] * g * g) * crank_speed * crank_speed
-    )
+    return 0.5 * p[slots.INDUCTANCE] * current * current + 0.5 * (m[5] + m[6] * g * g) * crank_speed * crank_speed
 
 
 @kernel()

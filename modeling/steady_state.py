@@ -202,8 +202,7 @@ def periodic_vector(
         mean_battery_current_a=battery,
         battery_voltage_v=float(vector[slots.VOLTAGE])
         if is_source
-        else kernel.open_circuit_voltage(vector, ocv, float(soc))
-        - vector[slots.BATTERY_RESISTANCE] * battery,
+        else kernel.open_circuit_voltage(vector, ocv, float(soc)) - vector[slots.BATTERY_RESISTANCE] * battery,
         start_current_a=float(result[kernel.START_CURRENT]),
         start_motor_speed_rad_s=float(result[kernel.START_SPEED] * vector[slots.GEAR]),
         status=status,
@@ -248,9 +247,7 @@ def periodic_effects(
     battery = motor if is_source else stroke.battery_charge_a_s * per
     terminal = float(vector[slots.VOLTAGE])
     if not is_source:
-        terminal = (
-            kernel.open_circuit_voltage(vector, ocv, slow.soc) - slow.rc_voltage_v - slow.polarization_v
-        )
+        terminal = kernel.open_circuit_voltage(vector, ocv, slow.soc) - slow.rc_voltage_v - slow.polarization_v
         terminal -= (vector[slots.BATTERY_RESISTANCE] + vector[slots.EXTRA_RESISTANCE]) * battery
     return PeriodicState(
         period_s=stroke.period_s if status == "ok" else 0.0,
@@ -279,9 +276,7 @@ def _solve_batch(
     from modeling import lane_kernel as lanes
 
     first = slots.GUIDE_COULOMB
-    has_effects = (rows[:, first:] != slots.defaults()[first:]).any(axis=1) | (
-        rows[:, slots.RC_RESISTANCE] != 0
-    )
+    has_effects = (rows[:, first:] != slots.defaults()[first:]).any(axis=1) | (rows[:, slots.RC_RESISTANCE] != 0)
     if has_effects.any():
         raise InputError("a batch takes vectors without effects; call steady_state for those")
     statuses[:] = lanes.UNDECIDED

@@ -115,9 +115,7 @@ def tangent_stroke(m, tables, curve, h, i, r):
         k4 = tangent_rate(m, rows[3], curve, y4)
         y5 = _plus(_plus(_plus(_plus(y, h * A51, k1), h * A52, k2), h * A53, k3), h * A54, k4)
         k5 = tangent_rate(m, rows[4], curve, y5)
-        y6 = _plus(
-            _plus(_plus(_plus(_plus(y, h * A61, k1), h * A62, k2), h * A63, k3), h * A64, k4), h * A65, k5
-        )
+        y6 = _plus(_plus(_plus(_plus(_plus(y, h * A61, k1), h * A62, k2), h * A63, k3), h * A64, k4), h * A65, k5)
         k6 = tangent_rate(m, rows[5], curve, y6)
         q = _gather(q, h * B1, y, k1)
         q = _gather(q, h * B3, y3, k3)

@@ -64,10 +64,12 @@ class InitialState:
     @property
     def is_baseline(self) -> bool:
         """Whether the quantities that only effects know are all 0."""
-        return not any(getattr(self, name) for name, _ in _SLOW_UNITS)
+        return self is AT_REST or not any(getattr(self, name) for name, _ in _SLOW_UNITS)
 
     def to_state(self, gear_ratio: float) -> Floats:
         """Return current, crank speed, crank angle, charge and the slow quantities, shape (9,)."""
+        if self is AT_REST:
+            return _REST.copy()
         fast = (self.current_a, self.motor_speed_rad_s / gear_ratio, self.crank_angle_rad, self.soc)
         return np.array([*fast, *(getattr(self, name) for name, _ in _SLOW_UNITS)])
 
@@ -81,6 +83,7 @@ _SLOW_UNITS = (
 )
 
 AT_REST = InitialState()
+_REST = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

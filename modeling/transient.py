@@ -124,9 +124,7 @@ def run_vector(
     else:
         record = np.empty(kernel.N_RECORD)
         tolerances = (method.angle_tolerance, method.time_tolerance)
-        n_steps = (
-            method.steps_per_turn if len(spline) == 0 else max(method.steps_per_turn, steps_for(spline, 16))
-        )
+        n_steps = method.steps_per_turn if len(spline) == 0 else max(method.steps_per_turn, steps_for(spline, 16))
         code = kernel.simulate_baseline(vector, spline, ocv, time_s, start, n_steps, tolerances, out, record)
     status, message = _STATUS[code]
     return Trajectory(

@@ -45,9 +45,7 @@ def simple_waveform(state: PeriodicState, n_points: int) -> Waveform:
     gear = vector[slots.GEAR]
     if state.status == "ok":
         w = state.start_motor_speed_rad_s / gear
-        kernel.waveform(
-            vector, state.spline, state.ocv, state.soc, n_fine, state.start_current_a, w, current, speed
-        )
+        kernel.waveform(vector, state.spline, state.ocv, state.soc, n_fine, state.start_current_a, w, current, speed)
     angle = 2 * np.pi * np.arange(n_points) / n_points
     motor_speed = np.ascontiguousarray(speed[::factor]) * gear
     displacement, velocity, force = blade(vector, state.spline, angle, motor_speed)

@@ -61,9 +61,7 @@ class RcBattery:
         soc = np.array(self.soc, dtype=np.float64)
         ocv = np.array(self.ocv_v, dtype=np.float64)
         if soc.ndim != 1 or len(soc) < 3 or soc.shape != ocv.shape:
-            raise InputError(
-                f"soc and ocv_v need one equal length of at least 3, got {soc.shape} and {ocv.shape}"
-            )
+            raise InputError(f"soc and ocv_v need one equal length of at least 3, got {soc.shape} and {ocv.shape}")
         if not (np.isfinite(soc).all() and np.isfinite(ocv).all()):
             raise InputError("soc and ocv_v must be finite")
         if soc[0] != 0.0 or soc[-1] != 1.0 or (np.diff(soc) <= 0).any():

@@ -53,9 +53,7 @@ class MeasuredForce:
     def __post_init__(self) -> None:
         force = np.array(self.force_n, dtype=np.float64)
         if force.ndim != 1 or len(force) % 2 or not 8 <= len(force) <= MOST_NODES:
-            raise InputError(
-                f"force_n needs one even number of nodes from 8 to {MOST_NODES}, got shape {force.shape}"
-            )
+            raise InputError(f"force_n needs one even number of nodes from 8 to {MOST_NODES}, got shape {force.shape}")
         if not np.isfinite(force).all():
             bad = int(np.flatnonzero(~np.isfinite(force))[0])
             raise InputError(f"force_n must be finite, got {force[bad]!r} N at node {bad}")
@@ -91,9 +89,7 @@ class MeasuredForce:
             raise InputError("angle_rad and force_n must be finite")
         if (np.diff(angle) <= 0).any() or angle[-1] - angle[0] >= 2 * np.pi:
             raise InputError("angle_rad must increase and span less than one turn")
-        turn = CubicSpline(
-            np.append(angle, angle[0] + 2 * np.pi), np.append(force, force[0]), bc_type="periodic"
-        )
+        turn = CubicSpline(np.append(angle, angle[0] + 2 * np.pi), np.append(force, force[0]), bc_type="periodic")
         nodes = 2 * np.pi * np.arange(n_nodes) / n_nodes
         values = turn(nodes)
         if zero_return:

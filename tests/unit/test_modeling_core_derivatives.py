@@ -38,16 +38,11 @@ def reference(values, times):
         i, w, a = y
         s, c = math.sin(a), math.cos(a)
         g = v["crank_radius_m"] * s
-        inertia = (
-            v["rotor_inertia_kg_m2"]
-            + (v["yoke_inertia_kg_m2"] + v["reciprocating_mass_kg"] * g * g) / gear**2
-        )
+        inertia = v["rotor_inertia_kg_m2"] + (v["yoke_inertia_kg_m2"] + v["reciprocating_mass_kg"] * g * g) / gear**2
         load = v["k_fc_n_s_per_m"] * g * g * w / gear**2 if cuts else 0.0
         load += v["motor_damping_n_m_s_per_rad"] * w
         load += v["reciprocating_mass_kg"] * g * v["crank_radius_m"] * c * w * w / gear**3
-        di = (v["voltage_v"] - v["resistance_ohm"] * i - v["back_emf_constant_v_s_per_rad"] * w) / v[
-            "inductance_h"
-        ]
+        di = (v["voltage_v"] - v["resistance_ohm"] * i - v["back_emf_constant_v_s_per_rad"] * w) / v["inductance_h"]
         return [di, (v["torque_constant_n_m_per_a"] * i - load) / inertia, w / gear]
 
     def at_end(_, y, half):
@@ -82,9 +77,7 @@ def test_derivatives_of_a_run():
         runs = {a: reference({**values, name: values[name] + a * step}, times) for a in (-2, -1, 1, 2)}
         slope = (8 * (runs[1] - runs[-1]) - (runs[2] - runs[-2])) / (12 * step)
         mine = found[name]
-        for got, expected in zip(
-            (mine.motor_current, mine.motor_speed, mine.crank_angle), slope, strict=True
-        ):
+        for got, expected in zip((mine.motor_current, mine.motor_speed, mine.crank_angle), slope, strict=True):
             assert np.abs(got - expected).max() < 1e-5 * np.abs(expected).max(), name
 
 
@@ -115,9 +108,7 @@ def test_derivatives_of_the_periodic_stroke_follow_the_run():
                 changed = {"effects": {name: base + sign * size}}
             kwargs = {"supply": supply, "cutting": paper.CUTTING, "soc": 0.8, **changed}
             means.append(steady_state(paper.PARAMETERS, **kwargs).mean_motor_current_a)
-        plain = steady_state(
-            paper.PARAMETERS, supply=supply, cutting=paper.CUTTING, soc=0.8
-        ).mean_motor_current_a
+        plain = steady_state(paper.PARAMETERS, supply=supply, cutting=paper.CUTTING, soc=0.8).mean_motor_current_a
         slope = (4 * means[0] - means[1] - 3 * plain) / size  # second order, one-sided
         assert found[name].mean_motor_current == pytest.approx(slope, rel=5e-3), name
 

@@ -39,9 +39,7 @@ def test_the_measured_reference_of_a_fixed_duty(method):
 
 @pytest.mark.parametrize("supply", [DUTY, HELD], ids=["duty", "held"])
 @pytest.mark.parametrize("cutting", [paper.CUTTING, SHAPE], ids=["linear", "measured"])
-@pytest.mark.parametrize(
-    "cutoff", [{}, {"cutoff_soc": 0.1}, {"cutoff_voltage_v": 16.8}], ids=["20 %", "10 %", "volts"]
-)
+@pytest.mark.parametrize("cutoff", [{}, {"cutoff_soc": 0.1}, {"cutoff_voltage_v": 16.8}], ids=["20 %", "10 %", "volts"])
 def test_averaging_agrees_with_every_stroke_and_says_its_error(supply, cutting, cutoff):
     fine_steps = 40 if cutting is paper.CUTTING else 128
     fine = discharge(
@@ -59,9 +57,7 @@ def test_averaging_agrees_with_every_stroke_and_says_its_error(supply, cutting, 
     assert brute.runtime_s == pytest.approx(fine.runtime_s, rel=2e-6)
     assert fast.numerical_error_s < 1e-5 * fast.runtime_s
     assert fast.mean_battery_current_a == pytest.approx(fine.mean_battery_current_a, rel=1e-4)
-    assert fast.mean_motor_current_a == pytest.approx(
-        fine.mean_motor_current_a, rel=2e-3
-    )  # the start-up's share
+    assert fast.mean_motor_current_a == pytest.approx(fine.mean_motor_current_a, rel=2e-3)  # the start-up's share
 
 
 def test_curves_agree():
@@ -89,9 +85,7 @@ def test_a_battery_that_cannot_turn_the_machine_over():
 def test_a_load_that_the_sagging_battery_can_no_longer_turn():
     soft = Eq16Battery(nominal_voltage_v=18.0, capacity_ah=0.2, beta=0.2, internal_resistance_ohm=0.02)
     wall = MeasuredForce(force_n=150 * np.maximum(-np.sin(2 * np.pi * np.arange(32) / 32), 0.0))
-    run = discharge(
-        paper.PARAMETERS, supply=FixedDuty(duty=0.44, battery=soft), cutting=wall, cutoff_soc=0.05
-    )
+    run = discharge(paper.PARAMETERS, supply=FixedDuty(duty=0.44, battery=soft), cutting=wall, cutoff_soc=0.05)
     assert run.status == "stalled" and run.ended_by == "stall"
     assert 0 < run.runtime_s < 200
 

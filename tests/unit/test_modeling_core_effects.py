@@ -54,12 +54,8 @@ def rms(a, b):
     return float(np.sqrt(np.mean((a - b) ** 2) / np.mean(b**2)))
 
 
-def run(
-    effects, *, parameters=paper.PARAMETERS, supply=DUTY, cutting=paper.CUTTING, duration_s=1.0, **kwargs
-):
-    return simulate(
-        parameters, supply=supply, cutting=cutting, duration_s=duration_s, effects=effects, **kwargs
-    )
+def run(effects, *, parameters=paper.PARAMETERS, supply=DUTY, cutting=paper.CUTTING, duration_s=1.0, **kwargs):
+    return simulate(parameters, supply=supply, cutting=cutting, duration_s=duration_s, effects=effects, **kwargs)
 
 
 @pytest.mark.parametrize("name", [*EVERY, *SLOW])
@@ -135,9 +131,7 @@ def test_stribeck_raises_friction_at_low_speed_only():
 
 def test_brush_drop_and_battery_resistance_are_what_they_say():
     less = steady_state(paper.PARAMETERS, supply=FixedVoltage(voltage_v=VOLTAGE - 0.8), cutting=paper.CUTTING)
-    brush = steady_state(
-        paper.PARAMETERS, supply=SOURCE, cutting=paper.CUTTING, effects={"brush_drop_v": 0.8}
-    )
+    brush = steady_state(paper.PARAMETERS, supply=SOURCE, cutting=paper.CUTTING, effects={"brush_drop_v": 0.8})
     assert brush.mean_motor_current_a == pytest.approx(less.mean_motor_current_a, rel=1e-7)
     worse = Eq16Battery(nominal_voltage_v=18.0, capacity_ah=1e7, beta=0.9, internal_resistance_ohm=0.07)
     one = run({"extra_battery_resistance_ohm": 0.05})
@@ -174,9 +168,7 @@ def test_forces_follow_their_laws():
     done = run({"return_rubbing_n_s_per_m": 20.0, "return_rubbing_n": 3.0}, rate_hz=4000.0)
     back = done.blade_velocity_m_s > 0.05
     late = done.time_s > 0.2
-    assert done.force_n[back & late] == pytest.approx(
-        -3.0 - 20.0 * done.blade_velocity_m_s[back & late], rel=1e-9
-    )
+    assert done.force_n[back & late] == pytest.approx(-3.0 - 20.0 * done.blade_velocity_m_s[back & late], rel=1e-9)
 
     effects = {"tooth_amplitude": 0.3, "tooth_pitch_m": 0.003, "tooth_phase_rad": 0.4}
     done = run(effects, rate_hz=4000.0)
@@ -261,7 +253,5 @@ def test_chip_thickness_scales_the_force_by_the_stroke_before():
 def test_a_friction_that_the_motor_cannot_overcome_stalls():
     done = run({"motor_coulomb_n_m": 0.5}, duration_s=1.0)
     assert done.status == "stalled"
-    state = steady_state(
-        paper.PARAMETERS, supply=SOURCE, cutting=paper.CUTTING, effects={"motor_coulomb_n_m": 0.5}
-    )
+    state = steady_state(paper.PARAMETERS, supply=SOURCE, cutting=paper.CUTTING, effects={"motor_coulomb_n_m": 0.5})
     assert state.status == "stalled"

@@ -124,9 +124,7 @@ class Reference:
             torque = float(self.force[half % 2](turn)) * sign * g * k
         elif cuts:
             torque = self.cutting.k_fc_n_s_per_m * (g * k) ** 2 * w
-        inertia = (
-            p.rotor_inertia_kg_m2 + p.yoke_inertia_kg_m2 * k * k + p.reciprocating_mass_kg * (g * k) ** 2
-        )
+        inertia = p.rotor_inertia_kg_m2 + p.yoke_inertia_kg_m2 * k * k + p.reciprocating_mass_kg * (g * k) ** 2
         half_slope = p.reciprocating_mass_kg * g * bend * k**3
         di = (u - p.resistance_ohm * i - p.back_emf_constant_v_s_per_rad * w) / p.inductance_h
         drive = p.torque_constant_n_m_per_a * i - p.motor_damping_n_m_s_per_rad * w
@@ -228,9 +226,7 @@ def test_default_settings_keep_the_current_within_1e6(name):
 
 def test_start_at_any_angle_and_speed():
     initial = InitialState(crank_angle_rad=9.0, motor_speed_rad_s=500.0, current_a=-4.0, soc=0.6)
-    run = simulate(
-        paper.PARAMETERS, supply=DUTY, cutting=paper.CUTTING, duration_s=0.5, rate_hz=777.0, initial=initial
-    )
+    run = simulate(paper.PARAMETERS, supply=DUTY, cutting=paper.CUTTING, duration_s=0.5, rate_hz=777.0, initial=initial)
     start = (-4.0, 500.0, 9.0 * paper.PARAMETERS.gear_ratio, 0.6, 0.0)
     expected = Reference(paper.PARAMETERS, DUTY, paper.CUTTING).run(run.time_s, start=start)
     assert rms(run.motor_current_a, expected[0]) < 1e-6
@@ -263,9 +259,7 @@ def test_periodic_stroke_is_where_a_long_run_settles():
         assert end[1] == pytest.approx(w, rel=2e-6)
         assert end[2] == pytest.approx(2 * np.pi * parameters.gear_ratio, rel=1e-7)
         used = (1.0 - end[3]) * 3600 * endless.capacity_ah / state.period_s
-        assert used == pytest.approx(
-            state.mean_battery_current_a, rel=1e-3
-        )  # 16 digits of the charge, 3e-10 used
+        assert used == pytest.approx(state.mean_battery_current_a, rel=1e-3)  # 16 digits of the charge, 3e-10 used
 
 
 def test_batch_agrees_with_single_strokes():
@@ -281,9 +275,7 @@ def test_batch_agrees_with_single_strokes():
     batch = steady_state_batch(vectors)
     assert batch.is_periodic.all()
     assert batch.period_s == pytest.approx([s.period_s for s in expected], rel=1e-6)
-    assert batch.mean_battery_current_a == pytest.approx(
-        [s.mean_battery_current_a for s in expected], rel=1e-6
-    )
+    assert batch.mean_battery_current_a == pytest.approx([s.mean_battery_current_a for s in expected], rel=1e-6)
 
 
 @pytest.mark.parametrize("make", ["duty", "held", "free"])
@@ -302,9 +294,7 @@ def test_discharge_agrees_with_the_reference_stroke_by_stroke(make):
     soc = reference.run(times, tolerance=1e-10)[3]
     expected = float(np.interp(-0.2, -soc[1:], times[1:]))
     assert brute.runtime_s == pytest.approx(expected, rel=1e-6)
-    assert fast.runtime_s == pytest.approx(
-        expected, rel=2e-5
-    )  # 500 strokes: 25 times coarser than a real battery
+    assert fast.runtime_s == pytest.approx(expected, rel=2e-5)  # 500 strokes: 25 times coarser than a real battery
     assert brute.ended_by == fast.ended_by == "soc"
 
 

@@ -67,9 +67,7 @@ def test_energy_of_the_balance_is_the_integral_of_the_samples():
     run = simulate(paper.PARAMETERS, supply=SOURCE, cutting=paper.CUTTING, duration_s=1.0, rate_hz=20_000.0)
     energy = run.energy
     t = run.time_s
-    assert np.trapezoid(run.motor_voltage_v * run.motor_current_a, t) == pytest.approx(
-        energy.electrical_in_j, rel=1e-6
-    )
+    assert np.trapezoid(run.motor_voltage_v * run.motor_current_a, t) == pytest.approx(energy.electrical_in_j, rel=1e-6)
     assert np.trapezoid(0.176 * run.motor_current_a**2, t) == pytest.approx(energy.copper_j, rel=1e-6)
     power = -run.force_n * run.blade_velocity_m_s  # cuts on pi..2pi, where the displacement falls
     assert np.trapezoid(power, t) == pytest.approx(energy.cutting_j, rel=1e-5)
@@ -135,9 +133,7 @@ def test_samples_do_not_depend_on_the_sampling():
 
 def test_battery_runs_empty():
     tiny = FreeCapacityBattery(nominal_voltage_v=18.0, capacity_ah=0.001, shape_capacity_ah=0.003, beta=0.5)
-    run = simulate(
-        paper.PARAMETERS, supply=FixedDuty(duty=0.4, battery=tiny), cutting=paper.CUTTING, duration_s=3.0
-    )
+    run = simulate(paper.PARAMETERS, supply=FixedDuty(duty=0.4, battery=tiny), cutting=paper.CUTTING, duration_s=3.0)
     assert run.status == "battery_empty"
 
 
