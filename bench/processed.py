@@ -150,6 +150,9 @@ class ChannelQuality:
         White-noise estimate, in `unit`.
     n_spikes, n_clipped : int
     problems : tuple of str
+    doubts : tuple of str
+        Those of `problems` that make the values wrong, not only fewer: clipped, reversed, swapped, in another
+        unit, not connected. A result that rests on such a channel is not to be trusted.
     """
 
     channel: str
@@ -162,6 +165,7 @@ class ChannelQuality:
     n_spikes: int
     n_clipped: int
     problems: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -207,6 +211,24 @@ class ProcessedTrial:
     warnings: tuple[str, ...] = ()
     source_path: str = ""
     source_sha256: str = ""
+
+    def doubts(self, *channels: str) -> tuple[str, ...]:
+        """What makes results wrong that rest on these channels; empty where nothing does.
+
+        Parameters
+        ----------
+        channels : str
+            Channel names; those the trial does not have are passed over.
+
+        Returns
+        -------
+        tuple of str
+        """
+        found = [f"{q.channel}: {text}" for q in self.quality if q.channel in channels for text in q.doubts]
+        rests_on_half = "force_n" in channels or "displacement_mm" in channels
+        if rests_on_half and self.removed is not None and self.removed.looks_swapped:
+            found.append(f"the force is on the half {self.removed.half}, where the configuration says it returns")
+        return tuple(found)
 
     def __post_init__(self) -> None:
         for name in ("folded", "mean_values", "rms_values"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from bench.processed import ProcessedTrial
     from bench.recording import Recording
     from modeling.cycle_observation import FitMethod
-    from modeling.results import ParameterEstimates
     from modeling.measured_cycles import MeasuredCycles
-    from modeling.results import CuttingFit, RuntimePrediction
+    from modeling.results import CuttingFit, ParameterEstimates, RuntimePrediction
 
 FIT_BINS = 64
+_DRIVE_CHANNELS = ("displacement_mm", "motor_current_a", "battery_voltage_v", "battery_current_a")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -96,9 +96,7 @@ def measured_cycles(trial: AnalysedTrial) -> MeasuredCycles:
     )
 
 
-def fit_trial(
-    trial: AnalysedTrial, method: FitMethod | None = None
-) -> tuple[CuttingFit, ParameterEstimates | None]:
+def fit_trial(trial: AnalysedTrial, method: FitMethod | None = None) -> tuple[CuttingFit, ParameterEstimates | None]:
     """Fit k_Fc of one trial; by default with every channel it has.
 
     Returns
@@ -124,6 +122,13 @@ def fit_trial(
     cycles = measured_cycles(trial)
     method = method or available_method(cycles)
     config = loaded.config
+    if method != "force" and cycles.duty is None and config.converter.mode == "fixed_duty":
+        raise InputError(
+            "the duty of the trial is not known, so the motor voltage is not either",
+            where=trial.recording.path or processed.trial.trial_id,
+            remedy="import it again by a campaign.toml that states duty, fit with --method force, or set "
+            "[converter] mode = 'held_voltage' with voltage_v",
+        )
     sensors = SensorPriors(
         force_gain_rel_std=config.analysis.force_gain_rel_std,
         current_gain_rel_std=config.analysis.current_gain_rel_std,
@@ -137,15 +142,23 @@ def fit_trial(
         "method": method,
     }
     if method in {"force", "annealing"}:
-        return fit_cutting_coefficient(cycles, **setting), None
+        return doubted(fit_cutting_coefficient(cycles, **setting), processed), None
     joint = fit_jointly([cycles], **setting)
-    fit = cutting_fits(joint, method)[0]
+    fit = doubted(cutting_fits(joint, method)[0], processed)
     return fit, joint.of_trial(0) if fit.status == "ok" else None
 
 
-def runtime_of(
-    trial: AnalysedTrial, fit: CuttingFit, estimates: ParameterEstimates | None
-) -> RuntimePrediction:
+def doubted(fit: CuttingFit, processed: ProcessedTrial) -> CuttingFit:
+    """Mark a fit that rests on channels the processing found clipped, swapped, reversed or in another unit."""
+    used = {"force": ("displacement_mm", "force_n"), "current_and_force": (*_DRIVE_CHANNELS, "force_n")}
+    doubts = processed.doubts(*used.get(fit.method, _DRIVE_CHANNELS))
+    if not doubts:
+        return fit
+    status = "contradicted" if fit.status == "ok" else fit.status
+    return replace(fit, status=status, notes=(*doubts, *fit.notes))
+
+
+def runtime_of(trial: AnalysedTrial, fit: CuttingFit, estimates: ParameterEstimates | None) -> RuntimePrediction:
     """Predict the battery runtime of a tool that goes on cutting like this trial."""
     return predict(
         trial.loaded,

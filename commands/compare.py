@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,20 +19,23 @@ if TYPE_CHECKING:
 
 @click.command(name="compare", epilog="Example: sawbench compare recordings --out report.html")
 @click.argument("directory", metavar="DIR", type=click.Path(path_type=Path))
-@click.option(
-    "--out", "out_path", required=True, type=click.Path(path_type=Path, dir_okay=False), help="HTML page."
-)
+@click.option("--out", "out_path", required=True, type=click.Path(path_type=Path, dir_okay=False), help="HTML page.")
 @click.option("--csv", "csv_path", type=click.Path(path_type=Path, dir_okay=False), help="The table as CSV too.")
 @config_option
 @force_option
 @json_option
 def command(
-    directory: Path, out_path: Path, csv_path: Path | None, config_path: Path | None, force: bool, as_json: bool
+    directory: Path,
+    out_path: Path,
+    csv_path: Path | None,
+    config_path: Path | None,
+    force: bool,
+    as_json: bool,
 ) -> int:
     """Process, fit and compare every recording of DIR, one series per material and setting."""
     from commands.analysis import load_and_process
+    from reporting.compared import LeftOut, comparison_json, comparison_table
     from reporting.comparison_page import write_comparison_page
-    from reporting.compared import ComparedTrial, LeftOut, comparison_json, comparison_table
 
     if not directory.exists():
         raise InputError("no such directory", where=directory)
@@ -41,9 +45,12 @@ def command(
     files = find_recordings([directory])
     rows: list[ComparedTrial] = []
     left_out: list[LeftOut] = []
+    seen: dict[tuple[str, datetime], Path] = {}
     for path in progress(files, "comparing"):
         try:
-            rows.append(compared(load_and_process(path, config_path)))
+            trial = load_and_process(path, config_path)
+            refuse_twin(trial, seen)
+            rows.append(compared(trial))
         except SawbenchError as error:
             left_out.append(LeftOut(name=path.name, reason=error.what))
     if not rows:
@@ -52,10 +59,29 @@ def command(
     write_comparison_page(out_path, rows, left_out=left_out, overwrite=force)
     if csv_path is not None:
         comparison_table(rows).to_csv(csv_path, index=False)
-    text = [comparison_table(rows).to_string(index=False), *(f"left out: {x.name}: {x.reason}" for x in left_out)]
+    text = [
+        comparison_table(rows).to_string(index=False),
+        *(f"left out: {x.name}: {x.reason}" for x in left_out),
+    ]
     text.append(str(out_path))
     emit(comparison_json(rows, left_out), "\n".join(text), as_json=as_json)
     return 1 if left_out else 0
+
+
+def refuse_twin(trial: AnalysedTrial, seen: dict[tuple[str, datetime], Path]) -> None:
+    """Refuse a second file of the same trial, as `recover` leaves it: it is no second repetition.
+
+    Raises
+    ------
+    InputError
+    """
+    own = trial.recording.trial
+    if own.started_at is None:
+        return
+    path = Path(trial.recording.path)
+    first = seen.setdefault((own.trial_id, own.started_at), path)
+    if first != path:
+        raise InputError(f"is the same trial as {first.name} ({own.trial_id}, {own.started_at.isoformat()})")
 
 
 def compared(trial: AnalysedTrial) -> ComparedTrial:

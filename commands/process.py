@@ -33,9 +33,7 @@ SUMMARY_NAME = "summary.csv"
 )  # fmt: skip
 @force_option
 @json_option
-def command(
-    paths: tuple[Path, ...], config_path: Path | None, out_dir: Path | None, force: bool, as_json: bool
-) -> int:
+def command(paths: tuple[Path, ...], config_path: Path | None, out_dir: Path | None, force: bool, as_json: bool) -> int:
     """Find the stroke period, fold every channel onto one turn of the crank, judge the channels."""
     from commands.analysis import load_and_process
     from storage.results import append_summary_row, summary_row, write_processed
@@ -78,8 +76,10 @@ def command(
 
 
 def is_trusted(processed: ProcessedTrial) -> bool:
-    """Whether the stroke was found with more than low confidence."""
-    return processed.period is not None and processed.period.confidence != "low"
+    """Whether the stroke was found with more than low confidence, and no doubted force gave the peak force."""
+    if processed.period is None or processed.period.confidence == "low":
+        return False
+    return processed.peak_force_n is None or not processed.doubts("force_n")
 
 
 def describe(results: list[ProcessedTrial]) -> str:

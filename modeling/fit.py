@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 
 # A standard uncertainty above this share of k_Fc says that the data do not hold it.
 UNIDENTIFIED_SHARE = 0.5
+# A constant this many prior standard deviations off was not found but bent to make up for something else.
+CONTRADICTING_PULL = 5.0
+# Zeros of the sensors are set anew for each trial and may lie anywhere.
+FREE_SENSOR_ZEROS = ("force_offset_n", "angle_zero_rad")
 
 
 def available_method(cycles: MeasuredCycles) -> FitMethod:
@@ -88,9 +92,7 @@ def fit_cutting_coefficient(
     """
     plant = _plant(parameters, plant)
     if sensors is None:
-        sensors = SensorPriors(
-            force_gain_rel_std=force_gain_rel_std, current_gain_rel_std=current_gain_rel_std
-        )
+        sensors = SensorPriors(force_gain_rel_std=force_gain_rel_std, current_gain_rel_std=current_gain_rel_std)
     if method == "force":
         return _force_only(cycles, plant, sensors, cutting_half, bounds)
     if method == "annealing":
@@ -120,6 +122,7 @@ def fit_cutting_coefficient(
 def cutting_fits(joint: JointFit, method: FitMethod) -> tuple[CuttingFit, ...]:
     """Return the trials of a joint fit, one `CuttingFit` each."""
     fits = []
+    contradictions = _contradictions(joint) if joint.is_valid else []
     for trial in range(len(joint.labels)):
         k_fc, std = float(joint.k_fc_n_s_per_m[trial]), float(joint.std_n_s_per_m[trial])
         status: FitStatus = "ok"
@@ -131,7 +134,9 @@ def cutting_fits(joint: JointFit, method: FitMethod) -> tuple[CuttingFit, ...]:
             status = "at_bound"
         elif std > UNIDENTIFIED_SHARE * k_fc:
             status = "not_identifiable"
-        notes = list(joint.notes)
+        elif contradictions:
+            status = "contradicted"
+        notes = [*joint.notes, *contradictions]
         if joint.has_misfit:
             notes.append(
                 "the mean stroke differs from the model by more than noise explains; the uncertainty "
@@ -155,6 +160,22 @@ def cutting_fits(joint: JointFit, method: FitMethod) -> tuple[CuttingFit, ...]:
     return tuple(fits)
 
 
+def _contradictions(joint: JointFit) -> list[str]:
+    """Name the plant constants and gains that the measurement pulls further off than their priors can mean."""
+    far = [
+        f"{name} ({abs(sigmas):.0f})"
+        for name, sigmas in sorted(joint.pulls.items(), key=lambda item: -abs(item[1]))
+        if abs(sigmas) > CONTRADICTING_PULL and not name.startswith(FREE_SENSOR_ZEROS)
+    ]
+    if not far:
+        return []
+    more = f" and {len(far) - 3} more" if len(far) > 3 else ""
+    return [
+        f"these would have to lie many standard deviations off their nominal values: {', '.join(far[:3])}{more}; "
+        "a sensor gain, a unit, the configuration or the model is wrong"
+    ]
+
+
 def _identifiability(joint: JointFit, trial: int) -> str:
     """Say where the variance of k_Fc comes from and what it cannot be told from."""
     if not joint.is_valid:
@@ -164,23 +185,18 @@ def _identifiability(joint: JointFit, trial: int) -> str:
     estimates = joint.of_trial(trial)
     others = [name for name in estimates.names if name != K_FC]
     nearest = max(others, key=lambda name: abs(estimates.correlation(K_FC, name)), default=None)
-    text = (
-        f"{shares[first]:.0%} of the variance of k_Fc comes from {_words(first)}, {shares[second]:.0%} from "
-    )
+    text = f"{shares[first]:.0%} of the variance of k_Fc comes from {_words(first)}, {shares[second]:.0%} from "
     text += _words(second)
     if nearest is not None:
         correlation = estimates.correlation(K_FC, nearest)
         if abs(correlation) > 0.7:
             text += (
-                f"; the data cannot separate k_Fc from {nearest} (correlation {correlation:+.2f}), "
-                "only its prior does"
+                f"; the data cannot separate k_Fc from {nearest} (correlation {correlation:+.2f}), only its prior does"
             )
         elif abs(correlation) > 0.5:
             text += f"; k_Fc is only partly separated from {nearest} (correlation {correlation:+.2f})"
         else:
-            text += (
-                f"; no parameter is confused with k_Fc (largest correlation {correlation:+.2f}, {nearest})"
-            )
+            text += f"; no parameter is confused with k_Fc (largest correlation {correlation:+.2f}, {nearest})"
     return text
 
 
@@ -203,9 +219,7 @@ def _force_only(
     # The mean speed hides the dip where the blade cuts; half of the usual 4 % counts as uncertain.
     speed_rel_std = 0.04 if found.uses_mean_speed else 0.0
     angle_rel_std = sensors.angle_zero_std_rad**2
-    systematic = abs(k_fc) * math.hypot(
-        sensors.force_gain_rel_std, radius_rel_std, speed_rel_std, angle_rel_std
-    )
+    systematic = abs(k_fc) * math.hypot(sensors.force_gain_rel_std, radius_rel_std, speed_rel_std, angle_rel_std)
     std = math.hypot(found.statistical_std_n_s_per_m, systematic)
     status: FitStatus = "ok"
     if k_fc != found.k_fc_n_s_per_m:

@@ -83,6 +83,8 @@ class JointFit:
     n_simulations : int
     shares : tuple of Mapping
         Per trial, the share of each prior (and of "statistics", "model error") in the variance of k_Fc.
+    pulls : mapping of str to float
+        How far each estimate lies from its prior, in prior standard deviations (0 where there is no prior).
     notes : tuple of str
     """
 
@@ -99,6 +101,7 @@ class JointFit:
     is_at_bound: NDArray[np.bool_]
     n_simulations: int
     shares: tuple[Mapping[str, float], ...]
+    pulls: Mapping[str, float]
     notes: tuple[str, ...]
 
     def of_trial(self, trial: int) -> ParameterEstimates:
@@ -325,14 +328,12 @@ def _result(
     own = [parameters.names.index(f"{K_FC}[{trial}]") for trial in range(len(trials))]
     variance = np.diag(covariance)[own]
     shares = []
-    for n, total in zip(own, variance, strict=True):
-        share = {
-            name: from_priors[n, j] ** 2 / total for j, name in enumerate(parameters.names) if prior_std[j]
-        }
-        shares.append(
-            {"statistics": statistical[n, n] / total, "model error": from_model[n, n] / total} | share
-        )
+    # A fit that is not valid has no variance to share.
+    for n, total in zip(own, np.where(variance > 0, variance, np.inf), strict=True):
+        share = {name: from_priors[n, j] ** 2 / total for j, name in enumerate(parameters.names) if prior_std[j]}
+        shares.append({"statistics": statistical[n, n] / total, "model error": from_model[n, n] / total} | share)
     values = estimate.values
+    pull = np.divide(values - parameters.prior_mean, prior_std, out=np.zeros_like(values), where=prior_std > 0)
     at_bound = (values[own] <= parameters.lower[own]) | (values[own] >= parameters.upper[own])
     parts = list(zip(slices, problem.observations, strict=True))
     return JointFit(
@@ -351,6 +352,7 @@ def _result(
         is_at_bound=at_bound,
         n_simulations=n_simulations,
         shares=tuple(shares),
+        pulls={name: float(sigmas) for name, sigmas in zip(parameters.names, pull, strict=True)},
         notes=notes,
     )
 

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-FitStatus = Literal["ok", "at_bound", "not_identifiable", "not_converged", "stalled"]
+FitStatus = Literal["ok", "at_bound", "not_identifiable", "not_converged", "stalled", "contradicted"]
 RuntimeStatus = Literal["ok", "stalled", "cannot_start", "never_reached"]
 
 
@@ -61,6 +61,8 @@ class CuttingFit:
     method : str
         "current", "force", "current_and_force", "annealing".
     status : FitStatus
+        "contradicted": found, but only with plant constants or gains far off their nominal values, or from
+        channels that are clipped, swapped, reversed or in another unit; the notes say which.
     rmse_a : float or None
         Root mean square residual of the motor current, A.
     rmse_n : float or None

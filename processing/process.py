@@ -50,9 +50,7 @@ class _Motion:
     warnings: tuple[str, ...]
 
 
-def process_recording(
-    recording: Recording, config: BenchConfig, *, source_sha256: str = ""
-) -> ProcessedTrial:
+def process_recording(recording: Recording, config: BenchConfig, *, source_sha256: str = "") -> ProcessedTrial:
     """Find stroke period, crank angle, phases, folded cycles, cutting force and quality of one trial.
 
     Parameters
@@ -81,12 +79,14 @@ def process_recording(
     >>> print(f"{trial.period.rate_hz:.3f} Hz, {trial.period.confidence}")
     15.000 Hz, high
     """
-    channels = {
-        name: clean_channel(signal) for name, signal in recording.signals.items() if len(signal.values)
-    }
+    channels = {name: clean_channel(signal) for name, signal in recording.signals.items() if len(signal.values)}
     suspicions = plausibility_problems(channels, config, recording.trial.duty)
     quality = tuple(
-        replace(c.quality, problems=c.quality.problems + suspicions.get(name, ()))
+        replace(
+            c.quality,
+            problems=c.quality.problems + suspicions.get(name, ()),
+            doubts=c.quality.doubts + suspicions.get(name, ()),
+        )
         for name, c in channels.items()
     )
     motion = _find_motion(channels, config)
@@ -219,9 +219,7 @@ def _phases_and_cycles(
     moving = [(p.start_s, p.end_s) for p in phases if p.kind in ("spin_up", "running", "spin_down")]
     whole = _without(((moving[0][0], moving[-1][1]),), holes) if moving else ()
     cycles = find_cycles(angle.time_s, angle.angle_rad, whole)
-    turned = max(
-        (float(np.ptp(np.interp(part, angle.time_s, angle.angle_rad))) for part in running), default=0.0
-    )
+    turned = max((float(np.ptp(np.interp(part, angle.time_s, angle.angle_rad))) for part in running), default=0.0)
     stretches = running if turned > 2 * np.pi else whole
     if len(cycles.index):
         return phases, stretches, cycles, ("the speed hardly settles: strokes at changing speed are used",)
@@ -243,9 +241,7 @@ def _without(stretches: Stretches, holes: Stretches) -> Stretches:
     return tuple(left)
 
 
-def _status_without_cutting(
-    channels: Channels, config: BenchConfig, trial: Trial, motion: _Motion
-) -> TrialStatus:
+def _status_without_cutting(channels: Channels, config: BenchConfig, trial: Trial, motion: _Motion) -> TrialStatus:
     """Status as far as the motion decides it ("cutting" where it moves)."""
     if any(phase.kind == "stall" for phase in motion.phases):
         return "stalled"
@@ -279,8 +275,7 @@ def _with_cycles(
         n_threads=2 if n_samples > _TWO_THREADS_FROM else 1,
     )
     averages = {
-        name: cycle_averages(channels[name].time_s, channels[name].values, per_channel[name])
-        for name in folded
+        name: cycle_averages(channels[name].time_s, channels[name].values, per_channel[name]) for name in folded
     }
     status, cutting, removed, peak, warnings = _cutting(base, channels, config, angle, per_channel, folded)
     return replace(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,10 @@ _SPIKE_NOISE_STDS = 12.0
 _SPIKE_RANGE_SHARE = 0.25
 _FLAT_RUN = 4
 _FLAT_RUNS = 3
+_CONSTANT: Final = "constant at"
+_CLIPPED: Final = "clipped:"
+# Problems that begin so make the values wrong; the others only leave fewer of them.
+_WRONG_VALUES: Final = (_CONSTANT, _CLIPPED)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -101,6 +106,7 @@ def clean_channel(signal: Signal) -> CleanChannel:
             n_spikes=int(is_spike.sum()),
             n_clipped=n_clipped,
             problems=problems,
+            doubts=tuple(text for text in problems if text.startswith(_WRONG_VALUES)),
         ),
     )
 
@@ -179,18 +185,16 @@ def count_clipped(values: Floats) -> int:
     return clipped
 
 
-def _health_problems(
-    values: Floats, n_spikes: int, n_clipped: int, n_missing: int, unit: str
-) -> tuple[str, ...]:
+def _health_problems(values: Floats, n_spikes: int, n_clipped: int, n_missing: int, unit: str) -> tuple[str, ...]:
     problems = []
     n = len(values)
     if n < 16:
         return (f"only {n} samples",)
     if values.max() == values.min():
-        problems.append(f"constant at {values[0]:.6g} {unit}: the sensor is probably not connected")
+        problems.append(f"{_CONSTANT} {values[0]:.6g} {unit}: the sensor is probably not connected")
     if n_clipped:
         problems.append(
-            f"clipped: {n_clipped} samples sit at {values.min():.6g} or {values.max():.6g} {unit}; "
+            f"{_CLIPPED} {n_clipped} samples sit at {values.min():.6g} or {values.max():.6g} {unit}; "
             "the sensor or its amplifier is at the end of its range"
         )
     if n_spikes:
@@ -234,9 +238,7 @@ def plausibility_problems(
     return {name: tuple(problems) for name, problems in found.items()}
 
 
-def _check_displacement(
-    channels: Mapping[str, CleanChannel], config: BenchConfig, found: dict[str, list[str]]
-) -> None:
+def _check_displacement(channels: Mapping[str, CleanChannel], config: BenchConfig, found: dict[str, list[str]]) -> None:
     channel = channels.get("displacement_mm")
     if channel is None or config.plant is None or len(channel.values) < 16:
         return

@@ -126,10 +126,19 @@ class Comparison:
         return any("simulated" in trial.processed.trial.source for trial in shown)
 
 
+# Quantities read off one channel: not shown where that channel is doubted.
+_CHANNEL_OF: Final = {
+    "peak_force_n": ("force_n",),
+    "rms_motor_current_a": (MOTOR_CURRENT.name,),
+    "mean_battery_current_a": (BATTERY_CURRENT.name,),
+}
+
+
 def estimates_of(trial: ComparedTrial) -> dict[str, Estimate]:
     """Return the quantities that a trial has, by key of `QUANTITIES`.
 
-    A fit or a runtime whose status is not "ok" gives nothing.
+    A fit or a runtime whose status is not "ok" gives nothing, nor does a channel that is clipped, swapped,
+    reversed or in another unit.
     """
     processed, found = trial.processed, {}
     if processed.period is not None:
@@ -152,7 +161,11 @@ def estimates_of(trial: ComparedTrial) -> dict[str, Estimate]:
         found["mean_battery_current_a"] = Estimate(value=processed.mean_values[BATTERY_CURRENT.name])
     if trial.runtime is not None and trial.runtime.status == "ok":
         found["runtime_s"] = Estimate(value=trial.runtime.runtime_s, common_std=trial.runtime.std_s)
-    return {key: estimate for key, estimate in found.items() if math.isfinite(estimate.value)}
+    return {
+        key: estimate
+        for key, estimate in found.items()
+        if math.isfinite(estimate.value) and not processed.doubts(*_CHANNEL_OF.get(key, ()))
+    }
 
 
 def compare(rows: Sequence[ComparedTrial], left_out: Sequence[LeftOut] = ()) -> Comparison:
@@ -196,6 +209,8 @@ def _values_left_out(row: ComparedTrial) -> list[LeftOut]:
         found.append(f"no k_Fc: {row.note or 'it was not fitted'}")
     elif row.fit.status != "ok":
         found.append(f"k_Fc not used: {FIT_STATUS_WORDS[row.fit.status]}")
+    doubts = row.processed.doubts(*(name for names in _CHANNEL_OF.values() for name in names))
+    found += [f"values of this channel not used: {text}" for text in doubts]
     if row.runtime is not None and row.runtime.status != "ok":
         found.append(f"runtime not used: {RUNTIME_STATUS_WORDS[row.runtime.status]}")
     elif row.runtime is None and row.fit is not None:
@@ -209,6 +224,7 @@ FIT_STATUS_WORDS: Final = {
     "not_identifiable": "the signals do not determine it",
     "not_converged": "the fit did not converge",
     "stalled": "the model stalls with these parameters",
+    "contradicted": "a channel or the configuration contradicts the model",
 }
 RUNTIME_STATUS_WORDS: Final = {
     "ok": "computed",
@@ -225,9 +241,7 @@ def _group(trials: Sequence[ComparedTrial]) -> dict[str, list[ComparedTrial]]:
     for material in sorted({row.processed.trial.material or "" for row in trials}):
         same = [row for row in trials if row.processed.trial.material == material]
         differing = [
-            (name, form)
-            for name, form in settings
-            if len({getattr(row.processed.trial, name) for row in same}) > 1
+            (name, form) for name, form in settings if len({getattr(row.processed.trial, name) for row in same}) > 1
         ]
         labelled = []
         for row in same:
