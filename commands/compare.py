@@ -4,17 +4,26 @@ from __future__ import annotations
 
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import click
 
 from bench.errors import InputError, SawbenchError
 from commands.options import config_option, find_recordings, force_option, json_option, refuse_existing
-from commands.terminal import emit, progress
+from commands.terminal import emit, progress, table
 
 if TYPE_CHECKING:
     from commands.analysis import AnalysedTrial
-    from reporting.compared import ComparedTrial
+    from reporting.compared import ComparedTrial, Comparison
+
+# Short enough for one line of a terminal.
+_SHORT: Final = {
+    "stroke_rate_hz": "rate",
+    "peak_force_n": "peak",
+    "rms_motor_current_a": "motor RMS",
+    "mean_battery_current_a": "battery",
+    "runtime_s": "runtime",
+}
 
 
 @click.command(name="compare", epilog="Example: sawbench compare recordings --out report.html")
@@ -34,7 +43,7 @@ def command(
 ) -> int:
     """Process, fit and compare every recording of DIR, one series per material and setting."""
     from commands.analysis import load_and_process
-    from reporting.compared import LeftOut, comparison_json, comparison_table
+    from reporting.compared import LeftOut, compare, comparison_json, comparison_table
     from reporting.comparison_page import write_comparison_page
 
     if not directory.exists():
@@ -59,13 +68,27 @@ def command(
     write_comparison_page(out_path, rows, left_out=left_out, overwrite=force)
     if csv_path is not None:
         comparison_table(rows).to_csv(csv_path, index=False)
-    text = [
-        comparison_table(rows).to_string(index=False),
-        *(f"left out: {x.name}: {x.reason}" for x in left_out),
-    ]
-    text.append(str(out_path))
+    text = [describe(compare(rows, left_out)), str(out_path)]
     emit(comparison_json(rows, left_out), "\n".join(text), as_json=as_json)
     return 1 if left_out else 0
+
+
+def describe(found: Comparison) -> str:
+    """One row a series, then the trials without a place in one."""
+    from reporting.compared import QUANTITIES
+    from reporting.quantities import format_quantity
+
+    shown = [q for q in QUANTITIES if any(q.key in one.means for one in found.series)]
+    rows = []
+    for one in found.series:
+        means = [one.means.get(q.key) for q in shown]
+        cells = ["-" if mean is None else format_quantity(mean.mean, mean.std) for mean in means]
+        rows.append([one.label, str(len(one.trials)), *cells])
+    headers = ["series", "n", *(f"{_SHORT.get(q.key, q.label)} / {q.unit}" for q in shown)]
+    lines = [table(headers, rows), "(mean of n repetitions ± its standard uncertainty)"] if rows else []
+    lines += [f"idle: {row.name}" for row in found.idle]
+    lines += [f"left out: {item.name}: {item.reason}" for item in found.left_out]
+    return "\n".join(lines)
 
 
 def refuse_twin(trial: AnalysedTrial, seen: dict[tuple[str, datetime], Path]) -> None:

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from bench.recording import Trial
-from commands.options import config_for, config_option, default_config_path, force_option, json_option, refuse_existing
+from commands.options import (
+    config_for,
+    config_option,
+    default_config_path,
+    force_option,
+    json_option,
+    refuse_existing,
+)
 from commands.terminal import emit, plain
 
 if TYPE_CHECKING:
@@ -45,7 +52,11 @@ class DemoFiles:
 
 @click.command(name="demo", epilog="Example: sawbench demo --out demo --seconds 8 --no-view")
 @click.option(
-    "--out", "out_dir", type=click.Path(path_type=Path, file_okay=False), default=Path("demo"), show_default=True
+    "--out",
+    "out_dir",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("demo"),
+    show_default=True,
 )
 @click.option("--seconds", type=click.FloatRange(2.0), default=8.0, show_default=True, help="Length of the trial.")
 @click.option("--no-view", is_flag=True, help="Open no Rerun viewer, even where there is a display.")
@@ -54,7 +65,13 @@ class DemoFiles:
 @force_option
 @json_option
 def command(
-    out_dir: Path, seconds: float, no_view: bool, seed: int, config_path: Path | None, force: bool, as_json: bool
+    out_dir: Path,
+    seconds: float,
+    no_view: bool,
+    seed: int,
+    config_path: Path | None,
+    force: bool,
+    as_json: bool,
 ) -> int:
     """Simulated instruments on real ports -> record -> process -> k_Fc -> runtime -> report, in under a minute."""
     from commands.analysis import fit_trial, load_and_process, runtime_of
@@ -89,9 +106,7 @@ def _wants_view(no_view: bool) -> bool:
     return sys.platform in {"darwin", "win32"} or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def _record(
-    files: DemoFiles, *, seconds: float, seed: int, config_path: Path | None, show: bool, force: bool
-) -> None:
+def _record(files: DemoFiles, *, seconds: float, seed: int, config_path: Path | None, show: bool, force: bool) -> None:
     from commands.record import LiveCounters, live_view
     from commands.recording_session import SessionOptions, record_trial, simulated_bench
 
@@ -125,7 +140,7 @@ def _record(
 
 
 def _write(files: DemoFiles, trial: AnalysedTrial, fit: CuttingFit, runtime: RuntimePrediction) -> None:
-    from commands.model_setup import simulated_cycle
+    from commands.model_setup import fitted_cycle
     from reporting.trial_page import write_trial_page
     from storage.results import write_processed
     from visualization.replay import view_recording
@@ -137,15 +152,13 @@ def _write(files: DemoFiles, trial: AnalysedTrial, fit: CuttingFit, runtime: Run
         processed=trial.processed,
         fit=fit,
         runtime=runtime,
-        simulated=simulated_cycle(trial.loaded, fit.k_fc_n_s_per_m, trial.recording.trial.duty),
+        simulated=fitted_cycle(trial, fit) if fit.status == "ok" else None,
         files={"recording": files.recording, "processed": files.processed, "Rerun": files.view},
         recording=trial.recording,
     )
 
 
-def _as_json(
-    files: DemoFiles, trial: AnalysedTrial, fit: CuttingFit, runtime: RuntimePrediction
-) -> dict[str, Any]:
+def _as_json(files: DemoFiles, trial: AnalysedTrial, fit: CuttingFit, runtime: RuntimePrediction) -> dict[str, Any]:
     processed = trial.processed
     return {
         "period": plain(processed.period),

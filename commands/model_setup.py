@@ -8,8 +8,10 @@ from bench.errors import InputError
 
 if TYPE_CHECKING:
     from bench.config import LoadedConfig
+    from commands.analysis import AnalysedTrial
     from modeling.cutting_forces.linear import LinearCutting
     from modeling.parameters import JigsawParameters
+    from modeling.results import CuttingFit
 
 
 def parameters_of(loaded: LoadedConfig) -> JigsawParameters:
@@ -49,15 +51,20 @@ def cutting_of(loaded: LoadedConfig, k_fc_n_s_per_m: float) -> LinearCutting:
     """The linear cutting force on the configured half."""
     from modeling.cutting_forces.linear import LinearCutting
 
-    return LinearCutting(
-        k_fc_n_s_per_m=k_fc_n_s_per_m, cutting_half=loaded.config.cutting.cutting_half
-    )
+    return LinearCutting(k_fc_n_s_per_m=k_fc_n_s_per_m, cutting_half=loaded.config.cutting.cutting_half)
 
 
-def simulated_cycle(
-    loaded: LoadedConfig, k_fc_n_s_per_m: float, duty: float | None, *, n_points: int = 256
-) -> dict[str, Any]:
-    """One settled stroke of the model over the crank angle, to lay over a measured one.
+def fitted_cycle(trial: AnalysedTrial, fit: CuttingFit, *, n_points: int = 256) -> dict[str, Any]:
+    """One settled stroke of the fitted model as the sensors would show it, to lay over the measured one.
+
+    Plant constants, sensor gains, the force's zero and the angle's zero are those of the fit; the motor gets
+    the measured battery voltage, as in the fit. What the fit did not estimate keeps its nominal value.
+
+    Parameters
+    ----------
+    trial : AnalysedTrial
+    fit : CuttingFit
+    n_points : int
 
     Returns
     -------
@@ -66,21 +73,33 @@ def simulated_cycle(
     """
     import numpy as np
 
+    from commands.analysis import measured_cycles
+    from modeling.cycle_observation import drive_of
+    from modeling.periodic_cycle import PLANT_NAMES
+    from modeling.supplies import FixedVoltage
     from modeling.transient import simulate
 
+    config = trial.loaded.config
+    known = {} if fit.estimates is None else dict(zip(fit.estimates.names, fit.estimates.values, strict=True))
+    parameters = parameters_of(trial.loaded)
+    own = {name: float(known[name]) for name in PLANT_NAMES if name in known}
+    drive = drive_of(measured_cycles(trial), config.battery, config.converter)
+    own["resistance_ohm"] = own.get("resistance_ohm", parameters.resistance_ohm) + drive.source_resistance_ohm
     run = simulate(
-        parameters_of(loaded),
-        supply=supply_of(loaded, duty),
-        cutting=cutting_of(loaded, k_fc_n_s_per_m),
+        parameters.replace(**own),
+        supply=FixedVoltage(voltage_v=drive.voltage_v / known.get("voltage_gain", 1.0)),
+        cutting=cutting_of(trial.loaded, fit.k_fc_n_s_per_m),
         duration_s=1.5,
         rate_hz=20_000.0,
     )
-    turns = run.crank_angle_rad / (2.0 * np.pi)
-    last = np.floor(turns[-1]) - 1.0
+    # The last whole turn but one, as an angle sensor sees it whose zero is off by `angle_zero_rad`.
+    n_turns = np.floor(run.crank_angle_rad[-1] / (2.0 * np.pi))
     angle = (np.arange(n_points) + 0.5) * 2.0 * np.pi / n_points
-    at = 2.0 * np.pi * last + angle
+    at = 2.0 * np.pi * (n_turns - 2.0) + angle - known.get("angle_zero_rad", 0.0)
+    force_n = np.interp(at, run.crank_angle_rad, run.force_n)
+    current_a = np.interp(at, run.crank_angle_rad, run.motor_current_a)
     return {
         "angle_rad": angle,
-        "force_n": np.interp(at, run.crank_angle_rad, run.force_n),
-        "motor_current_a": np.interp(at, run.crank_angle_rad, run.motor_current_a),
+        "force_n": known.get("force_gain", 1.0) * force_n + known.get("force_offset_n", 0.0),
+        "motor_current_a": known.get("current_gain", 1.0) * current_a,
     }

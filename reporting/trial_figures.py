@@ -119,7 +119,7 @@ def _window(signal: Signal, last_s: float) -> tuple[Floats, Floats]:
 
 
 def cycle_picture(processed: ProcessedTrial, simulated: Mapping[str, Floats] | None) -> Picture | None:
-    """Draw the folded cycle: force with what was removed, and motor current, each with the model.
+    """Draw the folded cycle: force with what was removed, and motor current, each with the fitted model.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def cycle_picture(processed: ProcessedTrial, simulated: Mapping[str, Floats] | N
                 _draw_band(axis, processed.folded[name], CHANNEL_COLOURS[name], "measured, mean ± 1 std")
             if simulated is not None and name in simulated:
                 angle_deg, values = _one_turn(simulated["angle_rad"], simulated[name])
-                axis.plot(angle_deg, values, color=MODEL, dashes=(5, 2), linewidth=1.3, label="model")
+                axis.plot(angle_deg, values, color=MODEL, dashes=(5, 2), linewidth=1.3, label="fitted model")
             axis.set_title(channel.label.capitalize())
             axis.set_ylabel(f"{channel.label.split()[-1]} / {channel.unit}")
             axis.margins(y=0.1)
@@ -234,5 +234,5 @@ def _describe_cycle(processed: ProcessedTrial, simulated: Mapping[str, Floats] |
         low, high = float(np.nanmin(cycle.mean)), float(np.nanmax(cycle.mean))
         parts.append(f"Motor current runs from {format_number(low)} to {format_number(high)} A.")
     if simulated is not None:
-        parts.append("The model is drawn dashed over the measurement.")
+        parts.append("The fitted model is drawn dashed over the measurement.")
     return " ".join(parts)

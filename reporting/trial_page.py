@@ -84,7 +84,7 @@ def write_trial_page(
     processed : ProcessedTrial
     fit, runtime : CuttingFit, RuntimePrediction, optional
     simulated : mapping of str to ndarray, optional
-        The model over one turn, drawn over the measurement: `angle_rad` and any of `force_n`,
+        The fitted model over one turn, drawn over the measurement: `angle_rad` and any of `force_n`,
         `motor_current_a`, shape (n,).
     files : mapping of str to path, optional
         Files to name on the page, by what they are ("Recording", "Rerun view", ...).
