@@ -153,7 +153,8 @@ def cycle_picture(processed: ProcessedTrial, simulated: Mapping[str, Floats] | N
             axis.set_title(channel.label.capitalize())
             axis.set_ylabel(f"{channel.label.split()[-1]} / {channel.unit}")
             axis.margins(y=0.1)
-            axis.legend(loc=_emptier_corner(processed))
+            # The current never returns to zero, so its curve may fill the corner that the force leaves free.
+            axis.legend(loc=_emptier_corner(processed) if name == FORCE.name else "best")
             crank_axis(axis)
         for axis in axes[:-1]:
             axis.set_xlabel("")

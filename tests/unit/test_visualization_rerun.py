@@ -257,3 +257,17 @@ def test_screenshot_of_the_layout(tmp_path):
     is_displacement = (left[..., 2] > 180) & (left[..., 0] < 140)
     assert is_force.sum() > 300
     assert is_displacement.sum() > 300
+
+
+def test_live_view_shows_the_cutting_estimate_with_its_bounds(tmp_path):
+    path = tmp_path / "live.rrd"
+    view = LiveView(TRIAL, show="none", save_path=path, has_estimate=True)
+    view.cutting_estimate(1.0, 240.0, 6.0, 900.0)
+    view.cutting_estimate(1.1, 241.0, 5.0)
+    view.close()
+    assert not view.is_dead
+    found = read_rrd(path)
+    np.testing.assert_array_equal(joined(found, "signals/k_fc_n_s_per_m")[1], [240.0, 241.0])
+    np.testing.assert_array_equal(joined(found, "signals/k_fc_n_s_per_m/lower")[1], [234.0, 236.0])
+    np.testing.assert_array_equal(joined(found, "signals/k_fc_n_s_per_m/upper")[1], [246.0, 246.0])
+    np.testing.assert_array_equal(joined(found, "signals/remaining_runtime_s")[1], [900.0])
