@@ -108,9 +108,7 @@ def record(
         If there is no device or `seconds` is not positive.
     """
     if not devices:
-        raise InputError(
-            "there is no instrument to record", remedy="add a [devices.*] table to the configuration"
-        )
+        raise InputError("there is no instrument to record", remedy="add a [devices.*] table to the configuration")
     if seconds is not None and not seconds > 0:
         raise InputError(f"seconds is {seconds!r}, it must be greater than 0")
     run = _Run(devices, observers, clock, limits or RecorderLimits())
@@ -228,8 +226,8 @@ class _Run:
                     next_status_s = self._clock() + self._limits.status_every_s
                     status = self._report(status)
                 reason = self._end_reason(seconds, stop)
-            except KeyboardInterrupt:
-                reason = ("stop", "stopped by the operator (Ctrl-C)")
+            except KeyboardInterrupt as stopped:
+                reason = ("stop", str(stopped) or "stopped by the operator (Ctrl-C)")
         return self._finish(writer, start, *reason, seconds)
 
     def close(self) -> None:
@@ -280,9 +278,7 @@ class _Run:
                 writer.write_event(item)
             self._feed.offer(item)
 
-    def _report(
-        self, status: Callable[[RecordingStatus], object]
-    ) -> Callable[[RecordingStatus], object] | None:
+    def _report(self, status: Callable[[RecordingStatus], object]) -> Callable[[RecordingStatus], object] | None:
         channels = tuple(c for r in self._streams.values() for c in r.status())
         try:
             status(
@@ -352,15 +348,11 @@ class _Run:
         )
 
     def _provenance(self) -> dict[str, str]:
-        facts = {
-            "clock": "t = 0 when every instrument streamed; all channels on the recording machine's own clock"
-        }
+        facts = {"clock": "t = 0 when every instrument streamed; all channels on the recording machine's own clock"}
         for (device, stream), recorder in self._streams.items():
             facts[f"alignment {device} {stream}"] = recorder.timer.statement()
             for channel in recorder.stream.channels:
-                facts[f"calibration {channel.name}"] = channel.calibration.statement(
-                    channel.name, channel.unit
-                )
+                facts[f"calibration {channel.name}"] = channel.calibration.statement(channel.name, channel.unit)
         for device in self._devices:
             for key, value in device.describe().items():
                 facts[f"{device.name} {key}"] = value

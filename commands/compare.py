@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from bench.errors import InputError, SawbenchError
-from commands.options import config_option, find_recordings, force_option, json_option, refuse_existing
+from commands.options import config_option, find_recordings, force_option, json_option, refuse_unwritable
 from commands.terminal import emit, progress, table
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def command(
         raise InputError("no such directory", where=directory)
     for path in (out_path, csv_path):
         if path is not None:
-            refuse_existing(path, force=force)
+            refuse_unwritable(path, force=force)
     files = find_recordings([directory])
     rows: list[ComparedTrial] = []
     left_out: list[LeftOut] = []

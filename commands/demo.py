@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from bench.errors import UntrustedResult
 from bench.recording import Trial
 from commands.options import (
     config_for,
@@ -19,7 +18,7 @@ from commands.options import (
     json_option,
     refuse_existing,
 )
-from commands.terminal import emit, plain
+from commands.terminal import emit, has_display, plain
 
 if TYPE_CHECKING:
     from commands.analysis import AnalysedTrial
@@ -84,7 +83,7 @@ def command(
             path.unlink(missing_ok=True)
     out_dir.mkdir(parents=True, exist_ok=True)
     _say("1/4  starting the simulated instruments and recording", as_json)
-    _record(files, seconds=seconds, seed=seed, config_path=config_path, show=_wants_view(no_view), force=force)
+    _record(files, seconds=seconds, seed=seed, config_path=config_path, show=has_display() and not no_view, force=force)
     _say("2/4  processing: stroke period, folded cycle, return stroke", as_json)
     trial = load_and_process(files.recording, config_path)
     _say("3/4  modelling: k_Fc and runtime", as_json)
@@ -98,12 +97,6 @@ def command(
 
 def _say(text: str, as_json: bool) -> None:
     click.echo(text, err=as_json)
-
-
-def _wants_view(no_view: bool) -> bool:
-    if no_view:
-        return False
-    return sys.platform in {"darwin", "win32"} or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def _record(files: DemoFiles, *, seconds: float, seed: int, config_path: Path | None, show: bool, force: bool) -> None:
@@ -131,11 +124,17 @@ def _record(files: DemoFiles, *, seconds: float, seed: int, config_path: Path | 
         live_view(trial, live=show, rrd_path=None, force=force) as observers,
         LiveCounters() as counters,
     ):
-        record_trial(
+        summary = record_trial(
             loaded,
             SessionOptions(path=files.recording, trial=trial, seconds=seconds, endpoints=endpoints, overwrite=force),
             observers=observers,
             status=counters,
+        )
+    if not summary.is_complete or summary.duration_s < 0.9 * seconds:
+        raise UntrustedResult(
+            f"the recording ended after {summary.duration_s:.1f} of {seconds:g} s: {summary.end_reason}",
+            where=files.recording,
+            remedy="run the demo again with --force",
         )
 
 

@@ -55,7 +55,9 @@ def _as_text(info: RecordingInfo) -> str:
         for c in info.channels
     ]
     lines.append(table(["channel", "samples", "rate Hz", "start s", "length s", "gaps", "missing"], rows))
-    lines += [f"{event.time_s:9.3f} s  {event.kind}: {event.text}" for event in info.events]
+    for event in info.events:
+        whose = "".join(f" {name}" for name in (event.device, event.channel) if name)
+        lines.append(f"{event.time_s:9.3f} s  {event.kind}{whose}: {event.text}")
     return "\n".join(lines)
 
 

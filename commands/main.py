@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import importlib
 import os
+import signal
 import sys
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Never
 
 import click
 
@@ -84,13 +85,11 @@ def main(arguments: list[str] | None = None) -> int:
         return code if isinstance(code, int) else 0
     except SawbenchError as error:
         return _fail(f"error: {error}", error.exit_code)
-    except click.exceptions.Abort:
-        return _fail("interrupted", 130)
     except click.ClickException as error:
         error.show()
         return error.exit_code
-    except KeyboardInterrupt:
-        return _fail("interrupted", 130)
+    except (KeyboardInterrupt, click.exceptions.Abort) as error:
+        return _fail(str(error) or "interrupted", 130)
     except BrokenPipeError:
         # The reader of our output (head, less) has gone: nothing to say and nobody to say it to.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -98,11 +97,18 @@ def main(arguments: list[str] | None = None) -> int:
     except Exception as error:
         if os.environ.get("SAWBENCH_DEBUG"):
             raise
-        return _fail(
-            f"internal error, please report it: {type(error).__name__}: {error}\n"
-            "  -> run again with SAWBENCH_DEBUG=1 for the traceback",
-            1,
-        )
+        return _fail(_unexpected(error), 1)
+
+
+def _unexpected(error: Exception) -> str:
+    """Say what no command has foreseen: a disk or folder that refuses, or a mistake of ours."""
+    if isinstance(error, OSError):
+        place = f"{error.filename}: " if error.filename else ""
+        return f"error: {place}cannot be read or written: {error.strerror or error}"
+    return (
+        f"internal error, please report it: {type(error).__name__}: {error}\n"
+        "  -> run again with SAWBENCH_DEBUG=1 for the traceback"
+    )
 
 
 def _fail(message: str, code: int) -> int:
@@ -112,7 +118,13 @@ def _fail(message: str, code: int) -> int:
 
 def run() -> None:
     """Console-script entry: exit with the code of `main`."""
+    signal.signal(signal.SIGTERM, _terminated)
     sys.exit(main())
+
+
+def _terminated(*_: object) -> Never:
+    """End on SIGTERM as on Ctrl-C: a recording is finished, the simulated instruments are stopped."""
+    raise KeyboardInterrupt("stopped from outside (SIGTERM)")
 
 
 if __name__ == "__main__":

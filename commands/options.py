@@ -97,6 +97,18 @@ def default_config_path() -> Path:
     return SHIPPED_CONFIG
 
 
+def refuse_unwritable(path: Path, *, force: bool) -> None:
+    """Raise, before any work is done, if `path` exists without `--force` or its folder does not.
+
+    Raises
+    ------
+    InputError
+    """
+    refuse_existing(path, force=force)
+    if not path.parent.is_dir():
+        raise InputError("the folder does not exist", where=path, remedy=f"make {path.parent} first")
+
+
 def refuse_existing(path: Path, *, force: bool) -> None:
     """Raise if `path` exists and `--force` was not given.
 

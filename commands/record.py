@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from bench.errors import InputError
 from bench.recording import Trial
 from commands.options import (
     config_for,
@@ -76,14 +77,26 @@ def command(
     as_json: bool,
 ) -> int:
     """Record one trial. Lines typed meanwhile become notes in the recording; Ctrl-C finishes the file."""
-    from commands.recording_session import NoteBook, SessionOptions, record_trial, simulated_bench
+    from commands.recording_session import (
+        NoteBook,
+        SessionOptions,
+        check_devices,
+        record_trial,
+        simulated_bench,
+    )
 
     config_path = config_path or default_config_path()
     loaded = config_for(None, config_path)
     settings = loaded.config.recording
     folder = directory or Path(settings.directory)
     trial_id = trial_id or next_trial_id(folder, material)
+    if Path(trial_id).name != trial_id:
+        raise InputError(
+            f"{trial_id!r} is no name for a trial: it becomes the name of its file",
+            remedy="give --trial a name without slashes, and the folder with --out",
+        )
     path = folder / f"{trial_id}.mcap"
+    check_devices(loaded)
     refuse_existing(path, force=force)
     duty = loaded.config.converter.default_duty if duty is None else duty
     trial = Trial(

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench.errors import DeviceError
+from bench.errors import ConfigError, DeviceError, InputError
 from bench.recording import Event, Trial
 
 if TYPE_CHECKING:
@@ -43,6 +43,23 @@ class SessionOptions:
     seconds: float | None
     endpoints: Mapping[str, str]
     overwrite: bool = False
+
+
+def check_devices(loaded: LoadedConfig) -> None:
+    """Build every instrument of the configuration and open none.
+
+    Raises
+    ------
+    ConfigError
+        If a `[devices.*]` table is wrong; names file and table.
+    """
+    from acquisition.devices import build_devices
+
+    try:
+        build_devices(loaded.config)
+    except ConfigError as error:
+        where = loaded.path if error.where is None else f"{loaded.path}: {error.where}"
+        raise ConfigError(error.what, where=where, remedy=error.remedy) from error
 
 
 def record_trial(
@@ -103,9 +120,7 @@ def record_trial(
         return writer
 
     try:
-        summary = record(
-            devices, open_writer, seconds=options.seconds, observers=observers, status=status, stop=stop
-        )
+        summary = record(devices, open_writer, seconds=options.seconds, observers=observers, status=status, stop=stop)
     except BaseException as error:
         for writer in opened:
             writer.__exit__(type(error), error, error.__traceback__)
@@ -144,9 +159,7 @@ class NoteBook:
         with self._lock:
             if self._writer is None or not text.strip():
                 return False
-            self._writer.write_event(
-                Event(kind="note", time_s=time.monotonic() - self._begun_s, text=text.strip())
-            )
+            self._writer.write_event(Event(kind="note", time_s=time.monotonic() - self._begun_s, text=text.strip()))
             return True
 
     def listen(self, lines: Iterator[str]) -> threading.Thread:
@@ -185,16 +198,16 @@ def simulated_bench(
 
     Raises
     ------
+    InputError
+        If the process refuses its settings, for example the material.
     DeviceError
-        If the process ends before it announces its ports.
+        If it ends for another reason before it announces its ports.
     """
     call = [sys.executable, "-m", "commands.main", "simbench", "--config", str(config_path)]
     call += ["--material", material, "--seed", str(seed), "--trigger-after", str(trigger_after_s)]
     call += [] if duty is None else ["--duty", str(duty)]
     call += [] if truth_path is None else ["--truth", str(truth_path)]
-    process = subprocess.Popen(
-        call, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    process = subprocess.Popen(call, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         yield _announced_ports(process)
     finally:
@@ -219,5 +232,6 @@ def _announced_ports(process: subprocess.Popen[str]) -> dict[str, str]:
     timer.cancel()
     if not line:
         said = process.stderr.read().strip().removeprefix("sawbench: error: ")
-        raise DeviceError(f"the simulated bench did not start: {said or 'no reason given'}")
+        kind = InputError if process.wait() == InputError.exit_code else DeviceError
+        raise kind(f"the simulated bench did not start: {said or 'no reason given'}")
     return json.loads(line)

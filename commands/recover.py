@@ -13,7 +13,10 @@ from commands.terminal import emit
 @click.command(name="recover", epilog="Example: sawbench recover recordings/oak-04.mcap.part --out oak-04.mcap")
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
 @click.option(
-    "--out", "out_path", type=click.Path(path_type=Path, dir_okay=False), help="Default: FILE with -recovered."
+    "--out",
+    "out_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Default: FILE with -recovered.",
 )
 @force_option
 @json_option
@@ -34,4 +37,4 @@ def command(path: Path, out_path: Path | None, force: bool, as_json: bool) -> in
     if report.is_tail_cut:
         lines.append("the end of the file is missing: up to one flush interval more is gone")
     emit(report, "\n".join(lines), as_json=as_json)
-    return 1 if report.n_messages_lost else 0
+    return 1 if report.n_messages_lost or report.seconds_lost or not report.n_messages_kept else 0

@@ -7,8 +7,11 @@ from typing import Any
 
 import click
 
-from commands.options import config_for, config_option, force_option, json_option, refuse_existing
+from bench.errors import InputError
+from commands.options import config_for, config_option, force_option, json_option, refuse_unwritable
 from commands.terminal import emit
+
+_MOST_SAMPLES = 1e7
 
 
 @click.command(name="simulate", epilog="Example: sawbench simulate --k-fc 240.29 --seconds 1 --out current.csv")
@@ -38,6 +41,14 @@ def command(
     from commands.model_setup import cutting_of, parameters_of, supply_of
     from modeling.transient import InitialState, simulate
 
+    if out_path is not None:
+        refuse_unwritable(out_path, force=force)
+    if seconds * rate_hz > _MOST_SAMPLES:
+        raise InputError(
+            f"{seconds:g} s at {rate_hz:g} Hz are {seconds * rate_hz:.2g} samples, at most {_MOST_SAMPLES:.0e} "
+            "are computed at once",
+            remedy="shorten --seconds or lower --rate",
+        )
     loaded = config_for(None, config_path)
     run = simulate(
         parameters_of(loaded),
@@ -48,7 +59,6 @@ def command(
         initial=InitialState(crank_angle_rad=angle_rad, soc=soc),
     )
     if out_path is not None:
-        refuse_existing(out_path, force=force)
         _write_csv(run, out_path)
     found = _summary(run)
     lines = [
@@ -61,7 +71,11 @@ def command(
         f" closes to {run.energy.closure_error:.1e}",
     ]
     lines += [] if out_path is None else [f"samples         {out_path}"]
-    emit({**found, "status": run.status, "message": run.message, "energy": run.energy}, "\n".join(lines), as_json=as_json)
+    emit(
+        {**found, "status": run.status, "message": run.message, "energy": run.energy},
+        "\n".join(lines),
+        as_json=as_json,
+    )
     return 0 if run.status == "ok" else 1
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import click
 
-from bench.errors import SawbenchError
+from bench.errors import InputError, SawbenchError
 from commands.options import config_for, config_option, force_option, json_option
-from commands.terminal import emit
+from commands.terminal import emit, has_display
 
 
 @click.command(name="view", epilog="Example: sawbench view recordings/oak-01.mcap --rrd oak-01.rrd")
@@ -38,6 +38,16 @@ def command(
     if (no_view or png_path) and rrd_path is None:
         raise click.UsageError("--no-view and --screenshot need --rrd FILE")
     recording = read_recording(path)
+    shows = not no_view and png_path is None
+    if shows and not has_display():
+        if rrd_path is None:
+            raise InputError(
+                "there is no display here to open the viewer on (DISPLAY and WAYLAND_DISPLAY are empty)",
+                where=path,
+                remedy="save the view with --no-view --rrd FILE, and open that file where there is a display",
+            )
+        click.echo("there is no display here: the view is saved, no viewer is opened", err=True)
+        shows = False
     try:
         from processing.process import process_recording
 
@@ -48,7 +58,11 @@ def command(
         click.echo(f"shown without the folded cycle: {error}", err=True)
         processed = None
     view_recording(
-        recording, save_path=rrd_path, spawn=not no_view and png_path is None, processed=processed, overwrite=force
+        recording,
+        save_path=rrd_path,
+        spawn=shows,
+        processed=processed,
+        overwrite=force,
     )
     if png_path is not None and rrd_path is not None:
         from visualization.screenshot import take_screenshot

@@ -13,7 +13,7 @@ from typing import Final
 
 from acquisition.transports.can_batch import CanBatch, ParsedFrame
 from acquisition.transports.serial_port import SerialPort
-from bench.errors import DeviceError
+from bench.errors import ConfigError, DeviceError
 
 BITRATE_COMMANDS: Final = {
     10_000: b"S0",
@@ -141,11 +141,15 @@ class SlcanBus:
         return self._decoder.n_discarded_bytes
 
     def open(self) -> None:
-        """Open the adapter and the bus; see `SerialPort.open` for the errors."""
+        """Open the adapter and the bus; see `SerialPort.open` for the errors, ConfigError for an odd bit rate."""
         command = BITRATE_COMMANDS.get(self._bitrate)
         if command is None:
             allowed = ", ".join(str(rate) for rate in BITRATE_COMMANDS)
-            raise DeviceError(f"slcan has no bit rate {self._bitrate}; it has {allowed}", where=self._where)
+            raise ConfigError(
+                f"slcan has no bit rate {self._bitrate}; it has {allowed}",
+                where=self._where,
+                remedy="correct `bitrate` of the device",
+            )
         self._decoder.restart()
         self._port.open()
         # An adapter that was left open answers `C` with `\r`, a closed one with a bell; both are fine.

@@ -119,3 +119,86 @@ def test_compare_shows_no_value_of_a_doubted_channel(table, tmp_path, capsys):
     (row,) = pd.read_csv(page).to_dict("records")
     assert np.isnan(float(row["rms_motor_current_a"]))
     assert row["peak_force_n"] == pytest.approx(table.force_n[3000:].max(), rel=0.05)
+
+
+# name -> (what is written into bench_config.toml, what stands there instead, what the message must name)
+WRONG_DEVICES = {
+    "rate": ("rate_hz = 6000", 'rate_hz = "fast"', "rate_hz"),
+    "driver": ('driver = "gsv8"', 'driver = "gsv9"', "did you mean 'gsv8'"),
+    "channel": ("channels.force_n]", "channels.forze_n]", "forze_n"),
+    "calibration key": ("scale = 250.0", "sclae = 250.0", "did you mean 'scale'"),
+    "input": ("input = 1", "input = 99", "inputs are numbered"),
+    "no port": ('port = "/dev/ttyACM0"', "", "missing key 'port'"),
+    "no DBC": ('dbc = "jigsaw_bench.dbc"', 'dbc = "nope.dbc"', "no such DBC file"),
+    "counter": ('counter = "SampleCounter"', 'counter = "SampleCountr"', "SampleCounter"),
+    "signal": ("MotorStatus.MotorCurrent", "MotorStatus.MotorCurent", "MotorStatus.MotorCurrent"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG_DEVICES)
+def test_wrong_device_table_is_named_before_anything_starts(wrong, tmp_path, capsys):
+    right, instead, named = WRONG_DEVICES[wrong]
+    text = CONFIG.read_text()
+    assert right in text
+    config = tmp_path / "wrong.toml"
+    config.write_text(text.replace(right, instead, 1))
+    record = ["record", "--material", "oak", "--simulated", "--config", config, "--out", tmp_path / "out"]
+    code, _, err = run(capsys, *record)
+    assert code == 2
+    assert f"{config}: " in err and named in err and ": :" not in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_trial_id_is_no_path(tmp_path, capsys):
+    call = ["record", "--material", "oak", "--simulated", "--config", CONFIG, "--out", tmp_path / "out"]
+    code, _, err = run(capsys, *call, "--trial", "../evil")
+    assert code == 2 and "'../evil'" in err
+    assert not list(tmp_path.rglob("*.mcap*"))
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        ["simulate", "--config", CONFIG, "--seconds", "0.1", "--out", "nowhere/x.csv"],
+        ["compare", CONFIG.with_name("recordings"), "--out", "nowhere/x.html"],
+    ],
+    ids=["simulate", "compare"],
+)
+def test_missing_folder_is_said_before_the_work(call, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, *call)
+    assert code == 2 and not out
+    assert "nowhere/x" in err and "make nowhere first" in err
+
+
+def test_simulate_refuses_more_samples_than_fit(capsys):
+    code, _, err = run(capsys, "simulate", "--config", CONFIG, "--rate", "1e9")
+    assert code == 2 and "--rate" in err
+
+
+def test_full_disk_is_no_mistake_of_the_program(capsys):
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("no /dev/full here")
+    call = ["simulate", "--config", CONFIG, "--seconds", "0.05", "--out", full, "--force"]
+    code, _, err = run(capsys, *call)
+    assert code == 1 and "No space left" in err
+
+
+def test_view_without_a_display_says_so(capsys, monkeypatch):
+    monkeypatch.setattr("sys.platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    recording = CONFIG.with_name("recordings") / "oak-01.mcap"
+    code, out, err = run(capsys, "view", recording)
+    assert code == 2 and not out
+    assert "no display" in err and "--no-view --rrd" in err
+
+
+def test_recover_of_nothing_is_not_trusted(tmp_path, capsys):
+    whole = (CONFIG.with_name("recordings") / "oak-01.mcap").read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole[:20000])
+    code, out, _ = run(capsys, "recover", cut)
+    assert code == 1 and "0 messages kept" in out
+    assert cut.read_bytes() == whole[:20000]
