@@ -141,9 +141,7 @@ def make_blueprint(
     ]
     side: list[Any] = [rrb.TextDocumentView(origin=TRIAL_PATH, name="Trial")]
     if has_cycle:
-        side.append(
-            rrb.BarChartView(origin=CYCLE_PATH, name=CYCLE_TITLE, plot_legend=rrb.PlotLegend(visible=False))
-        )
+        side.append(rrb.BarChartView(origin=CYCLE_PATH, name=CYCLE_TITLE, plot_legend=rrb.PlotLegend(visible=False)))
     columns_shown = rrb.TextLogColumns(timeline_columns=[_HIDDEN_TIME], text_log_columns=["LogLevel", "Body"])
     side.append(rrb.TextLogView(origin=EVENTS_PATH, name="Notes and events", columns=columns_shown))
     shares = [5, 3, 2] if has_cycle else [5, 2]
@@ -246,9 +244,7 @@ def trial_markdown(trial: Trial, processed: ProcessedTrial | None = None) -> str
     ]
     if processed is not None:
         lines += _result_lines(processed)
-    lines += ["| Setting | |", "|---|---|"] + [
-        f"| {name} | {_plain(value)} |" for name, value in rows if value
-    ]
+    lines += ["| Setting | |", "|---|---|"] + [f"| {name} | {_plain(value)} |" for name, value in rows if value]
     return "\n".join(lines)
 
 
@@ -257,13 +253,9 @@ def _result_lines(processed: ProcessedTrial) -> list[str]:
     if processed.period is not None:
         period = processed.period
         rate_std_hz = period.period_std_s / period.period_s**2
-        rows.append(
-            ("Stroke rate", f"{period.rate_hz:.3f} ± {rate_std_hz:.2g} Hz ({period.confidence} confidence)")
-        )
+        rows.append(("Stroke rate", f"{period.rate_hz:.3f} ± {rate_std_hz:.2g} Hz ({period.confidence} confidence)"))
     if processed.peak_force_n is not None:
-        rows.append(
-            ("Peak force", f"{processed.peak_force_n:.1f} ± {processed.peak_force_std_n or 0.0:.2g} N")
-        )
+        rows.append(("Peak force", f"{processed.peak_force_n:.1f} ± {processed.peak_force_std_n or 0.0:.2g} N"))
     lines = ["| Result | |", "|---|---|"] + [f"| {name} | {value} |" for name, value in rows]
     return [*lines, "", *(f"- {_plain(warning)}" for warning in processed.warnings), ""]
 

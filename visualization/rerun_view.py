@@ -78,9 +78,7 @@ def open_rrd(path: str | Path, *, overwrite: bool) -> Any:
     """
     path = Path(path)
     if path.exists() and not overwrite:
-        raise InputError(
-            "exists already", where=path, remedy="choose another name, or overwrite it with --force"
-        )
+        raise InputError("exists already", where=path, remedy="choose another name, or overwrite it with --force")
     if not path.parent.is_dir():
         raise InputError("the folder does not exist", where=path, remedy=f"create {path.parent} first")
     return rr.FileSink(path)

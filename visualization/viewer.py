@@ -123,9 +123,7 @@ class ViewerProcess:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self._process.pid, signal.SIGKILL)
         elif self.is_running:
-            subprocess.run(
-                ["taskkill", "/PID", str(self._process.pid), "/T", "/F"], check=False, capture_output=True
-            )
+            subprocess.run(["taskkill", "/PID", str(self._process.pid), "/T", "/F"], check=False, capture_output=True)
         self._process.wait(timeout=5.0)
         self.release()
 
