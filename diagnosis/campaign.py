@@ -101,9 +101,7 @@ def reduce_campaign(
     if not states:
         raise InputError(f"no trial runs long enough to be diagnosed: {'; '.join(warnings)}")
     guesses = _with_guesses(baseline, states)
-    return Campaign(
-        baseline=baseline, states=tuple(states), k_guess_n_s_per_m=guesses, warnings=tuple(warnings)
-    )
+    return Campaign(baseline=baseline, states=tuple(states), k_guess_n_s_per_m=guesses, warnings=tuple(warnings))
 
 
 def _in_order(recordings: Sequence[Recording]) -> list[Recording]:
@@ -120,9 +118,7 @@ def _angle(recording: Recording, baseline: Baseline) -> tuple[CrankAngle | None,
     signal = recording.signals.get(DISPLACEMENT.name)
     if signal is None:
         return None, "it has no displacement, so neither crank angle nor speed is known"
-    angle = track_crank_angle(
-        signal.time_s, signal.values * DISPLACEMENT.si_factor, nominal_radius_m=baseline.radius_m
-    )
+    angle = track_crank_angle(signal.time_s, signal.values * DISPLACEMENT.si_factor, nominal_radius_m=baseline.radius_m)
     return angle, "its displacement shows no strokes"
 
 
@@ -178,9 +174,7 @@ def _motor_voltage(baseline: Baseline, state: State, charge_used_as: Floats) -> 
     current_a = state.battery_current_a
     if current_a is None:
         current_a = 0.0 if state.current_a is None else state.setting.duty * state.current_a
-    voltage_v = (
-        baseline.open_circuit_voltage(charge_used_as) - baseline.battery.internal_resistance_ohm * current_a
-    )
+    voltage_v = baseline.open_circuit_voltage(charge_used_as) - baseline.battery.internal_resistance_ohm * current_a
     return np.broadcast_to(state.setting.duty * voltage_v, state.speed_rad_s.shape)
 
 

@@ -66,11 +66,7 @@ class Explanation:
     @property
     def strength_std(self) -> float:
         """Its standard uncertainty."""
-        return abs(
-            self.effect.reported_strength(
-                self.amplitude_std * self.effect.strength.typical, self.column.shape
-            )
-        )
+        return abs(self.effect.reported_strength(self.amplitude_std * self.effect.strength.typical, self.column.shape))
 
 
 def catalogue_columns(problem: LinearProblem, effects: Sequence[Effect]) -> dict[str, list[Column]]:
@@ -138,9 +134,7 @@ def explain(marginal: Marginal, columns: Sequence[Column]) -> Explanation | None
     for column in columns:
         gram, moment = marginal.gram(column.columns)
         grid = amplitudes(column.effect)
-        log, amplitude, std, gain = (
-            _one(grid, gram[0, 0], moment[0]) if len(moment) == 1 else _two(grid, gram, moment)
-        )
+        log, amplitude, std, gain = _one(grid, gram[0, 0], moment[0]) if len(moment) == 1 else _two(grid, gram, moment)
         logs.append(log)
         fits.append((amplitude, std, gain))
     best = int(np.argmax(logs))
@@ -170,9 +164,7 @@ def _two(grid: Floats, gram: Floats, moment: Floats) -> tuple[float, float, floa
     for amplitude in grid:
         spread = 0.5 * amplitude**2
         inner = np.eye(2) + spread * gram
-        logs.append(
-            0.5 * spread * moment @ np.linalg.solve(inner, moment) - 0.5 * np.linalg.slogdet(inner)[1]
-        )
+        logs.append(0.5 * spread * moment @ np.linalg.solve(inner, moment) - 0.5 * np.linalg.slogdet(inner)[1])
     log = np.array(logs)
     top = float(log.max())
     regular = gram + 1e-9 * np.trace(gram) * np.eye(2)
@@ -186,9 +178,5 @@ def _two(grid: Floats, gram: Floats, moment: Floats) -> tuple[float, float, floa
 
 def background(columns: dict[str, list[Column]], *, leave_out: Sequence[str] = ()) -> Floats | None:
     """Nuisance columns for small amounts of every effect, shape (n, q), times their prior std; None if none."""
-    chosen = [
-        found[0].columns * BACKGROUND_SHARE
-        for name, found in columns.items()
-        if found and name not in leave_out
-    ]
+    chosen = [found[0].columns * BACKGROUND_SHARE for name, found in columns.items() if found and name not in leave_out]
     return np.hstack(chosen) if chosen else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from types import MappingProxyType
 from typing import Final
 
@@ -12,9 +13,7 @@ from bench.recording import Floats
 from diagnosis.equations import EQUATIONS, Equation, Signature
 from diagnosis.state import State
 
-HARMONICS: Final = MappingProxyType(
-    {"electrical": 12, "mechanical": 8, "cutting": 32, "supply": 4, "converter": 6}
-)
+HARMONICS: Final = MappingProxyType({"electrical": 12, "mechanical": 8, "cutting": 32, "supply": 4, "converter": 6})
 N_BLOCKS: Final = 4
 # Edges of the start-up's time bins, s after the motion begins.
 START_UP_EDGES_S: Final = (
@@ -87,9 +86,7 @@ def layout_of(state: State, residual: Signature) -> Layout:
 def harmonics(waves: Floats, n: int) -> Floats:
     """Mean, cosine and sine amplitudes of periodic rows, shape (n_units, 2 n + 1)."""
     spectrum = np.fft.rfft(waves, axis=-1)[..., : n + 1] / waves.shape[-1]
-    return np.concatenate(
-        [spectrum[..., :1].real, 2 * spectrum[..., 1:].real, -2 * spectrum[..., 1:].imag], axis=-1
-    )
+    return np.concatenate([spectrum[..., :1].real, 2 * spectrum[..., 1:].real, -2 * spectrum[..., 1:].imag], axis=-1)
 
 
 def time_bins(rows: Floats) -> Floats:
@@ -97,9 +94,7 @@ def time_bins(rows: Floats) -> Floats:
     from diagnosis.reduction import START_UP_STEP_S
 
     edges = np.round(np.array(START_UP_EDGES_S) / START_UP_STEP_S).astype(int)
-    return np.stack(
-        [rows[..., a:b].mean(axis=-1) for a, b in zip(edges[:-1], edges[1:], strict=True)], axis=-1
-    )
+    return np.stack([rows[..., a:b].mean(axis=-1) for a, b in pairwise(edges)], axis=-1)
 
 
 def block_matrix(n_units: int, n_blocks: int = N_BLOCKS) -> Floats:
@@ -107,6 +102,6 @@ def block_matrix(n_units: int, n_blocks: int = N_BLOCKS) -> Floats:
     n_blocks = max(1, min(n_blocks, n_units // 3))
     edges = np.linspace(0, n_units, n_blocks + 1).round().astype(int)
     matrix = np.zeros((n_blocks, n_units))
-    for block, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for block, (a, b) in enumerate(pairwise(edges)):
         matrix[block, a:b] = 1.0 / (b - a)
     return matrix

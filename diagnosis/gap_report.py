@@ -19,7 +19,9 @@ from diagnosis.posterior import Posterior, judge, wide_scale
 from diagnosis.where import locate
 
 SCHEMA_VERSION = 1
-METRIC = "root mean square of the equation residuals over their noise, on operating points held out of every fit in turn"
+METRIC = (
+    "root mean square of the equation residuals over their noise, on operating points held out of every fit in turn"
+)
 _ALIKE = 0.95
 _SHOWN_PROBABILITY = 0.001
 

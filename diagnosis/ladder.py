@@ -109,13 +109,12 @@ def _ridge(design: Floats, data: Floats) -> Floats:
     """Posterior mean of coefficients with unit normal priors."""
     if design.shape[1] == 0:
         return np.zeros(0)
-    return np.linalg.solve(np.eye(design.shape[1]) + design.T @ design, design.T @ data)
+    normal = np.eye(design.shape[1]) + design.T @ design
+    return np.asarray(np.linalg.solve(normal, design.T @ data), dtype=np.float64)
 
 
 def _closed(energy: dict[str, Floats], chosen: np.ndarray) -> float:
-    retuned, effect, floor = (
-        float(energy[k][chosen].sum()) for k in ("retuned", "with_effect", "noise_floor")
-    )
+    retuned, effect, floor = (float(energy[k][chosen].sum()) for k in ("retuned", "with_effect", "noise_floor"))
     room = retuned - floor
     return float(np.clip((retuned - effect) / room, -1.0, 1.0)) if room > 1e-9 else 0.0
 

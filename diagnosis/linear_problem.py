@@ -66,7 +66,7 @@ class Part:
     def whiten(self, signature: Signature) -> Floats:
         """Stacked whitened features of a signature on the state's grid."""
         shape = self.state.angle_rad.shape
-        waves = {name: np.broadcast_to(wave, shape) for name, wave in signature.items()}
+        waves: Signature = {name: np.broadcast_to(wave, shape) for name, wave in signature.items()}
         return ((self.blocks @ self.layout.place(waves, shape[0])) @ self.whitener.T).ravel()
 
 
@@ -141,7 +141,7 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True) -> LinearPr
         if state.kind == "running" and key in scatter:
             strokes = float(state.n_strokes[0]) / float((blocks[0] ** 2).sum())
             covariance = covariance + _CORRELATION_FACTOR * scatter[key] / strokes
-        whitener = np.linalg.inv(np.linalg.cholesky(covariance))
+        whitener: Floats = np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.float64)
         size = blocks.shape[0] * layout.size
         part = Part(
             state=state, smooth=smooth_state(state), layout=layout, blocks=blocks, whitener=whitener,

@@ -122,9 +122,7 @@ def _battery_nuisances(baseline: Baseline) -> list[Nuisance]:
     def by_capacity(b: Baseline, s: State) -> Signature:
         # dE/dQ times the relative error of the capacity; E from Eq. 16.
         step = 1e-3
-        rise = b.open_circuit_voltage(s.charge_used_as / (1.0 + step)) - b.open_circuit_voltage(
-            s.charge_used_as
-        )
+        rise = b.open_circuit_voltage(s.charge_used_as / (1.0 + step)) - b.open_circuit_voltage(s.charge_used_as)
         return {"supply": np.broadcast_to(rise / step / battery.capacity_ah, s.angle_rad.shape)}
 
     return [
@@ -166,7 +164,7 @@ def _sensor_nuisances(baseline: Baseline) -> list[Nuisance]:
             return {}
         return {
             "electrical": -(resistance * s.current_a + inductance * s.current_rate_a_s),
-            "mechanical": -torque_constant * _torque_constant_signature(b, s).get("mechanical", 0.0),
+            "mechanical": -torque_constant * _torque_constant_signature(b, s).get("mechanical", np.zeros(1)),
             "converter": -s.setting.duty * s.current_a,
         }
 

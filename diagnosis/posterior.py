@@ -92,9 +92,7 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     log_evidence["unknown"] = _discrepancy(problem, small) - reference
     probabilities = _probabilities(log_evidence, [e.effect for e in explanations], pairs)
     top = max(probabilities, key=lambda name: probabilities[name])
-    verdict: Verdict = (
-        top if top in {"no_gap", "parameters", "unknown"} else "effects" if " + " in top else "effect"
-    )  # type: ignore[assignment]
+    verdict: Verdict = top if top in {"no_gap", "parameters", "unknown"} else "effects" if " + " in top else "effect"  # type: ignore[assignment]
     return Posterior(
         verdict=verdict, probabilities=probabilities, explanations=tuple(explanations), pairs=tuple(pairs),
         log_evidence=log_evidence,

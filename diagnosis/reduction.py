@@ -116,12 +116,12 @@ def smooth_state(state: State, n_harmonics: int = 5) -> State:
 
     speed = mean(state.speed_rad_s, n_harmonics)
     assert speed is not None
-    changes = {"speed_rad_s": speed, "acceleration_rad_s2": speed * angle_derivative(speed)}
+    changes: dict[str, Floats | None] = {"speed_rad_s": speed, "acceleration_rad_s2": speed * angle_derivative(speed)}
     for name in ("current_a", "current_rate_a_s", "battery_current_a"):
         changes[name] = mean(getattr(state, name), 2 * n_harmonics)
     for name in ("force_n", "force_rate_n_s"):
         changes[name] = mean(getattr(state, name), N_HARMONICS)
-    return replace(state, **changes)
+    return replace(state, **changes)  # type: ignore[arg-type]
 
 
 def angle_derivative(waves: Floats) -> Floats:
@@ -163,9 +163,7 @@ def running_state(
     waves = {}
     for name, signal in present.items():
         at_samples = np.interp(signal.time_s, angle.time_s, angle.angle_rad)
-        waves[name] = fold(
-            signal.values * CHANNEL_BY_NAME[name].si_factor, grid.place(at_samples), grid.n_units
-        )
+        waves[name] = fold(signal.values * CHANNEL_BY_NAME[name].si_factor, grid.place(at_samples), grid.n_units)
     turns = grid.first_turn + (np.arange(grid.n_units) + 0.5) * grid.turns_per_unit
     middle_s = np.interp(turns * TWO_PI, angle.angle_rad, angle.time_s)[:, None]
     return _assemble(
@@ -175,9 +173,7 @@ def running_state(
     )  # fmt: skip
 
 
-def start_up_state(
-    recording: Recording, angle: CrankAngle, setting: TrialSetting, start_s: float
-) -> State | None:
+def start_up_state(recording: Recording, angle: CrankAngle, setting: TrialSetting, start_s: float) -> State | None:
     """Signals of the spin-up on a 1 ms grid, shape (1, n_times), or None where it was not recorded."""
     present = {n: recording.signals[n] for n in _STATE_CHANNELS if n in recording.signals}
     if "motor_current_a" not in present or start_s + START_UP_S > angle.time_s[-1]:
@@ -197,6 +193,7 @@ def start_up_state(
 
 
 def bin_means(time_s: Floats, values: Floats, edges: Floats) -> Floats:
+    """Mean of the samples between neighbouring edges, shape (len(edges) - 1,); empty cells are interpolated."""
     cell = np.searchsorted(edges, time_s) - 1
     keep = (cell >= 0) & (cell < len(edges) - 1)
     count = np.bincount(cell[keep], minlength=len(edges) - 1)

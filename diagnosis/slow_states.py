@@ -38,9 +38,7 @@ class SlowTrack:
         return {name: np.interp(time_s, self.time_s, track)[:, None] for name, track in self.values.items()}
 
 
-def slow_tracks(
-    recordings: Sequence[Recording], angles: Sequence[CrankAngle], *, stroke_m: float
-) -> list[SlowTrack]:
+def slow_tracks(recordings: Sequence[Recording], angles: Sequence[CrankAngle], *, stroke_m: float) -> list[SlowTrack]:
     """Carry charge, wear and heat through a campaign in its order.
 
     Parameters
@@ -57,8 +55,8 @@ def slow_tracks(
 
     charge: dict[str, float] = {}
     distance: dict[str, float] = {}
-    heat = dict.fromkeys(HEAT_TIMES_S, 0.0)
-    polarization = dict.fromkeys(POLARIZATION_TIMES_S, 0.0)
+    heat: dict[int, float] = dict.fromkeys(HEAT_TIMES_S, 0.0)
+    polarization: dict[int, float] = dict.fromkeys(POLARIZATION_TIMES_S, 0.0)
     first = recordings[0].trial.started_at
     ended_s = 0.0
     tracks = []

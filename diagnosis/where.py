@@ -85,9 +85,7 @@ def _sectors(problem: LinearProblem, rest: Floats, equation: Equation) -> tuple[
         n = (len(mean) - 1) // 2
         order = np.arange(1, n + 1)
         wave = (
-            mean[0]
-            + mean[1 : n + 1] @ np.cos(np.outer(order, angle))
-            + mean[n + 1 :] @ np.sin(np.outer(order, angle))
+            mean[0] + mean[1 : n + 1] @ np.cos(np.outer(order, angle)) + mean[n + 1 :] @ np.sin(np.outer(order, angle))
         )
         square += wave**2
     if square.sum() <= 0:
@@ -116,6 +114,10 @@ def _grows_with(problem: LinearProblem, rest: Floats, equation: Equation) -> tup
         feed.append(float(np.nan_to_num(part.setting.feed_m_s)))
     found = []
     for name, values in (("speed", speed), ("load", load), ("time", time), ("feed", feed)):
-        if len(set(values)) > 2 and len(set(sizes)) > 2 and spearmanr(values, sizes)[0] > _CORRELATED:
+        if (
+            len(set(values)) > 2
+            and len(set(sizes)) > 2
+            and float(np.asarray(spearmanr(values, sizes))[0]) > _CORRELATED
+        ):
             found.append(name)
     return tuple(found)

@@ -22,9 +22,7 @@ EFFECT = Effect(
     name="battery_internal_resistance",
     place="supply",
     equation="V_b = E(soc) - (R_b + dR) * i_b",
-    strength=Strength(
-        name="extra_resistance_ohm", unit="Ohm", typical=0.04, low=0.1, high=4.0, source="assumed"
-    ),
+    strength=Strength(name="extra_resistance_ohm", unit="Ohm", typical=0.04, low=0.1, high=4.0, source="assumed"),
     signature=_signature,
     needs=("battery_voltage_v", "battery_current_a"),
     grows_with=("load",),

@@ -21,9 +21,7 @@ _STIFFNESS_N_PER_M = tuple(float(k) for k in np.geomspace(2e4, 2e6, 16))
 _TURNS_TO_SETTLE = 3
 
 
-def _signature(
-    baseline: Baseline, state: State, stiffness_n_per_m: float, unloads: float
-) -> tuple[Signature, ...]:
+def _signature(baseline: Baseline, state: State, stiffness_n_per_m: float, unloads: float) -> tuple[Signature, ...]:
     if state.setting.is_idle or state.kind != "running":
         return ({},)
     tau_s = np.maximum(state.slow["k_guess_n_s_per_m"] / stiffness_n_per_m, 1e-7)

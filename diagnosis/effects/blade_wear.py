@@ -17,9 +17,7 @@ from diagnosis.state import State
 _UNIT_M = 10.0
 
 
-def _signature(
-    baseline: Baseline, state: State, power: float = 1.0, run_in_m: float = 0.0
-) -> tuple[Signature, ...]:
+def _signature(baseline: Baseline, state: State, power: float = 1.0, run_in_m: float = 0.0) -> tuple[Signature, ...]:
     if state.setting.is_idle:
         return ({},)
     distance_m = np.maximum(state.cut_distance_m, 0.0)

@@ -18,9 +18,7 @@ from diagnosis.state import State
 _FREQUENCIES_HZ = tuple(float(f) for f in np.geomspace(60.0, 450.0, 42))
 
 
-def _signature(
-    baseline: Baseline, state: State, frequency_hz: float, damping: float
-) -> tuple[Signature, ...]:
+def _signature(baseline: Baseline, state: State, frequency_hz: float, damping: float) -> tuple[Signature, ...]:
     if state.setting.is_idle:
         return ({},)
 

@@ -24,9 +24,7 @@ FORCE, CAN, DISPLACEMENT = 0.0, 1.0, 2.0
 _SESSION_UNIT_S, _TRIAL_UNIT_S = 1000.0, 10.0
 
 
-def _signature(
-    baseline: Baseline, state: State, device: float, tau_s: float, drifts: float
-) -> tuple[Signature, ...]:
+def _signature(baseline: Baseline, state: State, device: float, tau_s: float, drifts: float) -> tuple[Signature, ...]:
     session_s, trial_s = state.setting.session_s + state.time_s, state.time_s
     delay_s = tau_s * (1.0, session_s / _SESSION_UNIT_S, trial_s / _TRIAL_UNIT_S)[int(drifts)]
     if device == FORCE:

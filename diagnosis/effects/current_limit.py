@@ -47,9 +47,7 @@ EFFECT = Effect(
     name="current_limit",
     place="electrical",
     equation="duty falls so that i <= i_max",
-    strength=Strength(
-        name="voltage_share_pulled_back", unit="1", typical=1.0, low=0.1, high=1.5, source="assumed"
-    ),
+    strength=Strength(name="voltage_share_pulled_back", unit="1", typical=1.0, low=0.1, high=1.5, source="assumed"),
     signature=_signature,
     shapes=(
         *({"share": s, "soft": 0.0} for s in (0.985, 0.96, 0.92, 0.86)),

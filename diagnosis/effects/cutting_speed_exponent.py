@@ -20,9 +20,7 @@ from diagnosis.state import State
 _V_REF_M_S = 0.7
 
 
-def _signature(
-    baseline: Baseline, state: State, exponent: float = 1.0, knee_m_s: float = 0.0
-) -> tuple[Signature, ...]:
+def _signature(baseline: Baseline, state: State, exponent: float = 1.0, knee_m_s: float = 0.0) -> tuple[Signature, ...]:
     speed = baseline.cutting_speed(state)
     if knee_m_s > 0.0:
         curve = speed * (1.0 + _V_REF_M_S / knee_m_s) / (1.0 + speed / knee_m_s)

@@ -96,11 +96,7 @@ class Effect:
         found = self.signature(baseline, state, **(self.shapes[0] if shape is None else shape))
         kept = evaluable_equations(baseline, state)
         return tuple(
-            {
-                name: np.broadcast_to(wave, state.angle_rad.shape)
-                for name, wave in part.items()
-                if name in kept
-            }
+            {name: np.broadcast_to(wave, state.angle_rad.shape) for name, wave in part.items() if name in kept}
             for part in found
         )
 
@@ -117,9 +113,7 @@ def evaluable_equations(baseline: Baseline, state: State) -> frozenset[Equation]
         "electrical": has_current,
         "mechanical": has_current and (state.force_n is not None or state.setting.is_idle),
         "cutting": state.force_n is not None,
-        "supply": has_battery_current
-        and state.battery_voltage_v is not None
-        and baseline.battery is not None,
+        "supply": has_battery_current and state.battery_voltage_v is not None and baseline.battery is not None,
         "converter": has_battery_current and has_current,
     }
     return frozenset(name for name, is_there in found.items() if is_there)

@@ -20,9 +20,7 @@ _TAUS_S = tuple(float(tau) for tau in np.geomspace(1.5e-4, 1e-2, 18))
 
 def _signature(baseline: Baseline, state: State, tau_s: float) -> tuple[Signature, ...]:
     force = baseline.expected_force(state)
-    return (
-        force_reading(baseline, state, filtered(force, state, lambda f: 1 / (1 + 2j * np.pi * f * tau_s))),
-    )
+    return (force_reading(baseline, state, filtered(force, state, lambda f: 1 / (1 + 2j * np.pi * f * tau_s))),)
 
 
 EFFECT = Effect(

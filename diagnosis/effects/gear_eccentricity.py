@@ -45,9 +45,7 @@ EFFECT = Effect(
     name="gear_eccentricity",
     place="mechanical",
     equation="a * sin(angle + psi) at the motor",
-    strength=Strength(
-        name="torque_n_m", unit="N*m", typical=0.003, low=0.1, high=4.0, source="assumed; ISO 1328"
-    ),
+    strength=Strength(name="torque_n_m", unit="N*m", typical=0.003, low=0.1, high=4.0, source="assumed; ISO 1328"),
     signature=_signature,
     shapes=({"kinematic": 0.0}, {"kinematic": 1.0}),
     needs=("motor_current_a",),

@@ -21,13 +21,9 @@ from diagnosis.state import State
 _SMOOTH_M_S = 0.01
 
 
-def _signature(
-    baseline: Baseline, state: State, static_ratio: float, stribeck_m_s: float
-) -> tuple[Signature, ...]:
+def _signature(baseline: Baseline, state: State, static_ratio: float, stribeck_m_s: float) -> tuple[Signature, ...]:
     velocity = np.abs(baseline.blade_velocity(state))
-    grip = np.tanh(velocity / _SMOOTH_M_S) * (
-        1.0 + (static_ratio - 1.0) * np.exp(-((velocity / stribeck_m_s) ** 2))
-    )
+    grip = np.tanh(velocity / _SMOOTH_M_S) * (1.0 + (static_ratio - 1.0) * np.exp(-((velocity / stribeck_m_s) ** 2)))
     lever_m = baseline.radius_m * np.abs(np.sin(state.angle_rad)) / baseline.gear
     return ({"mechanical": lever_m * grip},)
 

@@ -18,9 +18,7 @@ HEAT_SHAPES: Final[tuple[dict[str, float], ...]] = (
 )
 
 
-def copper_loss_w(
-    baseline: Baseline, state: State, fast_s: float, slow_s: float, fast_share: float
-) -> Floats:
+def copper_loss_w(baseline: Baseline, state: State, fast_s: float, slow_s: float, fast_share: float) -> Floats:
     """Copper loss as the thermal masses feel it, W, shape (n_units, 1).
 
     Times a thermal resistance it is the temperature rise in K.

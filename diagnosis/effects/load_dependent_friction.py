@@ -21,14 +21,10 @@ from diagnosis.state import State
 _PIN_SHARE_OF_RADIUS = 0.3
 
 
-def _signature(
-    baseline: Baseline, state: State, inertia: float, slot: float, pin: float
-) -> tuple[Signature, ...]:
+def _signature(baseline: Baseline, state: State, inertia: float, slot: float, pin: float) -> tuple[Signature, ...]:
     if state.setting.is_idle and inertia == 0.0:
         return ({},)
-    force = (
-        np.zeros_like(state.angle_rad) if state.force_n is None or state.setting.is_idle else state.force_n
-    )
+    force = np.zeros_like(state.angle_rad) if state.force_n is None or state.setting.is_idle else state.force_n
     if slot == 0.0 and pin == 0.0:
         mass = baseline.plant.reciprocating_mass_kg.nominal
         torque = baseline.load_torque(state, force) + inertia * inertia_torque(baseline, state, mass=mass)

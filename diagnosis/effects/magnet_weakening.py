@@ -27,10 +27,7 @@ def _signature(
     loss = FLUX_LOSS_PER_K * copper_loss_w(baseline, state, fast_s, slow_s, fast_share)  # at 1 K/W
     return (
         {
-            "electrical": -loss
-            * plant.back_emf_constant_v_s_per_rad.nominal
-            * baseline.gear
-            * state.speed_rad_s,
+            "electrical": -loss * plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * state.speed_rad_s,
             "mechanical": loss * plant.torque_constant_n_m_per_a.nominal * state.current_a,
         },
     )

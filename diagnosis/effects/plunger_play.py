@@ -89,9 +89,7 @@ def plunger_motion(
         else:
             x, v, force = x + steps[k] * free, free, 0.0
         out[:, k] = x, v, force
-    return Motion(
-        **dict(zip(("position_m", "velocity_m_s", "pin_force_n"), _bin(out, n_points), strict=True))
-    )
+    return Motion(**dict(zip(("position_m", "velocity_m_s", "pin_force_n"), _bin(out, n_points), strict=True)))
 
 
 def _bin(rows: Floats, n_points: int) -> Floats:

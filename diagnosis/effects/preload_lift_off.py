@@ -37,9 +37,7 @@ EFFECT = Effect(
     name="preload_lift_off",
     place="sensing",
     equation="F_m = min(F, preload)",
-    strength=Strength(
-        name="preload_share_of_peak", unit="1", typical=1.0, low=0.7, high=1.4, source="assumed"
-    ),
+    strength=Strength(name="preload_share_of_peak", unit="1", typical=1.0, low=0.7, high=1.4, source="assumed"),
     signature=_signature,
     shapes=tuple({"share": s, "scale": k} for s in (0.96, 1.0) for k in (1.0, 1.1, 1.2, 1.35, 1.6)),
     shape_strength=lambda amplitude, shape: shape["share"],

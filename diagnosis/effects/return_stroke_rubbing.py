@@ -34,9 +34,7 @@ EFFECT = Effect(
     name="return_stroke_rubbing",
     place="cutting",
     equation="F = -c * |v| or -F_r on the return half",
-    strength=Strength(
-        name="damping_n_s_per_m", unit="N*s/m", typical=25.0, low=0.1, high=4.0, source="assumed"
-    ),
+    strength=Strength(name="damping_n_s_per_m", unit="N*s/m", typical=25.0, low=0.1, high=4.0, source="assumed"),
     signature=_signature,
     shapes=tuple({"dry": d, "by_stock": s} for d in (0.0, 1.0) for s in (0.0, 1.0)),
     needs=("force_n",),

@@ -27,9 +27,7 @@ EFFECT = Effect(
     name="windage_drag",
     place="mechanical",
     equation="c * w^2 on the motor shaft",
-    strength=Strength(
-        name="torque_at_1000_rad_s_n_m", unit="N*m", typical=0.006, low=0.1, high=4.0, source="assumed"
-    ),
+    strength=Strength(name="torque_at_1000_rad_s_n_m", unit="N*m", typical=0.006, low=0.1, high=4.0, source="assumed"),
     signature=_signature,
     shapes=tuple({"power": p} for p in (2.0, 1.6, 1.8, 2.2, 2.4)),
     needs=("motor_current_a",),
