@@ -8,7 +8,7 @@ moves in the cutting direction; U = duty V_b, i_b = duty i; V_b = V_nom s / (1 -
 s the state of charge. What the extra terms stand for is said in `blindcheck.effects`.
 """
 
-# ruff: noqa: PLR0917  (compiled kernels take their arrays by position)
+
 from __future__ import annotations
 
 from math import asin, asinh, atan2, cos, exp, log1p, pi, sin, sqrt, tanh

@@ -7,7 +7,7 @@ Source: J. R. Dormand, P. J. Prince, A family of embedded Runge-Kutta formulae, 
 (1980); continuous extension: L. F. Shampine, Some practical Runge-Kutta formulas, Math. Comp. 46 (1986).
 """
 
-# ruff: noqa: PLR0917  (compiled kernels take their arrays by position)
+
 from __future__ import annotations
 
 import zlib

@@ -11,9 +11,7 @@ from commands.options import force_option, json_option
 from commands.terminal import emit, stepper
 
 
-@click.command(
-    name="import", epilog="Example: sawbench import campaign.toml --out recordings/campaign"
-)
+@click.command(name="import", epilog="Example: sawbench import campaign.toml --out recordings/campaign")
 @click.argument("path", metavar="PATH", type=click.Path(path_type=Path))
 @click.option(
     "--out", "out_dir", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder for the recordings."
@@ -25,9 +23,7 @@ from commands.terminal import emit, stepper
 )  # fmt: skip
 @force_option
 @json_option
-def command(
-    path: Path, out_dir: Path, dbc: Path | None, signals: tuple[str, ...], force: bool, as_json: bool
-) -> None:
+def command(path: Path, out_dir: Path, dbc: Path | None, signals: tuple[str, ...], force: bool, as_json: bool) -> None:
     """Turn campaign.toml (every trial), or one CSV, HDF5, MF4 or CAN log, into one recording per trial.
 
     CAN logs (candump .log, .asc, .blf, MF4 frames) need --dbc.
