@@ -125,9 +125,8 @@ def _by_channel(problem: LinearProblem, residuals: dict[str, Floats]) -> dict[st
     for part in problem.parts:
         if part.state.kind != "running":
             continue
-        undo = np.linalg.inv(part.whitener).T
         for name, whole in residuals.items():
-            features = whole[part.place].reshape(-1, part.layout.size) @ undo
+            features = part.unwhiten(whole)
             for equation, place in part.layout.slices.items():
                 if equation not in CHANNEL_OF:
                     continue

@@ -69,6 +69,10 @@ class Part:
         waves: Signature = {name: np.broadcast_to(wave, shape) for name, wave in signature.items()}
         return ((self.blocks @ self.layout.place(waves, shape[0])) @ self.whitener.T).ravel()
 
+    def unwhiten(self, stacked: Floats) -> Floats:
+        """Features of this part, in the units of their equations, shape (n_blocks, size), from the stacked vector."""
+        return stacked[self.place].reshape(-1, self.layout.size) @ np.linalg.inv(self.whitener).T
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LinearProblem:

@@ -80,7 +80,7 @@ def _sectors(problem: LinearProblem, rest: Floats, equation: Equation) -> tuple[
     for part in problem.parts:
         if part.state.kind != "running" or equation not in part.layout.equations:
             continue
-        features = rest[part.place].reshape(-1, part.layout.size) @ np.linalg.inv(part.whitener).T
+        features = part.unwhiten(rest)
         mean = features[:, part.layout.slices[equation]].mean(axis=0)
         n = (len(mean) - 1) // 2
         order = np.arange(1, n + 1)

@@ -46,3 +46,8 @@ def test_modules_stay_readable():
         if not path.name.endswith("_pb2.py") and (n_lines := len(path.read_text().splitlines())) > 500
     ]
     assert not too_long
+
+
+def test_the_shipped_configuration_is_the_one_at_the_top_level():
+    shipped = (ROOT / "bench" / "default_config.toml").read_bytes()
+    assert shipped == (ROOT / "bench_config.toml").read_bytes()
