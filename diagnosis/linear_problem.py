@@ -41,7 +41,7 @@ class Part:
     Attributes
     ----------
     state, smooth : State
-        As measured, and for signatures.
+        As measured, and for signatures (one row a block).
     layout : Layout
     blocks : ndarray, shape (n_blocks, n_units)
         Average of units into time blocks.
@@ -64,10 +64,10 @@ class Part:
         return self.state.setting
 
     def whiten(self, signature: Signature) -> Floats:
-        """Stacked whitened features of a signature on the state's grid."""
-        shape = self.state.angle_rad.shape
+        """Stacked whitened features of a signature on the grid of `smooth`."""
+        shape = self.smooth.angle_rad.shape
         waves: Signature = {name: np.broadcast_to(wave, shape) for name, wave in signature.items()}
-        return ((self.blocks @ self.layout.place(waves, shape[0])) @ self.whitener.T).ravel()
+        return (self.layout.place(waves, shape[0]) @ self.whitener.T).ravel()
 
     def unwhiten(self, stacked: Floats) -> Floats:
         """Features of this part, in the units of their equations, shape (n_blocks, size), from the stacked vector."""
@@ -148,7 +148,7 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True) -> LinearPr
         whitener: Floats = np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.float64)
         size = blocks.shape[0] * layout.size
         part = Part(
-            state=state, smooth=smooth_state(state), layout=layout, blocks=blocks, whitener=whitener,
+            state=state, smooth=smooth_state(state, blocks), layout=layout, blocks=blocks, whitener=whitener,
             place=slice(start, start + size),
         )  # fmt: skip
         parts.append(part)

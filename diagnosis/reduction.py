@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -97,15 +98,27 @@ def band_limit(waves: Floats, n_harmonics: int = N_HARMONICS) -> Floats:
     return np.fft.irfft(spectrum, n_points, axis=-1)
 
 
-def smooth_state(state: State, n_harmonics: int = 5) -> State:
-    """State to compute signatures from: the mean over the units, its motion limited to a few harmonics.
+def smooth_state(state: State, blocks: Floats, n_harmonics: int = 5) -> State:
+    """State to compute signatures from: averaged over the units, its motion limited to a few harmonics.
 
     A residual and a signature that share the same noise would shrink every parameter of the equation they stand
     in (errors in variables); averaging first takes that noise out of the signature.
+
+    Parameters
+    ----------
+    state : State
+    blocks : ndarray, shape (n_blocks, n_units)
+        Averages units into time blocks; only the slow states differ from block to block.
+    n_harmonics : int
+
+    Returns
+    -------
+    State
+        Arrays of shape (n_blocks, n_points); a start-up comes back as it is.
     """
     if state.kind != "running":
         return state
-    shape = state.angle_rad.shape
+    shape = (len(blocks), state.angle_rad.shape[1])
 
     def mean(wave: Floats | None, n: int) -> Floats | None:
         if wave is None:
@@ -116,12 +129,17 @@ def smooth_state(state: State, n_harmonics: int = 5) -> State:
 
     speed = mean(state.speed_rad_s, n_harmonics)
     assert speed is not None
-    changes: dict[str, Floats | None] = {"speed_rad_s": speed, "acceleration_rad_s2": speed * angle_derivative(speed)}
+    changes: dict[str, Any] = {"speed_rad_s": speed, "acceleration_rad_s2": speed * angle_derivative(speed)}
     for name in ("current_a", "current_rate_a_s", "battery_current_a"):
         changes[name] = mean(getattr(state, name), 2 * n_harmonics)
     for name in ("force_n", "force_rate_n_s"):
         changes[name] = mean(getattr(state, name), N_HARMONICS)
-    return replace(state, **changes)  # type: ignore[arg-type]
+    for name in ("angle_rad", "battery_voltage_v", "motor_voltage_v", "time_s", "cut_distance_m", "charge_used_as"):
+        wave = getattr(state, name)
+        changes[name] = None if wave is None else blocks @ wave
+    changes["slow"] = {name: blocks @ track for name, track in state.slow.items()}
+    changes["n_strokes"] = (blocks > 0) @ state.n_strokes
+    return replace(state, **changes)
 
 
 def angle_derivative(waves: Floats) -> Floats:

@@ -53,12 +53,11 @@ def filtered(wave: Floats, state: State, transfer: TransferFunction) -> Floats:
     orders = np.arange(n_points // 2)
     turns = np.exp(1j * phase[..., None, :] * orders[:, None])  # (rows, orders, points)
     weighted = wave * (slowness / period_s) / n_points
-    # einsum rather than a product of matrices: at this size the threads of a BLAS cost more than the sum.
-    turns = np.broadcast_to(turns, (len(wave), *turns.shape[1:]))
-    coefficients = np.einsum("up,uop->uo", weighted, turns.conj())
+    coefficients = (turns.conj() @ weighted[..., None])[..., 0] if len(turns) > 1 else weighted @ turns[0].conj().T
     change = coefficients * (transfer(orders / period_s) - 1.0)
     change[:, 1:] *= 2.0
-    return wave + np.einsum("uo,uop->up", change, turns).real
+    back = (change[:, None, :] @ turns)[:, 0] if len(turns) > 1 else change @ turns[0]
+    return wave + back.real
 
 
 def _time_phase(share: Floats) -> Floats:
