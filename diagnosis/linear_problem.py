@@ -15,18 +15,23 @@ import numpy as np
 from bench.recording import Floats
 from diagnosis.campaign import Campaign
 from diagnosis.equations import Signature, residuals
-from diagnosis.features import Layout, block_matrix, layout_of
+from diagnosis.features import START_UP_EDGES_S, Layout, block_matrix, layout_of
 from diagnosis.nuisances import nuisances_of
 from diagnosis.reduction import smooth_state
 from diagnosis.state import State, TrialSetting
 
 # Model error that no repetition shows: what a tracked speed, a band-limited current and a linear residual leave.
-# Standard deviation of a feature, in the unit of its equation.
-_FLOOR = {"electrical": 0.004, "mechanical": 2e-4, "cutting": 0.4, "supply": 0.003, "converter": 0.004}
-_IDLE_FLOOR = {**_FLOOR, "cutting": 0.15}
-# The tracked speed is least certain while the tool spins up.
-_START_UP_FACTOR = 30.0
-_TRACKING_FLOOR_N_M = 3e-4
+# Standard deviation of a feature in the unit of its equation, and its growth with each harmonic or, for the
+# mechanical equation, with its square (the smoothing of the tracked speed costs the more of the acceleration).
+_FLOOR = {
+    "electrical": (0.002, 2e-4), "mechanical": (2e-4, 2e-4), "cutting": (0.06, 0.0), "supply": (1e-3, 0.0),
+    "converter": (1.5e-3, 0.0),
+}  # fmt: skip
+# A load cell is not linear to better than some thousandths of its peak, and that is smooth over the stroke.
+_FORCE_SHARE, _FORCE_HARMONIC = 1e-3, 4.0
+# At the first motion, falling to the running floor by the end: the tracked speed is least certain there.
+_START_UP_FLOOR = {"electrical": 0.25, "supply": 0.004, "converter": 0.02, "mechanical": 0.01, "cutting": 3.0}
+_START_UP_DECAY_S = 0.006
 # Unit-to-unit scatter is correlated from block to block; variance of a block mean is that much larger.
 _CORRELATION_FACTOR = 1.5
 STOCK_STD_N_S_PER_M = 1000.0
@@ -162,7 +167,11 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True) -> LinearPr
 
 
 def _scatter(found: list[tuple[State, Layout, Floats]]) -> dict[tuple[bool, tuple[str, ...]], Floats]:
-    """Covariance of a single stroke's features, pooled over idle and over cutting trials, shrunk to its diagonal."""
+    """Covariance of a single stroke's features, pooled over idle and over cutting trials: a few factors and a rest.
+
+    Wood scatters in one or two directions (the whole force, its place in the stroke); what is left is sensor
+    noise. A factor model keeps the two apart where shrinking to the diagonal would spread the wood over all.
+    """
     pools: dict[tuple[bool, tuple[str, ...]], list[Floats]] = {}
     for state, layout, features in found:
         n = len(features)
@@ -172,27 +181,35 @@ def _scatter(found: list[tuple[State, Layout, Floats]]) -> dict[tuple[bool, tupl
         trend = np.outer(time, time @ features) / (time @ time)
         deviation = (features - features.mean(axis=0) - trend) * np.sqrt(n / (n - 2) * state.n_strokes[0])
         pools.setdefault((state.setting.is_idle, layout.equations), []).append(deviation)
-    out = {}
-    for key, rows in pools.items():
-        deviation = np.concatenate(rows)
-        n, size = deviation.shape
-        covariance = deviation.T @ deviation / n
-        share = min(0.5, max(0.05, 0.3 * size / n))
-        out[key] = (1.0 - share) * covariance + share * np.diag(np.diag(covariance))
-    return out
+    return {key: _factors(np.concatenate(rows)) for key, rows in pools.items()}
+
+
+def _factors(deviation: Floats) -> Floats:
+    """Covariance of rows of shape (n, size) as factors above the noise edge of random correlations, plus a diagonal."""
+    n, size = deviation.shape
+    spread = np.sqrt(np.mean(deviation**2, axis=0)) + 1e-12
+    _, values, vectors = np.linalg.svd(deviation / spread / np.sqrt(n), full_matrices=False)
+    edge = (1.0 + np.sqrt(size / n)) ** 2
+    kept = values**2 > edge
+    loads = (values[kept, None] * vectors[kept]).T
+    rest = np.maximum(1.0 - np.sum(loads**2, axis=1), 1e-3)
+    return (loads @ loads.T + np.diag(rest)) * np.outer(spread, spread)
 
 
 def _floor(layout: Layout, state: State) -> Floats:
-    table = _IDLE_FLOOR if state.setting.is_idle else _FLOOR
-    factor = 1.0 if state.kind == "running" else _START_UP_FACTOR
     floor = np.empty(layout.size)
     for equation, part in layout.slices.items():
-        floor[part] = factor * table[equation]
-        if equation == "mechanical" and state.kind == "running":
-            # The smoothing of the tracked speed costs the more of the acceleration, the higher the harmonic.
+        least, growth = _FLOOR[equation]
+        if state.kind == "start_up":
+            middle_s = 0.5 * (np.array(START_UP_EDGES_S[1:]) + np.array(START_UP_EDGES_S[:-1]))
+            floor[part] = 2.0 * least + _START_UP_FLOOR[equation] / (1.0 + middle_s / _START_UP_DECAY_S)
+        else:
             n = (part.stop - part.start - 1) // 2
             order = np.concatenate([[0.0], np.arange(1.0, n + 1), np.arange(1.0, n + 1)])
-            floor[part] = np.hypot(table[equation], _TRACKING_FLOOR_N_M * order**2)
+            floor[part] = np.hypot(least, growth * order ** (2.0 if equation == "mechanical" else 1.0))
+            if equation == "cutting" and not state.setting.is_idle:
+                peak_n = float(state.slow["peak_force_n"].max())
+                floor[part] = np.hypot(floor[part], _FORCE_SHARE * peak_n / (1.0 + (order / _FORCE_HARMONIC) ** 2))
     return floor
 
 
