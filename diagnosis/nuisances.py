@@ -155,7 +155,12 @@ def _battery_nuisances(baseline: Baseline) -> list[Nuisance]:
 
 
 def _sensor_nuisances(baseline: Baseline) -> list[Nuisance]:
-    plant = baseline.plant
+    """Gains, offsets and the angle's zero.
+
+    The gain of what an equation is solved for enters with what the equation says, not with the reading: with the
+    reading, a gain of -100 % would make every misfit vanish, and large misfits would be "explained" so.
+    """
+    plant, gear = baseline.plant, baseline.gear
     torque_constant = plant.torque_constant_n_m_per_a.nominal
     resistance, inductance = plant.resistance_ohm.nominal, plant.inductance_h.nominal
 
@@ -179,7 +184,7 @@ def _sensor_nuisances(baseline: Baseline) -> list[Nuisance]:
     def force_gain(b: Baseline, s: State) -> Signature:
         if s.force_n is None:
             return {}
-        return {"mechanical": -b.load_torque(s, s.force_n), "cutting": s.force_n}
+        return {"mechanical": -b.load_torque(s, s.force_n), "cutting": b.expected_force(s)}
 
     def force_offset(b: Baseline, s: State) -> Signature:
         ones = np.ones_like(s.angle_rad)
@@ -189,15 +194,23 @@ def _sensor_nuisances(baseline: Baseline) -> list[Nuisance]:
         if s.battery_current_a is None or b.battery is None:
             return {}
         drop = b.battery.internal_resistance_ohm * s.battery_current_a
-        return {"converter": s.battery_current_a, "supply": drop}
+        drawn = s.battery_current_a if s.current_a is None else s.setting.duty * s.current_a
+        return {"converter": drawn, "supply": drop}
 
     def battery_current_offset(b: Baseline, s: State) -> Signature:
         return {"converter": np.ones_like(s.angle_rad)}
 
-    def voltage_gain(_: Baseline, s: State) -> Signature:
+    def voltage_gain(b: Baseline, s: State) -> Signature:
         if s.battery_voltage_v is None:
             return {}
-        return {"electrical": s.motor_voltage_v, "supply": s.battery_voltage_v}
+        found: Signature = {}
+        if s.current_a is not None and s.current_rate_a_s is not None:
+            emf = plant.back_emf_constant_v_s_per_rad.nominal * gear * s.speed_rad_s
+            found["electrical"] = resistance * s.current_a + inductance * s.current_rate_a_s + emf
+        if s.battery_current_a is not None and b.battery is not None:
+            drop = b.battery.internal_resistance_ohm * s.battery_current_a
+            found["supply"] = b.open_circuit_voltage(s.charge_used_as) - drop
+        return found
 
     def angle_zero(b: Baseline, s: State) -> Signature:
         return angle_shift(b, s)
