@@ -146,10 +146,12 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True) -> LinearPr
     for state, layout, features in found:
         blocks = block_matrix(len(features)) if state.kind == "running" else np.eye(1)
         covariance = np.diag(_floor(layout, state) ** 2)
-        key = (state.setting.is_idle, layout.equations)
-        if state.kind == "running" and key in scatter:
+        if state.kind == "running":
             strokes = float(state.n_strokes[0]) / float((blocks[0] ** 2).sum())
-            covariance = covariance + _CORRELATION_FACTOR * scatter[key] / strokes
+            for equation, place in layout.slices.items():
+                known = scatter.get((state.setting.is_idle, equation))
+                if known is not None:
+                    covariance[place, place] += _CORRELATION_FACTOR * known / strokes
         whitener: Floats = np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.float64)
         size = blocks.shape[0] * layout.size
         part = Part(
@@ -166,13 +168,15 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True) -> LinearPr
     return _with_nuisances(empty)
 
 
-def _scatter(found: list[tuple[State, Layout, Floats]]) -> dict[tuple[bool, tuple[str, ...]], Floats]:
+def _scatter(found: list[tuple[State, Layout, Floats]]) -> dict[tuple[bool, str], Floats]:
     """Covariance of a single stroke's features, pooled over idle and over cutting trials: a few factors and a rest.
 
     Wood scatters in one or two directions (the whole force, its place in the stroke); what is left is sensor
     noise. A factor model keeps the two apart where shrinking to the diagonal would spread the wood over all.
+    Equations are kept apart: what their residuals have in common from stroke to stroke comes of mistuned
+    parameters, and a gap of one equation must not be taken for scatter of another.
     """
-    pools: dict[tuple[bool, tuple[str, ...]], list[Floats]] = {}
+    pools: dict[tuple[bool, str], list[Floats]] = {}
     for state, layout, features in found:
         n = len(features)
         if state.kind != "running" or n < 4:
@@ -180,7 +184,8 @@ def _scatter(found: list[tuple[State, Layout, Floats]]) -> dict[tuple[bool, tupl
         time = np.arange(n) - 0.5 * (n - 1)
         trend = np.outer(time, time @ features) / (time @ time)
         deviation = (features - features.mean(axis=0) - trend) * np.sqrt(n / (n - 2) * state.n_strokes[0])
-        pools.setdefault((state.setting.is_idle, layout.equations), []).append(deviation)
+        for equation, part in layout.slices.items():
+            pools.setdefault((state.setting.is_idle, equation), []).append(deviation[:, part])
     return {key: _factors(np.concatenate(rows)) for key, rows in pools.items()}
 
 

@@ -3,8 +3,9 @@
     L di/dt = duty V_b - V_f (1 - duty) - R i - k_e w,   while i > 0
 
 Positive amplitude: voltage is missing, most at low duty. Dead time adds a part that is the same at every
-duty (second form: 0.3 of V_f). A brush drop is the same at every duty. Forward voltage: 0.4 V (Schottky) to
-1.2 V (silicon), assumed.
+duty (0.3 of V_f). The forward voltage is constant, ohmic below a knee, or follows the diode's law,
+V_f = n V_T ln(1 + i/i_s), here scaled to 1 at 10 A. A brush drop is the same at every duty. Forward voltage:
+0.4 V (Schottky) to 1.2 V (silicon), assumed.
 """
 
 from __future__ import annotations
@@ -15,14 +16,17 @@ from diagnosis.effects.effect import Effect, Strength
 from diagnosis.equations import Baseline, Signature
 from diagnosis.state import State
 
-_CONDUCTS_FROM_A = 0.2
+_UNIT_A = 10.0
 
 
-def _signature(baseline: Baseline, state: State, dead_share: float) -> tuple[Signature, ...]:
+def _signature(
+    baseline: Baseline, state: State, dead_share: float, knee_a: float, logarithmic: float
+) -> tuple[Signature, ...]:
     if state.current_a is None:
         return ({},)
-    conducts = np.clip(state.current_a / _CONDUCTS_FROM_A, 0.0, 1.0)
-    return ({"electrical": (1.0 - state.setting.duty + dead_share) * conducts},)
+    current_a = np.maximum(state.current_a, 0.0)
+    forward = np.log1p(current_a / knee_a) / np.log1p(_UNIT_A / knee_a) if logarithmic else np.tanh(current_a / knee_a)
+    return ({"electrical": (1.0 - state.setting.duty + dead_share) * forward},)
 
 
 EFFECT = Effect(
@@ -38,7 +42,11 @@ EFFECT = Effect(
         source="assumed; Schottky to silicon",
     ),
     signature=_signature,
-    shapes=({"dead_share": 0.0}, {"dead_share": 0.3}),
+    shapes=tuple(
+        {"dead_share": dead, "knee_a": knee, "logarithmic": law}
+        for dead in (0.0, 0.3)
+        for knee, law in ((0.1, 0.0), (1.0, 0.0), (3.0, 0.0), (0.03, 1.0), (0.3, 1.0), (1.5, 1.0))
+    ),
     needs=("motor_current_a", "battery_voltage_v"),
     confused_with=("brush_voltage_drop",),
     told_apart_by="trials at several duties",

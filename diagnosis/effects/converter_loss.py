@@ -1,35 +1,45 @@
 """The converter takes more from the battery than it hands on: i_b = duty i / eta.
 
-Positive amplitude: battery current above duty times motor current. Forms: in proportion (1/eta - 1), with
-the square of the current (conduction in the switches), constant (drivers, controller), each equal to the
-first at 5 A (constant: at 2 A). Needs both currents. Hand-tool converters: 85 to 98 % efficient, assumed.
+Positive amplitude: battery current above duty times motor current. The losses are gate drive and controller
+(constant), switching (in proportion to the motor current i), conduction in switch or diode (R i^2, over the
+battery voltage), or lumped into one efficiency (in proportion to duty i); here mixtures of those, each part
+in units of what a lumped efficiency gives at 10 A and half duty. Needs both currents. Hand-tool converters:
+85 to 98 % efficient, assumed.
 """
 
 from __future__ import annotations
-
-import numpy as np
 
 from diagnosis.effects.effect import Effect, Strength
 from diagnosis.equations import Baseline, Signature
 from diagnosis.state import State
 
-_SQUARE_UNIT_A = 5.0
-_CONSTANT_UNIT_A = 2.0
+_UNIT_A, _UNIT_DUTY = 10.0, 0.5
 
 
 def _signature(
-    baseline: Baseline, state: State, proportional: float, square: float, constant: float
+    baseline: Baseline, state: State, lumped: float, switching: float, conduction: float, constant: float
 ) -> tuple[Signature, ...]:
     if state.current_a is None:
         return ({},)
-    ideal = state.setting.duty * state.current_a
-    return (
-        {
-            "converter": proportional * ideal
-            + square * ideal * np.abs(ideal) / _SQUARE_UNIT_A
-            + constant * np.full_like(ideal, _CONSTANT_UNIT_A)
-        },
-    )
+    share = state.current_a / _UNIT_A
+    relative = lumped * state.setting.duty / _UNIT_DUTY * share + switching * share + conduction * share**2 + constant
+    return ({"converter": _UNIT_DUTY * _UNIT_A * relative},)
+
+
+_MIXTURES = (
+    (1.0, 0.0, 0.0, 0.0),
+    (0.0, 1.0, 0.0, 0.0),
+    (0.0, 0.0, 1.0, 0.0),
+    (0.0, 0.0, 0.0, 1.0),
+    (0.5, 0.0, 0.0, 0.5),
+    (0.5, 0.0, 0.5, 0.0),
+    (0.0, 0.5, 0.5, 0.0),
+    (0.0, 0.25, 0.75, 0.0),
+    (0.0, 0.0, 0.5, 0.5),
+    (0.0, 0.0, 0.8, 0.2),
+    (0.0, 0.5, 0.0, 0.5),
+    (0.0, 0.3, 0.4, 0.3),
+)
 
 
 EFFECT = Effect(
@@ -38,12 +48,8 @@ EFFECT = Effect(
     equation="i_b = duty * i / eta",
     strength=Strength(name="loss_share", unit="1", typical=0.08, low=0.1, high=4.0, source="assumed"),
     signature=_signature,
-    shapes=(
-        {"proportional": 1.0, "square": 0.0, "constant": 0.0},
-        {"proportional": 0.0, "square": 1.0, "constant": 0.0},
-        {"proportional": 0.0, "square": 0.0, "constant": 1.0},
-        {"proportional": 0.5, "square": 0.0, "constant": 0.5},
-        {"proportional": 0.0, "square": 0.5, "constant": 0.5},
+    shapes=tuple(
+        {"lumped": a, "switching": b, "conduction": c, "constant": d} for a, b, c, d in _MIXTURES
     ),
     needs=("motor_current_a", "battery_current_a"),
     grows_with=("load",),
