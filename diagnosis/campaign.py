@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from bench.processed import CrankAngle
 from bench.recording import Floats, Recording
 from bench.units import DISPLACEMENT
 from diagnosis.equations import Baseline
+from diagnosis.plants.jigsaw import Jigsaw
+from diagnosis.plants.plant import Plant
 from diagnosis.reduction import running_state, start_up_state
 from diagnosis.slow_states import SlowTrack, slow_tracks
 from diagnosis.state import State, TrialSetting
@@ -29,7 +32,8 @@ class Campaign:
 
     Attributes
     ----------
-    baseline : Baseline
+    plant : Plant
+        The machine, with its nominal numbers.
     states : tuple of State
         Running and start-up states of all usable trials.
     k_guess_n_s_per_m : dict of str to float
@@ -38,10 +42,15 @@ class Campaign:
         What was left out or weakens the answer.
     """
 
-    baseline: Baseline
+    plant: Plant
     states: tuple[State, ...]
     k_guess_n_s_per_m: dict[str, float]
     warnings: tuple[str, ...]
+
+    @property
+    def baseline(self) -> Any:
+        """Numbers of the plant's model, as its effects take them: a `Baseline` for the jigsaw."""
+        return self.plant.model
 
     @property
     def operating_points(self) -> tuple[str, ...]:
@@ -101,7 +110,8 @@ def reduce_campaign(
     if not states:
         raise InputError(f"no trial runs long enough to be diagnosed: {'; '.join(warnings)}")
     guesses = _with_guesses(baseline, states)
-    return Campaign(baseline=baseline, states=tuple(states), k_guess_n_s_per_m=guesses, warnings=tuple(warnings))
+    plant = Jigsaw(baseline=baseline)
+    return Campaign(plant=plant, states=tuple(states), k_guess_n_s_per_m=guesses, warnings=tuple(warnings))
 
 
 def _in_order(recordings: Sequence[Recording]) -> list[Recording]:

@@ -91,6 +91,19 @@ class Baseline:
         soc = np.clip(1.0 - charge_used_as / (3600.0 * self.battery.capacity_ah), 1e-3, 1.0)
         return self.battery.nominal_voltage_v * soc / (1.0 - self.battery.beta * (1.0 - soc))
 
+    def evaluable_equations(self, state: State) -> frozenset[Equation]:
+        """Name the equations that `residuals` can evaluate on a state's channels."""
+        has_current = state.current_a is not None
+        has_battery_current = state.battery_current_a is not None
+        found: dict[Equation, bool] = {
+            "electrical": has_current,
+            "mechanical": has_current and (state.force_n is not None or state.setting.is_idle),
+            "cutting": state.force_n is not None,
+            "supply": has_battery_current and state.battery_voltage_v is not None and self.battery is not None,
+            "converter": has_battery_current and has_current,
+        }
+        return frozenset(name for name, is_there in found.items() if is_there)
+
 
 def residuals(baseline: Baseline, state: State) -> Signature:
     """Evaluate every equation that the measured channels allow.

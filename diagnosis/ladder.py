@@ -11,13 +11,6 @@ from diagnosis.equations import Equation
 from diagnosis.linear_problem import LinearProblem
 from diagnosis.posterior import wide_scale
 
-# Which channel an equation's residual is a misprediction of, and the factor to its unit (1 / k_m for torque).
-CHANNEL_OF: dict[Equation, tuple[str, str]] = {
-    "mechanical": ("motor_current_a", "A"),
-    "cutting": ("force_n", "N"),
-    "supply": ("battery_voltage_v", "V"),
-    "converter": ("battery_current_a", "A"),
-}
 _N_BOOTSTRAP = 500
 
 
@@ -120,25 +113,25 @@ def _closed(energy: dict[str, Floats], chosen: np.ndarray) -> float:
 
 
 def _by_channel(problem: LinearProblem, residuals: dict[str, Floats]) -> dict[str, tuple[Rungs, str]]:
-    torque_constant = problem.campaign.baseline.plant.torque_constant_n_m_per_a.nominal
-    squares: dict[str, dict[str, list[float]]] = {}
+    forms = problem.campaign.plant.equations
+    squares: dict[Equation, dict[str, list[float]]] = {}
     for part in problem.parts:
         if part.state.kind != "running":
             continue
         for name, whole in residuals.items():
             features = part.unwhiten(whole)
             for equation, place in part.layout.slices.items():
-                if equation not in CHANNEL_OF:
+                factor = forms[equation].to_channel
+                if factor is None:
                     continue
-                factor = 1.0 / torque_constant if equation == "mechanical" else 1.0
                 block = factor * features[:, place]
                 # Mean square over the turn of a Fourier series: c0^2 + half the squares of the others.
                 square = float(np.mean(block[:, 0] ** 2 + 0.5 * np.sum(block[:, 1:] ** 2, axis=1)))
                 squares.setdefault(equation, {}).setdefault(name, []).append(square)
     return {
-        CHANNEL_OF[equation][0]: (  # type: ignore[index]
+        forms[equation].channel: (
             Rungs(**{name: float(np.sqrt(np.mean(values))) for name, values in found.items()}),
-            CHANNEL_OF[equation][1],  # type: ignore[index]
+            forms[equation].channel_unit,
         )
         for equation, found in squares.items()
     }
