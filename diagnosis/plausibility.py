@@ -171,7 +171,7 @@ def _motion_faults(baseline: Baseline, trial: Trial, reading: Reading) -> Iterat
     if _outside(reading.rate_hz / free_hz, _STROKE_RATE):
         yield Fault(
             kind="stroke rate",
-            seen=f"{reading.rate_hz:.3g} strokes/s, without load and at duty {trial.duty:g} the motor makes {free_hz:.3g}",
+            seen=f"{reading.rate_hz:.3g} strokes/s; without load at duty {trial.duty:g} it is {free_hz:.3g}",
         )
 
 
@@ -223,7 +223,7 @@ def _power_faults(baseline: Baseline, trial: Trial, reading: Reading, idle_a: fl
         return
     if shaft is None:
         if not trial.is_idle and at_blade < -_CLEAR_CUT_W:
-            yield Fault(kind="blade power", seen=f"force along the displacement drives the blade with {-at_blade:.3g} W")
+            yield Fault(kind="blade power", seen=f"the force drives the blade with {-at_blade:.3g} W")
         return
     if trial.is_idle:
         if abs(at_blade) > _IDLE_POWER_SHARE * abs(shaft) + _IDLE_POWER_W:
@@ -237,7 +237,7 @@ def _power_faults(baseline: Baseline, trial: Trial, reading: Reading, idle_a: fl
     elif shaft <= _CLEAR_CUT_W and abs(at_blade) > 4.0 * _CLEAR_CUT_W:
         yield Fault(
             kind="blade power",
-            seen=f"force along the displacement takes {at_blade:.3g} W, the motor current stands for {shaft:.2g} W only",
+            seen=f"force along the displacement takes {at_blade:.3g} W, the current stands for {shaft:.2g} W only",
         )
 
 
@@ -289,7 +289,7 @@ def _negative(tracks: Mapping[str, Track], name: str) -> dict[str, Track]:
 def _channels_of(faults: list[Fault], tracks: Mapping[str, Track]) -> tuple[str, ...]:
     """Channels to do without where no simple mistake is found: as few as the faults allow."""
     kinds = {fault.kind for fault in faults}
-    if kinds == {"converter"} or kinds == {"battery voltage"}:
+    if kinds in ({"converter"}, {"battery voltage"}):
         name = "battery_current_a" if kinds == {"converter"} else "battery_voltage_v"
         return (name,)
     return tuple(tracks)

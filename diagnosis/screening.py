@@ -75,7 +75,7 @@ def _notes_on_order(recordings: Sequence[Recording]) -> list[str]:
         stated = [getattr(r.trial, name) for r in recordings]
         if len(recordings) > 1 and None in stated and any(stated):
             nameless = [r.trial.trial_id for r, s in zip(recordings, stated, strict=True) if s is None]
-            notes.append(f"{name} is not stated for {_some(nameless)}: taken as one further {name}, new at its first use")
+            notes.append(f"{name} is not stated for {_some(nameless)}: taken as one more {name}, new at first")
     if len({r.config_toml for r in recordings if r.config_toml}) > 1:
         notes.append("the recordings were made with different configurations; all are compared with the one given")
     unnamed = [r.trial.trial_id for r in recordings if r.trial.material is None]
@@ -109,7 +109,7 @@ def _driven(recordings: Sequence[Recording], warnings: list[str]) -> list[Record
         if recording.trial.duty is None:
             warnings.append(f"{recording.trial.trial_id} left out: its duty is not stated; state it in campaign.toml")
         elif recording.trial.duty == 0.0:
-            warnings.append(f"{recording.trial.trial_id} left out: its duty is stated as 0, so the motor has no voltage")
+            warnings.append(f"{recording.trial.trial_id} left out: its duty is stated as 0: no voltage at the motor")
         else:
             out.append(recording)
     return out
@@ -171,7 +171,7 @@ def _without_copies(recordings: Sequence[Recording], warnings: list[str]) -> lis
         if shared:
             names = ", ".join(name for name, _ in shared)
             warnings.append(
-                f"{recording.trial.trial_id} left out: its {names} is a copy of that in {shared[0][1]}; a copy is no repeat"
+                f"{recording.trial.trial_id} left out: its {names} is a copy of that in {shared[0][1]}: no repeat"
             )
             continue
         owner |= dict.fromkeys(prints, recording.trial.trial_id)
@@ -265,7 +265,7 @@ def _without_wrong_duty(recordings: list[Recording], baseline: Baseline, warning
         return recordings
     asked, current = np.array([row[2] for row in rows]), np.array([row[3] for row in rows])
     design = np.column_stack([np.ones_like(asked), asked, current])
-    weight = np.ones_like(asked)
+    weight, line = np.ones_like(asked), np.zeros(3)
     for _ in range(50):  # least absolute deviations: a wrong duty must not bend the line it is judged by
         line = np.linalg.lstsq(design * weight[:, None], stated * weight, rcond=None)[0]
         weight = 1.0 / np.sqrt(np.maximum(np.abs(stated - design @ line), 1e-4))

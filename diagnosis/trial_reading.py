@@ -70,10 +70,7 @@ def read_trial(tracks: Mapping[str, Track]) -> Reading:
     starts_s = np.zeros(0) if displacement is None else _stroke_starts(*displacement)
     travel_m = None if displacement is None else DISPLACEMENT.si_factor * float(np.ptp(_bulk(displacement[1])))
     starts_s = starts_s[starts_s > starts_s[0] + _SETTLE_S] if len(starts_s) else starts_s
-    if len(starts_s) >= 2:
-        window = (float(starts_s[0]), float(starts_s[-1]))
-    else:
-        window = _late_part(tracks)
+    window = (float(starts_s[0]), float(starts_s[-1])) if len(starts_s) >= 2 else _late_part(tracks)
     means = {name: _mean(track, window) for name, track in tracks.items()}
     motor = tracks.get("motor_current_a")
     power, falling, rising = _force_on_blade(tracks, window)
