@@ -37,7 +37,7 @@ _TOLERANCE = 1e-6
 # A kept Jacobian that gains less than this a step is replaced.
 _GOOD_GAIN = 0.6
 # Force, battery current and voltage enter their own signatures only weakly: this many substitutions settle them.
-_SUBSTITUTIONS = 3
+_SUBSTITUTIONS = 2
 _SLOWEST_SHARE = 0.05
 
 
