@@ -10,7 +10,7 @@ import numpy as np
 from reporting.figures import INK, QUIET, SERIES_COLOURS, WIDTH_IN, figure_style
 from reporting.html import Picture, figure_to_svg
 
-_CHARACTER_IN = 0.07
+_CHARACTER_IN = 0.062
 _OUTCOMES = (
     ("exact", "named exactly", "#0072b2", ""),
     ("group", "within the named group", "#7fb8d8", "//"),
