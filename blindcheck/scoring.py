@@ -124,7 +124,9 @@ class Score:
     time_median_s, time_p95_s : float or None
     times_s : tuple of float
     worst : tuple of Miss
-        Greatest log-loss first.
+        Greatest log-loss first; those without an answer left out.
+    failed : tuple of str
+        Cases without an answer.
     """
 
     n_cases: int
@@ -145,6 +147,7 @@ class Score:
     time_p95_s: float | None
     times_s: tuple[float, ...]
     worst: tuple[Miss, ...]
+    failed: tuple[str, ...]
 
     def row(self, key: str) -> Proportion:
         """Return the value of one row."""
@@ -197,7 +200,8 @@ def score(cases: Sequence[Case]) -> Score:
         time_median_s=float(np.median(times)) if len(times) else None,
         time_p95_s=float(np.quantile(times, 0.95)) if len(times) else None,
         times_s=tuple(map(float, times)),
-        worst=_worst(cases),
+        worst=_worst(given),
+        failed=tuple(case.name for case in cases if case.is_failed),
     )
 
 

@@ -259,7 +259,8 @@ def as_text(found: Score) -> str:
         lines.append(f"exact, if the same answers were dealt at random: {found.chance_exact:.1%}")
     if found.time_median_s is not None:
         lines.append(f"time a case: median {found.time_median_s:.1f} s, 95th percentile {found.time_p95_s:.1f} s")
-    lines.append(f"{found.n_failed} of {found.n_cases} cases without an answer (scored as wrong)")
+    if found.failed:
+        lines.append(f"without an answer (scored as wrong): {', '.join(found.failed)}")
     lines += [
         f"worst: {miss.name}: {miss.truth}; answered {miss.answer}, truth at {miss.truth_probability:.2g}"
         for miss in found.worst[:5]

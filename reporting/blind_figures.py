@@ -150,8 +150,9 @@ def time_picture(times_s: Sequence[float]) -> Picture:
         axes = figure.add_subplot()
         axes.hist(times, bins=min(30, max(5, len(times) // 5)), color=SERIES_COLOURS[0], edgecolor="white")
         axes.axvline(float(np.median(times)), color=INK, linestyle=(0, (4, 3)), linewidth=1.0, label="median")
+        axes.margins(y=0.2)
         axes.set(xlabel="wall time of one answer / s", ylabel="cases", xlim=(0, None))
-        axes.legend(loc="upper right")
+        axes.legend(loc="best")
         words = f"{len(times)} cases, {times.min():.1f} to {times.max():.1f} s, median {np.median(times):.1f} s"
         svg = figure_to_svg(figure, name="time", title="Time of an answer", description=words)
     return Picture(

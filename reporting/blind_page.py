@@ -74,7 +74,7 @@ def write_blind_page(path: str | Path, record: Mapping[str, Any], *, overwrite: 
         "calibration": calibration_picture(score["calibration"]),
         "severity": severity_picture(score["severity"]),
         "time": time_picture(score["times_s"]) if score["times_s"] else None,
-        "outside": [(name, share_words(value)) for name, value in score["outside"].items()],
+        "outside": [(name.replace("_", " "), share_words(value)) for name, value in score["outside"].items()],
     }
     return write_page(path, render("blind_page.html.j2", context), overwrite=overwrite)
 
@@ -98,7 +98,7 @@ def _sentence(record: Mapping[str, Any], rows: Mapping[str, Any]) -> str:
     if all_typical["share"] is None:
         return "The set holds no single effect of typical severity."
     n, hits = all_typical["n"], all_typical["hits"]
-    said = f"Of {n} campaigns with one hidden effect of typical severity, {hits} were named exactly."
+    said = f"Named exactly: {hits} of {n} hidden effects of typical severity."
     if declared["share"] is not None:
         said += f" Where an effect was declared, it was the right one in {100 * declared['share']:.0f} %"
         said += f" ({100 * declared['low']:.0f} to {100 * declared['high']:.0f} %) of the cases."
@@ -128,4 +128,5 @@ def _numbers(score: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
 def _value_words(value: Mapping[str, Any]) -> tuple[str, str]:
     if value["value"] is None:
         return "no case", ""
-    return f"{value['value']:.3f}", f"{value['low']:.3f} to {value['high']:.3f}"
+    low, mean, high = (f"{round(value[key], 3) + 0.0:.3f}".replace("-", "−") for key in ("low", "value", "high"))
+    return mean, f"{low} to {high}"

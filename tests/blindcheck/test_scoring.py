@@ -174,6 +174,7 @@ def test_a_failed_answer_is_wrong_everywhere_and_has_a_column():
     table = found.confusion
     assert table.counts[table.rows.index("edge_force")][table.columns.index("failed")] == 1
     assert found.calibration.error.n == 0
+    assert (found.failed, found.worst) == (("c",), ())
 
 
 def test_the_confusion_matrix_holds_every_case_once():
