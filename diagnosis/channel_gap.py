@@ -43,7 +43,8 @@ class Cycle:
     predicted : dict of str to dict
         The same by model ("nominal", "retuned", "with_effect").
     scatter : dict of str to float
-        Standard uncertainty of the mean stroke, root mean square over the crank angle.
+        Standard uncertainty of the mean stroke, root mean square over the crank angle; what harder or softer wood
+        does within the trial is taken out, as its mean is fitted.
     """
 
     label: str
@@ -114,7 +115,7 @@ def forecast(
         stroke = mean_stroke(state)
         found = _predict_all(baseline, stroke, models)
         if all(p.is_settled for p in found.values()):
-            cycles.append(_cycle(state, stroke, found))
+            cycles.append(_cycle(baseline, state, stroke, found))
             settled[label] = (state, stroke, models, found)
         else:
             unsettled.append(f"{label} ({', '.join(n for n, p in found.items() if not p.is_settled)})")
@@ -169,7 +170,7 @@ def _predict_all(baseline: Baseline, stroke: State, models: dict[str, list[Term]
     return found
 
 
-def _cycle(state: State, stroke: State, found: dict[str, Prediction]) -> Cycle:
+def _cycle(baseline: Baseline, state: State, stroke: State, found: dict[str, Prediction]) -> Cycle:
     measured, scatter = {}, {}
     predicted: dict[str, dict[str, Floats]] = {name: {} for name in found}
     for channel, attribute, _ in CHANNELS:
@@ -177,7 +178,7 @@ def _cycle(state: State, stroke: State, found: dict[str, Prediction]) -> Cycle:
         if units is None:
             continue
         measured[channel] = getattr(stroke, attribute)[0]
-        scatter[channel] = _std_of_mean(units)
+        scatter[channel] = _std_of_mean(units, _explained(baseline, state))
         for name, prediction in found.items():
             predicted[name][channel] = getattr(prediction.state, attribute)[0]
     return Cycle(
@@ -186,14 +187,28 @@ def _cycle(state: State, stroke: State, found: dict[str, Prediction]) -> Cycle:
     )  # fmt: skip
 
 
-def _std_of_mean(units: Floats) -> float:
-    """Standard uncertainty of the mean of rows about a straight line, with their autocorrelation."""
+def _explained(baseline: Baseline, state: State) -> Floats:
+    """What units of a trial differ by without being noise, shape (n_units, k).
+
+    A straight line in time, and how hard the wood is in this unit and in the one before: its mean is fitted, and the
+    machine follows it with a lag.
+    """
+    n = len(state.speed_rad_s)
+    columns = [np.ones(n), np.arange(n) - 0.5 * (n - 1)]
+    if state.force_n is not None and not state.setting.is_idle:
+        work = np.sum(state.force_n * baseline.cutting_speed(state), axis=1)
+        columns += [work - work.mean(), np.concatenate([[0.0], work[:-1] - work.mean()])]
+    return np.array(columns).T
+
+
+def _std_of_mean(units: Floats, explained: Floats) -> float:
+    """Standard uncertainty of the mean of rows about what is explained, with their autocorrelation."""
     n = len(units)
-    if n < 4:
+    free = n - explained.shape[1]
+    if free < 2:
         return 0.0
-    time = np.arange(n) - 0.5 * (n - 1)
-    rest = units - units.mean(axis=0) - np.outer(time, time @ units) / (time @ time)
-    variance = float(np.sum(rest**2)) / (n - 2) / units.shape[1]
+    rest = units - explained @ np.linalg.lstsq(explained, units, rcond=None)[0]
+    variance = float(np.sum(rest**2)) / free / units.shape[1]
     if variance <= 0.0:
         return 0.0
     neighbours = float(np.sum(rest[1:] * rest[:-1]) / np.sum(rest**2))

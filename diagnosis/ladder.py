@@ -16,6 +16,8 @@ RUNGS = ("nominal", "retuned", "with_effect", "noise_floor")
 # A cause cannot be shown to leave less than this share of the noise energy.
 _LEAST_REST = 0.02
 _LEAST_BLOCKS = 3
+# Re-tuned parameters stay within this many widened standard deviations: farther off it is not the same machine.
+_FARTHEST, _FARTHEST_SENSOR = 2.0, 5.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -90,6 +92,8 @@ class HoldOut:
         self.base = problem.nuisance * wide_scale(problem)
         plant = problem.campaign.plant
         own = {nuisance.name for nuisance in plant.trial_nuisances(problem.campaign.states)}
+        numbers = {nuisance.name for nuisance in plant.nuisances() if nuisance.is_plant}
+        self.is_plant = np.array([name in numbers for name in problem.names], dtype=bool)
         self.is_own = np.array([name in own for name in problem.names], dtype=bool)
         self.held_out, self.group_of = _grouping(problem)
         self.groups = tuple(dict.fromkeys(self.group_of(part) for part in problem.parts))
@@ -172,10 +176,37 @@ class HoldOut:
             if score > best[0]:
                 best = (score, k, amplitudes, through)
         _, k, amplitudes, through = best
-        if len(amplitudes) == 1:
-            amplitudes = np.maximum(amplitudes, 0.0)  # an effect has a sign
-        nuisances = retuned - through @ amplitudes if len(amplitudes) else retuned
-        return Fit(retuned=retuned, nuisances=nuisances, amplitudes=amplitudes, alternative=k)
+        n = len(retuned)
+        if len(amplitudes):
+            joint = np.hstack([self.base, columns[k]])
+            seen = joint[held]
+            normal = np.eye(joint.shape[1])
+            normal[:n, :n] += self._normal
+            normal[:n, n:] += shared[k]
+            normal[n:, :n] += shared[k].T
+            normal[n:, n:] += columns[k].T @ columns[k]
+            both = np.concatenate([self._moment, columns[k].T @ self.problem.data]) - seen.T @ data
+            solution = self._bounded(normal - seen.T @ seen, both)
+        else:
+            solution = self._bounded(np.eye(n) + self._normal - base.T @ base, moment)
+        retuned = self._bounded(np.eye(n) + self._normal - base.T @ base, moment)
+        return Fit(retuned=retuned, nuisances=solution[:n], amplitudes=solution[n:], alternative=k)
+
+    def _bounded(self, normal: Floats, moment: Floats) -> Floats:
+        """Solve for all coefficients with plant parameters within their bounds, a single amplitude not below 0."""
+        from scipy.optimize import lsq_linear
+
+        n, size = len(self.is_plant), len(moment)
+        high = np.full(size, np.inf)
+        high[:n] = np.where(self.is_own, np.inf, np.where(self.is_plant, _FARTHEST, _FARTHEST_SENSOR))
+        low = -high
+        if size == n + 1:
+            low[n] = 0.0  # an effect has a sign
+        solution = np.linalg.solve(normal, moment)
+        if np.all((solution >= low) & (solution <= high)):
+            return solution
+        root = np.linalg.cholesky(normal)
+        return lsq_linear(root.T, np.linalg.solve(root, moment), bounds=(low, high), method="bvls").x
 
 
 def climb(problem: LinearProblem, columns: Floats | None) -> Ladder:
@@ -239,7 +270,7 @@ def closed_share(energy: dict[str, Floats]) -> tuple[float, tuple[float, float]]
     >>> bool(0.85 < low < closed < high < 0.95)
     True
     """
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     def left(chosen: np.ndarray) -> float | None:
         retuned, effect, floor = (float(energy[k][chosen].sum()) for k in ("retuned", "with_effect", "noise_floor"))
@@ -259,7 +290,7 @@ def closed_share(energy: dict[str, Floats]) -> tuple[float, tuple[float, float]]
         return closed, (-1.0, 1.0)
     logs = np.log(np.array(without, dtype=np.float64))
     spread = float(np.sqrt((n - 1) / n * np.sum((logs - logs.mean()) ** 2)))
-    reach = float(t.ppf(0.975, n - 2)) * spread
+    reach = float(stdtrit(n - 2, 0.975)) * spread
     low, high = (float(np.clip(1.0 - whole * np.exp(sign * min(reach, 50.0)), -1.0, 1.0)) for sign in (1.0, -1.0))
     return closed, (low, high)
 
