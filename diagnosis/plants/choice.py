@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from bench.config import LoadedConfig
 from bench.recording import Recording
 from diagnosis.campaign import Campaign, reduce_campaign
+from diagnosis.plants.linear_axis import reduce_axis
 
 
 def reduce_recordings(
@@ -34,4 +35,6 @@ def reduce_recordings(
     InputError
         If no trial can be diagnosed.
     """
+    if loaded.config.linear_axis is not None:
+        return reduce_axis(recordings, loaded, on_trial=on_trial)
     return reduce_campaign(recordings, loaded, on_trial=on_trial)
