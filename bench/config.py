@@ -88,6 +88,44 @@ class PlantConfig(BaseModel):
         return self
 
 
+class LinearAxisConfig(BaseModel):
+    """A driven mass on a guide, the plant of `diagnosis.plants.linear_axis`, SI units.
+
+    `drive_channel` is a current (`..._a`, with `force_constant_n_per_a`) or a force (`..._n`); positive drives
+    towards larger `displacement_mm`. `load_channel` is the measured force that the axis works against, positive
+    where it pushes towards smaller displacement; none where the axis runs free or the load is the question.
+    """
+
+    model_config = _STRICT
+    moving_mass_kg: NotNegativeValue
+    viscous_damping_n_s_per_m: NotNegativeValue
+    force_constant_n_per_a: PositiveValue | None = None
+    drive_channel: str = "motor_current_a"
+    load_channel: str | None = None
+    drive_gain_rel_std: float = Field(default=0.01, ge=0)
+    load_gain_rel_std: float = Field(default=0.01, ge=0)
+    drive_offset_std_n: float | None = Field(default=None, ge=0)
+    load_offset_std_n: float | None = Field(default=None, ge=0)
+    model_floor_n: float | None = Field(default=None, gt=0)
+
+    @model_validator(mode="after")
+    def _drive_is_force_or_current(self) -> LinearAxisConfig:
+        is_current = self.drive_channel.endswith("_a")
+        if not is_current and not self.drive_channel.endswith("_n"):
+            raise ValueError(f"drive_channel {self.drive_channel!r} must end in _a (a current) or _n (a force)")
+        if is_current != (self.force_constant_n_per_a is not None):
+            raise ValueError(
+                "a drive_channel in A needs force_constant_n_per_a"
+                if is_current
+                else "a drive_channel in N is a force already: leave force_constant_n_per_a out"
+            )
+        if self.load_channel is not None and not self.load_channel.endswith("_n"):
+            raise ValueError(f"load_channel {self.load_channel!r} must end in _n (a force)")
+        if self.load_channel == self.drive_channel:
+            raise ValueError("drive_channel and load_channel are the same")
+        return self
+
+
 class BatteryConfig(BaseModel):
     """The battery of Eq. 16; `beta` in [0, 1)."""
 
@@ -157,12 +195,19 @@ class BenchConfig(BaseModel):
 
     model_config = _STRICT
     plant: PlantConfig | None = None
+    linear_axis: LinearAxisConfig | None = None
     battery: BatteryConfig | None = None
     cutting: CuttingConfig = CuttingConfig()
     converter: ConverterConfig = ConverterConfig()
     recording: RecordingConfig = RecordingConfig()
     analysis: AnalysisConfig = AnalysisConfig()
     devices: dict[str, dict[str, Any]] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _one_plant(self) -> BenchConfig:
+        if self.plant is not None and self.linear_axis is not None:
+            raise ValueError("holds both [plant], a jigsaw, and [linear_axis]: keep the one that was measured")
+        return self
 
 
 class LoadedConfig(BaseModel):

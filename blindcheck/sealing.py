@@ -144,7 +144,7 @@ def make(
             shutil.rmtree(leftover, ignore_errors=True)
     for name, label in _labels(waiting, out_dir, options, workers or os.cpu_count() or 1):
         key["cases"][name] = {"salt": secrets.token_hex(32), "label": label}
-        _write_json(key_path, key)
+        write_json(key_path, key)
         done += 1
         if on_progress is not None:
             on_progress(done, n_cases)
@@ -199,9 +199,9 @@ def _seal(out_dir: Path, key_path: Path, key: dict[str, Any]) -> None:
         name: {"commitment": commitment(entry["salt"], entry["label"]), "files": file_hashes(out_dir / name)}
         for name, entry in sorted(key["cases"].items())
     }
-    _write_json(out_dir / COMMITMENTS, {"schema_version": SCHEMA_VERSION, "cases": cases})
-    key["commitments_sha256"] = _sha256_of(out_dir / COMMITMENTS)
-    _write_json(key_path, key)
+    write_json(out_dir / COMMITMENTS, {"schema_version": SCHEMA_VERSION, "cases": cases})
+    key["commitments_sha256"] = sha256_of(out_dir / COMMITMENTS)
+    write_json(key_path, key)
 
 
 def commitment(salt: str, label: Mapping[str, Any]) -> str:
@@ -218,7 +218,7 @@ def commitment(salt: str, label: Mapping[str, Any]) -> str:
 
 def file_hashes(case_dir: Path) -> dict[str, str]:
     """Return SHA-256 of every file of a case's campaign by name, hexadecimal; subfolders are left out."""
-    return {path.name: _sha256_of(path) for path in sorted(case_dir.iterdir()) if path.is_file()}
+    return {path.name: sha256_of(path) for path in sorted(case_dir.iterdir()) if path.is_file()}
 
 
 def read_key(key_path: Path) -> dict[str, Any]:
@@ -229,7 +229,7 @@ def read_key(key_path: Path) -> dict[str, Any]:
     InputError
         If the file is missing or is no key.
     """
-    key = _read_json(key_path)
+    key = read_json(key_path)
     if (
         key.get("schema_version") != SCHEMA_VERSION
         or not isinstance(key.get("cases"), dict)
@@ -263,9 +263,9 @@ def verify(out_dir: Path, key_path: Path, *, with_files: bool = True) -> dict[st
     out_dir, key_path = Path(out_dir), Path(key_path)
     key = read_key(key_path)
     open_path = out_dir / COMMITMENTS
-    sealed = _read_json(open_path).get("cases", {})
+    sealed = read_json(open_path).get("cases", {})
     found: list[str] = []
-    if key.get("commitments_sha256") != _sha256_of(open_path):
+    if key.get("commitments_sha256") != sha256_of(open_path):
         found.append(f"{COMMITMENTS} is not the one that the key was made with")
     for name in sorted(set(sealed) ^ set(key["cases"])):
         found.append(f"{name} is in only one of key and commitments")
@@ -288,12 +288,20 @@ def verify(out_dir: Path, key_path: Path, *, with_files: bool = True) -> dict[st
     return {name: entry["label"] for name, entry in sorted(key["cases"].items())}
 
 
-def _sha256_of(path: Path) -> str:
+def sha256_of(path: Path) -> str:
+    """Return SHA-256 of a file, hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _read_json(path: Path) -> dict[str, Any]:
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a JSON object.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, cannot be read or holds something else.
+    """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -307,7 +315,7 @@ def _read_json(path: Path) -> dict[str, Any]:
     return content
 
 
-def _write_json(path: Path, content: Mapping[str, Any]) -> None:
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write through a temporary file, so that a broken-off run leaves the old or the new one."""
     temporary = path.with_name(path.name + ".part")
     temporary.write_text(json.dumps(content, indent=1, sort_keys=True), encoding="utf-8")

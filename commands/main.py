@@ -28,6 +28,7 @@ SUBCOMMANDS: Final = MappingProxyType(
         "simulate": "the electromechanical model alone",
         "compare": "material-comparison report",
         "diagnose": "the sim-to-real gap: where it lies, what causes it, how far it closes",
+        "blind": "the withheld-effect check of the diagnosis: make, answer, score",
         "view": "replay a recording in Rerun",
         "simbench": "the simulated instruments, on ports of their own",
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,10 @@ from bench.processed import CrankAngle
 from bench.recording import Floats, Recording
 from bench.units import DISPLACEMENT
 from diagnosis.equations import Baseline
-from diagnosis.reduction import running_state, start_up_state
+from diagnosis.plants.jigsaw import Jigsaw
+from diagnosis.plants.plant import Plant
+from diagnosis.reduction import CHANNEL_OF_STATE, is_locked_to_angle, running_state, start_up_state, steady_part
+from diagnosis.screening import screen
 from diagnosis.slow_states import SlowTrack, slow_tracks
 from diagnosis.state import State, TrialSetting
 
@@ -29,19 +33,28 @@ class Campaign:
 
     Attributes
     ----------
-    baseline : Baseline
+    plant : Plant
+        The machine, with its nominal numbers.
     states : tuple of State
         Running and start-up states of all usable trials.
     k_guess_n_s_per_m : dict of str to float
         k_Fc of each stock by regression of force on speed.
     warnings : tuple of str
         What was left out or weakens the answer.
+    angle_is_assumed : bool
+        No trial has a displacement: the angle of every state is NaN and only means over whole strokes are known.
     """
 
-    baseline: Baseline
+    plant: Plant
     states: tuple[State, ...]
     k_guess_n_s_per_m: dict[str, float]
     warnings: tuple[str, ...]
+    angle_is_assumed: bool = False
+
+    @property
+    def baseline(self) -> Any:
+        """Numbers of the plant's model, as its effects take them: a `Baseline` for the jigsaw."""
+        return self.plant.model
 
     @property
     def operating_points(self) -> tuple[str, ...]:
@@ -72,15 +85,16 @@ def reduce_campaign(
     Raises
     ------
     InputError
-        If no trial has a running blade with measured displacement.
+        If no trial can be used, or if most of them hold the same mistake (`diagnosis.screening`).
     """
-    ordered = _in_order(recordings)
-    warnings: list[str] = []
     baseline = Baseline(
         plant=loaded.plant(),
         battery=loaded.config.battery,
         cutting_sign=-1 if loaded.config.cutting.cutting_half == "pi_to_2pi" else 1,
     )
+    ordered, warnings = screen(_in_order(recordings), baseline)
+    if not any(DISPLACEMENT.name in recording.signals for recording in ordered):
+        return _without_displacement(ordered, baseline, warnings)
     usable: list[Recording] = []
     angles: list[CrankAngle] = []
     for number, recording in enumerate(ordered):
@@ -98,10 +112,12 @@ def reduce_campaign(
     states: list[State] = []
     for index, (recording, angle, track) in enumerate(zip(usable, angles, tracks, strict=True)):
         states += _states(baseline, recording, angle, track, index, warnings)
+    _refuse_foreign_angles(states, warnings)
     if not states:
         raise InputError(f"no trial runs long enough to be diagnosed: {'; '.join(warnings)}")
     guesses = _with_guesses(baseline, states)
-    return Campaign(baseline=baseline, states=tuple(states), k_guess_n_s_per_m=guesses, warnings=tuple(warnings))
+    plant = Jigsaw(baseline=baseline)
+    return Campaign(plant=plant, states=tuple(states), k_guess_n_s_per_m=guesses, warnings=tuple(warnings))
 
 
 def _in_order(recordings: Sequence[Recording]) -> list[Recording]:
@@ -131,7 +147,46 @@ def _states(
     warnings: list[str],
 ) -> list[State]:
     trial = recording.trial
-    setting = TrialSetting(
+    setting = _setting(recording, index, track)
+    moving_s = float(angle.time_s[np.argmax(angle.speed_rad_s > _MOVING_RAD_S)])
+    start_s, end_s = steady_part(angle, moving_s)
+    if start_s > moving_s or end_s < angle.time_s[-1]:
+        warnings.append(
+            f"{trial.trial_id}: the blade stops or slows to less than two thirds of its speed; only"
+            f" {start_s:.2f} s to {end_s:.2f} s is used"
+        )
+    running = running_state(recording, angle, setting, start_s + SETTLE_S, end_s)
+    if running is None:
+        warnings.append(f"{trial.trial_id} left out: it runs for less than two settled strokes")
+        return []
+    for name, attribute in CHANNEL_OF_STATE.items():
+        if name in recording.signals and getattr(running, attribute) is None:
+            warnings.append(f"{trial.trial_id}: {name} left out: it is missing in most of the strokes")
+    started_at_rest = moving_s > angle.time_s[0] or angle.speed_rad_s[0] < _MOVING_RAD_S
+    start_up = start_up_state(recording, angle, setting, moving_s) if started_at_rest else None
+    found = []
+    for state in (running, start_up):
+        if state is not None:
+            found.append(_with_history(baseline, state, track))
+    return found
+
+
+def _with_history(baseline: Baseline, state: State, track: SlowTrack) -> State:
+    """Return the state with what the trial inherited, and with the motor's voltage."""
+    slow = track.at(state.time_s[:, 0])
+    charge_used_as = slow.pop("charge_used_as")
+    return replace(
+        state,
+        charge_used_as=charge_used_as,
+        cut_distance_m=slow.pop("cut_distance_m"),
+        slow=slow,
+        motor_voltage_v=_motor_voltage(baseline, state, charge_used_as),
+    )
+
+
+def _setting(recording: Recording, index: int, track: SlowTrack) -> TrialSetting:
+    trial = recording.trial
+    return TrialSetting(
         label=trial.trial_id,
         index=index,
         duty=trial.duty or 0.0,
@@ -142,29 +197,46 @@ def _states(
         operating_point=_operating_point(recording),
         session_s=track.session_s,
     )
-    moving_s = float(angle.time_s[np.argmax(angle.speed_rad_s > _MOVING_RAD_S)])
-    end_s = float(angle.time_s[-1])
-    running = running_state(recording, angle, setting, moving_s + SETTLE_S, end_s)
-    if running is None:
-        warnings.append(f"{trial.trial_id} left out: it runs for less than two settled strokes")
-        return []
-    started_at_rest = moving_s > angle.time_s[0] or angle.speed_rad_s[0] < _MOVING_RAD_S
-    start_up = start_up_state(recording, angle, setting, moving_s) if started_at_rest else None
-    found = []
-    for state in (running, start_up):
-        if state is not None:
-            slow = track.at(state.time_s[:, 0])
-            charge_used_as = slow.pop("charge_used_as")
-            found.append(
-                replace(
-                    state,
-                    charge_used_as=charge_used_as,
-                    cut_distance_m=slow.pop("cut_distance_m"),
-                    slow=slow,
-                    motor_voltage_v=_motor_voltage(baseline, state, charge_used_as),
-                )
-            )
-    return found
+
+
+def _refuse_foreign_angles(states: list[State], warnings: list[str]) -> None:
+    """Take out trials whose force or current does not follow the measured crank angle."""
+    labels = [s.setting.label for s in states if s.kind == "running"]
+    foreign = [s.setting.label for s in states if s.kind == "running" and not is_locked_to_angle(s)]
+    reason = "its force and current do not repeat with the strokes of its displacement"
+    remedy = "the displacement belongs to another trial, or the clocks of the devices differ"
+    if 2 * len(foreign) > len(labels):
+        raise InputError(f"{len(foreign)} of {len(labels)} trials: {reason}", where=foreign[0], remedy=remedy)
+    warnings += [f"{label} left out: {reason}; {remedy}" for label in foreign]
+    states[:] = [s for s in states if s.setting.label not in foreign]
+
+
+def _without_displacement(recordings: list[Recording], baseline: Baseline, warnings: list[str]) -> Campaign:
+    """Means over whole strokes, whose rate is read from the ripple of force or current."""
+    from diagnosis.stroke_means import stroke_means
+
+    means = {r.trial.trial_id: stroke_means(r, baseline) for r in recordings}
+    for name, found in means.items():
+        if found is None:
+            warnings.append(f"{name} left out: neither force nor current shows a clear stroke rate")
+    usable = [r for r in recordings if means[r.trial.trial_id] is not None]
+    if not usable:
+        raise InputError(f"no trial can be diagnosed without displacement: {'; '.join(warnings)}")
+    angles = [means[r.trial.trial_id].angle for r in usable]  # type: ignore[union-attr]
+    tracks = slow_tracks(usable, angles, stroke_m=2.0 * baseline.radius_m)
+    states = [
+        _with_history(baseline, means[r.trial.trial_id].state(_setting(r, index, track)), track)  # type: ignore[union-attr]
+        for index, (r, track) in enumerate(zip(usable, tracks, strict=True))
+    ]
+    guesses = _with_guesses(baseline, states)
+    warnings.append(
+        "no displacement in any trial: the stroke rate is read from the ripple of force or current, and only means over"
+        " whole strokes are compared; nothing can be said of friction, mechanism, cutting law or force sensor"
+    )
+    return Campaign(
+        plant=Jigsaw(baseline=baseline), states=tuple(states), k_guess_n_s_per_m=guesses, warnings=tuple(warnings),
+        angle_is_assumed=True,
+    )  # fmt: skip
 
 
 def _motor_voltage(baseline: Baseline, state: State, charge_used_as: Floats) -> Floats:

@@ -91,6 +91,19 @@ class Baseline:
         soc = np.clip(1.0 - charge_used_as / (3600.0 * self.battery.capacity_ah), 1e-3, 1.0)
         return self.battery.nominal_voltage_v * soc / (1.0 - self.battery.beta * (1.0 - soc))
 
+    def evaluable_equations(self, state: State) -> frozenset[Equation]:
+        """Name the equations that `residuals` can evaluate on a state's channels."""
+        has_current, has_angle = state.current_a is not None, is_angle_known(state)
+        has_battery_current = state.battery_current_a is not None
+        found: dict[Equation, bool] = {
+            "electrical": has_current,
+            "mechanical": has_current and has_angle and (state.force_n is not None or state.setting.is_idle),
+            "cutting": state.force_n is not None and has_angle,
+            "supply": has_battery_current and state.battery_voltage_v is not None and self.battery is not None,
+            "converter": has_battery_current and has_current,
+        }
+        return frozenset(name for name, is_there in found.items() if is_there)
+
 
 def residuals(baseline: Baseline, state: State) -> Signature:
     """Evaluate every equation that the measured channels allow.
@@ -104,7 +117,7 @@ def residuals(baseline: Baseline, state: State) -> Signature:
     Returns
     -------
     dict of str to ndarray, shape (n_units, n_points)
-        In the units of `UNITS`; an equation is absent where one of its channels is.
+        In the units of `UNITS`; an equation is absent where one of its channels or the angle it needs is.
     """
     plant, gear = baseline.plant, baseline.gear
     motor_speed = gear * state.speed_rad_s
@@ -117,14 +130,14 @@ def residuals(baseline: Baseline, state: State) -> Signature:
             - plant.back_emf_constant_v_s_per_rad.nominal * motor_speed
         )
         force = np.zeros_like(state.current_a) if state.force_n is None else state.force_n
-        if state.force_n is not None or state.setting.is_idle:
+        if is_angle_known(state) and (state.force_n is not None or state.setting.is_idle):
             found["mechanical"] = (
                 plant.torque_constant_n_m_per_a.nominal * state.current_a
                 - plant.motor_damping_n_m_s_per_rad.nominal * motor_speed
                 - inertia_torque(baseline, state)
                 - baseline.load_torque(state, force)
             )
-    if state.force_n is not None:
+    if state.force_n is not None and is_angle_known(state):
         found["cutting"] = state.force_n
     if state.battery_voltage_v is not None and state.battery_current_a is not None and baseline.battery:
         found["supply"] = (
@@ -135,6 +148,11 @@ def residuals(baseline: Baseline, state: State) -> Signature:
     if state.battery_current_a is not None and state.current_a is not None:
         found["converter"] = state.battery_current_a - state.setting.duty * state.current_a
     return found
+
+
+def is_angle_known(state: State) -> bool:
+    """Whether the crank angle was measured; NaN where a trial has no displacement."""
+    return bool(np.isfinite(state.angle_rad[0, 0]))
 
 
 def inertia_torque(baseline: Baseline, state: State, **only: float) -> Floats:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from itertools import pairwise
 from types import MappingProxyType
 from typing import Final
@@ -13,7 +14,9 @@ from bench.recording import Floats
 from diagnosis.equations import EQUATIONS, Equation, Signature
 from diagnosis.state import State
 
-HARMONICS: Final = MappingProxyType({"electrical": 12, "mechanical": 8, "cutting": 32, "supply": 4, "converter": 6})
+HARMONICS: Final[Mapping[Equation, int]] = MappingProxyType(
+    {"electrical": 12, "mechanical": 8, "cutting": 32, "supply": 4, "converter": 6}
+)
 N_BLOCKS: Final = 4
 # Edges of the start-up's time bins, s after the motion begins.
 START_UP_EDGES_S: Final = (
@@ -44,17 +47,20 @@ class Layout:
     ----------
     kind : {"running", "start_up"}
     equations : tuple of str
+    n_harmonics : mapping of str to int
+        Harmonics that are compared; those of the jigsaw where nothing else is said.
     """
 
     kind: str
     equations: tuple[Equation, ...]
+    n_harmonics: Mapping[Equation, int] = field(default_factory=lambda: HARMONICS)
 
     @property
     def slices(self) -> dict[Equation, slice]:
         """Place of each equation in a feature vector."""
         found, start = {}, 0
         for equation in self.equations:
-            size = 2 * HARMONICS[equation] + 1 if self.kind == "running" else len(START_UP_EDGES_S) - 1
+            size = 2 * self.n_harmonics[equation] + 1 if self.kind == "running" else len(START_UP_EDGES_S) - 1
             found[equation] = slice(start, start + size)
             start += size
         return found
@@ -70,17 +76,17 @@ class Layout:
         for equation, part in self.slices.items():
             if equation in signature:
                 out[:, part] = (
-                    harmonics(signature[equation], HARMONICS[equation])
+                    harmonics(signature[equation], self.n_harmonics[equation])
                     if self.kind == "running"
                     else time_bins(signature[equation])
                 )
         return out
 
 
-def layout_of(state: State, residual: Signature) -> Layout:
+def layout_of(state: State, residual: Signature, n_harmonics: Mapping[Equation, int]) -> Layout:
     """Layout of the equations that a state's residuals hold."""
     allowed = EQUATIONS if state.kind == "running" else START_UP_EQUATIONS
-    return Layout(kind=state.kind, equations=tuple(e for e in allowed if e in residual))
+    return Layout(kind=state.kind, equations=tuple(e for e in allowed if e in residual), n_harmonics=n_harmonics)
 
 
 def harmonics(waves: Floats, n: int) -> Floats:

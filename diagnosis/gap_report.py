@@ -9,12 +9,11 @@ import numpy as np
 
 from bench.config import LoadedConfig
 from bench.recording import Recording
-from diagnosis.campaign import Campaign, reduce_campaign
-from diagnosis.effects.catalogue import EFFECTS
+from diagnosis.campaign import Campaign
 from diagnosis.evidence import Explanation, catalogue_columns
 from diagnosis.ladder import Ladder, climb
 from diagnosis.linear_problem import LinearProblem, Marginal, build_problem
-from diagnosis.nuisances import nuisances_of
+from diagnosis.plants.choice import reduce_recordings
 from diagnosis.posterior import Posterior, judge, wide_scale
 from diagnosis.where import locate
 
@@ -54,9 +53,9 @@ def diagnose(
     InputError
         If nothing can be diagnosed; the message says why for every trial.
     """
-    campaign = reduce_campaign(recordings, loaded, on_trial=on_step)
+    campaign = reduce_recordings(recordings, loaded, on_trial=on_step)
     problem = build_problem(campaign)
-    columns = catalogue_columns(problem, EFFECTS)
+    columns = catalogue_columns(problem, campaign.plant.effects)
     posterior = judge(problem, columns)
     causes = _causes(problem, posterior)
     ladder = causes[0].pop("_ladder") if causes else climb(problem, None)
@@ -98,7 +97,9 @@ def _causes(problem: LinearProblem, posterior: Posterior) -> list[dict[str, Any]
                 "probability": probability,
                 "parameters": {
                     m.effect.strength.name: {
-                        "value": m.strength, "std": m.strength_std, "unit": m.effect.strength.unit
+                        "value": m.strength,
+                        "std": float(np.hypot(m.strength_std, problem.campaign.plant.scale_rel_std * m.strength)),
+                        "unit": m.effect.strength.unit
                     }
                     for m in members
                 },
@@ -113,7 +114,7 @@ def _causes(problem: LinearProblem, posterior: Posterior) -> list[dict[str, Any]
 def _alike(problem: LinearProblem, cause: Explanation, posterior: Posterior) -> list[str]:
     """Effects whose best signature points nearly the same way once the nuisances are taken out."""
     marginal = Marginal(problem)
-    alike = []
+    alike = list(cause.effect.same_as)
     for other in posterior.explanations:
         if other.effect.name == cause.effect.name:
             continue
@@ -146,7 +147,7 @@ def _shifts(problem: LinearProblem) -> dict[str, Any]:
     width = wide_scale(problem) * problem.prior_std
     place = {name: k for k, name in enumerate(problem.names)}
     shifts = {}
-    for nuisance in nuisances_of(problem.campaign.baseline):
+    for nuisance in problem.campaign.plant.nuisances():
         if nuisance.is_plant and nuisance.name in place:
             k = place[nuisance.name]
             shift = float(mean[k] * width[k])
@@ -169,16 +170,9 @@ def _gap(ladder: Ladder) -> dict[str, Any]:
 
 
 def _next_trial(campaign: Campaign, posterior: Posterior) -> str:
-    settings = [s.setting for s in campaign.states if s.kind == "running"]
-    points = {s.operating_point for s in settings}
-    if not any(s.is_idle for s in settings):
-        return "an idle run (blade in air): it separates friction and supply from the cutting force"
-    if len({s.duty for s in settings}) < 3:
-        return "the same stock at another duty: a speed sweep separates friction, windage and voltage drops"
-    if len(points) == len(settings):
-        return "a repeat of one operating point: without repeats nothing can be said beyond noise"
-    if len({s.feed_m_s for s in settings if not s.is_idle}) < 2:
-        return "the same stock at another feed: it separates the chip's thickness from the cutting speed"
+    lacking = campaign.plant.next_trial(campaign.states)
+    if lacking is not None:
+        return lacking
     top = next((e for e in posterior.explanations), None)
     if top is not None and top.effect.told_apart_by:
         return f"{top.effect.told_apart_by}: it separates {top.effect.name} from what it is taken for"
@@ -187,14 +181,7 @@ def _next_trial(campaign: Campaign, posterior: Posterior) -> str:
 
 def _weaknesses(campaign: Campaign) -> list[str]:
     running = [s for s in campaign.states if s.kind == "running"]
-    said = []
-    for name, attribute in (
-        ("force_n", "force_n"), ("motor_current_a", "current_a"),
-        ("battery_voltage_v", "battery_voltage_v"), ("battery_current_a", "battery_current_a"),
-    ):  # fmt: skip
-        missing = [s.setting.label for s in running if getattr(s, attribute) is None]
-        if missing:
-            said.append(f"{name} is missing in {', '.join(missing)}: effects that show there cannot be named")
+    said = campaign.plant.weaknesses(running)
     points = [s.setting.operating_point for s in running]
     if len(set(points)) == len(points):
         said.append("no operating point was repeated: a gap beyond what repeats differ by cannot be claimed")

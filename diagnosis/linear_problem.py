@@ -14,10 +14,8 @@ import numpy as np
 
 from bench.recording import Floats
 from diagnosis.campaign import Campaign
-from diagnosis.equations import Signature, residuals
+from diagnosis.equations import Equation, Signature
 from diagnosis.features import START_UP_EDGES_S, Layout, block_matrix, layout_of
-from diagnosis.nuisances import nuisances_of
-from diagnosis.reduction import smooth_state
 from diagnosis.state import State, TrialSetting
 
 # Model error that no repetition shows: what a tracked speed, a band-limited current and a linear residual leave.
@@ -34,8 +32,6 @@ _START_UP_FLOOR = {"electrical": 0.25, "supply": 0.004, "converter": 0.02, "mech
 _START_UP_DECAY_S = 0.006
 # Unit-to-unit scatter is correlated from block to block; variance of a block mean is that much larger.
 _CORRELATION_FACTOR = 1.5
-STOCK_STD_N_S_PER_M = 1000.0
-TRIAL_SPREAD_STD = 0.05
 WIDE = 5.0
 
 
@@ -131,12 +127,13 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True) -> LinearPr
     -------
     LinearProblem
     """
-    baseline = campaign.baseline
+    plant = campaign.plant
+    n_harmonics: dict[Equation, int] = {equation: form.n_harmonics for equation, form in plant.equations.items()}
     states = [s for s in campaign.states if with_start_up or s.kind == "running"]
     found = []
     for state in states:
-        residual = residuals(baseline, state)
-        layout = layout_of(state, residual)
+        residual = plant.residuals(state)
+        layout = layout_of(state, residual, n_harmonics)
         if layout.equations:
             found.append((state, layout, layout.place(residual, state.angle_rad.shape[0])))
     scatter = _scatter(found)
@@ -145,7 +142,7 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True) -> LinearPr
     start = 0
     for state, layout, features in found:
         blocks = block_matrix(len(features)) if state.kind == "running" else np.eye(1)
-        covariance = np.diag(_floor(layout, state) ** 2)
+        covariance = np.diag(plant.noise_floor(layout, state) ** 2)
         if state.kind == "running":
             strokes = float(state.n_strokes[0]) / float((blocks[0] ** 2).sum())
             for equation, place in layout.slices.items():
@@ -155,7 +152,7 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True) -> LinearPr
         whitener: Floats = np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.float64)
         size = blocks.shape[0] * layout.size
         part = Part(
-            state=state, smooth=smooth_state(state, blocks), layout=layout, blocks=blocks, whitener=whitener,
+            state=state, smooth=plant.smooth(state, blocks), layout=layout, blocks=blocks, whitener=whitener,
             place=slice(start, start + size),
         )  # fmt: skip
         parts.append(part)
@@ -201,7 +198,8 @@ def _factors(deviation: Floats) -> Floats:
     return (loads @ loads.T + np.diag(rest)) * np.outer(spread, spread)
 
 
-def _floor(layout: Layout, state: State) -> Floats:
+def jigsaw_floor(layout: Layout, state: State) -> Floats:
+    """Model error of the jigsaw's features that no repetition shows, shape (layout.size,)."""
     floor = np.empty(layout.size)
     for equation, part in layout.slices.items():
         least, growth = _FLOOR[equation]
@@ -219,7 +217,7 @@ def _floor(layout: Layout, state: State) -> Floats:
 
 
 def _with_nuisances(problem: LinearProblem) -> LinearProblem:
-    campaign, baseline = problem.campaign, problem.campaign.baseline
+    campaign, plant = problem.campaign, problem.campaign.plant
     columns, names, stds = [], [], []
 
     def add(name: str, std: float, signature: Callable[[State], Signature]) -> None:
@@ -229,20 +227,8 @@ def _with_nuisances(problem: LinearProblem) -> LinearProblem:
             names.append(name)
             stds.append(std)
 
-    for nuisance in nuisances_of(baseline):
-        add(nuisance.name, nuisance.std, lambda s, n=nuisance: n.signature(baseline, s))
-    for stock in campaign.k_guess_n_s_per_m:
-        add(
-            f"k_fc of {stock}",
-            STOCK_STD_N_S_PER_M,
-            lambda s, k=stock: {"cutting": baseline.cutting_speed(s)} if s.setting.stock == k else {},
-        )
-    for label in dict.fromkeys(s.setting.label for s in campaign.states if not s.setting.is_idle):
-        add(
-            f"k_fc spread of {label}",
-            TRIAL_SPREAD_STD,
-            lambda s, t=label: {"cutting": baseline.expected_force(s)} if s.setting.label == t else {},
-        )
+    for nuisance in (*plant.nuisances(), *plant.trial_nuisances(campaign.states)):
+        add(nuisance.name, nuisance.std, lambda s, n=nuisance: n.signature(plant.model, s))
     return LinearProblem(
         campaign=campaign, parts=problem.parts, data=problem.data, nuisance=np.array(columns).T,
         names=tuple(names), prior_std=np.array(stds),

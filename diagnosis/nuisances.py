@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,8 @@ from bench.recording import Floats
 from diagnosis.equations import Baseline, Signature, inertia_torque, residuals
 from diagnosis.state import State
 
-SignatureFunction = Callable[[Baseline, State], Signature]
+# (model of the plant: here a Baseline, State) -> Signature
+SignatureFunction = Callable[[Any, State], Signature]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

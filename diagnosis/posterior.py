@@ -11,9 +11,7 @@ import numpy as np
 from bench.recording import Floats
 from diagnosis.effects.effect import Effect
 from diagnosis.evidence import Column, Explanation, background, explain
-from diagnosis.features import HARMONICS
 from diagnosis.linear_problem import WIDE, LinearProblem, Marginal
-from diagnosis.nuisances import nuisances_of
 
 Verdict = Literal["effect", "effects", "parameters", "no_gap", "unknown"]
 
@@ -101,7 +99,7 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
 
 def wide_scale(problem: LinearProblem) -> Floats:
     """Factor on the prior of each nuisance where the plant is retuned: 5 for its numbers, 1 for the rest."""
-    plant = {n.name for n in nuisances_of(problem.campaign.baseline) if n.is_plant}
+    plant = {n.name for n in problem.campaign.plant.nuisances() if n.is_plant}
     return np.array([WIDE if name in plant else 1.0 for name in problem.names])
 
 
@@ -153,7 +151,8 @@ def _discrepancy(problem: LinearProblem, small: Floats | None) -> float:
         [np.ones(len(settings)), _centred(duty), [0.0 if s.is_idle else 1.0 for s in settings],
          _centred(session), _centred(feed)]
     )  # fmt: skip
-    for equation, n_harmonics in HARMONICS.items():
+    for equation, form in problem.campaign.plant.equations.items():
+        n_harmonics = form.n_harmonics
         for k in range(2 * min(_DISCREPANCY_HARMONICS, n_harmonics) + 1):
             for row in covariates:
                 column = np.zeros(len(problem.data))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from types import MappingProxyType
+from typing import Any, Final
 
 import numpy as np
 
@@ -15,9 +16,23 @@ from diagnosis.state import TWO_PI, State, TrialSetting
 N_POINTS = 128
 N_HARMONICS = 40
 MIN_SAMPLES_PER_BIN = 1.5
+_MIN_COVERAGE = 0.5
 START_UP_S = 0.4
 START_UP_STEP_S = 1e-3
-_STATE_CHANNELS = ("motor_current_a", "force_n", "battery_voltage_v", "battery_current_a")
+# Channels of a recording and where they stand in a state.
+CHANNEL_OF_STATE: Final = MappingProxyType(
+    {
+        "motor_current_a": "current_a",
+        "force_n": "force_n",
+        "battery_voltage_v": "battery_voltage_v",
+        "battery_current_a": "battery_current_a",
+    }
+)
+# Turns this much longer than usual are no running strokes; two more before them belong to the stop.
+_SLOW_TURN = 1.5
+_STOPPING_TURNS = 2
+_SPIN_UP_S = 0.8
+_LOCKED = 0.8
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -150,6 +165,58 @@ def angle_derivative(waves: Floats) -> Floats:
     return np.fft.irfft(spectrum, n_points, axis=-1)
 
 
+def steady_part(angle: CrankAngle, moving_s: float) -> tuple[float, float]:
+    """Longest stretch in which the blade neither stands nor spins down.
+
+    Parameters
+    ----------
+    angle : CrankAngle
+    moving_s : float
+        Time of the first motion.
+
+    Returns
+    -------
+    start_s, end_s : float
+        `moving_s` and the end of the record where nothing interrupts the trial.
+    """
+    turns = np.arange(np.ceil(angle.angle_rad[0] / TWO_PI), np.floor(angle.angle_rad[-1] / TWO_PI) + 1)
+    ends_s = np.interp(TWO_PI * turns, angle.angle_rad, angle.time_s)
+    ends_s = ends_s[ends_s >= moving_s]
+    last_s = float(angle.time_s[-1])
+    if len(ends_s) < 3:
+        return moving_s, last_s
+    usual_s = float(np.median(np.diff(ends_s)))
+    # The spin-up is no stop; a record may end within a turn.
+    edges_s = np.concatenate([[moving_s], ends_s, [last_s]])
+    slow = np.diff(edges_s) > _SLOW_TURN * usual_s
+    slow &= edges_s[1:] > moving_s + _SPIN_UP_S
+    best, start, length = (0, len(slow)), 0, -1
+    for stop in [*np.flatnonzero(slow).tolist(), len(slow)]:
+        if stop - start > length:
+            length, best = stop - start, (start, stop)
+        start = stop + 1
+    first, last = best
+    if last < len(slow):
+        last = max(last - _STOPPING_TURNS, first)
+    return float(edges_s[first]), float(edges_s[last])
+
+
+def is_locked_to_angle(state: State) -> bool:
+    """Whether force (in wood) or current (in air) repeats with the crank angle from unit to unit.
+
+    A displacement that belongs to another trial drifts against the other channels: the phases of their first
+    or second harmonic then scatter over the turn. True where there is nothing to judge by.
+    """
+    # In air the force is noise, and the reciprocating mass gives the current its second harmonic.
+    wave, order = (state.current_a, 2) if state.setting.is_idle else (state.force_n, 1)
+    if wave is None:
+        wave, order = state.current_a, 1
+    if wave is None or len(wave) < 4:
+        return True
+    parts = np.fft.rfft(wave, axis=1)[:, order]
+    return bool(np.abs(parts.sum()) > _LOCKED * np.abs(parts).sum())
+
+
 def running_state(
     recording: Recording, angle: CrankAngle, setting: TrialSetting, start_s: float, end_s: float
 ) -> State | None:
@@ -168,37 +235,68 @@ def running_state(
     State or None
         None where fewer than two turns are complete. Slow states are still zero.
     """
-    present = {n: recording.signals[n] for n in _STATE_CHANNELS if n in recording.signals}
+    present = {n: recording.signals[n] for n in CHANNEL_OF_STATE if n in recording.signals}
     slowest = min([s.rate_hz for s in present.values()], default=0.0)
     grid = lay_grid(angle, start_s, end_s, slowest)
     if grid is None:
         return None
-    points = (np.arange(N_POINTS) + 0.5) * TWO_PI / N_POINTS
-    shape = (grid.n_units, N_POINTS)
     flat = grid.place(angle.angle_rad)
-    # The mean over angle of 1/speed is the time a turn takes: fold the slowness, not the speed.
-    speed = 1.0 / fold(1.0 / np.maximum(angle.speed_rad_s, 1e-3), flat, grid.n_units)
-    waves = {}
+    is_covered = _coverage(flat, grid.n_units) > _MIN_COVERAGE
+    placed = {}
     for name, signal in present.items():
-        at_samples = np.interp(signal.time_s, angle.time_s, angle.angle_rad)
-        waves[name] = fold(signal.values * CHANNEL_BY_NAME[name].si_factor, grid.place(at_samples), grid.n_units)
-    turns = grid.first_turn + (np.arange(grid.n_units) + 0.5) * grid.turns_per_unit
+        at_samples = grid.place(np.interp(signal.time_s, angle.time_s, angle.angle_rad))
+        at_samples[_in_gap(signal.time_s, angle.time_s, np.pi / (2.0 * np.median(angle.speed_rad_s)))] = -1
+        has_samples = _coverage(at_samples, grid.n_units) > _MIN_COVERAGE
+        # A channel that is mostly away is missing; one that drops out now and then costs the strokes it misses.
+        if 2 * (has_samples & is_covered).sum() > is_covered.sum():
+            placed[name] = at_samples
+            is_covered &= has_samples
+    if is_covered.sum() < 2 <= grid.n_units or not is_covered.any():
+        return None
+    # The mean over angle of 1/speed is the time a turn takes: fold the slowness, not the speed.
+    speed = 1.0 / fold(1.0 / np.maximum(angle.speed_rad_s, 1e-3), flat, grid.n_units)[is_covered]
+    waves = {
+        name: fold(present[name].values * CHANNEL_BY_NAME[name].si_factor, at_samples, grid.n_units)[is_covered]
+        for name, at_samples in placed.items()
+    }
+    points = (np.arange(N_POINTS) + 0.5) * TWO_PI / N_POINTS
+    turns = grid.first_turn + (np.flatnonzero(is_covered) + 0.5) * grid.turns_per_unit
     middle_s = np.interp(turns * TWO_PI, angle.angle_rad, angle.time_s)[:, None]
     return _assemble(
-        "running", setting, np.broadcast_to(points, shape), speed, speed * angle_derivative(speed), waves,
+        "running", setting, np.broadcast_to(points, speed.shape), speed, speed * angle_derivative(speed), waves,
         {name: speed * angle_derivative(wave) for name, wave in waves.items()},
-        middle_s, np.full(grid.n_units, float(grid.turns_per_unit)),
+        middle_s, np.full(len(speed), float(grid.turns_per_unit)),
     )  # fmt: skip
+
+
+def _coverage(flat: np.ndarray, n_units: int) -> Floats:
+    """Share of the angle bins of each unit that hold a sample, shape (n_units,)."""
+    filled = np.zeros(n_units * N_POINTS)
+    filled[flat[flat >= 0]] = 1.0
+    return filled.reshape(n_units, N_POINTS).mean(axis=1)
+
+
+def _in_gap(time_s: Floats, angle_time_s: Floats, longest_s: float) -> np.ndarray:
+    """Whether a sample lies where the angle was not measured for longer than a quarter turn."""
+    after = np.clip(np.searchsorted(angle_time_s, time_s), 1, len(angle_time_s) - 1)
+    return angle_time_s[after] - angle_time_s[after - 1] > longest_s
 
 
 def start_up_state(recording: Recording, angle: CrankAngle, setting: TrialSetting, start_s: float) -> State | None:
     """Signals of the spin-up on a 1 ms grid, shape (1, n_times), or None where it was not recorded."""
-    present = {n: recording.signals[n] for n in _STATE_CHANNELS if n in recording.signals}
+    present = {n: recording.signals[n] for n in CHANNEL_OF_STATE if n in recording.signals}
     if "motor_current_a" not in present or start_s + START_UP_S > angle.time_s[-1]:
         return None
     edges = start_s + np.arange(0.0, START_UP_S + START_UP_STEP_S / 2, START_UP_STEP_S)
     middle = 0.5 * (edges[1:] + edges[:-1])
     if any(s.rate_hz < 0.9 / START_UP_STEP_S for s in present.values()):
+        return None
+    # A channel that drops out during the spin-up counts as missing there.
+    present = {
+        n: s for n, s in present.items()
+        if len(np.unique(np.searchsorted(edges, s.time_s))) - 2 > _MIN_COVERAGE * len(middle)
+    }  # fmt: skip
+    if "motor_current_a" not in present:
         return None
     waves = {n: bin_means(s.time_s, s.values, edges)[None, :] for n, s in present.items()}
     crank = np.interp(middle, angle.time_s, angle.angle_rad)[None, :]

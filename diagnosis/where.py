@@ -12,13 +12,6 @@ from diagnosis.linear_problem import LinearProblem, Marginal
 from diagnosis.posterior import wide_scale
 from diagnosis.state import TWO_PI
 
-_PLACES: dict[Equation, tuple[str, str]] = {
-    "electrical": ("electrical", "motor_current_a"),
-    "mechanical": ("mechanical", "motor_current_a"),
-    "cutting": ("cutting", "force_n"),
-    "supply": ("supply", "battery_voltage_v"),
-    "converter": ("supply", "battery_current_a"),
-}
 _SECTORS = 24
 _SHOWN_SHARE = 0.02
 _CORRELATED = 0.6
@@ -59,10 +52,11 @@ def locate(problem: LinearProblem) -> tuple[Spot, ...]:
     total = sum(energy.values())
     if total <= 0:
         return ()
+    forms = problem.campaign.plant.equations
     spots = [
         Spot(
-            equation=_PLACES[equation][0],
-            channel=_PLACES[equation][1],
+            equation=forms[equation].place,
+            channel=forms[equation].channel,
             share=value / total,
             crank_angle_rad=_sectors(problem, rest, equation),
             grows_with=_grows_with(problem, rest, equation),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -69,6 +69,8 @@ class Effect:
         Ids it is easily taken for.
     told_apart_by : str
         What an experiment must vary to tell it from those.
+    same_as : tuple of str
+        Ids whose equation on this plant is the very same term: no campaign can tell them apart.
     """
 
     name: str
@@ -82,9 +84,10 @@ class Effect:
     grows_with: tuple[GrowsWith, ...] = ()
     confused_with: tuple[str, ...] = ()
     told_apart_by: str = ""
+    same_as: tuple[str, ...] = ()
 
     def signatures(
-        self, baseline: Baseline, state: State, shape: dict[str, float] | None = None
+        self, baseline: Any, state: State, shape: dict[str, float] | None = None
     ) -> tuple[Signature, ...]:
         """Evaluate the signature for one shape (default: the first).
 
@@ -94,7 +97,7 @@ class Effect:
             Arrays of the state's shape; only equations that the measured channels allow.
         """
         found = self.signature(baseline, state, **(self.shapes[0] if shape is None else shape))
-        kept = evaluable_equations(baseline, state)
+        kept = baseline.evaluable_equations(state)
         return tuple(
             {name: np.broadcast_to(wave, state.angle_rad.shape) for name, wave in part.items() if name in kept}
             for part in found
@@ -107,13 +110,4 @@ class Effect:
 
 def evaluable_equations(baseline: Baseline, state: State) -> frozenset[Equation]:
     """Name the equations that `diagnosis.equations.residuals` can evaluate on a state's channels."""
-    has_current = state.current_a is not None
-    has_battery_current = state.battery_current_a is not None
-    found: dict[Equation, bool] = {
-        "electrical": has_current,
-        "mechanical": has_current and (state.force_n is not None or state.setting.is_idle),
-        "cutting": state.force_n is not None,
-        "supply": has_battery_current and state.battery_voltage_v is not None and baseline.battery is not None,
-        "converter": has_battery_current and has_current,
-    }
-    return frozenset(name for name, is_there in found.items() if is_there)
+    return baseline.evaluable_equations(state)

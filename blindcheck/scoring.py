@@ -1,0 +1,379 @@
+"""The score of a set of answers, from this repository's diagnosis or from any other method."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from blindcheck.effects.table import CATALOGUE
+from blindcheck.score_statistics import Calibration, Estimate, Proportion, calibration_of, mean_of, wilson
+from blindcheck.scored_case import FAILED, NO_GAP, PARAMETERS, UNKNOWN, VERDICTS, Case, Hypothesis, name_of
+
+TYPICAL = (0.5, 2.0)
+SMALL_SHIFT_SIGMAS = 3.0
+SEVERITY_EDGES = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0)
+PAIR_COLUMN = "two effects"
+_N_WORST = 10
+_N_SHOWN = 5
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Row:
+    """One line of the score.
+
+    Attributes
+    ----------
+    key : str
+    text : str
+        What is counted over what.
+    value : Proportion
+    """
+
+    key: str
+    text: str
+    value: Proportion
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Confusion:
+    """Cases by truth (rows) and answer (columns).
+
+    Attributes
+    ----------
+    rows, columns : tuple of str
+    counts : tuple of tuple of int
+    """
+
+    rows: tuple[str, ...]
+    columns: tuple[str, ...]
+    counts: tuple[tuple[int, ...], ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SeverityBin:
+    """Cases with one effect of about the same severity, by what came of them."""
+
+    low: float
+    high: float
+    exact: int
+    group: int
+    other_effect: int
+    not_declared: int
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class GapScore:
+    """Stated `gap_closed` against that of an oracle which is told the effects.
+
+    Attributes
+    ----------
+    error, absolute_error : Estimate
+        Stated minus oracle.
+    coverage : Proportion
+        How often the stated 95 % interval holds the oracle's value.
+    """
+
+    error: Estimate
+    absolute_error: Estimate
+    coverage: Proportion
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Miss:
+    """A case whose truth was given little probability."""
+
+    name: str
+    kind: str
+    truth: str
+    answer: str
+    log_loss: float
+    truth_probability: float
+    probabilities: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Score:
+    """All that is said about a set of answers.
+
+    Attributes
+    ----------
+    n_cases, n_failed : int
+    n_by_kind : dict of str to int
+    rows : tuple of Row
+    chance_exact : float or None
+        The share "exact" that the same answers, dealt at random among the typical single effects, would have.
+    group_size : Estimate
+        Number of effects in the answered groups.
+    brier : Estimate
+        Over all hypotheses, 0..2.
+    log_loss : Estimate
+        Nats; probabilities below `PROBABILITY_FLOOR` count as that.
+    calibration : Calibration
+        Of the most probable hypothesis; failed answers left out.
+    confusion, families : Confusion
+        By effect; by the part of the bench that the effect sits in.
+    severity : tuple of SeverityBin
+    outside : dict of str to Proportion
+        How often each effect outside the catalogue was called unknown.
+    gap : GapScore or None
+        None where no oracle was asked.
+    time_median_s, time_p95_s : float or None
+    times_s : tuple of float
+    worst : tuple of Miss
+        Greatest log-loss first; those without an answer left out.
+    failed : tuple of str
+        Cases without an answer.
+    """
+
+    n_cases: int
+    n_failed: int
+    n_by_kind: dict[str, int]
+    rows: tuple[Row, ...]
+    chance_exact: float | None
+    group_size: Estimate
+    brier: Estimate
+    log_loss: Estimate
+    calibration: Calibration
+    confusion: Confusion
+    families: Confusion
+    severity: tuple[SeverityBin, ...]
+    outside: dict[str, Proportion]
+    gap: GapScore | None
+    time_median_s: float | None
+    time_p95_s: float | None
+    times_s: tuple[float, ...]
+    worst: tuple[Miss, ...]
+    failed: tuple[str, ...]
+
+    def row(self, key: str) -> Proportion:
+        """Return the value of one row."""
+        return next(row.value for row in self.rows if row.key == key)
+
+
+def score(cases: Sequence[Case]) -> Score:
+    """Score answers.
+
+    Parameters
+    ----------
+    cases : sequence of Case
+
+    Returns
+    -------
+    Score
+
+    Examples
+    --------
+    >>> told = {"kind": "effect", "effects": {"edge_force": 1.0}}
+    >>> right = Case(name="a", **told, probabilities={"edge_force": 0.9, "no_gap": 0.1})
+    >>> wrong = Case(name="b", **told, probabilities={"blade_wear": 1.0})
+    >>> score([right, wrong]).row("exact").share
+    0.5
+    """
+    given = [case for case in cases if not case.is_failed]
+    times = np.array([case.time_s for case in cases if case.time_s is not None])
+    outside = [(next(iter(case.effects), ""), case.answer == UNKNOWN) for case in cases if case.kind == "outside"]
+    return Score(
+        n_cases=len(cases),
+        n_failed=len(cases) - len(given),
+        n_by_kind=dict(sorted(Counter(case.kind for case in cases).items())),
+        rows=_rows(cases),
+        chance_exact=_chance([case for case in cases if is_typical(case)]),
+        group_size=mean_of(np.array([float(len(case.group)) for case in cases if case.claims_effect])),
+        brier=mean_of(np.array([case.brier for case in cases])),
+        log_loss=mean_of(np.array([case.log_loss for case in cases])),
+        calibration=calibration_of(
+            np.array([case.probabilities[case.top] for case in given]),
+            np.array([case.top == case.truth for case in given], dtype=np.bool_),
+        ),
+        confusion=_confusion(cases, _effect_label, (*CATALOGUE,)),
+        families=_confusion(cases, _family_label, tuple(dict.fromkeys(map(family_of, CATALOGUE)))),
+        severity=_by_severity([case for case in cases if case.kind == "effect"]),
+        outside={
+            name: wilson(sum(found for other, found in outside if other == name), count)
+            for name, count in sorted(Counter(name for name, _ in outside).items())
+        },
+        gap=_gap(cases),
+        time_median_s=float(np.median(times)) if len(times) else None,
+        time_p95_s=float(np.quantile(times, 0.95)) if len(times) else None,
+        times_s=tuple(map(float, times)),
+        worst=_worst(given),
+        failed=tuple(case.name for case in cases if case.is_failed),
+    )
+
+
+def is_typical(case: Case) -> bool:
+    """Whether one effect of the catalogue, of typical severity, is hidden."""
+    return case.kind == "effect" and TYPICAL[0] <= max(case.effects.values()) <= TYPICAL[1]
+
+
+def is_exact(case: Case) -> bool:
+    """Whether what was declared is the truth."""
+    return case.answer == case.truth
+
+
+def in_group(case: Case) -> bool:
+    """Whether the declared effects, and those said to look the same, hold all true effects."""
+    return bool(case.group) and case.truth <= case.group
+
+
+def in_top_three(case: Case) -> bool:
+    """Whether the truth is among the three most probable hypotheses, those without an effect included."""
+    return case.truth in case.ranked(3)
+
+
+def family_of(effect: str) -> str:
+    """Return the part of the bench that an effect of the catalogue sits in."""
+    return CATALOGUE[effect].__module__.rpartition(".")[2] if effect in CATALOGUE else "other"
+
+
+def _share(cases: Sequence[Case], is_hit: Callable[[Case], bool]) -> Proportion:
+    return wilson(sum(map(is_hit, cases)), len(cases))
+
+
+def _rows(cases: Sequence[Case]) -> tuple[Row, ...]:
+    """Count every row; the text names the cases it is counted over."""
+    typical = [case for case in cases if is_typical(case)]
+    declared = [case for case in typical if case.claims_effect]
+    by_kind = {kind: [c for c in cases if c.kind == kind] for kind in ("none", "parameters", "outside", "pair")}
+    without = by_kind["none"] + by_kind["parameters"]
+    inside = [case for case in cases if case.kind != "outside"]
+    claims = [case for case in cases if case.claims_effect]
+    typical_pairs = [c for c in by_kind["pair"] if min(c.effects.values()) >= TYPICAL[0]]
+
+    def claimed(case: Case) -> bool:
+        return case.claims_effect
+
+    def one_named(case: Case) -> bool:
+        return case.claims_effect and bool(case.truth & case.answer)
+
+    over, over_declared = "typical single effects", "typical single effects where an effect is declared"
+    return tuple(
+        Row(key=key, text=text, value=_share(chosen, is_hit))
+        for key, text, chosen, is_hit in (
+            ("exact", f"exact effect, {over}", typical, is_exact),
+            ("group", f"within the named group, {over}", typical, in_group),
+            ("top_three", f"among the three most probable, {over}", typical, in_top_three),
+            ("declared", f"an effect is declared, {over}", typical, claimed),
+            ("declared_exact", f"exact effect, {over_declared}", declared, is_exact),
+            ("declared_group", f"within the named group, {over_declared}", declared, in_group),
+            ("declared_top_three", f"among the three most probable, {over_declared}", declared, in_top_three),
+            ("claims_exact", "exactly right, of all claims of an effect", claims, is_exact),
+            ("false_alarms", "false alarms: an effect is claimed, none or parameters only", without, claimed),
+            ("none", "called no gap, nothing hidden", by_kind["none"], is_exact),
+            ("parameters", "called parameters, constants beyond their uncertainty", by_kind["parameters"], is_exact),
+            (
+                "parameters_lenient",
+                "called parameters, or no gap where no constant is further off than "
+                f"{SMALL_SHIFT_SIGMAS:g} standard deviations",
+                by_kind["parameters"],
+                _is_acceptable,
+            ),
+            ("unknown", "called unknown, effects outside the catalogue", by_kind["outside"], is_exact),
+            ("unknown_wrongly", "called unknown, all others", inside, lambda case: case.answer == UNKNOWN),
+            ("pair_both", "both effects named and no other, pairs", by_kind["pair"], is_exact),
+            ("pair_group", "both effects within the named group, pairs", by_kind["pair"], in_group),
+            ("pair_one", "at least one effect named, pairs", by_kind["pair"], one_named),
+            ("typical_pair_both", "both effects named and no other, pairs with both typical", typical_pairs, is_exact),
+        )
+    )
+
+
+def _is_acceptable(case: Case) -> bool:
+    is_small = case.largest_shift_sigmas is not None and case.largest_shift_sigmas <= SMALL_SHIFT_SIGMAS
+    return case.answer == PARAMETERS or (is_small and case.answer == NO_GAP)
+
+
+def _chance(cases: Sequence[Case]) -> float | None:
+    if not cases:
+        return None
+    truths, answers = (Counter(getattr(case, side) for case in cases) for side in ("truth", "answer"))
+    return sum(n * answers[truth] for truth, n in truths.items()) / len(cases) ** 2
+
+
+def _confusion(cases: Sequence[Case], label: Callable[[Hypothesis], str], effects: tuple[str, ...]) -> Confusion:
+    verdicts = tuple(map(name_of, VERDICTS))
+    rows = (*effects, PAIR_COLUMN, *verdicts)
+    counts = Counter((label(case.truth), label(case.answer)) for case in cases)
+    extra = tuple(sorted({answer for _, answer in counts} - set(rows)))
+    return Confusion(
+        rows=rows,
+        columns=rows + extra,
+        counts=tuple(tuple(counts[row, column] for column in rows + extra) for row in rows),
+    )
+
+
+def _effect_label(hypothesis: Hypothesis) -> str:
+    return PAIR_COLUMN if len(hypothesis) > 1 else name_of(hypothesis)
+
+
+def _family_label(hypothesis: Hypothesis) -> str:
+    if len(hypothesis) > 1:
+        return PAIR_COLUMN
+    return name_of(hypothesis) if hypothesis in (*VERDICTS, FAILED) else family_of(name_of(hypothesis))
+
+
+def _by_severity(singles: Sequence[Case]) -> tuple[SeverityBin, ...]:
+    bins = []
+    for low, high in pairwise(SEVERITY_EDGES):
+        top = np.nextafter(high, np.inf) if high == SEVERITY_EDGES[-1] else high
+        chosen = [case for case in singles if low <= max(case.effects.values()) < top]
+        exact = sum(map(is_exact, chosen))
+        group = sum(in_group(case) and not is_exact(case) for case in chosen)
+        declared = sum(case.claims_effect for case in chosen)
+        bins.append(
+            SeverityBin(
+                low=low, high=high, exact=exact, group=group, other_effect=declared - exact - group,
+                not_declared=len(chosen) - declared,
+            )
+        )  # fmt: skip
+    return tuple(bins)
+
+
+def _gap(cases: Sequence[Case]) -> GapScore | None:
+    chosen = [c for c in cases if c.claims_effect and c.gap_closed is not None and c.oracle_gap_closed is not None]
+    if not chosen:
+        return None
+    pairs = np.array([(case.gap_closed, case.oracle_gap_closed) for case in chosen], dtype=np.float64)
+    error = pairs[:, 0] - pairs[:, 1]
+    return GapScore(error=mean_of(error), absolute_error=mean_of(np.abs(error)), coverage=_share(chosen, _is_covered))
+
+
+def _is_covered(case: Case) -> bool:
+    if case.gap_closed_ci95 is None or case.oracle_gap_closed is None:
+        return False
+    low, high = case.gap_closed_ci95
+    return low <= case.oracle_gap_closed <= high
+
+
+def _worst(cases: Sequence[Case]) -> tuple[Miss, ...]:
+    wrong = [case for case in cases if not is_exact(case) or case.top != case.truth]
+    ordered = sorted(wrong, key=lambda case: (-case.log_loss, case.probability_of(case.truth), case.name))
+    return tuple(
+        Miss(
+            name=case.name,
+            kind=case.kind,
+            truth=describe_truth(case.kind, case.effects),
+            answer=name_of(case.answer),
+            log_loss=case.log_loss,
+            truth_probability=case.probability_of(case.truth),
+            probabilities=tuple((name_of(h), case.probabilities[h]) for h in case.ranked(_N_SHOWN)),
+        )
+        for case in ordered[:_N_WORST]
+    )
+
+
+def describe_truth(kind: str, effects: Mapping[str, float]) -> str:
+    """Say what a case hides.
+
+    Examples
+    --------
+    >>> describe_truth("pair", {"edge_force": 1.25, "blade_wear": 0.5})
+    'edge_force (severity 1.25) + blade_wear (severity 0.50)'
+    """
+    if not effects:
+        return "nothing" if kind == "none" else "parameters"
+    return " + ".join(f"{name} (severity {severity:.2f})" for name, severity in effects.items())

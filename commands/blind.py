@@ -1,0 +1,294 @@
+"""`sawbench blind make | answer | score`: the diagnosis on effects that it is not told."""
+
+from __future__ import annotations
+
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from commands.options import force_option, json_option, refuse_unwritable
+from commands.terminal import emit, plain, stepper, table
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from blindcheck.answering import Program
+    from blindcheck.score_statistics import Estimate, Proportion
+    from blindcheck.scoring import Score
+
+# Scores on smaller seeds are no claim: thresholds and temperatures may have been fitted on them.
+FIRST_CLAIM_SEED: Final = 1000
+_EXAMPLE: Final = "Example: sawbench blind make --seed 4711 --cases 40 --out blind/set"
+_set_argument = click.argument("set_dir", metavar="DIR", type=click.Path(path_type=Path, file_okay=False))
+_workers_option = click.option("--workers", type=click.IntRange(min=1), help="Cases at a time; default: one per core.")
+_answers_option = click.option(
+    "--answers", "answers_dir", type=click.Path(path_type=Path, file_okay=False), help="Folder; default: DIR/answers."
+)
+
+
+@click.group(name="blind", epilog=_EXAMPLE)
+def command() -> None:
+    """Prove the diagnosis on campaigns whose effect it is not told: make, answer, score."""
+
+
+@command.command(name="make", epilog=_EXAMPLE)
+@click.option("--seed", type=click.IntRange(min=0), required=True, help="1 to 999 are for tuning; keep others secret.")
+@click.option("--cases", "n_cases", type=click.IntRange(min=1), required=True, help="Number of campaigns.")
+@click.option("--out", "out_dir", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder.")
+@click.option(
+    "--key", "key_path", type=click.Path(path_type=Path, dir_okay=False), help="Labels; default: beside the folder."
+)
+@click.option(
+    "--forms", type=click.Choice(["own", "plain"]), default="own", show_default=True,
+    help="Functional forms of nature: the generator's own, or textbook forms.",
+)  # fmt: skip
+@click.option(
+    "--length", type=click.FloatRange(min=0.0, min_open=True), default=1.0, show_default=True,
+    help="Factor on the duration of every trial.",
+)  # fmt: skip
+@_workers_option
+@json_option
+def make_command(
+    seed: int,
+    n_cases: int,
+    out_dir: Path,
+    key_path: Path | None,
+    forms: str,
+    length: float,
+    workers: int | None,
+    as_json: bool,
+) -> None:
+    """Make a sealed set of campaigns and the key to it; a run that was broken off goes on."""
+    from blindcheck.sealing import make
+
+    with stepper("making") as step:
+        key = make(
+            seed, n_cases, out_dir, key_path=key_path, workers=workers, length=length,
+            forms="plain" if forms == "plain" else "own",
+            on_progress=lambda done, wanted: step(done, wanted, ""),
+        )  # fmt: skip
+    lines = [f"{n_cases} cases in {out_dir}", f"key (answer must not have it): {key}"]
+    emit({"set": out_dir, "key": key, "n_cases": n_cases, "seed": seed}, "\n".join(lines), as_json=as_json)
+
+
+@command.command(name="answer", epilog="Example: sawbench blind answer blind/set")
+@_set_argument
+@_answers_option
+@_workers_option
+@click.option("--timeout", "timeout_s", type=click.FloatRange(min=1.0), default=3600.0, show_default=True,
+              help="Seconds that one case may take.")  # fmt: skip
+@click.option("--force", is_flag=True, help="Throw away answers that other software gave.")
+@json_option
+def answer_command(
+    set_dir: Path, answers_dir: Path | None, workers: int | None, timeout_s: float, force: bool, as_json: bool
+) -> int:
+    """Diagnose every campaign of a set, each in a process that sees nothing else of it; resumable."""
+    from blindcheck.answering import answer
+
+    with stepper("answering") as step:
+        found = answer(
+            set_dir, diagnose_program(), answers_dir=answers_dir, workers=workers, timeout_s=timeout_s,
+            force=force, on_progress=step,
+        )  # fmt: skip
+    lines = [
+        f"{found.n_cases} cases, {found.n_new} answered now, {found.n_failed} failed",
+        f"answers: {found.answers_dir}",
+        f"their hash, to be written down before the key is opened: {found.index_sha256}",
+    ]
+    emit(found, "\n".join(lines), as_json=as_json)
+    return 1 if found.n_failed else 0
+
+
+@command.command(
+    name="score", epilog="Example: sawbench blind score blind/set --key blind/set.key.json --out score.html"
+)
+@_set_argument
+@click.option("--key", "key_path", required=True, type=click.Path(path_type=Path, dir_okay=False), help="Of `make`.")
+@_answers_option
+@click.option(
+    "--out", "page_path", type=click.Path(path_type=Path, dir_okay=False),
+    help="HTML page; the same as JSON is written beside it.",
+)  # fmt: skip
+@click.option("--oracle", "with_oracle", is_flag=True, help="Also compute gap_closed with the effects told (slow).")
+@click.option("--shuffle", "shuffle_seed", type=int, help="Deal the labels at random: must score at chance.")
+@_workers_option
+@force_option
+@json_option
+def score_command(
+    set_dir: Path,
+    key_path: Path,
+    answers_dir: Path | None,
+    page_path: Path | None,
+    with_oracle: bool,
+    shuffle_seed: int | None,
+    workers: int | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Check seal and answers, then score: what is named, what is missed, how far probabilities can be trusted."""
+    from blindcheck.sealing import verify, write_json
+    from reporting.blind_page import write_blind_page
+
+    json_path = page_path.with_suffix(".json") if page_path else None
+    for path in (page_path, json_path):
+        if path is not None:
+            refuse_unwritable(path, force=force)
+    labels = verify(set_dir, key_path)
+    oracle = _oracle(set_dir, labels, key_path, workers) if with_oracle else None
+    found, record = score_set(
+        set_dir, key_path, labels, answers_dir=answers_dir, oracle=oracle, shuffle_seed=shuffle_seed
+    )
+    lines = [as_text(found)]
+    if page_path is not None and json_path is not None:
+        write_blind_page(page_path, record, overwrite=force)
+        write_json(json_path, record)
+        lines += [str(page_path), str(json_path)]
+    emit(record, "\n".join(lines), as_json=as_json)
+
+
+def diagnose_program() -> Program:
+    """What answers a case: `sawbench import`, then `sawbench diagnose`, on a copy of its campaign."""
+    from blindcheck.answering import Program
+    from commands.source_identity import ROOT, software_identity, source_fingerprint
+
+    sawbench = (sys.executable, "-m", "commands.main")
+    return Program(
+        steps=(
+            (*sawbench, "import", "campaign.toml", "--out", "../recordings"),
+            (*sawbench, "diagnose", "../recordings", "--config", "bench_config.toml", "--out", "../gap"),
+        ),
+        report="../gap/gap_report.json",
+        software=software_identity(),
+        fingerprint=source_fingerprint,
+        environment={"PYTHONPATH": str(ROOT)},
+    )
+
+
+def score_set(
+    set_dir: Path,
+    key_path: Path,
+    labels: Mapping[str, Mapping[str, Any]],
+    *,
+    answers_dir: Path | None = None,
+    oracle: Mapping[str, float] | None = None,
+    shuffle_seed: int | None = None,
+) -> tuple[Score, dict[str, Any]]:
+    """Score the answers to a set.
+
+    Parameters
+    ----------
+    set_dir, key_path : Path
+    labels : mapping
+        Of `sealing.verify`.
+    answers_dir : Path, optional
+    oracle : mapping of str to float, optional
+        Of `blind_oracle.oracle_gaps`.
+    shuffle_seed : int, optional
+        Deal the labels at random among the cases.
+
+    Returns
+    -------
+    score : Score
+    record : dict
+        The score with what it is a score of, ready for JSON.
+
+    Raises
+    ------
+    InputError
+        If the answers are not those that were given.
+    """
+    import numpy as np
+
+    from blindcheck.answering import INDEX, read_answers
+    from blindcheck.scored_case import PROBABILITY_FLOOR, case_of
+    from blindcheck.scoring import score
+    from blindcheck.sealing import read_key, sha256_of
+
+    index, answers = read_answers(set_dir, answers_dir)
+    names = list(labels)
+    order = range(len(names)) if shuffle_seed is None else np.random.default_rng(shuffle_seed).permutation(len(names))
+    dealt = {name: names[k] for name, k in zip(names, order, strict=True)}
+    gaps = oracle or {}
+    found = score(
+        [case_of(name, labels[dealt[name]], answers[name], oracle_gap_closed=gaps.get(dealt[name])) for name in names]
+    )
+    key = read_key(key_path)
+    record = {
+        "schema_version": 1,
+        "set": {"seed": key["seed"], "n_cases": len(names), **key["options"], "is_claim": is_claim(key["seed"])},
+        "software": index["software"],
+        "answered_at": [index["started_at"], index["finished_at"]],
+        "scored_at": datetime.now(UTC).isoformat(timespec="seconds"),
+        "commitments_sha256": index["commitments_sha256"],
+        "answers_sha256": sha256_of((answers_dir or set_dir / "answers") / INDEX),
+        "shuffle_seed": shuffle_seed,
+        "probability_floor": PROBABILITY_FLOOR,
+        "score": found,
+    }
+    return found, plain(record)
+
+
+def is_claim(seed: int) -> bool:
+    """Whether a seed is outside of those that thresholds may be fitted on."""
+    return seed >= FIRST_CLAIM_SEED
+
+
+def as_text(found: Score) -> str:
+    """Lay the score out for a terminal."""
+    rows = [[row.text, *_cells(row.value)] for row in found.rows]
+    lines = [table([f"{found.n_cases} cases", "n", "share", "95 % interval"], rows), ""]
+    calibration = found.calibration
+    numbers = [
+        ["Brier score (0 best, 2 worst)", *_numbers(found.brier)],
+        ["log-loss / nats", *_numbers(found.log_loss)],
+        ["calibration error (ECE)", *_numbers(calibration.error)],
+    ]
+    if found.gap is None:
+        numbers.append(["gap_closed against the oracle", "-", "not computed", ""])
+    else:
+        numbers.append(["gap_closed: stated - oracle", *_numbers(found.gap.error)])
+        numbers.append(["gap_closed: |stated - oracle|", *_numbers(found.gap.absolute_error)])
+        numbers.append(["gap_closed: oracle inside the 95 % interval", *_cells(found.gap.coverage)])
+    lines.append(table(["", "n", "mean", "95 % interval"], numbers))
+    if calibration.error_by_chance is not None:
+        lines.append(f"(calibrated probabilities would give an ECE of {calibration.error_by_chance:.3f} by chance)")
+    if found.chance_exact is not None:
+        lines.append(f"exact, if the same answers were dealt at random: {found.chance_exact:.1%}")
+    if found.time_median_s is not None:
+        lines.append(f"time a case: median {found.time_median_s:.1f} s, 95th percentile {found.time_p95_s:.1f} s")
+    if found.failed:
+        lines.append(f"without an answer (scored as wrong): {', '.join(found.failed)}")
+    lines += [
+        f"worst: {miss.name}: {miss.truth}; answered {miss.answer}, truth at {miss.truth_probability:.2g}"
+        for miss in found.worst[:5]
+    ]
+    return "\n".join(lines)
+
+
+def _cells(value: Proportion) -> list[str]:
+    if value.share is None:
+        return ["0", "-", ""]
+    return [f"{value.hits}/{value.n}", f"{value.share:.1%}", f"{value.low:.1%} to {value.high:.1%}"]
+
+
+def _numbers(value: Estimate) -> list[str]:
+    if value.value is None:
+        return ["0", "-", ""]
+    return [str(value.n), f"{value.value:.3f}", f"{value.low:.3f} to {value.high:.3f}"]
+
+
+def _oracle(
+    set_dir: Path, labels: Mapping[str, Mapping[str, Any]], key_path: Path, workers: int | None
+) -> dict[str, float]:
+    from commands.blind_oracle import oracle_gaps
+    from commands.source_identity import source_fingerprint
+
+    # Beside the key, not in the set: which cases an oracle has a number for tells their labels.
+    cache = key_path.with_name(key_path.name.removesuffix(".json") + ".oracle.json")
+    with stepper("asking the oracle") as step:
+        return oracle_gaps(
+            set_dir, labels, cache, source_sha256=source_fingerprint(), workers=workers, on_progress=step
+        )

@@ -1,0 +1,68 @@
+"""Which code is running: version, commit, and a hash of the sources that decide a diagnosis."""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+from pathlib import Path
+from typing import Any, Final
+
+import commands
+
+ROOT: Final = Path(commands.__file__).resolve().parents[1]
+_JUDGING: Final = (
+    "bench",
+    "storage",
+    "processing",
+    "modeling",
+    "diagnosis",
+    "commands/diagnose.py",
+    "commands/import_.py",
+    "commands/options.py",
+)
+
+
+def source_fingerprint() -> str:
+    """Return SHA-256 over names and contents of every source file that decides a diagnosis, hexadecimal."""
+    total = hashlib.sha256()
+    for path in _sources():
+        total.update(path.relative_to(ROOT).as_posix().encode() + b"\0")
+        total.update(hashlib.sha256(path.read_bytes()).digest())
+    return total.hexdigest()
+
+
+def software_identity() -> dict[str, Any]:
+    """Return version, commit, whether the judging sources differ from that commit, and their fingerprint.
+
+    Returns
+    -------
+    dict
+        `version`, `commit` and `is_dirty` (None outside of a git checkout), `source_sha256`.
+    """
+    from importlib.metadata import version
+
+    commit = _git("rev-parse", "HEAD")
+    changes = _git("status", "--porcelain", "--", *_JUDGING) if commit else None
+    return {
+        "version": version("sawbench"),
+        "commit": commit,
+        "is_dirty": None if changes is None else bool(changes),
+        "source_sha256": source_fingerprint(),
+    }
+
+
+def _sources() -> list[Path]:
+    found: list[Path] = []
+    for name in _JUDGING:
+        place = ROOT / name
+        inside = [place] if place.is_file() else sorted(place.rglob("*"))
+        found += [p for p in inside if p.is_file() and "__pycache__" not in p.parts and p.suffix != ".part"]
+    return found
+
+
+def _git(*arguments: str) -> str | None:
+    try:
+        done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return done.stdout.strip()

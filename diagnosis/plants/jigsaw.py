@@ -1,0 +1,137 @@
+"""The jigsaw: battery, converter, DC motor, gear, Scotch yoke, blade in wood."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from bench.recording import Floats
+from diagnosis.effects.catalogue import EFFECTS
+from diagnosis.effects.effect import Effect, Place
+from diagnosis.equations import UNITS, Baseline, Equation, Signature, residuals
+from diagnosis.features import HARMONICS, Layout
+from diagnosis.nuisances import Nuisance, nuisances_of
+from diagnosis.plants.plant import EquationForm
+from diagnosis.reduction import smooth_state
+from diagnosis.state import State
+
+STOCK_STD_N_S_PER_M = 1000.0
+TRIAL_SPREAD_STD = 0.05
+_PLACES: Final[dict[Equation, tuple[Place, str, str]]] = {
+    "electrical": ("electrical", "motor_current_a", "A"),
+    "mechanical": ("mechanical", "motor_current_a", "A"),
+    "cutting": ("cutting", "force_n", "N"),
+    "supply": ("supply", "battery_voltage_v", "V"),
+    "converter": ("supply", "battery_current_a", "A"),
+}
+_STATE_OF: Final = (
+    ("force_n", "force_n"),
+    ("motor_current_a", "current_a"),
+    ("battery_voltage_v", "battery_voltage_v"),
+    ("battery_current_a", "battery_current_a"),
+)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Jigsaw:
+    """The jigsaw of the paper as a plant; see `diagnosis.plants.plant.Plant`.
+
+    Attributes
+    ----------
+    baseline : Baseline
+    """
+
+    baseline: Baseline
+    name = "jigsaw"
+    states = ("crank angle", "crank speed", "motor current", "charge used")
+    inputs = ("displacement_mm", *(channel for channel, _ in _STATE_OF))
+    scale_rel_std = 0.0
+    effects: tuple[Effect, ...] = EFFECTS
+
+    @property
+    def model(self) -> Baseline:
+        """Numbers of the baseline."""
+        return self.baseline
+
+    @property
+    def equations(self) -> Mapping[Equation, EquationForm]:
+        """Electrical, mechanical, cutting, supply and converter balance."""
+        torque_constant = self.baseline.plant.torque_constant_n_m_per_a.nominal
+        # What the voltages of the motor leave is no channel's misprediction: speed and current are both measured.
+        factors = {"electrical": None, "mechanical": 1.0 / torque_constant}
+        return {
+            equation: EquationForm(
+                unit=UNITS[equation],
+                place=place,
+                channel=channel,
+                channel_unit=unit,
+                to_channel=factors.get(equation, 1.0),
+                n_harmonics=HARMONICS[equation],
+            )
+            for equation, (place, channel, unit) in _PLACES.items()
+        }
+
+    def residuals(self, state: State) -> Signature:
+        """See `diagnosis.equations.residuals`."""
+        return residuals(self.baseline, state)
+
+    def smooth(self, state: State, blocks: Floats) -> State:
+        """See `diagnosis.reduction.smooth_state`."""
+        return smooth_state(state, blocks)
+
+    def noise_floor(self, layout: Layout, state: State) -> Floats:
+        """Model error that no repetition shows, shape (layout.size,)."""
+        from diagnosis.linear_problem import jigsaw_floor
+
+        return jigsaw_floor(layout, state)
+
+    def nuisances(self) -> tuple[Nuisance, ...]:
+        """See `diagnosis.nuisances.nuisances_of`."""
+        return nuisances_of(self.baseline)
+
+    def trial_nuisances(self, states: Sequence[State]) -> tuple[Nuisance, ...]:
+        """How hard each stock is, and how much harder each trial's piece of it."""
+        cut = [s for s in states if not s.setting.is_idle]
+        felt = [s for s in cut if s.kind == "running" and s.force_n is not None]
+        stocks = dict.fromkeys(s.setting.stock for s in felt)
+        labels = dict.fromkeys(s.setting.label for s in cut)
+        return (*(_stock(name) for name in stocks), *(_spread(name) for name in labels))
+
+    def weaknesses(self, states: Sequence[State]) -> list[str]:
+        """Name the trials that lack a channel."""
+        said = []
+        for channel, attribute in _STATE_OF:
+            missing = [s.setting.label for s in states if s.kind == "running" and getattr(s, attribute) is None]
+            if missing:
+                said.append(f"{channel} is missing in {', '.join(missing)}: effects that show there cannot be named")
+        return said
+
+    def next_trial(self, states: Sequence[State]) -> str | None:
+        """Idle run, duties, repeat, feed: what the campaign lacks first."""
+        settings = [s.setting for s in states if s.kind == "running"]
+        if not any(s.is_idle for s in settings):
+            return "an idle run (blade in air): it separates friction and supply from the cutting force"
+        if len({s.duty for s in settings}) < 3:
+            return "the same stock at another duty: a speed sweep separates friction, windage and voltage drops"
+        if len({s.operating_point for s in settings}) == len(settings):
+            return "a repeat of one operating point: without repeats nothing can be said beyond noise"
+        if len({s.feed_m_s for s in settings if not s.is_idle}) < 2:
+            return "the same stock at another feed: it separates the chip's thickness from the cutting speed"
+        return None
+
+
+def _stock(stock: str) -> Nuisance:
+    def signature(baseline: Baseline, state: State) -> Signature:
+        return {"cutting": baseline.cutting_speed(state)} if state.setting.stock == stock else {}
+
+    return Nuisance(name=f"k_fc of {stock}", nominal=0.0, std=STOCK_STD_N_S_PER_M, is_plant=False, signature=signature)
+
+
+def _spread(label: str) -> Nuisance:
+    def signature(baseline: Baseline, state: State) -> Signature:
+        return {"cutting": baseline.expected_force(state)} if state.setting.label == label else {}
+
+    return Nuisance(
+        name=f"k_fc spread of {label}", nominal=0.0, std=TRIAL_SPREAD_STD, is_plant=False, signature=signature
+    )

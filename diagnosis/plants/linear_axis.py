@@ -1,0 +1,312 @@
+"""A linear drive axis: a motor's force moves a mass on a guide with viscous friction, against a measured load.
+
+    mechanical   r = F_drive - m a - b v - F_load        N
+
+F_drive is a measured force, or a measured current times a force constant. x, v and a come from the measured
+displacement; F_load is measured, or absent. Positive drive and displacement point the same way, the load
+against them. The axis moves to and fro at a constant rate in each trial. Friction is not in the baseline but
+for its viscous part, so what a real guide does is in the gap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.config import LinearAxisConfig, LoadedConfig
+from bench.errors import ConfigError, InputError
+from bench.recording import Floats, Recording
+from bench.units import DISPLACEMENT
+from diagnosis.campaign import Campaign
+from diagnosis.effects.effect import Effect
+from diagnosis.equations import Equation, Signature
+from diagnosis.features import Layout
+from diagnosis.nuisances import Nuisance
+from diagnosis.plants.axis_effects import axis_effects
+from diagnosis.plants.axis_motion import AxisState, average, axis_state, find_cycles
+from diagnosis.plants.plant import EquationForm
+from diagnosis.state import State, TrialSetting
+
+N_HARMONICS = 32
+# Shares of the force scale: what a zero may be off, and what the model of a real axis misses anyway.
+_OFFSET_SHARE = 0.02
+_FLOOR_SHARE = 0.005
+# Whatever is missing, nature's form of it differs from any that is listed by about this share of its size, most
+# at low harmonics: friction of real guides changes with place, warmth and lubrication (assumed).
+_FORM_SHARE, _FORM_HARMONIC = 0.2, 4.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LinearAxis:
+    """The axis as a plant (see `diagnosis.plants.plant.Plant`) and as the model its effects are given.
+
+    Attributes
+    ----------
+    config : LinearAxisConfig
+    force_scale_n, stroke_m, top_speed_m_s : float
+        Largest force of the drive, travel and speed in the campaign: what "typical" sizes are shares of.
+    """
+
+    config: LinearAxisConfig
+    force_scale_n: float
+    stroke_m: float
+    top_speed_m_s: float
+    name = "linear_axis"
+    states = ("position", "velocity")
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Displacement, drive and, where there is one, load."""
+        load = self.config.load_channel
+        return (DISPLACEMENT.name, self.config.drive_channel, *(() if load is None else (load,)))
+
+    @property
+    def model(self) -> LinearAxis:
+        """Itself."""
+        return self
+
+    @property
+    def equations(self) -> Mapping[Equation, EquationForm]:
+        """The balance of forces."""
+        constant = self.config.force_constant_n_per_a
+        form = EquationForm(
+            unit="N",
+            place="mechanical",
+            channel=self.config.drive_channel,
+            channel_unit="N" if constant is None else "A",
+            to_channel=1.0 if constant is None else 1.0 / constant.nominal,
+            n_harmonics=N_HARMONICS,
+        )
+        return {"mechanical": form}
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """See `diagnosis.plants.axis_effects`."""
+        return axis_effects(self.force_scale_n, self.stroke_m, self.top_speed_m_s)
+
+    @property
+    def scale_rel_std(self) -> float:
+        """Of the drive's force: the balance holds as well with all forces larger by the same factor."""
+        constant = self.config.force_constant_n_per_a
+        return self.config.drive_gain_rel_std if constant is None else constant.rel_std
+
+    def evaluable_equations(self, state: State) -> frozenset[Equation]:
+        """Every trial that was not left out has the balance of forces."""
+        return frozenset(("mechanical",)) if isinstance(state, AxisState) else frozenset()
+
+    def residuals(self, state: State) -> Signature:
+        """Balance of forces, N, shape of the state."""
+        axis = as_axis(state)
+        return {"mechanical": axis.drive_n - self.required_force(axis)}
+
+    def required_force(self, state: AxisState) -> Floats:
+        """Force that the measured motion and load ask for in the baseline, N."""
+        mass, damping = self.config.moving_mass_kg.nominal, self.config.viscous_damping_n_s_per_m.nominal
+        load = 0.0 if state.force_n is None else state.force_n
+        return mass * state.acceleration_m_s2 + damping * state.velocity_m_s + load
+
+    def smooth(self, state: State, blocks: Floats) -> State:
+        """Units averaged into blocks; the motion is a short Fourier series already."""
+        return average(as_axis(state), blocks)
+
+    def noise_floor(self, layout: Layout, state: State) -> Floats:
+        """Model error, N: the same at every harmonic, and a share of the gap itself."""
+        floor_n = self.config.model_floor_n or _FLOOR_SHARE * self.force_scale_n
+        gap = layout.place(self.residuals(state), len(state.angle_rad)).mean(axis=0)
+        n = (layout.size - 1) // 2
+        order = np.concatenate([[0.0], np.arange(1.0, n + 1), np.arange(1.0, n + 1)])
+        shape = 1.0 / (1.0 + order / _FORM_HARMONIC)
+        return np.hypot(floor_n, _FORM_SHARE * np.linalg.norm(gap) * shape / np.linalg.norm(shape))
+
+    def nuisances(self) -> tuple[Nuisance, ...]:
+        """Mass, damping, force constant or gain of the drive, gain of the load, zero of the forces."""
+        config = self.config
+        offset = _OFFSET_SHARE * self.force_scale_n
+        zeros = [offset if config.drive_offset_std_n is None else config.drive_offset_std_n]
+        if config.load_channel is not None:
+            zeros.append(offset if config.load_offset_std_n is None else config.load_offset_std_n)
+        constant = config.force_constant_n_per_a
+        found = [
+            _plant("moving_mass_kg", config.moving_mass_kg, lambda _, s: _mechanical(as_axis(s).acceleration_m_s2)),
+            _plant("viscous_damping_n_s_per_m", config.viscous_damping_n_s_per_m,
+                   lambda _, s: _mechanical(as_axis(s).velocity_m_s)),
+            # As for the torque constant of the jigsaw: the force that the motion asks for, not the measured one.
+            _sensor("drive_gain", config.drive_gain_rel_std, lambda b, s: _mechanical(-b.required_force(as_axis(s))))
+            if constant is None
+            else _plant("force_constant_n_per_a", constant,
+                        lambda b, s: _mechanical(-b.required_force(as_axis(s)) / constant.nominal)),
+            _sensor("force_offset_n", float(np.hypot.reduce(zeros)), lambda _, s: _mechanical(np.ones_like(s.angle_rad))),
+        ]  # fmt: skip
+        if config.load_channel is not None:
+            found.append(_sensor("load_gain", config.load_gain_rel_std, _load_gain))
+        return tuple(n for n in found if n.std > 0)
+
+    def trial_nuisances(self, states: Sequence[State]) -> tuple[Nuisance, ...]:
+        """Constant force of each load that is not measured (a weight, a brake): no part of the axis."""
+        if self.config.load_channel is not None:
+            return ()
+        loads = dict.fromkeys(s.setting.stock for s in states if not s.setting.is_idle)
+        return tuple(_constant_load(name, self.force_scale_n) for name in loads)
+
+    def weaknesses(self, states: Sequence[State]) -> list[str]:
+        """Say that friction and load are one where the load is not measured."""
+        if self.config.load_channel is not None:
+            return []
+        return ["no load_channel: a load that no sensor sees cannot be told from what the axis itself lacks"]
+
+    def next_trial(self, states: Sequence[State]) -> str | None:
+        """Another rate, another load, a repeat."""
+        settings = [s.setting for s in states]
+        if len({f"{s.duty:.1g}" for s in settings}) < 2:
+            return "the same load at another cycle rate: it separates dry from viscous friction"
+        if self.config.load_channel is not None and len({s.stock for s in settings}) < 2:
+            return "the same rate at another load, or none: it separates friction of the guide from that of the load"
+        if len({s.operating_point for s in settings}) == len(settings):
+            return "a repeat of one operating point: without repeats nothing can be said beyond noise"
+        return None
+
+
+def as_axis(state: State) -> AxisState:
+    """Narrow a state to that of an axis.
+
+    Raises
+    ------
+    TypeError
+    """
+    if not isinstance(state, AxisState):
+        raise TypeError(f"a linear axis needs an AxisState, got {type(state).__name__}")
+    return state
+
+
+def _mechanical(wave: Floats) -> Signature:
+    return {"mechanical": wave}
+
+
+def _load_gain(_: LinearAxis, state: State) -> Signature:
+    return {} if state.force_n is None else {"mechanical": -state.force_n}
+
+
+def _constant_load(load: str, std_n: float) -> Nuisance:
+    def signature(_: LinearAxis, state: State) -> Signature:
+        return {"mechanical": np.ones_like(state.angle_rad)} if state.setting.stock == load else {}
+
+    return _sensor(f"constant force of {load}", std_n, signature)
+
+
+def _plant(name, value, signature) -> Nuisance:
+    std = max(value.std, 1e-3 * abs(value.nominal))
+    return Nuisance(name=name, nominal=value.nominal, std=std, is_plant=True, signature=signature)
+
+
+def _sensor(name, std, signature) -> Nuisance:
+    return Nuisance(name=name, nominal=0.0, std=std, is_plant=False, signature=signature)
+
+
+def reduce_axis(
+    recordings: Sequence[Recording],
+    loaded: LoadedConfig,
+    *,
+    on_trial: Callable[[int, int, str], None] | None = None,
+) -> Campaign:
+    """Reduce the recordings of an axis.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        With `displacement_mm`, the drive's channel and, unless nothing loads the axis (workpiece "none"), the
+        load's channel, if the configuration names one.
+    loaded : LoadedConfig
+    on_trial : callable, optional
+        (done, total, name).
+
+    Returns
+    -------
+    Campaign
+        `TrialSetting.duty` holds the cycle rate in Hz, the speed of a plant that has no duty.
+
+    Raises
+    ------
+    ConfigError
+        If there is no `[linear_axis]` table.
+    InputError
+        If no trial can be used, or the drive takes power from the axis instead of giving it.
+    """
+    config = loaded.config.linear_axis
+    if config is None:
+        raise ConfigError("has no [linear_axis] table", where=loaded.path)
+    warnings: list[str] = []
+    states: list[AxisState] = []
+    for number, recording in enumerate(recordings):
+        state = _state(recording, recordings[0], number, config, warnings)
+        if state is not None:
+            states.append(state)
+        if on_trial is not None:
+            on_trial(number + 1, len(recordings), recording.trial.trial_id)
+    if not states:
+        raise InputError(f"no trial can be diagnosed: {'; '.join(warnings)}")
+    _refuse_wrong_sign(states, config)
+    axis = LinearAxis(
+        config=config,
+        force_scale_n=float(np.sqrt(2.0) * max(np.std(s.drive_n) for s in states)),
+        stroke_m=max(float(np.ptp(s.position_m)) for s in states),
+        top_speed_m_s=max(float(np.abs(s.velocity_m_s).max()) for s in states),
+    )
+    return Campaign(plant=axis, states=tuple(states), k_guess_n_s_per_m={}, warnings=tuple(warnings))
+
+
+def _state(
+    recording: Recording, first: Recording, index: int, config: LinearAxisConfig, warnings: list[str]
+) -> AxisState | None:
+    trial = recording.trial
+    loaded_axis = config.load_channel is not None and not (
+        trial.is_idle and config.load_channel not in recording.signals
+    )
+    needed = [DISPLACEMENT.name, config.drive_channel, *([config.load_channel] if loaded_axis else [])]
+    missing = [name for name in needed if name not in recording.signals]
+    if missing:
+        warnings.append(f"{trial.trial_id} left out: it has no {' and no '.join(str(name) for name in missing)}")
+        return None
+    displacement = recording.signals[DISPLACEMENT.name]
+    cycles, said = find_cycles(displacement)
+    if cycles is None:
+        warnings.append(f"{trial.trial_id} left out: {said}")
+        return None
+    if said:
+        warnings.append(f"{trial.trial_id}: {said} and are left out")
+    begun, here = first.trial.started_at, trial.started_at
+    stroke_mm = float(np.ptp(np.quantile(displacement.values, (0.01, 0.99))))
+    load = trial.material or "load not stated"
+    setting = TrialSetting(
+        label=trial.trial_id,
+        index=index,
+        duty=cycles.rate_hz,
+        is_idle=trial.is_idle,
+        stock=load,
+        feed_m_s=np.nan,
+        thickness_m=np.nan,
+        operating_point=f"{load}, {cycles.rate_hz:.2g} Hz, stroke {stroke_mm:.2g} mm",
+        session_s=0.0 if begun is None or here is None else (here - begun).total_seconds(),
+    )
+    constant = config.force_constant_n_per_a
+    return axis_state(
+        cycles, setting, displacement, recording.signals[config.drive_channel],
+        recording.signals[str(config.load_channel)] if loaded_axis else None,
+        1.0 if constant is None else constant.nominal,
+    )  # fmt: skip
+
+
+def _refuse_wrong_sign(states: Sequence[AxisState], config: LinearAxisConfig) -> None:
+    """What drive and load leave must brake: a passive axis gives no power."""
+    power_w = spent_w = 0.0
+    for state in states:
+        load = 0.0 if state.force_n is None else state.force_n
+        power_w += float(np.mean((state.drive_n - load) * state.velocity_m_s))
+        spent_w += float(np.mean(np.abs((state.drive_n - load) * state.velocity_m_s)))
+    if power_w < -0.2 * spent_w:
+        raise InputError(
+            f"drive and load together give {-power_w:.3g} W to a passive axis",
+            remedy=f"check the signs: positive {config.drive_channel} must drive towards larger {DISPLACEMENT.name}, "
+            "a positive load push towards smaller",
+        )

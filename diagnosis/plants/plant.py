@@ -1,0 +1,131 @@
+"""What the diagnosis must know of a machine: the rest (evidence, posterior, ladder, places) asks nothing else.
+
+A plant is a set of balance equations that are evaluated on measured signals. What does not cancel is the gap;
+what may merely be mistuned (`nuisances`) and what may be missing (`effects`) are both stated as changes of
+these residuals. A further machine is one file beside `jigsaw.py` and `linear_axis.py`, and a row in `choice.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+from bench.recording import Floats
+from diagnosis.equations import Equation, Signature
+from diagnosis.state import State
+
+if TYPE_CHECKING:
+    from diagnosis.effects.effect import Effect, Place
+    from diagnosis.features import Layout
+    from diagnosis.nuisances import Nuisance
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class EquationForm:
+    """How one balance equation of a plant is compared and reported.
+
+    Attributes
+    ----------
+    unit : str
+        Of its residual.
+    place : Place
+        Its name in the report.
+    channel : str
+        Channel in which its gap is seen first.
+    channel_unit : str
+    to_channel : float or None
+        Residual times this is the misprediction of `channel`; None where the residual predicts no channel of
+        its own.
+    n_harmonics : int
+        Harmonics of the cycle that are compared.
+    """
+
+    unit: str
+    place: Place
+    channel: str
+    channel_unit: str
+    to_channel: float | None
+    n_harmonics: int
+
+
+class Plant(Protocol):
+    """A machine with a cyclic load.
+
+    Attributes
+    ----------
+    name : str
+    states, inputs : tuple of str
+        What moves or is stored, and which channels enter the equations.
+    model : object
+        Handed to the signatures of effects and nuisances: the numbers of the baseline.
+    equations : mapping of Equation to EquationForm
+        In the order in which they stand in a feature vector.
+    effects : tuple of Effect
+        What may be missing from this machine's model.
+    scale_rel_std : float
+        Relative uncertainty that every strength found shares, because the equations fix sizes only up to it.
+    """
+
+    @property
+    def name(self) -> str:
+        """Of the machine."""
+        ...
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """What moves or is stored."""
+        ...
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Channels that enter the equations."""
+        ...
+
+    @property
+    def model(self) -> Any:
+        """Numbers of the baseline, as effects and nuisances take them."""
+        ...
+
+    @property
+    def equations(self) -> Mapping[Equation, EquationForm]:
+        """Balance equations, in the order of the feature vector."""
+        ...
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """What may be missing from the model."""
+        ...
+
+    @property
+    def scale_rel_std(self) -> float:
+        """Relative uncertainty that all strengths share."""
+        ...
+
+    def residuals(self, state: State) -> Signature:
+        """Evaluate every equation that the measured channels allow, shape of the state, in the equation's unit."""
+        ...
+
+    def smooth(self, state: State, blocks: Floats) -> State:
+        """State to compute signatures from, one row a time block, without the noise that the residual holds too."""
+        ...
+
+    def noise_floor(self, layout: Layout, state: State) -> Floats:
+        """Standard deviation of each feature that no repetition shows, shape (layout.size,)."""
+        ...
+
+    def nuisances(self) -> tuple[Nuisance, ...]:
+        """List parameters, gains and offsets that all trials share."""
+        ...
+
+    def trial_nuisances(self, states: Sequence[State]) -> tuple[Nuisance, ...]:
+        """List what differs from stock to stock or trial to trial without being a gap."""
+        ...
+
+    def weaknesses(self, states: Sequence[State]) -> list[str]:
+        """Say which missing channels weaken the answer."""
+        ...
+
+    def next_trial(self, states: Sequence[State]) -> str | None:
+        """Name the trial that this campaign lacks most; None where it lacks none."""
+        ...

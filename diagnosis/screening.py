@@ -1,0 +1,302 @@
+"""What of a campaign may be used: every trial is checked before it is reduced, and what is wrong is said once."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from bench.errors import InputError
+from bench.recording import Recording, Signal
+from bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, DISPLACEMENT, FORCE
+from diagnosis.equations import Baseline
+from diagnosis.plausibility import MIN_STROKES, Suspicion, cutting_power_w, explain_faults, find_faults
+from diagnosis.trial_reading import Reading, read_trial, tracks_of
+
+_SATURATED_RUN = 8
+_SATURATED_SHARE = 0.005
+_STALLED_SHARE = 0.3
+# A duty that lies this far from what current and speed ask for, against the other trials, is doubted.
+_DUTY_DEVIATION = 0.055
+_DUTY_MIN_TRIALS = 6
+_CUTS_NOTHING = 0.05
+
+
+def screen(recordings: Sequence[Recording], baseline: Baseline) -> tuple[list[Recording], list[str]]:
+    """Leave out what cannot be what it says.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        In the order of the campaign.
+    baseline : Baseline
+
+    Returns
+    -------
+    recordings : list of Recording
+        Trials that may be used, without the channels that may not.
+    warnings : list of str
+        One for each trial or channel that was left out, and for what the order of the trials leaves open.
+
+    Raises
+    ------
+    InputError
+        If the same mistake is in most trials, or nothing is left.
+    """
+    warnings = _notes_on_order(recordings)
+    kept = _with_unique_ids(recordings, warnings)
+    kept = _driven(kept, warnings)
+    kept = [_without_defects(recording, baseline, warnings) for recording in kept]
+    kept = _without_copies(kept, warnings)
+    kept = _without_suspects(kept, baseline, warnings)
+    kept = _without_wrong_duty(kept, baseline, warnings)
+    kept = _without_wrong_labels(kept, baseline, warnings)
+    if not kept:
+        raise InputError(f"no trial can be diagnosed: {'; '.join(warnings)}")
+    return kept, warnings
+
+
+def _notes_on_order(recordings: Sequence[Recording]) -> list[str]:
+    notes = []
+    starts = [r.trial.started_at for r in recordings]
+    without = [r.trial.trial_id for r, start in zip(recordings, starts, strict=True) if start is None]
+    if without and len(recordings) > 1:
+        notes.append(
+            f"started_at is not stated for {_some(without)}: trials are taken in the order given, without rest between"
+            " them, so heat, wear and charge carried over are uncertain"
+        )
+    known = [start for start in starts if start is not None]
+    if len(set(known)) < len(known):
+        notes.append("some trials state the same started_at: their order, so what they carry over, is uncertain")
+    for name in ("battery", "blade"):
+        stated = [getattr(r.trial, name) for r in recordings]
+        if len(recordings) > 1 and None in stated and any(stated):
+            nameless = [r.trial.trial_id for r, s in zip(recordings, stated, strict=True) if s is None]
+            notes.append(f"{name} is not stated for {_some(nameless)}: taken as one more {name}, new at first")
+    if len({r.config_toml for r in recordings if r.config_toml}) > 1:
+        notes.append("the recordings were made with different configurations; all are compared with the one given")
+    unnamed = [r.trial.trial_id for r in recordings if r.trial.material is None]
+    if unnamed:
+        notes.append(f'workpiece is not stated for {_some(unnamed)}: taken as wood (an idle run is workpiece = "none")')
+    return notes
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names) if len(names) <= 4 else f"{', '.join(names[:3])} and {len(names) - 3} more trials"
+
+
+def _with_unique_ids(recordings: Sequence[Recording], warnings: list[str]) -> list[Recording]:
+    seen: Counter[str] = Counter()
+    out = []
+    for recording in recordings:
+        name = recording.trial.trial_id
+        seen[name] += 1
+        if seen[name] > 1:
+            new = f"{name} ({seen[name]})"
+            warnings.append(f"two recordings are called {name}: the later one is called {new} here")
+            out.append(replace(recording, trial=replace(recording.trial, trial_id=new)))
+        else:
+            out.append(recording)
+    return out
+
+
+def _driven(recordings: Sequence[Recording], warnings: list[str]) -> list[Recording]:
+    out = []
+    for recording in recordings:
+        if recording.trial.duty is None:
+            warnings.append(f"{recording.trial.trial_id} left out: its duty is not stated; state it in campaign.toml")
+        elif recording.trial.duty == 0.0:
+            warnings.append(f"{recording.trial.trial_id} left out: its duty is stated as 0: no voltage at the motor")
+        else:
+            out.append(recording)
+    return out
+
+
+def _without_defects(recording: Recording, baseline: Baseline, warnings: list[str]) -> Recording:
+    """Drop channels that are constant or stuck at an end of their range."""
+    signals = dict(recording.signals)
+    for name, signal in recording.signals.items():
+        if name in CHANNEL_BY_NAME and (defect := _defect_of(signal)):
+            warnings.append(f"{recording.trial.trial_id}: {name} left out: {defect}")
+            del signals[name]
+    reading = read_trial(tracks_of(recording))
+    drive_v = (recording.trial.duty or 0.0) * (reading.battery_voltage_v or 0.0)
+    if (
+        DISPLACEMENT.name in recording.signals
+        and reading.n_strokes < MIN_STROKES
+        and drive_v > 0
+        and reading.motor_current_a is not None
+        and baseline.plant.resistance_ohm.nominal * reading.motor_current_a > _STALLED_SHARE * drive_v
+    ):
+        warnings.append(
+            f"{recording.trial.trial_id}: the blade makes no strokes while the motor draws"
+            f" {reading.motor_current_a:.3g} A: it is stalled, or the displacement sensor is"
+        )
+    return replace(recording, signals=signals)
+
+
+def _defect_of(signal: Signal) -> str:
+    values = signal.values
+    if len(values) < 16:
+        return f"it holds {len(values)} samples only"
+    low, high = float(values.min()), float(values.max())
+    if low == high:
+        return f"it is constant at {low:.6g} {signal.unit}: dead sensor or missing cable"
+    for end in (low, high):
+        # Any real sensor has noise: the same extreme value many times in a row is the end of its range.
+        stuck = np.concatenate([[0], (values == end).astype(np.int8), [0]])
+        if stuck.mean() < _SATURATED_SHARE:
+            continue
+        edges = np.flatnonzero(np.diff(stuck))
+        if (edges[1::2] - edges[::2]).max() >= _SATURATED_RUN:
+            share = 100.0 * float(stuck.mean())
+            return f"{share:.1f} % of its samples are stuck at {end:.6g} {signal.unit}: range of the sensor exceeded"
+    return ""
+
+
+def _without_copies(recordings: Sequence[Recording], warnings: list[str]) -> list[Recording]:
+    """Leave out trials that hold a channel of an earlier one: a copy is no repeat, it hides the scatter."""
+    owner: dict[str, str] = {}
+    out = []
+    for recording in recordings:
+        prints = {
+            hashlib.sha256(signal.values.tobytes()).hexdigest(): name
+            for name, signal in recording.signals.items()
+            if name in CHANNEL_BY_NAME
+        }
+        shared = [(name, owner[key]) for key, name in prints.items() if key in owner]
+        if shared:
+            names = ", ".join(name for name, _ in shared)
+            warnings.append(
+                f"{recording.trial.trial_id} left out: its {names} is a copy of that in {shared[0][1]}: no repeat"
+            )
+            continue
+        owner |= dict.fromkeys(prints, recording.trial.trial_id)
+        out.append(recording)
+    return out
+
+
+def _readings(recordings: Sequence[Recording]) -> list[Reading]:
+    return [read_trial(tracks_of(recording)) for recording in recordings]
+
+
+def _idle_currents(recordings: Sequence[Recording], baseline: Baseline) -> dict[float, float]:
+    """Motor current of plausible idle trials by duty, A."""
+    found = {}
+    for recording in recordings:
+        if recording.trial.is_idle:
+            reading = read_trial(tracks_of(recording))
+            if reading.motor_current_a is not None and not find_faults(baseline, recording.trial, reading):
+                found.setdefault(recording.trial.duty or 0.0, reading.motor_current_a)
+    return found
+
+
+def _nearest(by_duty: dict[float, float], duty: float) -> float:
+    return by_duty[min(by_duty, key=lambda d: abs(d - duty))] if by_duty else 0.0
+
+
+def _without_suspects(recordings: list[Recording], baseline: Baseline, warnings: list[str]) -> list[Recording]:
+    idle = _idle_currents(recordings, baseline)
+    found: dict[str, Suspicion] = {}
+    for recording in recordings:
+        trial = recording.trial
+        suspicion = explain_faults(baseline, trial, tracks_of(recording), _nearest(idle, trial.duty or 0.0))
+        if suspicion is not None:
+            found[trial.trial_id] = suspicion
+    _refuse_common(recordings, found)
+    out = []
+    for recording in recordings:
+        suspicion = found.get(recording.trial.trial_id)
+        if suspicion is None:
+            out.append(recording)
+            continue
+        rest = {n: s for n, s in recording.signals.items() if n not in suspicion.channels}
+        whole = "time_s" in suspicion.channels or DISPLACEMENT.name not in rest or _is_about_the_cut(suspicion)
+        what = "" if whole else f": {' and '.join(suspicion.channels)}"
+        warnings.append(f"{recording.trial.trial_id}{what} left out: {suspicion.text}; {suspicion.remedy}")
+        if not whole:
+            out.append(replace(recording, signals=rest))
+    return out
+
+
+def _is_about_the_cut(suspicion: Suspicion) -> bool:
+    """Whether force and displacement contradict each other, and it is open which of them is wrong."""
+    return FORCE.name in suspicion.channels and "probably in" not in suspicion.mistake
+
+
+def _refuse_common(recordings: Sequence[Recording], found: dict[str, Suspicion]) -> None:
+    """Raise where one mistake is in most of the trials that could show it."""
+    spared = ((BATTERY_CURRENT.name,), (BATTERY_VOLTAGE.name,))
+    groups: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+    for name, suspicion in found.items():
+        if suspicion.mistake or suspicion.channels not in spared:
+            key = suspicion.mistake.split(" (")[0]
+            groups.setdefault((key, suspicion.channels if key else ()), []).append(name)
+    for (_, channels), names in sorted(groups.items(), key=lambda group: -len(group[1])):
+        first = found[names[0]]
+        only_cuts = {fault.kind for name in names for fault in found[name].faults} == {"blade power"}
+        able = [
+            r for r in recordings
+            if all(c in r.signals or c == "time_s" for c in channels) and not (only_cuts and r.trial.is_idle)
+        ]  # fmt: skip
+        if 2 * len(names) > len(able):
+            raise InputError(
+                f"{len(names)} of {len(able)} trials cannot be right: {first.text}", where=names[0], remedy=first.remedy
+            )
+
+
+def _without_wrong_duty(recordings: list[Recording], baseline: Baseline, warnings: list[str]) -> list[Recording]:
+    """Leave out trials whose stated duty does not fit what current, speed and battery voltage ask for."""
+    plant = baseline.plant
+    rows = []
+    for recording, reading in zip(recordings, _readings(recordings), strict=True):
+        if None in (reading.motor_current_a, reading.rate_hz, reading.battery_voltage_v):
+            continue
+        speed = 2.0 * np.pi * reading.rate_hz * baseline.gear  # type: ignore[operator]
+        asked_v = plant.resistance_ohm.nominal * reading.motor_current_a  # type: ignore[operator]
+        asked_v += plant.back_emf_constant_v_s_per_rad.nominal * speed
+        rows.append((recording.trial.trial_id, recording.trial.duty, asked_v / reading.battery_voltage_v,  # type: ignore[operator]
+                     reading.motor_current_a))  # fmt: skip
+    stated = np.array([row[1] for row in rows])
+    if len(rows) < _DUTY_MIN_TRIALS:
+        return recordings
+    asked, current = np.array([row[2] for row in rows]), np.array([row[3] for row in rows])
+    design = np.column_stack([np.ones_like(asked), asked, current])
+    weight, line = np.ones_like(asked), np.zeros(3)
+    for _ in range(50):  # least absolute deviations: a wrong duty must not bend the line it is judged by
+        line = np.linalg.lstsq(design * weight[:, None], stated * weight, rcond=None)[0]
+        weight = 1.0 / np.sqrt(np.maximum(np.abs(stated - design @ line), 1e-4))
+    fitted = design @ line
+    doubtful = np.abs(stated - fitted) > _DUTY_DEVIATION
+    if not doubtful.any() or 3 * doubtful.sum() > len(rows):
+        return recordings
+    out = {rows[k][0]: float(fitted[k]) for k in np.flatnonzero(doubtful)}
+    for recording in recordings:
+        name = recording.trial.trial_id
+        if name in out:
+            warnings.append(
+                f"{name} left out: its duty is stated as {recording.trial.duty:g}, but current, speed and voltage fit"
+                f" {out[name]:.2f} by the measure of the other trials; correct the duty"
+            )
+    return [recording for recording in recordings if recording.trial.trial_id not in out]
+
+
+def _without_wrong_labels(recordings: list[Recording], baseline: Baseline, warnings: list[str]) -> list[Recording]:
+    """Leave out trials that state a workpiece but take far less power than the others: nothing was cut."""
+    idle = _idle_currents(recordings, baseline)
+    power = {}
+    for recording, reading in zip(recordings, _readings(recordings), strict=True):
+        found = cutting_power_w(baseline, reading, _nearest(idle, recording.trial.duty or 0.0))
+        if not recording.trial.is_idle and found is not None and (recording.trial.duty or 0.0) in idle:
+            power[recording.trial.trial_id] = found
+    usual = float(np.median(list(power.values()))) if len(power) >= 3 else 0.0
+    nothing = {name for name, value in power.items() if value < _CUTS_NOTHING * usual}
+    for name in sorted(nothing):
+        warnings.append(
+            f"{name} left out: it states a workpiece, but the motor draws no more than in air; state"
+            ' workpiece = "none" if the blade ran free'
+        )
+    return [recording for recording in recordings if recording.trial.trial_id not in nothing]

@@ -1,0 +1,137 @@
+"""One trial in a few numbers, from its raw channels: what a plausibility check compares with the nominal model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.recording import Floats, Recording
+from bench.units import CHANNEL_BY_NAME, DISPLACEMENT, FORCE
+
+# One signal: times in s and values in the unit of its channel.
+Track = tuple[Floats, Floats]
+_SETTLE_S = 0.8
+_HYSTERESIS = 0.25
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Reading:
+    """What the channels of one trial say, averaged over whole running strokes; None where a channel is missing.
+
+    Attributes
+    ----------
+    travel_m : float or None
+        Peak to peak of the displacement.
+    n_strokes : int
+        Complete strokes; 0 where the displacement does not swing.
+    rate_hz : float or None
+        Median stroke rate.
+    motor_current_a, battery_current_a, battery_voltage_v : float or None
+    top_current_a : float or None
+        99.9 percent of the samples of the whole trial stay below, start-up included.
+    blade_power_w : float or None
+        Mean of force times blade velocity, positive where the force acts while the displacement falls.
+    falling_force_n, rising_force_n : float or None
+        Mean force while the displacement falls and rises.
+    """
+
+    travel_m: float | None
+    n_strokes: int
+    rate_hz: float | None
+    motor_current_a: float | None
+    top_current_a: float | None
+    battery_current_a: float | None
+    battery_voltage_v: float | None
+    blade_power_w: float | None
+    falling_force_n: float | None
+    rising_force_n: float | None
+
+
+def tracks_of(recording: Recording) -> dict[str, Track]:
+    """Known channels of a recording, as plain arrays."""
+    return {n: (s.time_s, s.values) for n, s in recording.signals.items() if n in CHANNEL_BY_NAME and len(s.values) > 1}
+
+
+def read_trial(tracks: Mapping[str, Track]) -> Reading:
+    """Reduce raw channels to a `Reading`.
+
+    Parameters
+    ----------
+    tracks : mapping of str to (time_s, values)
+        By channel name; nothing is assumed of their plausibility.
+
+    Returns
+    -------
+    Reading
+    """
+    displacement = tracks.get(DISPLACEMENT.name)
+    starts_s = np.zeros(0) if displacement is None else _stroke_starts(*displacement)
+    travel_m = None if displacement is None else DISPLACEMENT.si_factor * float(np.ptp(_bulk(displacement[1])))
+    starts_s = starts_s[starts_s > starts_s[0] + _SETTLE_S] if len(starts_s) else starts_s
+    window = (float(starts_s[0]), float(starts_s[-1])) if len(starts_s) >= 2 else _late_part(tracks)
+    means = {name: _mean(track, window) for name, track in tracks.items()}
+    motor = tracks.get("motor_current_a")
+    power, falling, rising = _force_on_blade(tracks, window)
+    return Reading(
+        travel_m=travel_m,
+        n_strokes=max(len(starts_s) - 1, 0),
+        rate_hz=1.0 / float(np.median(np.diff(starts_s))) if len(starts_s) >= 2 else None,
+        motor_current_a=means.get("motor_current_a"),
+        top_current_a=None if motor is None else float(np.quantile(motor[1], 0.999)),
+        battery_current_a=means.get("battery_current_a"),
+        battery_voltage_v=means.get("battery_voltage_v"),
+        blade_power_w=power,
+        falling_force_n=falling,
+        rising_force_n=rising,
+    )
+
+
+def _bulk(values: Floats) -> Floats:
+    return np.quantile(values, (0.003, 0.997))
+
+
+def _stroke_starts(time_s: Floats, values: Floats) -> Floats:
+    """Times at which the signal rises through its middle, with hysteresis; empty where it does not swing."""
+    low, high = _bulk(values)
+    middle, swing = 0.5 * (low + high), 0.5 * (high - low)
+    if swing <= 0:
+        return np.zeros(0)
+    side = np.where(values > middle + _HYSTERESIS * swing, 1, np.where(values < middle - _HYSTERESIS * swing, -1, 0))
+    outside = np.flatnonzero(side)
+    rises = np.flatnonzero(np.diff(side[outside]) > 0) + 1
+    return time_s[outside[rises]]
+
+
+def _late_part(tracks: Mapping[str, Track]) -> tuple[float, float]:
+    first = min((float(t[0]) for t, _ in tracks.values()), default=0.0)
+    last = max((float(t[-1]) for t, _ in tracks.values()), default=0.0)
+    return min(first + _SETTLE_S, 0.5 * (first + last)), last
+
+
+def _mean(track: Track, window: tuple[float, float]) -> float | None:
+    inside = (track[0] >= window[0]) & (track[0] < window[1])
+    return float(track[1][inside].mean()) if inside.any() else None
+
+
+def _force_on_blade(
+    tracks: Mapping[str, Track], window: tuple[float, float]
+) -> tuple[float | None, float | None, float | None]:
+    """Power into the falling stroke, W, and mean force while the displacement falls and rises."""
+    if FORCE.name not in tracks or DISPLACEMENT.name not in tracks:
+        return None, None, None
+    time_s, force = tracks[FORCE.name]
+    inside = (time_s >= window[0]) & (time_s < window[1])
+    time_s, force = time_s[inside], force[inside]
+    if len(time_s) < 8:
+        return None, None, None
+    at_m = DISPLACEMENT.si_factor * np.interp(time_s, *tracks[DISPLACEMENT.name])
+    rise_m = np.diff(at_m)
+    middle_n = 0.5 * (force[1:] + force[:-1])
+    power_w = -float(np.sum(middle_n * rise_m) / (time_s[-1] - time_s[0]))
+    # Near a dead centre the sign of the motion is noise: weigh with the motion itself.
+    down, up = np.maximum(-rise_m, 0.0), np.maximum(rise_m, 0.0)
+    if down.sum() <= 0 or up.sum() <= 0:
+        return power_w, None, None
+    return power_w, float((middle_n * down).sum() / down.sum()), float((middle_n * up).sum() / up.sum())

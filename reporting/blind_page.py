@@ -1,0 +1,132 @@
+"""The page of the blind check: how well withheld effects were named."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from reporting.blind_figures import calibration_picture, confusion_picture, severity_picture, time_picture
+from reporting.html import render, write_page
+
+_HEADLINES: Final = (
+    ("declared_exact", "exact, of what it declares"),
+    ("declared_group", "within its group, of what it declares"),
+    ("declared", "declared, of typical single effects"),
+    ("false_alarms", "false alarms"),
+    ("unknown", "called unknown, outside the catalogue"),
+    ("pair_both", "both named, of two effects"),
+)
+_SECTIONS: Final = (
+    ("Single effects of typical severity", ("exact", "group", "top_three", "declared")),
+    ("Where an effect is declared", ("declared_exact", "declared_group", "declared_top_three", "claims_exact")),
+    ("Nothing unmodelled", ("false_alarms", "none", "parameters", "parameters_lenient")),
+    ("Outside the catalogue", ("unknown", "unknown_wrongly")),
+    ("Two effects", ("pair_both", "pair_group", "pair_one", "typical_pair_both")),
+)
+
+
+def write_blind_page(path: str | Path, record: Mapping[str, Any], *, overwrite: bool = False) -> Path:
+    """Write the score of a blind check as a page.
+
+    Parameters
+    ----------
+    path : str or Path
+    record : mapping
+        The score as plain values, with what it is a score of, as `sawbench blind score --json` prints it.
+    overwrite : bool
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        If the file exists and `overwrite` is not set, or cannot be written.
+    """
+    score = record["score"]
+    rows = {row["key"]: row for row in score["rows"]}
+    context = {
+        "title": "Blind check of the diagnosis",
+        "record": record,
+        "score": score,
+        "sentence": _sentence(record, rows),
+        "headlines": [(label, share_words(rows[key]["value"])) for key, label in _HEADLINES],
+        "sections": [
+            (title, [(rows[key]["text"], share_words(rows[key]["value"])) for key in keys if key in rows])
+            for title, keys in _SECTIONS
+        ],
+        "numbers": _numbers(score),
+        "confusion": confusion_picture(
+            score["confusion"],
+            name="confusion",
+            title="Answers by hidden effect",
+            caption="Rows: what was hidden; columns: what was answered; shade: share of the row. Right answers are "
+            "blue. Effects outside the catalogue should be called unknown.",
+        ),
+        "families": confusion_picture(
+            score["families"],
+            name="families",
+            title="Answers by part of the bench",
+            caption="The same, by the part of the bench that the effect sits in.",
+        ),
+        "calibration": calibration_picture(score["calibration"]),
+        "severity": severity_picture(score["severity"]),
+        "time": time_picture(score["times_s"]) if score["times_s"] else None,
+        "outside": [(name.replace("_", " "), share_words(value)) for name, value in score["outside"].items()],
+    }
+    return write_page(path, render("blind_page.html.j2", context), overwrite=overwrite)
+
+
+def share_words(value: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Return a share as "hits / n", per cent, and its interval.
+
+    Examples
+    --------
+    >>> share_words({"hits": 8, "n": 10, "share": 0.8, "low": 0.4902, "high": 0.9433})
+    ('8 / 10', '80.0 %', '49.0 to 94.3 %')
+    """
+    if value["share"] is None:
+        return "0", "no case", ""
+    interval = f"{100 * value['low']:.1f} to {100 * value['high']:.1f} %"
+    return f"{value['hits']} / {value['n']}", f"{100 * value['share']:.1f} %", interval
+
+
+def _sentence(record: Mapping[str, Any], rows: Mapping[str, Any]) -> str:
+    declared, all_typical = rows["declared_exact"]["value"], rows["exact"]["value"]
+    if all_typical["share"] is None:
+        return "The set holds no single effect of typical severity."
+    n, hits = all_typical["n"], all_typical["hits"]
+    said = f"Named exactly: {hits} of {n} hidden effects of typical severity."
+    if declared["share"] is not None:
+        said += f" Where an effect was declared, it was the right one in {100 * declared['share']:.0f} %"
+        said += f" ({100 * declared['low']:.0f} to {100 * declared['high']:.0f} %) of the cases."
+    return said
+
+
+def _numbers(score: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
+    """Rows of the table of means: label, number of cases, value, interval."""
+    calibration = score["calibration"]
+    rows = [
+        ("Brier score over all hypotheses (0 best, 2 worst)", score["brier"]),
+        ("Log-loss / nats", score["log_loss"]),
+        ("Calibration error (ECE)", calibration["error"]),
+        ("Effects in the answered group", score["group_size"]),
+    ]
+    gap = score["gap"]
+    if gap is not None:
+        rows.append(("Gap closed: stated minus oracle", gap["error"]))
+        rows.append(("Gap closed: distance from the oracle", gap["absolute_error"]))
+    said = [(label, str(value["n"]), *_value_words(value)) for label, value in rows]
+    if gap is None:
+        return [*said, ("Gap closed against the oracle", "", "not computed", "")]
+    hits, share, interval = share_words(gap["coverage"])
+    return [*said, ("Oracle inside the stated 95 % interval of the gap closed", hits, share, interval)]
+
+
+def _value_words(value: Mapping[str, Any]) -> tuple[str, str]:
+    if value["value"] is None:
+        return "no case", ""
+    low, mean, high = (f"{round(value[key], 3) + 0.0:.3f}".replace("-", "−") for key in ("low", "value", "high"))
+    return mean, f"{low} to {high}"

@@ -1,0 +1,135 @@
+"""`sawbench blind` from the command line: make, answer, score, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import pytest
+
+import commands.blind
+from blindcheck.effects.table import CATALOGUE
+from commands.blind_oracle import oracle_gaps
+from commands.main import main
+from commands.source_identity import software_identity, source_fingerprint
+
+
+@pytest.fixture
+def answered(sealed, program, monkeypatch):
+    monkeypatch.setattr(commands.blind, "diagnose_program", program)
+    assert main(["blind", "answer", str(sealed[0]), "--workers", "2"]) == 0
+    return str(sealed[0]), str(sealed[1])
+
+
+@pytest.mark.parametrize("name", ["make", "answer", "score"])
+def test_help_has_an_example(name, capsys):
+    assert main(["blind", name, "--help"]) == 0
+    assert f"Example: sawbench blind {name}" in " ".join(capsys.readouterr().out.split())
+
+
+def test_make_writes_a_set_and_a_key_beside_it(tmp_path, capsys):
+    arguments = ["blind", "make", "--seed", "21", "--cases", "1", "--length", "0.02", "--workers", "1", "--json"]
+    assert main([*arguments, "--out", str(tmp_path / "set")]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["key"] == str(tmp_path / "set.key.json")
+    assert (tmp_path / "set" / "case-0001" / "campaign.toml").exists()
+    assert main([*arguments, "--out", str(tmp_path / "set"), "--key", str(tmp_path / "set" / "k.json")]) == 2
+
+
+def test_score_writes_page_and_json(answered, tmp_path, capsys):
+    page = tmp_path / "page.html"
+    capsys.readouterr()
+    assert main(["blind", "score", answered[0], "--key", answered[1], "--out", str(page)]) == 0
+    text = capsys.readouterr().out
+    assert "false alarms" in text
+    assert "not computed" in text
+    record = json.loads(page.with_suffix(".json").read_text())
+    assert record["set"]["seed"] == 21
+    assert record["set"]["is_claim"] is False
+    assert record["score"]["n_cases"] == 4
+    html = page.read_text()
+    assert "this score is no claim" in html
+    assert re.search(r"seed 21\b", html)
+    assert not re.search(r'(src|href)="(?!#)', html)
+    assert html.count('<svg role="img"') == html.count("<desc ") == 5
+    assert main(["blind", "score", answered[0], "--key", answered[1], "--out", str(page)]) == 2
+    assert main(["blind", "score", answered[0], "--key", answered[1], "--out", str(page), "--force"]) == 0
+
+
+def test_score_json_is_the_record(answered, capsys):
+    capsys.readouterr()
+    assert main(["blind", "score", answered[0], "--key", answered[1], "--json", "--shuffle", "3"]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record["shuffle_seed"] == 3
+    assert {row["key"] for row in record["score"]["rows"]} >= {"exact", "group", "false_alarms", "unknown", "pair_both"}
+
+
+@pytest.mark.parametrize("what", ["answer", "key", "campaign", "commitments"])
+def test_tampering_ends_the_score(what, answered, capsys, tmp_path):
+    places = {
+        "answer": (tmp_path / "set" / "answers" / "case-0001.json", "edge_force", "blade_wear"),
+        "key": (tmp_path / "safe" / "key.json", '"severity', '"x'),
+        "campaign": (tmp_path / "set" / "case-0002" / "trial-01.csv", "0", "1"),
+        "commitments": (tmp_path / "set" / "commitments.json", "a", "b"),
+    }
+    path, old, new = places[what]
+    if what == "key":
+        key = json.loads(path.read_text())
+        key["cases"]["case-0001"]["label"]["kind"] = (
+            "none" if key["cases"]["case-0001"]["label"]["kind"] != "none" else "pair"
+        )
+        path.write_text(json.dumps(key))
+    else:
+        changed = path.read_text().replace(old, new) if old in path.read_text() else path.read_text().replace(new, old)
+        path.write_text(changed)
+    capsys.readouterr()
+    assert main(["blind", "score", answered[0], "--key", answered[1], "--json"]) == 2
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert "changed" in shown.err or "seal is broken" in shown.err
+    assert "Traceback" not in shown.err
+
+
+def test_score_without_answers_says_what_to_run(sealed, capsys):
+    assert main(["blind", "score", str(sealed[0]), "--key", str(sealed[1])]) == 2
+    assert "sawbench blind answer" in capsys.readouterr().err
+
+
+def test_a_failed_answer_is_told_by_the_exit_code(sealed, program, monkeypatch, capsys):
+    monkeypatch.setattr(commands.blind, "diagnose_program", lambda: program("import sys; sys.exit(2)"))
+    assert main(["blind", "answer", str(sealed[0])]) == 1
+    assert "4 failed" in capsys.readouterr().out
+
+
+def test_the_oracle_goes_on_where_it_stopped(tmp_path, monkeypatch):
+    cache = tmp_path / "oracle.json"
+    labels = {
+        "a": {"kind": "effect", "truth": {"effects": {"edge_force": 1.0}}},
+        "b": {"kind": "none", "truth": {"effects": {}}},
+        "c": {"kind": "pair", "truth": {"effects": {"edge_force": 1.0, "blade_wear": 1.0}}},
+    }
+    cache.write_text(json.dumps({"source_sha256": "s", "gaps": {"a": 0.75, "c": None}}))
+    assert oracle_gaps(tmp_path, labels, cache, source_sha256="s", workers=1) == {"a": 0.75}
+
+
+def test_the_identity_of_the_software_is_that_of_its_sources():
+    identity = software_identity()
+    assert re.fullmatch(r"[0-9a-f]{64}", identity["source_sha256"])
+    assert identity["source_sha256"] == source_fingerprint()
+    assert identity["commit"] is None or re.fullmatch(r"[0-9a-f]{40}", identity["commit"])
+
+
+@pytest.mark.slow
+def test_the_real_diagnosis_answers_a_set(tmp_path, capsys):
+    out, page = tmp_path / "set", tmp_path / "score.html"
+    assert main(["blind", "make", "--seed", "3", "--cases", "2", "--length", "0.3", "--out", str(out)]) == 0
+    assert main(["blind", "answer", str(out)]) == 0
+    key = str(tmp_path / "set.key.json")
+    capsys.readouterr()
+    assert main(["blind", "score", str(out), "--key", key, "--oracle", "--out", str(page), "--json"]) == 0
+    score = json.loads(capsys.readouterr().out)["score"]
+    assert (score["n_cases"], score["n_failed"]) == (2, 0)
+    assert all(time_s > 0 for time_s in score["times_s"])
+    assert sum(sum(row) for row in score["confusion"]["counts"]) == 2
+    assert set(score["confusion"]["rows"]) >= set(CATALOGUE)
+    assert page.exists()
