@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -26,7 +27,7 @@ class Column:
     effect : Effect
     shape : dict
     columns : ndarray, shape (n, q)
-        For an amplitude of `typical`; q is 2 where the phase is free.
+        For an amplitude of `typical`; q is 2 or more where the phase is free.
     """
 
     effect: Effect
@@ -49,6 +50,8 @@ class Explanation:
         In multiples of the typical size; least squares with the nuisances.
     gain : float
         Largest fall of the whitened misfit.
+    contribution : ndarray, shape (n,)
+        Whitened signature at the fitted size and phase.
     """
 
     effect: Effect
@@ -57,6 +60,7 @@ class Explanation:
     amplitude: float
     amplitude_std: float
     gain: float
+    contribution: Floats
 
     @property
     def strength(self) -> float:
@@ -130,50 +134,148 @@ def explain(marginal: Marginal, columns: Sequence[Column]) -> Explanation | None
     """
     if not columns:
         return None
+    return _explanation(columns, [marginal.gram(column.columns) for column in columns])
+
+
+def explain_all(
+    marginal: Marginal, columns: dict[str, list[Column]], *, stacked: Floats
+) -> dict[str, Explanation]:
+    """`explain` for the whole catalogue with one product of matrices.
+
+    Parameters
+    ----------
+    marginal : Marginal
+    columns : dict of str to list of Column
+        By effect.
+    stacked : ndarray, shape (n, sum of all q)
+        All columns side by side, of `stack`.
+
+    Returns
+    -------
+    dict of str to Explanation
+        Without the effects of which the campaign shows nothing.
+    """
+    half, own = marginal.half(stacked), stacked.T @ marginal.data
+    found, start = {}, 0
+    for name, entries in columns.items():
+        inner = []
+        for column in entries:
+            place = slice(start, start + column.columns.shape[1])
+            start = place.stop
+            part = stacked[:, place]
+            inner.append(
+                (part.T @ part - half[:, place].T @ half[:, place], own[place] - half[:, place].T @ marginal.data_half)
+            )
+        if inner:
+            found[name] = _explanation(entries, inner)
+    return found
+
+
+def stack(columns: dict[str, list[Column]]) -> Floats:
+    """All columns of the catalogue side by side, shape (n, sum of all q)."""
+    return np.hstack([column.columns for entries in columns.values() for column in entries])
+
+
+def _explanation(columns: Sequence[Column], inner: Sequence[tuple[Floats, Floats]]) -> Explanation:
     logs, fits = [], []
-    for column in columns:
-        gram, moment = marginal.gram(column.columns)
+    for column, (gram, moment) in zip(columns, inner, strict=True):
         grid = amplitudes(column.effect)
-        log, amplitude, std, gain = _one(grid, gram[0, 0], moment[0]) if len(moment) == 1 else _two(grid, gram, moment)
+        log, solution, std, gain = _one(grid, gram, moment) if len(moment) == 1 else _two(grid, gram, moment)
         logs.append(log)
-        fits.append((amplitude, std, gain))
+        fits.append((solution, std, gain))
     best = int(np.argmax(logs))
     top = max(logs)
+    solution, std, gain = fits[best]
     return Explanation(
         effect=columns[0].effect,
         log_evidence=top + float(np.log(np.mean(np.exp(np.array(logs) - top)))),
         column=columns[best],
-        amplitude=fits[best][0],
-        amplitude_std=fits[best][1],
-        gain=fits[best][2],
+        amplitude=float(solution[0] if len(solution) == 1 else np.hypot(*solution[:2])),
+        amplitude_std=std,
+        gain=gain,
+        contribution=columns[best].columns @ solution,
     )
 
 
-def _one(grid: Floats, gram: float, moment: float) -> tuple[float, float, float, float]:
-    log = grid * moment - 0.5 * grid**2 * gram
-    top = float(log.max())
-    amplitude = float(np.clip(moment / gram, grid[0], grid[-1])) if gram > 0 else float(grid[0])
-    gain = 2.0 * amplitude * moment - amplitude**2 * gram
-    std = float(1.0 / np.sqrt(gram)) if gram > 0 else np.inf
-    return top + float(np.log(np.mean(np.exp(log - top)))), amplitude, std, gain
+def explain_formed(
+    problem: LinearProblem, fixed: Floats, modes: Floats, columns: Sequence[Column], shares: Sequence[float]
+) -> tuple[float, float, Explanation]:
+    """Integrate amplitude and shape out as `explain` does, and how far nature's form may be from the catalogue's.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    fixed : ndarray, shape (n, p)
+        Further nuisance columns, times their prior standard deviation.
+    modes : ndarray, shape (n, q)
+        Of `form_modes`.
+    columns : sequence of Column
+        Shapes of one effect.
+    shares : sequence of float
+        Standard deviations of the form's error to try, equally likely.
+
+    Returns
+    -------
+    log_evidence : float
+        Absolute: of the data, averaged over the shares.
+    left_over : float
+        Whitened misfit that the effect leaves in its best shape at the first of the shares.
+    explanation : Explanation
+        For the best share; its `log_evidence` is against the same nuisances and modes without the effect.
+    """
+    from scipy.linalg import solve_triangular
+
+    design = np.hstack([problem.nuisance, fixed, modes])
+    n_fixed = design.shape[1] - modes.shape[1]
+    normal, moment, square = design.T @ design, design.T @ problem.data, float(problem.data @ problem.data)
+    stacked = np.hstack([c.columns for c in columns])
+    cross, own = design.T @ stacked, stacked.T @ problem.data
+    ends = np.cumsum([0, *(c.columns.shape[1] for c in columns)])
+    squares = [c.columns.T @ c.columns for c in columns]
+    found = []
+    for share in shares:
+        scale = np.concatenate([np.ones(n_fixed), np.full(modes.shape[1], share)])
+        kept = scale > 0
+        scale = scale[kept]
+        root = np.linalg.cholesky(np.eye(len(scale)) + scale[:, None] * normal[np.ix_(kept, kept)] * scale)
+        data_half = solve_triangular(root, scale * moment[kept], lower=True)
+        half = solve_triangular(root, scale[:, None] * cross[kept], lower=True)
+        log_z = -0.5 * (square - float(data_half @ data_half)) - float(np.log(np.diag(root)).sum())
+        inner = [
+            (squares[k] - half[:, a:b].T @ half[:, a:b], own[a:b] - half[:, a:b].T @ data_half)
+            for k, (a, b) in enumerate(pairwise(ends))
+        ]
+        explanation = _explanation(columns, inner)
+        misfit = square - float(data_half @ data_half) - explanation.gain
+        found.append((log_z + explanation.log_evidence, misfit, explanation))
+    total, _, explanation = max(found, key=lambda entry: entry[0])
+    mean = float(np.mean([np.exp(max(entry[0] - total, -700.0)) for entry in found]))
+    return total + float(np.log(mean)), found[0][1], explanation
 
 
-def _two(grid: Floats, gram: Floats, moment: Floats) -> tuple[float, float, float, float]:
-    """Amplitude with a free phase: the two parts are normal with variance amplitude^2 / 2."""
-    logs = []
-    for amplitude in grid:
-        spread = 0.5 * amplitude**2
-        inner = np.eye(2) + spread * gram
-        logs.append(0.5 * spread * moment @ np.linalg.solve(inner, moment) - 0.5 * np.linalg.slogdet(inner)[1])
-    log = np.array(logs)
+def _one(grid: Floats, gram: Floats, moment: Floats) -> tuple[float, Floats, float, float]:
+    square, inner = float(gram[0, 0]), float(moment[0])
+    log = grid * inner - 0.5 * grid**2 * square
     top = float(log.max())
-    regular = gram + 1e-9 * np.trace(gram) * np.eye(2)
+    amplitude = float(np.clip(inner / square, grid[0], grid[-1])) if square > 0 else float(grid[0])
+    gain = 2.0 * amplitude * inner - amplitude**2 * square
+    std = float(1.0 / np.sqrt(square)) if square > 0 else np.inf
+    return top + float(np.log(np.mean(np.exp(log - top)))), np.array([amplitude]), std, gain
+
+
+def _two(grid: Floats, gram: Floats, moment: Floats) -> tuple[float, Floats, float, float]:
+    """Amplitude with free phases: every part is normal with variance amplitude^2 / 2."""
+    spread = 0.5 * grid**2
+    values, vectors = np.linalg.eigh(gram)
+    values = np.maximum(values, 0.0)
+    turned = vectors.T @ moment
+    inner = 1.0 + spread[:, None] * values
+    log = 0.5 * spread * np.sum(turned**2 / inner, axis=1) - 0.5 * np.log(inner).sum(axis=1)
+    top = float(log.max())
+    regular = gram + 1e-9 * np.trace(gram) * np.eye(len(moment))
     solution = np.linalg.solve(regular, moment)
-    std = float(np.sqrt(0.5 * np.trace(np.linalg.inv(regular))))
-    return (
-        top + float(np.log(np.mean(np.exp(log - top)))), float(np.hypot(*solution)), std,
-        float(moment @ solution),
-    )  # fmt: skip
+    std = float(np.sqrt(0.5 * np.trace(np.linalg.inv(regular)[:2, :2])))
+    return top + float(np.log(np.mean(np.exp(log - top)))), solution, std, float(moment @ solution)
 
 
 def background(columns: dict[str, list[Column]], *, leave_out: Sequence[str] = ()) -> Floats | None:

@@ -263,11 +263,12 @@ class Marginal:
         self.design = design[self._rows]
         self.data = problem.data[self._rows]
         self._root = np.linalg.cholesky(np.eye(self.design.shape[1]) + self.design.T @ self.design)
-        self._data_half = self._half(self.data)
-        self.misfit = float(self.data @ self.data - self._data_half @ self._data_half)
+        self.data_half = self.half(self.data)
+        self.misfit = float(self.data @ self.data - self.data_half @ self.data_half)
         self.log_determinant = 2.0 * float(np.log(np.diag(self._root)).sum())
 
-    def _half(self, columns: Floats) -> Floats:
+    def half(self, columns: Floats) -> Floats:
+        """What of columns, shape (n, q), the nuisances take up: h with S' M^-1 T = S' T - h(S)' h(T), shape (p, q)."""
         from scipy.linalg import solve_triangular
 
         return solve_triangular(self._root, self.design.T @ columns, lower=True)
@@ -275,8 +276,8 @@ class Marginal:
     def gram(self, columns: Floats) -> tuple[Floats, Floats]:
         """S' M^-1 S, shape (q, q), and S' M^-1 y, shape (q,), for full-length columns S, shape (n, q)."""
         part = columns[self._rows]
-        half = self._half(part)
-        return part.T @ part - half.T @ half, part.T @ self.data - half.T @ self._data_half
+        half = self.half(part)
+        return part.T @ part - half.T @ half, part.T @ self.data - half.T @ self.data_half
 
     def estimate(self) -> tuple[Floats, Floats]:
         """Posterior mean and standard deviation of the nuisances, in units of their (scaled) prior std."""

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from bench.recording import Floats
 from diagnosis.effects.effect import Effect
-from diagnosis.evidence import Column, Explanation, background, explain
+from diagnosis.evidence import Column, Explanation, background, explain_all, explain_formed, stack
+from diagnosis.form_error import FORM_SHARES, centred, form_modes
 from diagnosis.linear_problem import WIDE, LinearProblem, Marginal
 
 Verdict = Literal["effect", "effects", "parameters", "no_gap", "unknown"]
@@ -23,9 +24,8 @@ PRIOR_PAIRS = 0.1
 PRIOR_EFFECTS = 1.0 - PRIOR_NO_GAP - PRIOR_PARAMETERS - PRIOR_UNKNOWN - PRIOR_PAIRS
 # Log evidences are divided by this: the noise is not exactly Gaussian and the forms are not exactly nature's.
 TEMPERATURE = 4.0
-_N_PAIR_CANDIDATES = 8
-# A second effect is one more way to be wrong: its evidence must beat this before a pair gains on a single cause.
-_PAIR_COST = 12.0
+_N_FORMED, _N_FIRST, _N_PAIRS = 12, 5, 8
+_SCREEN_SHARE = 0.05
 _DISCREPANCY_SIZES = (3.0, 10.0, 30.0, 100.0, 300.0)
 _DISCREPANCY_HARMONICS = 6
 
@@ -37,6 +37,7 @@ class Pair:
     first: Explanation
     second: Explanation
     log_evidence: float
+    left_over: float
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -53,6 +54,8 @@ class Posterior:
     pairs : tuple of Pair
     log_evidence : dict of str to float
         Untempered, relative to "no_gap".
+    left_over : dict of str to float
+        Whitened misfit over the number of features, of the nominal model and after each cause.
     """
 
     verdict: Verdict
@@ -60,6 +63,7 @@ class Posterior:
     explanations: tuple[Explanation, ...]
     pairs: tuple[Pair, ...]
     log_evidence: dict[str, float]
+    left_over: dict[str, float]
 
 
 def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior:
@@ -76,24 +80,33 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     Posterior
     """
     small = background(columns)
+    if small is None:
+        small = np.zeros((len(problem.data), 0))
     nominal = Marginal(problem, extra=small)
     retuned = Marginal(problem, scale=wide_scale(problem), extra=small)
     reference = _log_z(nominal)
     log_evidence = {"no_gap": 0.0, "parameters": _log_z(retuned) - reference}
-    found = [explain(nominal, entries) for entries in columns.values()]
-    explanations = sorted((e for e in found if e is not None), key=lambda e: -e.log_evidence)
+    columns = {name: entries for name, entries in columns.items() if entries}
+    stacked = stack(columns)
+    rough = sorted(explain_all(nominal, columns, stacked=stacked).values(), key=lambda e: -e.log_evidence)
+    formed = [_with_form(problem, small, e, columns, reference) for e in rough[:_N_FORMED]]
+    explanations = sorted([*formed, *rough[_N_FORMED:]], key=lambda e: -e.log_evidence)
     for explanation in explanations:
         log_evidence[explanation.effect.name] = explanation.log_evidence
-    pairs = _pairs(problem, small, explanations[:_N_PAIR_CANDIDATES], columns)
+    pairs = _pairs(problem, small, explanations[:_N_FIRST], columns, stacked, reference)
+    left_over = {"no_gap": nominal.misfit, "parameters": retuned.misfit}
+    left_over |= {e.effect.name: nominal.misfit - e.gain for e in explanations}
     for pair in pairs:
         log_evidence[_pair_name(pair)] = pair.log_evidence
+        left_over[_pair_name(pair)] = pair.left_over
+    left_over = {name: value / len(problem.data) for name, value in left_over.items()}
     log_evidence["unknown"] = _discrepancy(problem, small) - reference
     probabilities = _probabilities(log_evidence, [e.effect for e in explanations], pairs)
     top = max(probabilities, key=lambda name: probabilities[name])
     verdict: Verdict = top if top in {"no_gap", "parameters", "unknown"} else "effects" if " + " in top else "effect"  # type: ignore[assignment]
     return Posterior(
         verdict=verdict, probabilities=probabilities, explanations=tuple(explanations), pairs=tuple(pairs),
-        log_evidence=log_evidence,
+        log_evidence=log_evidence, left_over=left_over,
     )  # fmt: skip
 
 
@@ -111,33 +124,53 @@ def _pair_name(pair: Pair) -> str:
     return " + ".join(sorted((pair.first.effect.name, pair.second.effect.name)))
 
 
+def _with_form(
+    problem: LinearProblem, small: Floats, rough: Explanation, columns: dict[str, list[Column]], reference: float
+) -> Explanation:
+    """Weigh one effect again, with what its form may miss."""
+    modes = form_modes(problem, rough.contribution)
+    log_z, _, _ = explain_formed(problem, small, modes, columns[rough.effect.name], FORM_SHARES)
+    return replace(rough, log_evidence=log_z - reference)
+
+
 def _pairs(
     problem: LinearProblem,
-    small: Floats | None,
-    candidates: Sequence[Explanation],
+    small: Floats,
+    firsts: Sequence[Explanation],
     columns: dict[str, list[Column]],
+    stacked: Floats,
+    reference: float,
 ) -> list[Pair]:
-    """Evidence of every two of the best effects: the first in its best shape, the second with all of its shapes."""
-    out: dict[frozenset[str], Pair] = {}
-    for first in candidates:
+    """Evidence of pairs: the first in its best shape and with what its form may miss, then every second."""
+    rough: dict[frozenset[str], tuple[Explanation, Explanation, float]] = {}
+    for first in firsts:
         given = first.column.columns * first.effect.strength.high
-        extra = given if small is None else np.hstack([small, given])
-        marginal = Marginal(problem, extra=extra)
-        for second in candidates:
-            if second.effect.name == first.effect.name:
+        modes = _SCREEN_SHARE * form_modes(problem, first.contribution)
+        marginal = Marginal(problem, extra=np.hstack([small, given, modes]))
+        for name, found in explain_all(marginal, columns, stacked=stacked).items():
+            if name == first.effect.name:
                 continue
-            found = explain(marginal, columns[second.effect.name])
-            if found is None:
-                continue
-            key = frozenset((first.effect.name, second.effect.name))
-            pair = Pair(
-                first=first,
-                second=found,
-                log_evidence=first.log_evidence + found.log_evidence - _PAIR_COST,
-            )
-            if key not in out or pair.log_evidence > out[key].log_evidence:
-                out[key] = pair
-    return sorted(out.values(), key=lambda pair: -pair.log_evidence)
+            key, total = frozenset((first.effect.name, name)), found.log_evidence + _log_z(marginal)
+            if key not in rough or total > rough[key][2]:
+                rough[key] = (first, found, total)
+    best = sorted(rough.values(), key=lambda entry: -entry[2])[:_N_PAIRS]
+    pairs = [_formed_pair(problem, small, first, second, columns, reference) for first, second, _ in best]
+    return sorted(pairs, key=lambda pair: -pair.log_evidence)
+
+
+def _formed_pair(
+    problem: LinearProblem,
+    small: Floats,
+    first: Explanation,
+    second: Explanation,
+    columns: dict[str, list[Column]],
+    reference: float,
+) -> Pair:
+    given = first.column.columns * first.effect.strength.high
+    modes = np.hstack([form_modes(problem, first.contribution), form_modes(problem, second.contribution)])
+    fixed = np.hstack([small, given])
+    log_z, left_over, found = explain_formed(problem, fixed, modes, columns[second.effect.name], FORM_SHARES)
+    return Pair(first=first, second=found, log_evidence=log_z - reference, left_over=left_over)
 
 
 def _discrepancy(problem: LinearProblem, small: Floats | None) -> float:
@@ -148,8 +181,8 @@ def _discrepancy(problem: LinearProblem, small: Floats | None) -> float:
     feed = np.nan_to_num(np.array([s.feed_m_s for s in settings]))
     session = np.array([s.session_s for s in settings])
     covariates = np.array(
-        [np.ones(len(settings)), _centred(duty), [0.0 if s.is_idle else 1.0 for s in settings],
-         _centred(session), _centred(feed)]
+        [np.ones(len(settings)), centred(duty), [0.0 if s.is_idle else 1.0 for s in settings],
+         centred(session), centred(feed)]
     )  # fmt: skip
     for equation, form in problem.campaign.plant.equations.items():
         n_harmonics = form.n_harmonics
@@ -175,11 +208,6 @@ def _discrepancy(problem: LinearProblem, small: Floats | None) -> float:
         logs.append(_log_z(Marginal(problem, extra=extra)))
     top = max(logs)
     return top + float(np.log(np.mean(np.exp(np.array(logs) - top))))
-
-
-def _centred(values: Floats) -> Floats:
-    spread = float(values.std())
-    return (values - values.mean()) / spread if spread > 0 else np.zeros_like(values)
 
 
 def _probabilities(

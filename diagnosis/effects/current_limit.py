@@ -2,8 +2,8 @@
 
 At the limit di/dt is about 0, so the voltage pulled back is what is left: duty V_b - R i_max - k_e w > 0.
 The baseline still counts it (electrical residual positive) and expects more battery current (converter
-residual negative, by the same share of the current). Forms: hard (the current stays within a few per cent
-of the campaign's top current), soft (the duty falls in proportion to the excess over a knee; the unit is
+residual negative, by the same share of the current). Forms: hard (the voltage is missing above a share of the
+campaign's top current, a low one where the duty comes back slowly), soft (the duty falls in proportion to the excess over a knee; the unit is
 then all the voltage that R times the top current leaves). Without a limit the left-over voltage at the top
 of a start-up is 0, so is the signature. Limits of 10 to 40 A: assumed.
 """
@@ -50,7 +50,7 @@ EFFECT = Effect(
     strength=Strength(name="voltage_share_pulled_back", unit="1", typical=1.0, low=0.1, high=1.5, source="assumed"),
     signature=_signature,
     shapes=(
-        *({"share": s, "soft": 0.0} for s in (0.985, 0.96, 0.92, 0.86)),
+        *({"share": s, "soft": 0.0} for s in (0.98, 0.92, 0.85, 0.7, 0.55, 0.4, 0.25, 0.1)),
         *({"share": s, "soft": 1.0} for s in (0.5, 0.7, 0.85)),
     ),
     needs=("motor_current_a", "battery_voltage_v"),

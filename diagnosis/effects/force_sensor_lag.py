@@ -3,7 +3,9 @@
 Only the reading lags: the motor feels the true force at once. So the cutting residual lags and the
 mechanical one, which uses the reading, shows the same missing force with the other sign. A blade that gives
 way (blade_compliance) lags in the cutting equation alone; a late clock (clock_offset) delays without loss
-of amplitude. Range: amplifiers' analogue filters of 30 Hz to 1.6 kHz: assumed.
+of amplitude. Amplifiers filter in first order or, as often, in second: there tau is the delay of slow signals,
+2 zeta / w_0, with zeta 0.5 (Bessel-like to peaking), 0.7 (Butterworth) or 1. Range: analogue filters of 30 Hz to
+1.6 kHz: assumed.
 """
 
 from __future__ import annotations
@@ -11,16 +13,16 @@ from __future__ import annotations
 import numpy as np
 
 from diagnosis.effects.effect import Effect, Strength
-from diagnosis.effects.transfer import filtered, force_reading
+from diagnosis.effects.transfer import filtered, force_reading, low_pass
 from diagnosis.equations import Baseline, Signature
 from diagnosis.state import State
 
 _TAUS_S = tuple(float(tau) for tau in np.geomspace(1.5e-4, 1e-2, 18))
 
 
-def _signature(baseline: Baseline, state: State, tau_s: float) -> tuple[Signature, ...]:
+def _signature(baseline: Baseline, state: State, tau_s: float, damping: float = 0.0) -> tuple[Signature, ...]:
     force = baseline.expected_force(state)
-    return (force_reading(baseline, state, filtered(force, state, lambda f: 1 / (1 + 2j * np.pi * f * tau_s))),)
+    return (force_reading(baseline, state, filtered(force, state, low_pass(tau_s, damping))),)
 
 
 EFFECT = Effect(
@@ -29,7 +31,7 @@ EFFECT = Effect(
     equation="tau * dF_m/dt + F_m = F",
     strength=Strength(name="time_constant_s", unit="s", typical=1.0, low=0.7, high=1.4, source="assumed"),
     signature=_signature,
-    shapes=tuple({"tau_s": tau} for tau in _TAUS_S),
+    shapes=tuple({"tau_s": tau, "damping": z} for z in (0.0, 0.5, 0.7, 1.0) for tau in _TAUS_S),
     shape_strength=lambda amplitude, shape: amplitude * shape["tau_s"],
     needs=("force_n",),
     grows_with=("speed",),

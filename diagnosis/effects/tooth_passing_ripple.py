@@ -1,8 +1,9 @@
 """Single teeth show in the force: F (1 + a sin(2 pi x / p + psi)), x the blade's position, p the pitch.
 
 Locked to the blade's position, so it chirps in time: fast at mid stroke, slow at the dead centres. The
-reading is the true force. Free phase: sine and cosine part. The pitch grid advances by a fifth of a turn
-over 20 mm from one entry to the next. A resonance rings at one frequency whatever the position. Jigsaw
+reading is the true force. Free phase: sine and cosine part. A tooth that enters at once and leaves slowly makes
+a saw tooth of it: the sharp form has two overtones as well, each with a free phase and half the size of the one
+before. The pitch grid advances by a tenth of a turn over 20 mm from one entry to the next. A resonance rings at one frequency whatever the position. Jigsaw
 blades: 1.8 to 4.5 mm (makers' catalogues, 6 to 14 teeth an inch); depth: assumed.
 """
 
@@ -14,13 +15,19 @@ from diagnosis.effects.effect import Effect, Strength
 from diagnosis.equations import Baseline, Signature
 from diagnosis.state import TWO_PI, State
 
-_TEETH_PER_M = np.arange(220.0, 560.0 + 1.0, 10.0)
+_TEETH_PER_M = np.arange(220.0, 560.0 + 1.0, 5.0)
+_OVERTONES = (1.0, 0.5, 0.25)
 
 
-def _signature(baseline: Baseline, state: State, pitch_m: float) -> tuple[Signature, ...]:
+def _signature(baseline: Baseline, state: State, pitch_m: float, sharp: float) -> tuple[Signature, ...]:
+    if state.setting.is_idle:
+        return tuple({} for _ in range(6 if sharp else 2))
     phase = TWO_PI * baseline.radius_m * (1.0 - np.cos(state.angle_rad)) / pitch_m
     force = baseline.expected_force(state)
-    return {"cutting": force * np.sin(phase)}, {"cutting": force * np.cos(phase)}
+    found: list[Signature] = []
+    for k, size in enumerate(_OVERTONES if sharp else _OVERTONES[:1], start=1):
+        found += [{"cutting": size * force * np.sin(k * phase)}, {"cutting": size * force * np.cos(k * phase)}]
+    return tuple(found)
 
 
 EFFECT = Effect(
@@ -31,7 +38,7 @@ EFFECT = Effect(
         name="depth", unit="1", typical=0.15, low=0.1, high=3.0, source="assumed; pitch: blade catalogues"
     ),
     signature=_signature,
-    shapes=tuple({"pitch_m": float(1.0 / n)} for n in _TEETH_PER_M),
+    shapes=tuple({"pitch_m": float(1.0 / n), "sharp": sharp} for sharp in (0.0, 1.0) for n in _TEETH_PER_M),
     needs=("force_n",),
     grows_with=("position", "load"),
     confused_with=("carriage_resonance",),

@@ -44,20 +44,35 @@ def filtered(wave: Floats, state: State, transfer: TransferFunction) -> Floats:
     if state.kind != "running":
         return _filtered_start(wave, transfer)
     n_points = wave.shape[-1]
-    speed = state.speed_rad_s
-    if np.all(speed == speed[:1]):
-        speed = speed[:1]  # the strokes of an averaged state are all alike
-    slowness = TWO_PI / speed
-    period_s = slowness.mean(axis=-1, keepdims=True)
-    phase = _time_phase(slowness / period_s)
     orders = np.arange(n_points // 2)
-    turns = np.exp(1j * phase[..., None, :] * orders[:, None])  # (rows, orders, points)
+    turns, slowness, period_s = _turns(state)
     weighted = wave * (slowness / period_s) / n_points
     coefficients = (turns.conj() @ weighted[..., None])[..., 0] if len(turns) > 1 else weighted @ turns[0].conj().T
     change = coefficients * (transfer(orders / period_s) - 1.0)
     change[:, 1:] *= 2.0
     back = (change[:, None, :] @ turns)[:, 0] if len(turns) > 1 else change @ turns[0]
     return wave + back.real
+
+
+_MAX_KEPT = 64
+_kept: dict[int, tuple[Floats, tuple[NDArray[np.complexfloating], Floats, Floats]]] = {}
+
+
+def _turns(state: State) -> tuple[NDArray[np.complexfloating], Floats, Floats]:
+    """exp(j n 2 pi t / T) at each crank angle, shape (rows, orders, points); slowness and period, once a state."""
+    speed = state.speed_rad_s
+    known = _kept.get(id(speed))
+    if known is not None and known[0] is speed:
+        return known[1]
+    shown = speed[:1] if np.all(speed == speed[:1]) else speed  # the strokes of an averaged state are all alike
+    slowness = TWO_PI / shown
+    period_s = slowness.mean(axis=-1, keepdims=True)
+    orders = np.arange(speed.shape[-1] // 2)
+    turns = np.exp(1j * _time_phase(slowness / period_s)[..., None, :] * orders[:, None])
+    if len(_kept) >= _MAX_KEPT:
+        _kept.clear()
+    _kept[id(speed)] = (speed, (turns, slowness, period_s))
+    return turns, slowness, period_s
 
 
 def _time_phase(share: Floats) -> Floats:
@@ -83,6 +98,14 @@ def _filtered_start(wave: Floats, transfer: TransferFunction) -> Floats:
     frequency_hz = np.arange(spectrum.shape[-1])[None, :] / (long.shape[-1] * START_UP_STEP_S)
     change = np.fft.irfft(spectrum * (transfer(frequency_hz) - 1.0), long.shape[-1], axis=-1)
     return wave + change[..., n : 2 * n]
+
+
+def low_pass(tau_s: float, damping: float = 0.0) -> TransferFunction:
+    """Low-pass that delays slow signals by `tau_s`: of first order, or of second order with a damping above 0."""
+    if damping == 0.0:
+        return lambda f: 1.0 / (1.0 + 2j * np.pi * f * tau_s)
+    natural_rad_s = 2.0 * damping / tau_s
+    return lambda f: 1.0 / (1.0 + 2j * np.pi * f * tau_s - (2.0 * np.pi * f / natural_rad_s) ** 2)
 
 
 def stroke_rate_hz(state: State) -> Floats:

@@ -1,0 +1,121 @@
+"""What an effect's signature may miss because nature's form is not the catalogue's.
+
+Friction has another Stribeck dip, wear is not linear, a diode's voltage bends: near its signature s an effect may
+leave s times a smooth factor, over the crank angle and over the trials. Each such factor is a column with a prior
+in proportion to the effect's own size, so that a strong effect may leave much and a weak one nothing. Without it
+a second effect, or "unknown", would always be there to mop up what the first one's form leaves.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.recording import Floats
+from diagnosis.equations import Equation
+from diagnosis.features import START_UP_EDGES_S, harmonics
+from diagnosis.linear_problem import LinearProblem, Part
+from diagnosis.state import TWO_PI
+
+# Standard deviation of each part of the smooth factor, as a share of the effect: all are tried.
+FORM_SHARES = (0.0, 0.03, 0.1, 0.25)
+_N_ANGLE = 4
+_N_POINTS = 128
+_N_TILTED = 3
+# Each harmonic may also be larger and turned on its own, as another filter or a sharper corner would have it.
+_HARMONIC_FACTOR = 1.5
+
+
+def form_modes(problem: LinearProblem, contribution: Floats) -> Floats:
+    """Columns for what the form of an effect may leave.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    contribution : ndarray, shape (n,)
+        The effect's whitened signature at its fitted size.
+
+    Returns
+    -------
+    ndarray, shape (n, q)
+        For a factor of standard deviation 1; columns without any weight are left out.
+    """
+    covariates = _covariates(problem)
+    operators = {
+        equation: _operators(form.n_harmonics) for equation, form in problem.campaign.plant.equations.items()
+    }
+    rows: dict[tuple[Equation, str, int, int], list[tuple[Part, Floats]]] = {}
+    for number, part in enumerate(problem.parts):
+        if not contribution[part.place].any():
+            continue
+        features = part.unwhiten(contribution)
+        for equation, place in part.layout.slices.items():
+            block = features[:, place]
+            if not block.any():
+                continue
+            known = operators[equation] if part.layout.kind == "running" else _START_UP
+            for k, operator in enumerate(known):
+                moved = block @ operator
+                for j, weight in enumerate(covariates[number] if k < _N_TILTED else covariates[number][:1]):
+                    wide = np.zeros_like(features)
+                    wide[:, place] = weight * moved
+                    rows.setdefault((equation, part.layout.kind, k, j), []).append((part, wide))
+    columns = []
+    for entries in rows.values():
+        column = np.zeros(len(contribution))
+        for part, wide in entries:
+            column[part.place] += (wide @ part.whitener.T).ravel()
+        if column.any():
+            columns.append(column)
+    return np.array(columns).T if columns else np.zeros((len(contribution), 0))
+
+
+def _covariates(problem: LinearProblem) -> list[list[Floats]]:
+    """Factors of each part, (n_blocks, 1) each: 1, speed, load, session, feed, time in the trial, idle."""
+    settings = [part.setting for part in problem.parts]
+    duty = centred(np.array([s.duty for s in settings]))
+    load = centred(np.array([float(part.state.slow["k_guess_n_s_per_m"].mean()) if "k_guess_n_s_per_m" in part.state.slow else 0.0 for part in problem.parts]))
+    session = centred(np.array([s.session_s for s in settings]))
+    feed = centred(np.nan_to_num(np.array([s.feed_m_s for s in settings])))
+    idle = np.array([float(s.is_idle) for s in settings])
+    found = []
+    for k, part in enumerate(problem.parts):
+        n_blocks = part.blocks.shape[0]
+        ones = np.ones((n_blocks, 1))
+        within = np.linspace(-1.0, 1.0, n_blocks)[:, None] if n_blocks > 1 else np.zeros((1, 1))
+        found.append([ones, duty[k] * ones, load[k] * ones, session[k] * ones, feed[k] * ones, within, idle[k] * ones])
+    return found
+
+
+def centred(values: Floats) -> Floats:
+    """Values less their mean over their standard deviation, zeros where they do not vary."""
+    spread = float(values.std())
+    return (values - values.mean()) / spread if spread > 0 else np.zeros_like(values)
+
+
+def _operators(n: int) -> list[Floats]:
+    """Matrices on feature rows: times 1, cos, sin, cos 2, ... of the angle; then each harmonic, as it is and turned."""
+    angle = (np.arange(_N_POINTS) + 0.5) * TWO_PI / _N_POINTS
+    order = np.arange(1, n + 1)
+    # `harmonics` has its angle zero at the first point: stay with that for both ways.
+    shifted = angle - angle[0]
+    synthesis = np.vstack([np.ones(_N_POINTS), np.cos(np.outer(order, shifted)), np.sin(np.outer(order, shifted))])
+    factors = [np.ones(_N_POINTS)]
+    for k in range(1, _N_ANGLE + 1):
+        factors += [np.cos(k * angle) / np.sqrt(k), np.sin(k * angle) / np.sqrt(k)]
+    operators = [harmonics(synthesis * factor, n) for factor in factors]
+    share = _HARMONIC_FACTOR
+    for k in range(1, n + 1):
+        same, turned = np.zeros((2 * n + 1, 2 * n + 1)), np.zeros((2 * n + 1, 2 * n + 1))
+        same[k, k] = same[n + k, n + k] = share
+        turned[k, n + k], turned[n + k, k] = -share, share
+        operators += [same, turned]
+    return operators
+
+
+def _start_up_operators() -> list[Floats]:
+    middle = np.log(0.5 * (np.array(START_UP_EDGES_S[1:]) + np.array(START_UP_EDGES_S[:-1])))
+    place = 2.0 * (middle - middle[0]) / (middle[-1] - middle[0]) - 1.0
+    return [np.diag(np.cos(k * np.arccos(np.clip(place, -1.0, 1.0)))) for k in range(5)]
+
+
+_START_UP = _start_up_operators()
