@@ -26,6 +26,7 @@ PRIOR_EFFECTS = 1.0 - PRIOR_NO_GAP - PRIOR_PARAMETERS - PRIOR_UNKNOWN - PRIOR_PA
 TEMPERATURE = 4.0
 _N_FORMED, _N_FIRST, _N_PAIRS = 12, 5, 8
 _SCREEN_SHARE = 0.05
+_WORTH_FORMING = 6.0
 _DISCREPANCY_SIZES = (3.0, 10.0, 30.0, 100.0, 300.0)
 _DISCREPANCY_HARMONICS = 6
 
@@ -89,11 +90,12 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     columns = {name: entries for name, entries in columns.items() if entries}
     stacked = stack(columns)
     rough = sorted(explain_all(nominal, columns, stacked=stacked).values(), key=lambda e: -e.log_evidence)
-    formed = [_with_form(problem, small, e, columns, reference) for e in rough[:_N_FORMED]]
+    modes = {e.effect.name: form_modes(problem, e.contribution) for e in rough[:_N_FORMED]}
+    formed = [_with_form(problem, small, e, columns, modes, reference) for e in rough[:_N_FORMED]]
     explanations = sorted([*formed, *rough[_N_FORMED:]], key=lambda e: -e.log_evidence)
     for explanation in explanations:
         log_evidence[explanation.effect.name] = explanation.log_evidence
-    pairs = _pairs(problem, small, explanations[:_N_FIRST], columns, stacked, reference)
+    pairs = _pairs(problem, small, explanations[:_N_FIRST], columns, stacked, modes, reference)
     left_over = {"no_gap": nominal.misfit, "parameters": retuned.misfit}
     left_over |= {e.effect.name: nominal.misfit - e.gain for e in explanations}
     for pair in pairs:
@@ -125,11 +127,16 @@ def _pair_name(pair: Pair) -> str:
 
 
 def _with_form(
-    problem: LinearProblem, small: Floats, rough: Explanation, columns: dict[str, list[Column]], reference: float
+    problem: LinearProblem,
+    small: Floats,
+    rough: Explanation,
+    columns: dict[str, list[Column]],
+    modes: dict[str, Floats],
+    reference: float,
 ) -> Explanation:
     """Weigh one effect again, with what its form may miss."""
-    modes = form_modes(problem, rough.contribution)
-    log_z, _, _ = explain_formed(problem, small, modes, columns[rough.effect.name], FORM_SHARES)
+    name = rough.effect.name
+    log_z, _, _ = explain_formed(problem, small, modes[name], columns[name], FORM_SHARES)
     return replace(rough, log_evidence=log_z - reference)
 
 
@@ -139,14 +146,14 @@ def _pairs(
     firsts: Sequence[Explanation],
     columns: dict[str, list[Column]],
     stacked: Floats,
+    modes: dict[str, Floats],
     reference: float,
 ) -> list[Pair]:
     """Evidence of pairs: the first in its best shape and with what its form may miss, then every second."""
     rough: dict[frozenset[str], tuple[Explanation, Explanation, float]] = {}
     for first in firsts:
         given = first.column.columns * first.effect.strength.high
-        modes = _SCREEN_SHARE * form_modes(problem, first.contribution)
-        marginal = Marginal(problem, extra=np.hstack([small, given, modes]))
+        marginal = Marginal(problem, extra=np.hstack([small, given, _SCREEN_SHARE * modes[first.effect.name]]))
         for name, found in explain_all(marginal, columns, stacked=stacked).items():
             if name == first.effect.name:
                 continue
@@ -154,7 +161,7 @@ def _pairs(
             if key not in rough or total > rough[key][2]:
                 rough[key] = (first, found, total)
     best = sorted(rough.values(), key=lambda entry: -entry[2])[:_N_PAIRS]
-    pairs = [_formed_pair(problem, small, first, second, columns, reference) for first, second, _ in best]
+    pairs = [_formed_pair(problem, small, first, second, columns, modes, reference) for first, second, _ in best]
     return sorted(pairs, key=lambda pair: -pair.log_evidence)
 
 
@@ -164,12 +171,20 @@ def _formed_pair(
     first: Explanation,
     second: Explanation,
     columns: dict[str, list[Column]],
+    modes: dict[str, Floats],
     reference: float,
 ) -> Pair:
+    """Weigh a pair again with what both forms may miss; a second that hardly shows keeps what the screening gave."""
+    if second.log_evidence < _WORTH_FORMING:
+        return Pair(
+            first=first, second=second, log_evidence=first.log_evidence + second.log_evidence, left_over=np.inf
+        )
     given = first.column.columns * first.effect.strength.high
-    modes = np.hstack([form_modes(problem, first.contribution), form_modes(problem, second.contribution)])
-    fixed = np.hstack([small, given])
-    log_z, left_over, found = explain_formed(problem, fixed, modes, columns[second.effect.name], FORM_SHARES)
+    name = second.effect.name
+    if name not in modes:
+        modes[name] = form_modes(problem, second.contribution)
+    both = np.hstack([modes[first.effect.name], modes[name]])
+    log_z, left_over, found = explain_formed(problem, np.hstack([small, given]), both, columns[name], FORM_SHARES)
     return Pair(first=first, second=found, log_evidence=log_z - reference, left_over=left_over)
 
 
@@ -215,7 +230,8 @@ def _probabilities(
 ) -> dict[str, float]:
     prior = {"no_gap": PRIOR_NO_GAP, "parameters": PRIOR_PARAMETERS, "unknown": PRIOR_UNKNOWN}
     prior |= {effect.name: PRIOR_EFFECTS / max(len(effects), 1) for effect in effects}
-    prior |= {_pair_name(pair): PRIOR_PAIRS / max(len(pairs), 1) for pair in pairs}
+    n_pairs = max(len(effects) * (len(effects) - 1) // 2, 1)
+    prior |= {_pair_name(pair): PRIOR_PAIRS / n_pairs for pair in pairs}
     score = {name: np.log(prior[name]) + log_evidence[name] / TEMPERATURE for name in log_evidence}
     top = max(score.values())
     weight = {name: float(np.exp(value - top)) for name, value in score.items()}
