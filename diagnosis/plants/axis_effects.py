@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from diagnosis.plants.linear_axis import LinearAxis
 
 _SMOOTH_SHARE = 0.01
-_TAUS_S: Final = tuple(float(tau) for tau in np.geomspace(3e-4, 3e-2, 11))
+_TAUS_S: Final = tuple(float(tau) for tau in np.geomspace(3e-4, 3e-2, 8))
 _LOAD, _DRIVE, _MOTION = 0.0, 1.0, 2.0
 # Presliding: friction turns round over a distance (Dahl 1968), here as a share of the stroke; 0 is Coulomb's law.
 _PRESLIDING: Final = (0.0, 0.002, 0.004, 0.007, 0.012, 0.02, 0.035, 0.06, 0.1)
@@ -175,7 +175,7 @@ def _positions(force_n: float, stroke_m: float) -> tuple[Effect, ...]:
                 name="amplitude_n", unit="N", typical=0.05 * force_n, low=0.1, high=6.0, source="assumed"
             ),
             signature=_cogging,
-            shapes=tuple({"pitch_m": float(p) * stroke_m} for p in np.geomspace(0.1, 0.4, 64)),
+            shapes=tuple({"pitch_m": float(p) * stroke_m} for p in np.geomspace(0.1, 0.4, 48)),
             grows_with=("position",),
             confused_with=("elastic_load",),
             told_apart_by="another stroke: it stays at its place",
