@@ -225,7 +225,8 @@ def _next_trial(campaign: Campaign, posterior: Posterior) -> str:
         return lacking
     top = next((e for e in posterior.explanations), None)
     if top is not None and top.effect.told_apart_by:
-        return f"{top.effect.told_apart_by}: it separates {top.effect.name} from what it is taken for"
+        name = top.effect.name.replace("_", " ")
+        return f"{top.effect.told_apart_by}: it separates {name} from what it is taken for"
     return "a long trial at the highest load: it shows heat, wear and the battery"
 
 

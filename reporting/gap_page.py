@@ -54,8 +54,9 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         If the file exists and `overwrite` is not set.
     """
     detail = report.get("detail", {})
-    has_cause = report["verdict"] in {"effect", "effects"}
-    after, after_words = ("with_effect", "model with the cause") if has_cause else ("retuned", "model, re-tuned")
+    after, after_words = (
+        ("with_effect", "model with the cause") if _has_cause(report) else ("retuned", "model, re-tuned")
+    )
     context = {
         "title": "Sim-to-real gap",
         "heading": _heading(report),
@@ -63,11 +64,13 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         "level": {"no_gap": "good", "unknown": "bad"}.get(report["verdict"], "warn"),
         "meaning": _meaning(report),
         "to_do": _to_do(report),
-        "tiles": _tiles(report, detail),
+        "tiles": _tiles(report),
         "strokes": strokes_picture(detail["strokes"], after, after_words) if detail.get("strokes") else None,
         "ladder": ladder_picture(report["gap"]["by_channel"], _rungs(report["verdict"])),
         "gap_rungs": _rungs(report["verdict"]),
-        "map": map_picture(detail["map"], _equations(report, detail)) if detail.get("map") else None,
+        "map": map_picture(detail["map"], _equations(report, detail))
+        if detail.get("map") and report["where"]
+        else None,
         "where": [_spot(spot) for spot in report["where"]],
         "causes": [_cause(cause) for cause in report["causes"]],
         "others": [
@@ -110,6 +113,10 @@ def verdict_sentence(report: Mapping[str, Any]) -> str:
     sure = cause["probability"] >= _SURE
     start = "The model leaves out that" if sure else "Most likely, but not surely, the model leaves out that"
     return f"{start} {happens} ({_percent(cause['probability'])} sure)."
+
+
+def _has_cause(report: Mapping[str, Any]) -> bool:
+    return report["verdict"] in {"effect", "effects"}
 
 
 def _heading(report: Mapping[str, Any]) -> str:
@@ -156,7 +163,7 @@ def _closing(cause: Mapping[str, Any]) -> str:
     if (low, high) == (-1.0, 1.0) and cause["gap_closed"] == 0.0:
         return "Re-tuned parameters leave too little of the gap to say how far it closes."
     return (
-        f"Counted in, it closes {100 * cause['gap_closed']:.0f} % (between {100 * low:.0f} and {100 * high:.0f} %)"
+        f"Counted in, it closes {round(100 * cause['gap_closed'])} % ({round(100 * low)} to {round(100 * high)} %)"
         " of the gap that re-tuned parameters leave, at operating points it was not fitted to."
     )
 
@@ -166,14 +173,11 @@ def _runtime_sentence(report: Mapping[str, Any]) -> list[str]:
     if not runtime:
         return []
     where = report.get("detail", {}).get("runtime_of", "")
-    with_cause = (
-        f", with the cause {_duration(runtime['with_effect'])}"
-        if report["verdict"] in {"effect", "effects"}
-        else f", re-tuned {_duration(runtime['with_effect'])}"
-    )
+    key, words = ("with_effect", "with the cause") if _has_cause(report) else ("retuned", "re-tuned")
+    after = f", {words} {_duration(runtime[key])}" if key in runtime else ""
     return [
         f"A full battery lasts {_duration(runtime['measured'])} as measured; the model says"
-        f" {_duration(runtime['nominal'])}{with_cause}{f' ({point_words(where)})' if where else ''}."
+        f" {_duration(runtime['nominal'])}{after}{f' ({point_words(where)})' if where else ''}."
     ]
 
 
@@ -205,7 +209,7 @@ def _shifted(report: Mapping[str, Any]) -> str:
 def _to_do(report: Mapping[str, Any]) -> list[str]:
     verdict = report["verdict"]
     if verdict == "no_gap":
-        return ["Use the model as it is."]
+        return ["Use the model as it is.", f"To be surer still, next trial: {report['next_trial']}."]
     steps = []
     if verdict == "parameters":
         steps.append("Write the re-tuned numbers (table below) into the configuration, and check them on a new trial.")
@@ -218,9 +222,9 @@ def _to_do(report: Mapping[str, Any]) -> list[str]:
     return [*steps, f"Next trial: {report['next_trial']}."]
 
 
-def _tiles(report: Mapping[str, Any], detail: Mapping[str, Any]) -> list[dict[str, str]]:
+def _tiles(report: Mapping[str, Any]) -> list[dict[str, str]]:
     tiles = []
-    after = "with_effect" if report["verdict"] in {"effect", "effects"} else "retuned"
+    after = "with_effect" if _has_cause(report) else "retuned"
     for name in ("force_n", "motor_current_a"):
         if name in report["gap"]["by_channel"]:
             row = report["gap"]["by_channel"][name]
@@ -237,7 +241,8 @@ def _tiles(report: Mapping[str, Any], detail: Mapping[str, Any]) -> list[dict[st
             {
                 "label": "Battery lasts",
                 "value": f"{_duration(runtime['measured'])}",
-                "detail": f"model before {_duration(runtime['nominal'])}, after {_duration(runtime['with_effect'])}",
+                "detail": f"model: {_duration(runtime['nominal'])}"
+                + (f" → {_duration(runtime[after])}" if after in runtime else ""),
             }
         )
     return tiles
@@ -271,8 +276,8 @@ def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
         "name": " and ".join(name_of(name) for name in cause["effects"]),
         "words": ", and ".join(what_happens(name) for name in cause["effects"]),
         "probability": _percent(cause["probability"]),
-        "closed": f"{100 * cause['gap_closed']:.0f} %",
-        "interval": "cannot be said" if (low, high) == (-1.0, 1.0) else f"{100 * low:.0f} to {100 * high:.0f} %",
+        "closed": f"{round(100 * cause['gap_closed'])} %",
+        "interval": "cannot be said" if (low, high) == (-1.0, 1.0) else f"{round(100 * low)} to {round(100 * high)} %",
         "strengths": [_strength(name, p) for name, p in cause["parameters"].items()],
         "alike": ", ".join(name_of(name) for name in cause["indistinguishable_from"]) or "none",
     }
