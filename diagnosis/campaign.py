@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,14 +18,21 @@ from bench.units import DISPLACEMENT
 from diagnosis.equations import Baseline
 from diagnosis.plants.jigsaw import Jigsaw
 from diagnosis.plants.plant import Plant
-from diagnosis.reduction import CHANNEL_OF_STATE, is_locked_to_angle, running_state, start_up_state, steady_part
-from diagnosis.screening import screen
+from diagnosis.reduction import CHANNEL_OF_STATE, lock_to_angle, running_state, start_up_state, steady_part
+from diagnosis.screening import is_stock_stated, screen, summary
 from diagnosis.slow_states import SlowTrack, slow_tracks
-from diagnosis.state import State, TrialSetting
+from diagnosis.state import TWO_PI, State, TrialSetting
 
 # The spin-up and the settling of the stroke rate after it stay out of the running part.
 SETTLE_S = 0.8
 _MOVING_RAD_S = 2.0
+# Agreement of the phases of a trial's strokes (measured: above 0.97), and how far a trial's phase may lie from that
+# of the others (measured: 0.1 rad for the force, 0.4 rad for the current in air, at twice the usual effects).
+_LOCKED = 0.8
+_PHASE_SPREAD_RAD = MappingProxyType({"force": 0.6, "current": 1.0, "current in air": 1.0})
+_FOREIGN_SHARE = 0.3
+# Warn where dropouts cost more than this share of the strokes.
+_LOST_STROKES = 0.2
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -107,14 +115,14 @@ def reduce_campaign(
         if on_trial is not None:
             on_trial(number + 1, len(ordered), recording.trial.trial_id)
     if not usable:
-        raise InputError(f"no trial can be diagnosed: {'; '.join(warnings)}")
+        raise InputError(f"no trial can be diagnosed: {summary(warnings)}")
     tracks = slow_tracks(usable, angles, stroke_m=2.0 * baseline.radius_m)
     states: list[State] = []
     for index, (recording, angle, track) in enumerate(zip(usable, angles, tracks, strict=True)):
         states += _states(baseline, recording, angle, track, index, warnings)
     _refuse_foreign_angles(states, warnings)
     if not states:
-        raise InputError(f"no trial runs long enough to be diagnosed: {'; '.join(warnings)}")
+        raise InputError(f"no trial runs long enough to be diagnosed: {summary(warnings)}")
     guesses = _with_guesses(baseline, states)
     plant = Jigsaw(baseline=baseline)
     return Campaign(plant=plant, states=tuple(states), k_guess_n_s_per_m=guesses, warnings=tuple(warnings))
@@ -162,6 +170,9 @@ def _states(
     for name, attribute in CHANNEL_OF_STATE.items():
         if name in recording.signals and getattr(running, attribute) is None:
             warnings.append(f"{trial.trial_id}: {name} left out: it is missing in most of the strokes")
+    strokes = float(np.diff(np.interp([start_s + SETTLE_S, end_s], angle.time_s, angle.angle_rad))[0]) / TWO_PI
+    if running.n_strokes.sum() < (1.0 - _LOST_STROKES) * strokes - 2.0 * running.n_strokes[0]:
+        warnings.append(f"{trial.trial_id}: dropouts leave {running.n_strokes.sum():.0f} of {strokes:.0f} strokes")
     started_at_rest = moving_s > angle.time_s[0] or angle.speed_rad_s[0] < _MOVING_RAD_S
     start_up = start_up_state(recording, angle, setting, moving_s) if started_at_rest else None
     found = []
@@ -191,7 +202,7 @@ def _setting(recording: Recording, index: int, track: SlowTrack) -> TrialSetting
         index=index,
         duty=trial.duty or 0.0,
         is_idle=trial.is_idle,
-        stock="air" if trial.is_idle else f"{trial.material}, {trial.thickness_mm} mm",
+        stock=_stock(recording),
         feed_m_s=math.nan if trial.feed_mm_s is None else 1e-3 * trial.feed_mm_s,
         thickness_m=math.nan if trial.thickness_mm is None else 1e-3 * trial.thickness_mm,
         operating_point=_operating_point(recording),
@@ -200,14 +211,26 @@ def _setting(recording: Recording, index: int, track: SlowTrack) -> TrialSetting
 
 
 def _refuse_foreign_angles(states: list[State], warnings: list[str]) -> None:
-    """Take out trials whose force or current does not follow the measured crank angle."""
-    labels = [s.setting.label for s in states if s.kind == "running"]
-    foreign = [s.setting.label for s in states if s.kind == "running" and not is_locked_to_angle(s)]
-    reason = "its force and current do not repeat with the strokes of its displacement"
-    remedy = "the displacement belongs to another trial, or the clocks of the devices differ"
-    if 2 * len(foreign) > len(labels):
-        raise InputError(f"{len(foreign)} of {len(labels)} trials: {reason}", where=foreign[0], remedy=remedy)
-    warnings += [f"{label} left out: {reason}; {remedy}" for label in foreign]
+    """Take out trials whose force or current does not follow the measured crank angle as in the other trials."""
+    locks: dict[str, dict[str, complex]] = {}
+    for state in states:
+        lock = lock_to_angle(state) if state.kind == "running" else None
+        if lock is not None:
+            locks.setdefault(lock[0], {})[state.setting.label] = lock[1]
+    foreign: list[str] = []
+    for name, found in locks.items():
+        usual = sum(lock / abs(lock) for lock in found.values()) if len(found) > 2 else 0.0
+        off = [
+            label
+            for label, lock in found.items()
+            if abs(lock) < _LOCKED or (abs(usual) > 0 and abs(np.angle(lock / usual)) > _PHASE_SPREAD_RAD[name])
+        ]
+        reason = f"the {name} does not follow the strokes of the displacement as it should"
+        remedy = "the displacement belongs to another trial, or the clocks of the devices differ"
+        if len(off) > _FOREIGN_SHARE * len(found):
+            raise InputError(f"in {len(off)} of {len(found)} trials {reason}", where=off[0], remedy=remedy)
+        foreign += off
+        warnings += [f"{label} left out: {reason}; {remedy}" for label in off]
     states[:] = [s for s in states if s.setting.label not in foreign]
 
 
@@ -221,7 +244,7 @@ def _without_displacement(recordings: list[Recording], baseline: Baseline, warni
             warnings.append(f"{name} left out: neither force nor current shows a clear stroke rate")
     usable = [r for r in recordings if means[r.trial.trial_id] is not None]
     if not usable:
-        raise InputError(f"no trial can be diagnosed without displacement: {'; '.join(warnings)}")
+        raise InputError(f"no trial can be diagnosed without displacement: {summary(warnings)}")
     angles = [means[r.trial.trial_id].angle for r in usable]  # type: ignore[union-attr]
     tracks = slow_tracks(usable, angles, stroke_m=2.0 * baseline.radius_m)
     states = [
@@ -248,6 +271,16 @@ def _motor_voltage(baseline: Baseline, state: State, charge_used_as: Floats) -> 
         current_a = 0.0 if state.current_a is None else state.setting.duty * state.current_a
     voltage_v = baseline.open_circuit_voltage(charge_used_as) - baseline.battery.internal_resistance_ohm * current_a
     return np.broadcast_to(state.setting.duty * voltage_v, state.speed_rad_s.shape)
+
+
+def _stock(recording: Recording) -> str:
+    """Trials of one stock share a cutting coefficient: only where it is stated what was cut."""
+    trial = recording.trial
+    if trial.is_idle:
+        return "air"
+    if not is_stock_stated(recording):
+        return f"what {trial.trial_id} cut"
+    return f"{trial.material}, {trial.thickness_mm} mm"
 
 
 def _operating_point(recording: Recording) -> str:

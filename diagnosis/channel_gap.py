@@ -65,7 +65,7 @@ class ChannelGap:
         Root mean square of measured less predicted mean stroke, over all operating points.
     cycles : tuple of Cycle
     runtime_s : dict of str to float
-        "nominal", "with_effect", "measured"; empty where it cannot be said.
+        "nominal", "retuned", "with_effect", "measured"; empty where it cannot be said.
     runtime_of : str
         Operating point whose runtime it is.
     warnings : tuple of str
@@ -274,7 +274,7 @@ def _runtime(
         return {}, "", [f"no runtime: battery_current_a is missing in {state.setting.label}"]
     usable_as = 3600.0 * battery.capacity_ah * (1.0 - battery.cutoff_soc)
     runtime = {}
-    for name in ("nominal", "with_effect"):
+    for name in MODELS:
         times, near = [], found[name]
         for node in 0.5 * (_RUNTIME_NODES + 1.0):
             there = replace(stroke, charge_used_as=np.full((1, 1), node * usable_as))

@@ -10,17 +10,28 @@ import numpy as np
 from bench.config import LoadedConfig
 from bench.recording import Recording
 from diagnosis.campaign import Campaign
-from diagnosis.evidence import Explanation, catalogue_columns
-from diagnosis.ladder import Ladder, climb
+from diagnosis.channel_gap import ChannelGap, forecast
+from diagnosis.evidence import Column, Explanation, catalogue_columns
+from diagnosis.gap_detail import detail
+from diagnosis.ladder import RUNGS, HoldOut, Ladder, Rungs
 from diagnosis.linear_problem import LinearProblem, Marginal, build_problem
 from diagnosis.plants.choice import reduce_recordings
 from diagnosis.posterior import Posterior, judge, wide_scale
 from diagnosis.where import locate
 
 SCHEMA_VERSION = 1
-METRIC = (
-    "root mean square of the equation residuals over their noise, on operating points held out of every fit in turn"
+_METRIC = (
+    "root mean square of the equation residuals over their noise, on {held_out}; by_channel: measured less predicted"
+    " mean stroke in the unit of the channel{simulated}; how hard a piece of wood is, is fitted on its own trial for"
+    " all rungs alike"
 )
+_HELD_OUT = {
+    "operating points": "operating points held out of every fit in turn",
+    "trials": "trials held out of every fit in turn (there is only one operating point)",
+    "nothing": "the only trial, which the fits have seen (nothing could be held out)",
+}
+# Where the parts of the work stand on the progress bar, of 100.
+_REDUCED, _SIGNED, _JUDGED, _CLIMBED = 40, 50, 80, 85
 _ALIKE = 0.95
 _SHOWN_PROBABILITY = 0.001
 
@@ -53,14 +64,24 @@ def diagnose(
     InputError
         If nothing can be diagnosed; the message says why for every trial.
     """
-    campaign = reduce_recordings(recordings, loaded, on_trial=on_step)
+    say = on_step or (lambda done, total, what: None)
+    campaign = reduce_recordings(
+        recordings, loaded, on_trial=lambda done, total, name: say(_REDUCED * done // total, 100, f"reading {name}")
+    )
     problem = build_problem(campaign)
+    say(_REDUCED, 100, "computing what every effect would do")
     columns = catalogue_columns(problem, campaign.plant.effects)
+    say(_SIGNED, 100, "weighing causes")
     posterior = judge(problem, columns)
-    causes = _causes(problem, posterior)
-    ladder = causes[0].pop("_ladder") if causes else climb(problem, None)
-    for cause in causes:
-        cause.pop("_ladder", None)
+    say(_JUDGED, 100, "predicting held-out operating points")
+    causes, hold_out, ladder, forms = _causes(problem, columns, posterior)
+    say(_CLIMBED, 100, "predicting held-out operating points")
+    channels = forecast(
+        hold_out, ladder, forms,
+        on_trial=lambda done, total, name: say(
+            _CLIMBED + (100 - _CLIMBED) * done // total, 100, f"predicting {name}"
+        ),
+    )  # fmt: skip
     return {
         "schema_version": SCHEMA_VERSION,
         "verdict": posterior.verdict,
@@ -68,14 +89,20 @@ def diagnose(
         "causes": causes,
         "probabilities": {k: posterior.probabilities[k] for k in ("no_gap", "parameters", "unknown")},
         "parameter_shifts": _shifts(problem),
-        "gap": _gap(ladder),
+        "gap": _gap(ladder, channels),
         "next_trial": _next_trial(campaign, posterior),
-        "warnings": list(campaign.warnings) + _weaknesses(campaign),
+        "warnings": [
+            *campaign.warnings, *_weaknesses(campaign), *(() if channels is None else channels.warnings)
+        ],
+        "detail": detail(problem, posterior, channels),
         "provenance": dict(provenance),
-    }
+    }  # fmt: skip
 
 
-def _causes(problem: LinearProblem, posterior: Posterior) -> list[dict[str, Any]]:
+def _causes(
+    problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior
+) -> tuple[list[dict[str, Any]], HoldOut, Ladder, list[tuple[Column, ...]]]:
+    """Entries of the report; with the ladder of the first one and the forms it was climbed with."""
     by_name = {e.effect.name: e for e in posterior.explanations}
     chosen = [
         (name, p)
@@ -85,11 +112,21 @@ def _causes(problem: LinearProblem, posterior: Posterior) -> list[dict[str, Any]
     if len(chosen) < 2:
         more = [e.effect.name for e in posterior.explanations if e.effect.name not in dict(chosen)]
         chosen += [(name, posterior.probabilities[name]) for name in more[: 2 - len(chosen)]]
-    causes = []
+    causes: list[dict[str, Any]] = []
+    hold_out: HoldOut | None = None
+    first: tuple[Ladder, list[tuple[Column, ...]]] | None = None
     for name, probability in chosen:
         members = [by_name[part] for part in name.split(" + ")]
-        columns = np.hstack([m.column.columns * m.effect.strength.high for m in members])
-        ladder = climb(problem, columns)
+        best = _stacked([m.column for m in members])
+        if hold_out is None:
+            hold_out = HoldOut(problem, best)
+        # The form of a single effect is chosen anew in every fit; of two together, the best ones are kept.
+        width = best.shape[1]
+        forms = [(c,) for c in columns[name] if c.columns.shape[1] == width] if len(members) == 1 else []
+        forms = forms or [tuple(m.column for m in members)]
+        ladder = hold_out.climb([_stacked(form) for form in forms])
+        if first is None:
+            first = (ladder, forms)
         causes.append(
             {
                 "effects": [m.effect.name for m in members],
@@ -105,10 +142,17 @@ def _causes(problem: LinearProblem, posterior: Posterior) -> list[dict[str, Any]
                 },
                 "gap_closed": ladder.gap_closed,
                 "gap_closed_ci95": list(ladder.gap_closed_ci95),
-                "_ladder": ladder,
             }
         )  # fmt: skip
-    return causes
+    if hold_out is None or first is None:
+        hold_out = HoldOut(problem)
+        first = (hold_out.climb([]), [])
+    return causes, hold_out, *first
+
+
+def _stacked(columns: Sequence[Column]) -> Any:
+    """Columns side by side, at the largest amplitude that occurs."""
+    return np.hstack([c.columns * c.effect.strength.high for c in columns])
 
 
 def _alike(problem: LinearProblem, cause: Explanation, posterior: Posterior) -> list[str]:
@@ -158,15 +202,21 @@ def _shifts(problem: LinearProblem) -> dict[str, Any]:
     return shifts
 
 
-def _gap(ladder: Ladder) -> dict[str, Any]:
-    def rungs(r: Any) -> dict[str, float]:
-        return {k: getattr(r, k) for k in ("nominal", "retuned", "with_effect", "noise_floor")}
-
-    return {
-        "metric": METRIC,
-        **rungs(ladder.whitened),
-        "by_channel": {name: {**rungs(r), "unit": unit} for name, (r, unit) in ladder.by_channel.items()},
+def _gap(ladder: Ladder, channels: ChannelGap | None) -> dict[str, Any]:
+    by_channel = ladder.by_channel if channels is None or not channels.by_channel else channels.by_channel
+    simulated = "" if by_channel is ladder.by_channel else ", predicted by the simulated model"
+    found = {
+        "metric": _METRIC.format(held_out=_HELD_OUT[ladder.held_out], simulated=simulated),
+        **_rungs(ladder.whitened),
+        "by_channel": {name: {**_rungs(r), "unit": unit} for name, (r, unit) in by_channel.items()},
     }
+    if channels is not None and channels.runtime_s:
+        found["runtime_s"] = dict(channels.runtime_s)
+    return found
+
+
+def _rungs(rungs: Rungs) -> dict[str, float]:
+    return {name: getattr(rungs, name) for name in RUNGS}
 
 
 def _next_trial(campaign: Campaign, posterior: Posterior) -> str:
@@ -175,7 +225,8 @@ def _next_trial(campaign: Campaign, posterior: Posterior) -> str:
         return lacking
     top = next((e for e in posterior.explanations), None)
     if top is not None and top.effect.told_apart_by:
-        return f"{top.effect.told_apart_by}: it separates {top.effect.name} from what it is taken for"
+        name = top.effect.name.replace("_", " ")
+        return f"{top.effect.told_apart_by}: it separates {name} from what it is taken for"
     return "a long trial at the highest load: it shows heat, wear and the battery"
 
 

@@ -85,9 +85,12 @@ class HoldOut:
     Parameters
     ----------
     problem : LinearProblem
+    best : ndarray, shape (n, q), optional
+        Whitened signatures of the most likely cause, times a generous amplitude: what a fit with them leaves of the
+        start-ups is taken for their noise, as a start-up has no time blocks that could be compared.
     """
 
-    def __init__(self, problem: LinearProblem) -> None:
+    def __init__(self, problem: LinearProblem, best: Floats | None = None) -> None:
         self.problem = problem
         self.base = problem.nuisance * wide_scale(problem)
         plant = problem.campaign.plant
@@ -100,13 +103,22 @@ class HoldOut:
         self.rows = {group: self._rows(group) for group in self.groups}
         self._normal = self.base.T @ self.base
         self._moment = self.base.T @ problem.data
-        self._scatter = _block_scatter(problem)
+        self._noise = self._noise_of(self.base if best is None else np.hstack([self.base, best]))
 
     def _rows(self, group: str) -> np.ndarray:
         rows = np.zeros(len(self.problem.data), dtype=bool)
         for part in self.problem.parts:
             rows[part.place] = self.group_of(part) == group
         return rows
+
+    def _noise_of(self, design: Floats) -> Floats:
+        """Whitened noise: the scatter of the time blocks, or what a fit to the group itself leaves."""
+        noise = _block_scatter(self.problem)
+        for rows in self.rows.values():
+            without = rows & np.isnan(noise)
+            inside, data = design[without], self.problem.data[without]
+            noise[without] = data - inside @ _ridge(inside, data)
+        return noise
 
     def climb(self, alternatives: Sequence[Floats]) -> Ladder:
         """Hold out each group in turn and predict it from the others.
@@ -125,7 +137,7 @@ class HoldOut:
         columns = list(alternatives) or [np.zeros((len(data), 0))]
         shared = [self.base.T @ c for c in columns]
         residuals = {name: np.array(data) for name in RUNGS}
-        residuals["noise_floor"] = np.array(self._scatter)
+        residuals["noise_floor"] = self._noise
         fits = {}
         for group in self.groups:
             fit = self._fit(group, columns, shared)
@@ -142,9 +154,6 @@ class HoldOut:
                 rest = data[held] - known
                 # How hard this piece of wood is, no model predicts: fitted on the held-out trials, for all rungs.
                 residuals[name][held] = rest - own @ _ridge(own, rest)
-            inside = np.hstack([self.base[held], chosen])
-            left = data[held] - inside @ _ridge(inside, data[held])
-            residuals["noise_floor"][held] = np.where(np.isnan(self._scatter[held]), left, self._scatter[held])
         energy = {n: np.array([float(np.sum(r[self.rows[g]] ** 2)) for g in self.groups]) for n, r in residuals.items()}
         closed, interval = closed_share(energy)
         return Ladder(
@@ -202,7 +211,7 @@ class HoldOut:
         low = -high
         if size == n + 1:
             low[n] = 0.0  # an effect has a sign
-        solution = np.linalg.solve(normal, moment)
+        solution = np.asarray(np.linalg.solve(normal, moment), dtype=np.float64)
         if np.all((solution >= low) & (solution <= high)):
             return solution
         root = np.linalg.cholesky(normal)
@@ -210,8 +219,8 @@ class HoldOut:
 
 
 def climb(problem: LinearProblem, columns: Floats | None) -> Ladder:
-    """Climb the ladder once, with one form of the cause; see `HoldOut.climb`."""
-    return HoldOut(problem).climb([] if columns is None else [columns])
+    """Climb the ladder once, with one form of the cause; see `HoldOut`."""
+    return HoldOut(problem, columns).climb([] if columns is None else [columns])
 
 
 def _grouping(problem: LinearProblem) -> tuple[str, Callable[[Part], str]]:
@@ -272,23 +281,22 @@ def closed_share(energy: dict[str, Floats]) -> tuple[float, tuple[float, float]]
     """
     from scipy.special import stdtrit
 
-    def left(chosen: np.ndarray) -> float | None:
+    def left(chosen: np.ndarray) -> float:
         retuned, effect, floor = (float(energy[k][chosen].sum()) for k in ("retuned", "with_effect", "noise_floor"))
         room = retuned - floor
         if room <= _LEAST_REST * floor:
-            return None
+            return 1.0
         return max(effect - floor, _LEAST_REST * floor) / room
 
     n = len(energy["retuned"])
     everything = np.arange(n)
-    whole = left(everything)
-    if whole is None:
+    if energy["retuned"].sum() <= (1.0 + _LEAST_REST) * energy["noise_floor"].sum():
         return 0.0, (-1.0, 1.0)
+    whole = left(everything)
     closed = float(np.clip(1.0 - whole, -1.0, 1.0))
-    without = [left(np.delete(everything, k)) for k in range(n)] if n > 2 else []
-    if n <= 2 or any(part is None for part in without):
+    if n <= 2:
         return closed, (-1.0, 1.0)
-    logs = np.log(np.array(without, dtype=np.float64))
+    logs = np.log([left(np.delete(everything, k)) for k in range(n)])
     spread = float(np.sqrt((n - 1) / n * np.sum((logs - logs.mean()) ** 2)))
     reach = float(stdtrit(n - 2, 0.975)) * spread
     low, high = (float(np.clip(1.0 - whole * np.exp(sign * min(reach, 50.0)), -1.0, 1.0)) for sign in (1.0, -1.0))

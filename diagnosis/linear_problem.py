@@ -15,21 +15,9 @@ import numpy as np
 from bench.recording import Floats
 from diagnosis.campaign import Campaign
 from diagnosis.equations import Equation, Signature
-from diagnosis.features import START_UP_EDGES_S, Layout, block_matrix, layout_of
+from diagnosis.features import Layout, block_matrix, layout_of
 from diagnosis.state import State, TrialSetting
 
-# Model error that no repetition shows: what a tracked speed, a band-limited current and a linear residual leave.
-# Standard deviation of a feature in the unit of its equation, and its growth with each harmonic or, for the
-# mechanical equation, with its square (the smoothing of the tracked speed costs the more of the acceleration).
-_FLOOR = {
-    "electrical": (0.002, 2e-4), "mechanical": (2e-4, 2e-4), "cutting": (0.06, 0.0), "supply": (1e-3, 0.0),
-    "converter": (1.5e-3, 0.0),
-}  # fmt: skip
-# A load cell is not linear to better than some thousandths of its peak, and that is smooth over the stroke.
-_FORCE_SHARE, _FORCE_HARMONIC = 1e-3, 4.0
-# At the first motion, falling to the running floor by the end: the tracked speed is least certain there.
-_START_UP_FLOOR = {"electrical": 0.25, "supply": 0.004, "converter": 0.02, "mechanical": 0.01, "cutting": 3.0}
-_START_UP_DECAY_S = 0.006
 # Unit-to-unit scatter is correlated from block to block; variance of a block mean is that much larger.
 _CORRELATION_FACTOR = 1.5
 WIDE = 5.0
@@ -196,24 +184,6 @@ def _factors(deviation: Floats) -> Floats:
     loads = (values[kept, None] * vectors[kept]).T
     rest = np.maximum(1.0 - np.sum(loads**2, axis=1), 1e-3)
     return (loads @ loads.T + np.diag(rest)) * np.outer(spread, spread)
-
-
-def jigsaw_floor(layout: Layout, state: State) -> Floats:
-    """Model error of the jigsaw's features that no repetition shows, shape (layout.size,)."""
-    floor = np.empty(layout.size)
-    for equation, part in layout.slices.items():
-        least, growth = _FLOOR[equation]
-        if state.kind == "start_up":
-            middle_s = 0.5 * (np.array(START_UP_EDGES_S[1:]) + np.array(START_UP_EDGES_S[:-1]))
-            floor[part] = 2.0 * least + _START_UP_FLOOR[equation] / (1.0 + middle_s / _START_UP_DECAY_S)
-        else:
-            n = (part.stop - part.start - 1) // 2
-            order = np.concatenate([[0.0], np.arange(1.0, n + 1), np.arange(1.0, n + 1)])
-            floor[part] = np.hypot(least, growth * order ** (2.0 if equation == "mechanical" else 1.0))
-            if equation == "cutting" and not state.setting.is_idle:
-                peak_n = float(state.slow["peak_force_n"].max())
-                floor[part] = np.hypot(floor[part], _FORCE_SHARE * peak_n / (1.0 + (order / _FORCE_HARMONIC) ** 2))
-    return floor
 
 
 def _with_nuisances(problem: LinearProblem) -> LinearProblem:

@@ -19,19 +19,30 @@ from bench.recording import Trial
 from diagnosis.equations import Baseline
 from diagnosis.trial_reading import Reading, Track, read_trial
 
-Kind = Literal["travel", "stroke rate", "battery voltage", "motor voltage", "start-up", "converter", "blade power"]
+Kind = Literal[
+    "travel", "stroke rate", "battery voltage", "motor voltage", "start-up", "no load", "converter", "no cut",
+    "blade power",
+]  # fmt: skip
+# One check: what it is, whether it failed, and what was seen and expected.
+Outcome = tuple[Kind, bool, str]
 MIN_STROKES: Final = 3
 # Bounds of measured over nominal.
 _TRAVEL = (0.85, 1.2)
-_VOLTAGE = (0.6, 1.3)
+_VOLTAGE = (0.75, 1.25)
 _STROKE_RATE = (0.2, 1.25)
-_MOTOR_VOLTAGE = (0.5, 1.35)
+_VOLTAGE_RIPPLE = 0.04
+_MOTOR_VOLTAGE = (0.58, 1.35)
 _TOP_CURRENT = 2.0
-_CONVERTER_SHARE, _CONVERTER_A = 0.7, 0.15
+_CONVERTER, _CONVERTER_A = (0.6, 1.55), 0.15
+# Of the current that the nominal damping of the motor asks for.
+_LEAST_CURRENT = 0.2
 _BLADE_POWER = (0.3, 1.5)
 _IDLE_POWER_SHARE, _IDLE_POWER_W = 0.3, 1.5
 # A cut that takes less shaft power than this says nothing of the force.
 _CLEAR_CUT_W = 2.0
+_OTHER_HALF = 0.4
+# What it is, channels it spoils, remedy, and the tracks as they would be without it.
+Mistake = tuple[str, tuple[str, ...], str, dict[str, Track]]
 # How a channel is multiplied if it is in the unit named.
 _UNITS: Final[tuple[tuple[tuple[str, ...], str, float], ...]] = (
     (("time_s",), "ms", 1e-3),
@@ -68,6 +79,22 @@ class Fault:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class Checked:
+    """Outcome of all checks on one reading.
+
+    Attributes
+    ----------
+    faults : tuple of Fault
+        Empty where the reading is plausible.
+    done : frozenset of Kind
+        Checks that the channels at hand allowed.
+    """
+
+    faults: tuple[Fault, ...]
+    done: frozenset[Kind]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Suspicion:
     """What probably is wrong with a trial.
 
@@ -93,7 +120,7 @@ class Suspicion:
         return f"{self.mistake} ({seen})" if self.mistake else seen
 
 
-def find_faults(baseline: Baseline, trial: Trial, reading: Reading, idle_current_a: float = 0.0) -> list[Fault]:
+def check(baseline: Baseline, trial: Trial, reading: Reading, idle_current_a: float = 0.0) -> Checked:
     """Compare a reading with the nominal model.
 
     Parameters
@@ -107,11 +134,18 @@ def find_faults(baseline: Baseline, trial: Trial, reading: Reading, idle_current
 
     Returns
     -------
-    list of Fault
-        Empty where the reading is plausible. A check whose channels are missing does not fail.
+    Checked
+        A check whose channels are missing does not fail.
     """
-    return [*_motion_faults(baseline, trial, reading), *_current_faults(baseline, trial, reading),
-            *_power_faults(baseline, trial, reading, idle_current_a)]  # fmt: skip
+    outcomes = [
+        *_motion_checks(baseline, trial, reading),
+        *_current_checks(baseline, trial, reading),
+        *_power_checks(baseline, trial, reading, idle_current_a),
+    ]
+    return Checked(
+        faults=tuple(Fault(kind=kind, seen=seen) for kind, failed, seen in outcomes if failed),
+        done=frozenset(kind for kind, _, _ in outcomes),
+    )
 
 
 def explain_faults(
@@ -122,7 +156,7 @@ def explain_faults(
     Parameters
     ----------
     baseline, trial, idle_current_a
-        As in `find_faults`.
+        As in `check`.
     tracks : mapping of str to (time_s, values)
 
     Returns
@@ -130,15 +164,24 @@ def explain_faults(
     Suspicion or None
         None where every check passes.
     """
-    faults = find_faults(baseline, trial, read_trial(tracks), idle_current_a)
-    if not faults:
+    reading = read_trial(tracks)
+    found = check(baseline, trial, reading, idle_current_a)
+    if not found.faults:
         return None
-    for mistake, channels, remedy, mended in _simple_mistakes(baseline, tracks):
-        if not find_faults(baseline, trial, read_trial(mended), idle_current_a):
-            return Suspicion(mistake=mistake, channels=channels, faults=tuple(faults), remedy=remedy)
+    for mistake, channels, remedy, mended in _simple_mistakes(baseline, trial, tracks):
+        reread = read_trial(mended)
+        if channels == ("force_n",) and not _is_on_one_half(reread):
+            continue  # the force is wrong in phase, not in size
+        if {"displacement_mm", "time_s"} & {*channels} and reread.n_strokes < MIN_STROKES:
+            continue
+        after = check(baseline, trial, reread, idle_current_a)
+        # A mistake explains nothing if without it there is nothing left to check.
+        if not after.faults and after.done >= found.done - {"no cut"}:
+            return Suspicion(mistake=mistake, channels=channels, faults=found.faults, remedy=remedy)
     return Suspicion(
-        mistake="", channels=_channels_of(faults, tracks), faults=tuple(faults),
-        remedy="check the channel's name, unit and scaling, and the [plant] and [battery] of the configuration",
+        mistake="", channels=_channels_of(found, reading, trial, tracks), faults=found.faults,
+        remedy="check duty and workpiece of the trial, the channel's name, unit and scaling, the clocks of the devices,"
+        " and [plant] and [battery] of the configuration",
     )  # fmt: skip
 
 
@@ -152,54 +195,52 @@ def _drive_v(baseline: Baseline, trial: Trial, reading: Reading) -> float | None
     return None if voltage is None else (trial.duty or 0.0) * voltage
 
 
-def _motion_faults(baseline: Baseline, trial: Trial, reading: Reading) -> Iterator[Fault]:
-    if baseline.battery is not None and reading.battery_voltage_v is not None:
+def _motion_checks(baseline: Baseline, trial: Trial, reading: Reading) -> Iterator[Outcome]:
+    if baseline.battery is not None and reading.battery_voltage_v is not None and reading.voltage_ripple is not None:
         nominal = baseline.battery.nominal_voltage_v
-        if _outside(reading.battery_voltage_v / nominal, _VOLTAGE):
-            seen = f"battery_voltage_v is {reading.battery_voltage_v:.3g} V, the battery has {nominal:g} V"
-            yield Fault(kind="battery voltage", seen=seen)
-    if reading.n_strokes < MIN_STROKES or reading.travel_m is None or reading.rate_hz is None:
+        off = _outside(reading.battery_voltage_v / nominal, _VOLTAGE) or reading.voltage_ripple > _VOLTAGE_RIPPLE
+        seen = (
+            f"battery_voltage_v is {reading.battery_voltage_v:.3g} V with {100.0 * reading.voltage_ripple:.0f} % ripple"
+        )
+        yield "battery voltage", off, f"{seen}, the battery has {nominal:g} V"
+    if reading.travel_m is None:
         return
     nominal_m = 2.0 * baseline.radius_m
-    if _outside(reading.travel_m / nominal_m, _TRAVEL):
-        seen = f"displacement_mm travels {1e3 * reading.travel_m:.4g} mm, the crank {1e3 * nominal_m:.4g} mm"
-        yield Fault(kind="travel", seen=seen)
-    drive_v = _drive_v(baseline, trial, reading)
-    if drive_v is None:
+    seen = f"displacement_mm travels {1e3 * reading.travel_m:.4g} mm, the crank {1e3 * nominal_m:.4g} mm"
+    # A blade that makes no strokes may travel less, never more.
+    least = _TRAVEL[0] if reading.n_strokes >= MIN_STROKES else 0.0
+    yield "travel", _outside(reading.travel_m / nominal_m, (least, _TRAVEL[1])), seen
+    if reading.n_strokes < MIN_STROKES or reading.rate_hz is None:
         return
-    free_hz = drive_v / (baseline.plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * 2.0 * np.pi)
-    if _outside(reading.rate_hz / free_hz, _STROKE_RATE):
-        yield Fault(
-            kind="stroke rate",
-            seen=f"{reading.rate_hz:.3g} strokes/s; without load at duty {trial.duty:g} it is {free_hz:.3g}",
-        )
+    drive_v = _drive_v(baseline, trial, reading)
+    if drive_v is not None:
+        free_hz = drive_v / (baseline.plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * 2.0 * np.pi)
+        seen = f"{reading.rate_hz:.3g} strokes/s; without load at duty {trial.duty:g} it is {free_hz:.3g}"
+        yield "stroke rate", _outside(reading.rate_hz / free_hz, _STROKE_RATE), seen
 
 
-def _current_faults(baseline: Baseline, trial: Trial, reading: Reading) -> Iterator[Fault]:
+def _current_checks(baseline: Baseline, trial: Trial, reading: Reading) -> Iterator[Outcome]:
     duty, plant = trial.duty or 0.0, baseline.plant
     motor, drive_v = reading.motor_current_a, _drive_v(baseline, trial, reading)
     if motor is None:
         return
     if drive_v is not None and reading.top_current_a is not None:
         stall_a = drive_v / plant.resistance_ohm.nominal
-        if reading.top_current_a > _TOP_CURRENT * stall_a:
-            seen = f"motor_current_a reaches {reading.top_current_a:.4g} A, the blocked motor draws {stall_a:.3g} A"
-            yield Fault(kind="start-up", seen=seen)
+        seen = f"motor_current_a reaches {reading.top_current_a:.4g} A, the blocked motor draws {stall_a:.3g} A"
+        yield "start-up", reading.top_current_a > _TOP_CURRENT * stall_a, seen
     if drive_v is not None and reading.rate_hz is not None and reading.n_strokes >= MIN_STROKES:
         speed = 2.0 * np.pi * reading.rate_hz * baseline.gear
         asked_v = plant.resistance_ohm.nominal * motor + plant.back_emf_constant_v_s_per_rad.nominal * speed
-        if _outside(asked_v / drive_v, _MOTOR_VOLTAGE):
-            seen = f"current and speed ask for {asked_v:.3g} V at the motor, duty times battery gives {drive_v:.3g} V"
-            yield Fault(kind="motor voltage", seen=seen)
+        seen = f"current and speed ask for {asked_v:.3g} V at the motor, duty times battery gives {drive_v:.3g} V"
+        yield "motor voltage", _outside(asked_v / drive_v, _MOTOR_VOLTAGE), seen
+        least_a = plant.motor_damping_n_m_s_per_rad.nominal * speed / plant.torque_constant_n_m_per_a.nominal
+        seen = f"motor_current_a is {motor:.3g} A, the damping of the motor alone asks for {least_a:.3g} A"
+        yield "no load", motor < _LEAST_CURRENT * least_a, seen
     if reading.battery_current_a is not None:
-        expected = duty * motor
-        excess = abs(reading.battery_current_a - expected)
-        if excess > _CONVERTER_SHARE * abs(expected) + _CONVERTER_A or motor < -_CONVERTER_A:
-            yield Fault(
-                kind="converter",
-                seen=f"battery_current_a is {reading.battery_current_a:.3g} A, duty times motor_current_a"
-                f" ({duty:g} * {motor:.3g} A) is {expected:.3g} A",
-            )
+        low, high = sorted(share * duty * motor for share in _CONVERTER)
+        off = not low - _CONVERTER_A <= reading.battery_current_a <= high + _CONVERTER_A or motor < -_CONVERTER_A
+        seen = f"battery_current_a is {reading.battery_current_a:.3g} A, duty times motor_current_a"
+        yield "converter", off, f"{seen} ({duty:g} * {motor:.3g} A) is {duty * motor:.3g} A"
 
 
 def blade_power_w(baseline: Baseline, reading: Reading) -> float | None:
@@ -216,39 +257,34 @@ def cutting_power_w(baseline: Baseline, reading: Reading, idle_current_a: float)
     return baseline.plant.torque_constant_n_m_per_a.nominal * extra_a * speed
 
 
-def _power_faults(baseline: Baseline, trial: Trial, reading: Reading, idle_a: float) -> Iterator[Fault]:
+def _power_checks(baseline: Baseline, trial: Trial, reading: Reading, idle_a: float) -> Iterator[Outcome]:
     at_blade = blade_power_w(baseline, reading)
     shaft = cutting_power_w(baseline, reading, 0.0 if trial.is_idle else idle_a)
-    if at_blade is None:
+    if at_blade is None or reading.n_strokes < MIN_STROKES:
         return
     if shaft is None:
-        if not trial.is_idle and at_blade < -_CLEAR_CUT_W:
-            yield Fault(kind="blade power", seen=f"the force drives the blade with {-at_blade:.3g} W")
-        return
-    if trial.is_idle:
-        if abs(at_blade) > _IDLE_POWER_SHARE * abs(shaft) + _IDLE_POWER_W:
-            seen = f"the trial is said to run in air, but the force takes {at_blade:.3g} W of the motor's {shaft:.3g} W"
-            yield Fault(kind="blade power", seen=seen)
-    elif shaft > _CLEAR_CUT_W and _outside(at_blade / shaft, _BLADE_POWER):
-        yield Fault(
-            kind="blade power",
-            seen=f"force along the displacement takes {at_blade:.3g} W, the motor current stands for {shaft:.3g} W",
-        )
-    elif shaft <= _CLEAR_CUT_W and abs(at_blade) > 4.0 * _CLEAR_CUT_W:
-        yield Fault(
-            kind="blade power",
-            seen=f"force along the displacement takes {at_blade:.3g} W, the current stands for {shaft:.2g} W only",
-        )
+        drives = not trial.is_idle and at_blade < -_CLEAR_CUT_W
+        yield "blade power", drives, f"the force drives the blade with {-at_blade:.3g} W"
+    elif trial.is_idle:
+        seen = f"the trial is said to run in air, but the force takes {at_blade:.3g} W of the motor's {shaft:.3g} W"
+        yield "blade power", abs(at_blade) > _IDLE_POWER_SHARE * abs(shaft) + _IDLE_POWER_W, seen
+    else:
+        seen = f"force along the displacement takes {at_blade:.3g} W, the motor current stands for {shaft:.3g} W"
+        if shaft <= _CLEAR_CUT_W or trial.material is None:
+            yield "no cut", abs(at_blade) > max(4.0 * _CLEAR_CUT_W, _BLADE_POWER[1] * shaft), seen
+        else:
+            yield "blade power", _outside(at_blade / shaft, _BLADE_POWER), seen
 
 
-def _simple_mistakes(
-    baseline: Baseline, tracks: Mapping[str, Track]
-) -> Iterator[tuple[str, tuple[str, ...], str, dict[str, Track]]]:
-    """Mistake, channels it spoils, remedy, and the tracks as they would be without it."""
+def _simple_mistakes(baseline: Baseline, trial: Trial, tracks: Mapping[str, Track]) -> Iterator[Mistake]:
+    """Simple mistakes, the likeliest first."""
+    is_cut_felt = "force_n" in tracks and not trial.is_idle
+    if is_cut_felt:
+        yield _sign_of_force(baseline, tracks)
     for channels, unit, factor in _UNITS:
         if channels == ("time_s",):
             scaled = {n: (factor * t, v) for n, (t, v) in tracks.items()}
-        elif all(n in tracks for n in channels):
+        elif all(n in tracks for n in channels) and (channels != ("force_n",) or is_cut_felt):
             scaled = {n: (t, factor * v if n in channels else v) for n, (t, v) in tracks.items()}
         else:
             continue
@@ -261,35 +297,43 @@ def _simple_mistakes(
     for name in ("motor_current_a", "battery_current_a"):
         if name in tracks:
             yield f"{name} has probably the wrong sign", (name,), "invert the column", _negative(tracks, name)
-    if "force_n" in tracks:
-        half = "zero_to_pi" if baseline.cutting_sign < 0 else "pi_to_2pi"
-        reading = read_trial(tracks)
-        falling, rising = reading.falling_force_n or 0.0, reading.rising_force_n or 0.0
-        stated, other = (falling, rising) if baseline.cutting_sign < 0 else (rising, falling)
-        flipped = _negative(tracks, "force_n")
-        if abs(other) > abs(stated) and other > 0:
-            yield (
-                f"the blade cuts on the other half of the turn than cutting_half says (mean force {other:.3g} N there,"
-                f" {stated:.3g} N on the stated half)",
-                ("force_n",),
-                f'set cutting_half = "{half}", or invert the displacement if it is counted from the other dead centre',
-                flipped,
-            )
-        else:
-            yield (
-                f"force_n has probably the wrong sign (mean {stated:.3g} N on the cutting half; positive is cutting)",
-                ("force_n",), "invert the column", flipped,
-            )  # fmt: skip
+
+
+def _is_on_one_half(reading: Reading) -> bool:
+    """Whether one half of the turn has most of the force, as a cut has."""
+    weak, strong = sorted((abs(reading.falling_force_n or 0.0), abs(reading.rising_force_n or 0.0)))
+    return weak < _OTHER_HALF * strong
+
+
+def _sign_of_force(baseline: Baseline, tracks: Mapping[str, Track]) -> Mistake:
+    half = "zero_to_pi" if baseline.cutting_sign < 0 else "pi_to_2pi"
+    reading = read_trial(tracks)
+    falling, rising = reading.falling_force_n or 0.0, reading.rising_force_n or 0.0
+    stated, other = (falling, rising) if baseline.cutting_sign < 0 else (rising, falling)
+    if abs(other) > abs(stated) and other > 0:
+        mistake = (
+            f"the blade cuts on the other half of the turn than cutting_half says (mean force {other:.3g} N there,"
+            f" {stated:.3g} N on the stated half)"
+        )
+        remedy = f'set cutting_half = "{half}", or invert the displacement if it is counted from the other dead centre'
+    else:
+        mistake = f"force_n has probably the wrong sign (mean {stated:.3g} N on the cutting half; positive is cutting)"
+        remedy = "invert the column"
+    return mistake, ("force_n",), remedy, _negative(tracks, "force_n")
 
 
 def _negative(tracks: Mapping[str, Track], name: str) -> dict[str, Track]:
     return {**tracks, name: (tracks[name][0], -tracks[name][1])}
 
 
-def _channels_of(faults: list[Fault], tracks: Mapping[str, Track]) -> tuple[str, ...]:
+def _channels_of(found: Checked, reading: Reading, trial: Trial, tracks: Mapping[str, Track]) -> tuple[str, ...]:
     """Channels to do without where no simple mistake is found: as few as the faults allow."""
-    kinds = {fault.kind for fault in faults}
-    if kinds in ({"converter"}, {"battery voltage"}):
-        name = "battery_current_a" if kinds == {"converter"} else "battery_voltage_v"
-        return (name,)
+    kinds = {fault.kind for fault in found.faults}
+    if kinds == {"battery voltage"}:
+        return ("battery_voltage_v",)
+    if kinds == {"converter"}:
+        # More than the duty's share may be a loss that only the battery sees; less is one gain or the other.
+        expected = (trial.duty or 0.0) * (reading.motor_current_a or 0.0)
+        too_much = (reading.battery_current_a or 0.0) > expected
+        return ("battery_current_a",) if too_much else ("motor_current_a", "battery_current_a")
     return tuple(tracks)

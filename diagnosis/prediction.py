@@ -202,7 +202,9 @@ class _Stroke:
         rest: Signature = {}
         for _ in range(_SUBSTITUTIONS):
             rest = self._rest(state, cutting, frozen)
-            voltage = state.battery_voltage_v - rest.get("supply", 0.0)
+            assert state.force_n is not None and state.battery_voltage_v is not None
+            assert state.battery_current_a is not None
+            voltage = state.battery_voltage_v - rest.get("supply", np.zeros(1))
             state = self._with(
                 state, state.force_n - rest["cutting"], voltage, state.battery_current_a - rest["converter"]
             )
@@ -243,7 +245,9 @@ class _Stroke:
     def _wood_misfit(self, state: State) -> Floats:
         measured = self.measured
         if measured.force_n is None:
-            return np.mean(state.current_a - measured.current_a, axis=1, keepdims=True)  # type: ignore[operator]
+            assert state.current_a is not None and measured.current_a is not None
+            return np.mean(state.current_a - measured.current_a, axis=1, keepdims=True)
+        assert state.force_n is not None
         weight = self.baseline.cutting_speed(measured)
         return np.sum(weight * (state.force_n - measured.force_n), axis=1, keepdims=True) / weight.sum()
 

@@ -32,7 +32,8 @@ CHANNEL_OF_STATE: Final = MappingProxyType(
 _SLOW_TURN = 1.5
 _STOPPING_TURNS = 2
 _SPIN_UP_S = 0.8
-_LOCKED = 0.8
+# Below it the force says nothing of the angle.
+_LEAST_SWING_N = 3.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -201,20 +202,36 @@ def steady_part(angle: CrankAngle, moving_s: float) -> tuple[float, float]:
     return float(edges_s[first]), float(edges_s[last])
 
 
-def is_locked_to_angle(state: State) -> bool:
-    """Whether force (in wood) or current (in air) repeats with the crank angle from unit to unit.
+def lock_to_angle(state: State) -> tuple[str, complex] | None:
+    """How force (in wood) or current (in air) repeats with the crank angle from unit to unit.
 
-    A displacement that belongs to another trial drifts against the other channels: the phases of their first
-    or second harmonic then scatter over the turn. True where there is nothing to judge by.
+    A displacement that belongs to another trial drifts against the other channels: the phases of their first or
+    second harmonic then scatter over the turn.
+
+    Parameters
+    ----------
+    state : State
+
+    Returns
+    -------
+    (str, complex) or None
+        Which wave was judged; its mean phase, and as modulus how well the units agree (1 perfectly). None where
+        there is nothing to judge by.
     """
     # In air the force is noise, and the reciprocating mass gives the current its second harmonic.
-    wave, order = (state.current_a, 2) if state.setting.is_idle else (state.force_n, 1)
+    name, wave, order = "current in air", state.current_a, 2
+    if not state.setting.is_idle:
+        name, order = "current", 1
+        if state.force_n is not None:
+            name, wave = "force", state.force_n
+            swing_n = 2.0 / N_POINTS * float(np.abs(np.fft.rfft(wave, axis=1)[:, 1]).mean())
+            if swing_n < _LEAST_SWING_N:
+                return None
     if wave is None:
-        wave, order = state.current_a, 1
-    if wave is None or len(wave) < 4:
-        return True
+        return None
     parts = np.fft.rfft(wave, axis=1)[:, order]
-    return bool(np.abs(parts.sum()) > _LOCKED * np.abs(parts).sum())
+    size = float(np.abs(parts).sum())
+    return (name, complex(parts.sum() / size)) if size > 0 else None
 
 
 def running_state(

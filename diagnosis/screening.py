@@ -13,7 +13,7 @@ from bench.errors import InputError
 from bench.recording import Recording, Signal
 from bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, DISPLACEMENT, FORCE
 from diagnosis.equations import Baseline
-from diagnosis.plausibility import MIN_STROKES, Suspicion, cutting_power_w, explain_faults, find_faults
+from diagnosis.plausibility import MIN_STROKES, Suspicion, check, cutting_power_w, explain_faults
 from diagnosis.trial_reading import Reading, read_trial, tracks_of
 
 _SATURATED_RUN = 8
@@ -23,6 +23,8 @@ _STALLED_SHARE = 0.3
 _DUTY_DEVIATION = 0.055
 _DUTY_MIN_TRIALS = 6
 _CUTS_NOTHING = 0.05
+# More cutting trials than this whose force and displacement contradict each other spoil the rest as well.
+_AT_ODDS = 0.3
 
 
 def screen(recordings: Sequence[Recording], baseline: Baseline) -> tuple[list[Recording], list[str]]:
@@ -49,14 +51,21 @@ def screen(recordings: Sequence[Recording], baseline: Baseline) -> tuple[list[Re
     warnings = _notes_on_order(recordings)
     kept = _with_unique_ids(recordings, warnings)
     kept = _driven(kept, warnings)
-    kept = [_without_defects(recording, baseline, warnings) for recording in kept]
+    _note_stalls(kept, baseline, warnings)
+    kept = _without_defects(kept, warnings)
     kept = _without_copies(kept, warnings)
     kept = _without_suspects(kept, baseline, warnings)
     kept = _without_wrong_duty(kept, baseline, warnings)
     kept = _without_wrong_labels(kept, baseline, warnings)
     if not kept:
-        raise InputError(f"no trial can be diagnosed: {'; '.join(warnings)}")
+        raise InputError(f"no trial can be diagnosed: {summary(warnings)}")
     return kept, warnings
+
+
+def summary(warnings: Sequence[str]) -> str:
+    """Return the first warnings in one line, and how many there are."""
+    more = f"; and {len(warnings) - 3} more" if len(warnings) > 3 else ""
+    return "; ".join(warnings[:3]) + more
 
 
 def _notes_on_order(recordings: Sequence[Recording]) -> list[str]:
@@ -78,10 +87,19 @@ def _notes_on_order(recordings: Sequence[Recording]) -> list[str]:
             notes.append(f"{name} is not stated for {_some(nameless)}: taken as one more {name}, new at first")
     if len({r.config_toml for r in recordings if r.config_toml}) > 1:
         notes.append("the recordings were made with different configurations; all are compared with the one given")
-    unnamed = [r.trial.trial_id for r in recordings if r.trial.material is None]
-    if unnamed:
-        notes.append(f'workpiece is not stated for {_some(unnamed)}: taken as wood (an idle run is workpiece = "none")')
+    vague = [r.trial.trial_id for r in recordings if not is_stock_stated(r)]
+    if vague:
+        notes.append(
+            f"workpiece, thickness or feed is not stated for {_some(vague)}: each is given a cutting coefficient of its"
+            ' own, so it says less of the cutting law (an idle run is workpiece = "none")'
+        )
     return notes
+
+
+def is_stock_stated(recording: Recording) -> bool:
+    """Whether it is known what was cut, and how: trials of the same statement then share a cutting coefficient."""
+    trial = recording.trial
+    return trial.is_idle or None not in (trial.material, trial.thickness_mm, trial.feed_mm_s)
 
 
 def _some(names: Sequence[str]) -> str:
@@ -115,36 +133,47 @@ def _driven(recordings: Sequence[Recording], warnings: list[str]) -> list[Record
     return out
 
 
-def _without_defects(recording: Recording, baseline: Baseline, warnings: list[str]) -> Recording:
-    """Drop channels that are constant or stuck at an end of their range."""
-    signals = dict(recording.signals)
-    for name, signal in recording.signals.items():
-        if name in CHANNEL_BY_NAME and (defect := _defect_of(signal)):
-            warnings.append(f"{recording.trial.trial_id}: {name} left out: {defect}")
-            del signals[name]
-    reading = read_trial(tracks_of(recording))
-    drive_v = (recording.trial.duty or 0.0) * (reading.battery_voltage_v or 0.0)
-    if (
-        DISPLACEMENT.name in recording.signals
-        and reading.n_strokes < MIN_STROKES
-        and drive_v > 0
-        and reading.motor_current_a is not None
-        and baseline.plant.resistance_ohm.nominal * reading.motor_current_a > _STALLED_SHARE * drive_v
-    ):
-        warnings.append(
-            f"{recording.trial.trial_id}: the blade makes no strokes while the motor draws"
-            f" {reading.motor_current_a:.3g} A: it is stalled, or the displacement sensor is"
-        )
-    return replace(recording, signals=signals)
+def _note_stalls(recordings: Sequence[Recording], baseline: Baseline, warnings: list[str]) -> None:
+    """Say where the motor draws current and the blade makes no strokes; such a trial gives no angle later."""
+    for recording in recordings:
+        reading = read_trial(tracks_of(recording))
+        drive_v = (recording.trial.duty or 0.0) * (reading.battery_voltage_v or 0.0)
+        if DISPLACEMENT.name not in recording.signals or reading.n_strokes >= MIN_STROKES or drive_v <= 0:
+            continue
+        current = reading.motor_current_a or 0.0
+        if baseline.plant.resistance_ohm.nominal * current > _STALLED_SHARE * drive_v:
+            warnings.append(
+                f"{recording.trial.trial_id}: the blade makes no strokes while the motor draws {current:.3g} A:"
+                " it is stalled, or the displacement sensor is dead"
+            )
 
 
-def _defect_of(signal: Signal) -> str:
+def _without_defects(recordings: Sequence[Recording], warnings: list[str]) -> list[Recording]:
+    """Drop channels that are constant or stuck at an end of their range; one warning a channel and defect."""
+    out = []
+    found: dict[tuple[str, str], list[tuple[str, str]]] = {}
+    for recording in recordings:
+        signals = dict(recording.signals)
+        for name, signal in recording.signals.items():
+            if name in CHANNEL_BY_NAME and (defect := _defect_of(signal)):
+                seen, meaning = defect
+                found.setdefault((name, meaning), []).append((recording.trial.trial_id, seen))
+                del signals[name]
+        out.append(replace(recording, signals=signals))
+    for (name, meaning), trials in found.items():
+        labels = _some([trial for trial, _ in trials])
+        warnings.append(f"{labels}: {name} left out: {trials[0][1]}: {meaning}")
+    return out
+
+
+def _defect_of(signal: Signal) -> tuple[str, str] | None:
+    """What is seen in the first trial, and what it means."""
     values = signal.values
     if len(values) < 16:
-        return f"it holds {len(values)} samples only"
+        return f"it holds {len(values)} samples", "too few to say anything"
     low, high = float(values.min()), float(values.max())
     if low == high:
-        return f"it is constant at {low:.6g} {signal.unit}: dead sensor or missing cable"
+        return f"it is constant at {low:.6g} {signal.unit}", "dead sensor or missing cable"
     for end in (low, high):
         # Any real sensor has noise: the same extreme value many times in a row is the end of its range.
         stuck = np.concatenate([[0], (values == end).astype(np.int8), [0]])
@@ -153,8 +182,8 @@ def _defect_of(signal: Signal) -> str:
         edges = np.flatnonzero(np.diff(stuck))
         if (edges[1::2] - edges[::2]).max() >= _SATURATED_RUN:
             share = 100.0 * float(stuck.mean())
-            return f"{share:.1f} % of its samples are stuck at {end:.6g} {signal.unit}: range of the sensor exceeded"
-    return ""
+            return f"{share:.1f} % of its samples are stuck at {end:.6g} {signal.unit}", "range of the sensor exceeded"
+    return None
 
 
 def _without_copies(recordings: Sequence[Recording], warnings: list[str]) -> list[Recording]:
@@ -189,7 +218,7 @@ def _idle_currents(recordings: Sequence[Recording], baseline: Baseline) -> dict[
     for recording in recordings:
         if recording.trial.is_idle:
             reading = read_trial(tracks_of(recording))
-            if reading.motor_current_a is not None and not find_faults(baseline, recording.trial, reading):
+            if reading.motor_current_a is not None and not check(baseline, recording.trial, reading).faults:
                 found.setdefault(recording.trial.duty or 0.0, reading.motor_current_a)
     return found
 
@@ -208,6 +237,8 @@ def _without_suspects(recordings: list[Recording], baseline: Baseline, warnings:
             found[trial.trial_id] = suspicion
     _refuse_common(recordings, found)
     out = []
+    said: dict[str, list[str]] = {}
+    texts: dict[str, str] = {}
     for recording in recordings:
         suspicion = found.get(recording.trial.trial_id)
         if suspicion is None:
@@ -216,9 +247,12 @@ def _without_suspects(recordings: list[Recording], baseline: Baseline, warnings:
         rest = {n: s for n, s in recording.signals.items() if n not in suspicion.channels}
         whole = "time_s" in suspicion.channels or DISPLACEMENT.name not in rest or _is_about_the_cut(suspicion)
         what = "" if whole else f": {' and '.join(suspicion.channels)}"
-        warnings.append(f"{recording.trial.trial_id}{what} left out: {suspicion.text}; {suspicion.remedy}")
+        key = f"{what}|{suspicion.mistake.split(' (')[0]}|{[fault.kind for fault in suspicion.faults]}"
+        said.setdefault(key, []).append(recording.trial.trial_id)
+        texts.setdefault(key, f"{what} left out: {suspicion.text}; {suspicion.remedy}")
         if not whole:
             out.append(replace(recording, signals=rest))
+    warnings += [f"{_some(names)}{texts[key]}" for key, names in said.items()]
     return out
 
 
@@ -246,6 +280,18 @@ def _refuse_common(recordings: Sequence[Recording], found: dict[str, Suspicion])
             raise InputError(
                 f"{len(names)} of {len(able)} trials cannot be right: {first.text}", where=names[0], remedy=first.remedy
             )
+    cuts = [r.trial.trial_id for r in recordings if not r.trial.is_idle and FORCE.name in r.signals]
+    at_odds = [
+        name for name in cuts if name in found and {fault.kind for fault in found[name].faults} == {"blade power"}
+    ]
+    at_odds = [name for name in at_odds if not found[name].mistake.startswith("force_n is")]
+    if len(cuts) >= 3 and len(at_odds) > _AT_ODDS * len(cuts):
+        raise InputError(
+            f"in {len(at_odds)} of {len(cuts)} cutting trials force and displacement contradict each other, each in its"
+            f" own way: {found[at_odds[0]].text}",
+            where=at_odds[0],
+            remedy="check that every displacement belongs to its trial, and the clocks of the devices",
+        )
 
 
 def _without_wrong_duty(recordings: list[Recording], baseline: Baseline, warnings: list[str]) -> list[Recording]:
@@ -279,7 +325,8 @@ def _without_wrong_duty(recordings: list[Recording], baseline: Baseline, warning
         if name in out:
             warnings.append(
                 f"{name} left out: its duty is stated as {recording.trial.duty:g}, but current, speed and voltage fit"
-                f" {out[name]:.2f} by the measure of the other trials; correct the duty"
+                f" {out[name]:.2f} by the measure of the other trials; correct the duty, or the scale of current or"
+                " voltage"
             )
     return [recording for recording in recordings if recording.trial.trial_id not in out]
 

@@ -14,6 +14,8 @@ from bench.units import CHANNEL_BY_NAME, DISPLACEMENT, FORCE
 Track = tuple[Floats, Floats]
 _SETTLE_S = 0.8
 _HYSTERESIS = 0.25
+# Interquartile range of the stroke times over their median: noise that crosses its middle has about 1.
+_IRREGULAR = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -29,6 +31,8 @@ class Reading:
     rate_hz : float or None
         Median stroke rate.
     motor_current_a, battery_current_a, battery_voltage_v : float or None
+    voltage_ripple : float or None
+        Standard deviation of the battery voltage over its mean.
     top_current_a : float or None
         99.9 percent of the samples of the whole trial stay below, start-up included.
     blade_power_w : float or None
@@ -44,6 +48,7 @@ class Reading:
     top_current_a: float | None
     battery_current_a: float | None
     battery_voltage_v: float | None
+    voltage_ripple: float | None
     blade_power_w: float | None
     falling_force_n: float | None
     rising_force_n: float | None
@@ -82,6 +87,7 @@ def read_trial(tracks: Mapping[str, Track]) -> Reading:
         top_current_a=None if motor is None else float(np.quantile(motor[1], 0.999)),
         battery_current_a=means.get("battery_current_a"),
         battery_voltage_v=means.get("battery_voltage_v"),
+        voltage_ripple=_ripple(tracks.get("battery_voltage_v"), window),
         blade_power_w=power,
         falling_force_n=falling,
         rising_force_n=rising,
@@ -101,7 +107,11 @@ def _stroke_starts(time_s: Floats, values: Floats) -> Floats:
     side = np.where(values > middle + _HYSTERESIS * swing, 1, np.where(values < middle - _HYSTERESIS * swing, -1, 0))
     outside = np.flatnonzero(side)
     rises = np.flatnonzero(np.diff(side[outside]) > 0) + 1
-    return time_s[outside[rises]]
+    starts_s = time_s[outside[rises]]
+    if len(starts_s) < 3:
+        return starts_s
+    first, middle, third = np.quantile(np.diff(starts_s), (0.25, 0.5, 0.75))
+    return starts_s if third - first < _IRREGULAR * middle else np.zeros(0)
 
 
 def _late_part(tracks: Mapping[str, Track]) -> tuple[float, float]:
@@ -113,6 +123,13 @@ def _late_part(tracks: Mapping[str, Track]) -> tuple[float, float]:
 def _mean(track: Track, window: tuple[float, float]) -> float | None:
     inside = (track[0] >= window[0]) & (track[0] < window[1])
     return float(track[1][inside].mean()) if inside.any() else None
+
+
+def _ripple(track: Track | None, window: tuple[float, float]) -> float | None:
+    if track is None:
+        return None
+    inside = track[1][(track[0] >= window[0]) & (track[0] < window[1])]
+    return float(inside.std() / max(abs(inside.mean()), 1e-9)) if len(inside) else None
 
 
 def _force_on_blade(

@@ -2,19 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from reporting.figures import figure_style
-from reporting.html import Picture, figure_to_svg, render, software_version, write_page
-
-_RUNGS = (
-    ("nominal", "nominal parameters"),
-    ("retuned", "re-tuned parameters"),
-    ("with_effect", "with the cause"),
-    ("noise_floor", "noise"),
+from reporting.cause_words import name_of, what_happens, what_to_do
+from reporting.gap_figures import (
+    CHANNEL_WORDS,
+    EQUATION_WORDS,
+    alike_rows,
+    ladder_picture,
+    map_picture,
+    point_words,
+    strokes_picture,
 )
+from reporting.html import render, software_version, write_page
+
+_SURE: Final = 0.8
+_RAD_TO_DEG: Final = 57.29577951308232
+_SUFFIX: Final = {
+    "N": "_n", "N*m": "_n_m", "K/W": "_k_per_w", "Ohm": "_ohm", "s": "_s", "m": "_m", "N/m": "_n_per_m",
+    "N*s/m": "_n_s_per_m", "Hz": "_hz", "V": "_v",
+}  # fmt: skip
+_PLACES: Final = {
+    "electrical": "on the motor's electrical side",
+    "mechanical": "on the mechanical side of motor and drive",
+    "cutting": "where the blade cuts",
+    "supply": "in battery and converter",
+    "sensing": "in the sensors",
+}
+_OF_PLACE: Final = {"supply": ("supply", "converter"), "sensing": ("cutting", "electrical")}
 
 
 def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bool = False) -> Path:
@@ -24,7 +41,7 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
     ----------
     path : str or Path
     report : mapping
-        The content of `gap_report.json`.
+        The content of `gap_report.json`; without its "detail" the page has neither strokes nor map.
     overwrite : bool
 
     Returns
@@ -36,11 +53,35 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
     InputError
         If the file exists and `overwrite` is not set.
     """
+    detail = report.get("detail", {})
+    after, after_words = (
+        ("with_effect", "model with the cause") if _has_cause(report) else ("retuned", "model, re-tuned")
+    )
     context = {
         "title": "Sim-to-real gap",
+        "heading": _heading(report),
         "sentence": verdict_sentence(report),
+        "level": {"no_gap": "good", "unknown": "bad"}.get(report["verdict"], "warn"),
+        "meaning": _meaning(report),
+        "to_do": _to_do(report),
+        "tiles": _tiles(report),
+        "strokes": strokes_picture(detail["strokes"], after, after_words) if detail.get("strokes") else None,
+        "ladder": ladder_picture(report["gap"]["by_channel"], _rungs(report["verdict"])),
+        "gap_rungs": _rungs(report["verdict"]),
+        "map": map_picture(detail["map"], _equations(report, detail))
+        if detail.get("map") and report["where"]
+        else None,
+        "where": [_spot(spot) for spot in report["where"]],
+        "causes": [_cause(cause) for cause in report["causes"]],
+        "others": [
+            ("no gap", report["probabilities"]["no_gap"]),
+            ("re-tuned parameters alone", report["probabilities"]["parameters"]),
+            ("something that is not in the catalogue", report["probabilities"]["unknown"]),
+        ],
+        "log_evidence": [(name_of(n), value) for n, value in detail.get("log_evidence", {}).items()],
+        "alike": alike_rows(detail["alike"]) if detail.get("alike") else [],
+        "channel_words": CHANNEL_WORDS,
         "report": report,
-        "ladder": _ladder(report),
         "version": software_version(),
     }
     return write_page(path, render("gap_page.html.j2", context), overwrite=overwrite)
@@ -52,50 +93,198 @@ def verdict_sentence(report: Mapping[str, Any]) -> str:
     Examples
     --------
     >>> verdict_sentence({"verdict": "no_gap", "causes": [], "probabilities": {"no_gap": 0.9}})
-    'The model explains the measurement: no gap beyond noise and the stated uncertainty of its parameters (90 %).'
+    'The model explains the measurement; nothing is left beyond noise (90 % sure).'
     """
     verdict, probability = report["verdict"], report["probabilities"]
     if verdict == "no_gap":
         return (
-            "The model explains the measurement: no gap beyond noise and the stated uncertainty of its parameters"
-            f" ({100 * probability['no_gap']:.0f} %)."
+            "The model explains the measurement; nothing is left beyond noise"
+            f" ({_percent(probability['no_gap'])} sure)."
         )
     if verdict == "parameters":
         return (
-            "The model's form is right, but its parameters are off by more than their stated uncertainty"
-            f" ({100 * probability['parameters']:.0f} %)."
+            "The model is of the right form, but some of its numbers are off by more than their stated uncertainty"
+            f" ({_percent(probability['parameters'])} sure)."
         )
     if verdict == "unknown":
-        return (
-            "There is a gap that nothing in the catalogue explains"
-            f" ({100 * probability['unknown']:.0f} %); where it lies is shown below."
-        )
+        return f"There is a gap, and no known cause explains it ({_percent(probability['unknown'])} sure)."
     cause = report["causes"][0]
-    names = " and ".join(name.replace("_", " ") for name in cause["effects"])
+    happens = ", and ".join(what_happens(name) for name in cause["effects"])
+    sure = cause["probability"] >= _SURE
+    start = "The model leaves out that" if sure else "Most likely, but not surely, the model leaves out that"
+    return f"{start} {happens} ({_percent(cause['probability'])} sure)."
+
+
+def _has_cause(report: Mapping[str, Any]) -> bool:
+    return report["verdict"] in {"effect", "effects"}
+
+
+def _heading(report: Mapping[str, Any]) -> str:
+    fixed = {"no_gap": "No gap", "parameters": "Parameters are off", "unknown": "Gap of unknown cause"}
+    if report["verdict"] in fixed:
+        return fixed[report["verdict"]]
+    return "Gap: " + " and ".join(name_of(name) for name in report["causes"][0]["effects"])
+
+
+def _percent(share: float) -> str:
+    """Percent without claiming certainty."""
+    if share > 0.995:
+        return "over 99 %"
+    return f"{100 * share:.0f} %" if share >= 0.01 else "under 1 %"
+
+
+def _meaning(report: Mapping[str, Any]) -> list[str]:
+    verdict, said = report["verdict"], []
+    if verdict == "no_gap":
+        said.append(
+            "What the model misses is no larger than what strokes and repeats differ by, or than the stated"
+            " uncertainty of its parameters allows."
+        )
+    elif verdict == "parameters":
+        said += [f"Farthest off: {text}." for text in [_shifted(report)] if text]
+    elif verdict == "unknown":
+        said += [_place_sentence(spot) for spot in report["where"][:2]]
+        said.append("Re-tuning the model to it would hide the gap, not explain it.")
+    else:
+        cause = report["causes"][0]
+        said.append(_closing(cause))
+        sizes = [_strength(name, p) for name, p in cause["parameters"].items()]
+        said.append(f"Its size: {'; '.join(sizes)}.")
+        if cause["indistinguishable_from"]:
+            names = ", ".join(name_of(n) for n in cause["indistinguishable_from"])
+            said.append(f"This campaign cannot tell it from: {names}.")
+        said += [_place_sentence(spot) for spot in report["where"][:1]]
+    said += _runtime_sentence(report)
+    return said
+
+
+def _closing(cause: Mapping[str, Any]) -> str:
+    low, high = cause["gap_closed_ci95"]
+    if (low, high) == (-1.0, 1.0) and cause["gap_closed"] == 0.0:
+        return "Re-tuned parameters leave too little of the gap to say how far it closes."
     return (
-        f"The gap is caused by {names} ({100 * cause['probability']:.0f} %); adding it closes"
-        f" {100 * cause['gap_closed']:.0f} % of the gap that re-tuned parameters leave on held-out operating points."
+        f"Counted in, it closes {round(100 * cause['gap_closed'])} % ({round(100 * low)} to {round(100 * high)} %)"
+        " of the gap that re-tuned parameters leave, at operating points it was not fitted to."
     )
 
 
-def _ladder(report: Mapping[str, Any]) -> Picture:
-    from matplotlib.figure import Figure
+def _runtime_sentence(report: Mapping[str, Any]) -> list[str]:
+    runtime = report["gap"].get("runtime_s")
+    if not runtime:
+        return []
+    where = report.get("detail", {}).get("runtime_of", "")
+    key, words = ("with_effect", "with the cause") if _has_cause(report) else ("retuned", "re-tuned")
+    after = f", {words} {_duration(runtime[key])}" if key in runtime else ""
+    return [
+        f"A full battery lasts {_duration(runtime['measured'])} as measured; the model says"
+        f" {_duration(runtime['nominal'])}{after}{f' ({point_words(where)})' if where else ''}."
+    ]
 
-    gap = report["gap"]
-    values = [gap[key] for key, _ in _RUNGS]
-    with figure_style():
-        figure = Figure(figsize=(8.0, 2.2), layout="constrained")
-        axes = figure.add_subplot()
-        bars = axes.barh(
-            [label for _, label in _RUNGS], values, color=["#6b7280", "#0072b2", "#009e73", "#d1d5db"]
+
+def _duration(seconds: float) -> str:
+    return f"{int(seconds // 60)} min {seconds % 60:02.0f} s"
+
+
+def _place_sentence(spot: Mapping[str, Any]) -> str:
+    place = _PLACES.get(spot["equation"], f"in the {spot['equation']} equation")
+    grows = f"; it grows with {' and '.join(spot['grows_with'])}" if spot["grows_with"] else ""
+    return f"{_percent(spot['share'])} of the gap lies {place}, {_angles(spot['crank_angle_rad'])}{grows}."
+
+
+def _angles(ranges: Sequence[Sequence[float]]) -> str:
+    if not ranges or (len(ranges) == 1 and ranges[0][1] - ranges[0][0] > 6.2):
+        return "all around the stroke"
+    return "at crank angles " + ", ".join(f"{a * _RAD_TO_DEG:.0f} to {b * _RAD_TO_DEG:.0f}°" for a, b in ranges)
+
+
+def _shifted(report: Mapping[str, Any]) -> str:
+    shifts = sorted(report["parameter_shifts"].items(), key=lambda item: -abs(item[1]["sigmas"]))[:3]
+    return "; ".join(
+        f"{name}, {p['nominal']:.4g} stated, {p['value']:.4g} found ({abs(p['sigmas']):.1f} times its uncertainty)"
+        for name, p in shifts
+        if abs(p["sigmas"]) > 2.0
+    )
+
+
+def _to_do(report: Mapping[str, Any]) -> list[str]:
+    verdict = report["verdict"]
+    if verdict == "no_gap":
+        return ["Use the model as it is.", f"To be surer still, next trial: {report['next_trial']}."]
+    steps = []
+    if verdict == "parameters":
+        steps.append("Write the re-tuned numbers (table below) into the configuration, and check them on a new trial.")
+    elif verdict == "unknown":
+        steps.append("Look at the map below: where in the stroke, and at which operating points, does it show?")
+    else:
+        steps += [
+            f"{words[0].upper()}{words[1:]}." for words in map(what_to_do, report["causes"][0]["effects"]) if words
+        ]
+    return [*steps, f"Next trial: {report['next_trial']}."]
+
+
+def _tiles(report: Mapping[str, Any]) -> list[dict[str, str]]:
+    tiles = []
+    after = "with_effect" if _has_cause(report) else "retuned"
+    for name in ("force_n", "motor_current_a"):
+        if name in report["gap"]["by_channel"]:
+            row = report["gap"]["by_channel"][name]
+            tiles.append(
+                {
+                    "label": f"Simulated {CHANNEL_WORDS[name]} is off by",
+                    "value": f"{row['nominal']:.2g} → {row[after]:.2g} {row['unit']}",
+                    "detail": f"before → after; noise {row['noise_floor']:.2g} {row['unit']}",
+                }
+            )
+    runtime = report["gap"].get("runtime_s")
+    if runtime:
+        tiles.append(
+            {
+                "label": "Battery lasts",
+                "value": f"{_duration(runtime['measured'])}",
+                "detail": f"model: {_duration(runtime['nominal'])}"
+                + (f" → {_duration(runtime[after])}" if after in runtime else ""),
+            }
         )
-        axes.bar_label(bars, [f"{value:.3g}" for value in values], padding=4)
-        axes.invert_yaxis()
-        axes.set_xscale("log")
-        axes.set_xlim(right=3.0 * max(*values, 1e-3))
-        axes.set_xlabel("residual over noise, rms")
-        description = ", ".join(
-            f"{label} {value:.3g}" for (_, label), value in zip(_RUNGS, values, strict=True)
-        )
-        svg = figure_to_svg(figure, name="ladder", title="Gap ladder", description=description)
-    return Picture(svg=svg, caption="Held-out residual on the four rungs; logarithmic scale.")
+    return tiles
+
+
+def _rungs(verdict: str) -> list[tuple[str, str]]:
+    cause = {"effect": "with the cause", "effects": "with the causes", "unknown": "with the best known cause"}
+    middle = [("with_effect", cause[verdict])] if verdict in cause else []
+    return [("nominal", "as configured"), ("retuned", "re-tuned"), *middle, ("noise_floor", "noise")]
+
+
+def _equations(report: Mapping[str, Any], detail: Mapping[str, Any]) -> list[str]:
+    """Equations of the map, those of the report's places first."""
+    order = [e for spot in report["where"] for e in _OF_PLACE.get(spot["equation"], (spot["equation"],))]
+    return list(dict.fromkeys([*order, *detail["map"]["equations"]]))
+
+
+def _spot(spot: Mapping[str, Any]) -> dict[str, str]:
+    return {
+        "equation": EQUATION_WORDS.get(spot["equation"], spot["equation"]),
+        "channel": CHANNEL_WORDS.get(spot["channel"], spot["channel"]),
+        "share": _percent(spot["share"]),
+        "angles": _angles(spot["crank_angle_rad"]).removeprefix("at crank angles "),
+        "grows_with": ", ".join(spot["grows_with"]) or "nothing seen",
+    }
+
+
+def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
+    low, high = cause["gap_closed_ci95"]
+    return {
+        "name": " and ".join(name_of(name) for name in cause["effects"]),
+        "words": ", and ".join(what_happens(name) for name in cause["effects"]),
+        "probability": _percent(cause["probability"]),
+        "closed": f"{round(100 * cause['gap_closed'])} %",
+        "interval": "cannot be said" if (low, high) == (-1.0, 1.0) else f"{round(100 * low)} to {round(100 * high)} %",
+        "strengths": [_strength(name, p) for name, p in cause["parameters"].items()],
+        "alike": ", ".join(name_of(name) for name in cause["indistinguishable_from"]) or "none",
+    }
+
+
+def _strength(name: str, parameter: Mapping[str, Any]) -> str:
+    unit = parameter["unit"]
+    words = name_of(name.removesuffix(_SUFFIX.get(unit, "")))
+    std = "" if parameter["std"] is None else f" ± {parameter['std']:.2g}"
+    return f"{words} {parameter['value']:.3g}{std}{'' if unit == '1' else f' {unit}'}"

@@ -24,26 +24,26 @@ if TYPE_CHECKING:
     from diagnosis.plants.linear_axis import LinearAxis
 
 _SMOOTH_SHARE = 0.01
-_TAUS_S: Final = tuple(float(tau) for tau in np.geomspace(3e-4, 3e-2, 11))
+_TAUS_S: Final = tuple(float(tau) for tau in np.geomspace(3e-4, 3e-2, 8))
 _LOAD, _DRIVE, _MOTION = 0.0, 1.0, 2.0
 # Presliding: friction turns round over a distance (Dahl 1968), here as a share of the stroke; 0 is Coulomb's law.
-_PRESLIDING: Final = (0.0, 0.01, 0.03, 0.1)
+_PRESLIDING: Final = (0.0, 0.002, 0.004, 0.007, 0.012, 0.02, 0.035, 0.06, 0.1)
 
 
-def axis_effects(force_n: float, stroke_m: float, speed_m_s: float) -> tuple[Effect, ...]:
+def axis_effects(force_n: float, stroke_m: float) -> tuple[Effect, ...]:
     """List every effect for an axis of the given size.
 
     Parameters
     ----------
-    force_n, stroke_m, speed_m_s : float
-        Force of the drive, travel and top speed.
+    force_n, stroke_m : float
+        Force of the drive and travel.
 
     Returns
     -------
     tuple of Effect
     """
     return (
-        *_frictions(force_n, speed_m_s),
+        *_frictions(force_n),
         *_positions(force_n, stroke_m),
         *_readings(force_n),
     )
@@ -68,11 +68,17 @@ def direction(state: AxisState, presliding_m: float) -> Floats:
 
 
 def _dry(
-    axis: LinearAxis, state: AxisState, presliding: float, static_ratio: float, stribeck: float
+    axis: LinearAxis,
+    state: AxisState,
+    presliding: float,
+    slope: float = 0.0,
+    static_ratio: float = 1.0,
+    stribeck: float = 1.0,
 ) -> tuple[Signature, ...]:
     speed = np.abs(state.velocity_m_s) / (stribeck * axis.top_speed_m_s)
     dip = 1.0 + (static_ratio - 1.0) * np.exp(-(speed**2))
-    return ({"mechanical": direction(state, presliding * axis.stroke_m) * dip},)
+    place = (state.position_m - np.mean(state.position_m)) / (0.5 * axis.stroke_m)
+    return ({"mechanical": direction(state, presliding * axis.stroke_m) * dip * (1.0 + slope * place)},)
 
 
 def _loaded(axis: LinearAxis, state: AxisState, presliding: float) -> tuple[Signature, ...]:
@@ -86,18 +92,18 @@ def _drag(axis: LinearAxis, state: AxisState, power: float) -> tuple[Signature, 
     return ({"mechanical": np.sign(share) * np.abs(share) ** power},)
 
 
-def _frictions(force_n: float, speed_m_s: float) -> tuple[Effect, ...]:
-    dip = [(s, v) for s in (1.5, 2.0) for v in (0.05, 0.2)]
+def _frictions(force_n: float) -> tuple[Effect, ...]:
+    dip = [(s, v) for s in (1.5, 2.0) for v in (0.05, 0.3)]
     return (
         Effect(
             name="guide_friction",
             place="mechanical",
-            equation="F_c * sgn(v), with a Stribeck dip or presliding",
+            equation="F_c * sgn(v), with a Stribeck dip, presliding, or more at one end",
             strength=Strength(name="force_n", unit="N", typical=0.2 * force_n, low=0.1, high=6.0, source="assumed"),
             signature=_dry,
             shapes=(
-                *({"presliding": p, "static_ratio": 1.0, "stribeck": 1.0} for p in _PRESLIDING),
-                *({"presliding": 0.0, "static_ratio": s, "stribeck": v} for s, v in dip),
+                *({"presliding": p, "slope": k} for p in _PRESLIDING for k in (0.0, 0.25, -0.25)),
+                *({"presliding": p, "static_ratio": s, "stribeck": v} for p in (0.0, 0.004, 0.012) for s, v in dip),
             ),
             confused_with=("load_dependent_friction", "windage_drag"),
             told_apart_by="a sweep of the cycle rate, with two loads",
@@ -119,7 +125,7 @@ def _frictions(force_n: float, speed_m_s: float) -> tuple[Effect, ...]:
             place="mechanical",
             equation="c * |v|^p * sgn(v)",
             strength=Strength(
-                name=f"force_at_{speed_m_s:.3g}_m_s_n", unit="N", typical=0.1 * force_n, low=0.1, high=6.0, source="assumed"
+                name="force_at_top_speed_n", unit="N", typical=0.1 * force_n, low=0.1, high=6.0, source="assumed"
             ),
             signature=_drag,
             shapes=tuple({"power": p} for p in (2.0, 1.6, 2.4)),
@@ -166,10 +172,10 @@ def _positions(force_n: float, stroke_m: float) -> tuple[Effect, ...]:
             place="mechanical",
             equation="a * sin(2 pi x / p + psi)",
             strength=Strength(
-                name="force_n", unit="N", typical=0.05 * force_n, low=0.1, high=6.0, source="assumed"
+                name="amplitude_n", unit="N", typical=0.05 * force_n, low=0.1, high=6.0, source="assumed"
             ),
             signature=_cogging,
-            shapes=tuple({"pitch_m": float(p) * stroke_m} for p in np.geomspace(0.1, 0.4, 24)),
+            shapes=tuple({"pitch_m": float(p) * stroke_m} for p in np.geomspace(0.1, 0.4, 48)),
             grows_with=("position",),
             confused_with=("elastic_load",),
             told_apart_by="another stroke: it stays at its place",
@@ -179,7 +185,8 @@ def _positions(force_n: float, stroke_m: float) -> tuple[Effect, ...]:
             place="mechanical",
             equation="k * (x - x_0): spring, cable, bellows",
             strength=Strength(
-                name="stiffness_n_per_m", unit="N/m", typical=0.2 * force_n / stroke_m, low=0.1, high=20.0, source="assumed"
+                name="stiffness_n_per_m", unit="N/m", typical=0.2 * force_n / stroke_m, low=0.1, high=20.0,
+                source="assumed",
             ),
             signature=_spring,
             shapes=({"power": 1.0}, {"power": 3.0}),

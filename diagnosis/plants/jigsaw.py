@@ -6,16 +6,30 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
 from bench.recording import Floats
 from diagnosis.effects.catalogue import EFFECTS
 from diagnosis.effects.effect import Effect, Place
 from diagnosis.equations import UNITS, Baseline, Equation, Signature, residuals
-from diagnosis.features import HARMONICS, Layout
+from diagnosis.features import HARMONICS, START_UP_EDGES_S, Layout
 from diagnosis.nuisances import Nuisance, nuisances_of
 from diagnosis.plants.plant import EquationForm
 from diagnosis.reduction import smooth_state
 from diagnosis.state import State
 
+# Model error that no repetition shows: what a tracked speed, a band-limited current and a linear residual leave.
+# Standard deviation of a feature in the unit of its equation, and its growth with each harmonic or, for the
+# mechanical equation, with its square (the smoothing of the tracked speed costs the more of the acceleration).
+_FLOOR = {
+    "electrical": (0.002, 2e-4), "mechanical": (2e-4, 2e-4), "cutting": (0.06, 0.0), "supply": (1e-3, 0.0),
+    "converter": (1.5e-3, 0.0),
+}  # fmt: skip
+# A load cell is not linear to better than some thousandths of its peak, and that is smooth over the stroke.
+_FORCE_SHARE, _FORCE_HARMONIC = 1e-3, 4.0
+# At the first motion, falling to the running floor by the end: the tracked speed is least certain there.
+_START_UP_FLOOR = {"electrical": 0.25, "supply": 0.004, "converter": 0.02, "mechanical": 0.01, "cutting": 3.0}
+_START_UP_DECAY_S = 0.006
 STOCK_STD_N_S_PER_M = 1000.0
 TRIAL_SPREAD_STD = 0.05
 _PLACES: Final[dict[Equation, tuple[Place, str, str]]] = {
@@ -82,9 +96,20 @@ class Jigsaw:
 
     def noise_floor(self, layout: Layout, state: State) -> Floats:
         """Model error that no repetition shows, shape (layout.size,)."""
-        from diagnosis.linear_problem import jigsaw_floor
-
-        return jigsaw_floor(layout, state)
+        floor = np.empty(layout.size)
+        for equation, part in layout.slices.items():
+            least, growth = _FLOOR[equation]
+            if state.kind == "start_up":
+                middle_s = 0.5 * (np.array(START_UP_EDGES_S[1:]) + np.array(START_UP_EDGES_S[:-1]))
+                floor[part] = 2.0 * least + _START_UP_FLOOR[equation] / (1.0 + middle_s / _START_UP_DECAY_S)
+            else:
+                n = (part.stop - part.start - 1) // 2
+                order = np.concatenate([[0.0], np.arange(1.0, n + 1), np.arange(1.0, n + 1)])
+                floor[part] = np.hypot(least, growth * order ** (2.0 if equation == "mechanical" else 1.0))
+                if equation == "cutting" and not state.setting.is_idle:
+                    peak_n = float(state.slow["peak_force_n"].max())
+                    floor[part] = np.hypot(floor[part], _FORCE_SHARE * peak_n / (1.0 + (order / _FORCE_HARMONIC) ** 2))
+        return floor
 
     def nuisances(self) -> tuple[Nuisance, ...]:
         """See `diagnosis.nuisances.nuisances_of`."""

@@ -84,7 +84,7 @@ class LinearAxis:
     @property
     def effects(self) -> tuple[Effect, ...]:
         """See `diagnosis.plants.axis_effects`."""
-        return axis_effects(self.force_scale_n, self.stroke_m, self.top_speed_m_s)
+        return axis_effects(self.force_scale_n, self.stroke_m)
 
     @property
     def scale_rel_std(self) -> float:
@@ -129,16 +129,13 @@ class LinearAxis:
             zeros.append(offset if config.load_offset_std_n is None else config.load_offset_std_n)
         constant = config.force_constant_n_per_a
         found = [
-            _plant("moving_mass_kg", config.moving_mass_kg, lambda _, s: _mechanical(as_axis(s).acceleration_m_s2)),
-            _plant("viscous_damping_n_s_per_m", config.viscous_damping_n_s_per_m,
-                   lambda _, s: _mechanical(as_axis(s).velocity_m_s)),
-            # As for the torque constant of the jigsaw: the force that the motion asks for, not the measured one.
-            _sensor("drive_gain", config.drive_gain_rel_std, lambda b, s: _mechanical(-b.required_force(as_axis(s))))
+            _plant("moving_mass_kg", config.moving_mass_kg, _acceleration),
+            _plant("viscous_damping_n_s_per_m", config.viscous_damping_n_s_per_m, _velocity),
+            _sensor("drive_gain", config.drive_gain_rel_std, _asked_force)
             if constant is None
-            else _plant("force_constant_n_per_a", constant,
-                        lambda b, s: _mechanical(-b.required_force(as_axis(s)) / constant.nominal)),
-            _sensor("force_offset_n", float(np.hypot.reduce(zeros)), lambda _, s: _mechanical(np.ones_like(s.angle_rad))),
-        ]  # fmt: skip
+            else _plant("force_constant_n_per_a", constant, _asked_current),
+            _sensor("force_offset_n", float(np.hypot.reduce(zeros)), _ones),
+        ]
         if config.load_channel is not None:
             found.append(_sensor("load_gain", config.load_gain_rel_std, _load_gain))
         return tuple(n for n in found if n.std > 0)
@@ -180,8 +177,27 @@ def as_axis(state: State) -> AxisState:
     return state
 
 
-def _mechanical(wave: Floats) -> Signature:
-    return {"mechanical": wave}
+def _acceleration(_: LinearAxis, state: State) -> Signature:
+    return {"mechanical": as_axis(state).acceleration_m_s2}
+
+
+def _velocity(_: LinearAxis, state: State) -> Signature:
+    return {"mechanical": as_axis(state).velocity_m_s}
+
+
+def _asked_force(axis: LinearAxis, state: State) -> Signature:
+    """Force that motion and load ask for, not the measured one: as for the torque constant of the jigsaw."""
+    return {"mechanical": -axis.required_force(as_axis(state))}
+
+
+def _asked_current(axis: LinearAxis, state: State) -> Signature:
+    constant = axis.config.force_constant_n_per_a
+    assert constant is not None
+    return {"mechanical": -axis.required_force(as_axis(state)) / constant.nominal}
+
+
+def _ones(_: LinearAxis, state: State) -> Signature:
+    return {"mechanical": np.ones_like(state.angle_rad)}
 
 
 def _load_gain(_: LinearAxis, state: State) -> Signature:

@@ -1,0 +1,147 @@
+"""What the page shows beyond the contract: strokes before and after, the map of the gap, how alike causes look."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from bench.recording import Floats
+from diagnosis.channel_gap import CHANNELS, MODELS, ChannelGap, Cycle
+from diagnosis.evidence import Explanation
+from diagnosis.linear_problem import LinearProblem, Marginal
+from diagnosis.posterior import Posterior, wide_scale
+from diagnosis.state import TWO_PI
+
+_SHOWN_CHANNELS = ("force_n", "motor_current_a", "crank_speed_rad_s")
+_N_STROKES = 3
+_N_POINTS = 64
+_N_SECTORS = 36
+_N_ALIKE = 10
+_DIGITS = 5
+
+
+def detail(problem: LinearProblem, posterior: Posterior, channels: ChannelGap | None) -> dict[str, Any]:
+    """Collect the curves and tables of the page.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    posterior : Posterior
+    channels : ChannelGap or None
+
+    Returns
+    -------
+    dict
+        "strokes", "map", "log_evidence", "alike", "runtime_of"; plain values, some 60 kB as JSON.
+    """
+    return {
+        "strokes": [] if channels is None else [_stroke(cycle) for cycle in _telling(channels.cycles)],
+        "map": _map(problem),
+        "log_evidence": dict(sorted(posterior.log_evidence.items(), key=lambda item: -item[1])[:20]),
+        "alike": _alike_matrix(problem, posterior.explanations[:_N_ALIKE]),
+        "runtime_of": "" if channels is None else channels.runtime_of,
+    }
+
+
+def _telling(cycles: Sequence[Cycle]) -> list[Cycle]:
+    """The stroke on which models differ most, one at another operating point that cuts, one in air."""
+    chosen: list[Cycle] = []
+    for wanted in (False, False, True):
+        left = [
+            c for c in cycles
+            if c.is_idle == wanted and c.operating_point not in {k.operating_point for k in chosen}
+        ]  # fmt: skip
+        if left:
+            chosen.append(max(left, key=_change))
+    rest = [c for c in cycles if c.operating_point not in {k.operating_point for k in chosen}]
+    while len(chosen) < _N_STROKES and rest:
+        chosen.append(rest.pop(0))
+        rest = [c for c in rest if c.operating_point != chosen[-1].operating_point]
+    return chosen
+
+
+def _change(cycle: Cycle) -> float:
+    """How far the nominal model misses, relative to the size of each channel."""
+    return sum(
+        float(np.sqrt(np.mean((wave - cycle.predicted["nominal"][name]) ** 2)) / max(np.abs(wave).max(), 1e-9))
+        for name, wave in cycle.measured.items()
+        if name in _SHOWN_CHANNELS
+    )
+
+
+def _stroke(cycle: Cycle) -> dict[str, Any]:
+    units = {name: unit for name, _, unit in CHANNELS}
+    return {
+        "trial": cycle.label,
+        "operating_point": cycle.operating_point,
+        "channels": {
+            name: {
+                "unit": units[name],
+                "measured": _curve(cycle.measured[name]),
+                **{model: _curve(cycle.predicted[model][name]) for model in MODELS},
+            }
+            for name in _SHOWN_CHANNELS
+            if name in cycle.measured
+        },
+    }
+
+
+def _curve(wave: Floats) -> list[float]:
+    pairs = wave.reshape(_N_POINTS, -1).mean(axis=1)
+    return [_rounded(value) for value in pairs]
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")
+
+
+def _map(problem: LinearProblem) -> dict[str, Any]:
+    """Mean residual that re-tuned parameters leave, by equation, operating point and crank angle."""
+    marginal = Marginal(problem, scale=wide_scale(problem))
+    rest = marginal.data - marginal.design @ marginal.estimate()[0]
+    angle = (np.arange(_N_SECTORS) + 0.5) * TWO_PI / _N_SECTORS
+    found: dict[str, dict[str, list[Floats]]] = {}
+    for part in problem.parts:
+        if part.state.kind != "running":
+            continue
+        features = part.unwhiten(rest).mean(axis=0)
+        for equation, place in part.layout.slices.items():
+            wave = _wave(features[place], angle)
+            found.setdefault(equation, {}).setdefault(part.setting.operating_point, []).append(wave)
+    points = list(dict.fromkeys(part.setting.operating_point for part in problem.parts))
+    forms = problem.campaign.plant.equations
+    return {
+        "operating_points": points,
+        "equations": {
+            equation: {
+                "unit": forms[equation].unit,  # type: ignore[index]
+                "values": [
+                    [_rounded(v) for v in np.mean(by_point[point], axis=0)] if point in by_point else None
+                    for point in points
+                ],
+            }
+            for equation, by_point in found.items()
+        },
+    }
+
+
+def _wave(series: Floats, angle: Floats) -> Floats:
+    n = (len(series) - 1) // 2
+    turns = np.outer(np.arange(1, n + 1), angle)
+    return series[0] + series[1 : n + 1] @ np.cos(turns) + series[n + 1 :] @ np.sin(turns)
+
+
+def _alike_matrix(problem: LinearProblem, explanations: Sequence[Explanation]) -> dict[str, Any]:
+    """Cosine between the best signatures once everything that may be mistuned is taken out."""
+    if not explanations:
+        return {"effects": [], "cosine": []}
+    marginal = Marginal(problem)
+    gram, _ = marginal.gram(np.hstack([e.column.columns[:, :1] for e in explanations]))
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-12))
+    cosine = np.clip(gram / np.outer(size, size), -1.0, 1.0)
+    return {
+        "effects": [e.effect.name for e in explanations],
+        "cosine": [[round(float(v), 2) for v in row] for row in cosine],
+    }

@@ -1,0 +1,234 @@
+"""Figures of the gap page: strokes before and after, the ladder by channel, the map over the crank angle."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from reporting.figures import CHANNEL_COLOURS, INK, QUIET, WIDTH_IN, figure_style
+from reporting.html import Picture, figure_to_svg
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+CHANNEL_WORDS: Final = {
+    "force_n": "force",
+    "motor_current_a": "motor current",
+    "crank_speed_rad_s": "crank speed",
+    "battery_voltage_v": "battery voltage",
+    "battery_current_a": "battery current",
+    "displacement_mm": "displacement",
+}
+EQUATION_WORDS: Final = {
+    "electrical": "motor, electrical side",
+    "mechanical": "motor and drive, mechanical side",
+    "cutting": "cutting",
+    "supply": "battery",
+    "converter": "converter",
+    "sensing": "sensors",
+}
+_SPEED_COLOUR: Final = "#0072b2"
+_NOMINAL_COLOUR: Final = "#b23a48"
+_BAR_COLOURS: Final = {"nominal": "#b9bfc5", "retuned": "#7fa8c4", "with_effect": "#00507f", "noise_floor": "#e3e6e8"}
+_N_LEVELS: Final = 11
+_MOST_MAPS: Final = 3
+
+
+def point_words(operating_point: str) -> str:
+    """Shorten the numbers of an operating point's name.
+
+    Examples
+    --------
+    >>> point_words("oak, 20.0 mm, feed 1.7999999999999998 mm/s, duty 0.4375")
+    'oak, 20 mm, feed 1.8 mm/s, duty 0.4375'
+    """
+    return re.sub(r"\d+\.\d+", lambda found: f"{float(found[0]):.4g}", operating_point)
+
+
+def strokes_picture(strokes: Sequence[Mapping[str, Any]], after: str, after_words: str) -> Picture | None:
+    """Measured strokes against the model before and after.
+
+    Parameters
+    ----------
+    strokes : sequence of mapping
+        `detail.strokes` of the report.
+    after : {"retuned", "with_effect"}
+    after_words : str
+        What the model after is, for the legend.
+
+    Returns
+    -------
+    Picture or None
+        None where nothing was predicted.
+    """
+    channels = [name for name in ("force_n", "motor_current_a", "crank_speed_rad_s") if _has(strokes, name)]
+    if not channels:
+        return None
+    from matplotlib.figure import Figure
+
+    said = []
+    with figure_style():
+        figure = Figure(figsize=(WIDTH_IN, 1.0 + 1.75 * len(channels)), layout="constrained")
+        grid = figure.subplots(len(channels), len(strokes), sharex=True, sharey="row", squeeze=False)
+        for row, channel in zip(grid, channels, strict=True):
+            unit = next(s["channels"][channel]["unit"] for s in strokes if channel in s["channels"])
+            row[0].set_ylabel(f"{CHANNEL_WORDS[channel]} / {unit}")
+            for axes, stroke in zip(row, strokes, strict=True):
+                if channel in stroke["channels"]:
+                    said.append(_one_stroke(axes, stroke, channel, after, after_words))
+                else:
+                    axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", color=QUIET)
+        for axes, stroke in zip(grid[0], strokes, strict=True):
+            axes.set_title(point_words(stroke["operating_point"]).replace(", feed", ",\nfeed"), fontsize=9.5, pad=16)
+        for axes in grid[-1]:
+            axes.set_xlim(0.0, 360.0)
+            axes.set_xticks([0, 90, 180, 270, 360])
+            axes.set_xlabel("crank angle / °")
+        handles, labels = next(a for a in grid.ravel() if a.lines).get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper center", ncols=3)
+        svg = figure_to_svg(
+            figure, name="strokes", title="One stroke, measured and simulated", description="; ".join(said) + "."
+        )
+    return Picture(
+        svg=svg,
+        caption="The mean stroke of a trial, measured and simulated. The simulation was fitted to other operating"
+        " points only; how hard the piece of wood is was fitted to its own force. In each panel: how far the model"
+        " is off before and after (root mean square).",
+    )
+
+
+def _has(strokes: Sequence[Mapping[str, Any]], channel: str) -> bool:
+    return any(channel in stroke["channels"] for stroke in strokes)
+
+
+def _one_stroke(axes: Axes, stroke: Mapping[str, Any], channel: str, after: str, after_words: str) -> str:
+    curves = stroke["channels"][channel]
+    measured = np.array(curves["measured"])
+    angle = (np.arange(len(measured)) + 0.5) * 360.0 / len(measured)
+    axes.plot(angle, measured, color=CHANNEL_COLOURS.get(channel, _SPEED_COLOUR), linewidth=4.5, alpha=0.4,
+              solid_capstyle="butt", label="measured")  # fmt: skip
+    axes.plot(angle, curves["nominal"], color=_NOMINAL_COLOUR, linestyle=(0, (4, 2)), label="model before")
+    axes.plot(angle, curves[after], color=INK, linewidth=1.2, label=after_words)
+    before, left = (float(np.sqrt(np.mean((measured - np.array(curves[k])) ** 2))) for k in ("nominal", after))
+    text = f"off by {before:.2g} → {left:.2g} {curves['unit']}"
+    axes.text(1.0, 1.02, text, transform=axes.transAxes, ha="right", va="bottom", fontsize=8.5, color=QUIET)
+    return (
+        f"{CHANNEL_WORDS[channel]} at {point_words(stroke['operating_point'])}: model off by {before:.2g} before,"
+        f" {left:.2g} {curves['unit']} after"
+    )
+
+
+def ladder_picture(by_channel: Mapping[str, Mapping[str, Any]], rungs: Sequence[tuple[str, str]]) -> Picture | None:
+    """Bars of the gap ladder, one panel a channel.
+
+    Parameters
+    ----------
+    by_channel : mapping
+        `gap.by_channel` of the report.
+    rungs : sequence of (key, words)
+        Which rungs to show.
+
+    Returns
+    -------
+    Picture or None
+        None where no channel was predicted.
+    """
+    if not by_channel:
+        return None
+    from matplotlib.figure import Figure
+
+    with figure_style():
+        figure = Figure(figsize=(WIDTH_IN, 0.75 + 0.3 * len(rungs)), layout="constrained")
+        panels = figure.subplots(1, len(by_channel), sharey=True, squeeze=False)[0]
+        for axes, (channel, row) in zip(panels, by_channel.items(), strict=True):
+            values = [row[key] for key, _ in rungs]
+            bars = axes.barh(
+                [words for _, words in rungs], values, height=0.7, color=[_BAR_COLOURS[key] for key, _ in rungs],
+                edgecolor=QUIET, linewidth=0.5,
+            )  # fmt: skip
+            axes.bar_label(bars, [f"{value:.2g}" for value in values], padding=3, fontsize=8.5)
+            axes.set_xlim(0.0, 1.45 * max(*values, 1e-9))
+            axes.set_xticks([])
+            axes.spines["bottom"].set_visible(False)
+            axes.grid(visible=False)
+            axes.set_title(f"{CHANNEL_WORDS.get(channel, channel)} / {row['unit']}", fontsize=9.0)
+        panels[0].invert_yaxis()
+        described = "; ".join(
+            f"{CHANNEL_WORDS.get(c, c)}: " + ", ".join(f"{words} {row[key]:.2g}" for key, words in rungs)
+            + f" {row['unit']}"
+            for c, row in by_channel.items()
+        )  # fmt: skip
+        svg = figure_to_svg(figure, name="ladder", title="How far the gap closes, by channel", description=described)
+    return Picture(
+        svg=svg,
+        caption="How far the simulated stroke is off (root mean square) at operating points that it was not fitted"
+        " to. The last bar is what repeats and strokes differ by anyway: no model gets surely below it.",
+    )
+
+
+def map_picture(found: Mapping[str, Any], order: Sequence[str]) -> Picture | None:
+    """Show what re-tuned parameters leave over crank angle and operating point, one panel an equation.
+
+    Parameters
+    ----------
+    found : mapping
+        `detail.map` of the report.
+    order : sequence of str
+        Equations, the one with the largest share first; others follow.
+
+    Returns
+    -------
+    Picture or None
+    """
+    names = [name for name in order if name in found["equations"]][:_MOST_MAPS]
+    if not names:
+        return None
+    from matplotlib.colors import BoundaryNorm
+    from matplotlib.figure import Figure
+
+    points = [point_words(point) for point in found["operating_points"]]
+    with figure_style():
+        figure = Figure(figsize=(WIDTH_IN, 0.4 + len(names) * (0.55 + 0.2 * len(points))), layout="constrained")
+        panels = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, name in zip(panels, names, strict=True):
+            equation = found["equations"][name]
+            width = max((len(row) for row in equation["values"] if row), default=1)
+            rows = [[np.nan] * width if row is None else row for row in equation["values"]]
+            values = np.ma.masked_invalid(np.array(rows, dtype=float))
+            top = float(np.abs(values).max()) or 1.0
+            edges = np.linspace(0.0, 360.0, width + 1)
+            drawn = axes.pcolormesh(
+                edges, np.arange(len(points) + 1), values, cmap="RdBu_r",
+                norm=BoundaryNorm(np.linspace(-top, top, _N_LEVELS + 1), 256),
+            )  # fmt: skip
+            axes.set_yticks(np.arange(len(points)) + 0.5, points, fontsize=8.0)
+            axes.invert_yaxis()
+            axes.grid(visible=False)
+            axes.set_facecolor("#e3e6e8")
+            axes.set_title(f"{EQUATION_WORDS.get(name, name)}: measured less model / {equation['unit']}", fontsize=9.5)
+            bar = figure.colorbar(drawn, ax=axes, pad=0.01, ticks=[-top, 0.0, top], aspect=12)
+            bar.ax.set_yticklabels([f"{-top:.2g}", "0", f"{top:.2g}"], fontsize=8.0)
+        panels[-1].set_xticks([0, 45, 90, 135, 180, 225, 270, 315, 360])
+        panels[-1].set_xlabel("crank angle / °")
+        svg = figure_to_svg(
+            figure, name="map", title="Where the gap lies",
+            description="Residual of " + ", ".join(EQUATION_WORDS.get(n, n) for n in names)
+            + " over crank angle and operating point; the table below says the same in words.",
+        )  # fmt: skip
+    return Picture(
+        svg=svg,
+        caption="What re-tuned parameters leave of each balance equation: one line an operating point, crank angle to"
+        " the right. White is no gap; red means measured above, blue below the model.",
+    )
+
+
+def alike_rows(alike: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Rows of the table of causes that look alike: cosine of their signatures, percent."""
+    names = alike["effects"]
+    return [
+        {"effect": name, "values": [round(100 * abs(value)) for value in row]}
+        for name, row in zip(names, alike["cosine"], strict=True)
+    ]
