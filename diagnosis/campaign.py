@@ -21,6 +21,7 @@ from diagnosis.plants.plant import Plant
 from diagnosis.reduction import CHANNEL_OF_STATE, lock_to_angle, running_state, start_up_state, steady_part
 from diagnosis.screening import is_stock_stated, screen, summary
 from diagnosis.slow_states import SlowTrack, slow_tracks
+from diagnosis.stroke_series import StrokeSeries, stroke_series
 from diagnosis.state import TWO_PI, State, TrialSetting
 
 # The spin-up and the settling of the stroke rate after it stay out of the running part.
@@ -51,6 +52,8 @@ class Campaign:
         What was left out or weakens the answer.
     angle_is_assumed : bool
         No trial has a displacement: the angle of every state is NaN and only means over whole strokes are known.
+    strokes : tuple of StrokeSeries
+        Hardness of every stroke of the cutting trials.
     """
 
     plant: Plant
@@ -58,6 +61,7 @@ class Campaign:
     k_guess_n_s_per_m: dict[str, float]
     warnings: tuple[str, ...]
     angle_is_assumed: bool = False
+    strokes: tuple[StrokeSeries, ...] = ()
 
     @property
     def baseline(self) -> Any:
@@ -118,14 +122,23 @@ def reduce_campaign(
         raise InputError(f"no trial can be diagnosed: {summary(warnings)}")
     tracks = slow_tracks(usable, angles, stroke_m=2.0 * baseline.radius_m)
     states: list[State] = []
+    series: list[StrokeSeries | None] = []
     for index, (recording, angle, track) in enumerate(zip(usable, angles, tracks, strict=True)):
         states += _states(baseline, recording, angle, track, index, warnings)
+        series.append(_strokes(baseline, recording, angle))
     _refuse_foreign_angles(states, warnings)
     if not states:
         raise InputError(f"no trial runs long enough to be diagnosed: {summary(warnings)}")
     guesses = _with_guesses(baseline, states)
     plant = Jigsaw(baseline=baseline)
-    return Campaign(plant=plant, states=tuple(states), k_guess_n_s_per_m=guesses, warnings=tuple(warnings))
+    kept = {state.setting.label for state in states}
+    return Campaign(
+        plant=plant,
+        states=tuple(states),
+        k_guess_n_s_per_m=guesses,
+        warnings=tuple(warnings),
+        strokes=tuple(s for s in series if s is not None and s.label in kept),
+    )
 
 
 def _in_order(recordings: Sequence[Recording]) -> list[Recording]:
@@ -180,6 +193,19 @@ def _states(
         if state is not None:
             found.append(_with_history(baseline, state, track))
     return found
+
+
+def _strokes(baseline: Baseline, recording: Recording, angle: CrankAngle) -> StrokeSeries | None:
+    moving_s = float(angle.time_s[np.argmax(angle.speed_rad_s > _MOVING_RAD_S)])
+    start_s, end_s = steady_part(angle, moving_s)
+    return stroke_series(
+        recording,
+        angle,
+        cutting_sign=baseline.cutting_sign,
+        radius_m=baseline.radius_m,
+        start_s=start_s + SETTLE_S,
+        end_s=end_s,
+    )
 
 
 def _with_history(baseline: Baseline, state: State, track: SlowTrack) -> State:

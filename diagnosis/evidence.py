@@ -13,9 +13,6 @@ from diagnosis.effects.effect import Effect
 from diagnosis.linear_problem import LinearProblem, Marginal
 
 _N_AMPLITUDES = 40
-# Every effect of the catalogue may be there a little without being "the" cause: its background amplitude, as a
-# share of its typical size (one standard deviation).
-BACKGROUND_SHARE = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -86,28 +83,29 @@ def catalogue_columns(problem: LinearProblem, effects: Sequence[Effect]) -> dict
     dict of str to list of Column
         By effect; an empty list where the campaign shows nothing of it.
     """
-    baseline = problem.campaign.baseline
     out: dict[str, list[Column]] = {}
     for effect in effects:
-        found = []
-        for shape in effect.shapes:
-            parts: list[Floats] = []
-            rows: list[tuple[slice, list[Floats]]] = []
-            for part in problem.parts:
-                signatures = effect.signatures(baseline, part.smooth, shape)
-                rows.append((part.place, [part.whiten(s) for s in signatures]))
-            q = max(len(columns) for _, columns in rows)
-            for k in range(q):
-                column = np.zeros(len(problem.data))
-                for place, columns in rows:
-                    if k < len(columns):
-                        column[place] = columns[k]
-                parts.append(effect.strength.typical * column)
-            stacked = np.array(parts).T
-            if np.isfinite(stacked).all() and np.abs(stacked).max(initial=0.0) > 1e-9:
-                found.append(Column(effect=effect, shape=shape, columns=stacked))
-        out[effect.name] = found
+        found = [(shape, _columns(problem, effect, shape)) for shape in effect.shapes]
+        out[effect.name] = [
+            Column(effect=effect, shape=shape, columns=effect.strength.typical * columns)
+            for shape, columns in found
+            if columns is not None
+        ]
     return out
+
+
+def _columns(problem: LinearProblem, effect: Effect, shape: dict[str, float]) -> Floats | None:
+    """Whitened signatures of one shape per unit of strength, shape (n, q), or None where nothing shows."""
+    rows = [
+        (part.place, [part.whiten(s) for s in effect.signatures(problem.campaign.baseline, part.smooth, shape)])
+        for part in problem.parts
+    ]
+    stacked = np.zeros((len(problem.data), max(len(columns) for _, columns in rows)))
+    for place, columns in rows:
+        for k, column in enumerate(columns):
+            stacked[place, k] = column
+    shown = np.isfinite(stacked).all() and np.abs(stacked).max(initial=0.0) * effect.strength.typical > 1e-9
+    return stacked if shown else None
 
 
 def amplitudes(effect: Effect) -> Floats:
@@ -278,7 +276,12 @@ def _two(grid: Floats, gram: Floats, moment: Floats) -> tuple[float, Floats, flo
     return top + float(np.log(np.mean(np.exp(log - top)))), solution, std, float(moment @ solution)
 
 
-def background(columns: dict[str, list[Column]], *, leave_out: Sequence[str] = ()) -> Floats | None:
-    """Nuisance columns for small amounts of every effect, shape (n, q), times their prior std; None if none."""
-    chosen = [found[0].columns * BACKGROUND_SHARE for name, found in columns.items() if found and name not in leave_out]
-    return np.hstack(chosen) if chosen else None
+def background(problem: LinearProblem, effects: Sequence[Effect]) -> Floats:
+    """Nuisance columns for small amounts of every effect, shape (n, q), times their prior standard deviation."""
+    found = [np.zeros((len(problem.data), 0))]
+    for effect in effects:
+        for shape, share in effect.little:
+            columns = _columns(problem, effect, shape)
+            if columns is not None:
+                found.append(columns * share * effect.strength.typical)
+    return np.hstack(found)

@@ -80,9 +80,7 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     -------
     Posterior
     """
-    small = background(columns)
-    if small is None:
-        small = np.zeros((len(problem.data), 0))
+    small = background(problem, [entries[0].effect for entries in columns.values() if entries])
     nominal = Marginal(problem, extra=small)
     retuned = Marginal(problem, scale=wide_scale(problem), extra=small)
     reference = _log_z(nominal)

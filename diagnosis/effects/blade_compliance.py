@@ -60,4 +60,5 @@ EFFECT = Effect(
     grows_with=("speed", "load"),
     confused_with=("force_sensor_lag", "clock_offset", "return_stroke_rubbing"),
     told_apart_by="the motor current: it feels the late force, of a lagging load cell it does not",
+    background=(({"stiffness_n_per_m": 4e6, "unloads": 0.0}, 1.0), ({"stiffness_n_per_m": 4e6, "unloads": 1.0}, 1.0)),
 )

@@ -41,4 +41,5 @@ EFFECT = Effect(
     grows_with=("speed", "load"),
     confused_with=("tooth_passing_ripple", "force_sensor_lag"),
     told_apart_by="trials at several speeds: the ringing keeps its frequency",
+    background=tuple(({"frequency_hz": f, "damping": 0.05}, 0.03) for f in (90.0, 140.0, 200.0, 280.0, 400.0)),
 )

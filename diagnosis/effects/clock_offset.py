@@ -78,4 +78,5 @@ EFFECT = Effect(
     grows_with=("speed",),
     confused_with=("force_sensor_lag", "current_sensor_lag", "blade_compliance"),
     told_apart_by="every channel of the device by the same time, at several speeds; no amplitude is lost",
+    background=tuple(({"device": d, "tau_s": 1e-4, "drifts": 0.0}, 0.5) for d in (FORCE, CAN, DISPLACEMENT)),
 )

@@ -57,4 +57,5 @@ EFFECT = Effect(
     grows_with=("load",),
     confused_with=("brush_voltage_drop", "winding_heating"),
     told_apart_by="a recorded start-up; the histogram of the current",
+    background=(),
 )

@@ -44,4 +44,5 @@ EFFECT = Effect(
     grows_with=("speed",),
     confused_with=("clock_offset",),
     told_apart_by="the battery current, which does not lag, and a recorded start-up",
+    background=(({"tau_s": 1e-4}, 0.5),),
 )

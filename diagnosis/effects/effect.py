@@ -17,6 +17,11 @@ GrowsWith = Literal["speed", "load", "time", "position", "feed"]
 SignatureFunction = Callable[..., tuple[Signature, ...]]
 
 
+# Every effect of the catalogue may be there a little without being "the" cause: one standard deviation of that, as a
+# share of its typical size.
+BACKGROUND_SHARE = 0.05
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Strength:
     """The parameter that says how strong the effect is.
@@ -69,6 +74,9 @@ class Effect:
         Ids it is easily taken for.
     told_apart_by : str
         What an experiment must vary to tell it from those.
+    background : tuple of (shape, float), optional
+        Shapes that stand for a little of it, each with its standard deviation as a multiple of the typical size;
+        without them 5 % of the first shape.
     same_as : tuple of str
         Ids whose equation on this plant is the very same term: no campaign can tell them apart.
     """
@@ -84,6 +92,7 @@ class Effect:
     grows_with: tuple[GrowsWith, ...] = ()
     confused_with: tuple[str, ...] = ()
     told_apart_by: str = ""
+    background: tuple[tuple[dict[str, float], float], ...] | None = None
     same_as: tuple[str, ...] = ()
 
     def signatures(
@@ -102,6 +111,11 @@ class Effect:
             {name: np.broadcast_to(wave, state.angle_rad.shape) for name, wave in part.items() if name in kept}
             for part in found
         )
+
+    @property
+    def little(self) -> tuple[tuple[dict[str, float], float], ...]:
+        """Shapes and sizes that are there unnoticed in any machine."""
+        return ((self.shapes[0], BACKGROUND_SHARE),) if self.background is None else self.background
 
     def reported_strength(self, amplitude: float, shape: dict[str, float]) -> float:
         """Value of `strength` that goes with an amplitude of one shape."""

@@ -37,4 +37,5 @@ EFFECT = Effect(
     grows_with=("speed",),
     confused_with=("clock_offset", "blade_compliance"),
     told_apart_by="the motor current: it feels the true force",
+    background=(({"tau_s": 1e-4, "damping": 0.0}, 0.5),),
 )

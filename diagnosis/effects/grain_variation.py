@@ -67,4 +67,5 @@ EFFECT = Effect(
     grows_with=("feed", "position"),
     confused_with=("blade_wear",),
     told_apart_by="trials at another feed: the modulation keeps its wavelength on the path, not its period",
+    background=(),
 )

@@ -45,4 +45,5 @@ EFFECT = Effect(
     grows_with=("load",),
     confused_with=("cutting_speed_exponent", "current_limit"),
     told_apart_by="the histogram of the force, trials at several speeds, the motor current at the peaks",
+    background=(),
 )

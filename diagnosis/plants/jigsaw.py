@@ -31,7 +31,8 @@ _FORCE_SHARE, _FORCE_HARMONIC = 1e-3, 4.0
 _START_UP_FLOOR = {"electrical": 0.25, "supply": 0.004, "converter": 0.02, "mechanical": 0.01, "cutting": 3.0}
 _START_UP_DECAY_S = 0.006
 STOCK_STD_N_S_PER_M = 1000.0
-TRIAL_SPREAD_STD = 0.05
+TRIAL_SPREAD_STD = 0.045
+_SPREAD_DEGREES = 2.0
 _PLACES: Final[dict[Equation, tuple[Place, str, str]]] = {
     "electrical": ("electrical", "motor_current_a", "A"),
     "mechanical": ("mechanical", "motor_current_a", "A"),
@@ -121,7 +122,8 @@ class Jigsaw:
         felt = [s for s in cut if s.kind == "running" and s.force_n is not None]
         stocks = dict.fromkeys(s.setting.stock for s in felt)
         labels = dict.fromkeys(s.setting.label for s in cut)
-        return (*(_stock(name) for name in stocks), *(_spread(name) for name in labels))
+        std = _spread_std(self.baseline, felt)
+        return (*(_stock(name) for name in stocks), *(_spread(name, std) for name in labels))
 
     def weaknesses(self, states: Sequence[State]) -> list[str]:
         """Name the trials that lack a channel."""
@@ -153,10 +155,26 @@ def _stock(stock: str) -> Nuisance:
     return Nuisance(name=f"k_fc of {stock}", nominal=0.0, std=STOCK_STD_N_S_PER_M, is_plant=False, signature=signature)
 
 
-def _spread(label: str) -> Nuisance:
+def _spread_std(baseline: Baseline, felt: Sequence[State]) -> float:
+    """How much one piece of a stock differs from the next: from repeats, drawn towards what woods usually do."""
+    hardness: dict[str, list[float]] = {}
+    for state in felt:
+        speed = baseline.cutting_speed(state)
+        assert state.force_n is not None
+        k = float(np.sum(state.force_n * speed) / max(float(np.sum(speed * speed)), 1e-12))
+        if k > 0:
+            hardness.setdefault(state.setting.operating_point, []).append(float(np.log(k)))
+    squares, degrees = TRIAL_SPREAD_STD**2 * _SPREAD_DEGREES, _SPREAD_DEGREES
+    for values in hardness.values():
+        squares += float(np.sum((np.array(values) - np.mean(values)) ** 2))
+        degrees += len(values) - 1
+    return float(np.clip(np.sqrt(squares / degrees), 0.3 * TRIAL_SPREAD_STD, 2.0 * TRIAL_SPREAD_STD))
+
+
+def _spread(label: str, std: float) -> Nuisance:
     def signature(baseline: Baseline, state: State) -> Signature:
         return {"cutting": baseline.expected_force(state)} if state.setting.label == label else {}
 
     return Nuisance(
-        name=f"k_fc spread of {label}", nominal=0.0, std=TRIAL_SPREAD_STD, is_plant=False, signature=signature
+        name=f"k_fc spread of {label}", nominal=0.0, std=std, is_plant=False, signature=signature
     )
