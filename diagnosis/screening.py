@@ -254,6 +254,12 @@ def _without_suspects(recordings: list[Recording], baseline: Baseline, warnings:
         if not whole:
             out.append(replace(recording, signals=rest))
     warnings += [f"{_some(names)}{texts[key]}" for key, names in said.items()]
+    for name in (BATTERY_CURRENT.name, BATTERY_VOLTAGE.name):
+        n_wrong = sum(suspicion.channels == (name,) for suspicion in found.values())
+        if 2 * n_wrong > len(recordings):
+            # Trials that pass by a small current's tolerance have the same sensor.
+            out = [replace(r, signals={n: s for n, s in r.signals.items() if n != name}) for r in out]
+            warnings.append(f"{name} is wrong in most trials and left out in all")
     return out
 
 
