@@ -15,7 +15,7 @@ from bench.errors import InputError
 from bench.processed import CrankAngle
 from bench.recording import Floats, Recording
 from bench.units import DISPLACEMENT
-from diagnosis.equations import Baseline
+from diagnosis.equations import Baseline, residuals
 from diagnosis.plants.jigsaw import Jigsaw
 from diagnosis.plants.plant import Plant
 from diagnosis.reduction import CHANNEL_OF_STATE, lock_to_angle, running_state, start_up_state, steady_part
@@ -129,6 +129,7 @@ def reduce_campaign(
     _refuse_foreign_angles(states, warnings)
     if not states:
         raise InputError(f"no trial runs long enough to be diagnosed: {summary(warnings)}")
+    _refuse_without_equation(baseline, states)
     guesses = _with_guesses(baseline, states)
     plant = Jigsaw(baseline=baseline)
     kept = {state.setting.label for state in states}
@@ -139,6 +140,14 @@ def reduce_campaign(
         warnings=tuple(warnings),
         strokes=tuple(s for s in series if s is not None and s.label in kept),
     )
+
+
+def _refuse_without_equation(baseline: Baseline, states: Sequence[State]) -> None:
+    if not any(residuals(baseline, state) for state in states):
+        raise InputError(
+            "the channels at hand allow no balance equation: displacement alone says nothing of the model",
+            remedy="measure force, or motor current with battery voltage",
+        )
 
 
 def _in_order(recordings: Sequence[Recording]) -> list[Recording]:
@@ -277,6 +286,7 @@ def _without_displacement(recordings: list[Recording], baseline: Baseline, warni
         _with_history(baseline, means[r.trial.trial_id].state(_setting(r, index, track)), track)  # type: ignore[union-attr]
         for index, (r, track) in enumerate(zip(usable, tracks, strict=True))
     ]
+    _refuse_without_equation(baseline, states)
     guesses = _with_guesses(baseline, states)
     warnings.append(
         "no displacement in any trial: the stroke rate is read from the ripple of force or current, and only means over"

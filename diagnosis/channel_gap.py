@@ -100,11 +100,12 @@ def forecast(
     Returns
     -------
     ChannelGap or None
-        None for a plant whose equations do not close to a periodic stroke of battery, motor and blade.
+        None for a plant whose equations do not close to a periodic stroke of battery, motor and blade, and where
+        no trial has a crank angle.
     """
     problem = hold_out.problem
     baseline = problem.campaign.baseline
-    if not isinstance(baseline, Baseline):
+    if not isinstance(baseline, Baseline) or problem.campaign.angle_is_assumed:
         return None
     running = [part.state for part in problem.parts if part.state.kind == "running"]
     group_of = {part.setting.label: hold_out.group_of(part) for part in problem.parts}

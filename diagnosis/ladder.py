@@ -18,6 +18,7 @@ _LEAST_REST = 0.02
 _LEAST_BLOCKS = 3
 # Re-tuned parameters stay within this many widened standard deviations: farther off it is not the same machine.
 _FARTHEST, _FARTHEST_SENSOR = 2.0, 5.0
+_SOLVED_FORMS = 3
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -98,11 +99,12 @@ class HoldOut:
         numbers = {nuisance.name for nuisance in plant.nuisances() if nuisance.is_plant}
         self.is_plant = np.array([name in numbers for name in problem.names], dtype=bool)
         self.is_own = np.array([name in own for name in problem.names], dtype=bool)
+        self._high = np.where(self.is_own, np.inf, np.where(self.is_plant, _FARTHEST, _FARTHEST_SENSOR))
         self.held_out, self.group_of = _grouping(problem)
         self.groups = tuple(dict.fromkeys(self.group_of(part) for part in problem.parts))
         self.rows = {group: self._rows(group) for group in self.groups}
         self._normal = self.base.T @ self.base
-        self._moment = self.base.T @ problem.data
+        self._to_features = [np.linalg.inv(part.whitener).T for part in problem.parts]
         self._noise = self._noise_of(self.base if best is None else np.hstack([self.base, best]))
 
     def _rows(self, group: str) -> np.ndarray:
@@ -135,12 +137,13 @@ class HoldOut:
         """
         data = self.problem.data
         columns = list(alternatives) or [np.zeros((len(data), 0))]
-        shared = [self.base.T @ c for c in columns]
+        forms = np.hstack(columns)
+        whole = self._products(np.ones(len(data), dtype=bool), forms, columns[0].shape[1])
         residuals = {name: np.array(data) for name in RUNGS}
         residuals["noise_floor"] = self._noise
         fits = {}
         for group in self.groups:
-            fit = self._fit(group, columns, shared)
+            fit = self._fit(group, forms, whole)
             fits[group] = fit
             held = self.rows[group]
             chosen = columns[fit.alternative][held]
@@ -158,47 +161,53 @@ class HoldOut:
         closed, interval = closed_share(energy)
         return Ladder(
             whitened=Rungs(**{name: float(np.sqrt(values.sum() / len(data))) for name, values in energy.items()}),
-            by_channel=_by_channel(self.problem, residuals),
+            by_channel=_by_channel(self.problem, residuals, self._to_features),
             gap_closed=closed,
             gap_closed_ci95=interval if self.held_out != "nothing" else (-1.0, 1.0),
             fits=fits,
             held_out=self.held_out,
         )
 
-    def _fit(self, group: str, columns: Sequence[Floats], shared: Sequence[Floats]) -> Fit:
-        """Nuisances and cause from the trials that are kept; the form of the cause by its evidence there."""
-        from scipy.linalg import cho_factor, cho_solve
+    def _products(self, rows: np.ndarray, forms: Floats, width: int) -> tuple[Floats, Floats, Floats, Floats]:
+        """Inner products over some trials: of nuisances with forms, of each form, and of both with the data."""
+        base, data, stacked = self.base[rows], self.problem.data[rows], forms[rows]
+        parts = stacked.reshape(len(stacked), forms.shape[1] // max(width, 1), width)
+        return base.T @ stacked, np.einsum("nki,nkj->kij", parts, parts), base.T @ data, stacked.T @ data
 
+    def _fit(self, group: str, forms: Floats, whole: tuple[Floats, Floats, Floats, Floats]) -> Fit:
+        """Nuisances and cause from the trials that are kept; the form of the cause by its evidence there.
+
+        With bounds on the nuisances the best form may be another one than without, and not every form can be solved
+        with bounds: the best few are, as ranked with all nuisances free and with those held that re-tuning alone
+        drives to a bound.
+        """
         held = self.rows[group] if self.held_out != "nothing" else np.zeros(len(self.problem.data), dtype=bool)
-        base, data = self.base[held], self.problem.data[held]
-        root = cho_factor(np.eye(self.base.shape[1]) + self._normal - base.T @ base)
-        moment = self._moment - base.T @ data
-        retuned = cho_solve(root, moment)
-        best = (-np.inf, 0, np.zeros(0), np.zeros_like(moment))
-        for k, (column, cross) in enumerate(zip(columns, shared, strict=True)):
-            kept_cross = cross - base.T @ column[held]
-            through = cho_solve(root, kept_cross)
-            gram = np.eye(column.shape[1]) + column.T @ column - column[held].T @ column[held] - kept_cross.T @ through
-            pull = column.T @ self.problem.data - column[held].T @ data - through.T @ moment
-            amplitudes = np.linalg.solve(gram, pull)
-            score = 0.5 * float(pull @ amplitudes) - 0.5 * float(np.linalg.slogdet(gram)[1])
-            if score > best[0]:
-                best = (score, k, amplitudes, through)
-        _, k, amplitudes, through = best
-        n = len(retuned)
-        if len(amplitudes):
-            joint = np.hstack([self.base, columns[k]])
-            seen = joint[held]
-            normal = np.eye(joint.shape[1])
-            normal[:n, :n] += self._normal
-            normal[:n, n:] += shared[k]
-            normal[n:, :n] += shared[k].T
-            normal[n:, n:] += columns[k].T @ columns[k]
-            both = np.concatenate([self._moment, columns[k].T @ self.problem.data]) - seen.T @ data
-            solution = self._bounded(normal - seen.T @ seen, both)
-        else:
-            solution = self._bounded(np.eye(n) + self._normal - base.T @ base, moment)
-        retuned = self._bounded(np.eye(n) + self._normal - base.T @ base, moment)
+        base, n, width = self.base[held], self.base.shape[1], whole[1].shape[1]
+        # What all trials say, less what the held-out ones say.
+        cross, own, pull_base, pull_forms = (
+            a - b for a, b in zip(whole, self._products(held, forms, width), strict=True)
+        )
+        least = np.eye(n) + self._normal - base.T @ base
+        retuned = self._bounded(least, pull_base)
+        if not width:
+            return Fit(retuned=retuned, nuisances=retuned, amplitudes=np.zeros(0), alternative=0)
+        is_stuck = np.abs(retuned) >= self._high * (1.0 - 1e-9)
+        problems, free, stuck = [], [], []
+        for k, gram in enumerate(own):
+            place = slice(k * width, (k + 1) * width)
+            normal = np.block([[least, cross[:, place]], [cross[:, place].T, np.eye(width) + gram]])
+            pull = np.concatenate([pull_base, pull_forms[place]])
+            problems.append((normal, pull))
+            free.append(_gain(normal, pull, np.zeros(0), np.zeros(n, dtype=bool)))
+            stuck.append(_gain(normal, pull, retuned[is_stuck], is_stuck))
+        chosen = {int(k) for scores in (free, stuck) for k in np.argsort(scores)[-_SOLVED_FORMS:]}
+        best = (-np.inf, 0, np.zeros(0))
+        for k in chosen:
+            normal, pull = problems[k]
+            solution = self._bounded(normal, pull)
+            score = float(2.0 * pull @ solution - solution @ normal @ solution - np.linalg.slogdet(normal)[1])
+            best = max(best, (score, k, solution), key=lambda entry: entry[0])
+        _, k, solution = best
         return Fit(retuned=retuned, nuisances=solution[:n], amplitudes=solution[n:], alternative=k)
 
     def _bounded(self, normal: Floats, moment: Floats) -> Floats:
@@ -207,7 +216,7 @@ class HoldOut:
 
         n, size = len(self.is_plant), len(moment)
         high = np.full(size, np.inf)
-        high[:n] = np.where(self.is_own, np.inf, np.where(self.is_plant, _FARTHEST, _FARTHEST_SENSOR))
+        high[:n] = self._high
         low = -high
         if size == n + 1:
             low[n] = 0.0  # an effect has a sign
@@ -216,6 +225,17 @@ class HoldOut:
             return solution
         root = np.linalg.cholesky(normal)
         return lsq_linear(root.T, np.linalg.solve(root, moment), bounds=(low, high), method="bvls").x
+
+
+def _gain(normal: Floats, pull: Floats, held: Floats, is_held: np.ndarray) -> float:
+    """Twice the log evidence of a form, less a constant, with some nuisances held at given values."""
+    is_free = np.ones(len(pull), dtype=bool)
+    is_free[: len(is_held)] = ~is_held
+    part = normal[np.ix_(is_free, is_free)]
+    left = pull[is_free]
+    if held.size:
+        left = left - normal[np.ix_(is_free, ~is_free)] @ held
+    return float(left @ np.linalg.solve(part, left) - np.linalg.slogdet(part)[1])
 
 
 def climb(problem: LinearProblem, columns: Floats | None) -> Ladder:
@@ -303,14 +323,16 @@ def closed_share(energy: dict[str, Floats]) -> tuple[float, tuple[float, float]]
     return closed, (low, high)
 
 
-def _by_channel(problem: LinearProblem, residuals: dict[str, Floats]) -> dict[str, tuple[Rungs, str]]:
+def _by_channel(
+    problem: LinearProblem, residuals: dict[str, Floats], to_features: Sequence[Floats]
+) -> dict[str, tuple[Rungs, str]]:
     forms = problem.campaign.plant.equations
     squares: dict[Equation, dict[str, list[float]]] = {}
-    for part in problem.parts:
+    for part, back in zip(problem.parts, to_features, strict=True):
         if part.state.kind != "running":
             continue
         for name, whole in residuals.items():
-            features = part.unwhiten(whole)
+            features = whole[part.place].reshape(-1, part.layout.size) @ back
             for equation, place in part.layout.slices.items():
                 factor = forms[equation].to_channel
                 if factor is None:

@@ -130,7 +130,7 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True) -> LinearPr
     start = 0
     for state, layout, features in found:
         blocks = block_matrix(len(features)) if state.kind == "running" else np.eye(1)
-        covariance = np.diag(plant.noise_floor(layout, state) ** 2)
+        covariance = plant.model_error(layout, state)
         if state.kind == "running":
             strokes = float(state.n_strokes[0]) / float((blocks[0] ** 2).sum())
             for equation, place in layout.slices.items():

@@ -260,7 +260,7 @@ def _equations(report: Mapping[str, Any], detail: Mapping[str, Any]) -> list[str
     return list(dict.fromkeys([*order, *detail["map"]["equations"]]))
 
 
-def _spot(spot: Mapping[str, Any]) -> dict[str, str]:
+def _spot(spot: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "equation": EQUATION_WORDS.get(spot["equation"], spot["equation"]),
         "channel": CHANNEL_WORDS.get(spot["channel"], spot["channel"]),

@@ -95,8 +95,8 @@ class Jigsaw:
         """See `diagnosis.reduction.smooth_state`."""
         return smooth_state(state, blocks)
 
-    def noise_floor(self, layout: Layout, state: State) -> Floats:
-        """Model error that no repetition shows, shape (layout.size,)."""
+    def model_error(self, layout: Layout, state: State) -> Floats:
+        """Covariance of what no repetition shows, shape (layout.size, layout.size): a floor at each harmonic."""
         floor = np.empty(layout.size)
         for equation, part in layout.slices.items():
             least, growth = _FLOOR[equation]
@@ -110,7 +110,7 @@ class Jigsaw:
                 if equation == "cutting" and not state.setting.is_idle:
                     peak_n = float(state.slow["peak_force_n"].max())
                     floor[part] = np.hypot(floor[part], _FORCE_SHARE * peak_n / (1.0 + (order / _FORCE_HARMONIC) ** 2))
-        return floor
+        return np.diag(floor**2)
 
     def nuisances(self) -> tuple[Nuisance, ...]:
         """See `diagnosis.nuisances.nuisances_of`."""

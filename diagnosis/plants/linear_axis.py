@@ -36,6 +36,9 @@ _FLOOR_SHARE = 0.005
 # Whatever is missing, nature's form of it differs from any that is listed by about this share of its size, most
 # at low harmonics: friction of real guides changes with place, warmth and lubrication (assumed).
 _FORM_SHARE, _FORM_HARMONIC = 0.2, 4.0
+# Near a reversal friction is what holds the axis, anything up to breakaway: below this share of the cycle's top
+# speed nothing is concluded.
+_STANDSTILL_SHARE = 0.2
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -111,14 +114,18 @@ class LinearAxis:
         """Units averaged into blocks; the motion is a short Fourier series already."""
         return average(as_axis(state), blocks)
 
-    def noise_floor(self, layout: Layout, state: State) -> Floats:
-        """Model error, N: the same at every harmonic, and a share of the gap itself."""
+    def model_error(self, layout: Layout, state: State) -> Floats:
+        """Covariance, N^2: a floor at every harmonic, a share of the gap itself, and anything at standstill."""
         floor_n = self.config.model_floor_n or _FLOOR_SHARE * self.force_scale_n
         gap = layout.place(self.residuals(state), len(state.angle_rad)).mean(axis=0)
         n = (layout.size - 1) // 2
         order = np.concatenate([[0.0], np.arange(1.0, n + 1), np.arange(1.0, n + 1)])
         shape = 1.0 / (1.0 + order / _FORM_HARMONIC)
-        return np.hypot(floor_n, _FORM_SHARE * np.linalg.norm(gap) * shape / np.linalg.norm(shape))
+        floor = np.hypot(floor_n, _FORM_SHARE * np.linalg.norm(gap) * shape / np.linalg.norm(shape))
+        speed = np.abs(as_axis(state).velocity_m_s.mean(axis=0))
+        impulses = np.eye(len(speed))[speed < _STANDSTILL_SHARE * speed.max()]
+        standstill = np.linalg.norm(gap) * layout.place({"mechanical": impulses}, len(impulses))
+        return np.diag(floor**2) + standstill.T @ standstill
 
     def nuisances(self) -> tuple[Nuisance, ...]:
         """Mass, damping, force constant or gain of the drive, gain of the load, zero of the forces."""

@@ -110,8 +110,8 @@ class Plant(Protocol):
         """State to compute signatures from, one row a time block, without the noise that the residual holds too."""
         ...
 
-    def noise_floor(self, layout: Layout, state: State) -> Floats:
-        """Standard deviation of each feature that no repetition shows, shape (layout.size,)."""
+    def model_error(self, layout: Layout, state: State) -> Floats:
+        """Covariance of the features that no repetition shows, shape (layout.size, layout.size), positive definite."""
         ...
 
     def nuisances(self) -> tuple[Nuisance, ...]:

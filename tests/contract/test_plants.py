@@ -93,12 +93,13 @@ def test_nuisances_and_effects_change_stated_equations_only(plant_and_state):
                     assert np.isfinite(wave).all(), (effect.name, shape)
 
 
-def test_noise_floor_is_positive_and_of_the_layout(plant_and_state):
+def test_model_error_is_a_covariance_of_the_layout(plant_and_state):
     plant, measured = plant_and_state
     layout = layout_of(measured, plant.residuals(measured), {e: f.n_harmonics for e, f in plant.equations.items()})
-    floor = plant.noise_floor(layout, measured)
-    assert floor.shape == (layout.size,)
-    assert (floor > 0).all()
+    error = plant.model_error(layout, measured)
+    assert error.shape == (layout.size, layout.size)
+    assert np.allclose(error, error.T)
+    assert np.linalg.eigvalsh(error).min() > 0
 
 
 def test_effects_bear_names_of_the_catalogue():
