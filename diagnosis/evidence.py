@@ -13,6 +13,8 @@ from diagnosis.effects.effect import Effect
 from diagnosis.linear_problem import LinearProblem, Marginal
 
 _N_AMPLITUDES = 40
+# Less than this share of its typical size is background, not a cause.
+_LEAST_AMPLITUDE = 0.15
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -113,7 +115,7 @@ def amplitudes(effect: Effect) -> Floats:
     low, high = effect.strength.low, effect.strength.high
     if high / low < 5.0:
         return np.linspace(low, high, 15)
-    return np.geomspace(max(low, 0.1), high, _N_AMPLITUDES)
+    return np.geomspace(max(low, _LEAST_AMPLITUDE), high, _N_AMPLITUDES)
 
 
 def explain(marginal: Marginal, columns: Sequence[Column]) -> Explanation | None:

@@ -214,6 +214,12 @@ def _sensor_nuisances(baseline: Baseline) -> list[Nuisance]:
             found["supply"] = b.open_circuit_voltage(s.charge_used_as) - drop
         return found
 
+    def voltage_offset(b: Baseline, s: State) -> Signature:
+        if s.battery_voltage_v is None:
+            return {}
+        ones = np.ones_like(s.angle_rad)
+        return {"electrical": s.setting.duty * ones, "supply": ones}
+
     def angle_zero(b: Baseline, s: State) -> Signature:
         return angle_shift(b, s)
 
@@ -228,6 +234,7 @@ def _sensor_nuisances(baseline: Baseline) -> list[Nuisance]:
         entry("battery_current_gain", 0.01, battery_current_gain),
         entry("battery_current_offset_a", 0.03, battery_current_offset),
         entry("battery_voltage_gain", 0.003, voltage_gain),
+        entry("battery_voltage_offset_v", 0.01, voltage_offset),
         entry("angle_zero_rad", 0.005, angle_zero),
     ]
 

@@ -13,17 +13,12 @@ from diagnosis.effects.effect import Effect
 from diagnosis.evidence import Column, Explanation, background, explain_all, explain_formed, stack
 from diagnosis.form_error import FORM_SHARES, centred, form_modes
 from diagnosis.linear_problem import WIDE, LinearProblem, Marginal
+from diagnosis.stroke_series import Grain, grain_evidence
+from diagnosis.weighing import AND, VERDICTS, weigh
 
+GRAIN = "grain_variation"
 Verdict = Literal["effect", "effects", "parameters", "no_gap", "unknown"]
 
-# Prior: half of all campaigns have nothing unmodelled, a tenth has something nobody listed.
-PRIOR_NO_GAP = 0.3
-PRIOR_PARAMETERS = 0.15
-PRIOR_UNKNOWN = 0.1
-PRIOR_PAIRS = 0.1
-PRIOR_EFFECTS = 1.0 - PRIOR_NO_GAP - PRIOR_PARAMETERS - PRIOR_UNKNOWN - PRIOR_PAIRS
-# Log evidences are divided by this: the noise is not exactly Gaussian and the forms are not exactly nature's.
-TEMPERATURE = 4.0
 _N_FORMED, _N_FIRST, _N_PAIRS = 12, 5, 8
 _SCREEN_SHARE = 0.05
 _WORTH_FORMING = 6.0
@@ -57,6 +52,8 @@ class Posterior:
         Untempered, relative to "no_gap".
     left_over : dict of str to float
         Whitened misfit over the number of features, of the nominal model and after each cause.
+    grain : Grain
+        What the single strokes say of a wave in the wood.
     """
 
     verdict: Verdict
@@ -65,6 +62,7 @@ class Posterior:
     pairs: tuple[Pair, ...]
     log_evidence: dict[str, float]
     left_over: dict[str, float]
+    grain: Grain
 
 
 def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior:
@@ -93,6 +91,7 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     explanations = sorted([*formed, *rough[_N_FORMED:]], key=lambda e: -e.log_evidence)
     for explanation in explanations:
         log_evidence[explanation.effect.name] = explanation.log_evidence
+    grain = grain_evidence(problem.campaign.strokes)
     pairs = _pairs(problem, small, explanations[:_N_FIRST], columns, stacked, modes, reference)
     left_over = {"no_gap": nominal.misfit, "parameters": retuned.misfit}
     left_over |= {e.effect.name: nominal.misfit - e.gain for e in explanations}
@@ -101,13 +100,28 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
         left_over[_pair_name(pair)] = pair.left_over
     left_over = {name: value / len(problem.data) for name, value in left_over.items()}
     log_evidence["unknown"] = _discrepancy(problem, small) - reference
-    probabilities = _probabilities(log_evidence, [e.effect for e in explanations], pairs)
+    _add_grain(log_evidence, left_over, grain)
+    probabilities = weigh(log_evidence, left_over, n_effects=len(problem.campaign.plant.effects))
     top = max(probabilities, key=lambda name: probabilities[name])
-    verdict: Verdict = top if top in {"no_gap", "parameters", "unknown"} else "effects" if " + " in top else "effect"  # type: ignore[assignment]
+    verdict: Verdict = top if top in {"no_gap", "parameters", "unknown"} else "effects" if AND in top else "effect"  # type: ignore[assignment]
     return Posterior(
         verdict=verdict, probabilities=probabilities, explanations=tuple(explanations), pairs=tuple(pairs),
-        log_evidence=log_evidence, left_over=left_over,
+        log_evidence=log_evidence, left_over=left_over, grain=grain,
     )  # fmt: skip
+
+
+def _add_grain(log_evidence: dict[str, float], left_over: dict[str, float], grain: Grain) -> None:
+    """The strokes speak for or against a grained wood alone, whatever else is the matter."""
+    if GRAIN not in log_evidence:
+        return
+    alone = {name: value for name, value in log_evidence.items() if name not in VERDICTS and AND not in name and name != GRAIN}
+    for name in log_evidence:
+        if GRAIN in name.split(AND):
+            log_evidence[name] += grain.log_evidence
+    for name in sorted(alone, key=lambda n: -alone[n])[:_N_FIRST]:
+        both = AND.join(sorted((name, GRAIN)))
+        log_evidence[both] = max(log_evidence.get(both, -np.inf), alone[name] + grain.log_evidence)
+        left_over.setdefault(both, left_over[name])
 
 
 def wide_scale(problem: LinearProblem) -> Floats:
@@ -121,7 +135,7 @@ def _log_z(marginal: Marginal) -> float:
 
 
 def _pair_name(pair: Pair) -> str:
-    return " + ".join(sorted((pair.first.effect.name, pair.second.effect.name)))
+    return AND.join(sorted((pair.first.effect.name, pair.second.effect.name)))
 
 
 def _with_form(
@@ -221,17 +235,3 @@ def _discrepancy(problem: LinearProblem, small: Floats | None) -> float:
         logs.append(_log_z(Marginal(problem, extra=extra)))
     top = max(logs)
     return top + float(np.log(np.mean(np.exp(np.array(logs) - top))))
-
-
-def _probabilities(
-    log_evidence: dict[str, float], effects: Sequence[Effect], pairs: Sequence[Pair]
-) -> dict[str, float]:
-    prior = {"no_gap": PRIOR_NO_GAP, "parameters": PRIOR_PARAMETERS, "unknown": PRIOR_UNKNOWN}
-    prior |= {effect.name: PRIOR_EFFECTS / max(len(effects), 1) for effect in effects}
-    n_pairs = max(len(effects) * (len(effects) - 1) // 2, 1)
-    prior |= {_pair_name(pair): PRIOR_PAIRS / n_pairs for pair in pairs}
-    score = {name: np.log(prior[name]) + log_evidence[name] / TEMPERATURE for name in log_evidence}
-    top = max(score.values())
-    weight = {name: float(np.exp(value - top)) for name, value in score.items()}
-    total = sum(weight.values())
-    return {name: value / total for name, value in sorted(weight.items(), key=lambda item: -item[1])}

@@ -39,5 +39,10 @@ EFFECT = Effect(
     grows_with=("position",),
     confused_with=("yoke_backlash", "cutting_speed_exponent", "force_sensor_lag"),
     told_apart_by="trials at several speeds: it stays at one blade position",
-    background=(({"fraction": 0.003, "ramp": 0.003}, 1.0), ({"fraction": 0.01, "ramp": 0.01}, 0.3)),
+    background=(
+        ({"fraction": 0.003, "ramp": 0.0005}, 1.0),
+        ({"fraction": 0.003, "ramp": 0.003}, 1.0),
+        ({"fraction": 0.006, "ramp": 0.003}, 1.0),
+        ({"fraction": 0.01, "ramp": 0.01}, 0.5),
+    ),
 )

@@ -1,0 +1,113 @@
+"""From log evidences to probabilities that hold: tempering, the price of a second cause, and the open set.
+
+Log evidences of whitened features are far too sure: the noise is not exactly Gaussian and no form is exactly
+nature's. They are divided by a temperature that grows with what the best hypothesis leaves over (a quasi-likelihood
+with an estimated dispersion), so that a second effect which mops up a tenth of a large misfit is no proof of two.
+"Unknown" gains where the best hypothesis leaves a large share of the gap. The constants are few, shared by all
+effects, and fitted by maximum likelihood on development campaigns (`benchmarks/calibrate_diagnosis.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+VERDICTS = ("no_gap", "parameters", "unknown")
+AND = " + "
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Weights:
+    """Constants of the weighing.
+
+    Attributes
+    ----------
+    temperature : float
+        Divides log evidences where the noise is as modelled.
+    dispersion_power : float
+        How the temperature grows with the misfit that the best hypothesis leaves, over that of an intact machine.
+    quiet : float
+        Whitened misfit over features that an intact machine leaves.
+    pair_cost : float
+        Taken off the tempered log evidence of two effects, beside their prior.
+    open_gain, open_share : float
+        Tempered log evidence of "unknown" per e-fold of the share of the gap that is left over, and the share
+        at which it neither gains nor loses.
+    prior_no_gap, prior_parameters, prior_unknown, prior_pairs : float
+        The rest belongs to single effects, evenly.
+    """
+
+    temperature: float = 5.0
+    dispersion_power: float = 0.7
+    quiet: float = 0.15
+    pair_cost: float = 1.0
+    open_gain: float = 4.0
+    open_share: float = 0.4
+    prior_no_gap: float = 0.3
+    prior_parameters: float = 0.15
+    prior_unknown: float = 0.1
+    prior_pairs: float = 0.1
+
+
+WEIGHTS = Weights()
+
+
+def weigh(
+    log_evidence: Mapping[str, float],
+    left_over: Mapping[str, float],
+    *,
+    n_effects: int,
+    weights: Weights = WEIGHTS,
+) -> dict[str, float]:
+    """Turn log evidences into probabilities.
+
+    Parameters
+    ----------
+    log_evidence : mapping of str to float
+        By "no_gap" (0), "parameters", "unknown", effect, "effect + effect".
+    left_over : mapping of str to float
+        Whitened misfit over the number of features after each hypothesis; of "unknown" none.
+    n_effects : int
+        Size of the catalogue, for the priors.
+    weights : Weights
+
+    Returns
+    -------
+    dict of str to float
+        Most likely first; they sum to 1.
+    """
+    w = weights
+    least = min(v for v in left_over.values() if np.isfinite(v))
+    temperature = w.temperature * max(1.0, least / w.quiet) ** w.dispersion_power
+    prior_effects = 1.0 - w.prior_no_gap - w.prior_parameters - w.prior_unknown - w.prior_pairs
+    n_pairs = max(n_effects * (n_effects - 1) // 2, 1)
+    score: dict[str, float] = {}
+    for name, value in log_evidence.items():
+        if name == "unknown":
+            continue
+        prior = {"no_gap": w.prior_no_gap, "parameters": w.prior_parameters}.get(
+            name, w.prior_pairs / n_pairs if AND in name else prior_effects / max(n_effects, 1)
+        )
+        score[name] = float(np.log(prior)) + value / temperature - (w.pair_cost if AND in name else 0.0)
+    claims = {n: v for n, v in log_evidence.items() if n != "unknown" and np.isfinite(left_over.get(n, np.inf))}
+    best = max(claims, key=lambda n: claims[n])
+    base = max(log_evidence["unknown"], claims[best], 0.0) / temperature
+    left = max(left_over[best] - 1.7 * w.quiet, 0.0)
+    gap = max(left_over["no_gap"] - left_over[best], 0.0) + left
+    share = (left + 0.02) / (gap + 0.2)
+    score["unknown"] = float(np.log(w.prior_unknown)) + base + w.open_gain * float(np.log(share / w.open_share))
+    return _normalised(score)
+
+
+def _normalised(score: Mapping[str, float]) -> dict[str, float]:
+    top = max(score.values())
+    weight = {name: float(np.exp(max(value - top, -700.0))) for name, value in score.items()}
+    total = sum(weight.values())
+    return {name: value / total for name, value in sorted(weight.items(), key=lambda item: -item[1])}
+
+
+def marginal_of(probabilities: Mapping[str, float], names: Iterable[str]) -> dict[str, float]:
+    """Probability that each effect takes part, alone or in a pair."""
+    return {name: sum(p for key, p in probabilities.items() if name in key.split(AND)) for name in names}
