@@ -21,6 +21,8 @@ Verdict = Literal["effect", "effects", "parameters", "no_gap", "unknown"]
 
 _N_FORMED, _N_FIRST, _N_PAIRS = 12, 5, 8
 _SCREEN_SHARE = 0.05
+# Whitened misfit over features that an intact machine leaves.
+QUIET = 0.15
 _WORTH_FORMING = 6.0
 _DISCREPANCY_SIZES = (3.0, 10.0, 30.0, 100.0, 300.0)
 _DISCREPANCY_HARMONICS = 6
@@ -54,6 +56,8 @@ class Posterior:
         Whitened misfit over the number of features, of the nominal model and after each cause.
     grain : Grain
         What the single strokes say of a wave in the wood.
+    dispersion : float
+        Factor on the noise's variance: 1 where the best effect explains the gap as an intact machine is explained.
     """
 
     verdict: Verdict
@@ -63,6 +67,7 @@ class Posterior:
     log_evidence: dict[str, float]
     left_over: dict[str, float]
     grain: Grain
+    dispersion: float
 
 
 def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior:
@@ -78,12 +83,15 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     -------
     Posterior
     """
-    small = background(problem, [entries[0].effect for entries in columns.values() if entries])
+    columns = {name: entries for name, entries in columns.items() if entries}
+    measured, original = problem, columns
+    dispersion = _dispersion(problem, columns)
+    problem, columns = _dispersed(problem, columns, dispersion)
+    small = background(measured, [entries[0].effect for entries in columns.values()]) / np.sqrt(dispersion)
     nominal = Marginal(problem, extra=small)
     retuned = Marginal(problem, scale=wide_scale(problem), extra=small)
     reference = _log_z(nominal)
     log_evidence = {"no_gap": 0.0, "parameters": _log_z(retuned) - reference}
-    columns = {name: entries for name, entries in columns.items() if entries}
     stacked = stack(columns)
     rough = sorted(explain_all(nominal, columns, stacked=stacked).values(), key=lambda e: -e.log_evidence)
     modes = {e.effect.name: form_modes(problem, e.contribution) for e in rough[:_N_FORMED]}
@@ -98,16 +106,59 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     for pair in pairs:
         log_evidence[_pair_name(pair)] = pair.log_evidence
         left_over[_pair_name(pair)] = pair.left_over
-    left_over = {name: value / len(problem.data) for name, value in left_over.items()}
+    left_over = {name: dispersion * value / len(problem.data) for name, value in left_over.items()}
     log_evidence["unknown"] = _discrepancy(problem, small) - reference
     _add_grain(log_evidence, left_over, grain)
     probabilities = weigh(log_evidence, left_over, n_effects=len(problem.campaign.plant.effects))
     top = max(probabilities, key=lambda name: probabilities[name])
     verdict: Verdict = top if top in {"no_gap", "parameters", "unknown"} else "effects" if AND in top else "effect"  # type: ignore[assignment]
     return Posterior(
-        verdict=verdict, probabilities=probabilities, explanations=tuple(explanations), pairs=tuple(pairs),
-        log_evidence=log_evidence, left_over=left_over, grain=grain,
-    )  # fmt: skip
+        verdict=verdict,
+        probabilities=probabilities,
+        explanations=tuple(_undispersed(e, original, dispersion) for e in explanations),
+        pairs=tuple(
+            replace(
+                pair,
+                first=_undispersed(pair.first, original, dispersion),
+                second=_undispersed(pair.second, original, dispersion),
+            )
+            for pair in pairs
+        ),
+        log_evidence=log_evidence,
+        left_over=left_over,
+        grain=grain,
+        dispersion=dispersion,
+    )
+
+
+def _dispersion(problem: LinearProblem, columns: dict[str, list[Column]]) -> float:
+    """How much more the best single effect leaves than an intact machine would: the noise is taken as that larger.
+
+    A likelihood whose noise is fixed beforehand is so sure of a strong gap that every prior gives way: parameters
+    move by twenty standard deviations, small background effects become large ones, and a second effect mops up
+    what the first one's form leaves.
+    """
+    plain = Marginal(problem)
+    gain = max((e.gain for e in explain_all(plain, columns, stacked=stack(columns)).values()), default=0.0)
+    return max(1.0, (plain.misfit - max(gain, 0.0)) / len(problem.data) / QUIET)
+
+
+def _dispersed(
+    problem: LinearProblem, columns: dict[str, list[Column]], dispersion: float
+) -> tuple[LinearProblem, dict[str, list[Column]]]:
+    if dispersion == 1.0:
+        return problem, columns
+    share = 1.0 / np.sqrt(dispersion)
+    scaled = {
+        name: [replace(column, columns=share * column.columns) for column in entries]
+        for name, entries in columns.items()
+    }
+    return replace(problem, data=share * problem.data, nuisance=share * problem.nuisance), scaled
+
+
+def _undispersed(explanation: Explanation, original: dict[str, list[Column]], dispersion: float) -> Explanation:
+    column = next(c for c in original[explanation.effect.name] if c.shape == explanation.column.shape)
+    return replace(explanation, column=column, contribution=np.sqrt(dispersion) * explanation.contribution)
 
 
 def _add_grain(log_evidence: dict[str, float], left_over: dict[str, float], grain: Grain) -> None:

@@ -1,9 +1,7 @@
 """From log evidences to probabilities that hold: tempering, the price of a second cause, and the open set.
 
 Log evidences of whitened features are far too sure: the noise is not exactly Gaussian and no form is exactly
-nature's. They are divided by a temperature that grows with what the best hypothesis leaves over (a quasi-likelihood
-with an estimated dispersion), so that a second effect which mops up a tenth of a large misfit is no proof of two.
-"Unknown" gains where the best hypothesis leaves a large share of the gap. The constants are few, shared by all
+nature's. They are divided by a temperature. "Unknown" gains where the best hypothesis leaves a large share of the gap. The constants are few, shared by all
 effects, and fitted by maximum likelihood on development campaigns (`benchmarks/calibrate_diagnosis.py`).
 """
 
@@ -26,8 +24,6 @@ class Weights:
     ----------
     temperature : float
         Divides log evidences where the noise is as modelled.
-    dispersion_power : float
-        How the temperature grows with the misfit that the best hypothesis leaves, over that of an intact machine.
     quiet : float
         Whitened misfit over features that an intact machine leaves.
     pair_cost : float
@@ -40,7 +36,6 @@ class Weights:
     """
 
     temperature: float = 5.0
-    dispersion_power: float = 0.7
     quiet: float = 0.15
     pair_cost: float = 1.0
     open_gain: float = 4.0
@@ -79,8 +74,7 @@ def weigh(
         Most likely first; they sum to 1.
     """
     w = weights
-    least = min(v for v in left_over.values() if np.isfinite(v))
-    temperature = w.temperature * max(1.0, least / w.quiet) ** w.dispersion_power
+    temperature = w.temperature
     prior_effects = 1.0 - w.prior_no_gap - w.prior_parameters - w.prior_unknown - w.prior_pairs
     n_pairs = max(n_effects * (n_effects - 1) // 2, 1)
     score: dict[str, float] = {}

@@ -31,7 +31,7 @@ EFFECT = Effect(
     equation="tau * dF_m/dt + F_m = F",
     strength=Strength(name="time_constant_s", unit="s", typical=1.0, low=0.7, high=1.4, source="assumed"),
     signature=_signature,
-    shapes=tuple({"tau_s": tau, "damping": z} for z in (0.0, 0.5, 0.7, 1.0) for tau in _TAUS_S),
+    shapes=tuple({"tau_s": tau, "damping": z} for z in (0.0, 0.5, 0.6, 0.7, 0.85, 1.0) for tau in _TAUS_S),
     shape_strength=lambda amplitude, shape: amplitude * shape["tau_s"],
     needs=("force_n",),
     grows_with=("speed",),
