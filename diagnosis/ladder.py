@@ -104,7 +104,9 @@ class HoldOut:
         self.groups = tuple(dict.fromkeys(self.group_of(part) for part in problem.parts))
         self.rows = {group: self._rows(group) for group in self.groups}
         self._normal = self.base.T @ self.base
-        self._to_features = [np.linalg.inv(part.whitener).T for part in problem.parts]
+        self._to_features: list[Floats] = [
+            np.asarray(np.linalg.inv(part.whitener), dtype=np.float64).T for part in problem.parts
+        ]
         self._noise = self._noise_of(self.base if best is None else np.hstack([self.base, best]))
 
     def _rows(self, group: str) -> np.ndarray:

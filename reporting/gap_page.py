@@ -188,7 +188,8 @@ def _duration(seconds: float) -> str:
 def _place_sentence(spot: Mapping[str, Any]) -> str:
     place = _PLACES.get(spot["equation"], f"in the {spot['equation']} equation")
     grows = f"; it grows with {' and '.join(spot['grows_with'])}" if spot["grows_with"] else ""
-    return f"{_percent(spot['share'])} of the gap lies {place}, {_angles(spot['crank_angle_rad'])}{grows}."
+    share = _percent(spot["share"])
+    return f"{share[0].upper()}{share[1:]} of the gap lies {place}, {_angles(spot['crank_angle_rad'])}{grows}."
 
 
 def _angles(ranges: Sequence[Sequence[float]]) -> str:

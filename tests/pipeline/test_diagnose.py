@@ -52,5 +52,31 @@ def test_page_needs_no_network(report):
 def test_files_without_displacement_get_a_clear_error(tmp_path, capsys):
     (tmp_path / "t.csv").write_text("time_s,motor_current_a\n" + "\n".join(f"{k / 1000},1.0" for k in range(3000)))
     assert main(["import", str(tmp_path / "t.csv"), "--out", str(tmp_path / "mcap")]) == 0
-    assert main(["diagnose", str(tmp_path / "mcap"), "--config", "bench_config.toml", "--out", str(tmp_path / "g")]) == 2
+    assert (
+        main(["diagnose", str(tmp_path / "mcap"), "--config", "bench_config.toml", "--out", str(tmp_path / "g")]) == 2
+    )
     assert "left out" in capsys.readouterr().err
+
+
+def test_held_out_strokes_are_predicted_in_the_units_of_the_channels(report):
+    found, _ = report
+    gap = found["gap"]
+    assert {"force_n", "motor_current_a", "crank_speed_rad_s", "battery_voltage_v", "battery_current_a"} <= set(
+        gap["by_channel"]
+    )
+    for name in ("motor_current_a", "crank_speed_rad_s"):
+        row = gap["by_channel"][name]
+        assert row["with_effect"] < 0.3 * row["retuned"], name
+        assert row["with_effect"] < 0.3 * row["nominal"], name
+    runtime = gap["runtime_s"]
+    assert abs(runtime["with_effect"] - runtime["measured"]) < 0.3 * abs(runtime["nominal"] - runtime["measured"])
+    low, high = found["causes"][0]["gap_closed_ci95"]
+    assert low <= found["causes"][0]["gap_closed"] <= high
+
+
+def test_report_is_small_and_the_page_shows_strokes_and_places(report):
+    found, page = report
+    assert page.with_suffix(".json").stat().st_size < 300_000
+    assert 1 <= len(found["detail"]["strokes"]) <= 3
+    text = page.read_text()
+    assert text.count("<svg role") == 3

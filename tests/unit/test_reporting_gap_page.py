@@ -1,0 +1,104 @@
+"""The gap page: every verdict in words, curves and tables, nothing from the network."""
+
+from __future__ import annotations
+
+import copy
+import re
+
+import pytest
+
+from reporting.cause_words import what_happens
+from reporting.gap_page import verdict_sentence, write_gap_page
+
+CURVE = {"unit": "A", "measured": [1.0, 2.0, 3.0, 2.0], "nominal": [0.5, 1.5, 2.5, 1.5],
+         "retuned": [1.0, 2.0, 2.9, 2.0], "with_effect": [1.0, 2.0, 3.0, 2.1]}  # fmt: skip
+CAUSE = {
+    "effects": ["guide_friction"], "indistinguishable_from": ["windage_drag"], "probability": 0.93,
+    "parameters": {"force_n": {"value": 8.3, "std": 0.4, "unit": "N"}},
+    "gap_closed": 0.96, "gap_closed_ci95": [0.93, 0.97],
+}  # fmt: skip
+RUNNER_UP = {**CAUSE, "effects": ["motor_coulomb_friction"], "probability": 0.05, "gap_closed": -0.002}
+RUNGS = {"nominal": 1.5, "retuned": 0.2, "with_effect": 0.01, "noise_floor": 0.02}
+REPORT = {
+    "verdict": "effect",
+    "where": [{"equation": "mechanical", "channel": "motor_current_a", "share": 0.9, "grows_with": ["load"],
+               "crank_angle_rad": [[0.0, 1.5707963]], "frequency_hz": None}],
+    "causes": [CAUSE, RUNNER_UP],
+    "probabilities": {"no_gap": 0.0, "parameters": 0.01, "unknown": 0.01},
+    "parameter_shifts": {"resistance_ohm": {"value": 0.2, "std": 0.001, "nominal": 0.176, "sigmas": 4.1}},
+    "gap": {"metric": "rms", **RUNGS, "by_channel": {"motor_current_a": {**RUNGS, "unit": "A"}},
+            "runtime_s": {"nominal": 974.0, "retuned": 841.0, "with_effect": 838.0, "measured": 839.0}},
+    "next_trial": "an idle run",
+    "warnings": ["no operating point was repeated"],
+    "detail": {
+        "strokes": [{"trial": "t1", "operating_point": "oak, 20.0 mm, feed 1.7999999999999998 mm/s, duty 0.4",
+                     "channels": {"motor_current_a": CURVE}}],
+        "map": {"operating_points": ["a", "b"],
+                "equations": {"mechanical": {"unit": "N*m", "values": [[0.1, -0.2, 0.0], None]}}},
+        "log_evidence": {"guide_friction": 250.0, "no_gap": 0.0},
+        "alike": {"effects": ["guide_friction", "motor_coulomb_friction"], "cosine": [[1.0, 0.4], [0.4, 1.0]]},
+        "runtime_of": "oak",
+    },
+    "provenance": {"recordings": {"t1.mcap": "ab" * 32}, "config_sha256": "cd" * 32, "software": "sawbench 0"},
+}  # fmt: skip
+
+
+def page(tmp_path, **changes):
+    report = {**copy.deepcopy(REPORT), **changes}
+    return write_gap_page(tmp_path / "gap.html", report).read_text(encoding="utf-8")
+
+
+def test_cause_is_named_with_its_size_and_the_runner_up_beside_it(tmp_path):
+    text = page(tmp_path)
+    above, _, below = text.partition("One stroke, measured and simulated</h2>")
+    assert what_happens("guide_friction") in above
+    assert "closes 96 % (93 to 97 %)" in above
+    assert "force 8.3 ± 0.4 N" in above
+    assert "cannot tell it from: windage drag" in above
+    assert "lasts 13 min 59 s as measured; the model says 16 min 14 s, with the cause 13 min 58 s" in above
+    assert "no operating point was repeated" in above
+    assert "motor coulomb friction" in below
+    assert "-0 %" not in text
+
+
+@pytest.mark.parametrize(
+    ("verdict", "probabilities", "words"),
+    [
+        ("no_gap", {"no_gap": 0.9, "parameters": 0.05, "unknown": 0.0}, "nothing is left beyond noise (90 % sure)"),
+        ("unknown", {"no_gap": 0.0, "parameters": 0.1, "unknown": 0.85}, "no known cause explains it (85 % sure)"),
+        ("parameters", {"no_gap": 0.0, "parameters": 0.999, "unknown": 0.0}, "numbers are off"),
+    ],
+)
+def test_other_verdicts_claim_no_cause(tmp_path, verdict, probabilities, words):
+    text = page(tmp_path, verdict=verdict, probabilities=probabilities)
+    above, _, _ = text.partition("One stroke, measured and simulated</h2>")
+    assert words in above
+    assert what_happens("guide_friction") not in above
+    assert "re-tuned 14 min 01 s" in above
+    if verdict == "parameters":
+        assert "resistance_ohm, 0.176 stated, 0.2 found" in above
+
+
+def test_a_doubtful_cause_is_called_doubtful():
+    doubtful = {**REPORT, "causes": [{**CAUSE, "probability": 0.5}, RUNNER_UP]}
+    assert verdict_sentence(doubtful).startswith("Most likely, but not surely,")
+
+
+def test_figures_have_titles_and_descriptions_and_nothing_is_fetched(tmp_path):
+    text = page(tmp_path)
+    pictures = re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL)
+    assert len(pictures) == 3
+    for picture in pictures:
+        assert re.search(r"<title[^>]*>.+</title><desc[^>]*>.+</desc>", picture)
+    assert "feed 1.8 mm/s" in text
+    assert 'src="' not in text and 'href="http' not in text and "data:" not in text
+
+
+def test_a_report_without_detail_still_gives_a_page(tmp_path):
+    report = copy.deepcopy(REPORT)
+    del report["detail"]
+    report["gap"].pop("runtime_s")
+    report["gap"]["by_channel"] = {}
+    text = write_gap_page(tmp_path / "plain.html", report).read_text(encoding="utf-8")
+    assert "<svg" not in text
+    assert "guide friction" in text
