@@ -68,8 +68,13 @@ class Explanation:
 
     @property
     def strength_std(self) -> float:
-        """Its standard uncertainty."""
-        return abs(self.effect.reported_strength(self.amplitude_std * self.effect.strength.typical, self.column.shape))
+        """Its standard uncertainty: half of what one standard deviation of the amplitude either way changes."""
+        typical = self.effect.strength.typical
+        high, low = (
+            self.effect.reported_strength(typical * max(self.amplitude + sign * self.amplitude_std, 1e-6), self.column.shape)
+            for sign in (1.0, -1.0)
+        )
+        return 0.5 * abs(high - low)
 
 
 def catalogue_columns(problem: LinearProblem, effects: Sequence[Effect]) -> dict[str, list[Column]]:

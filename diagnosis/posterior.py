@@ -87,7 +87,8 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     measured, original = problem, columns
     dispersion = _dispersion(problem, columns)
     problem, columns = _dispersed(problem, columns, dispersion)
-    small = background(measured, [entries[0].effect for entries in columns.values()]) / np.sqrt(dispersion)
+    # Once for the whitening, once because noise that large already holds the small effects.
+    small = background(measured, [entries[0].effect for entries in columns.values()]) / dispersion
     nominal = Marginal(problem, extra=small)
     retuned = Marginal(problem, scale=wide_scale(problem), extra=small)
     reference = _log_z(nominal)

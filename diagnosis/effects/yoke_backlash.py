@@ -5,8 +5,8 @@ stroke (inertia), under a cut near the dead centres, and where friction holds th
 The displacement sensor sits on the plunger, so the crank angle that is read off it swings although the crank does
 not: back-EMF and inertia torque of the baseline go with the wrong speed, by far the largest trace, and all of
 it is fixed in angle. Where the gap is crossed, and how (free flight, friction, bounce), no form says well:
-here the swing is any wave of harmonics that fall as those of a jump do, the same at every speed, its own in air and
-under load. What tells it from an unknown cause is that one wave explains every equation. Clearance: assumed.
+here the swing is any wave of harmonics that fall as those of a jump do: one wave, or one in air and one under load,
+which may change with speed and stock. What tells it from an unknown cause is that one wave explains every equation. Clearance: assumed.
 """
 
 from __future__ import annotations
@@ -23,20 +23,34 @@ from diagnosis.state import State
 
 _N_HARMONICS = 10
 _STEP = 1e-4
+_SPEED_RAD_S, _STIFFNESS_N_S_PER_M = 80.0, 300.0
 
 
-def _signature(baseline: Baseline, state: State, together: float) -> tuple[Signature, ...]:
+def _signature(baseline: Baseline, state: State, split: float) -> tuple[Signature, ...]:
     count = 2 * _N_HARMONICS
+    n_groups = (1, 2, 5)[int(split)]
     if state.kind != "running":
-        return tuple({} for _ in range(count if together else 2 * count))
-    found: list[Signature] = []
+        return tuple({} for _ in range(n_groups * count))
+    waves: list[Signature] = []
     for k in range(1, _N_HARMONICS + 1):
         for wave in (np.cos(k * state.angle_rad), np.sin(k * state.angle_rad)):
-            found.append(swing(baseline, state, wave / (2.0 * baseline.radius_m * np.sqrt(k))))
-    if together:
-        return tuple(found)
-    nothing: list[Signature] = [{} for _ in found]
-    return tuple(found + nothing) if state.setting.is_idle else tuple(nothing + found)
+            waves.append(swing(baseline, state, wave / (2.0 * baseline.radius_m * np.sqrt(k))))
+    found: list[Signature] = []
+    for weight in _weights(state, n_groups):
+        found += [{name: weight * rows for name, rows in wave.items()} if weight else {} for wave in waves]
+    return tuple(found)
+
+
+def _weights(state: State, n_groups: int) -> tuple[float, ...]:
+    """In air and under load its own wave; each may change with speed, and that under load with the stock."""
+    if n_groups == 1:
+        return (1.0,)
+    air, load = (1.0, 0.0) if state.setting.is_idle else (0.0, 1.0)
+    if n_groups == 2:
+        return (air, load)
+    faster = float(np.mean(state.speed_rad_s)) / _SPEED_RAD_S - 1.0
+    harder = float(np.mean(state.slow["k_guess_n_s_per_m"])) / _STIFFNESS_N_S_PER_M - 1.0
+    return (air, load, air * faster, load * faster, load * harder)
 
 
 def swing(baseline: Baseline, state: State, deviation_rad: Floats) -> Signature:
@@ -69,7 +83,7 @@ EFFECT = Effect(
     equation="plunger free within a gap around the crank pin",
     strength=Strength(name="gap_m", unit="m", typical=2.5e-4, low=0.3, high=3.0, source="assumed"),
     signature=_signature,
-    shapes=({"together": 1.0}, {"together": 0.0}),
+    shapes=({"split": 0.0}, {"split": 1.0}, {"split": 2.0}),
     needs=("motor_current_a",),
     grows_with=("position",),
     confused_with=("gear_eccentricity", "engagement_delay", "guide_friction"),
