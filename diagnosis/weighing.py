@@ -29,8 +29,8 @@ class Weights:
     pair_cost : float
         Taken off the tempered log evidence of two effects, beside their prior.
     open_gain, open_share : float
-        Tempered log evidence of "unknown" per e-fold of the share of the gap that is left over, and the share
-        at which it neither gains nor loses.
+        Log odds of "unknown" against the best claim per e-fold of the share of the gap that this leaves, and the
+        share at which they are even.
     prior_no_gap, prior_parameters, prior_unknown, prior_pairs : float
         The rest belongs to single effects, evenly.
     """
@@ -39,7 +39,7 @@ class Weights:
     quiet: float = 0.15
     pair_cost: float = 1.0
     open_gain: float = 4.0
-    open_share: float = 0.4
+    open_share: float = 0.3
     prior_no_gap: float = 0.3
     prior_parameters: float = 0.15
     prior_unknown: float = 0.1
@@ -85,13 +85,15 @@ def weigh(
             name, w.prior_pairs / n_pairs if AND in name else prior_effects / max(n_effects, 1)
         )
         score[name] = float(np.log(prior)) + value / temperature - (w.pair_cost if AND in name else 0.0)
-    claims = {n: v for n, v in log_evidence.items() if n != "unknown" and np.isfinite(left_over.get(n, np.inf))}
-    best = max(claims, key=lambda n: claims[n])
-    base = max(log_evidence["unknown"], claims[best], 0.0) / temperature
+    claims = [n for n in score if np.isfinite(left_over.get(n, np.inf))]
+    best = max(claims, key=lambda n: score[n])
     left = max(left_over[best] - 1.7 * w.quiet, 0.0)
     gap = max(left_over["no_gap"] - left_over[best], 0.0) + left
     share = (left + 0.02) / (gap + 0.2)
-    score["unknown"] = float(np.log(w.prior_unknown)) + base + w.open_gain * float(np.log(share / w.open_share))
+    score["unknown"] = max(
+        float(np.log(w.prior_unknown)) + log_evidence["unknown"] / temperature,
+        score[best] + w.open_gain * float(np.log(share / w.open_share)),
+    )
     return _normalised(score)
 
 

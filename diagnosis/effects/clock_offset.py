@@ -16,7 +16,7 @@ import numpy as np
 
 from bench.recording import Floats
 from diagnosis.effects.effect import Effect, Strength
-from diagnosis.effects.transfer import filtered, force_reading
+from diagnosis.effects.transfer import filtered, force_error, force_reading
 from diagnosis.equations import Baseline, Signature
 from diagnosis.state import State
 
@@ -24,9 +24,13 @@ FORCE, CAN, DISPLACEMENT = 0.0, 1.0, 2.0
 _SESSION_UNIT_S, _TRIAL_UNIT_S = 1000.0, 10.0
 
 
-def _signature(baseline: Baseline, state: State, device: float, tau_s: float, drifts: float) -> tuple[Signature, ...]:
+def _signature(
+    baseline: Baseline, state: State, device: float, tau_s: float, drifts: float, inverted: float = 0.0
+) -> tuple[Signature, ...]:
     session_s, trial_s = state.setting.session_s + state.time_s, state.time_s
     delay_s = tau_s * (1.0, session_s / _SESSION_UNIT_S, trial_s / _TRIAL_UNIT_S)[int(drifts)]
+    if device == FORCE and inverted:
+        return (_undone_force(baseline, state, delay_s),)
     if device == FORCE:
         return (_late_force(baseline, state, delay_s),)
     # Early CAN beside a displacement that sets the time is late CAN with the other sign.
@@ -45,6 +49,13 @@ def _late_force(baseline: Baseline, state: State, delay_s: Floats | float) -> Si
     return force_reading(baseline, state, _delayed(baseline.expected_force(state), state, delay_s))
 
 
+def _undone_force(baseline: Baseline, state: State, delay_s: Floats | float) -> Signature:
+    """The same from the reading: whatever else is in it came late too."""
+    if state.force_n is None:
+        return {}
+    return force_error(baseline, state, state.force_n - _delayed(state.force_n, state, -delay_s))
+
+
 def _late_can(baseline: Baseline, state: State, delay_s: Floats | float) -> Signature:
     if state.current_a is None:
         return {}
@@ -60,11 +71,13 @@ def _late_can(baseline: Baseline, state: State, delay_s: Floats | float) -> Sign
 def _shapes() -> tuple[dict[str, float], ...]:
     constant = [(0.0, tau) for tau in np.geomspace(1e-4, 1e-2, 16)]
     drifting = [(kind, tau) for kind in (1.0, 2.0) for tau in np.geomspace(3e-4, 3e-2, 8)]
-    return tuple(
+    found = [
         {"device": device, "tau_s": float(tau), "drifts": kind}
         for device in (FORCE, CAN, DISPLACEMENT)
         for kind, tau in constant + drifting
-    )
+    ]
+    undone = [{"device": FORCE, "tau_s": float(tau), "drifts": 0.0, "inverted": 1.0} for _, tau in constant]
+    return tuple(found + undone)
 
 
 EFFECT = Effect(

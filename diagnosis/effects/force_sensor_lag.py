@@ -4,7 +4,8 @@ Only the reading lags: the motor feels the true force at once. So the cutting re
 mechanical one, which uses the reading, shows the same missing force with the other sign. A blade that gives
 way (blade_compliance) lags in the cutting equation alone; a late clock (clock_offset) delays without loss
 of amplitude. Amplifiers filter in first order or, as often, in second: there tau is the delay of slow signals,
-2 zeta / w_0, with zeta 0.5 (Bessel-like to peaking), 0.7 (Butterworth) or 1. Range: analogue filters of 30 Hz to
+2 zeta / w_0, with zeta from 0.5 (peaking) over 0.7 (Butterworth) to 1. The lag acts on the
+expected force or, inverted, is undone on the reading, which then may hold any other effect of the cut too. Range: analogue filters of 30 Hz to
 1.6 kHz: assumed.
 """
 
@@ -13,16 +14,25 @@ from __future__ import annotations
 import numpy as np
 
 from diagnosis.effects.effect import Effect, Strength
-from diagnosis.effects.transfer import filtered, force_reading, low_pass
+from diagnosis.effects.transfer import filtered, force_error, force_reading, low_pass, time_derivative
 from diagnosis.equations import Baseline, Signature
 from diagnosis.state import State
 
 _TAUS_S = tuple(float(tau) for tau in np.geomspace(1.5e-4, 1e-2, 18))
 
 
-def _signature(baseline: Baseline, state: State, tau_s: float, damping: float = 0.0) -> tuple[Signature, ...]:
-    force = baseline.expected_force(state)
-    return (force_reading(baseline, state, filtered(force, state, low_pass(tau_s, damping))),)
+def _signature(
+    baseline: Baseline, state: State, tau_s: float, damping: float, inverted: float = 0.0
+) -> tuple[Signature, ...]:
+    if not inverted:
+        force = baseline.expected_force(state)
+        return (force_reading(baseline, state, filtered(force, state, low_pass(tau_s, damping))),)
+    if state.force_n is None or state.force_rate_n_s is None:
+        return ({},)
+    error_n = -tau_s * state.force_rate_n_s
+    if damping > 0.0:
+        error_n = error_n - (0.5 * tau_s / damping) ** 2 * time_derivative(state.force_rate_n_s, state)
+    return (force_error(baseline, state, error_n),)
 
 
 EFFECT = Effect(
@@ -31,7 +41,10 @@ EFFECT = Effect(
     equation="tau * dF_m/dt + F_m = F",
     strength=Strength(name="time_constant_s", unit="s", typical=1.0, low=0.7, high=1.4, source="assumed"),
     signature=_signature,
-    shapes=tuple({"tau_s": tau, "damping": z} for z in (0.0, 0.5, 0.6, 0.7, 0.85, 1.0) for tau in _TAUS_S),
+    shapes=(
+        *({"tau_s": tau, "damping": z} for z in (0.0, 0.5, 0.6, 0.7, 0.85, 1.0) for tau in _TAUS_S),
+        *({"tau_s": tau, "damping": z, "inverted": 1.0} for z in (0.0, 0.6, 0.85) for tau in _TAUS_S),
+    ),
     shape_strength=lambda amplitude, shape: amplitude * shape["tau_s"],
     needs=("force_n",),
     grows_with=("speed",),

@@ -125,8 +125,12 @@ def force_reading(baseline: Baseline, state: State, reading: Floats) -> Signatur
 
     The mechanical equation is evaluated with the reading, so it misses the difference.
     """
-    error = reading - baseline.expected_force(state)
-    return {"cutting": error, "mechanical": -baseline.load_torque(state, error)}
+    return force_error(baseline, state, reading - baseline.expected_force(state))
+
+
+def force_error(baseline: Baseline, state: State, error_n: Floats) -> Signature:
+    """Change of the residuals where the load cell shows `error_n` too much."""
+    return {"cutting": error_n, "mechanical": -baseline.load_torque(state, error_n)}
 
 
 def current_reading(baseline: Baseline, state: State, error_a: Floats, error_rate_a_s: Floats) -> Signature:
