@@ -14,8 +14,8 @@ from itertools import combinations, product
 import numpy as np
 
 from bench.recording import Floats
-from benchmarks.diagnosis_peers.hypotheses import EFFECTS, log_prior, normalised, pair_name
-from benchmarks.diagnosis_peers.terms import NAMELESS, SPREAD, STOCK, Terms
+from benchmarks.diagnosis_peers.hypotheses import EFFECTS, PRIOR, log_prior, normalised, pair_name
+from benchmarks.diagnosis_peers.terms import ABSORBED, NAMELESS, SPREAD, STOCK, Terms
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -29,16 +29,20 @@ class BicSettings:
     has_no_gap_prior : bool
         "No gap" may move the parameters at the cost of their stated uncertainty; else they are nominal.
     has_unknown : bool
-        Low harmonics of every equation compete as "unknown".
+        Low harmonics of every equation compete as "unknown"; else that keeps its share of a set.
+    has_pairs : bool
+        Two effects compete; else pairs keep their share of a set, evenly.
     """
 
     fits_each_trial: bool = True
     has_no_gap_prior: bool = True
     has_unknown: bool = False
+    has_pairs: bool = True
 
 
 SETTINGS = tuple(
-    BicSettings(fits_each_trial=a, has_no_gap_prior=b, has_unknown=c) for a, b, c in product((True, False), repeat=3)
+    BicSettings(fits_each_trial=a, has_no_gap_prior=b, has_unknown=c, has_pairs=d)
+    for a, b, c, d in product((True, False), repeat=4)
 )
 
 
@@ -75,18 +79,17 @@ def bic_probabilities(terms: Terms, settings: BicSettings) -> dict[str, float]:
     if settings.has_unknown:
         bic["unknown"] = _misfit(terms.gram, free + nameless) + (len(free) + len(nameless)) * log_n
     gram, order = _after(terms.gram, free, effects)
-    rest = bic["parameters"]
+    alone = bic["parameters"]
     for name, place in order.items():
-        bic[name] = rest - _gain(gram, place) + len(place) * log_n
-    for first, second in combinations(order, 2):
+        bic[name] = alone - _gain(gram, place) + len(place) * log_n
+    for first, second in combinations(order, 2) if settings.has_pairs else ():
         place = order[first] + order[second]
-        bic[pair_name(first, second)] = rest - _gain(gram, place) + len(place) * log_n
+        bic[pair_name(first, second)] = alone - _gain(gram, place) + len(place) * log_n
     found = normalised({name: prior[name] - 0.5 * value for name, value in bic.items()})
-    if settings.has_unknown:
-        return found
-    # Nothing is said of what is not listed: "unknown" keeps its share of a set.
-    share = float(np.exp(prior["unknown"]))
-    return {name: value * (1.0 - share) for name, value in found.items()} | {"unknown": share}
+    unknown = 0.0 if settings.has_unknown else PRIOR["unknown"]
+    rest = 1.0 - unknown - (0.0 if settings.has_pairs else PRIOR["pair"])
+    found = {name: value * rest for name, value in found.items()}
+    return found | ({"unknown": unknown} if unknown else {})
 
 
 def effect_columns(terms: Terms) -> dict[str, list[int]]:
@@ -121,7 +124,11 @@ def _after(gram: Floats, free: Sequence[int], effects: dict[str, list[int]]) -> 
     for name, place in effects.items():
         order[name] = list(range(start, start + len(place)))
         start += len(place)
-    return gram[np.ix_(kept, kept)] - cross.T @ solution, order
+    left = gram[np.ix_(kept, kept)] - cross.T @ solution
+    absorbed = np.diag(left) < ABSORBED * np.diag(gram)[kept]
+    left[absorbed] = 0.0
+    left[:, absorbed] = 0.0
+    return left, order
 
 
 def _gain(gram: Floats, place: Sequence[int]) -> float:

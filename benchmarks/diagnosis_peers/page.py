@@ -26,8 +26,8 @@ Kullback-Leibler numbers at the typical size against no effect, and against the 
 _END = """
 ## What the peers are
 - plain BIC: least squares with white sensor noise (from second differences) and raw sample counts, chi^2 + k ln n; the
-  best form of every effect. Three choices by log-loss: k_Fc for each trial or stock, whether "no gap" may move
-  parameters within their uncertainty, whether low harmonics of every equation compete as "unknown".
+  best form of every effect. Four choices by log-loss: k_Fc for each trial or stock, whether "no gap" may move
+  parameters within their uncertainty, whether low harmonics compete as "unknown", whether pairs compete.
 - random forest (scikit-learn): some 1800 residual features after re-tuning: harmonics of every equation by class of
   operating point, start-up, drift, scatter, parameters, misfits. Leaf size, features per split and sharpening are
   chosen out of bag.

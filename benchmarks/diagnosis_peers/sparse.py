@@ -50,7 +50,7 @@ class SparseSettings:
 
 SETTINGS = tuple(
     SparseSettings(threshold=threshold, alpha=alpha)
-    for threshold, alpha in product((0.1, 0.3, 0.6), (1e-4, 1e-3, 1e-2))
+    for threshold, alpha in product((0.15, 0.3, 0.5), (3e-3, 1e-2, 3e-2))
 )
 SHARES = (0.0, 1e-3, 1e-2, 0.03, 0.1, 0.3)
 SIGMAS = (2.0, 3.0, 4.0)

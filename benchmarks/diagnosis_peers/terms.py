@@ -16,6 +16,8 @@ _N_HARMONICS = 2
 SPREAD = "k_fc spread of "
 STOCK = "k_fc of "
 NAMELESS = "nameless "
+# A column of which parameters leave less than this share of the energy is one of them, to rounding.
+ABSORBED = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -61,7 +63,9 @@ def terms_of(reduced: Reduced) -> Terms:
     data_rest = data[:, 0] - basis @ (basis.T @ data[:, 0])
     forms = [shape.columns for shapes in effects.values() for shape in shapes]
     all_forms = _naive(problem, stds, np.hstack(forms))
+    whole_size = np.sum(all_forms**2, axis=0)
     all_forms -= basis @ (basis.T @ all_forms)
+    all_forms[:, np.sum(all_forms**2, axis=0) < ABSORBED * whole_size] = 0.0
     names, chosen, start = [], [], 0
     for name, shapes in effects.items():
         gains = []
@@ -98,7 +102,7 @@ def _gain(columns: Floats, data: Floats) -> float:
     gram = columns.T @ columns
     if len(moment) == 1:
         return float(max(moment[0], 0.0) ** 2 / max(gram[0, 0], 1e-30))
-    return float(moment @ np.linalg.lstsq(gram, moment, rcond=None)[0])
+    return float(moment @ np.linalg.lstsq(gram, moment, rcond=1e-10)[0])
 
 
 def _nameless(problem: LinearProblem) -> tuple[list[str], Floats]:
