@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
@@ -50,7 +49,7 @@ class SparseSettings:
 
 SETTINGS = tuple(
     SparseSettings(threshold=threshold, alpha=alpha)
-    for threshold, alpha in product((0.15, 0.3, 0.5), (3e-3, 1e-2, 3e-2))
+    for threshold, alpha in ((0.15, 1e-2), (0.3, 1e-2), (0.5, 1e-2), (0.3, 3e-2))
 )
 SHARES = (0.0, 1e-3, 1e-2, 0.03, 0.1, 0.3)
 SIGMAS = (2.0, 3.0, 4.0)
