@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from bench.errors import InputError
+from bench.recording import Floats
 from benchmarks.diagnosis_peers.bic import SETTINGS as BIC_SETTINGS
 from benchmarks.diagnosis_peers.bic import BicSettings, bic_probabilities
 from benchmarks.diagnosis_peers.cases import CaseFeatures, development_cases
@@ -86,7 +87,8 @@ def trained(peer: str, models_dir: Path) -> Peer:
     path = models_dir / f"{peer}.json"
     if peer not in PEERS or not path.exists():
         raise InputError(f"{peer} is not trained", where=path, remedy="run the step `train`")
-    settings = json.loads(path.read_text(encoding="utf-8"))["settings"]
+    record = json.loads(path.read_text(encoding="utf-8"))
+    settings = record["settings"]
     if peer == "bic":
         return lambda features: bic_probabilities(_terms(features), BicSettings(**settings))
     if peer == "pysindy":
@@ -97,11 +99,11 @@ def trained(peer: str, models_dir: Path) -> Peer:
         from benchmarks.diagnosis_peers.forest import forest_probabilities
 
         forest = joblib.load(models_dir / "forest.joblib")
-        return lambda features: forest_probabilities(forest, features.vector)
+        return lambda features: forest_probabilities(forest, _vector(features, record["n_features"]))
     from benchmarks.diagnosis_peers.neural import load_networks, network_probabilities
 
     networks = load_networks(models_dir / "bayesflow")
-    return lambda features: network_probabilities(networks, features.vector)
+    return lambda features: network_probabilities(networks, _vector(features, record["n_features"]))
 
 
 def uses_terms(peer: str) -> bool:
@@ -127,6 +129,15 @@ def _terms(features: CaseFeatures) -> Any:
     return features.terms
 
 
+def _vector(features: CaseFeatures, length: int) -> Floats:
+    if len(features.vector) != length:
+        raise InputError(
+            f"features have length {len(features.vector)}, the peer was trained on {length}",
+            remedy="the reduction has changed: run `develop` and `features` again with this code",
+        )
+    return features.vector
+
+
 def _with_terms(cases: list[Labelled]) -> list[Labelled]:
     found = [(label, features) for label, features in cases if features.terms is not None]
     if not found:
@@ -135,7 +146,10 @@ def _with_terms(cases: list[Labelled]) -> list[Labelled]:
 
 
 def _train_classifier(peer: str, cases: list[Labelled], models_dir: Path) -> dict[str, Any]:
-    vectors = np.array([features.vector for _, features in cases])
+    if not cases:
+        raise InputError("there are no development cases", remedy="run the step `develop`")
+    length = len(cases[0][1].vector)
+    vectors = np.array([_vector(features, length) for _, features in cases])
     labels = [label["class"] for label, _ in cases]
     if peer == "forest":
         import joblib
@@ -144,12 +158,13 @@ def _train_classifier(peer: str, cases: list[Labelled], models_dir: Path) -> dic
 
         forest = train_forest(vectors, labels)
         joblib.dump(forest, models_dir / "forest.joblib", compress=3)
-        return {"n_cases": len(cases), "settings": forest.settings, "log_loss": forest.log_loss}
+        return {"n_cases": len(cases), "n_features": length, "settings": forest.settings, "log_loss": forest.log_loss}
     from benchmarks.diagnosis_peers.neural import save_networks, train_networks
 
     networks = train_networks(vectors, labels)
     save_networks(models_dir / "bayesflow", networks)
-    return {"n_cases": len(cases), "settings": {"power": networks.power}, "log_loss": networks.log_loss}
+    settings = {"power": networks.power}
+    return {"n_cases": len(cases), "n_features": length, "settings": settings, "log_loss": networks.log_loss}
 
 
 def _tune_bic(cases: list[Labelled]) -> dict[str, Any]:

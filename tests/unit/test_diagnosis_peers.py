@@ -136,7 +136,8 @@ class TestReduction:
     def test_vector_has_the_length_that_the_layout_gives(self, campaign):
         found = vector.feature_vector(campaign)
         per_stroke, start_up = 25 + 17 + 65 + 9 + 13, 3 * 14
-        assert len(found) == 8 * per_stroke + 2 * (2 * per_stroke + start_up) + per_stroke + 20 + 5 + 3
+        shared = len(campaign.problem.campaign.plant.nuisances())
+        assert len(found) == 8 * per_stroke + 2 * (2 * per_stroke + start_up) + per_stroke + shared + 5 + 3
         assert np.isfinite(found).all()
 
     def test_operating_points_are_ranked_within_the_campaign(self, campaign):
