@@ -21,6 +21,8 @@ Verdict = Literal["effect", "effects", "parameters", "no_gap", "unknown"]
 
 _N_FORMED, _N_FIRST, _N_PAIRS = 12, 5, 8
 _SCREEN_SHARE = 0.05
+# Strokes are independent and their spectrum is fitted: what they say is tempered less than whitened features are.
+STROKE_WEIGHT = 4.0
 # Whitened misfit over features that an intact machine leaves.
 QUIET = 0.15
 _WORTH_FORMING = 6.0
@@ -163,17 +165,21 @@ def _undispersed(explanation: Explanation, original: dict[str, list[Column]], di
 
 
 def _add_grain(log_evidence: dict[str, float], left_over: dict[str, float], grain: Grain) -> None:
-    """The strokes speak for or against a grained wood alone, whatever else is the matter."""
+    """The strokes speak for or against a grained wood alone, whatever else is the matter.
+
+    A wave that keeps its frequency in time rather than its length on the path is not the wood's: unknown.
+    """
     if GRAIN not in log_evidence:
         return
-    alone = {name: value for name, value in log_evidence.items() if name not in VERDICTS and AND not in name and name != GRAIN}
+    alone = {n: v for n, v in log_evidence.items() if n not in VERDICTS and AND not in n and n != GRAIN}
     for name in log_evidence:
         if GRAIN in name.split(AND):
-            log_evidence[name] += grain.log_evidence
+            log_evidence[name] += STROKE_WEIGHT * grain.log_evidence
     for name in sorted(alone, key=lambda n: -alone[n])[:_N_FIRST]:
         both = AND.join(sorted((name, GRAIN)))
-        log_evidence[both] = max(log_evidence.get(both, -np.inf), alone[name] + grain.log_evidence)
+        log_evidence[both] = max(log_evidence.get(both, -np.inf), alone[name] + STROKE_WEIGHT * grain.log_evidence)
         left_over.setdefault(both, left_over[name])
+    log_evidence["unknown"] = max(log_evidence["unknown"], STROKE_WEIGHT * grain.in_time)
 
 
 def wide_scale(problem: LinearProblem) -> Floats:

@@ -22,6 +22,8 @@ _MIN_STROKES = 24
 # Waves a metre that are tried, and widths of the hump as a share of its place.
 _WAVES_PER_M = np.geomspace(60.0, 1200.0, 40)
 _WIDTHS = (0.03, 0.1, 0.25)
+# Frequencies of a wave that is locked to time, Hz: what a hand or a controller does.
+_FREQUENCIES_HZ = np.geomspace(0.2, 8.0, 30)
 # Prior of the wave's depth, and what a fitted place, width and depth cost against the null (three numbers).
 _DEPTHS = np.geomspace(0.02, 0.6, 12)
 _LOWEST_WAVES = 2.0
@@ -107,11 +109,14 @@ class Grain:
     depth : float
         Amplitude of the wave, relative.
     wavelength_m : float
+    in_time : float
+        Log evidence of a wave at one frequency in Hz instead: not the wood.
     """
 
     log_evidence: float
     depth: float
     wavelength_m: float
+    in_time: float
 
 
 def grain_evidence(trials: Sequence[StrokeSeries]) -> Grain:
@@ -132,22 +137,30 @@ def grain_evidence(trials: Sequence[StrokeSeries]) -> Grain:
     sizes and the memory are fitted under either hypothesis. Place, width and depth of the hump are averaged over.
     """
     if not trials:
-        return Grain(log_evidence=0.0, depth=0.0, wavelength_m=float("nan"))
+        return Grain(log_evidence=0.0, depth=0.0, wavelength_m=float("nan"), in_time=0.0)
     spectra = [_periodogram(t) for t in trials]
     power = np.concatenate([s[0] for s in spectra])
     cycles = np.concatenate([s[1] for s in spectra])
     waves = np.concatenate([s[2] for s in spectra])
     density = np.concatenate([s[3] for s in spectra])
-    null, scatter = _fit_scatter(power, cycles, np.zeros_like(power), None)
+    rate_hz = np.concatenate([np.full(len(s[0]), t.rate_hz) for s, t in zip(spectra, trials, strict=True)])
+    null, scatter = _fit_scatter(power, cycles)
+    wood, depth, place = _average_wave(power, cycles, waves, density, _WAVES_PER_M, scatter)
+    time, _, _ = _average_wave(power, cycles, cycles * rate_hz, rate_hz, _FREQUENCIES_HZ, scatter)
+    return Grain(log_evidence=wood - null, depth=depth, wavelength_m=1.0 / place, in_time=time - null)
+
+
+def _average_wave(
+    power: Floats, cycles: Floats, waves: Floats, density: Floats, places: Floats, scatter: Floats
+) -> tuple[float, float, float]:
+    """Likelihood of a hump, averaged over place, width and depth, in logarithm; depth and place of the best."""
     found: list[tuple[float, float, float]] = []
-    for place in _WAVES_PER_M:
+    for place in places:
         for width in _WIDTHS:
             spread = width * place
             hump = np.exp(-0.5 * ((waves - place) / spread) ** 2) / (spread * np.sqrt(TWO_PI)) * density
-            if hump.max() <= 0:
-                continue
             for depth in _DEPTHS:
-                # The scatter is fitted again on a coarse grid: a wave takes variance from it.
+                # The scatter is tried again on a coarse grid: a wave takes variance from it.
                 value = max(
                     _whittle(power, _scatter_spectrum(cycles, *(shrink * scatter[:2]), memory) + 0.5 * depth**2 * hump)
                     for shrink in (1.0, 0.5, 0.2, 0.05)
@@ -157,9 +170,7 @@ def grain_evidence(trials: Sequence[StrokeSeries]) -> Grain:
     logs = np.array([f[0] for f in found])
     top = float(logs.max())
     best = found[int(logs.argmax())]
-    # Both hypotheses keep their fitted scatter, so the constant of the fit cancels but for the coarse grid.
-    total = top + float(np.log(np.mean(np.exp(logs - top)))) - null
-    return Grain(log_evidence=total, depth=float(best[1]), wavelength_m=float(1.0 / best[2]))
+    return top + float(np.log(np.mean(np.exp(logs - top)))), float(best[1]), float(best[2])
 
 
 def _periodogram(trial: StrokeSeries) -> tuple[Floats, Floats, Floats, Floats]:
@@ -181,15 +192,16 @@ def _whittle(power: Floats, spectrum: Floats) -> float:
     return -float(np.sum(np.log(spectrum) + power / spectrum))
 
 
-def _fit_scatter(power: Floats, cycles: Floats, hump: Floats, start: Floats | None) -> tuple[float, Floats]:
+def _fit_scatter(power: Floats, cycles: Floats) -> tuple[float, Floats]:
+    """Largest likelihood of scatter alone, and its white and coloured variance and memory."""
     from scipy.optimize import minimize
 
     size = max(float(power.mean()), 1e-8)
 
     def cost(x: Floats) -> float:
         white, coloured = np.exp(x[:2])
-        return -_whittle(power, _scatter_spectrum(cycles, white, coloured, 0.98 * np.tanh(x[2])) + hump)
+        return -_whittle(power, _scatter_spectrum(cycles, white, coloured, 0.98 * np.tanh(x[2])))
 
-    starts = [np.array([np.log(0.5 * size), np.log(0.5 * size), m]) for m in (0.3, 1.2)] if start is None else [start]
+    starts = [np.array([np.log(0.5 * size), np.log(0.5 * size), m]) for m in (0.3, 1.2)]
     best = min((minimize(cost, x, method="Nelder-Mead", options={"maxiter": 400}) for x in starts), key=lambda r: r.fun)
     return -float(best.fun), np.array([np.exp(best.x[0]), np.exp(best.x[1]), 0.98 * np.tanh(best.x[2])])

@@ -35,7 +35,7 @@ class Weights:
         The rest belongs to single effects, evenly.
     """
 
-    temperature: float = 5.0
+    temperature: float = 14.0
     quiet: float = 0.15
     pair_cost: float = 1.0
     open_gain: float = 4.0
