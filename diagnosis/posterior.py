@@ -9,7 +9,6 @@ from typing import Literal
 import numpy as np
 
 from bench.recording import Floats
-from diagnosis.effects.effect import Effect
 from diagnosis.evidence import Column, Explanation, background, explain_all, explain_formed, stack
 from diagnosis.form_error import FORM_SHARES, centred, form_modes
 from diagnosis.linear_problem import WIDE, LinearProblem, Marginal
@@ -166,7 +165,11 @@ def _add_grain(log_evidence: dict[str, float], left_over: dict[str, float], grai
     """The strokes speak for or against a grained wood alone, whatever else is the matter."""
     if GRAIN not in log_evidence:
         return
-    alone = {name: value for name, value in log_evidence.items() if name not in VERDICTS and AND not in name and name != GRAIN}
+    alone = {
+        name: value
+        for name, value in log_evidence.items()
+        if name not in VERDICTS and AND not in name and name != GRAIN
+    }
     for name in log_evidence:
         if GRAIN in name.split(AND):
             log_evidence[name] += grain.log_evidence
@@ -240,9 +243,7 @@ def _formed_pair(
 ) -> Pair:
     """Weigh a pair again with what both forms may miss; a second that hardly shows keeps what the screening gave."""
     if second.log_evidence < _WORTH_FORMING:
-        return Pair(
-            first=first, second=second, log_evidence=first.log_evidence + second.log_evidence, left_over=np.inf
-        )
+        return Pair(first=first, second=second, log_evidence=first.log_evidence + second.log_evidence, left_over=np.inf)
     given = first.column.columns * first.effect.strength.high
     name = second.effect.name
     if name not in modes:
