@@ -21,8 +21,8 @@ from diagnosis.plants.plant import Plant
 from diagnosis.reduction import CHANNEL_OF_STATE, lock_to_angle, running_state, start_up_state, steady_part
 from diagnosis.screening import is_stock_stated, screen, summary
 from diagnosis.slow_states import SlowTrack, slow_tracks
-from diagnosis.stroke_series import StrokeSeries, stroke_series
 from diagnosis.state import TWO_PI, State, TrialSetting
+from diagnosis.stroke_series import StrokeSeries, stroke_series
 
 # The spin-up and the settling of the stroke rate after it stay out of the running part.
 SETTLE_S = 0.8

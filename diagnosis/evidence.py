@@ -71,7 +71,9 @@ class Explanation:
         """Its standard uncertainty: half of what one standard deviation of the amplitude either way changes."""
         typical = self.effect.strength.typical
         high, low = (
-            self.effect.reported_strength(typical * max(self.amplitude + sign * self.amplitude_std, 1e-6), self.column.shape)
+            self.effect.reported_strength(
+                typical * max(self.amplitude + sign * self.amplitude_std, 1e-6), self.column.shape
+            )
             for sign in (1.0, -1.0)
         )
         return 0.5 * abs(high - low)
@@ -142,9 +144,7 @@ def explain(marginal: Marginal, columns: Sequence[Column]) -> Explanation | None
     return _explanation(columns, [marginal.gram(column.columns) for column in columns])
 
 
-def explain_all(
-    marginal: Marginal, columns: dict[str, list[Column]], *, stacked: Floats
-) -> dict[str, Explanation]:
+def explain_all(marginal: Marginal, columns: dict[str, list[Column]], *, stacked: Floats) -> dict[str, Explanation]:
     """`explain` for the whole catalogue with one product of matrices.
 
     Parameters

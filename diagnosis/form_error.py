@@ -40,9 +40,7 @@ def form_modes(problem: LinearProblem, contribution: Floats) -> Floats:
         For a factor of standard deviation 1; columns without any weight are left out.
     """
     covariates = _covariates(problem)
-    operators = {
-        equation: _operators(form.n_harmonics) for equation, form in problem.campaign.plant.equations.items()
-    }
+    operators = {equation: _operators(form.n_harmonics) for equation, form in problem.campaign.plant.equations.items()}
     rows: dict[tuple[Equation, str, int, int], list[tuple[Part, Floats]]] = {}
     for number, part in enumerate(problem.parts):
         if not contribution[part.place].any():
@@ -73,7 +71,14 @@ def _covariates(problem: LinearProblem) -> list[list[Floats]]:
     """Factors of each part, (n_blocks, 1) each: 1, speed, load, session, feed, time in the trial, idle."""
     settings = [part.setting for part in problem.parts]
     duty = centred(np.array([s.duty for s in settings]))
-    load = centred(np.array([float(part.state.slow["k_guess_n_s_per_m"].mean()) if "k_guess_n_s_per_m" in part.state.slow else 0.0 for part in problem.parts]))
+    load = centred(
+        np.array(
+            [
+                float(part.state.slow["k_guess_n_s_per_m"].mean()) if "k_guess_n_s_per_m" in part.state.slow else 0.0
+                for part in problem.parts
+            ]
+        )
+    )
     session = centred(np.array([s.session_s for s in settings]))
     feed = centred(np.nan_to_num(np.array([s.feed_m_s for s in settings])))
     idle = np.array([float(s.is_idle) for s in settings])

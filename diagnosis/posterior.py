@@ -9,7 +9,6 @@ from typing import Literal
 import numpy as np
 
 from bench.recording import Floats
-from diagnosis.effects.effect import Effect
 from diagnosis.evidence import Column, Explanation, background, explain_all, explain_formed, stack
 from diagnosis.form_error import FORM_SHARES, centred, form_modes
 from diagnosis.linear_problem import WIDE, LinearProblem, Marginal
@@ -246,9 +245,7 @@ def _formed_pair(
 ) -> Pair:
     """Weigh a pair again with what both forms may miss; a second that hardly shows keeps what the screening gave."""
     if second.log_evidence < _WORTH_FORMING:
-        return Pair(
-            first=first, second=second, log_evidence=first.log_evidence + second.log_evidence, left_over=np.inf
-        )
+        return Pair(first=first, second=second, log_evidence=first.log_evidence + second.log_evidence, left_over=np.inf)
     given = first.column.columns * first.effect.strength.high
     name = second.effect.name
     if name not in modes:

@@ -1,8 +1,9 @@
 """From log evidences to probabilities that hold: tempering, the price of a second cause, and the open set.
 
 Log evidences of whitened features are far too sure: the noise is not exactly Gaussian and no form is exactly
-nature's. They are divided by a temperature. "Unknown" gains where the best hypothesis leaves a large share of the gap. The constants are few, shared by all
-effects, and fitted by maximum likelihood on development campaigns (`benchmarks/calibrate_diagnosis.py`).
+nature's. They are divided by a temperature. "Unknown" gains where the best hypothesis leaves a large share of the
+gap. The constants are few, shared by all effects, and fitted by maximum likelihood on development campaigns
+(`benchmarks/calibrate_diagnosis.py`).
 """
 
 from __future__ import annotations

@@ -86,7 +86,7 @@ class Networks:
     log_loss: float
 
 
-def train_networks(vectors: Floats, labels: Sequence[str], *, epochs: int = 60, seed: int = 0) -> Networks:
+def train_networks(vectors: Floats, labels: Sequence[str], *, epochs: int = 30, seed: int = 0) -> Networks:
     """Train one network a fold, each held against the fold that it has not seen.
 
     Parameters

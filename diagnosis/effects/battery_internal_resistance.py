@@ -15,9 +15,7 @@ from diagnosis.equations import Baseline, Signature
 from diagnosis.state import State
 
 
-def _signature(
-    baseline: Baseline, state: State, power: float = 0.0, growth: float = 0.0
-) -> tuple[Signature, ...]:
+def _signature(baseline: Baseline, state: State, power: float = 0.0, growth: float = 0.0) -> tuple[Signature, ...]:
     if state.battery_current_a is None or baseline.battery is None:
         return ({},)
     soc = np.clip(1.0 - state.charge_used_as / (3600.0 * baseline.battery.capacity_ah), 0.05, 1.0)

@@ -48,9 +48,7 @@ EFFECT = Effect(
     equation="i_b = duty * i / eta",
     strength=Strength(name="loss_share", unit="1", typical=0.08, low=0.1, high=4.0, source="assumed"),
     signature=_signature,
-    shapes=tuple(
-        {"lumped": a, "switching": b, "conduction": c, "constant": d} for a, b, c, d in _MIXTURES
-    ),
+    shapes=tuple({"lumped": a, "switching": b, "conduction": c, "constant": d} for a, b, c, d in _MIXTURES),
     needs=("motor_current_a", "battery_current_a"),
     grows_with=("load",),
     confused_with=(),

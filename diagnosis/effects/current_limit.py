@@ -3,9 +3,9 @@
 At the limit di/dt is about 0, so the voltage pulled back is what is left: duty V_b - R i_max - k_e w > 0.
 The baseline still counts it (electrical residual positive) and expects more battery current (converter
 residual negative, by the same share of the current). Forms: hard (the voltage is missing above a share of the
-campaign's top current, a low one where the duty comes back slowly), soft (the duty falls in proportion to the excess over a knee; the unit is
-then all the voltage that R times the top current leaves). Without a limit the left-over voltage at the top
-of a start-up is 0, so is the signature. Limits of 10 to 40 A: assumed.
+campaign's top current, a low one where the duty comes back slowly), soft (the duty falls in proportion to the
+excess over a knee; the unit is then all the voltage that R times the top current leaves). Without a limit the
+left-over voltage at the top of a start-up is 0, so is the signature. Limits of 10 to 40 A: assumed.
 """
 
 from __future__ import annotations

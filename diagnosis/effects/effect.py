@@ -95,9 +95,7 @@ class Effect:
     background: tuple[tuple[dict[str, float], float], ...] | None = None
     same_as: tuple[str, ...] = ()
 
-    def signatures(
-        self, baseline: Any, state: State, shape: dict[str, float] | None = None
-    ) -> tuple[Signature, ...]:
+    def signatures(self, baseline: Any, state: State, shape: dict[str, float] | None = None) -> tuple[Signature, ...]:
         """Evaluate the signature for one shape (default: the first).
 
         Returns

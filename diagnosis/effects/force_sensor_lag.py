@@ -5,8 +5,8 @@ mechanical one, which uses the reading, shows the same missing force with the ot
 way (blade_compliance) lags in the cutting equation alone; a late clock (clock_offset) delays without loss
 of amplitude. Amplifiers filter in first order or, as often, in second: there tau is the delay of slow signals,
 2 zeta / w_0, with zeta from 0.5 (peaking) over 0.7 (Butterworth) to 1. The lag acts on the
-expected force or, inverted, is undone on the reading, which then may hold any other effect of the cut too. Range: analogue filters of 30 Hz to
-1.6 kHz: assumed.
+expected force or, inverted, is undone on the reading, which then may hold any other effect of the cut too.
+Range: analogue filters of 30 Hz to 1.6 kHz: assumed.
 """
 
 from __future__ import annotations

@@ -3,8 +3,9 @@
 Locked to the blade's position, so it chirps in time: fast at mid stroke, slow at the dead centres. The
 reading is the true force. Free phase: sine and cosine part. A tooth that enters at once and leaves slowly makes
 a saw tooth of it: the sharp form has two overtones as well, each with a free phase and half the size of the one
-before. The pitch grid advances by a tenth of a turn over 20 mm from one entry to the next. A resonance rings at one frequency whatever the position. Jigsaw
-blades: 1.8 to 4.5 mm (makers' catalogues, 6 to 14 teeth an inch); depth: assumed.
+before. The pitch grid advances by a tenth of a turn over 20 mm from one entry to the next. A resonance rings at
+one frequency whatever the position. Jigsaw blades: 1.8 to 4.5 mm (makers' catalogues, 6 to 14 teeth an inch);
+depth: assumed.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ def _signature(baseline: Baseline, state: State, pitch_m: float, sharp: float) -
     force = baseline.expected_force(state)
     found: list[Signature] = []
     for k, size in enumerate(_OVERTONES if sharp else _OVERTONES[:1], start=1):
-        found += [{"cutting": size * force * np.sin(k * phase)}, {"cutting": size * force * np.cos(k * phase)}]
+        found.append({"cutting": size * force * np.sin(k * phase)})
+        found.append({"cutting": size * force * np.cos(k * phase)})
     return tuple(found)
 
 
@@ -43,5 +45,7 @@ EFFECT = Effect(
     grows_with=("position", "load"),
     confused_with=("carriage_resonance",),
     told_apart_by="trials at other speeds: it keeps its blade position, a resonance its frequency",
-    background=tuple(({"pitch_m": 1.0 / n, "sharp": 0.0}, 0.03) for n in (240.0, 275.0, 310.0, 345.0, 380.0, 420.0, 470.0, 530.0)),
+    background=tuple(
+        ({"pitch_m": 1.0 / n, "sharp": 0.0}, 0.03) for n in (240.0, 275.0, 310.0, 345.0, 380.0, 420.0, 470.0, 530.0)
+    ),
 )

@@ -5,8 +5,9 @@ stroke (inertia), under a cut near the dead centres, and where friction holds th
 The displacement sensor sits on the plunger, so the crank angle that is read off it swings although the crank does
 not: back-EMF and inertia torque of the baseline go with the wrong speed, by far the largest trace, and all of
 it is fixed in angle. Where the gap is crossed, and how (free flight, friction, bounce), no form says well:
-here the swing is any wave of harmonics that fall as those of a jump do: one wave, or one in air and one under load,
-which may change with speed and stock. What tells it from an unknown cause is that one wave explains every equation. Clearance: assumed.
+here the swing is any wave of harmonics that fall as those of a jump do: one wave, or one in air and one under
+load, which may change with speed and stock. What tells it from an unknown cause is that one wave explains every
+equation. Clearance: assumed.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ def _signature(baseline: Baseline, state: State, split: float) -> tuple[Signatur
             waves.append(swing(baseline, state, wave / (2.0 * baseline.radius_m * np.sqrt(k))))
     found: list[Signature] = []
     for weight in _weights(state, n_groups):
-        found += [{name: weight * rows for name, rows in wave.items()} if weight else {} for wave in waves]
+        found.extend({name: weight * rows for name, rows in wave.items()} if weight else {} for wave in waves)
     return tuple(found)
 
 
@@ -58,22 +59,22 @@ def swing(baseline: Baseline, state: State, deviation_rad: Floats) -> Signature:
     excess_speed = state.speed_rad_s * angle_derivative(deviation_rad)
     excess_acceleration = state.speed_rad_s * angle_derivative(excess_speed)
 
-    def moved(sign: float) -> Signature:
-        return residuals(
-            baseline,
-            replace(
-                state,
-                angle_rad=state.angle_rad + sign * _STEP * deviation_rad,
-                speed_rad_s=state.speed_rad_s + sign * _STEP * excess_speed,
-                acceleration_rad_s2=state.acceleration_rad_s2 + sign * _STEP * excess_acceleration,
-            ),
+    def moved(sign: float) -> State:
+        return replace(
+            state,
+            angle_rad=state.angle_rad + sign * _STEP * deviation_rad,
+            speed_rad_s=state.speed_rad_s + sign * _STEP * excess_speed,
+            acceleration_rad_s2=state.acceleration_rad_s2 + sign * _STEP * excess_acceleration,
         )
 
-    up, down = moved(1.0), moved(-1.0)
-    found: Signature = {name: (up[name] - down[name]) / (2.0 * _STEP) for name in ("electrical", "mechanical") if name in up}
+    read_larger, read_smaller = moved(1.0), moved(-1.0)
+    up, down = residuals(baseline, read_larger), residuals(baseline, read_smaller)
+    found: Signature = {
+        name: (up[name] - down[name]) / (2.0 * _STEP) for name in ("electrical", "mechanical") if name in up
+    }
     if state.force_n is not None and not state.setting.is_idle:
-        cut = [baseline.expected_force(replace(state, angle_rad=state.angle_rad + s * _STEP * deviation_rad, speed_rad_s=state.speed_rad_s + s * _STEP * excess_speed)) for s in (1.0, -1.0)]
-        found["cutting"] = -(cut[0] - cut[1]) / (2.0 * _STEP)
+        expected = baseline.expected_force(read_larger) - baseline.expected_force(read_smaller)
+        found["cutting"] = -expected / (2.0 * _STEP)
     return found
 
 

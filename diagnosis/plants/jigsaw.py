@@ -175,6 +175,4 @@ def _spread(label: str, std: float) -> Nuisance:
     def signature(baseline: Baseline, state: State) -> Signature:
         return {"cutting": baseline.expected_force(state)} if state.setting.label == label else {}
 
-    return Nuisance(
-        name=f"k_fc spread of {label}", nominal=0.0, std=std, is_plant=False, signature=signature
-    )
+    return Nuisance(name=f"k_fc spread of {label}", nominal=0.0, std=std, is_plant=False, signature=signature)
