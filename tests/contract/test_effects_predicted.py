@@ -34,7 +34,7 @@ CASES = {
     "cutting_speed_exponent": (Machine(cut=lambda v, x, m: K_CUT * 0.7 * (v / 0.7) ** 0.4), 1.0, {"exponent": 0.4}),
     "current_sensor_lag": (Machine(lag_current_s=3e-3), 1.0, {"tau_s": 3e-3}),
     "battery_internal_resistance": (Machine(battery_resistance=0.1), 0.08, None),
-    "force_sensor_lag": (Machine(lag_force_s=2e-3), 1.0, {"tau_s": 2e-3}),
+    "force_sensor_lag": (Machine(lag_force_s=2e-3), 1.0, {"tau_s": 2e-3, "damping": 0.0}),
 }
 
 

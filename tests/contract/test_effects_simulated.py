@@ -15,6 +15,7 @@ from scipy.integrate import solve_ivp
 
 from bench.config import BatteryConfig, PlantConfig
 from diagnosis.effects.catalogue import EFFECT_BY_NAME
+from diagnosis.effects.yoke_backlash import swing
 from diagnosis.equations import Baseline, residuals
 from diagnosis.state import State, TrialSetting
 
@@ -70,13 +71,16 @@ class Machine:
     resistance: float = R
     flux: float = 1.0
     battery_resistance: float = R_BATTERY
-    lost_share: Callable = lambda i: 0.0
+    open_voltage: float = E_OPEN
+    charge_used_as: float = 0.0
+    lost_current: Callable = lambda duty, i: 0.0  # what the converter takes beside duty * i, A
     memory_s: float = 0.0  # tau of a cutting law with memory
     unloads: bool = False
     lag_force_s: float = 0.0
     lag_current_s: float = 0.0
     ring: tuple[float, float] | None = None  # natural frequency, damping of the carriage
     late: dict = field(default_factory=dict)  # channel -> s
+    bend: tuple[tuple[int, float, float], ...] = ()  # the angle is read too large: order, cos and sin part in rad
 
     def forces(self, angle, speed, memory):
         v = RADIUS * speed * np.sin(angle)
@@ -90,14 +94,19 @@ class Machine:
         cutting = self.cut(into, travelled, memory) if v < 0 else 0.0
         return v, cutting - (self.rub(v) if v > 0 else 0.0)
 
+    def read_angle(self, angle):
+        return angle + sum(a * np.cos(k * angle) + b * np.sin(k * angle) for k, a, b in self.bend)
+
+    def read_speed(self, angle, speed):
+        return speed * (1 + sum(k * (b * np.cos(k * angle) - a * np.sin(k * angle)) for k, a, b in self.bend))
+
     def rhs(self, t, y):
         i, w, angle, memory, i_read, f_read, f_read_rate = y
         v, force = self.forces(angle, w, memory)
         # power that the blade takes from the crank: cutting while v < 0, rubbing (force < 0) while v > 0
         blade = -force * RADIUS * np.sin(angle)
-        voltage = self.duty * (E_OPEN - self.battery_resistance * self.duty * i) - self.lost_voltage(
-            i, GEAR * w
-        )
+        battery_voltage = self.open_voltage - self.battery_resistance * self.duty * i
+        voltage = self.duty * battery_voltage - self.lost_voltage(i, GEAR * w)
         di = (voltage - self.resistance * i - KE * self.flux * GEAR * w) / L
         braking = self.guide(v) * RADIUS * abs(np.sin(angle))
         motor = KM * self.flux * i - B * GEAR * w - self.drag(GEAR * w, blade / GEAR) - self.once(angle)
@@ -126,7 +135,7 @@ class Machine:
         exact = solution.sol
         late = self.late
         t = np.arange(1.3, 1.6, 2e-5)
-        crank = exact(t - late.get("displacement", 0.0))[2]
+        crank = self.read_angle(exact(t - late.get("displacement", 0.0))[2])
         grid = (np.arange(N_POINTS) + 0.5) * 2 * np.pi / N_POINTS
         at = np.interp(grid + 2 * np.pi * np.ceil(crank[0] / (2 * np.pi)), crank, t)
         h = 2e-6
@@ -145,13 +154,16 @@ class Machine:
 
         def battery_current(time):
             i = exact(time)[0]
-            return self.duty * i * (1.0 + np.array([self.lost_share(x) for x in self.duty * i]))
+            return self.duty * i + np.array([self.lost_current(self.duty, x) for x in i])
 
         def battery_voltage(time):
-            return E_OPEN - self.battery_resistance * self.duty * exact(time)[0]
+            return self.open_voltage - self.battery_resistance * self.duty * exact(time)[0]
+
+        def crank_speed(time):
+            return self.read_speed(exact(time)[2], exact(time)[1])
 
         can = late.get("can", 0.0)
-        speed, acceleration = read(lambda time: exact(time)[1], late.get("displacement", 0.0))
+        speed, acceleration = read(crank_speed, late.get("displacement", 0.0))
         i, i_rate = read(current, can)
         f, f_rate = read(force, late.get("force", 0.0))
         voltage = battery_voltage(at - can)
@@ -177,7 +189,7 @@ def make_state(machine: Machine, **waves) -> State:
     slow |= {f"polarization_{tau}_a": 4.0 * column for tau in (1, 3, 10, 30, 60)}
     return State(
         kind="running", setting=setting, time_s=column * [[2.0]], cut_distance_m=5.0 * column,
-        charge_used_as=0.0 * column, n_strokes=np.ones(n_units), slow=slow, **waves,
+        charge_used_as=machine.charge_used_as * column, n_strokes=np.ones(n_units), slow=slow, **waves,
     )  # fmt: skip
 
 
@@ -191,9 +203,7 @@ def gap(state: State) -> dict:
 SMALL = {"electrical": 2e-3, "mechanical": 5e-5, "cutting": 0.2, "supply": 1e-4, "converter": 1e-4}
 
 
-def check(
-    machine: Machine, name: str, amplitude: float, shape: dict | None = None, tolerance: float = 0.03
-) -> None:
+def check(machine: Machine, name: str, amplitude: float, shape: dict | None = None, tolerance: float = 0.03) -> None:
     state = machine.run()
     seen = gap(state)
     (claimed,) = EFFECT_BY_NAME[name].signatures(BASELINE, state, shape)
@@ -233,6 +243,31 @@ def test_motor_coulomb_friction():
 
 def test_windage_drag():
     check(Machine(drag=lambda w, load: 7e-9 * w**2), "windage_drag", 0.007)
+
+
+@pytest.mark.parametrize(("order", "cuts"), [(1, True), (5, True), (2, False)])
+def test_a_swing_of_the_read_angle(order, cuts):
+    """The plunger's reading bends both ways: what the equations then leave, per radian of the wave."""
+    size = 1e-3 / order
+    larger, smaller = (
+        gap(Machine(cuts=cuts, bend=((order, sign * size, 0.5 * sign * size),)).run()) for sign in (1.0, -1.0)
+    )
+    true = Machine(cuts=cuts).run()
+    wave = size * (np.cos(order * true.angle_rad) + 0.5 * np.sin(order * true.angle_rad))
+    seen = {name: 0.5 * (larger[name] - smaller[name]) for name in larger}
+    compare(seen, swing(BASELINE, true, wave), 0.02)
+
+
+def test_backlash_is_made_of_swings():
+    """Its k-th wave is a gap of one metre at the crank pin over two radii, smaller by the root of k."""
+    true = Machine().run()
+    parts = EFFECT_BY_NAME["yoke_backlash"].signatures(BASELINE, true, {"split": 0.0})
+    assert len(parts) == 20
+    for order, part in ((1, parts[1]), (4, parts[7])):
+        turn = 1e-5 / (2 * RADIUS) / np.sqrt(order)
+        larger, smaller = (gap(Machine(bend=((order, 0.0, sign * turn),)).run()) for sign in (1.0, -1.0))
+        seen = {name: 0.5 * (larger[name] - smaller[name]) for name in larger}
+        compare(seen, {name: 1e-5 * wave for name, wave in part.items()}, 0.02)
 
 
 def test_load_dependent_friction():
@@ -288,8 +323,26 @@ def test_tooth_passing_ripple():
         return K_CUT * v * (1 + 0.2 * np.cos(2 * np.pi * (2 * RADIUS - travelled) / 0.004))
 
     state = Machine(cut=cut).run()
-    _, cosine = EFFECT_BY_NAME["tooth_passing_ripple"].signatures(BASELINE, state, {"pitch_m": 0.004})
+    shape = {"pitch_m": 0.004, "sharp": 0.0}
+    _, cosine = EFFECT_BY_NAME["tooth_passing_ripple"].signatures(BASELINE, state, shape)
     compare(gap(state), {key: 0.2 * wave for key, wave in cosine.items()}, 0.02)
+
+
+def test_sharp_teeth_have_two_overtones_each_half_as_large():
+    sizes, phases = (0.2, 0.1, 0.05), (0.3, 1.1, -0.7)
+
+    def cut(v, travelled, memory):
+        turn = 2 * np.pi * (2 * RADIUS - travelled) / 0.004
+        waves = (a * np.sin(k * turn + p) for k, a, p in zip((1, 2, 3), sizes, phases, strict=True))
+        return K_CUT * v * (1 + sum(waves))
+
+    state = Machine(cut=cut).run()
+    shape = {"pitch_m": 0.004, "sharp": 1.0}
+    parts = EFFECT_BY_NAME["tooth_passing_ripple"].signatures(BASELINE, state, shape)
+    # One amplitude for all three: the overtones' sizes are the signature's own.
+    weights = [0.2 * w for p in phases for w in (np.cos(p), np.sin(p))]
+    claimed = sum(w * part["cutting"] for w, part in zip(weights, parts, strict=True))
+    compare(gap(state), {"cutting": claimed}, 0.02)
 
 
 def test_engagement_delay():
@@ -307,6 +360,18 @@ def test_converter_diode_drop(duty):
     check(machine, "converter_diode_drop", 0.6)
 
 
+@pytest.mark.parametrize("duty", [0.35, 0.6])
+@pytest.mark.parametrize("dead", [0.0, 0.3])
+def test_converter_diode_after_shockley(duty, dead):
+    """V_f = n V_T ln(1 + i / i_s): the amplitude is what the diode takes at 10 A."""
+    thermal_v, saturation_a = 0.09, 0.03
+    machine = Machine(
+        duty=duty, lost_voltage=lambda i, w: thermal_v * np.log(1 + max(i, 0.0) / saturation_a) * (1 - duty + dead)
+    )
+    shape = {"dead_share": dead, "knee_a": saturation_a, "logarithmic": 1.0}
+    check(machine, "converter_diode_drop", thermal_v * np.log(1 + 10.0 / saturation_a), shape)
+
+
 def test_winding_heating():
     rise_k = 4.0 * R * 120.0  # K/W times the copper loss in the slow state
     machine = Machine(resistance=R * (1 + 0.0039 * rise_k))
@@ -322,16 +387,31 @@ def test_battery_internal_resistance():
     check(Machine(battery_resistance=R_BATTERY + 0.05), "battery_internal_resistance", 0.05)
 
 
+@pytest.mark.parametrize(("power", "growth", "factor"), [(0.5, 0.0, 2.0**0.5), (2.0, 0.0, 4.0), (0.0, 4.0, 3.0)])
+def test_battery_internal_resistance_of_a_half_empty_battery(power, growth, factor):
+    open_voltage = 18.0 * 0.5 / (1 - 0.99 * 0.5)  # Eq. 16 at half charge
+    machine = Machine(
+        battery_resistance=R_BATTERY + 0.03 * factor, open_voltage=open_voltage, charge_used_as=0.5 * 1.5 * 3600
+    )
+    check(machine, "battery_internal_resistance", 0.03, {"power": power, "growth": growth})
+
+
+@pytest.mark.parametrize("duty", [0.35, 0.6])
 @pytest.mark.parametrize(
-    ("loss", "shape"),
+    ("loss_a", "shape"),
     [
-        (lambda i: 0.08, {"proportional": 1.0, "square": 0.0, "constant": 0.0}),
-        (lambda i: 0.08 * abs(i) / 5.0, {"proportional": 0.0, "square": 1.0, "constant": 0.0}),
+        (lambda duty, i: duty * i * (1 / 0.92 - 1), {"lumped": 1 / 0.92 - 1}),  # one efficiency of 92 %
+        (lambda duty, i: 0.04 * i, {"switching": 0.08}),  # 5 A at 10 A and half duty are the unit
+        (lambda duty, i: 0.06 * i**2 / 18.0, {"conduction": 0.06 * 100 / 18.0 / 5}),  # 60 mOhm
+        (lambda duty, i: 0.25, {"constant": 0.05}),  # a controller that draws 0.25 A
+        (lambda duty, i: 0.02 * i + 0.003 * i**2, {"switching": 0.04, "conduction": 0.06}),
     ],
 )
-def test_converter_loss(loss, shape):
-    state = Machine(lost_share=loss).run()
-    (claimed,) = EFFECT_BY_NAME["converter_loss"].signatures(BASELINE, state, shape)
+def test_converter_loss(loss_a, shape, duty):
+    state = Machine(duty=duty, lost_current=loss_a).run()
+    shares = dict.fromkeys(("lumped", "switching", "conduction", "constant"), 0.0)
+    parts = {name: value / 0.08 for name, value in shape.items()}
+    (claimed,) = EFFECT_BY_NAME["converter_loss"].signatures(BASELINE, state, {**shares, **parts})
     # The battery's voltage goes with the ideal current in this machine: only the converter is compared.
     seen = {"converter": gap(state)["converter"]}
     compare(seen, {"converter": 0.08 * claimed["converter"]}, 0.01)
@@ -357,7 +437,49 @@ def test_preload_lift_off():
 
 @pytest.mark.parametrize("tau_s", [5e-4, 3e-3])
 def test_force_sensor_lag(tau_s):
-    check(Machine(lag_force_s=tau_s), "force_sensor_lag", 1.0, {"tau_s": tau_s}, tolerance=0.04)
+    check(Machine(lag_force_s=tau_s), "force_sensor_lag", 1.0, {"tau_s": tau_s, "damping": 0.0}, tolerance=0.04)
+
+
+@pytest.mark.parametrize("damping", [0.5, 0.7, 1.0])
+@pytest.mark.parametrize("tau_s", [1e-3, 3e-3])
+def test_force_sensor_lag_of_second_order(tau_s, damping):
+    """Slow signals are late by 2 zeta / w_0."""
+    natural_hz = 2 * damping / tau_s / (2 * np.pi)
+    machine = Machine(ring=(natural_hz, damping))
+    check(machine, "force_sensor_lag", 1.0, {"tau_s": tau_s, "damping": damping}, tolerance=0.04)
+
+
+def _blunt(v, travelled, memory):
+    return 35.0 * np.tanh(v / 0.05) + K_CUT * v
+
+
+def _reading_error(distorted: Machine, name: str, shape: dict, tolerance: float) -> None:
+    """Compare what only the reading changed: the machine is the same, and it cuts with an edge force as well."""
+    state, true = distorted.run(), Machine(cut=_blunt).run()
+    with_error, without = residuals(BASELINE, state), residuals(BASELINE, true)
+    (claimed,) = EFFECT_BY_NAME[name].signatures(BASELINE, state, shape)
+    compare({key: with_error[key] - without[key] for key in with_error}, claimed, tolerance)
+
+
+@pytest.mark.parametrize("tau_s", [5e-4, 3e-3])
+def test_force_sensor_lag_undone_on_the_reading(tau_s):
+    shape = {"tau_s": tau_s, "damping": 0.0, "inverted": 1.0}
+    _reading_error(Machine(cut=_blunt, lag_force_s=tau_s), "force_sensor_lag", shape, 0.02)
+
+
+@pytest.mark.parametrize("damping", [0.6, 0.85])
+def test_force_sensor_lag_of_second_order_undone_on_the_reading(damping):
+    tau_s = 3e-3
+    machine = Machine(cut=_blunt, ring=(2 * damping / tau_s / (2 * np.pi), damping))
+    shape = {"tau_s": tau_s, "damping": damping, "inverted": 1.0}
+    _reading_error(machine, "force_sensor_lag", shape, 0.03)
+
+
+@pytest.mark.parametrize("tau_s", [1e-3, 5e-3])
+def test_clock_offset_undone_on_the_reading(tau_s):
+    machine = Machine(cut=_blunt, late={"force": tau_s})
+    shape = {"device": 0.0, "tau_s": tau_s, "drifts": 0.0, "inverted": 1.0}
+    _reading_error(machine, "clock_offset", shape, 0.05)
 
 
 @pytest.mark.parametrize("tau_s", [5e-4, 3e-3])
