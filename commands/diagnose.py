@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,8 @@ _OPENED, _DRAWING = 10, 95
 @json_option
 def command(paths: tuple[Path, ...], config_path: Path | None, out_dir: Path, force: bool, as_json: bool) -> int:
     """Say where the model misses the measurement, which unmodelled effect causes it, and how far it closes."""
+    # The products of matrices here are small: threads of the linear algebra would cost more than they save.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from importlib.metadata import version
 
     from diagnosis.gap_report import diagnose

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -94,32 +95,39 @@ def catalogue_columns(problem: LinearProblem, effects: Sequence[Effect]) -> dict
     """
     out: dict[str, list[Column]] = {}
     for effect in effects:
-        found = [(shape, _columns(problem, effect, shape)) for shape in effect.shapes]
+        found = _columns(problem, effect, effect.shapes)
         out[effect.name] = [
             Column(effect=effect, shape=shape, columns=effect.strength.typical * columns)
-            for shape, columns in found
+            for shape, columns in zip(effect.shapes, found, strict=True)
             if columns is not None
         ]
     return out
 
 
-def _columns(problem: LinearProblem, effect: Effect, shape: dict[str, float]) -> Floats | None:
-    """Whitened signatures of one shape per unit of strength, shape (n, q), or None where nothing shows."""
-    rows = [
-        (part.place, [part.whiten(s) for s in effect.signatures(problem.campaign.baseline, part.smooth, shape)])
-        for part in problem.parts
-    ]
-    stacked = np.zeros((len(problem.data), max(len(columns) for _, columns in rows)))
-    for place, columns in rows:
-        for k, column in enumerate(columns):
-            stacked[place, k] = column
-    shown = np.isfinite(stacked).all() and np.abs(stacked).max(initial=0.0) * effect.strength.typical > 1e-9
-    return stacked if shown else None
+def _columns(problem: LinearProblem, effect: Effect, shapes: Sequence[dict[str, float]]) -> list[Floats | None]:
+    """Whitened signatures per unit of strength, (n, q) for each shape, or None where nothing shows."""
+    if not shapes:
+        return []
+    baseline = problem.campaign.baseline
+    placed = []
+    for part in problem.parts:
+        groups = [effect.signatures(baseline, part.smooth, shape) for shape in shapes]
+        counts = [len(group) for group in groups]
+        placed.append((part.place, counts, part.whiten_all([s for group in groups for s in group])))
+    ends = [np.cumsum([0, *counts]) for _, counts, _ in placed]
+    out: list[Floats | None] = []
+    for k in range(len(shapes)):
+        stacked = np.zeros((len(problem.data), max(counts[k] for _, counts, _ in placed)))
+        for (place, counts, rows), end in zip(placed, ends, strict=True):
+            stacked[place, : counts[k]] = rows[end[k] : end[k + 1]].T
+        shown = np.isfinite(stacked).all() and np.abs(stacked).max(initial=0.0) * effect.strength.typical > 1e-9
+        out.append(stacked if shown else None)
+    return out
 
 
-def amplitudes(effect: Effect) -> Floats:
+@lru_cache(maxsize=256)
+def amplitudes(low: float, high: float) -> Floats:
     """Grid of amplitudes in multiples of the typical size, equally likely."""
-    low, high = effect.strength.low, effect.strength.high
     if high / low < 5.0:
         return np.linspace(low, high, 15)
     return np.geomspace(max(low, _LEAST_AMPLITUDE), high, _N_AMPLITUDES)
@@ -144,47 +152,44 @@ def explain(marginal: Marginal, columns: Sequence[Column]) -> Explanation | None
     return _explanation(columns, [marginal.gram(column.columns) for column in columns])
 
 
-def explain_all(marginal: Marginal, columns: dict[str, list[Column]], *, stacked: Floats) -> dict[str, Explanation]:
-    """`explain` for the whole catalogue with one product of matrices.
+class Catalogue:
+    """All columns side by side, with the inner products that no choice of nuisances changes.
 
     Parameters
     ----------
-    marginal : Marginal
     columns : dict of str to list of Column
         By effect.
-    stacked : ndarray, shape (n, sum of all q)
-        All columns side by side, of `stack`.
-
-    Returns
-    -------
-    dict of str to Explanation
-        Without the effects of which the campaign shows nothing.
+    data : ndarray, shape (n,)
     """
-    half, own = marginal.half(stacked), stacked.T @ marginal.data
-    found, start = {}, 0
-    for name, entries in columns.items():
-        inner = []
-        for column in entries:
-            place = slice(start, start + column.columns.shape[1])
-            start = place.stop
-            part = stacked[:, place]
-            inner.append(
-                (part.T @ part - half[:, place].T @ half[:, place], own[place] - half[:, place].T @ marginal.data_half)
-            )
-        if inner:
-            found[name] = _explanation(entries, inner)
-    return found
 
+    def __init__(self, columns: dict[str, list[Column]], data: Floats) -> None:
+        self.columns = columns
+        entries = [column.columns for found in columns.values() for column in found]
+        self.stacked = np.hstack([np.zeros((len(data), 0)), *entries])
+        self.moments = self.stacked.T @ data
+        self.squares = [columns.T @ columns for columns in entries]
 
-def stack(columns: dict[str, list[Column]]) -> Floats:
-    """All columns of the catalogue side by side, shape (n, sum of all q)."""
-    return np.hstack([column.columns for entries in columns.values() for column in entries])
+    def explain(self, marginal: Marginal) -> dict[str, Explanation]:
+        """`explain` for every effect with one product of matrices; without effects that show nothing."""
+        half = marginal.half(self.stacked)
+        taken = half.T @ marginal.data_half
+        found, start, number = {}, 0, 0
+        for name, entries in self.columns.items():
+            inner = []
+            for column in entries:
+                place = slice(start, start + column.columns.shape[1])
+                part = half[:, place]
+                inner.append((self.squares[number] - part.T @ part, self.moments[place] - taken[place]))
+                start, number = place.stop, number + 1
+            if inner:
+                found[name] = _explanation(entries, inner)
+        return found
 
 
 def _explanation(columns: Sequence[Column], inner: Sequence[tuple[Floats, Floats]]) -> Explanation:
     logs, fits = [], []
     for column, (gram, moment) in zip(columns, inner, strict=True):
-        grid = amplitudes(column.effect)
+        grid = amplitudes(column.effect.strength.low, column.effect.strength.high)
         log, solution, std, gain = _one(grid, gram, moment) if len(moment) == 1 else _two(grid, gram, moment)
         logs.append(log)
         fits.append((solution, std, gain))
@@ -287,8 +292,7 @@ def background(problem: LinearProblem, effects: Sequence[Effect]) -> Floats:
     """Nuisance columns for small amounts of every effect, shape (n, q), times their prior standard deviation."""
     found = [np.zeros((len(problem.data), 0))]
     for effect in effects:
-        for shape, share in effect.little:
-            columns = _columns(problem, effect, shape)
-            if columns is not None:
-                found.append(columns * share * effect.strength.typical)
+        sizes = [share * effect.strength.typical for _, share in effect.little]
+        shown = _columns(problem, effect, [shape for shape, _ in effect.little])
+        found += [columns * size for columns, size in zip(shown, sizes, strict=True) if columns is not None]
     return np.hstack(found)

@@ -7,7 +7,7 @@ everything is kept whitened by C (a Cholesky factor per block), and M is never f
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,9 +58,25 @@ class Part:
         waves: Signature = {name: np.broadcast_to(wave, shape) for name, wave in signature.items()}
         return (self.layout.place(waves, shape[0]) @ self.whitener.T).ravel()
 
+    def whiten_all(self, signatures: Sequence[Signature]) -> Floats:
+        """`whiten` of many signatures at once, shape (len(signatures), n_blocks * size)."""
+        n_rows, n_points = self.smooth.angle_rad.shape
+        waves: Signature = {}
+        for equation in dict.fromkeys(name for s in signatures for name in s):
+            wave = np.zeros((len(signatures), n_rows, n_points))
+            for k, signature in enumerate(signatures):
+                if equation in signature:
+                    wave[k] = signature[equation]
+            waves[equation] = wave.reshape(-1, n_points)
+        rows = self.layout.place(waves, len(signatures) * n_rows) @ self.whitener.T
+        return rows.reshape(len(signatures), n_rows * self.layout.size)
+
     def unwhiten(self, stacked: Floats) -> Floats:
         """Features of this part, in the units of their equations, shape (n_blocks, size), from the stacked vector."""
-        return stacked[self.place].reshape(-1, self.layout.size) @ np.linalg.inv(self.whitener).T
+        from scipy.linalg import solve_triangular
+
+        rows = stacked[self.place].reshape(-1, self.layout.size)
+        return np.asarray(solve_triangular(self.whitener, rows.T, lower=True).T)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

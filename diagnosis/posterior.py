@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from bench.recording import Floats
-from diagnosis.evidence import Column, Explanation, background, explain_all, explain_formed, stack
+from diagnosis.evidence import Catalogue, Column, Explanation, background, explain_formed
 from diagnosis.form_error import FORM_SHARES, centred, form_modes
 from diagnosis.linear_problem import WIDE, LinearProblem, Marginal
 from diagnosis.stroke_series import Grain, grain_evidence
@@ -86,23 +86,25 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     """
     columns = {name: entries for name, entries in columns.items() if entries}
     measured, original = problem, columns
-    dispersion = _dispersion(problem, columns)
-    problem, columns = _dispersed(problem, columns, dispersion)
+    catalogue = Catalogue(columns, problem.data)
+    dispersion = _dispersion(problem, catalogue)
+    if dispersion > 1.0:
+        problem, columns = _dispersed(problem, columns, dispersion)
+        catalogue = Catalogue(columns, problem.data)
     # Once for the whitening, once because noise that large already holds the small effects.
     small = background(measured, [entries[0].effect for entries in columns.values()]) / dispersion
     nominal = Marginal(problem, extra=small)
     retuned = Marginal(problem, scale=wide_scale(problem), extra=small)
     reference = _log_z(nominal)
     log_evidence = {"no_gap": 0.0, "parameters": _log_z(retuned) - reference}
-    stacked = stack(columns)
-    rough = sorted(explain_all(nominal, columns, stacked=stacked).values(), key=lambda e: -e.log_evidence)
+    rough = sorted(catalogue.explain(nominal).values(), key=lambda e: -e.log_evidence)
     modes = {e.effect.name: form_modes(problem, e.contribution) for e in rough[:_N_FORMED]}
     formed = [_with_form(problem, small, e, columns, modes, reference) for e in rough[:_N_FORMED]]
     explanations = sorted([*formed, *rough[_N_FORMED:]], key=lambda e: -e.log_evidence)
     for explanation in explanations:
         log_evidence[explanation.effect.name] = explanation.log_evidence
     grain = grain_evidence(problem.campaign.strokes)
-    pairs = _pairs(problem, small, explanations[:_N_FIRST], columns, stacked, modes, reference)
+    pairs = _pairs(problem, small, explanations[:_N_FIRST], catalogue, modes, reference)
     left_over = {"no_gap": nominal.misfit, "parameters": retuned.misfit}
     left_over |= {e.effect.name: nominal.misfit - e.gain for e in explanations}
     for pair in pairs:
@@ -133,7 +135,7 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     )
 
 
-def _dispersion(problem: LinearProblem, columns: dict[str, list[Column]]) -> float:
+def _dispersion(problem: LinearProblem, catalogue: Catalogue) -> float:
     """How much more the best single effect leaves than an intact machine would: the noise is taken as that larger.
 
     A likelihood whose noise is fixed beforehand is so sure of a strong gap that every prior gives way: parameters
@@ -141,15 +143,13 @@ def _dispersion(problem: LinearProblem, columns: dict[str, list[Column]]) -> flo
     what the first one's form leaves.
     """
     plain = Marginal(problem)
-    gain = max((e.gain for e in explain_all(plain, columns, stacked=stack(columns)).values()), default=0.0)
+    gain = max((e.gain for e in catalogue.explain(plain).values()), default=0.0)
     return max(1.0, (plain.misfit - max(gain, 0.0)) / len(problem.data) / QUIET)
 
 
 def _dispersed(
     problem: LinearProblem, columns: dict[str, list[Column]], dispersion: float
 ) -> tuple[LinearProblem, dict[str, list[Column]]]:
-    if dispersion == 1.0:
-        return problem, columns
     share = 1.0 / np.sqrt(dispersion)
     scaled = {
         name: [replace(column, columns=share * column.columns) for column in entries]
@@ -213,8 +213,7 @@ def _pairs(
     problem: LinearProblem,
     small: Floats,
     firsts: Sequence[Explanation],
-    columns: dict[str, list[Column]],
-    stacked: Floats,
+    catalogue: Catalogue,
     modes: dict[str, Floats],
     reference: float,
 ) -> list[Pair]:
@@ -223,14 +222,14 @@ def _pairs(
     for first in firsts:
         given = first.column.columns * first.effect.strength.high
         marginal = Marginal(problem, extra=np.hstack([small, given, _SCREEN_SHARE * modes[first.effect.name]]))
-        for name, found in explain_all(marginal, columns, stacked=stacked).items():
+        for name, found in catalogue.explain(marginal).items():
             if name == first.effect.name:
                 continue
             key, total = frozenset((first.effect.name, name)), found.log_evidence + _log_z(marginal)
             if key not in rough or total > rough[key][2]:
                 rough[key] = (first, found, total)
     best = sorted(rough.values(), key=lambda entry: -entry[2])[:_N_PAIRS]
-    pairs = [_formed_pair(problem, small, first, second, columns, modes, reference) for first, second, _ in best]
+    pairs = [_formed_pair(problem, small, first, second, catalogue.columns, modes, reference) for first, second, _ in best]
     return sorted(pairs, key=lambda pair: -pair.log_evidence)
 
 

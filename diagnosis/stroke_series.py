@@ -20,12 +20,12 @@ from diagnosis.state import TWO_PI
 
 _MIN_STROKES = 24
 # Waves a metre that are tried, and widths of the hump as a share of its place.
-_WAVES_PER_M = np.geomspace(60.0, 1200.0, 40)
+_WAVES_PER_M = np.geomspace(60.0, 1200.0, 34)
 _WIDTHS = (0.03, 0.1, 0.25)
 # Frequencies of a wave that is locked to time, Hz: what a hand or a controller does.
-_FREQUENCIES_HZ = np.geomspace(0.2, 8.0, 30)
+_FREQUENCIES_HZ = np.geomspace(0.2, 8.0, 28)
 # Prior of the wave's depth, and what a fitted place, width and depth cost against the null (three numbers).
-_DEPTHS = np.geomspace(0.02, 0.6, 12)
+_DEPTHS = np.geomspace(0.02, 0.6, 9)
 _LOWEST_WAVES = 2.0
 
 
@@ -163,8 +163,8 @@ def _average_wave(
                 # The scatter is tried again on a coarse grid: a wave takes variance from it.
                 value = max(
                     _whittle(power, _scatter_spectrum(cycles, *(shrink * scatter[:2]), memory) + 0.5 * depth**2 * hump)
-                    for shrink in (1.0, 0.5, 0.2, 0.05)
-                    for memory in (scatter[2], 0.0, 0.3)
+                    for shrink in (1.0, 0.4, 0.1)
+                    for memory in (scatter[2], 0.2)
                 )
                 found.append((value, depth, place))
     logs = np.array([f[0] for f in found])
