@@ -201,6 +201,10 @@ def case_of(
 def _answered(report: Mapping[str, Any]) -> dict[str, Any]:
     causes = report["causes"]
     probabilities: dict[Any, float] = {name: float(p) for name, p in report["probabilities"].items()}
+    # The contract lists the likely causes; the whole table, where the report has one, is fairer to the unlikely ones.
+    whole = report.get("detail", {}).get("probabilities", {})
+    for name, probability in whole.items():
+        probabilities[name if name in probabilities else tuple(name.split(" + "))] = float(probability)
     for cause in causes:
         probabilities[tuple(cause["effects"])] = float(cause["probability"])
     if report["verdict"] not in {"effect", "effects"}:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 
@@ -123,6 +123,42 @@ def _columns(problem: LinearProblem, effect: Effect, shapes: Sequence[dict[str, 
         shown = np.isfinite(stacked).all() and np.abs(stacked).max(initial=0.0) * effect.strength.typical > 1e-9
         out.append(stacked if shown else None)
     return out
+
+
+def together(marginal: Marginal, members: Sequence[Explanation], *, dispersion: float) -> list[Explanation]:
+    """Sizes of several effects that act at once, by least squares with the nuisances.
+
+    Parameters
+    ----------
+    marginal : Marginal
+    members : sequence of Explanation
+        Their forms are kept.
+    dispersion : float
+        Factor on the noise's variance.
+
+    Returns
+    -------
+    list of Explanation
+        With amplitude, its standard deviation and contribution in the presence of the others.
+    """
+    gram, moment = marginal.gram(np.hstack([m.column.columns for m in members]))
+    covariance = np.linalg.pinv(gram)
+    solution = covariance @ moment
+    found, start = [], 0
+    for member in members:
+        place = slice(start, start + member.column.columns.shape[1])
+        start = place.stop
+        size = solution[place]
+        spread = np.sqrt(dispersion * np.diag(covariance)[place])
+        found.append(
+            replace(
+                member,
+                amplitude=float(size[0] if len(size) == 1 else np.hypot(*size[:2])),
+                amplitude_std=float(spread[0] if len(size) == 1 else np.sqrt(0.5 * np.sum(spread[:2] ** 2))),
+                contribution=member.column.columns @ size,
+            )
+        )
+    return found
 
 
 @lru_cache(maxsize=256)

@@ -34,11 +34,12 @@ def detail(problem: LinearProblem, posterior: Posterior, channels: ChannelGap | 
     Returns
     -------
     dict
-        "strokes", "map", "log_evidence", "alike", "runtime_of"; plain values, some 60 kB as JSON.
+        "strokes", "map", "probabilities", "log_evidence", "alike", "runtime_of"; plain values, some 60 kB as JSON.
     """
     return {
         "strokes": [] if channels is None else [_stroke(cycle) for cycle in _telling(channels.cycles)],
         "map": _map(problem),
+        "probabilities": {name: p for name, p in posterior.probabilities.items() if p > 1e-6},
         "log_evidence": dict(sorted(posterior.log_evidence.items(), key=lambda item: -item[1])[:20]),
         "alike": _alike_matrix(problem, posterior.explanations[:_N_ALIKE]),
         "runtime_of": "" if channels is None else channels.runtime_of,

@@ -11,12 +11,13 @@ from bench.config import LoadedConfig
 from bench.recording import Recording
 from diagnosis.campaign import Campaign
 from diagnosis.channel_gap import ChannelGap, forecast
-from diagnosis.evidence import Column, Explanation, catalogue_columns
+from diagnosis.evidence import Column, Explanation, catalogue_columns, together
 from diagnosis.gap_detail import detail
 from diagnosis.ladder import RUNGS, HoldOut, Ladder, Rungs
 from diagnosis.linear_problem import LinearProblem, Marginal, build_problem
 from diagnosis.plants.choice import reduce_recordings
 from diagnosis.posterior import Posterior, judge, wide_scale
+from diagnosis.weighing import AND
 from diagnosis.where import locate
 
 SCHEMA_VERSION = 1
@@ -32,7 +33,7 @@ _HELD_OUT = {
 }
 # Where the parts of the work stand on the progress bar, of 100.
 _REDUCED, _SIGNED, _JUDGED, _CLIMBED = 40, 50, 80, 85
-_ALIKE = 0.95
+_ODDS = 20.0
 _SHOWN_PROBABILITY = 0.001
 
 
@@ -85,7 +86,7 @@ def diagnose(
     return {
         "schema_version": SCHEMA_VERSION,
         "verdict": posterior.verdict,
-        "where": [] if posterior.verdict == "no_gap" else _where(problem),
+        "where": [] if posterior.verdict == "no_gap" else _where(problem, posterior),
         "causes": causes,
         "probabilities": {k: posterior.probabilities[k] for k in ("no_gap", "parameters", "unknown")},
         "parameter_shifts": _shifts(problem),
@@ -116,7 +117,7 @@ def _causes(
     hold_out: HoldOut | None = None
     first: tuple[Ladder, list[tuple[Column, ...]]] | None = None
     for name, probability in chosen:
-        members = [by_name[part] for part in name.split(" + ")]
+        members = _members(problem, name, posterior, by_name)
         best = _stacked([m.column for m in members])
         if hold_out is None:
             hold_out = HoldOut(problem, best)
@@ -130,7 +131,7 @@ def _causes(
         causes.append(
             {
                 "effects": [m.effect.name for m in members],
-                "indistinguishable_from": _alike(problem, members[0], posterior) if len(members) == 1 else [],
+                "indistinguishable_from": _alike(members[0], posterior) if len(members) == 1 else [],
                 "probability": probability,
                 "parameters": {
                     m.effect.strength.name: {
@@ -155,29 +156,38 @@ def _stacked(columns: Sequence[Column]) -> Any:
     return np.hstack([c.columns * c.effect.strength.high for c in columns])
 
 
-def _alike(problem: LinearProblem, cause: Explanation, posterior: Posterior) -> list[str]:
-    """Effects whose best signature points nearly the same way once the nuisances are taken out."""
-    marginal = Marginal(problem)
-    alike = list(cause.effect.same_as)
-    for other in posterior.explanations:
-        if other.effect.name == cause.effect.name:
-            continue
-        both = np.hstack([cause.column.columns[:, :1], other.column.columns[:, :1]])
-        gram, _ = marginal.gram(both)
-        size = np.sqrt(gram[0, 0] * gram[1, 1])
-        if size > 0 and gram[0, 1] / size > _ALIKE:
-            alike.append(other.effect.name)
-    return alike
+def _members(
+    problem: LinearProblem, name: str, posterior: Posterior, by_name: Mapping[str, Explanation]
+) -> list[Explanation]:
+    """Effects of a hypothesis; of two together, each with its form and size in the presence of the other."""
+    parts = name.split(AND)
+    pair = next((p for p in posterior.pairs if {p.first.effect.name, p.second.effect.name} == set(parts)), None)
+    if pair is None:
+        return [by_name[part] for part in parts]
+    found = sorted((pair.first, pair.second), key=lambda e: parts.index(e.effect.name))
+    return together(Marginal(problem), found, dispersion=posterior.dispersion)
 
 
-def _where(problem: LinearProblem) -> list[dict[str, Any]]:
+def _alike(cause: Explanation, posterior: Posterior) -> list[str]:
+    """Effects that this campaign cannot tell from the cause: less than twenty times less likely."""
+    least = posterior.probabilities.get(cause.effect.name, 0.0) / _ODDS
+    others = [e.effect.name for e in posterior.explanations if e.effect.name != cause.effect.name]
+    return [*cause.effect.same_as, *(n for n in others if posterior.probabilities.get(n, 0.0) > max(least, 1e-6))]
+
+
+def _where(problem: LinearProblem, posterior: Posterior) -> list[dict[str, Any]]:
+    top = next(iter(posterior.probabilities)).split(AND)
+    named = [e for e in posterior.explanations if e.effect.name in top]
+    # What a sensor gets wrong is not the machine's equation that its reading enters.
+    wrong = {channel for e in named if e.effect.place == "sensing" for channel in e.effect.needs}
+    ringing = [e.strength for e in named if e.effect.strength.unit == "Hz"]
     return [
         {
-            "equation": spot.equation,
+            "equation": "sensing" if spot.channel in wrong else spot.equation,
             "channel": spot.channel,
             "share": spot.share,
             "crank_angle_rad": [list(sector) for sector in spot.crank_angle_rad],
-            "frequency_hz": None,
+            "frequency_hz": ringing if ringing and spot.channel in wrong else None,
             "grows_with": list(spot.grows_with),
         }
         for spot in locate(problem)
