@@ -36,15 +36,15 @@ class Weights:
         The rest belongs to single effects, evenly.
     """
 
-    temperature: float = 14.0
+    temperature: float = 4.0
     quiet: float = 0.15
-    pair_cost: float = 1.0
-    open_gain: float = 4.0
-    open_share: float = 0.3
-    prior_no_gap: float = 0.3
-    prior_parameters: float = 0.15
-    prior_unknown: float = 0.1
-    prior_pairs: float = 0.1
+    pair_cost: float = 6.5
+    open_gain: float = 2.2
+    open_share: float = 0.37
+    prior_no_gap: float = 0.31
+    prior_parameters: float = 0.22
+    prior_unknown: float = 0.085
+    prior_pairs: float = 0.085
 
 
 WEIGHTS = Weights()
