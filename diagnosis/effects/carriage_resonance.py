@@ -2,9 +2,9 @@
 
 Only the reading rings; the motor feels the force itself, so the mechanical residual, which uses the
 reading, shows the same error with the other sign. Fixed in Hz at every speed, where tooth ripple keeps its
-blade position. Part of the force may bypass the spring (amplitude below 1), and a carriage has upper modes: a second
-form adds modes at 1.5 to 3 times the first, each of its own size. f_n = 60 to 450 Hz (carriage of 0.5 to 3 kg on a cell of 1e6 N/m) and zeta = 0.02 to 0.2:
-assumed.
+blade position. Part of the force may bypass the spring (amplitude below 1), and a carriage has upper modes: a
+second form adds modes at 1.5 to 3 times the first, each of its own size. f_n = 60 to 450 Hz (carriage of 0.5 to
+3 kg on a cell of 1e6 N/m) and zeta = 0.02 to 0.2: assumed.
 """
 
 from __future__ import annotations
@@ -21,8 +21,6 @@ from diagnosis.equations import Baseline, Signature
 from diagnosis.state import State
 
 _FREQUENCIES_HZ = tuple(float(f) for f in np.geomspace(60.0, 450.0, 42))
-
-
 # Upper modes as multiples of the first, for the form with more than one.
 _UPPER = (1.5, 2.0, 2.5, 3.0)
 
@@ -34,9 +32,8 @@ def _signature(
     if state.setting.is_idle:
         return tuple({} for _ in places)
     expected = baseline.expected_force(state)
-    return tuple(
-        force_reading(baseline, state, filtered(expected, state, partial(_transfer, place, damping))) for place in places
-    )
+    readings = [filtered(expected, state, partial(_transfer, place, damping)) for place in places]
+    return tuple(force_reading(baseline, state, reading) for reading in readings)
 
 
 def _transfer(frequency_hz: float, damping: float, f: Floats) -> NDArray[np.complexfloating]:

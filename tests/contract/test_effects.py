@@ -101,6 +101,8 @@ def n_signatures(name: str, shape: dict) -> int:
         return 2 * (3 if shape["sharp"] else 1)  # the tooth, and two overtones of a sharp one
     if name == "yoke_backlash":
         return 2 * 10 * {0.0: 1, 1.0: 2, 2.0: 5}[shape["split"]]  # one wave; air and load; both as they change
+    if name == "carriage_resonance":
+        return 5 if shape.get("upper") else 1  # the first mode, and four above it
     return 2 if name in {"gear_eccentricity", "grain_variation"} else 1
 
 

@@ -494,6 +494,17 @@ def test_carriage_resonance(frequency_hz, damping):
     check(machine, "carriage_resonance", 1.0, shape, tolerance=0.05)
 
 
+def test_a_carriage_with_an_upper_mode_and_a_force_that_bypasses_it():
+    """Half of the force rings at 110 Hz, a fifth at twice that, and the rest reaches the cell at once."""
+    first, upper = (Machine(ring=(f, 0.06)).run() for f in (110.0, 220.0))
+    true = Machine().run()
+    reading = 0.5 * first.force_n + 0.2 * upper.force_n + 0.3 * true.force_n
+    shape = {"frequency_hz": 110.0, "damping": 0.06, "upper": 1.0}
+    parts = EFFECT_BY_NAME["carriage_resonance"].signatures(BASELINE, true, shape)
+    claimed = {key: 0.5 * parts[0][key] + 0.2 * parts[2][key] for key in parts[0]}
+    compare(gap(replace(true, force_n=reading)), claimed, 0.05)
+
+
 @pytest.mark.parametrize(("device", "channel"), [(0.0, "force"), (1.0, "can"), (2.0, "displacement")])
 @pytest.mark.parametrize("tau_s", [1e-3, 5e-3])
 def test_clock_offset(device, channel, tau_s):

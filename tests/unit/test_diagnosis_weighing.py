@@ -1,0 +1,96 @@
+"""Probabilities are a distribution, follow the evidence, and leave room for what nobody thought of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from diagnosis.weighing import AND, WEIGHTS, marginal_of, weigh
+
+N_EFFECTS = 29
+# A log evidence of one temperature is one natural unit of log odds.
+UNIT = WEIGHTS.temperature
+NAMES = ("blade_wear", "edge_force", "guide_friction")
+PAIR = AND.join(NAMES[:2])
+
+
+def weighed(evidence=None, left=None, *, nominal_left=10.0, unknown=-1.0):
+    """All names with nothing to say, but for those that are given; evidence in units of the temperature."""
+    log_evidence = {"no_gap": 0.0, "parameters": -0.6, "unknown": unknown} | dict.fromkeys((*NAMES, PAIR), -0.4)
+    log_evidence = {name: UNIT * value for name, value in (log_evidence | (evidence or {})).items()}
+    left_over = dict.fromkeys(log_evidence, nominal_left)
+    return weigh(log_evidence, left_over | (left or {}), n_effects=N_EFFECTS)
+
+
+def first(probabilities):
+    return next(iter(probabilities))
+
+
+def test_probabilities_sum_to_one_and_come_in_order():
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        evidence = dict(zip((*NAMES, PAIR, "parameters"), rng.normal(0, 60, 5), strict=True))
+        left = dict(zip((*NAMES, PAIR), rng.uniform(0, 20, 4), strict=True))
+        found = weighed(evidence, left, nominal_left=20.0, unknown=rng.normal(0, 60))
+        values = list(found.values())
+        assert sum(values) == pytest.approx(1.0)
+        assert values == sorted(values, reverse=True)
+        assert min(values) >= 0.0
+        assert set(found) == {"no_gap", "parameters", "unknown", *NAMES, PAIR}
+
+
+def test_without_evidence_nothing_is_wrong():
+    quiet = dict.fromkeys(("no_gap", "parameters", *NAMES, PAIR), WEIGHTS.quiet)
+    assert first(weighed({}, quiet)) == "no_gap"
+
+
+def test_a_strong_effect_that_leaves_little_is_named():
+    found = weighed({"edge_force": 80.0}, {"edge_force": WEIGHTS.quiet, PAIR: WEIGHTS.quiet})
+    assert first(found) == "edge_force"
+    assert found["edge_force"] > 0.9
+
+
+def test_a_strong_effect_that_leaves_half_of_the_gap_is_not_believed():
+    found = weighed({"edge_force": 80.0}, {"edge_force": 5.0})
+    assert first(found) == "unknown"
+
+
+def test_what_is_left_makes_unknown_more_likely_step_by_step():
+    shares = [weighed({"edge_force": 80.0}, {"edge_force": left})["unknown"] for left in (0.2, 1.0, 2.0, 4.0, 8.0)]
+    assert shares == sorted(shares)
+    assert shares[0] < 0.1 < 0.9 < shares[-1]
+
+
+def test_a_small_gap_is_not_unknown_for_what_an_intact_machine_leaves():
+    quiet = 1.3 * WEIGHTS.quiet
+    found = weighed({"edge_force": 20.0}, {"edge_force": quiet, "no_gap": 0.6, "parameters": 0.6})
+    assert found["unknown"] < found["edge_force"]
+
+
+def test_retuned_parameters_win_where_they_explain_it_all():
+    quiet = {"parameters": WEIGHTS.quiet, "edge_force": WEIGHTS.quiet}
+    assert first(weighed({"parameters": 60.0, "edge_force": 50.0}, quiet)) == "parameters"
+
+
+def test_a_second_effect_pays_for_itself():
+    """The same evidence for one as for two names one; from there the pair gains with every step."""
+    left = {"edge_force": WEIGHTS.quiet, PAIR: WEIGHTS.quiet}
+    odds = []
+    for more in (0.0, 2.0, 4.0, 8.0, 16.0):
+        found = weighed({"edge_force": 80.0, PAIR: 80.0 + more}, left)
+        odds.append(found[PAIR] / found["edge_force"])
+    assert odds[0] < 0.1
+    assert odds == sorted(odds)
+    assert odds[-1] > 10.0
+
+
+def test_a_pair_that_nobody_fitted_is_no_measure_of_what_is_left():
+    """Its rest is unknown: `inf`; the best single effect still tells how much of the gap is explained."""
+    found = weighed({"edge_force": 80.0, PAIR: 80.1}, {"edge_force": WEIGHTS.quiet, PAIR: np.inf})
+    assert first(found) == "edge_force"
+    assert np.isfinite(list(found.values())).all()
+
+
+def test_marginal_counts_an_effect_alone_and_in_pairs():
+    found = marginal_of({"edge_force": 0.5, PAIR: 0.3, "guide_friction": 0.15, "no_gap": 0.05}, NAMES)
+    assert found == pytest.approx({"edge_force": 0.8, "blade_wear": 0.3, "guide_friction": 0.15})
