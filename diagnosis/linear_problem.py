@@ -62,7 +62,9 @@ class Part:
         """`whiten` of many signatures at once, shape (len(signatures), n_blocks * size)."""
         n_rows, n_points = self.smooth.angle_rad.shape
         waves: Signature = {}
-        for equation in dict.fromkeys(name for s in signatures for name in s):
+        for equation in self.layout.equations:
+            if not any(equation in signature for signature in signatures):
+                continue
             wave = np.zeros((len(signatures), n_rows, n_points))
             for k, signature in enumerate(signatures):
                 if equation in signature:

@@ -56,7 +56,7 @@ def nuisances_of(baseline: Baseline) -> tuple[Nuisance, ...]:
     -------
     tuple of Nuisance
     """
-    return (*_plant_nuisances(baseline), *_battery_nuisances(baseline), *_sensor_nuisances(baseline))
+    return (*_plant_nuisances(baseline), *_battery_nuisances(baseline), *_sensor_nuisances())
 
 
 def _plant_nuisances(baseline: Baseline) -> list[Nuisance]:
@@ -156,87 +156,92 @@ def _battery_nuisances(baseline: Baseline) -> list[Nuisance]:
     ]
 
 
-def _sensor_nuisances(baseline: Baseline) -> list[Nuisance]:
+def _sensor_nuisances() -> list[Nuisance]:
     """Gains, offsets and the angle's zero.
 
     The gain of what an equation is solved for enters with what the equation says, not with the reading: with the
     reading, a gain of -100 % would make every misfit vanish, and large misfits would be "explained" so.
     """
-    plant, gear = baseline.plant, baseline.gear
-    torque_constant = plant.torque_constant_n_m_per_a.nominal
-    resistance, inductance = plant.resistance_ohm.nominal, plant.inductance_h.nominal
-
-    def current_gain(b: Baseline, s: State) -> Signature:
-        if s.current_a is None or s.current_rate_a_s is None:
-            return {}
-        return {
-            "electrical": -(resistance * s.current_a + inductance * s.current_rate_a_s),
-            "mechanical": -torque_constant * _torque_constant_signature(b, s).get("mechanical", np.zeros(1)),
-            "converter": -s.setting.duty * s.current_a,
-        }
-
-    def current_offset(_: Baseline, s: State) -> Signature:
-        ones = np.ones_like(s.angle_rad)
-        return {
-            "electrical": -resistance * ones,
-            "mechanical": torque_constant * ones,
-            "converter": -s.setting.duty * ones,
-        }
-
-    def force_gain(b: Baseline, s: State) -> Signature:
-        if s.force_n is None:
-            return {}
-        return {"mechanical": -b.load_torque(s, s.force_n), "cutting": b.expected_force(s)}
-
-    def force_offset(b: Baseline, s: State) -> Signature:
-        ones = np.ones_like(s.angle_rad)
-        return {"mechanical": -b.load_torque(s, ones), "cutting": ones}
-
-    def battery_current_gain(b: Baseline, s: State) -> Signature:
-        if s.battery_current_a is None or b.battery is None:
-            return {}
-        drop = b.battery.internal_resistance_ohm * s.battery_current_a
-        drawn = s.battery_current_a if s.current_a is None else s.setting.duty * s.current_a
-        return {"converter": drawn, "supply": drop}
-
-    def battery_current_offset(b: Baseline, s: State) -> Signature:
-        return {"converter": np.ones_like(s.angle_rad)}
-
-    def voltage_gain(b: Baseline, s: State) -> Signature:
-        if s.battery_voltage_v is None:
-            return {}
-        found: Signature = {}
-        if s.current_a is not None and s.current_rate_a_s is not None:
-            emf = plant.back_emf_constant_v_s_per_rad.nominal * gear * s.speed_rad_s
-            found["electrical"] = resistance * s.current_a + inductance * s.current_rate_a_s + emf
-        if s.battery_current_a is not None and b.battery is not None:
-            drop = b.battery.internal_resistance_ohm * s.battery_current_a
-            found["supply"] = b.open_circuit_voltage(s.charge_used_as) - drop
-        return found
-
-    def voltage_offset(b: Baseline, s: State) -> Signature:
-        if s.battery_voltage_v is None:
-            return {}
-        ones = np.ones_like(s.angle_rad)
-        return {"electrical": s.setting.duty * ones, "supply": ones}
-
-    def angle_zero(b: Baseline, s: State) -> Signature:
-        return angle_shift(b, s)
-
-    def entry(name: str, std: float, signature: SignatureFunction) -> Nuisance:
-        return Nuisance(name=name, nominal=0.0, std=std, is_plant=False, signature=signature)
-
+    known: dict[str, tuple[float, SignatureFunction]] = {
+        "motor_current_gain": (0.01, _motor_current_gain),
+        "motor_current_offset_a": (0.03, _motor_current_offset),
+        "force_gain": (0.01, _force_gain),
+        "force_offset_n": (1.0, _force_offset),
+        "battery_current_gain": (0.01, _battery_current_gain),
+        "battery_current_offset_a": (0.03, lambda _, s: {"converter": np.ones_like(s.angle_rad)}),
+        "battery_voltage_gain": (0.003, _battery_voltage_gain),
+        "battery_voltage_offset_v": (0.01, _battery_voltage_offset),
+        "angle_zero_rad": (0.005, angle_shift),
+    }
     return [
-        entry("motor_current_gain", 0.01, current_gain),
-        entry("motor_current_offset_a", 0.03, current_offset),
-        entry("force_gain", 0.01, force_gain),
-        entry("force_offset_n", 1.0, force_offset),
-        entry("battery_current_gain", 0.01, battery_current_gain),
-        entry("battery_current_offset_a", 0.03, battery_current_offset),
-        entry("battery_voltage_gain", 0.003, voltage_gain),
-        entry("battery_voltage_offset_v", 0.01, voltage_offset),
-        entry("angle_zero_rad", 0.005, angle_zero),
+        Nuisance(name=name, nominal=0.0, std=std, is_plant=False, signature=signature)
+        for name, (std, signature) in known.items()
     ]
+
+
+def _motor_current_gain(baseline: Baseline, state: State) -> Signature:
+    if state.current_a is None or state.current_rate_a_s is None:
+        return {}
+    plant = baseline.plant
+    asked = _torque_constant_signature(baseline, state).get("mechanical", np.zeros(1))
+    drop = plant.resistance_ohm.nominal * state.current_a + plant.inductance_h.nominal * state.current_rate_a_s
+    return {
+        "electrical": -drop,
+        "mechanical": -plant.torque_constant_n_m_per_a.nominal * asked,
+        "converter": -state.setting.duty * state.current_a,
+    }
+
+
+def _motor_current_offset(baseline: Baseline, state: State) -> Signature:
+    ones = np.ones_like(state.angle_rad)
+    return {
+        "electrical": -baseline.plant.resistance_ohm.nominal * ones,
+        "mechanical": baseline.plant.torque_constant_n_m_per_a.nominal * ones,
+        "converter": -state.setting.duty * ones,
+    }
+
+
+def _force_gain(baseline: Baseline, state: State) -> Signature:
+    if state.force_n is None:
+        return {}
+    return {
+        "mechanical": -baseline.load_torque(state, state.force_n),
+        "cutting": baseline.expected_force(state),
+    }
+
+
+def _force_offset(baseline: Baseline, state: State) -> Signature:
+    ones = np.ones_like(state.angle_rad)
+    return {"mechanical": -baseline.load_torque(state, ones), "cutting": ones}
+
+
+def _battery_current_gain(baseline: Baseline, state: State) -> Signature:
+    if state.battery_current_a is None or baseline.battery is None:
+        return {}
+    drop = baseline.battery.internal_resistance_ohm * state.battery_current_a
+    drawn = state.battery_current_a if state.current_a is None else state.setting.duty * state.current_a
+    return {"converter": drawn, "supply": drop}
+
+
+def _battery_voltage_gain(baseline: Baseline, state: State) -> Signature:
+    if state.battery_voltage_v is None:
+        return {}
+    plant, found = baseline.plant, Signature()
+    if state.current_a is not None and state.current_rate_a_s is not None:
+        drop = plant.resistance_ohm.nominal * state.current_a + plant.inductance_h.nominal * state.current_rate_a_s
+        emf = plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * state.speed_rad_s
+        found["electrical"] = drop + emf
+    if state.battery_current_a is not None and baseline.battery is not None:
+        drop = baseline.battery.internal_resistance_ohm * state.battery_current_a
+        found["supply"] = baseline.open_circuit_voltage(state.charge_used_as) - drop
+    return found
+
+
+def _battery_voltage_offset(_: Baseline, state: State) -> Signature:
+    if state.battery_voltage_v is None:
+        return {}
+    ones = np.ones_like(state.angle_rad)
+    return {"electrical": state.setting.duty * ones, "supply": ones}
 
 
 def angle_shift(baseline: Baseline, state: State, step_rad: float = 1e-4) -> Signature:

@@ -114,25 +114,23 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     log_evidence["unknown"] = _discrepancy(problem, small) - reference
     _add_grain(log_evidence, left_over, grain)
     probabilities = weigh(log_evidence, left_over, n_effects=len(problem.campaign.plant.effects))
-    top = max(probabilities, key=lambda name: probabilities[name])
-    verdict: Verdict = top if top in {"no_gap", "parameters", "unknown"} else "effects" if AND in top else "effect"  # type: ignore[assignment]
     return Posterior(
-        verdict=verdict,
+        verdict=_verdict(probabilities),
         probabilities=probabilities,
         explanations=tuple(_undispersed(e, original, dispersion) for e in explanations),
-        pairs=tuple(
-            replace(
-                pair,
-                first=_undispersed(pair.first, original, dispersion),
-                second=_undispersed(pair.second, original, dispersion),
-            )
-            for pair in pairs
-        ),
+        pairs=tuple(_undispersed_pair(pair, original, dispersion) for pair in pairs),
         log_evidence=log_evidence,
         left_over=left_over,
         grain=grain,
         dispersion=dispersion,
     )
+
+
+def _verdict(probabilities: dict[str, float]) -> Verdict:
+    top = max(probabilities, key=lambda name: probabilities[name])
+    if top in ("no_gap", "parameters", "unknown"):
+        return top
+    return "effects" if AND in top else "effect"
 
 
 def _dispersion(problem: LinearProblem, catalogue: Catalogue) -> float:
@@ -161,6 +159,11 @@ def _dispersed(
 def _undispersed(explanation: Explanation, original: dict[str, list[Column]], dispersion: float) -> Explanation:
     column = next(c for c in original[explanation.effect.name] if c.shape == explanation.column.shape)
     return replace(explanation, column=column, contribution=np.sqrt(dispersion) * explanation.contribution)
+
+
+def _undispersed_pair(pair: Pair, original: dict[str, list[Column]], dispersion: float) -> Pair:
+    first, second = (_undispersed(e, original, dispersion) for e in (pair.first, pair.second))
+    return replace(pair, first=first, second=second)
 
 
 def _add_grain(log_evidence: dict[str, float], left_over: dict[str, float], grain: Grain) -> None:
@@ -229,7 +232,8 @@ def _pairs(
             if key not in rough or total > rough[key][2]:
                 rough[key] = (first, found, total)
     best = sorted(rough.values(), key=lambda entry: -entry[2])[:_N_PAIRS]
-    pairs = [_formed_pair(problem, small, first, second, catalogue.columns, modes, reference) for first, second, _ in best]
+    columns = catalogue.columns
+    pairs = [_formed_pair(problem, small, first, second, columns, modes, reference) for first, second, _ in best]
     return sorted(pairs, key=lambda pair: -pair.log_evidence)
 
 

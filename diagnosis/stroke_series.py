@@ -91,11 +91,9 @@ def stroke_series(
         return None
     log_k = np.log(np.clip(hardness / middle, 0.05, 20.0))
     count = np.arange(len(log_k))
-    log_k = log_k - np.polyval(np.polyfit(count, log_k, 1), count)
+    log_k = np.asarray(log_k - np.polyval(np.polyfit(count, log_k, 1), count), dtype=np.float64)
     rate_hz = (turned[-1] - turned[0]) / TWO_PI / (time_s[-1] - time_s[0])
-    return StrokeSeries(
-        label=recording.trial.trial_id, feed_m_s=1e-3 * feed_mm_s, rate_hz=float(rate_hz), log_k=log_k
-    )
+    return StrokeSeries(label=recording.trial.trial_id, feed_m_s=1e-3 * feed_mm_s, rate_hz=float(rate_hz), log_k=log_k)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -154,18 +152,20 @@ def _average_wave(
     power: Floats, cycles: Floats, waves: Floats, density: Floats, places: Floats, scatter: Floats
 ) -> tuple[float, float, float]:
     """Likelihood of a hump, averaged over place, width and depth, in logarithm; depth and place of the best."""
+    white, coloured, fitted = (float(value) for value in scatter)
+    # The scatter is tried again on a coarse grid: a wave takes variance from it.
+    scatters = [
+        _scatter_spectrum(cycles, shrink * white, shrink * coloured, memory)
+        for shrink in (1.0, 0.4, 0.1)
+        for memory in (fitted, 0.2)
+    ]
     found: list[tuple[float, float, float]] = []
     for place in places:
         for width in _WIDTHS:
             spread = width * place
             hump = np.exp(-0.5 * ((waves - place) / spread) ** 2) / (spread * np.sqrt(TWO_PI)) * density
             for depth in _DEPTHS:
-                # The scatter is tried again on a coarse grid: a wave takes variance from it.
-                value = max(
-                    _whittle(power, _scatter_spectrum(cycles, *(shrink * scatter[:2]), memory) + 0.5 * depth**2 * hump)
-                    for shrink in (1.0, 0.4, 0.1)
-                    for memory in (scatter[2], 0.2)
-                )
+                value = max(_whittle(power, spectrum + 0.5 * depth**2 * hump) for spectrum in scatters)
                 found.append((value, depth, place))
     logs = np.array([f[0] for f in found])
     top = float(logs.max())

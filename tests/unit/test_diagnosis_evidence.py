@@ -12,7 +12,7 @@ import pytest
 
 from diagnosis.campaign import Campaign
 from diagnosis.effects.catalogue import EFFECT_BY_NAME
-from diagnosis.evidence import Catalogue, Column, amplitudes, explain, explain_formed
+from diagnosis.evidence import Catalogue, Column, amplitudes, catalogue_columns, explain, explain_formed
 from diagnosis.form_error import form_modes
 from diagnosis.linear_problem import LinearProblem, Marginal, build_problem
 from diagnosis.plants.jigsaw import Jigsaw
@@ -338,3 +338,31 @@ def test_without_a_misfit_nothing_is_shifted(problem):
     assert dict(zip(problem.names, mean * problem.prior_std, strict=True))["k_fc of oak"] == pytest.approx(
         240, rel=0.05
     )
+
+
+def test_columns_of_the_catalogue_are_the_signatures_of_every_trial(problem):
+    names = ("edge_force", "gear_eccentricity", "tooth_passing_ripple", "yoke_backlash", "converter_diode_drop")
+    effects = [EFFECT_BY_NAME[name] for name in names]
+    found = catalogue_columns(problem, effects)
+    for effect in effects:
+        assert [column.shape for column in found[effect.name]] == list(effect.shapes)
+        for column in found[effect.name][:: max(len(effect.shapes) // 4, 1)]:
+            waves = [
+                problem.project(lambda s, k=k, e=effect, c=column: e.signatures(BASELINE, s, c.shape)[k])
+                for k in range(column.columns.shape[1])
+            ]
+            assert np.allclose(column.columns, effect.strength.typical * np.column_stack(waves), atol=1e-9)
+
+
+def test_an_effect_that_no_trial_can_show_has_no_columns(campaign_states):
+    in_air = problem_of([s for s in campaign_states if s.setting.is_idle])
+    found = catalogue_columns(in_air, [EFFECT_BY_NAME["edge_force"], EFFECT_BY_NAME["windage_drag"]])
+    assert found["edge_force"] == []
+    assert len(found["windage_drag"]) == len(EFFECT_BY_NAME["windage_drag"].shapes)
+
+
+def test_unwhitened_features_are_those_of_the_signature(problem):
+    stacked = problem.project(friction)
+    for part in problem.parts:
+        waves = {"mechanical": np.broadcast_to(friction(part.smooth)["mechanical"], part.smooth.angle_rad.shape)}
+        assert np.allclose(part.unwhiten(stacked), part.layout.place(waves, len(part.smooth.angle_rad)), atol=1e-12)
