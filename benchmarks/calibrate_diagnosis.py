@@ -1,0 +1,183 @@
+"""Fit the constants of `diagnosis.weighing` on development campaigns, and say how well the diagnosis does on them.
+
+    python benchmarks/calibrate_diagnosis.py collect OUT [--cases N] [--workers 2]
+    python benchmarks/calibrate_diagnosis.py fit OUT [--fixed]
+
+`collect` simulates campaigns of the seeds 1 to 999 with the blind check's plant, weighs every hypothesis and keeps the log
+evidences (resumable, about 12 s a campaign and core). `fit` maximises the weighted log-likelihood of the truth over the
+eight constants, which all effects share; with `--fixed` it only reports on the constants as they are. Weights of
+the kinds: 20 % none, 10 % parameters, 50 % one effect, 10 % two, 10 % outside the catalogue, all at 0.5 to 2 times typical.
+Seeds above 999 are for claims and are refused.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import shutil
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blindcheck.campaign import make_campaign
+from blindcheck.effects.table import CATALOGUE, OUTSIDE
+from diagnosis.weighing import AND, VERDICTS, WEIGHTS, Weights, weigh
+
+KIND_WEIGHTS = {"none": 0.2, "parameters": 0.1, "effect": 0.5, "pair": 0.1, "outside": 0.1}
+N_EFFECTS = len(CATALOGUE)
+LAST_SEED = 999
+_ROUNDS = 4
+
+
+def plan(n_cases: int) -> list[dict[str, Any]]:
+    """Draw what each development campaign hides: every effect once a round, beside the other kinds."""
+    rng = np.random.default_rng(20)
+    rows: list[dict[str, Any]] = []
+
+    def add(kind: str, effects: dict[str, float], parameters: str = "within") -> None:
+        rows.append({"seed": len(rows) + 1, "kind": kind, "effects": effects, "parameters": parameters})
+
+    def severity() -> float:
+        return round(float(np.exp(rng.uniform(np.log(0.5), np.log(2.0)))), 3)
+
+    while len(rows) < n_cases:
+        for effect in CATALOGUE:
+            add("effect", {effect: severity()})
+        for _ in range(8):
+            add("none", {})
+        for _ in range(6):
+            add("parameters", {}, "beyond")
+        for effect in OUTSIDE:
+            add("outside", {effect: severity()})
+        for _ in range(10):
+            first, second = rng.choice(list(CATALOGUE), 2, replace=False)
+            add("pair", {str(first): severity(), str(second): severity()})
+    return rows[: min(n_cases, LAST_SEED)]
+
+
+def collect_one(row: dict[str, Any], out_dir: Path) -> str:
+    """Simulate one campaign, weigh its hypotheses and write what the fit needs."""
+    from bench.config import load_config
+    from diagnosis.evidence import catalogue_columns
+    from diagnosis.linear_problem import build_problem
+    from diagnosis.plants.choice import reduce_recordings
+    from diagnosis.posterior import judge
+    from storage.importers.dispatch import import_path
+    from storage.reader import read_recording
+
+    path = out_dir / f"case-{row['seed']:04d}.json"
+    if path.exists():
+        return path.name
+    folder = Path(tempfile.mkdtemp(prefix="calibrate-"))
+    try:
+        make_campaign(row["seed"], folder / "in", effects=row["effects"], parameters=row["parameters"])
+        imported = import_path(folder / "in" / "campaign.toml", folder / "out")
+        recordings = [read_recording(file) for file in imported.paths]
+        campaign = reduce_recordings(recordings, load_config(folder / "in" / "bench_config.toml"))
+        problem = build_problem(campaign)
+        posterior = judge(problem, catalogue_columns(problem, campaign.plant.effects))
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    found = {**row, "log_evidence": posterior.log_evidence, "left_over": posterior.left_over}
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(found), encoding="utf-8")
+    part.rename(path)
+    return path.name
+
+
+def truth(row: dict[str, Any]) -> str:
+    """Name of the hypothesis that is right."""
+    words = {"none": "no_gap", "parameters": "parameters", "outside": "unknown"}
+    return words.get(row["kind"], AND.join(sorted(row["effects"])))
+
+
+def weights_of(x: np.ndarray) -> Weights:
+    """Constants from unbounded numbers."""
+    prior = np.exp(np.append(x[4:8], 0.0))
+    prior /= prior.sum()
+    return Weights(
+        temperature=float(np.exp(x[0])), pair_cost=float(x[1]), open_gain=float(np.exp(x[2])),
+        open_share=float(np.exp(x[3])), prior_no_gap=float(prior[0]), prior_parameters=float(prior[1]),
+        prior_unknown=float(prior[2]), prior_pairs=float(prior[3]),
+    )  # fmt: skip
+
+
+def log_loss(rows: list[dict[str, Any]], weights: Weights) -> float:
+    """Weighted negative log-likelihood of the truth; probabilities below 1e-4 count as that."""
+    counts = {kind: sum(r["kind"] == kind for r in rows) for kind in KIND_WEIGHTS}
+    total = sum(KIND_WEIGHTS[kind] for kind, count in counts.items() if count)
+    loss = 0.0
+    for row in rows:
+        probability = weigh(row["log_evidence"], row["left_over"], n_effects=N_EFFECTS, weights=weights)
+        share = KIND_WEIGHTS[row["kind"]] / counts[row["kind"]] / total
+        loss -= share * float(np.log(max(probability.get(truth(row), 0.0), 1e-4)))
+    return loss
+
+
+def fit(rows: list[dict[str, Any]]) -> Weights:
+    """Maximise the likelihood of the truth, the priors drawn a little to where they start."""
+    from scipy.optimize import minimize
+
+    start = np.array([np.log(8.0), 1.0, np.log(4.0), np.log(0.3), *np.log(np.array([0.3, 0.15, 0.1, 0.1]) / 0.35)])
+
+    def cost(x: np.ndarray) -> float:
+        return log_loss(rows, weights_of(x)) + 0.002 * float(np.sum((x[4:8] - start[4:8]) ** 2))
+
+    options = {"maxiter": 900, "xatol": 0.02, "fatol": 1e-5, "adaptive": True}
+    return weights_of(minimize(cost, start, method="Nelder-Mead", options=options).x)
+
+
+def report(rows: list[dict[str, Any]], weights: Weights) -> str:
+    """Say how often each kind is answered rightly, and how sure the answers are."""
+    lines = [f"{len(rows)} campaigns, log-loss {log_loss(rows, weights):.3f}"]
+    tops: list[tuple[str, bool, str, float]] = []
+    for row in rows:
+        probability = weigh(row["log_evidence"], row["left_over"], n_effects=N_EFFECTS, weights=weights)
+        top = next(iter(probability))
+        tops.append((row["kind"], top == truth(row), top, probability[top]))
+    for kind in KIND_WEIGHTS:
+        of = [t for t in tops if t[0] == kind]
+        if of:
+            right = sum(t[1] for t in of)
+            claimed = sum(t[2] not in VERDICTS for t in of)
+            lines.append(f"{kind:10} {right} of {len(of)} right, {claimed} claim an effect")
+    sure = np.array([t[3] for t in tops])
+    right = np.array([t[1] for t in tops])
+    for low, high in ((0.0, 0.5), (0.5, 0.7), (0.7, 0.85), (0.85, 0.95), (0.95, 1.01)):
+        inside = (sure >= low) & (sure < high)
+        if inside.any():
+            lines.append(f"stated {low:.2f} to {min(high, 1):.2f}: {inside.sum():3d} cases, right {right[inside].mean():.2f}")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Collect or fit."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("step", choices=("collect", "fit"))
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--cases", type=int, default=_ROUNDS * 68)
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--fixed", action="store_true", help="report on the constants as they are")
+    told = parser.parse_args()
+    if told.step == "collect":
+        if told.cases > LAST_SEED:
+            parser.error(f"{told.cases} cases need seeds above {LAST_SEED}, which are for claims")
+        told.out.mkdir(parents=True, exist_ok=True)
+        with multiprocessing.get_context("spawn").Pool(told.workers) as pool:
+            jobs = [pool.apply_async(collect_one, (row, told.out)) for row in plan(told.cases)]
+            for k, job in enumerate(jobs, start=1):
+                print(k, job.get(), flush=True)
+        return
+    rows = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(told.out.glob("case-*.json"))]
+    weights = WEIGHTS if told.fixed else fit(rows)
+    print(json.dumps(asdict(weights), indent=2))
+    print(report(rows, weights))
+
+
+if __name__ == "__main__":
+    main()
