@@ -58,7 +58,8 @@ def test_a_strong_effect_that_leaves_half_of_the_gap_is_not_believed():
 def test_what_is_left_makes_unknown_more_likely_step_by_step():
     shares = [weighed({"edge_force": 80.0}, {"edge_force": left})["unknown"] for left in (0.2, 1.0, 2.0, 4.0, 8.0)]
     assert shares == sorted(shares)
-    assert shares[0] < 0.1 < 0.9 < shares[-1]
+    assert shares[0] < 0.1
+    assert shares[-1] > 0.5, "four fifths of the gap are left"
 
 
 def test_a_small_gap_is_not_unknown_for_what_an_intact_machine_leaves():
