@@ -15,6 +15,7 @@ from diagnosis.evidence import Column, Explanation, catalogue_columns, together
 from diagnosis.gap_detail import detail
 from diagnosis.ladder import RUNGS, HoldOut, Ladder, Rungs
 from diagnosis.linear_problem import LinearProblem, Marginal, build_problem
+from diagnosis.next_trial import next_trial
 from diagnosis.plants.choice import reduce_recordings
 from diagnosis.posterior import Posterior, judge, wide_scale
 from diagnosis.weighing import AND
@@ -91,7 +92,7 @@ def diagnose(
         "probabilities": {k: posterior.probabilities[k] for k in ("no_gap", "parameters", "unknown")},
         "parameter_shifts": _shifts(problem),
         "gap": _gap(ladder, channels),
-        "next_trial": _next_trial(campaign, posterior),
+        "next_trial": next_trial(problem, posterior),
         "warnings": [
             *campaign.warnings, *_weaknesses(campaign), *(() if channels is None else channels.warnings)
         ],
@@ -227,17 +228,6 @@ def _gap(ladder: Ladder, channels: ChannelGap | None) -> dict[str, Any]:
 
 def _rungs(rungs: Rungs) -> dict[str, float]:
     return {name: getattr(rungs, name) for name in RUNGS}
-
-
-def _next_trial(campaign: Campaign, posterior: Posterior) -> str:
-    lacking = campaign.plant.next_trial(campaign.states)
-    if lacking is not None:
-        return lacking
-    top = next((e for e in posterior.explanations), None)
-    if top is not None and top.effect.told_apart_by:
-        name = top.effect.name.replace("_", " ")
-        return f"{top.effect.told_apart_by}: it separates {name} from what it is taken for"
-    return "a long trial at the highest load: it shows heat, wear and the battery"
 
 
 def _weaknesses(campaign: Campaign) -> list[str]:

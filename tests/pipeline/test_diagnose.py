@@ -43,6 +43,21 @@ def test_the_hidden_friction_is_named_first(report):
     assert found["gap"]["with_effect"] < found["gap"]["retuned"] < found["gap"]["nominal"]
 
 
+def test_the_next_trial_is_one_of_this_campaign(report):
+    found, _ = report
+    advice = found["next_trial"]
+    assert "motor coulomb friction" in advice
+    assert "duty 0." in advice, "names an operating point"
+
+
+def test_places_and_probabilities_agree_with_the_verdict(report):
+    found, _ = report
+    assert found["where"][0]["equation"] == "mechanical"
+    total = sum(found["detail"]["probabilities"].values())
+    assert total == pytest.approx(1.0, abs=1e-3)
+    assert found["causes"][0]["probability"] == max(found["detail"]["probabilities"].values())
+
+
 def test_page_needs_no_network(report):
     text = report[1].read_text()
     assert "motor coulomb friction" in text
