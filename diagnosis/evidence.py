@@ -77,7 +77,9 @@ class Explanation:
             )
             for sign in (1.0, -1.0)
         )
-        return 0.5 * abs(high - low)
+        known = 0.5 * abs(high - low)
+        # A size that is read off a free wave is right to a factor of two.
+        return known if self.effect.size_of is None else max(known, 0.5 * abs(self.strength))
 
 
 def catalogue_columns(problem: LinearProblem, effects: Sequence[Effect]) -> dict[str, list[Column]]:
@@ -153,7 +155,7 @@ def together(marginal: Marginal, members: Sequence[Explanation], *, dispersion: 
         found.append(
             replace(
                 member,
-                amplitude=float(size[0] if len(size) == 1 else np.hypot(*size[:2])),
+                amplitude=member.effect.amplitude(size),
                 amplitude_std=float(spread[0] if len(size) == 1 else np.sqrt(0.5 * np.sum(spread[:2] ** 2))),
                 contribution=member.column.columns @ size,
             )
@@ -236,7 +238,7 @@ def _explanation(columns: Sequence[Column], inner: Sequence[tuple[Floats, Floats
         effect=columns[0].effect,
         log_evidence=top + float(np.log(np.mean(np.exp(np.array(logs) - top)))),
         column=columns[best],
-        amplitude=float(solution[0] if len(solution) == 1 else np.hypot(*solution[:2])),
+        amplitude=columns[best].effect.amplitude(solution),
         amplitude_std=std,
         gain=gain,
         contribution=columns[best].columns @ solution,

@@ -204,10 +204,8 @@ def _motor_current_offset(baseline: Baseline, state: State) -> Signature:
 def _force_gain(baseline: Baseline, state: State) -> Signature:
     if state.force_n is None:
         return {}
-    return {
-        "mechanical": -baseline.load_torque(state, state.force_n),
-        "cutting": baseline.expected_force(state),
-    }
+    expected_n = baseline.expected_force(state)
+    return {"mechanical": -baseline.load_torque(state, expected_n), "cutting": expected_n}
 
 
 def _force_offset(baseline: Baseline, state: State) -> Signature:

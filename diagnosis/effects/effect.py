@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from bench.recording import Floats
 from diagnosis.equations import Baseline, Equation, Signature
 from diagnosis.state import State
 
@@ -77,6 +78,9 @@ class Effect:
     background : tuple of (shape, float), optional
         Shapes that stand for a little of it, each with its standard deviation as a multiple of the typical size;
         without them 5 % of the first shape.
+    size_of : callable, optional
+        Coefficients of the columns, in multiples of the typical size -> size of the effect; without it the one
+        coefficient, or the root of the sum of squares of the first two (sine and cosine).
     same_as : tuple of str
         Ids whose equation on this plant is the very same term: no campaign can tell them apart.
     """
@@ -93,6 +97,7 @@ class Effect:
     confused_with: tuple[str, ...] = ()
     told_apart_by: str = ""
     background: tuple[tuple[dict[str, float], float], ...] | None = None
+    size_of: Callable[[Floats], float] | None = None
     same_as: tuple[str, ...] = ()
 
     def signatures(self, baseline: Any, state: State, shape: dict[str, float] | None = None) -> tuple[Signature, ...]:
@@ -114,6 +119,12 @@ class Effect:
     def little(self) -> tuple[tuple[dict[str, float], float], ...]:
         """Shapes and sizes that are there unnoticed in any machine."""
         return ((self.shapes[0], BACKGROUND_SHARE),) if self.background is None else self.background
+
+    def amplitude(self, coefficients: Floats) -> float:
+        """Size, in multiples of the typical one, that goes with the fitted coefficients of one shape."""
+        if self.size_of is not None:
+            return self.size_of(coefficients)
+        return float(coefficients[0] if len(coefficients) == 1 else np.hypot(*coefficients[:2]))
 
     def reported_strength(self, amplitude: float, shape: dict[str, float]) -> float:
         """Value of `strength` that goes with an amplitude of one shape."""

@@ -54,6 +54,20 @@ def _weights(state: State, n_groups: int) -> tuple[float, ...]:
     return (air, load, air * faster, load * faster, load * harder)
 
 
+def apparent_gap(coefficients: Floats) -> float:
+    """How far the plunger leaves the pin, peak to peak, over the typical gap: in air or under load, the smaller.
+
+    The read angle is off by gap / (2 r) times the wave, so the plunger by that times r sin(angle). Right to a factor
+    of two: play is crossed in part only, and a wave that also changes with the stock is badly known at any one.
+    """
+    angle = np.linspace(0.0, 2.0 * np.pi, 180, endpoint=False)
+    order = np.arange(1, _N_HARMONICS + 1)[:, None]
+    waves = np.stack([np.cos(order * angle), np.sin(order * angle)], axis=1) / np.sqrt(order)[:, None, None]
+    groups = coefficients.reshape(-1, 2 * _N_HARMONICS)[:2]
+    away = 0.5 * np.sin(angle) * (groups @ waves.reshape(2 * _N_HARMONICS, -1))
+    return float(np.ptp(away, axis=1).min())
+
+
 def swing(baseline: Baseline, state: State, deviation_rad: Floats) -> Signature:
     """Change of the residuals for an angle that is read too large by a periodic wave, rad, per unit of the wave."""
     excess_speed = state.speed_rad_s * angle_derivative(deviation_rad)
@@ -89,4 +103,5 @@ EFFECT = Effect(
     grows_with=("position",),
     confused_with=("gear_eccentricity", "engagement_delay", "guide_friction"),
     told_apart_by="idle against cutting: fixed in angle, not in time, and the displacement itself is bent",
+    size_of=apparent_gap,
 )

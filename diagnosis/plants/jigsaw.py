@@ -150,7 +150,8 @@ class Jigsaw:
 
 def _stock(stock: str) -> Nuisance:
     def signature(baseline: Baseline, state: State) -> Signature:
-        return {"cutting": baseline.cutting_speed(state)} if state.setting.stock == stock else {}
+        is_cut = state.setting.stock == stock and not state.setting.is_idle
+        return {"cutting": baseline.cutting_speed(state)} if is_cut else {}
 
     return Nuisance(name=f"k_fc of {stock}", nominal=0.0, std=STOCK_STD_N_S_PER_M, is_plant=False, signature=signature)
 
