@@ -62,7 +62,7 @@ def apparent_gap(coefficients: Floats) -> float:
     """
     angle = np.linspace(0.0, 2.0 * np.pi, 180, endpoint=False)
     order = np.arange(1, _N_HARMONICS + 1)[:, None]
-    waves = np.stack([np.cos(order * angle), np.sin(order * angle)], axis=1) / np.sqrt(order)[:, None, None]
+    waves = np.stack([np.cos(order * angle), np.sin(order * angle)], axis=1) / np.sqrt(order)[:, :, None]
     groups = coefficients.reshape(-1, 2 * _N_HARMONICS)[:2]
     away = 0.5 * np.sin(angle) * (groups @ waves.reshape(2 * _N_HARMONICS, -1))
     return float(np.ptp(away, axis=1).min())
