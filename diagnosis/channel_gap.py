@@ -141,13 +141,11 @@ def _models(problem: LinearProblem, fit: Fit, forms: Sequence[Sequence[Column]])
     amplitudes = list(fit.amplitudes)
     for column in forms[fit.alternative] if forms else ():
         size = column.effect.strength.typical * column.effect.strength.high
-        for k in range(column.columns.shape[1]):
-            effects.append(
-                Term(
-                    amplitude=float(amplitudes.pop(0)) * size,
-                    signature=lambda s, c=column, k=k: c.effect.signatures(baseline, s, c.shape)[k],
-                )
-            )
+        count = column.columns.shape[1]
+        taken, amplitudes = size * np.array(amplitudes[:count]), amplitudes[count:]
+        effects.append(
+            Term(amplitude=1.0, signature=lambda s, c=column, a=taken: c.effect.combined(baseline, s, c.shape, a))
+        )
 
     def nuisances(values: Floats) -> list[Term]:
         return [

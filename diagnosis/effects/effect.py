@@ -78,6 +78,9 @@ class Effect:
     background : tuple of (shape, float), optional
         Shapes that stand for a little of it, each with its standard deviation as a multiple of the typical size;
         without them 5 % of the first shape.
+    combine : callable, optional
+        (baseline, state, coefficients, **shape) -> the sum of the signatures times coefficients, where that is cheaper
+        than signature by signature.
     size_of : callable, optional
         Coefficients of the columns, in multiples of the typical size -> size of the effect; without it the one
         coefficient, or the root of the sum of squares of the first two (sine and cosine).
@@ -97,6 +100,7 @@ class Effect:
     confused_with: tuple[str, ...] = ()
     told_apart_by: str = ""
     background: tuple[tuple[dict[str, float], float], ...] | None = None
+    combine: Callable[..., Signature] | None = None
     size_of: Callable[[Floats], float] | None = None
     same_as: tuple[str, ...] = ()
 
@@ -125,6 +129,18 @@ class Effect:
         if self.size_of is not None:
             return self.size_of(coefficients)
         return float(coefficients[0] if len(coefficients) == 1 else np.hypot(*coefficients[:2]))
+
+    def combined(self, baseline: Any, state: State, shape: dict[str, float], coefficients: Floats) -> Signature:
+        """Sum of the signatures of one shape times coefficients, in units of `strength`."""
+        if self.combine is not None:
+            kept = baseline.evaluable_equations(state)
+            found = self.combine(baseline, state, coefficients, **shape)
+            return {name: wave for name, wave in found.items() if name in kept}
+        total: Signature = {}
+        for part, coefficient in zip(self.signatures(baseline, state, shape), coefficients, strict=False):
+            for name, wave in part.items():
+                total[name] = total.get(name, 0.0) + coefficient * wave
+        return total
 
     def reported_strength(self, amplitude: float, shape: dict[str, float]) -> float:
         """Value of `strength` that goes with an amplitude of one shape."""

@@ -42,6 +42,24 @@ def _signature(baseline: Baseline, state: State, split: float) -> tuple[Signatur
     return tuple(found)
 
 
+def _combined(baseline: Baseline, state: State, coefficients: Floats, split: float) -> Signature:
+    """One swing for the whole wave: a small deviation's signature is linear in it."""
+    if state.kind != "running":
+        return {}
+    groups = coefficients.reshape(-1, 2 * _N_HARMONICS)
+    weights = _weights(state, len(groups))
+    total = sum(weight * group for weight, group in zip(weights, groups, strict=True))
+    order = np.arange(1, _N_HARMONICS + 1)[:, None, None]
+    waves = np.stack([np.cos(order * state.angle_rad), np.sin(order * state.angle_rad)], axis=1)
+    waves = waves / (2.0 * baseline.radius_m * np.sqrt(order[:, None]))
+    deviation = np.tensordot(np.asarray(total).reshape(_N_HARMONICS, 2), waves, axes=2)
+    # `swing` is linear in the wave; a unit wave keeps its difference quotient where it was tested.
+    size = float(np.abs(deviation).max())
+    if size == 0.0:
+        return {}
+    return {name: size * wave for name, wave in swing(baseline, state, deviation / size).items()}
+
+
 def _weights(state: State, n_groups: int) -> tuple[float, ...]:
     """In air and under load its own wave; each may change with speed, and that under load with the stock."""
     if n_groups == 1:
@@ -104,4 +122,5 @@ EFFECT = Effect(
     confused_with=("gear_eccentricity", "engagement_delay", "guide_friction"),
     told_apart_by="idle against cutting: fixed in angle, not in time, and the displacement itself is bent",
     size_of=apparent_gap,
+    combine=_combined,
 )
