@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from bench.recording import Floats
 from diagnosis.channel_gap import CHANNELS, MODELS, ChannelGap, Cycle
-from diagnosis.evidence import Explanation
+from diagnosis.evidence import Column, Explanation
 from diagnosis.linear_problem import LinearProblem, Marginal
-from diagnosis.posterior import Posterior, wide_scale
+from diagnosis.posterior import GRAIN, Posterior, wide_scale
 from diagnosis.state import TWO_PI
+from diagnosis.weighing import WEIGHTS
 
 _SHOWN_CHANNELS = ("force_n", "motor_current_a", "crank_speed_rad_s")
 _N_STROKES = 3
@@ -44,6 +45,34 @@ def detail(problem: LinearProblem, posterior: Posterior, channels: ChannelGap | 
         "alike": _alike_matrix(problem, posterior.explanations[:_N_ALIKE]),
         "runtime_of": "" if channels is None else channels.runtime_of,
     }
+
+
+def log_odds_at_typical_size(problem: LinearProblem, columns: Mapping[str, Sequence[Column]]) -> dict[str, float]:
+    """How surely each effect would show in this campaign if it were there at its typical size.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    columns : mapping of str to sequence of Column
+        Of `catalogue_columns`.
+
+    Returns
+    -------
+    dict of str to float
+        Expected tempered log odds against no gap, of the middle one of its forms; 0 where no channel shows it. Grain is
+        left out: it is looked for from stroke to stroke.
+    """
+    marginal = Marginal(problem)
+    found: dict[str, float] = {}
+    for name, entries in columns.items():
+        if name == GRAIN:
+            continue
+        # All columns of a form share its size: the mean over phases of what one unit explains.
+        squares = [
+            float(np.trace(marginal.gram(c.columns)[0])) / c.columns.shape[1] for c in entries[:: 1 + len(entries) // 9]
+        ]
+        found[name] = 0.5 * float(np.median(squares)) / WEIGHTS.temperature if squares else 0.0
+    return dict(sorted(found.items(), key=lambda item: item[1]))
 
 
 def _telling(cycles: Sequence[Cycle]) -> list[Cycle]:

@@ -12,12 +12,12 @@ from bench.recording import Recording
 from diagnosis.campaign import Campaign
 from diagnosis.channel_gap import ChannelGap, forecast
 from diagnosis.evidence import Column, Explanation, catalogue_columns, together
-from diagnosis.gap_detail import detail
+from diagnosis.gap_detail import detail, log_odds_at_typical_size
 from diagnosis.ladder import RUNGS, HoldOut, Ladder, Rungs
 from diagnosis.linear_problem import LinearProblem, Marginal, build_problem
 from diagnosis.next_trial import next_trial
 from diagnosis.plants.choice import reduce_recordings
-from diagnosis.posterior import Posterior, judge, wide_scale
+from diagnosis.posterior import GRAIN, Posterior, judge, wide_scale
 from diagnosis.weighing import AND
 from diagnosis.where import locate
 
@@ -35,6 +35,8 @@ _HELD_OUT = {
 # Where the parts of the work stand on the progress bar, of 100.
 _REDUCED, _SIGNED, _JUDGED, _CLIMBED = 40, 50, 80, 85
 _ODDS = 20.0
+# Log odds against no gap below which an effect of typical size would probably not be named.
+_SHOWN_LOG_ODDS = 8.0
 _SHOWN_PROBABILITY = 0.001
 
 
@@ -74,6 +76,7 @@ def diagnose(
     say(_REDUCED, 100, "computing what every effect would do")
     columns = catalogue_columns(problem, campaign.plant.effects)
     say(_SIGNED, 100, "weighing causes")
+    shown = log_odds_at_typical_size(problem, columns)
     posterior = judge(problem, columns)
     say(_JUDGED, 100, "predicting held-out operating points")
     causes, hold_out, ladder, forms = _causes(problem, columns, posterior)
@@ -94,9 +97,10 @@ def diagnose(
         "gap": _gap(ladder, channels),
         "next_trial": next_trial(problem, posterior),
         "warnings": [
-            *campaign.warnings, *_weaknesses(campaign), *(() if channels is None else channels.warnings)
+            *campaign.warnings, *_weaknesses(campaign), *_hidden(shown), *_of_grain(posterior),
+            *(() if channels is None else channels.warnings)
         ],
-        "detail": detail(problem, posterior, channels),
+        "detail": {**detail(problem, posterior, channels), "log_odds_at_typical_size": shown},
         "provenance": dict(provenance),
     }  # fmt: skip
 
@@ -228,6 +232,21 @@ def _gap(ladder: Ladder, channels: ChannelGap | None) -> dict[str, Any]:
 
 def _rungs(rungs: Rungs) -> dict[str, float]:
     return {name: getattr(rungs, name) for name in RUNGS}
+
+
+def _hidden(shown: Mapping[str, float]) -> list[str]:
+    """Say what this campaign could not show, before it is taken for absent."""
+    names = [name for name, odds in shown.items() if odds < _SHOWN_LOG_ODDS]
+    return [f"this campaign would hardly show, at its typical size: {', '.join(names)}"] if names else []
+
+
+def _of_grain(posterior: Posterior) -> list[str]:
+    if GRAIN not in next(iter(posterior.probabilities)).split(AND):
+        return []
+    return [
+        f"grain of the wood: waves of {1e3 * posterior.grain.wavelength_m:.1f} mm along the feed, found from stroke to"
+        " stroke; the gap is that of mean strokes, which grain hardly moves"
+    ]
 
 
 def _weaknesses(campaign: Campaign) -> list[str]:

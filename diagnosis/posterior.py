@@ -22,6 +22,8 @@ _N_FORMED, _N_FIRST, _N_PAIRS = 12, 5, 8
 _SCREEN_SHARE = 0.05
 # Strokes are independent and their spectrum is fitted: what they say is tempered less than whitened features are.
 STROKE_WEIGHT = 4.0
+# Depths of a wave in the wood are tried in steps of this share.
+GRAIN_STEP = 0.5
 # Whitened misfit over features that an intact machine leaves.
 QUIET = 0.15
 _WORTH_FORMING = 6.0
@@ -117,7 +119,7 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     return Posterior(
         verdict=_verdict(probabilities),
         probabilities=probabilities,
-        explanations=tuple(_undispersed(e, original, dispersion) for e in explanations),
+        explanations=tuple(_with_grain(_undispersed(e, original, dispersion), grain) for e in explanations),
         pairs=tuple(_undispersed_pair(pair, original, dispersion) for pair in pairs),
         log_evidence=log_evidence,
         left_over=left_over,
@@ -164,6 +166,14 @@ def _undispersed(explanation: Explanation, original: dict[str, list[Column]], di
 def _undispersed_pair(pair: Pair, original: dict[str, list[Column]], dispersion: float) -> Pair:
     first, second = (_undispersed(e, original, dispersion) for e in (pair.first, pair.second))
     return replace(pair, first=first, second=second)
+
+
+def _with_grain(explanation: Explanation, grain: Grain) -> Explanation:
+    """Depth of the wood's wave from the single strokes, where it shows; mean strokes hardly know it."""
+    if explanation.effect.name != GRAIN or grain.log_evidence <= 0.0:
+        return explanation
+    size = grain.depth / explanation.effect.strength.typical
+    return replace(explanation, amplitude=size, amplitude_std=GRAIN_STEP * size)
 
 
 def _add_grain(log_evidence: dict[str, float], left_over: dict[str, float], grain: Grain) -> None:
