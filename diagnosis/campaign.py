@@ -124,8 +124,10 @@ def reduce_campaign(
     states: list[State] = []
     series: list[StrokeSeries | None] = []
     for index, (recording, angle, track) in enumerate(zip(usable, angles, tracks, strict=True)):
-        states += _states(baseline, recording, angle, track, index, warnings)
-        series.append(_strokes(baseline, recording, angle))
+        moving_s = float(angle.time_s[np.argmax(angle.speed_rad_s > _MOVING_RAD_S)])
+        steady_s = steady_part(angle, moving_s)
+        states += _states(baseline, recording, angle, track, index, moving_s, steady_s, warnings)
+        series.append(_strokes(baseline, recording, angle, steady_s))
     _refuse_foreign_angles(states, warnings)
     if not states:
         raise InputError(f"no trial runs long enough to be diagnosed: {summary(warnings)}")
@@ -174,12 +176,13 @@ def _states(
     angle: CrankAngle,
     track: SlowTrack,
     index: int,
+    moving_s: float,
+    steady_s: tuple[float, float],
     warnings: list[str],
 ) -> list[State]:
     trial = recording.trial
     setting = _setting(recording, index, track)
-    moving_s = float(angle.time_s[np.argmax(angle.speed_rad_s > _MOVING_RAD_S)])
-    start_s, end_s = steady_part(angle, moving_s)
+    start_s, end_s = steady_s
     if start_s > moving_s or end_s < angle.time_s[-1]:
         warnings.append(
             f"{trial.trial_id}: the blade stops or slows to less than two thirds of its speed; only"
@@ -204,16 +207,16 @@ def _states(
     return found
 
 
-def _strokes(baseline: Baseline, recording: Recording, angle: CrankAngle) -> StrokeSeries | None:
-    moving_s = float(angle.time_s[np.argmax(angle.speed_rad_s > _MOVING_RAD_S)])
-    start_s, end_s = steady_part(angle, moving_s)
+def _strokes(
+    baseline: Baseline, recording: Recording, angle: CrankAngle, steady_s: tuple[float, float]
+) -> StrokeSeries | None:
     return stroke_series(
         recording,
         angle,
         cutting_sign=baseline.cutting_sign,
         radius_m=baseline.radius_m,
-        start_s=start_s + SETTLE_S,
-        end_s=end_s,
+        start_s=steady_s[0] + SETTLE_S,
+        end_s=steady_s[1],
     )
 
 

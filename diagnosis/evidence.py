@@ -12,6 +12,7 @@ import numpy as np
 from bench.recording import Floats
 from diagnosis.effects.effect import Effect
 from diagnosis.linear_problem import LinearProblem, Marginal
+from diagnosis.log_mean import log_mean_exp
 
 _N_AMPLITUDES = 40
 # Less than this share of its typical size is background, not a cause.
@@ -228,15 +229,14 @@ def _explanation(columns: Sequence[Column], inner: Sequence[tuple[Floats, Floats
     logs, fits = [], []
     for column, (gram, moment) in zip(columns, inner, strict=True):
         grid = amplitudes(column.effect.strength.low, column.effect.strength.high)
-        log, solution, std, gain = _one(grid, gram, moment) if len(moment) == 1 else _two(grid, gram, moment)
+        log, solution, std, gain = _one(grid, gram, moment) if len(moment) == 1 else _several(grid, gram, moment)
         logs.append(log)
         fits.append((solution, std, gain))
     best = int(np.argmax(logs))
-    top = max(logs)
     solution, std, gain = fits[best]
     return Explanation(
         effect=columns[0].effect,
-        log_evidence=top + float(np.log(np.mean(np.exp(np.array(logs) - top)))),
+        log_evidence=log_mean_exp(logs),
         column=columns[best],
         amplitude=columns[best].effect.amplitude(solution),
         amplitude_std=std,
@@ -296,22 +296,20 @@ def explain_formed(
         explanation = _explanation(columns, inner)
         misfit = square - float(data_half @ data_half) - explanation.gain
         found.append((log_z + explanation.log_evidence, misfit, explanation))
-    total, _, explanation = max(found, key=lambda entry: entry[0])
-    mean = float(np.mean([np.exp(max(entry[0] - total, -700.0)) for entry in found]))
-    return total + float(np.log(mean)), found[0][1], explanation
+    explanation = max(found, key=lambda entry: entry[0])[2]
+    return log_mean_exp([log_z for log_z, _, _ in found]), found[0][1], explanation
 
 
 def _one(grid: Floats, gram: Floats, moment: Floats) -> tuple[float, Floats, float, float]:
     square, inner = float(gram[0, 0]), float(moment[0])
     log = grid * inner - 0.5 * grid**2 * square
-    top = float(log.max())
     amplitude = float(np.clip(inner / square, grid[0], grid[-1])) if square > 0 else float(grid[0])
     gain = 2.0 * amplitude * inner - amplitude**2 * square
     std = float(1.0 / np.sqrt(square)) if square > 0 else np.inf
-    return top + float(np.log(np.mean(np.exp(log - top)))), np.array([amplitude]), std, gain
+    return log_mean_exp(log), np.array([amplitude]), std, gain
 
 
-def _two(grid: Floats, gram: Floats, moment: Floats) -> tuple[float, Floats, float, float]:
+def _several(grid: Floats, gram: Floats, moment: Floats) -> tuple[float, Floats, float, float]:
     """Amplitude with free phases: every part is normal with variance amplitude^2 / 2."""
     spread = 0.5 * grid**2
     values, vectors = np.linalg.eigh(gram)
@@ -319,11 +317,10 @@ def _two(grid: Floats, gram: Floats, moment: Floats) -> tuple[float, Floats, flo
     turned = vectors.T @ moment
     inner = 1.0 + spread[:, None] * values
     log = 0.5 * spread * np.sum(turned**2 / inner, axis=1) - 0.5 * np.log(inner).sum(axis=1)
-    top = float(log.max())
     regular = gram + 1e-9 * np.trace(gram) * np.eye(len(moment))
     solution = np.linalg.solve(regular, moment)
     std = float(np.sqrt(0.5 * np.trace(np.linalg.inv(regular)[:2, :2])))
-    return top + float(np.log(np.mean(np.exp(log - top)))), solution, std, float(moment @ solution)
+    return log_mean_exp(log), solution, std, float(moment @ solution)
 
 
 def background(problem: LinearProblem, effects: Sequence[Effect]) -> Floats:

@@ -95,6 +95,13 @@ def harmonics(waves: Floats, n: int) -> Floats:
     return np.concatenate([spectrum[..., :1].real, 2 * spectrum[..., 1:].real, -2 * spectrum[..., 1:].imag], axis=-1)
 
 
+def wave_of(series: Floats, angle_rad: Floats) -> Floats:
+    """Value at some angles of a series as `harmonics` gives it, shape of `angle_rad`."""
+    n = (len(series) - 1) // 2
+    turns = np.outer(np.arange(1, n + 1), angle_rad)
+    return series[0] + series[1 : n + 1] @ np.cos(turns) + series[n + 1 :] @ np.sin(turns)
+
+
 def time_bins(rows: Floats) -> Floats:
     """Means over the start-up's time bins, shape (1, n_bins); rows on a 1 ms grid from the first motion on."""
     from diagnosis.reduction import START_UP_STEP_S

@@ -39,7 +39,7 @@ def form_modes(problem: LinearProblem, contribution: Floats) -> Floats:
     ndarray, shape (n, q)
         For a factor of standard deviation 1; columns without any weight are left out.
     """
-    covariates = _covariates(problem)
+    factors = _factors(problem)
     operators = {equation: _operators(form.n_harmonics) for equation, form in problem.campaign.plant.equations.items()}
     rows: dict[tuple[Equation, str, int, int], list[tuple[Part, Floats]]] = {}
     for number, part in enumerate(problem.parts):
@@ -53,7 +53,7 @@ def form_modes(problem: LinearProblem, contribution: Floats) -> Floats:
             known = operators[equation] if part.layout.kind == "running" else _START_UP
             for k, operator in enumerate(known):
                 moved = block @ operator
-                for j, weight in enumerate(covariates[number] if k < _N_TILTED else covariates[number][:1]):
+                for j, weight in enumerate(factors[number] if k < _N_TILTED else factors[number][:1]):
                     wide = np.zeros_like(features)
                     wide[:, place] = weight * moved
                     rows.setdefault((equation, part.layout.kind, k, j), []).append((part, wide))
@@ -67,31 +67,32 @@ def form_modes(problem: LinearProblem, contribution: Floats) -> Floats:
     return np.array(columns).T if columns else np.zeros((len(contribution), 0))
 
 
-def _covariates(problem: LinearProblem) -> list[list[Floats]]:
-    """Factors of each part, (n_blocks, 1) each: 1, speed, load, session, feed, time in the trial, idle."""
+def covariates(problem: LinearProblem) -> dict[str, Floats]:
+    """What varies between trials, one value a part: speed, load, session, feed, centred and scaled; idle, 0 or 1."""
     settings = [part.setting for part in problem.parts]
-    duty = centred(np.array([s.duty for s in settings]))
-    load = centred(
-        np.array(
-            [
-                float(part.state.slow["k_guess_n_s_per_m"].mean()) if "k_guess_n_s_per_m" in part.state.slow else 0.0
-                for part in problem.parts
-            ]
-        )
-    )
-    session = centred(np.array([s.session_s for s in settings]))
-    feed = centred(np.nan_to_num(np.array([s.feed_m_s for s in settings])))
-    idle = np.array([float(s.is_idle) for s in settings])
+    load = [np.mean(part.state.slow.get("k_guess_n_s_per_m", 0.0)) for part in problem.parts]
+    return {
+        "speed": _centred(np.array([s.duty for s in settings])),
+        "load": _centred(np.array(load, dtype=np.float64)),
+        "session": _centred(np.array([s.session_s for s in settings])),
+        "feed": _centred(np.nan_to_num(np.array([s.feed_m_s for s in settings]))),
+        "idle": np.array([float(s.is_idle) for s in settings]),
+    }
+
+
+def _factors(problem: LinearProblem) -> list[list[Floats]]:
+    """Factors of each part, (n_blocks, 1) each: 1, speed, load, session, feed, idle, time in the trial."""
+    varied = covariates(problem)
     found = []
     for k, part in enumerate(problem.parts):
         n_blocks = part.blocks.shape[0]
         ones = np.ones((n_blocks, 1))
         within = np.linspace(-1.0, 1.0, n_blocks)[:, None] if n_blocks > 1 else np.zeros((1, 1))
-        found.append([ones, duty[k] * ones, load[k] * ones, session[k] * ones, feed[k] * ones, within, idle[k] * ones])
+        found.append([ones, *(values[k] * ones for values in varied.values()), within])
     return found
 
 
-def centred(values: Floats) -> Floats:
+def _centred(values: Floats) -> Floats:
     """Values less their mean over their standard deviation, zeros where they do not vary."""
     spread = float(values.std())
     return (values - values.mean()) / spread if spread > 0 else np.zeros_like(values)
@@ -108,11 +109,10 @@ def _operators(n: int) -> list[Floats]:
     for k in range(1, _N_ANGLE + 1):
         factors += [np.cos(k * angle) / np.sqrt(k), np.sin(k * angle) / np.sqrt(k)]
     operators = [harmonics(synthesis * factor, n) for factor in factors]
-    share = _HARMONIC_FACTOR
     for k in range(1, n + 1):
         same, turned = np.zeros((2 * n + 1, 2 * n + 1)), np.zeros((2 * n + 1, 2 * n + 1))
-        same[k, k] = same[n + k, n + k] = share
-        turned[k, n + k], turned[n + k, k] = -share, share
+        same[k, k] = same[n + k, n + k] = _HARMONIC_FACTOR
+        turned[k, n + k], turned[n + k, k] = -_HARMONIC_FACTOR, _HARMONIC_FACTOR
         operators += [same, turned]
     return operators
 

@@ -10,6 +10,7 @@ import numpy as np
 from bench.recording import Floats
 from diagnosis.channel_gap import CHANNELS, MODELS, ChannelGap, Cycle
 from diagnosis.evidence import Column, Explanation
+from diagnosis.features import wave_of
 from diagnosis.linear_problem import LinearProblem, Marginal
 from diagnosis.posterior import GRAIN, Posterior, wide_scale
 from diagnosis.state import TWO_PI
@@ -130,7 +131,7 @@ def _rounded(value: float) -> float:
 def _map(problem: LinearProblem) -> dict[str, Any]:
     """Mean residual that re-tuned parameters leave, by equation, operating point and crank angle."""
     marginal = Marginal(problem, scale=wide_scale(problem))
-    rest = marginal.data - marginal.design @ marginal.estimate()[0]
+    rest = marginal.rest(marginal.data)
     angle = (np.arange(_N_SECTORS) + 0.5) * TWO_PI / _N_SECTORS
     found: dict[str, dict[str, list[Floats]]] = {}
     for part in problem.parts:
@@ -138,7 +139,7 @@ def _map(problem: LinearProblem) -> dict[str, Any]:
             continue
         features = part.unwhiten(rest).mean(axis=0)
         for equation, place in part.layout.slices.items():
-            wave = _wave(features[place], angle)
+            wave = wave_of(features[place], angle)
             found.setdefault(equation, {}).setdefault(part.setting.operating_point, []).append(wave)
     points = list(dict.fromkeys(part.setting.operating_point for part in problem.parts))
     forms = problem.campaign.plant.equations
@@ -155,12 +156,6 @@ def _map(problem: LinearProblem) -> dict[str, Any]:
             for equation, by_point in found.items()
         },
     }
-
-
-def _wave(series: Floats, angle: Floats) -> Floats:
-    n = (len(series) - 1) // 2
-    turns = np.outer(np.arange(1, n + 1), angle)
-    return series[0] + series[1 : n + 1] @ np.cos(turns) + series[n + 1 :] @ np.sin(turns)
 
 
 def _alike_matrix(problem: LinearProblem, explanations: Sequence[Explanation]) -> dict[str, Any]:

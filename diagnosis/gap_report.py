@@ -18,7 +18,7 @@ from diagnosis.linear_problem import LinearProblem, Marginal, build_problem
 from diagnosis.next_trial import next_trial
 from diagnosis.plants.choice import reduce_recordings
 from diagnosis.posterior import GRAIN, Posterior, judge, wide_scale
-from diagnosis.weighing import AND
+from diagnosis.weighing import AND, VERDICTS
 from diagnosis.where import locate
 
 SCHEMA_VERSION = 1
@@ -92,7 +92,7 @@ def diagnose(
         "verdict": posterior.verdict,
         "where": [] if posterior.verdict == "no_gap" else _where(problem, posterior),
         "causes": causes,
-        "probabilities": {k: posterior.probabilities[k] for k in ("no_gap", "parameters", "unknown")},
+        "probabilities": {k: posterior.probabilities[k] for k in VERDICTS},
         "parameter_shifts": _shifts(problem),
         "gap": _gap(ladder, channels),
         "next_trial": next_trial(problem, posterior),
@@ -111,9 +111,7 @@ def _causes(
     """Entries of the report; with the ladder of the first one and the forms it was climbed with."""
     by_name = {e.effect.name: e for e in posterior.explanations}
     chosen = [
-        (name, p)
-        for name, p in posterior.probabilities.items()
-        if name not in {"no_gap", "parameters", "unknown"} and p > _SHOWN_PROBABILITY
+        (name, p) for name, p in posterior.probabilities.items() if name not in VERDICTS and p > _SHOWN_PROBABILITY
     ][:5]
     if len(chosen) < 2:
         more = [e.effect.name for e in posterior.explanations if e.effect.name not in dict(chosen)]

@@ -54,9 +54,7 @@ class Part:
 
     def whiten(self, signature: Signature) -> Floats:
         """Stacked whitened features of a signature on the grid of `smooth`."""
-        shape = self.smooth.angle_rad.shape
-        waves: Signature = {name: np.broadcast_to(wave, shape) for name, wave in signature.items()}
-        return (self.layout.place(waves, shape[0]) @ self.whitener.T).ravel()
+        return self.whiten_all([signature])[0]
 
     def whiten_all(self, signatures: Sequence[Signature]) -> Floats:
         """`whiten` of many signatures at once, shape (len(signatures), n_blocks * size)."""
@@ -267,10 +265,19 @@ class Marginal:
         half = self.half(part)
         return part.T @ part - half.T @ half, part.T @ self.data - half.T @ self.data_half
 
+    def rest(self, columns: Floats) -> Floats:
+        """What the best nuisances leave of columns, shape (n,) or (n, q)."""
+        return columns - self.design @ self._best(columns)
+
+    def _best(self, columns: Floats) -> Floats:
+        from scipy.linalg import cho_solve
+
+        return cho_solve((self._root, True), self.design.T @ columns)
+
     def estimate(self) -> tuple[Floats, Floats]:
         """Posterior mean and standard deviation of the nuisances, in units of their (scaled) prior std."""
         from scipy.linalg import cho_solve
 
-        mean = cho_solve((self._root, True), self.design.T @ self.data)
+        mean = self._best(self.data)
         std = np.sqrt(np.diag(cho_solve((self._root, True), np.eye(len(self._root)))))
         return mean, std

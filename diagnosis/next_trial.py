@@ -70,13 +70,7 @@ def _words(explanation: Explanation) -> str:
 
 def _most_informative(problem: LinearProblem, difference: Floats) -> tuple[str, float]:
     """Operating point at which a whitened difference is largest after re-tuning, and half its square for a trial."""
-    marginal = Marginal(problem)
-    taken = np.linalg.lstsq(
-        np.vstack([marginal.design, np.eye(marginal.design.shape[1])]),
-        np.concatenate([difference, np.zeros(marginal.design.shape[1])]),
-        rcond=None,
-    )[0]
-    rest = difference - marginal.design @ taken
+    rest = Marginal(problem).rest(difference)
     squares: dict[str, float] = {}
     trials: dict[str, set[str]] = {}
     for part in problem.parts:
@@ -92,10 +86,7 @@ def _most_left(problem: LinearProblem, posterior: Posterior) -> str:
     """Operating point with the largest misfit a number, after re-tuning and the best effect."""
     best = max(posterior.explanations, key=lambda e: e.gain, default=None)
     data = problem.data if best is None else problem.data - best.contribution
-    marginal = Marginal(problem)
-    design = np.vstack([marginal.design, np.eye(marginal.design.shape[1])])
-    taken = np.linalg.lstsq(design, np.concatenate([data, np.zeros(marginal.design.shape[1])]), rcond=None)[0]
-    rest = data - marginal.design @ taken
+    rest = Marginal(problem).rest(data)
     means: dict[str, list[float]] = {}
     for part in problem.parts:
         means.setdefault(part.setting.operating_point, []).append(float(np.mean(rest[part.place] ** 2)))

@@ -10,10 +10,11 @@ import numpy as np
 
 from bench.recording import Floats
 from diagnosis.evidence import Catalogue, Column, Explanation, background, explain_formed
-from diagnosis.form_error import FORM_SHARES, centred, form_modes
+from diagnosis.form_error import FORM_SHARES, covariates, form_modes
 from diagnosis.linear_problem import WIDE, LinearProblem, Marginal
+from diagnosis.log_mean import log_mean_exp
 from diagnosis.stroke_series import Grain, grain_evidence
-from diagnosis.weighing import AND, VERDICTS, weigh
+from diagnosis.weighing import AND, VERDICTS, WEIGHTS, weigh
 
 GRAIN = "grain_variation"
 Verdict = Literal["effect", "effects", "parameters", "no_gap", "unknown"]
@@ -24,8 +25,6 @@ _SCREEN_SHARE = 0.05
 STROKE_WEIGHT = 4.0
 # Depths of a wave in the wood are tried in steps of this share.
 GRAIN_STEP = 0.5
-# Whitened misfit over features that an intact machine leaves.
-QUIET = 0.15
 _WORTH_FORMING = 6.0
 _DISCREPANCY_SIZES = (3.0, 10.0, 30.0, 100.0, 300.0)
 _DISCREPANCY_HARMONICS = 6
@@ -144,7 +143,7 @@ def _dispersion(problem: LinearProblem, catalogue: Catalogue) -> float:
     """
     plain = Marginal(problem)
     gain = max((e.gain for e in catalogue.explain(plain).values()), default=0.0)
-    return max(1.0, (plain.misfit - max(gain, 0.0)) / len(problem.data) / QUIET)
+    return max(1.0, (plain.misfit - max(gain, 0.0)) / len(problem.data) / WEIGHTS.quiet)
 
 
 def _dispersed(
@@ -268,21 +267,15 @@ def _formed_pair(
     return Pair(first=first, second=found, log_evidence=log_z - reference, left_over=left_over)
 
 
-def _discrepancy(problem: LinearProblem, small: Floats | None) -> float:
+def _discrepancy(problem: LinearProblem, small: Floats) -> float:
     """Log evidence of a smooth gap of no particular form: harmonics times {1, speed, load, time, feed}."""
     blocks = []
-    settings = [part.setting for part in problem.parts]
-    duty = np.array([s.duty for s in settings])
-    feed = np.nan_to_num(np.array([s.feed_m_s for s in settings]))
-    session = np.array([s.session_s for s in settings])
-    covariates = np.array(
-        [np.ones(len(settings)), centred(duty), [0.0 if s.is_idle else 1.0 for s in settings],
-         centred(session), centred(feed)]
-    )  # fmt: skip
+    varied = covariates(problem)
+    rows = [np.ones(len(problem.parts)), varied["speed"], 1.0 - varied["idle"], varied["session"], varied["feed"]]
     for equation, form in problem.campaign.plant.equations.items():
         n_harmonics = form.n_harmonics
         for k in range(2 * min(_DISCREPANCY_HARMONICS, n_harmonics) + 1):
-            for row in covariates:
+            for row in rows:
                 column = np.zeros(len(problem.data))
                 for part, weight in zip(problem.parts, row, strict=True):
                     if part.state.kind != "running" or equation not in part.layout.equations or not weight:
@@ -297,9 +290,6 @@ def _discrepancy(problem: LinearProblem, small: Floats | None) -> float:
                 if norm > 0:
                     blocks.append(column / norm)
     shapes = np.array(blocks).T
-    logs = []
-    for size in _DISCREPANCY_SIZES:
-        extra = size * shapes if small is None else np.hstack([small, size * shapes])
-        logs.append(_log_z(Marginal(problem, extra=extra)))
-    top = max(logs)
-    return top + float(np.log(np.mean(np.exp(np.array(logs) - top))))
+    return log_mean_exp(
+        [_log_z(Marginal(problem, extra=np.hstack([small, size * shapes]))) for size in _DISCREPANCY_SIZES]
+    )

@@ -16,6 +16,7 @@ import numpy as np
 from bench.processed import CrankAngle
 from bench.recording import Floats, Recording
 from bench.units import FORCE
+from diagnosis.log_mean import log_mean_exp
 from diagnosis.state import TWO_PI
 
 _MIN_STROKES = 24
@@ -24,7 +25,7 @@ _WAVES_PER_M = np.geomspace(60.0, 1200.0, 34)
 _WIDTHS = (0.03, 0.1, 0.25)
 # Frequencies of a wave that is locked to time, Hz: what a hand or a controller does.
 _FREQUENCIES_HZ = np.geomspace(0.2, 8.0, 28)
-# Prior of the wave's depth, and what a fitted place, width and depth cost against the null (three numbers).
+# Depths of the wave that are tried, relative.
 _DEPTHS = np.geomspace(0.02, 0.6, 9)
 _LOWEST_WAVES = 2.0
 
@@ -167,10 +168,9 @@ def _average_wave(
             for depth in _DEPTHS:
                 value = max(_whittle(power, spectrum + 0.5 * depth**2 * hump) for spectrum in scatters)
                 found.append((value, depth, place))
-    logs = np.array([f[0] for f in found])
-    top = float(logs.max())
-    best = found[int(logs.argmax())]
-    return top + float(np.log(np.mean(np.exp(logs - top)))), float(best[1]), float(best[2])
+    logs = [f[0] for f in found]
+    best = found[int(np.argmax(logs))]
+    return log_mean_exp(logs), float(best[1]), float(best[2])
 
 
 def _periodogram(trial: StrokeSeries) -> tuple[Floats, Floats, Floats, Floats]:

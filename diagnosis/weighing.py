@@ -75,7 +75,6 @@ def weigh(
         Most likely first; they sum to 1.
     """
     w = weights
-    temperature = w.temperature
     prior_effects = 1.0 - w.prior_no_gap - w.prior_parameters - w.prior_unknown - w.prior_pairs
     n_pairs = max(n_effects * (n_effects - 1) // 2, 1)
     score: dict[str, float] = {}
@@ -85,14 +84,14 @@ def weigh(
         prior = {"no_gap": w.prior_no_gap, "parameters": w.prior_parameters}.get(
             name, w.prior_pairs / n_pairs if AND in name else prior_effects / max(n_effects, 1)
         )
-        score[name] = float(np.log(prior)) + value / temperature - (w.pair_cost if AND in name else 0.0)
+        score[name] = float(np.log(prior)) + value / w.temperature - (w.pair_cost if AND in name else 0.0)
     claims = [n for n in score if np.isfinite(left_over.get(n, np.inf))]
     best = max(claims, key=lambda n: score[n])
     left = max(left_over[best] - 1.7 * w.quiet, 0.0)
     gap = max(left_over["no_gap"] - left_over[best], 0.0) + left
     share = (left + 0.02) / (gap + 0.2)
     score["unknown"] = max(
-        float(np.log(w.prior_unknown)) + log_evidence["unknown"] / temperature,
+        float(np.log(w.prior_unknown)) + log_evidence["unknown"] / w.temperature,
         score[best] + w.open_gain * float(np.log(share / w.open_share)),
     )
     return _normalised(score)

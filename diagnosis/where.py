@@ -8,6 +8,7 @@ import numpy as np
 
 from bench.recording import Floats
 from diagnosis.equations import Equation
+from diagnosis.features import wave_of
 from diagnosis.linear_problem import LinearProblem, Marginal
 from diagnosis.posterior import wide_scale
 from diagnosis.state import TWO_PI
@@ -41,7 +42,7 @@ def locate(problem: LinearProblem) -> tuple[Spot, ...]:
         Largest share first. Energy that noise alone would leave (its median over the features) is taken off.
     """
     marginal = Marginal(problem, scale=wide_scale(problem))
-    rest = marginal.data - marginal.design @ marginal.estimate()[0]
+    rest = marginal.rest(marginal.data)
     energy: dict[Equation, float] = {}
     for part in problem.parts:
         block = rest[part.place].reshape(-1, part.layout.size)
@@ -75,13 +76,7 @@ def _sectors(problem: LinearProblem, rest: Floats, equation: Equation) -> tuple[
         if part.state.kind != "running" or equation not in part.layout.equations:
             continue
         features = part.unwhiten(rest)
-        mean = features[:, part.layout.slices[equation]].mean(axis=0)
-        n = (len(mean) - 1) // 2
-        order = np.arange(1, n + 1)
-        wave = (
-            mean[0] + mean[1 : n + 1] @ np.cos(np.outer(order, angle)) + mean[n + 1 :] @ np.sin(np.outer(order, angle))
-        )
-        square += wave**2
+        square += wave_of(features[:, part.layout.slices[equation]].mean(axis=0), angle) ** 2
     if square.sum() <= 0:
         return ()
     high = square > 1.5 * square.mean()

@@ -11,9 +11,10 @@ import numpy as np
 
 from bench.recording import Floats
 from blindcheck.effects.table import CATALOGUE
+from diagnosis.weighing import AND, VERDICTS
 
 EFFECTS = tuple(CATALOGUE)
-OTHERS = ("no_gap", "parameters", "unknown")
+OTHERS = VERDICTS
 PAIR = "pair"
 CLASSES = (*EFFECTS, *OTHERS, PAIR)
 # Shares of the kinds in a set, as docs/blind_check.md states them; every peer may know them.
@@ -95,7 +96,7 @@ def indistinguishable(probabilities: Mapping[str, float]) -> tuple[str, ...]:
     if top in OTHERS:
         return ()
     near = [name for name in EFFECTS if probabilities.get(name, 0.0) * GROUP_FACTOR >= probabilities[top]]
-    return tuple(name for name in near if name not in top.split(" + "))
+    return tuple(name for name in near if name not in top.split(AND))
 
 
 def answer_of(probabilities: dict[str, float], time_s: float) -> Answer:

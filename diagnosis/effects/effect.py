@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from bench.recording import Floats
-from diagnosis.equations import Baseline, Equation, Signature
+from diagnosis.equations import Signature
 from diagnosis.state import State
 
 Place = Literal["electrical", "mechanical", "cutting", "supply", "sensing"]
@@ -145,8 +145,3 @@ class Effect:
     def reported_strength(self, amplitude: float, shape: dict[str, float]) -> float:
         """Value of `strength` that goes with an amplitude of one shape."""
         return amplitude if self.shape_strength is None else self.shape_strength(amplitude, shape)
-
-
-def evaluable_equations(baseline: Baseline, state: State) -> frozenset[Equation]:
-    """Name the equations that `diagnosis.equations.residuals` can evaluate on a state's channels."""
-    return baseline.evaluable_equations(state)

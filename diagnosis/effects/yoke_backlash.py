@@ -32,14 +32,17 @@ def _signature(baseline: Baseline, state: State, split: float) -> tuple[Signatur
     n_groups = (1, 2, 5)[int(split)]
     if state.kind != "running":
         return tuple({} for _ in range(n_groups * count))
-    waves: list[Signature] = []
-    for k in range(1, _N_HARMONICS + 1):
-        for wave in (np.cos(k * state.angle_rad), np.sin(k * state.angle_rad)):
-            waves.append(swing(baseline, state, wave / (2.0 * baseline.radius_m * np.sqrt(k))))
+    waves = [swing(baseline, state, wave / (2.0 * baseline.radius_m)) for wave in _waves(state.angle_rad)]
     found: list[Signature] = []
     for weight in _weights(state, n_groups):
         found.extend({name: weight * rows for name, rows in wave.items()} if weight else {} for wave in waves)
     return tuple(found)
+
+
+def _waves(angle_rad: Floats) -> Floats:
+    """Cosine and sine of each harmonic in turn, falling as those of a jump do, shape (2 harmonics, *angle's shape)."""
+    found = [f(k * angle_rad) / np.sqrt(k) for k in range(1, _N_HARMONICS + 1) for f in (np.cos, np.sin)]
+    return np.stack(found)
 
 
 def _combined(baseline: Baseline, state: State, coefficients: Floats, split: float) -> Signature:
@@ -49,10 +52,7 @@ def _combined(baseline: Baseline, state: State, coefficients: Floats, split: flo
     groups = coefficients.reshape(-1, 2 * _N_HARMONICS)
     weights = _weights(state, len(groups))
     total = sum(weight * group for weight, group in zip(weights, groups, strict=True))
-    order = np.arange(1, _N_HARMONICS + 1)[:, None, None]
-    waves = np.stack([np.cos(order * state.angle_rad), np.sin(order * state.angle_rad)], axis=1)
-    waves = waves / (2.0 * baseline.radius_m * np.sqrt(order[:, None]))
-    deviation = np.tensordot(np.asarray(total).reshape(_N_HARMONICS, 2), waves, axes=2)
+    deviation = np.tensordot(np.asarray(total), _waves(state.angle_rad), axes=1) / (2.0 * baseline.radius_m)
     # `swing` is linear in the wave; a unit wave keeps its difference quotient where it was tested.
     size = float(np.abs(deviation).max())
     if size == 0.0:
@@ -79,10 +79,8 @@ def apparent_gap(coefficients: Floats) -> float:
     of two: play is crossed in part only, and a wave that also changes with the stock is badly known at any one.
     """
     angle = np.linspace(0.0, 2.0 * np.pi, 180, endpoint=False)
-    order = np.arange(1, _N_HARMONICS + 1)[:, None]
-    waves = np.stack([np.cos(order * angle), np.sin(order * angle)], axis=1) / np.sqrt(order)[:, :, None]
     groups = coefficients.reshape(-1, 2 * _N_HARMONICS)[:2]
-    away = 0.5 * np.sin(angle) * (groups @ waves.reshape(2 * _N_HARMONICS, -1))
+    away = 0.5 * np.sin(angle) * (groups @ _waves(angle))
     return float(np.ptp(away, axis=1).min())
 
 

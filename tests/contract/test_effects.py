@@ -11,7 +11,6 @@ import pytest
 
 from bench.config import BatteryConfig, PlantConfig
 from diagnosis.effects.catalogue import EFFECT_BY_NAME, EFFECTS, page
-from diagnosis.effects.effect import evaluable_equations
 from diagnosis.effects.grain_variation import WAVELENGTHS_M
 from diagnosis.effects.transfer import filtered
 from diagnosis.equations import Baseline, residuals
@@ -213,7 +212,7 @@ def test_signatures_are_finite_and_only_of_equations_that_can_be_evaluated(effec
     states += [running(setting=setting_of(False, feed_m_s=np.nan, thickness_m=np.nan))]
     for state, absent in itertools.product(states, ABSENT):
         reduced = replace(state, **absent)
-        allowed = evaluable_equations(BASELINE, reduced)
+        allowed = BASELINE.evaluable_equations(reduced)
         for shape in few_shapes(effect):
             parts = effect.signatures(BASELINE, reduced, shape)
             assert len(parts) == n_signatures(effect.name, shape)
@@ -228,7 +227,7 @@ def test_signatures_are_finite_and_only_of_equations_that_can_be_evaluated(effec
 @pytest.mark.parametrize("absent", ABSENT, ids=str)
 def test_evaluable_equations_are_those_that_the_residuals_have(state, absent):
     reduced = replace(state, **absent)
-    assert evaluable_equations(BASELINE, reduced) == set(residuals(BASELINE, reduced))
+    assert BASELINE.evaluable_equations(reduced) == set(residuals(BASELINE, reduced))
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda e: e.name)

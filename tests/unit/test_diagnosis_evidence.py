@@ -16,7 +16,7 @@ from diagnosis.evidence import Catalogue, Column, amplitudes, catalogue_columns,
 from diagnosis.form_error import form_modes
 from diagnosis.linear_problem import LinearProblem, Marginal, build_problem
 from diagnosis.plants.jigsaw import Jigsaw
-from diagnosis.posterior import QUIET
+from diagnosis.weighing import WEIGHTS
 
 N_ROWS, N_UNITS = 60, 12
 NO_COLUMNS = np.zeros((N_ROWS, 0))
@@ -320,7 +320,7 @@ def test_gains_scale_no_misfit_away_however_large_it_is(campaign_states, equatio
 def test_a_large_misfit_leaves_gains_where_they_are_known_to_be(campaign_states, equation, size):
     """From 1 V, 20 N, 0.1 V, 0.3 A on, noise as large as what is left: a gain of -100 % is a hundred sigmas."""
     found = misfitting(campaign_states, equation, size)
-    share = np.sqrt(QUIET * len(found.data) / Marginal(found).misfit)
+    share = np.sqrt(WEIGHTS.quiet * len(found.data) / Marginal(found).misfit)
     assert share < 0.15, "the misfit is too small to say anything"
     mean, _ = Marginal(replace(found, data=share * found.data, nuisance=share * found.nuisance)).estimate()
     shifts = {name: abs(value) for name, value in zip(found.names, mean, strict=True) if name in GAINS}
