@@ -65,9 +65,7 @@ class Calibration(BaseModel):
         """
         x = np.asarray(raw, dtype=np.float64) - self.zero_raw
         if self.polynomial is not None:
-            return np.asarray(
-                np.polynomial.polynomial.polyval(x, np.array(self.polynomial)), dtype=np.float64
-            )
+            return np.asarray(np.polynomial.polynomial.polyval(x, np.array(self.polynomial)), dtype=np.float64)
         return np.asarray(self.offset + self.scale * x, dtype=np.float64)
 
     def statement(self, channel: str, unit: str) -> str:

@@ -37,9 +37,7 @@ class _Frames(NamedTuple):
 
     def where(self, mask: NDArray[np.bool_]) -> _Frames:
         """Return the frames for which `mask` is true."""
-        return _Frames(
-            self.time_s[mask], self.identifier[mask], self.length[mask], self.payload[mask], self.bus[mask]
-        )
+        return _Frames(self.time_s[mask], self.identifier[mask], self.length[mask], self.payload[mask], self.bus[mask])
 
 
 class _Wanted(NamedTuple):
@@ -147,9 +145,7 @@ def _read_frames(path: Path) -> tuple[_Frames, float]:
                 if m.is_error_frame or m.is_remote_frame or len(m.data) > 8:
                     continue
                 identifier = m.arbitration_id | (EXTENDED_FLAG if m.is_extended_id else 0)
-                rows.append(
-                    (m.timestamp, identifier, len(m.data), bytes(m.data).ljust(8, b"\0"), str(m.channel))
-                )
+                rows.append((m.timestamp, identifier, len(m.data), bytes(m.data).ljust(8, b"\0"), str(m.channel)))
     except Exception as error:
         # The readers raise whatever their parsing runs into: ValueError, IndexError, struct.error, their own
         # classes.
@@ -201,9 +197,7 @@ def _decode(item: _Wanted, frames: _Frames, events: list[Event]) -> Signal | Non
     mux = item.message.get_signal_by_name(mux_name) if mux_name else None
     if mux is not None:
         selector.append(mux)
-    is_ours = ((frames.identifier & np.uint32(mask)) == np.uint32(value)) & (
-        frames.length >= needed_length(selector)
-    )
+    is_ours = ((frames.identifier & np.uint32(mask)) == np.uint32(value)) & (frames.length >= needed_length(selector))
     if not is_ours.any():
         return None
     is_ours &= _most_frequent_sender(item, frames, is_ours, events)
@@ -216,9 +210,7 @@ def _decode(item: _Wanted, frames: _Frames, events: list[Event]) -> Signal | Non
     time_s, raw = time_s[is_good][order], raw[is_good][order]
     is_later = np.concatenate(([True], np.diff(time_s) > 0))[: len(time_s)]
     if not is_later.all():
-        text = (
-            f"{item.name}: {int((~is_later).sum())} frames with the time stamp of their predecessor left out"
-        )
+        text = f"{item.name}: {int((~is_later).sum())} frames with the time stamp of their predecessor left out"
         events.append(Event(kind="warning", time_s=0.0, text=text, channel=item.name))
         time_s, raw = time_s[is_later], raw[is_later]
     values = raw * float(item.signal.scale) + float(item.signal.offset)

@@ -106,9 +106,7 @@ class StreamRecorder:
         if end_s <= 0 or start_s >= self._end_s:
             return []
         inside = (min(end_s, self._end_s) - max(start_s, 0.0)) / (end_s - start_s)
-        return self._gaps(
-            max(start_s, 0.0), min(end_s, self._end_s), round(loss.n_missing * inside), loss.reason
-        )
+        return self._gaps(max(start_s, 0.0), min(end_s, self._end_s), round(loss.n_missing * inside), loss.reason)
 
     def _gaps(self, start_s: float, end_s: float, n_missing: int, reason: str) -> list[Event]:
         events = []
@@ -120,9 +118,7 @@ class StreamRecorder:
             events.append(self._gap_event(channel, start_s, end_s, n_missing, reason))
         return events
 
-    def _gap_event(
-        self, channel: StreamChannel, start_s: float, end_s: float, n_missing: int, reason: str
-    ) -> Event:
+    def _gap_event(self, channel: StreamChannel, start_s: float, end_s: float, n_missing: int, reason: str) -> Event:
         return Event(
             kind="gap",
             time_s=start_s,
@@ -164,9 +160,7 @@ class StreamRecorder:
             counter.n_gaps += 1
             counter.n_missing += len(bad)
             reason = f"outside of what the instrument can mean, {low:g}..{high:g} {channel.unit}"
-            out.append(
-                self._gap_event(channel, float(time_s[bad[0]]), float(time_s[bad[-1]]), len(bad), reason)
-            )
+            out.append(self._gap_event(channel, float(time_s[bad[0]]), float(time_s[bad[-1]]), len(bad), reason))
         for a, b in _runs(is_valid):
             out.append(
                 SampleBlock(

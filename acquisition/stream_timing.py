@@ -282,9 +282,7 @@ class StreamTimer:
                     )
                 )
                 self._reason_before_restart = ""
-        out.append(
-            TimedBlock(first_index=self._base + self._count, time_s=time_s, period_s=None, raw=chunk.raw)
-        )
+        out.append(TimedBlock(first_index=self._base + self._count, time_s=time_s, period_s=None, raw=chunk.raw))
         self._count += len(time_s)
         self._last_time_s = float(time_s[-1])
         return out

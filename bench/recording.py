@@ -235,9 +235,7 @@ class Trial:
         for name in ("thickness_mm", "feed_mm_s"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value >= 0):
-                raise InputError(
-                    f"{name} is {value!r}, allowed is a number >= 0", where=f"trial {self.trial_id}"
-                )
+                raise InputError(f"{name} is {value!r}, allowed is a number >= 0", where=f"trial {self.trial_id}")
 
     @property
     def is_idle(self) -> bool:

@@ -39,15 +39,9 @@ FORCE: Final = Channel(name="force_n", unit="N", label="cutting force", plausibl
 DISPLACEMENT: Final = Channel(
     name="displacement_mm", unit="mm", label="blade displacement", si_factor=1e-3, plausible=(-200.0, 200.0)
 )
-MOTOR_CURRENT: Final = Channel(
-    name="motor_current_a", unit="A", label="motor current", plausible=(-200.0, 200.0)
-)
-BATTERY_VOLTAGE: Final = Channel(
-    name="battery_voltage_v", unit="V", label="battery voltage", plausible=(0.0, 100.0)
-)
-BATTERY_CURRENT: Final = Channel(
-    name="battery_current_a", unit="A", label="battery current", plausible=(-200.0, 200.0)
-)
+MOTOR_CURRENT: Final = Channel(name="motor_current_a", unit="A", label="motor current", plausible=(-200.0, 200.0))
+BATTERY_VOLTAGE: Final = Channel(name="battery_voltage_v", unit="V", label="battery voltage", plausible=(0.0, 100.0))
+BATTERY_CURRENT: Final = Channel(name="battery_current_a", unit="A", label="battery current", plausible=(-200.0, 200.0))
 
 CHANNELS: Final[tuple[Channel, ...]] = (
     FORCE,

@@ -35,9 +35,7 @@ def read_cells(directory: Path) -> dict[str, dict[str, MeasuredDischarge]]:
 
     path = directory / FILE
     if not path.exists():
-        raise InputError(
-            "no such file", where=path, remedy="name the folder of the LG M50 rate tests with --cells"
-        )
+        raise InputError("no such file", where=path, remedy="name the folder of the LG M50 rate tests with --cells")
     table = loadmat(path, squeeze_me=True, struct_as_record=False)["LGM50_5Ah_RateTest"]
     cells: dict[str, dict[str, MeasuredDischarge]] = {}
     for temperature in table._fieldnames:
@@ -67,9 +65,7 @@ def rows(cells: dict[str, dict[str, MeasuredDischarge]]) -> list[dict]:
         for temperature, rates in cells.items():
             fit = fit_battery([rates[rate] for rate in fitted_on], model=model)
             for rate, discharge in rates.items():
-                predicted = predict_discharge(
-                    fit, current_a=discharge.mean_current_a, cutoff_voltage_v=CUTOFF_V
-                )
+                predicted = predict_discharge(fit, current_a=discharge.mean_current_a, cutoff_voltage_v=CUTOFF_V)
                 voltage_v = fit.voltage_v(discharge.charge_a_s, discharge.current_a)
                 table.append(
                     {
@@ -149,9 +145,7 @@ def _section(rows_of_model: list[dict]) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cells", type=Path, required=True, help="folder with the LG M50 rate tests")
     parser.add_argument("--out", type=Path, help="page to write; printed without it")
     options = parser.parse_args()

@@ -3,11 +3,11 @@
     python benchmarks/calibrate_diagnosis.py collect OUT [--cases N] [--workers 2]
     python benchmarks/calibrate_diagnosis.py fit OUT [--fixed]
 
-`collect` simulates campaigns of the seeds 1 to 999 with the blind check's plant, weighs every hypothesis and keeps the log
-evidences (resumable, about 12 s a campaign and core). `fit` maximises the weighted log-likelihood of the truth over the
-eight constants, which all effects share; with `--fixed` it only reports on the constants as they are. Weights of
-the kinds: 20 % none, 10 % parameters, 50 % one effect, 10 % two, 10 % outside the catalogue, all at 0.5 to 2 times typical.
-Seeds above 999 are for claims and are refused.
+`collect` simulates campaigns of the seeds 1 to 999 with the blind check's plant, weighs every hypothesis and keeps the
+log evidences (resumable, about 12 s a campaign and core). `fit` maximises the weighted log-likelihood of the truth over
+the eight constants, which all effects share; with `--fixed` it only reports on the constants as they are. Weights of
+the kinds: 20 % none, 10 % parameters, 50 % one effect, 10 % two, 10 % outside the catalogue, all at 0.5 to 2 times
+typical. Seeds above 999 are for claims and are refused.
 """
 
 from __future__ import annotations
@@ -151,7 +151,9 @@ def report(rows: list[dict[str, Any]], weights: Weights) -> str:
     for low, high in ((0.0, 0.5), (0.5, 0.7), (0.7, 0.85), (0.85, 0.95), (0.95, 1.01)):
         inside = (sure >= low) & (sure < high)
         if inside.any():
-            lines.append(f"stated {low:.2f} to {min(high, 1):.2f}: {inside.sum():3d} cases, right {right[inside].mean():.2f}")
+            lines.append(
+                f"stated {low:.2f} to {min(high, 1):.2f}: {inside.sum():3d} cases, right {right[inside].mean():.2f}"
+            )
     return "\n".join(lines)
 
 

@@ -40,8 +40,7 @@ def one_trial(seed: int) -> dict:
         duty=rng.uniform(0.35, 0.6),
     )
     plant = PlantConfig.model_validate(
-        {name: {"nominal": value, "rel_std": std} for name, (value, std) in NOMINAL.items()}
-        | {"gear_ratio": 56 / 6}
+        {name: {"nominal": value, "rel_std": std} for name, (value, std) in NOMINAL.items()} | {"gear_ratio": 56 / 6}
     )
     battery = BatteryConfig(nominal_voltage_v=18.0, capacity_ah=1.5, beta=0.99, internal_resistance_ohm=0.02)
     cycles = cycles_from_samples(
@@ -99,9 +98,7 @@ def coverage(rows: list[dict], method: str) -> dict[str, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trials", type=int, default=400)
     parser.add_argument("--results", type=Path, help="JSON lines; kept and continued")
     parser.add_argument("--workers", type=int, default=2)

@@ -42,9 +42,7 @@ def shortest_s(run, repeats=9):
 def make_trial(n, rng):
     """Four channels with stroke-locked content, noise and a slow drift of the speed."""
     t = np.arange(n) / RATE_HZ
-    angle = 2 * np.pi * (STROKE_HZ * t - 0.02 * STROKE_HZ * t**2 / max(t[-1], 1.0) / 2) + 0.03 * np.sin(
-        0.7 * t
-    )
+    angle = 2 * np.pi * (STROKE_HZ * t - 0.02 * STROKE_HZ * t**2 / max(t[-1], 1.0) / 2) + 0.03 * np.sin(0.7 * t)
     channels = np.empty((4, n))
     channels[0] = 10 * (1 - np.cos(angle)) + 0.01 * rng.standard_normal(n)
     channels[1] = 200 * np.maximum(-np.sin(angle), 0) + rng.standard_normal(n)
@@ -93,9 +91,7 @@ def main():
     peer_s = shortest_s(lambda: numpy_fold(t, starts, channels), 1)
     print(f"fold, np.interp per cycle               {peer_s / pass_s:7.2f} passes")
     for threads in (1, 2):
-        own_s = shortest_s(
-            lambda k=threads: fold_channels(t, angle, t, channels, turns, n_bins=N_BINS, n_threads=k)
-        )
+        own_s = shortest_s(lambda k=threads: fold_channels(t, angle, t, channels, turns, n_bins=N_BINS, n_threads=k))
         print(
             f"fold + mean + std, {threads} thread(s)           {own_s / pass_s:7.2f} passes, "
             f"numpy/own {peer_s / own_s:.1f}"
@@ -106,8 +102,7 @@ def main():
     shift = shift - 2 * np.pi * np.round(np.median(shift) / (2 * np.pi))
     inner = slice(64, -64)
     print(
-        f"boundaries by demodulation              {bound_s / pass_s:7.2f} passes, "
-        f"{1e3 * np.std(shift[inner]):.1f} mrad"
+        f"boundaries by demodulation              {bound_s / pass_s:7.2f} passes, {1e3 * np.std(shift[inner]):.1f} mrad"
     )
 
     def with_boundaries():
@@ -118,10 +113,7 @@ def main():
     smooth_s = shortest_s(lambda: track_crank_angle(t, 1e-3 * channels[0]), 1)
     track = track_crank_angle(t, 1e-3 * channels[0])
     error = track.angle_rad - np.interp(track.time_s, t, angle)
-    print(
-        f"crank-angle smoother                    {smooth_s / pass_s:7.2f} passes, "
-        f"{1e3 * np.std(error):.2f} mrad"
-    )
+    print(f"crank-angle smoother                    {smooth_s / pass_s:7.2f} passes, {1e3 * np.std(error):.2f} mrad")
     names = (
         ("displacement_mm", "mm"),
         ("force_n", "N"),
@@ -149,9 +141,7 @@ def print_period_errors(rng):
         for _ in range(40):
             rate = rng.uniform(12.0, 20.0)
             t = np.arange(0, seconds, 1 / 6000.0)
-            y = 0.01 * (1 - np.cos(2 * np.pi * rate * t + rng.uniform(0, 6.28))) + 1e-5 * rng.standard_normal(
-                len(t)
-            )
+            y = 0.01 * (1 - np.cos(2 * np.pi * rate * t + rng.uniform(0, 6.28))) + 1e-5 * rng.standard_normal(len(t))
             line = find_lines(power_spectrum(y, 6000.0), 1.0, 100.0)[0]
             guess.append(line.frequency_hz / rate - 1)
             signal = Signal(channel="displacement_mm", unit="mm", time_s=t, values=1e3 * y)
@@ -170,14 +160,10 @@ def print_period_errors(rng):
 def print_angle_errors(rng):
     """Errors of angle and speed on an integrated jigsaw that cuts, from rest; strokes that differ by 5 %."""
     plant = {name: value for name, (value, _) in NOMINAL.items()}
-    t, _, motor_speed, angle, *_ = simulate(
-        plant, 240.29 * (1 + 0.05 * rng.standard_normal(60)), 0.4375, 2.0, 6000.0
-    )
+    t, _, motor_speed, angle, *_ = simulate(plant, 240.29 * (1 + 0.05 * rng.standard_normal(60)), 0.4375, 2.0, 6000.0)
     speed = motor_speed / GEAR_RATIO
     for noise_um in (2, 10, 50):
-        track = track_crank_angle(
-            t, 0.01 * (1 - np.cos(angle)) + 1e-6 * noise_um * rng.standard_normal(len(t))
-        )
+        track = track_crank_angle(t, 0.01 * (1 - np.cos(angle)) + 1e-6 * noise_um * rng.standard_normal(len(t)))
         true_angle = np.interp(track.time_s, t, angle)
         error = track.angle_rad - true_angle
         steady = track.time_s > 0.4

@@ -94,9 +94,7 @@ def measure(folder: Path, label: str, written: list[SampleBlock], preview_rate_h
     n = sum(len(block.values) for block in written)
     size = path.stat().st_size
     speed = f"write {n / write_s / 1e6:5.1f}, read {n / read_s / 1e6:5.1f} million samples/s"
-    print(
-        f"{label:28s} {size / n:5.2f} bytes a sample, {speed}, {100 * write_s / SECONDS:.2f} % of a core live"
-    )
+    print(f"{label:28s} {size / n:5.2f} bytes a sample, {speed}, {100 * write_s / SECONDS:.2f} % of a core live")
 
 
 def measure_import(folder: Path) -> None:

@@ -87,9 +87,7 @@ def simulate(plant, k_per_stroke, duty, seconds, rate_hz, *, capacity_ah=1.5, be
         return [(u - r * current - ke * omega) / ind, acceleration, omega, duty * current]
 
     time_s = np.arange(0.0, seconds, 1.0 / rate_hz)
-    run = solve_ivp(
-        slope, (0.0, seconds), [0.0, 0.0, 0.0, 0.0], "LSODA", time_s, rtol=1e-7, atol=1e-8, max_step=0.01
-    )
+    run = solve_ivp(slope, (0.0, seconds), [0.0, 0.0, 0.0, 0.0], "LSODA", time_s, rtol=1e-7, atol=1e-8, max_step=0.01)
     current, omega, theta, charge = run.y
     battery_current = duty * current
     voltage = open_voltage(charge) - r_b * battery_current
@@ -116,9 +114,7 @@ def synthetic_trial(
     true_plant = draw_plant(rng) if plant is None else plant
     strokes = stroke_coefficients(rng, int(40 * seconds), k_fc, spread, correlation)
     rate_hz = 5000.0
-    time_s, current, omega, crank, force, voltage, battery = simulate(
-        true_plant, strokes, duty, seconds, rate_hz
-    )
+    time_s, current, omega, crank, force, voltage, battery = simulate(true_plant, strokes, duty, seconds, rate_hz)
     gain = 1 + sensor_gain_std * rng.normal(size=2)
     slow = slice(None, None, 5)
     offset = force_offset_std_n * rng.normal()
@@ -137,8 +133,7 @@ def synthetic_trial(
             ),
             "battery_voltage_v": (
                 time_s[slow],
-                (1 + voltage_gain_std * rng.normal()) * voltage[slow]
-                + noise[2] * rng.normal(size=len(time_s[slow])),
+                (1 + voltage_gain_std * rng.normal()) * voltage[slow] + noise[2] * rng.normal(size=len(time_s[slow])),
             ),
             "battery_current_a": (time_s[slow], battery[slow]),
         },

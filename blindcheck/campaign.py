@@ -33,9 +33,7 @@ from blindcheck.sensors import Readings, measure
 
 RATE_HZ = 5000.0
 _FIRST_TRIAL = datetime(2026, 3, 2, 9, 0, 0, tzinfo=UTC)
-_DECIMALS = {TIME_COLUMN: 6, "force_n": 2} | {
-    channel.name: 4 for channel in CHANNELS if channel.name != "force_n"
-}
+_DECIMALS = {TIME_COLUMN: 6, "force_n": 2} | {channel.name: 4 for channel in CHANNELS if channel.name != "force_n"}
 _WOOD_TRIAL_STD = {"nylon": 0.015, "black_locust": 0.04, "oak": 0.05, "none": 0.0}
 
 
@@ -60,9 +58,7 @@ def trial_settings(draw: CampaignDraw, index: int) -> PlantSettings:
     )
 
 
-def measured_trials(
-    draw: CampaignDraw, *, rate_hz: float = RATE_HZ
-) -> Iterator[tuple[TrialPlan, float, Readings]]:
+def measured_trials(draw: CampaignDraw, *, rate_hz: float = RATE_HZ) -> Iterator[tuple[TrialPlan, float, Readings]]:
     """Simulate and measure the trials in their order; charge, wear and heat carry over.
 
     Parameters
@@ -199,9 +195,7 @@ def truth_of(
 
 def nominal_config() -> dict[str, Any]:
     """Return the tables `[plant]`, `[battery]` and `[cutting]` that the campaign's configuration states."""
-    plant: dict[str, Any] = {
-        name: {"nominal": value, "rel_std": std} for name, (value, std) in NOMINAL.items()
-    }
+    plant: dict[str, Any] = {name: {"nominal": value, "rel_std": std} for name, (value, std) in NOMINAL.items()}
     return {
         "plant": plant | {"gear_ratio": 56.0 / 6.0},
         "battery": {

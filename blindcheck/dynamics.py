@@ -8,7 +8,6 @@ moves in the cutting direction; U = duty V_b, i_b = duty i; V_b = V_nom s / (1 -
 s the state of charge. What the extra terms stand for is said in `blindcheck.effects`.
 """
 
-
 from __future__ import annotations
 
 from math import asin, asinh, atan2, cos, exp, log1p, pi, sin, sqrt, tanh
@@ -24,9 +23,7 @@ STATE_NAMES = (
 )  # fmt: skip
 N_STATES = len(STATE_NAMES)
 CURRENT, SPEED, CRANK, CHARGE, POLAR_FAST, POLAR_SLOW, WINDING, HOUSING = range(8)
-BRISTLE, LOST, PLUNGER, DEFLECTION, CUT_PATH, FEED_PATH, LIMIT, RATE, GREASE, WHIP, WHIP_V = range(
-    8, N_STATES
-)
+BRISTLE, LOST, PLUNGER, DEFLECTION, CUT_PATH, FEED_PATH, LIMIT, RATE, GREASE, WHIP, WHIP_V = range(8, N_STATES)
 
 OUTPUT_NAMES = ("force_n", "plunger_m", "current_a", "battery_v", "battery_a", "crank_rad", "speed_rad_s")
 N_OUTPUTS = len(OUTPUT_NAMES)
@@ -238,9 +235,7 @@ def _blade_side(t, y, v, crank_speed, p, strokes, grain, dy, out):
     if p.whip_kg > 0.0:
         natural = 2.0 * pi * p.whip_hz
         dy[17] = y[18]
-        dy[18] = (
-            -natural * natural * y[17] - 0.05 * natural * y[18] - p.radius * crank_speed * crank_speed * c
-        )
+        dy[18] = -natural * natural * y[17] - 0.05 * natural * y[18] - p.radius * crank_speed * crank_speed * c
         force += p.whip_kg * natural * natural * y[17]
     out[0] = force
     out[1] = x

@@ -7,7 +7,6 @@ Source: J. R. Dormand, P. J. Prince, A family of embedded Runge-Kutta formulae, 
 (1980); continuous extension: L. F. Shampine, Some practical Runge-Kutta formulas, Math. Comp. 46 (1986).
 """
 
-
 from __future__ import annotations
 
 import zlib
@@ -101,9 +100,7 @@ def _part_at_crank(y, k, h, target, scratch):
 def _build(source_stamp: int):
     """Compile `integrate`; the stamp enters numba's cache key: a change of `dynamics.py` recompiles it."""
 
-    def integrate(
-        y, t, t_end, step_s, first, grid_s, outputs, record, strokes, grain, wander, rtol, atol, stop_charge
-    ):
+    def integrate(y, t, t_end, step_s, first, grid_s, outputs, record, strokes, grain, wander, rtol, atol, stop_charge):
         """Advance `y` in place from `t` to `t_end`, or to where the charge drawn reaches `stop_charge`.
 
         Parameters

@@ -226,9 +226,7 @@ def brute_force_runtime(settings: PlantSettings, cutoff_soc: float = 0.2) -> flo
         If the battery does not reach the cut-off within ten hours.
     """
     if not 0.0 < cutoff_soc < settings.initial_soc:
-        raise InputError(
-            f"cutoff_soc is {cutoff_soc!r}, allowed is between 0 and initial_soc {settings.initial_soc!r}"
-        )
+        raise InputError(f"cutoff_soc is {cutoff_soc!r}, allowed is between 0 and initial_soc {settings.initial_soc!r}")
     plant = Plant(settings, rtol=1e-8)
     goal_as = (1.0 - cutoff_soc) * settings.capacity_ah * 3600.0
     while plant.time_s < 36_000.0:

@@ -230,14 +230,8 @@ def read_key(key_path: Path) -> dict[str, Any]:
         If the file is missing or is no key.
     """
     key = read_json(key_path)
-    if (
-        key.get("schema_version") != SCHEMA_VERSION
-        or not isinstance(key.get("cases"), dict)
-        or "seed" not in key
-    ):
-        raise InputError(
-            "is no key of a sealed set", where=key_path, remedy="give the file that `make` named"
-        )
+    if key.get("schema_version") != SCHEMA_VERSION or not isinstance(key.get("cases"), dict) or "seed" not in key:
+        raise InputError("is no key of a sealed set", where=key_path, remedy="give the file that `make` named")
     return key
 
 
@@ -305,9 +299,7 @@ def read_json(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise InputError(
-            "no such file", where=path, remedy="make the set with `sawbench blind make`"
-        ) from None
+        raise InputError("no such file", where=path, remedy="make the set with `sawbench blind make`") from None
     except (OSError, ValueError) as error:
         raise InputError(f"cannot be read: {error}", where=path) from error
     if not isinstance(content, dict):

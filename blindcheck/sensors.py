@@ -192,9 +192,7 @@ def _filtered(values: Floats, over: list[float], under: list[float]) -> Floats:
     return filtered
 
 
-def _force_path(
-    force: Floats, rows: Floats, s: SensorSettings, grid_s: Floats, rng: np.random.Generator
-) -> Floats:
+def _force_path(force: Floats, rows: Floats, s: SensorSettings, grid_s: Floats, rng: np.random.Generator) -> Floats:
     """Everything between the teeth and the load cell's amplifier, which is the last of it."""
     if s.pin_n != 0.0:
         force = force + s.pin_n * _pin_ringing(rows, s.pin_hz, grid_s, rng)
@@ -203,9 +201,7 @@ def _force_path(
         force = force + s.unbalance_n * (speed / 1000.0) ** 2 * np.sin(crank * 28.0 / 3.0)
     if s.slip_n != 0.0:
         phase = grid_s / s.slip_s + 0.08 * np.sin(2.0 * np.pi * 0.31 * grid_s)
-        force = force + s.slip_n * (2.0 * np.mod(phase, 1.0) ** 1.5 - 0.8) * (
-            column(rows, "speed_rad_s") > 10.0
-        )
+        force = force + s.slip_n * (2.0 * np.mod(phase, 1.0) ** 1.5 - 0.8) * (column(rows, "speed_rad_s") > 10.0)
     share = sum(s.carriage_share)
     if share > 0.0:
         modes = zip(s.carriage_share, s.carriage_hz, s.carriage_damping, strict=True)

@@ -127,9 +127,7 @@ class StreamingPlant:
             If the channel is unknown, the times go backwards, or lie more than 30 s behind another channel.
         """
         if channel not in _OUTPUT:
-            raise InputError(
-                f"the plant has no channel {channel!r}", remedy=f"choose from {', '.join(_OUTPUT)}"
-            )
+            raise InputError(f"the plant has no channel {channel!r}", remedy=f"choose from {', '.join(_OUTPUT)}")
         times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
         if not len(times):
             return np.empty(0)

@@ -67,6 +67,4 @@ def describe(fits: list[tuple[str, CuttingFit]]) -> str:
         for name, fit in fits
     ]
     remarks = [f"{name}: {text}" for name, fit in fits for text in (fit.identifiability, *fit.notes) if text]
-    return "\n".join(
-        [table(["trial", "k_Fc", "of it scatter", "method", "rmse", "rmse", "status"], rows), *remarks]
-    )
+    return "\n".join([table(["trial", "k_Fc", "of it scatter", "method", "rmse", "rmse", "status"], rows), *remarks])

@@ -14,7 +14,7 @@ from commands.terminal import emit, stepper
 @click.command(name="import", epilog="Example: sawbench import campaign.toml --out recordings/campaign")
 @click.argument("path", metavar="PATH", type=click.Path(path_type=Path))
 @click.option(
-    "--out", "out_dir", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder for the recordings."
+    "--out", "out_dir", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder for recordings."
 )  # fmt: skip
 @click.option("--dbc", type=click.Path(path_type=Path, dir_okay=False), help="Describes the frames of a CAN log.")
 @click.option(

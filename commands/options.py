@@ -23,7 +23,7 @@ config_option: Decorator = click.option(
     "--config",
     "config_path",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Bench configuration; default: the one kept in the recording, else ./bench_config.toml, else the one that ships.",
+    help="Bench configuration; default: that of the recording, else ./bench_config.toml, else the one that ships.",
 )
 json_option: Decorator = click.option("--json", "as_json", is_flag=True, help="Print machine-readable JSON.")
 force_option: Decorator = click.option("--force", is_flag=True, help="Overwrite files that exist.")
@@ -68,7 +68,7 @@ def find_recordings(paths: Iterable[Path]) -> list[Path]:
 
 
 def config_for(recording: Recording | None, config_path: Path | None) -> LoadedConfig:
-    """Choose the configuration: `--config`, else the recording's own, else ./bench_config.toml, else the one that ships.
+    """Choose the configuration: `--config`, else the recording's own, else ./bench_config.toml, else the shipped one.
 
     Parameters
     ----------

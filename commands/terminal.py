@@ -48,7 +48,7 @@ def emit(result: Any, text: str, *, as_json: bool) -> None:
     click.echo(json.dumps(plain(result), indent=2, allow_nan=False) if as_json else text)
 
 
-def plain(value: Any) -> Any:
+def plain(value: Any) -> Any:  # noqa: PLR0911
     """Turn a result into what JSON can say; a number that is not finite becomes null.
 
     Examples

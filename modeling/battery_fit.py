@@ -53,9 +53,7 @@ class MeasuredDischarge:
         for name in ("time_s", "current_a", "voltage_v"):
             array = np.array(getattr(self, name), dtype=np.float64)
             if array.ndim != 1 or len(array) < 2 or array.shape != np.shape(self.time_s):
-                raise InputError(
-                    f"{name} has shape {array.shape}, expected two values or more", where=self.label
-                )
+                raise InputError(f"{name} has shape {array.shape}, expected two values or more", where=self.label)
             if not np.isfinite(array).all():
                 raise InputError(f"{name} holds values that are not finite", where=self.label)
             array.flags.writeable = False
@@ -174,9 +172,7 @@ def fit_battery(
     if not discharges:
         raise InputError("there is no discharge to fit")
     if model not in get_args(BatteryModel):
-        raise InputError(
-            f"unknown battery model {model!r}", remedy=f"one of {', '.join(get_args(BatteryModel))}"
-        )
+        raise InputError(f"unknown battery model {model!r}", remedy=f"one of {', '.join(get_args(BatteryModel))}")
     if model in ("eq16_free_r", "ocv_r"):
         currents = [discharge.mean_current_a for discharge in discharges]
         if max(currents) < 1.2 * min(currents):
@@ -209,8 +205,7 @@ def _fit_eq16(
     def residuals(x: Floats) -> Floats:
         voltage_v, beta, capacity_a_s, resistance_ohm = unpack(x)
         parts = [
-            (_eq16(q, voltage_v, beta, capacity_a_s) - resistance_ohm * d.current_a - d.voltage_v)
-            / np.sqrt(len(q))
+            (_eq16(q, voltage_v, beta, capacity_a_s) - resistance_ohm * d.current_a - d.voltage_v) / np.sqrt(len(q))
             for q, d in zip(charges, discharges, strict=True)
         ]
         return np.concatenate(parts)
@@ -226,9 +221,7 @@ def _fit_eq16(
     voltage_v, beta, capacity_a_s, resistance_ohm = unpack(found.x)
     ends = np.cumsum([len(q) for q in charges])[:-1]
     by_discharge = tuple(float(np.sqrt(np.sum(part**2))) for part in np.split(found.fun, ends))
-    note = (
-        "" if model == "eq16_free_r" else "the resistance is part of V_nom: it holds near the fitted currents"
-    )
+    note = "" if model == "eq16_free_r" else "the resistance is part of V_nom: it holds near the fitted currents"
     return BatteryFit(
         model=model,
         nominal_voltage_v=float(voltage_v),

@@ -48,9 +48,7 @@ class Drive:
     note: str = ""
 
 
-def drive_of(
-    cycles: MeasuredCycles, battery: BatteryConfig | None, converter: ConverterConfig | None
-) -> Drive:
+def drive_of(cycles: MeasuredCycles, battery: BatteryConfig | None, converter: ConverterConfig | None) -> Drive:
     """Motor supply of a trial from its duty, its battery voltage and the converter.
 
     The battery voltage is taken as measured. Without it, the full battery of the configuration is assumed
@@ -197,9 +195,7 @@ class FeatureModel:
     rod_length_m: float | None
     crank_radius_m: float
 
-    def predict(
-        self, values: dict[str, Floats], observation: TrialObservation
-    ) -> tuple[Floats, NDArray[np.bool_]]:
+    def predict(self, values: dict[str, Floats], observation: TrialObservation) -> tuple[Floats, NDArray[np.bool_]]:
         """Features for many parameter vectors.
 
         Parameters

@@ -97,9 +97,7 @@ def deviations(
     time, true, model = (np.array(values, dtype=np.float64) for values in (time_s, real, linear))
     for name, values in (("time_s", time), ("real", true), ("linear", model)):
         if values.ndim != 1 or values.shape != time.shape or len(values) < 2:
-            raise InputError(
-                f"{name} has shape {values.shape}, expected ({len(time)},) with two values or more"
-            )
+            raise InputError(f"{name} has shape {values.shape}, expected ({len(time)},) with two values or more")
         if not np.isfinite(values).all():
             raise InputError(f"{name} holds values that are not finite")
     step_s = np.diff(time)

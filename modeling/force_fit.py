@@ -107,9 +107,7 @@ def fit_force(cycles: MeasuredCycles, *, plant: PlantConfig, cutting_half: Cutti
     )
 
 
-def blade_lever(
-    angle_rad: Floats, plant: PlantConfig, cutting_half: CuttingHalf
-) -> tuple[Floats, NDArray[np.bool_]]:
+def blade_lever(angle_rad: Floats, plant: PlantConfig, cutting_half: CuttingHalf) -> tuple[Floats, NDArray[np.bool_]]:
     """Blade speed per crank speed, m/rad, and where the blade cuts."""
     sine, cosine = np.sin(angle_rad), np.cos(angle_rad)
     radius_m = plant.crank_radius_m.nominal

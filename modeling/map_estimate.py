@@ -185,7 +185,5 @@ def _jacobian(predict: Predict, values: Floats, parameters: Parameters) -> tuple
         up = j if is_valid[j] else -1
         down = p + j if is_valid[p + j] else -1
         width = (rows[up, j] if up >= 0 else values[j]) - (rows[down, j] if down >= 0 else values[j])
-        columns.append(
-            (predictions[up] - predictions[down]) / width if width else np.zeros(predictions.shape[1])
-        )
+        columns.append((predictions[up] - predictions[down]) / width if width else np.zeros(predictions.shape[1]))
     return np.array(columns).T, 2 * p + 1

@@ -69,9 +69,7 @@ class MeasuredCycles:
         if n_cycles > 1 and np.diff(self.cycle_start_s).min() <= 0:
             raise InputError("cycle_start_s does not increase", where=self.label)
         if n_cycles and self.period_s.min() <= 0:
-            raise InputError(
-                f"period_s must be positive, got {float(self.period_s.min()):.4g} s", where=self.label
-            )
+            raise InputError(f"period_s must be positive, got {float(self.period_s.min()):.4g} s", where=self.label)
         if self.duty is not None and not 0.0 < self.duty <= 1.0:
             raise InputError(f"duty is {self.duty!r}, allowed is above 0 and up to 1", where=self.label)
 

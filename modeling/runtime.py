@@ -139,9 +139,7 @@ def _joint(
 ) -> tuple[dict[str, float], dict[tuple[str, str], float]]:
     known = [name for name in estimates.names if name in centre]
     if K_FC not in known:
-        raise InputError(
-            f"estimates hold no {K_FC}", remedy="give the estimates of one trial: JointFit.of_trial"
-        )
+        raise InputError(f"estimates hold no {K_FC}", remedy="give the estimates of one trial: JointFit.of_trial")
     place = {name: estimates.names.index(name) for name in known}
     covariance = {(a, b): float(estimates.covariance[place[a], place[b]]) for a in known for b in known}
     return centre | {name: estimates.value(name) for name in known}, covariance
@@ -159,9 +157,7 @@ def _slope(run: Callable[[Mapping[str, float]], Discharge], name: str, value: fl
         return (up.runtime_s - middle.runtime_s) / step
     if down.status == "ok":
         return (middle.runtime_s - down.runtime_s) / (value - low)
-    raise InputError(
-        f"the run fails within the uncertainty of {name}", remedy="check the plant, k_Fc and the supply"
-    )
+    raise InputError(f"the run fails within the uncertainty of {name}", remedy="check the plant, k_Fc and the supply")
 
 
 def _appendix_a(usable_a_s: float, current_a: float | None) -> float | None:

@@ -47,12 +47,8 @@ class StrokeTables:
     def from_current(self, mean_current_a: float, period_s: float) -> float:
         """k_Fc from the time means of one stroke, N*s/m."""
         speed = 2.0 * np.pi / period_s
-        raw = _from_torques(
-            mean_current_a, speed, self.torque_constant, self.gear_ratio, self.damping, self.radius_m
-        )
-        return (
-            float(np.interp(raw, self.raw_k, K_GRID)) if raw > self.raw_k[0] else float(raw - self.raw_k[0])
-        )
+        raw = _from_torques(mean_current_a, speed, self.torque_constant, self.gear_ratio, self.damping, self.radius_m)
+        return float(np.interp(raw, self.raw_k, K_GRID)) if raw > self.raw_k[0] else float(raw - self.raw_k[0])
 
     def damping_share(self, k_fc: float, period_s: float) -> float:
         """Torque of the motor's damping over the torque of the cut."""
@@ -184,8 +180,7 @@ def _grid_means(
     if not is_valid.all():
         worst = int(np.argmin(is_valid))
         raise InputError(
-            f"the model has no steady stroke at k_Fc = {k.ravel()[worst]:.0f} N*s/m "
-            f"and {u.ravel()[worst]:.2f} V",
+            f"the model has no steady stroke at k_Fc = {k.ravel()[worst]:.0f} N*s/m and {u.ravel()[worst]:.2f} V",
             remedy="check [plant], the duty and the battery voltage",
         )
     pace = 1.0 / speed

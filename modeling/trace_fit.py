@@ -269,12 +269,8 @@ def _minimise(
         k, value = points[0]
         below = [p for p in points if p[0] < k]
         above = [p for p in points if p[0] > k]
-        left = max(
-            below, default=(max(bounds[0], k - 0.5 * (above[0][0] - k) if above else bounds[0]), np.nan)
-        )
-        right = min(
-            above, default=(min(bounds[1], k + 0.5 * (k - below[-1][0]) if below else bounds[1]), np.nan)
-        )
+        left = max(below, default=(max(bounds[0], k - 0.5 * (above[0][0] - k) if above else bounds[0]), np.nan))
+        right = min(above, default=(min(bounds[1], k + 0.5 * (k - below[-1][0]) if below else bounds[1]), np.nan))
         guess = _vertex(left, (k, value), right)
         if guess is None or not left[0] < guess < right[0]:
             wide = right[0] - k > k - left[0]
@@ -285,9 +281,7 @@ def _minimise(
     return points[0]
 
 
-def _vertex(
-    left: tuple[float, float], middle: tuple[float, float], right: tuple[float, float]
-) -> float | None:
+def _vertex(left: tuple[float, float], middle: tuple[float, float], right: tuple[float, float]) -> float | None:
     if not (np.isfinite(left[1]) and np.isfinite(right[1])):
         return None
     a, b = middle[0] - left[0], middle[0] - right[0]

@@ -123,9 +123,7 @@ def _doubt_of_stroke(travel: Travel) -> Floats:
 def _unfold(time: Floats, y: Floats, nominal_radius: float | None, rod_length: float) -> _Unfolded | None:
     noise = white_noise_std(y)
     turns = _turns_of(y, noise, width=1, drop_spikes=True)
-    if (
-        turns is None or np.median(np.diff(turns.index)) <= 24
-    ):  # a median of five would eat such short strokes
+    if turns is None or np.median(np.diff(turns.index)) <= 24:  # a median of five would eat such short strokes
         turns = _turns_of(y, noise, width=1, drop_spikes=False)
     if turns is None:
         return None
@@ -241,9 +239,7 @@ def _choose_settings(u: _Unfolded) -> tuple[float, _Unfolded]:
         best = max(scored)[1]
         out, _ = _run(sample, best, n_passes=4)
         residual = _residual(sample, out[:, 0])[~sample.is_rest]
-        noise = (
-            max(u.noise_std_m, 1.4826 * float(np.median(np.abs(residual)))) if len(residual) > 32 else noise
-        )
+        noise = max(u.noise_std_m, 1.4826 * float(np.median(np.abs(residual)))) if len(residual) > 32 else noise
     return best, replace(u, noise_std_m=noise)
 
 

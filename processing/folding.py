@@ -343,9 +343,7 @@ def fold_signals(
         time = signals[group[0]][1]
         time = angle_time_s if np.array_equal(time, angle_time_s) else time
         stacked = np.stack([signals[name][2] for name in group])
-        mean, std = fold_channels(
-            angle_time_s, angle_rad, time, stacked, turns, n_bins=n_bins, n_threads=n_threads
-        )
+        mean, std = fold_channels(angle_time_s, angle_rad, time, stacked, turns, n_bins=n_bins, n_threads=n_threads)
         for row, name in enumerate(group):
             folded[name] = FoldedCycle(
                 channel=name,

@@ -33,9 +33,7 @@ def white_noise_std(values: Floats) -> float:
     """
     if len(values) < 8:
         return 0.0
-    part = (
-        values if len(values) <= 400_000 else values[len(values) // 2 - 200_000 : len(values) // 2 + 200_000]
-    )
+    part = values if len(values) <= 400_000 else values[len(values) // 2 - 200_000 : len(values) // 2 + 200_000]
     difference = np.diff(part, 3)
     spread = float(np.median(np.abs(difference))) / (0.674490 * np.sqrt(20.0))
     step = np.abs(np.diff(part))
@@ -63,7 +61,5 @@ def robust_range(values: Floats, share_percent: float = 0.5) -> tuple[float, flo
     >>> robust_range(np.r_[np.arange(1001.0), 1e9], 1.0)
     (10.01, 990.99)
     """
-    low, high = np.percentile(
-        values[:: max(len(values) // 200_003, 1)], [share_percent, 100.0 - share_percent]
-    )
+    low, high = np.percentile(values[:: max(len(values) // 200_003, 1)], [share_percent, 100.0 - share_percent])
     return float(low), float(high)

@@ -52,9 +52,7 @@ class StrokeLine:
     rivals: tuple[PeriodCandidate, ...]
 
 
-def find_stroke_line(
-    spectrum: Spectrum, channel: str, min_rate_hz: float, max_rate_hz: float
-) -> StrokeLine | None:
+def find_stroke_line(spectrum: Spectrum, channel: str, min_rate_hz: float, max_rate_hz: float) -> StrokeLine | None:
     """Most likely stroke rate in the spectrum of one channel.
 
     Parameters
@@ -125,14 +123,10 @@ def _rivals(
             )
         )
         if share > _SERIOUS_SHARE:
-            doubts.append(
-                f"a line at {line.frequency_hz:.4g} Hz ({multiple:.3g} times the rate) is nearly as strong"
-            )
+            doubts.append(f"a line at {line.frequency_hz:.4g} Hz ({multiple:.3g} times the rate) is nearly as strong")
     for divisor in (2, 3):
         share = float(power_near(spectrum, rate / divisor)[0]) / top.power
-        if rate / divisor < max(
-            band[0], 3.0 * spectrum.resolution_hz
-        ):  # hidden under the foot of the main line
+        if rate / divisor < max(band[0], 3.0 * spectrum.resolution_hz):  # hidden under the foot of the main line
             continue
         known = any(abs(c.period_s * rate / divisor - 1) < 0.02 for c in found)
         floor = float(np.interp(rate / divisor, spectrum.frequency_hz, spectrum.floor))

@@ -128,11 +128,7 @@ def _moving_kinds(
     """Split one moving stretch into spin-up, running and spin-down."""
     kinds = np.full(last - first, "spin_up", dtype="<U9")
     begin = first if first == 0 and _is_settled(time, mean_speed, 0, 1, reference, tolerance) else None
-    end = (
-        last
-        if last == len(time) and _is_settled(time, mean_speed, last - 1, -1, reference, tolerance)
-        else None
-    )
+    end = last if last == len(time) and _is_settled(time, mean_speed, last - 1, -1, reference, tolerance) else None
     stroke_s = 2 * np.pi / reference
     edges = np.searchsorted(time, np.arange(time[first], time[last - 1], 0.25 * stroke_s))
     if begin is None:
@@ -166,9 +162,7 @@ def _first_settled(
     return None
 
 
-def _is_settled(
-    time: Floats, mean_speed: Floats, k: int, direction: int, reference: float, tolerance: float
-) -> bool:
+def _is_settled(time: Floats, mean_speed: Floats, k: int, direction: int, reference: float, tolerance: float) -> bool:
     """Whether the speed at sample k is that of the six strokes after it (or before it)."""
     here = mean_speed[k]
     if here < _RUNS_SHARE * reference:
@@ -211,9 +205,7 @@ def _stalled(phase: Phase, phases: tuple[Phase, ...], time: Floats, current: Flo
     return phase
 
 
-def stalled_from_start(
-    time_s: Floats, current_a: Floats, noise_std_a: float, expected_a: float | None
-) -> bool:
+def stalled_from_start(time_s: Floats, current_a: Floats, noise_std_a: float, expected_a: float | None) -> bool:
     """Whether the motor pulls a stall current although nothing moves.
 
     Parameters

@@ -42,9 +42,7 @@ class Line:
     prominence: float
 
 
-def steady_stretch(
-    time_s: Floats, values: Floats, min_rate_hz: float, max_rate_hz: float
-) -> tuple[Floats, float]:
+def steady_stretch(time_s: Floats, values: Floats, min_rate_hz: float, max_rate_hz: float) -> tuple[Floats, float]:
     """Equally spaced samples of the steady part of a signal, for a spectrum.
 
     Parameters
@@ -103,9 +101,7 @@ def power_spectrum(values: Floats, rate_hz: float) -> Spectrum:
     power = amplitude**2
     coarse = power[:: max(len(power) // 4096, 1)]
     every = max(len(power) // 4096, 1)
-    floor = median_filter(
-        coarse, min(129, len(coarse) // 2 * 2 - 1) if len(coarse) > 4 else 1, mode="nearest"
-    )
+    floor = median_filter(coarse, min(129, len(coarse) // 2 * 2 - 1) if len(coarse) > 4 else 1, mode="nearest")
     floor = np.interp(np.arange(len(power)), np.arange(len(coarse)) * every, floor)
     return Spectrum(
         frequency_hz=np.asarray(np.arange(len(power)) * (rate_hz / length), dtype=np.float64),
@@ -154,9 +150,7 @@ def _refine(spectrum: Spectrum, k: int) -> Line:
     shift = 0.5 * (a - c) / curvature if curvature < 0 else 0.0
     step = spectrum.frequency_hz[1]
     power = float(np.exp(b - 0.25 * (a - c) * shift))
-    return Line(
-        frequency_hz=float((k + shift) * step), power=power, prominence=float(power / spectrum.floor[k])
-    )
+    return Line(frequency_hz=float((k + shift) * step), power=power, prominence=float(power / spectrum.floor[k]))
 
 
 def power_near(spectrum: Spectrum, frequency_hz: float | NDArray[np.float64]) -> Floats:

@@ -155,9 +155,7 @@ class Travel:
     n_turns: int
 
 
-def estimate_travel(
-    time_s: Floats, displacement_m: Floats, turns: Turns, nominal_radius_m: float | None
-) -> Travel:
+def estimate_travel(time_s: Floats, displacement_m: Floats, turns: Turns, nominal_radius_m: float | None) -> Travel:
     """Offset and radius from polynomials of 4th order through the dead centres.
 
     Parameters
@@ -183,9 +181,7 @@ def estimate_travel(
     tops, bottoms = value[is_top], value[~is_top]
     if len(tops) and len(bottoms):
         radius = 0.5 * (np.median(tops) - np.median(bottoms))
-        spread = [
-            np.std(part, ddof=1) / np.sqrt(len(part)) if len(part) > 1 else np.nan for part in (tops, bottoms)
-        ]
+        spread = [np.std(part, ddof=1) / np.sqrt(len(part)) if len(part) > 1 else np.nan for part in (tops, bottoms)]
         std = 0.5 * float(np.hypot(spread[0], spread[1]))
         offset = float(np.median(bottoms))
         if max(float(np.ptp(tops)), float(np.ptp(bottoms))) > _VARYING_SHARE * radius:
@@ -204,14 +200,10 @@ def estimate_travel(
         radius = nominal_radius_m
         is_top_known = bool(len(turns.index)) and bool(turns.is_top[0])
         offset = float(high) - 2 * radius if is_top_known else float(low)
-    return Travel(
-        offset_m=np.full(n, offset), radius_m=np.full(n, radius), radius_std_m=0.05 * radius, n_turns=0
-    )
+    return Travel(offset_m=np.full(n, offset), radius_m=np.full(n, radius), radius_std_m=0.05 * radius, n_turns=0)
 
 
-def _fit_turns(
-    time_s: Floats, y: Floats, turns: Turns
-) -> tuple[NDArray[np.int64], Floats, NDArray[np.bool_]]:
+def _fit_turns(time_s: Floats, y: Floats, turns: Turns) -> tuple[NDArray[np.int64], Floats, NDArray[np.bool_]]:
     """Value at complete dead centres, at most `_FITTED_TURNS` of them spread over the trial."""
     index, is_top = turns.index, turns.is_top
     if len(index) < 2:
@@ -251,9 +243,7 @@ def _follow_turns(y: Floats, turns: Turns, *, radius_std_m: float) -> Travel:
     Constant over the longest run of strokes of the usual length, from dead centre to dead centre elsewhere.
     """
     n, value = len(y), y[turns.index]
-    level = np.where(
-        turns.is_top, np.percentile(value[turns.is_top], 75.0), np.percentile(value[~turns.is_top], 25.0)
-    )
+    level = np.where(turns.is_top, np.percentile(value[turns.is_top], 75.0), np.percentile(value[~turns.is_top], 25.0))
     is_usual = np.abs(value - level) < _VARYING_SHARE * 0.5 * (np.ptp(level) or 1.0)
     edges = np.flatnonzero(np.diff(np.r_[False, is_usual, False]))
     run = int(np.argmax(edges[1::2] - edges[::2]))

@@ -80,9 +80,7 @@ def cycles_picture(series: Sequence[Series]) -> Picture | None:
     shown = [
         (index, one, cycles)
         for index, one in enumerate(series)
-        if (
-            cycles := [t.processed.cutting_force for t in one.trials if t.processed.cutting_force is not None]
-        )
+        if (cycles := [t.processed.cutting_force for t in one.trials if t.processed.cutting_force is not None])
     ]
     if not shown:
         return None
@@ -107,9 +105,7 @@ def cycles_picture(series: Sequence[Series]) -> Picture | None:
         else:
             figure.supylabel("cutting force / N", fontsize=9.5)
             _tidy_grid(list(axes), len(shown), n_columns)
-    peaks = [
-        f"{one.label} {format_number(float(np.nanmax(mean_cycle(cycles)[1])))} N" for _, one, cycles in shown
-    ]
+    peaks = [f"{one.label} {format_number(float(np.nanmax(mean_cycle(cycles)[1])))} N" for _, one, cycles in shown]
     svg = figure_to_svg(
         figure,
         name="cycles",
@@ -196,20 +192,14 @@ def dots_picture(series: Sequence[Series]) -> Picture | None:
 def _draw_dots(axis: Axes, series: Series, key: str, index: int) -> None:
     mean = series.means.get(key)
     if mean is None:
-        axis.annotate(
-            "no value", (0.02, index), xycoords=("axes fraction", "data"), va="center", fontsize=8.5
-        )
+        axis.annotate("no value", (0.02, index), xycoords=("axes fraction", "data"), va="center", fontsize=8.5)
         return
     colour = SERIES_COLOURS[index % len(SERIES_COLOURS)]
     marker = SERIES_MARKERS[index % len(SERIES_MARKERS)]
     above = np.full(mean.n, index - 0.2)
-    axis.plot(
-        mean.values, above, marker, markerfacecolor="white", color=colour, markersize=4.5, linestyle="none"
-    )
+    axis.plot(mean.values, above, marker, markerfacecolor="white", color=colour, markersize=4.5, linestyle="none")
     if mean.high > mean.low:
-        axis.plot(
-            [mean.low, mean.high], [index + 0.1] * 2, color=colour, linewidth=2.2, solid_capstyle="butt"
-        )
+        axis.plot([mean.low, mean.high], [index + 0.1] * 2, color=colour, linewidth=2.2, solid_capstyle="butt")
     axis.plot([mean.mean], [index + 0.1], marker, color=colour, markersize=7.5)
 
 

@@ -23,9 +23,7 @@ from reporting.quantities import decimals_of, format_interval, format_quantity, 
 from reporting.repetitions import Difference, Estimate, GroupMean
 
 FORMULA: Final = (
-    "mean = Σ xᵢ / n\n"
-    "u²   = max(s², mean(aᵢ²)) / n + mean(bᵢ)²\n"
-    "h²   = t² · max(s², mean(aᵢ²)) / n + 1.96² · mean(bᵢ)²"
+    "mean = Σ xᵢ / n\nu²   = max(s², mean(aᵢ²)) / n + mean(bᵢ)²\nh²   = t² · max(s², mean(aᵢ²)) / n + 1.96² · mean(bᵢ)²"
 )
 FORMULA_WORDS: Final = (
     "xᵢ are the n repetitions and s their standard deviation. aᵢ is the part of a trial's own "
@@ -126,9 +124,7 @@ def _statements(found: Comparison) -> list[str]:
             (one for one in found.series if quantity.key in one.means),
             key=lambda one: -one.means[quantity.key].mean,
         )
-        ends = [
-            f"{one.label} ({quantity.written(one.means[quantity.key])})" for one in (ranked[0], ranked[-1])
-        ]
+        ends = [f"{one.label} ({quantity.written(one.means[quantity.key])})" for one in (ranked[0], ranked[-1])]
         n_yes = sum(pair.is_significant is True for pair in pairs)
         n_unknown = sum(pair.is_significant is None for pair in pairs)
         words = f"{quantity.label}: highest for {ends[0]}, lowest for {ends[1]}."
@@ -206,8 +202,7 @@ def _trial_row(row: ComparedTrial, label: str, columns: Sequence[Quantity]) -> d
         "label": label,
         "repetition": "" if trial.repetition is None else str(trial.repetition),
         "cells": [_trial_value(estimates.get(quantity.key)) for quantity in columns],
-        "remarks": "; ".join(row.processed.warnings)
-        or (f"{n_remarks} in the trial's page" if n_remarks else "none"),
+        "remarks": "; ".join(row.processed.warnings) or (f"{n_remarks} in the trial's page" if n_remarks else "none"),
     }
 
 

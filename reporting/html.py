@@ -62,9 +62,7 @@ def figure_to_svg(figure: Figure, *, name: str, title: str, description: str) ->
 
     buffer = io.StringIO()
     with mpl.rc_context({"svg.hashsalt": name, "svg.fonttype": "none", "path.simplify": True}):
-        figure.savefig(
-            buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None}
-        )
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     svg = buffer.getvalue()
     svg = svg[svg.index("<svg") :]
     body = svg[svg.index(">") + 1 :]
@@ -122,9 +120,7 @@ def write_page(path: str | Path, text: str, *, overwrite: bool) -> Path:
     """
     path = Path(path)
     if path.exists() and not overwrite:
-        raise InputError(
-            "exists already", where=path, remedy="choose another name, or overwrite it with --force"
-        )
+        raise InputError("exists already", where=path, remedy="choose another name, or overwrite it with --force")
     part = path.with_name(path.name + ".part")
     try:
         part.write_text(text, encoding="utf-8", newline="\n")

@@ -213,9 +213,7 @@ def _welch(first: str, second: str, groups: Mapping[str, Sequence[float]]) -> Di
         )
     parts = [float(values.var(ddof=1)) / len(values) for values in (a, b)]
     std = math.sqrt(sum(parts))
-    freedom = sum(parts) ** 2 / sum(
-        part**2 / (len(values) - 1) for part, values in zip(parts, (a, b), strict=True)
-    )
+    freedom = sum(parts) ** 2 / sum(part**2 / (len(values) - 1) for part, values in zip(parts, (a, b), strict=True))
     half = float(stdtrit(freedom, 0.975)) * std
     return Difference(
         first=first,

@@ -59,9 +59,7 @@ def signals_picture(recording: Recording, processed: ProcessedTrial, *, seconds:
     last_s = min(last_s, max(part[0][-1] for part in shown.values()))
     figure = _signal_panels(recording, processed, shown, first_s, last_s)
     names = [CHANNEL_BY_NAME[n].label if n in CHANNEL_BY_NAME else n for n in shown]
-    kinds = sorted(
-        {p.kind.replace("_", "-") for p in processed.phases if p.kind != "running" and p.start_s < last_s}
-    )
+    kinds = sorted({p.kind.replace("_", "-") for p in processed.phases if p.kind != "running" and p.start_s < last_s})
     grey = f" Grey: {' and '.join(kinds)}." if kinds else ""
     svg = figure_to_svg(
         figure,
@@ -95,9 +93,7 @@ def _signal_panels(
             axis.yaxis.set_major_locator(_few_ticks())
             for phase in processed.phases:
                 if phase.kind != "running":
-                    axis.axvspan(
-                        max(phase.start_s, first_s), min(phase.end_s, last_s), color="#eceff1", linewidth=0
-                    )
+                    axis.axvspan(max(phase.start_s, first_s), min(phase.end_s, last_s), color="#eceff1", linewidth=0)
         axes[-1].set_xlim(first_s, last_s)
         axes[-1].set_xlabel("time / s")
         figure.align_ylabels(axes)
@@ -165,9 +161,7 @@ def cycle_picture(processed: ProcessedTrial, simulated: Mapping[str, Floats] | N
         description=_describe_cycle(processed, simulated),
     )
     n_cycles = processed.folded[names[0]].n_cycles
-    caption = (
-        f"{n_cycles} strokes laid over one turn of the crank; 0° is the dead centre with the blade retracted."
-    )
+    caption = f"{n_cycles} strokes laid over one turn of the crank; 0° is the dead centre with the blade retracted."
     if processed.removed is not None:
         caption += " Hatched: force on the return stroke, shown as measured and set to zero in the results."
     return Picture(svg=svg, caption=caption)
@@ -203,9 +197,7 @@ def _draw_force(axis: Axes, processed: ProcessedTrial) -> None:
     axis.axhline(0.0, color=QUIET, linewidth=0.7)
 
 
-def _draw_band(
-    axis: Axes, cycle: FoldedCycle, colour: str, label: str, *, mean: Floats | None = None
-) -> None:
+def _draw_band(axis: Axes, cycle: FoldedCycle, colour: str, label: str, *, mean: Floats | None = None) -> None:
     mean = cycle.mean if mean is None else mean
     angle_deg = np.degrees(cycle.angle_rad)
     axis.fill_between(angle_deg, mean - cycle.std, mean + cycle.std, color=colour, alpha=0.22, linewidth=0.0)
@@ -227,9 +219,7 @@ def _describe_cycle(processed: ProcessedTrial, simulated: Mapping[str, Floats] |
         angle_deg = format_number(float(np.degrees(cycle.angle_rad[top])), digits=3)
         parts.append(f"Mean force peaks at {format_number(float(cycle.mean[top]))} N near {angle_deg}°.")
     if processed.removed is not None:
-        parts.append(
-            f"The removed return stroke has {format_quantity(processed.removed.rms_n, None, 'N')} RMS."
-        )
+        parts.append(f"The removed return stroke has {format_quantity(processed.removed.rms_n, None, 'N')} RMS.")
     if MOTOR_CURRENT.name in processed.folded:
         cycle = processed.folded[MOTOR_CURRENT.name]
         low, high = float(np.nanmin(cycle.mean)), float(np.nanmax(cycle.mean))

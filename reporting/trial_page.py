@@ -148,9 +148,7 @@ def verdict(processed: ProcessedTrial, fit: CuttingFit | None, runtime: RuntimeP
         parts.append(f"The linear cutting coefficient k_Fc is {k_fc}.")
     if runtime is not None and runtime.status == "ok":
         lasts = format_quantity(runtime.runtime_s, runtime.std_s, "s")
-        parts.append(
-            f"Cutting like this, a full battery lasts {lasts} ({format_duration(runtime.runtime_s)})."
-        )
+        parts.append(f"Cutting like this, a full battery lasts {lasts} ({format_duration(runtime.runtime_s)}).")
     return " ".join(parts)
 
 
@@ -181,9 +179,7 @@ def _subtitle(processed: ProcessedTrial) -> str:
     return ", ".join([*parts, trial.source])
 
 
-def _tiles(
-    processed: ProcessedTrial, fit: CuttingFit | None, runtime: RuntimePrediction | None
-) -> list[Tile]:
+def _tiles(processed: ProcessedTrial, fit: CuttingFit | None, runtime: RuntimePrediction | None) -> list[Tile]:
     tiles = []
     if processed.period is not None:
         period = processed.period

@@ -64,9 +64,7 @@ def epoch_ns(started_at: datetime | None) -> int:
     if started_at is None:
         return 0
     if started_at.tzinfo is None:
-        raise InputError(
-            f"started_at {started_at.isoformat()} has no time zone", remedy="add one, for example +00:00"
-        )
+        raise InputError(f"started_at {started_at.isoformat()} has no time zone", remedy="add one, for example +00:00")
     since = started_at - _EPOCH
     return (since.days * 86400 + since.seconds) * _NS + since.microseconds * 1000
 

@@ -216,9 +216,7 @@ def _frame_at(content: mmap.mmap, offset: int) -> tuple[int, int, int] | None:
     # A chunk is known by its content, so that a damaged opcode does not hide it.
     if content[start + _CHUNK_HEAD.size : start + _CHUNK_HEAD.size + len(_CHUNK_MARK)] == _CHUNK_MARK:
         return int(Opcode.CHUNK), start, start + length
-    known = (
-        opcode in _RECORDS or opcode in _NOT_READ or (opcode == Opcode.FOOTER and length == _FOOTER_LENGTH)
-    )
+    known = opcode in _RECORDS or opcode in _NOT_READ or (opcode == Opcode.FOOTER and length == _FOOTER_LENGTH)
     return (opcode, start, start + length) if known or opcode >= _FIRST_PRIVATE_OPCODE else None
 
 

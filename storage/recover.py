@@ -71,9 +71,7 @@ def recover_recording(path: str | Path, out: str | Path, overwrite: bool = False
     """
     path, out = Path(path), Path(out)
     if out.resolve() == path.resolve():
-        raise RecordingError(
-            "a recording is not recovered onto itself", where=path, remedy="name another file"
-        )
+        raise RecordingError("a recording is not recovered onto itself", where=path, remedy="name another file")
     content = Content(path=path)
     target = PartFile(out, overwrite=overwrite)
     try:
@@ -140,9 +138,7 @@ class _Copier:
             for event in damage_events(content, last_s):
                 log_time = log_time_ns(content.origin_ns, event.time_s)
                 message = encode_event(event, content.origin_ns)
-                self._writer.add_message(
-                    self._topic(EVENT_TOPIC, "sawbench.Event"), log_time, message, log_time
-                )
+                self._writer.add_message(self._topic(EVENT_TOPIC, "sawbench.Event"), log_time, message, log_time)
             recovered = {"recovered_from": content.path.name, "recovered_by": software_version()}
             self._writer.add_metadata("provenance", recovered)
             self._writer.add_metadata("finish", {"is_complete": str(content.is_complete).lower()})
@@ -162,9 +158,7 @@ class _Copier:
             self.n_unknown += 1
             return
         channel_id = self._topic(topic, message_type, channel)
-        self._writer.add_message(
-            channel_id, message.log_time, message.data, message.publish_time, message.sequence
-        )
+        self._writer.add_message(channel_id, message.log_time, message.data, message.publish_time, message.sequence)
         self._last_ns = max(self._last_ns, message.log_time)
         self.n_messages += 1
 

@@ -159,10 +159,7 @@ def read_processed(path: str | Path) -> ProcessedTrial:
         raise InputError("no such file", where=path, remedy="make it with `sawbench process`")
     try:
         with h5py.File(path, "r") as store:
-            if (
-                store.attrs.get("format") != _FORMAT
-                or _python(store.attrs)["format_version"] > _FORMAT_VERSION
-            ):
+            if store.attrs.get("format") != _FORMAT or _python(store.attrs)["format_version"] > _FORMAT_VERSION:
                 raise InputError(
                     "is HDF5, but not a processed trial that this sawbench reads",
                     where=path,

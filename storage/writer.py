@@ -279,12 +279,8 @@ class RecordingWriter:
             preview = PreviewBuilder(rate_hz=self._preview_rate_hz)
             stream = _Stream(device=block.device, unit=block.unit, preview=preview)
             about = {"unit": block.unit, "device": block.device}
-            stream.topics["signal"] = self._register(
-                SIGNAL_TOPIC + block.channel, "sawbench.SampleBlock", about
-            )
-            stream.topics["preview"] = self._register(
-                PREVIEW_TOPIC + block.channel, "sawbench.Preview", about
-            )
+            stream.topics["signal"] = self._register(SIGNAL_TOPIC + block.channel, "sawbench.SampleBlock", about)
+            stream.topics["preview"] = self._register(PREVIEW_TOPIC + block.channel, "sawbench.Preview", about)
             self._streams[block.channel] = stream
         elif (stream.device, stream.unit) != (block.device, block.unit):
             raise InputError(

@@ -124,9 +124,7 @@ def _check_counter(where: str, settings: DbcCanSettings, messages: list[Message]
 def _layout(
     where: str, settings: DbcCanSettings, message: Message, pairs: list[tuple[str, DbcSignal]]
 ) -> MessageLayout:
-    rate_hz = settings.rate_hz.get(message.name) or (
-        1000.0 / message.cycle_time if message.cycle_time else 0.0
-    )
+    rate_hz = settings.rate_hz.get(message.name) or (1000.0 / message.cycle_time if message.cycle_time else 0.0)
     if not rate_hz:
         raise ConfigError(
             f"the DBC states no cycle time for {message.name}",
@@ -159,9 +157,7 @@ def _channel(where: str, channel: str, signal: DbcSignal, settings: DbcCanSettin
                 where=where,
                 remedy=f"add [devices.….calibration.{channel}] with the factor between them",
             )
-        calibration = Calibration(
-            raw_unit=unit, source=f"scale and offset of {signal.name} in {settings.dbc}"
-        )
+        calibration = Calibration(raw_unit=unit, source=f"scale and offset of {signal.name} in {settings.dbc}")
     has_range = signal.minimum is not None and signal.maximum is not None and signal.minimum < signal.maximum
     ends = np.array([signal.minimum, signal.maximum]) if has_range else np.array([-1e12, 1e12])
     low, high = sorted(float(v) for v in calibration.apply(ends))
@@ -182,9 +178,7 @@ class DbcCan:
 
     Settings = DbcCanSettings
 
-    def __init__(
-        self, name: str, settings: DbcCanSettings, *, clock: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, name: str, settings: DbcCanSettings, *, clock: Callable[[], float] = time.monotonic) -> None:
         self.name = name
         self.port = settings.port
         self._settings = settings
@@ -262,8 +256,7 @@ class DbcCan:
         self, layout: MessageLayout, payload: NDArray[np.uint8], arrival_s: NDArray[np.float64]
     ) -> list[Chunk]:
         columns = [
-            raw_signal(signal, payload) * float(signal.scale) + float(signal.offset)
-            for signal in layout.signals
+            raw_signal(signal, payload) * float(signal.scale) + float(signal.offset) for signal in layout.signals
         ]
         raw = np.stack(columns, axis=1)
         if layout.counter is None:

@@ -81,9 +81,7 @@ class Gsv8:
 
     Settings = Gsv8Settings
 
-    def __init__(
-        self, name: str, settings: Gsv8Settings, *, clock: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, name: str, settings: Gsv8Settings, *, clock: Callable[[], float] = time.monotonic) -> None:
         self.name = name
         self.port = settings.port
         self._settings = settings
@@ -186,9 +184,7 @@ class Gsv8:
         }
 
     def _new_framer(self, n_values: int, data_type: DataType) -> Gsv8Framer:
-        return Gsv8Framer(
-            n_values=n_values, data_type=data_type, full_scale=self._settings.integer_full_scale
-        )
+        return Gsv8Framer(n_values=n_values, data_type=data_type, full_scale=self._settings.integer_full_scale)
 
     def _set_rate(self) -> None:
         wanted_hz = self._settings.rate_hz

@@ -158,9 +158,7 @@ class Msc7xxx:
 
     Settings = Msc7xxxSettings
 
-    def __init__(
-        self, name: str, settings: Msc7xxxSettings, *, clock: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, name: str, settings: Msc7xxxSettings, *, clock: Callable[[], float] = time.monotonic) -> None:
         self.name = name
         self.port = settings.port
         self._settings = settings

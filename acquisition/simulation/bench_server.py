@@ -153,9 +153,7 @@ def make_instruments(
     makers: dict[str, Callable[[str, Any, float], Instrument]] = {
         "gsv8": lambda _, s, ppm: Gsv8Emulator(plant, _inputs(s), rate_hz=s.rate_hz, clock_error_ppm=ppm),
         "msc7xxx": lambda _, s, ppm: Msc7xxxEmulator(plant, _inputs(s)[0], address=s.address),
-        "dbc_can": lambda name, s, ppm: CanEmulator(
-            plant, _messages(name, s), bitrate=s.bitrate, clock_error_ppm=ppm
-        ),
+        "dbc_can": lambda name, s, ppm: CanEmulator(plant, _messages(name, s), bitrate=s.bitrate, clock_error_ppm=ppm),
     }
     instruments = {}
     for name, table in config.devices.items():
@@ -254,8 +252,7 @@ def run_bench(
         threading.Thread(target=_set_at_end_of_input, args=(stop,), daemon=True).start()
     with tempfile.TemporaryDirectory(prefix="sawbench-") as directory, _signals_set(stop):
         endpoints: dict[str, Endpoint] = {
-            name: PtyEndpoint(Path(directory) / name) if transport == "pty" else TcpEndpoint()
-            for name in instruments
+            name: PtyEndpoint(Path(directory) / name) if transport == "pty" else TcpEndpoint() for name in instruments
         }
         bench = SimulatedBench(plant, instruments, endpoints, faults=faults, trigger_after_s=trigger_after_s)
         try:

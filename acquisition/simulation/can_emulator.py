@@ -107,9 +107,7 @@ class CanEmulator:
         due.sort(key=lambda item: item[0])
         return b"".join(line for _, line in due)
 
-    def _lines(
-        self, sent: EmulatedMessage, index: NDArray[np.int64], time_s: NDArray[np.float64]
-    ) -> list[bytes]:
+    def _lines(self, sent: EmulatedMessage, index: NDArray[np.int64], time_s: NDArray[np.float64]) -> list[bytes]:
         message = sent.message
         bits = np.zeros((len(index), 64), dtype=np.uint8)
         for signal in message.signals:

@@ -109,9 +109,7 @@ class SerialPort:
 
     def _opened(self) -> Any:
         if self._port is None:
-            raise DeviceError(
-                "is not open", where=f"{self._device} on {self.url}", remedy="call open() first"
-            )
+            raise DeviceError("is not open", where=f"{self._device} on {self.url}", remedy="call open() first")
         return self._port
 
     def _lost(self, error: Exception) -> DeviceError:

@@ -29,9 +29,7 @@ def converter_loss(severity: float, setting: Setting) -> Change:
     i_b = duty i + (V_sw |i| + r i^2 + P_0) / V; V_sw = 0.35 V, r = 12 mohm, P_0 = 0.6 W.
     """
     del setting
-    return Change(
-        plant={"switch_v": 0.35 * severity, "switch_ohm": 0.012 * severity, "idle_w": 0.6 * severity}
-    )
+    return Change(plant={"switch_v": 0.35 * severity, "switch_ohm": 0.012 * severity, "idle_w": 0.6 * severity})
 
 
 def current_limit(severity: float, setting: Setting) -> Change:
@@ -49,9 +47,7 @@ def battery_internal_resistance(severity: float, setting: Setting) -> Change:
 
     dR (1 + 0.6 (1 - s)), s the state of charge; dR = 45 mohm.
     """
-    return Change(
-        plant={"extra_ohm": 0.045 * severity}, shape={"extra_soc": 0.6 if setting.forms == "own" else 0.0}
-    )
+    return Change(plant={"extra_ohm": 0.045 * severity}, shape={"extra_soc": 0.6 if setting.forms == "own" else 0.0})
 
 
 def battery_polarization(severity: float, setting: Setting) -> Change:

@@ -85,9 +85,7 @@ def changes_of(effects: Mapping[str, float], setting: Setting) -> Change:
     changes = []
     for effect_id, severity in effects.items():
         if effect_id not in both:
-            raise InputError(
-                f"no effect is called {effect_id!r}", remedy=f"choose from {', '.join(sorted(both))}"
-            )
+            raise InputError(f"no effect is called {effect_id!r}", remedy=f"choose from {', '.join(sorted(both))}")
         if not 0.0 <= severity < 100.0:
             raise InputError(f"severity of {effect_id} is {severity!r}, allowed is 0 to 100 (1 is typical)")
         if severity > 0.0:

@@ -159,9 +159,7 @@ def read_signals(path: Path, *, is_idle: bool = False) -> tuple[dict[str, Signal
 
         return signals_of(read_hdf5_table(path), is_idle=is_idle)
     if suffix in LOG_SUFFIXES:
-        raise FramesNeedDbc(
-            "is a log of CAN frames", where=path, remedy="give the DBC that describes the frames"
-        )
+        raise FramesNeedDbc("is a log of CAN frames", where=path, remedy="give the DBC that describes the frames")
     if suffix == ".mcap":
         raise InputError("is a recording already", where=path, remedy="`sawbench info` shows what is in it")
     known = ", ".join((".toml", *CSV_SUFFIXES, *HDF5_SUFFIXES, *MF4_SUFFIXES, *LOG_SUFFIXES))

@@ -67,9 +67,7 @@ def _read_channels(path: Path, measurement: Any, *, is_idle: bool) -> tuple[dict
         found = measurement.get(name)
         values = np.asarray(found.samples, dtype=np.float64)
         if values.ndim != 1:
-            raise InputError(
-                f"channel {name} has the shape {values.shape}, not one value a sample", where=path
-            )
+            raise InputError(f"channel {name} has the shape {values.shape}, not one value a sample", where=path)
         time_s = np.asarray(found.timestamps, dtype=np.float64)
         if not len(time_s):
             warnings.append(f"channel {name} is empty and left out")
@@ -78,9 +76,7 @@ def _read_channels(path: Path, measurement: Any, *, is_idle: bool) -> tuple[dict
         taken, said = signals_of(table, is_idle=is_idle)
         signals |= taken
         warnings += said
-    left_out = [
-        n for n in measurement.channels_db if n not in CHANNEL_BY_NAME and n.lower() not in ("time", "t")
-    ]
+    left_out = [n for n in measurement.channels_db if n not in CHANNEL_BY_NAME and n.lower() not in ("time", "t")]
     if left_out:
         warnings.append(f"channels that sawbench does not know are left out: {', '.join(sorted(left_out))}")
     return signals, list(dict.fromkeys(warnings))

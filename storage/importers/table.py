@@ -134,9 +134,7 @@ def _signal(name: str, unit: str, time_s: Floats, values: Floats, jumps: NDArray
             n_missing = max(round(float(kept_s[k + 1] - kept_s[k]) / period_s) - 1, int(empty[k]))
             reason = "the time jumps" if k in jumped else "empty cells"
             if n_missing > 0:
-                gap = Gap(
-                    start_s=float(kept_s[k]), end_s=float(kept_s[k + 1]), n_missing=n_missing, reason=reason
-                )
+                gap = Gap(start_s=float(kept_s[k]), end_s=float(kept_s[k + 1]), n_missing=n_missing, reason=reason)
                 gaps.append(gap)
     return Signal(channel=name, unit=unit, time_s=kept_s, values=values[rows], gaps=tuple(gaps))
 

@@ -19,12 +19,8 @@ from bench.units import CHANNEL_BY_NAME
 
 CALIBRATION = {"scale": 2.5, "offset": 0.5, "raw_unit": "V"}
 TABLES = {
-    "gsv8": {
-        "channels": {"displacement_mm": {"input": 2, "raw_range": [-10, 10], "calibration": CALIBRATION}}
-    },
-    "msc7xxx": {
-        "channels": {"displacement_mm": {"input": 1, "raw_range": [-10, 10], "calibration": CALIBRATION}}
-    },
+    "gsv8": {"channels": {"displacement_mm": {"input": 2, "raw_range": [-10, 10], "calibration": CALIBRATION}}},
+    "msc7xxx": {"channels": {"displacement_mm": {"input": 1, "raw_range": [-10, 10], "calibration": CALIBRATION}}},
     "dbc_can": {"signals": {"motor_current_a": "MotorStatus.MotorCurrent"}},
 }
 

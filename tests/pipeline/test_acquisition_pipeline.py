@@ -91,9 +91,10 @@ def fit_sine(time_s, values):
 @pytest.mark.parametrize("transport", [pytest.param("pty", marks=needs_pty), "tcp"])
 def test_every_sample_arrives_and_all_channels_agree_in_time(transport):
     writer = Writer()
-    with bench(
-        transport=transport, trigger_after_s=0.3, clock_error_ppm={"load_cell": 40.0, "power": -40.0}
-    ) as (process, ports):
+    with bench(transport=transport, trigger_after_s=0.3, clock_error_ppm={"load_cell": 40.0, "power": -40.0}) as (
+        process,
+        ports,
+    ):
         summary = record(build_devices(load_config(CONFIG).config, ports), writer, seconds=1.5)
         process.stdin.close()
         assert process.wait(timeout=20) == 0

@@ -127,16 +127,26 @@ def test_sigkill_loses_at_most_the_last_second(tmp_path):
         (["process", "{here}/text.mcap"], 2, ["text.mcap", "no recording"]),
         (["info", "{here}/missing.mcap"], 2, ["missing.mcap"]),
         (["simulate", "--config", "{here}/wrong.toml"], 2, ["wrong.toml", "resistence_ohm", "resistance_ohm"]),
-        (["record", "--material", "oak", "--config", "{here}/ports.toml", "--out", "{here}"], 1, ["load_cell", "ttyNONE"]),
+        (
+            ["record", "--material", "oak", "--config", "{here}/ports.toml", "--out", "{here}"],
+            1,
+            ["load_cell", "ttyNONE"],
+        ),
         (["record", "--material", "oak", "--config", "{here}/wrong.toml", "--out", "{here}"], 2, ["resistence_ohm"]),
         (["compare", "{here}", "--out", "{here}/x.html"], 2, ["text.mcap"]),
-        (["record", "--simulated", "--material", "cheese", "--out", "{here}", "--config", str(CONFIG)], 2, ["cheese", "oak"]),
+        (
+            ["record", "--simulated", "--material", "cheese", "--out", "{here}", "--config", str(CONFIG)],
+            2,
+            ["cheese", "oak"],
+        ),
     ],
 )  # fmt: skip
 def test_bad_input_gets_one_clear_message(tmp_path, arguments, exit_code, words):
     text = CONFIG.read_text()
     (tmp_path / "text.mcap").write_text("this is a shopping list\n")
-    (tmp_path / "wrong.toml").write_text(text.replace("resistance_ohm = { nominal = 0.176", "resistence_ohm = { nominal = 0.176"))
+    (tmp_path / "wrong.toml").write_text(
+        text.replace("resistance_ohm = { nominal = 0.176", "resistence_ohm = { nominal = 0.176")
+    )
     (tmp_path / "ports.toml").write_text(text.replace("/dev/ttyACM", "/dev/ttyNONE"))
     result = sawbench(*[a.format(here=tmp_path) for a in arguments])
     said = result.stdout + result.stderr
@@ -175,4 +185,4 @@ def test_compare_makes_an_offline_page_with_every_material(tmp_path):
     assert result.returncode == 0, result.stderr
     text = page.read_text()
     assert all(material in text for material in ("nylon", "black_locust", "oak"))
-    assert "src=\"http" not in text and "href=\"http" not in text
+    assert 'src="http' not in text and 'href="http' not in text

@@ -26,12 +26,9 @@ def need(name):
 
 def process(time_s, config=None, **channels):
     signals = {
-        name: Signal(channel=name, unit=UNITS[name], time_s=time_s, values=values)
-        for name, values in channels.items()
+        name: Signal(channel=name, unit=UNITS[name], time_s=time_s, values=values) for name, values in channels.items()
     }
-    return process_recording(
-        Recording(trial=Trial(trial_id="real"), signals=signals), config or BenchConfig()
-    )
+    return process_recording(Recording(trial=Trial(trial_id="real"), signals=signals), config or BenchConfig())
 
 
 @pytest.mark.parametrize(("name", "rate_hz"), [("d3_1Hz_30lb_1in", 1.0), ("d2_2Hz_36lb_0.5in", 2.0)])

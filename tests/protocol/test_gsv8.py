@@ -126,9 +126,7 @@ def test_any_damage_in_any_split_loses_only_what_was_damaged(values, cuts, bad_a
     edges = sorted({0, *(c for c in cuts if c < len(stream)), len(stream)})
     pieces = [p for a, b in pairwise(edges) for p in framer.feed(bytes(stream[a:b]))]
     got = len(values_of(pieces))
-    n_touched = (
-        (min(len(stream), bad_at + n_bad) - 1) // 8 - bad_at // 8 + 1 if n_bad and bad_at < len(stream) else 0
-    )
+    n_touched = (min(len(stream), bad_at + n_bad) - 1) // 8 - bad_at // 8 + 1 if n_bad and bad_at < len(stream) else 0
     # Getting into step again needs two good frames in a row, so the damage may cost two neighbours.
     assert len(frames) - n_touched - 3 <= got <= len(frames)
     if not n_touched:

@@ -22,9 +22,7 @@ class Ramp:
 
 
 def amplifier(**options):
-    return Gsv8Emulator(
-        Ramp(), (EmulatedInput(channel="force_n", input=1, scale=250.0),), rate_hz=1000.0, **options
-    )
+    return Gsv8Emulator(Ramp(), (EmulatedInput(channel="force_n", input=1, scale=250.0),), rate_hz=1000.0, **options)
 
 
 @pytest.mark.parametrize(

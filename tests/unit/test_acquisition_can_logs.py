@@ -24,9 +24,7 @@ def frames(n=500):
         if 200 <= k < 230:
             continue
         data = struct.pack("<Hh", k, round(1000 * np.sin(k / 20)))
-        yield can.Message(
-            timestamp=1.7e9 + k / 1000, arbitration_id=0x100, is_extended_id=False, data=data, channel=0
-        )
+        yield can.Message(timestamp=1.7e9 + k / 1000, arbitration_id=0x100, is_extended_id=False, data=data, channel=0)
 
 
 @pytest.mark.parametrize("suffix", [".log", ".asc", ".blf"])
@@ -83,9 +81,7 @@ def test_wrong_input_is_said(tmp_path):
 def test_idle_of_a_real_engine():
     """Truth from the data set's README: 12719 frames at 10.0 ms, mean 650.05 rpm, 646.5..653.75 rpm."""
     log = next(SHARED.glob("*.candump.log.gz"))
-    recording = decode_can_log(
-        log, SHARED / "CSS-Electronics-SAE-J1939-DEMO.dbc", {"rpm": "EEC1.EngineSpeed"}
-    )
+    recording = decode_can_log(log, SHARED / "CSS-Electronics-SAE-J1939-DEMO.dbc", {"rpm": "EEC1.EngineSpeed"})
     rpm = recording.signal("rpm")
     assert len(rpm.values) == 12719
     assert np.median(np.diff(rpm.time_s)) == pytest.approx(0.010, abs=1e-5)

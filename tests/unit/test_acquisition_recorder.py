@@ -335,9 +335,7 @@ def test_a_missing_device_frees_the_others():
 
 def test_a_wrong_rate_is_refused_at_the_start():
     device = Scripted()
-    device.chunk = lambda: Chunk(
-        stream="frames", raw=np.zeros((5, 1)), arrival_s=np.array([device.clock.now_s])
-    )
+    device.chunk = lambda: Chunk(stream="frames", raw=np.zeros((5, 1)), arrival_s=np.array([device.clock.now_s]))
     with pytest.raises(DeviceError, match="500 samples/s, configured are 1000"):
         run(device, seconds=1.0)
 
@@ -360,9 +358,7 @@ def test_a_fault_in_a_driver_is_noted_and_the_rest_goes_on():
 
     writer = Writer()
     clock = Clock()
-    sound = Scripted(
-        "sound", channel="displacement_mm", clock=clock, at=defaultdict(lambda: wait), has_begun=True
-    )
+    sound = Scripted("sound", channel="displacement_mm", clock=clock, at=defaultdict(lambda: wait), has_begun=True)
     broken = Scripted("broken", clock=clock, at=defaultdict(lambda: wait_and_hold_time), has_begun=True)
     summary = record([sound, broken], writer, seconds=5.0, clock=clock, limits=PATIENT)
     by_name = {c.channel: c for c in summary.channels}

@@ -139,20 +139,14 @@ def test_polled_samples_keep_their_own_times():
     times = np.array([1.0, 1.0031, 1.0069])
     out = []
     for t in times:
-        out += timer.push(
-            Chunk(stream="values", raw=np.array([[t]]), arrival_s=np.array([t]), time_s=np.array([t]))
-        )
+        out += timer.push(Chunk(stream="values", raw=np.array([[t]]), arrival_s=np.array([t]), time_s=np.array([t])))
     out += timer.restart("cable pulled")
-    out += timer.push(
-        Chunk(stream="values", raw=np.array([[2.0]]), arrival_s=np.array([2.0]), time_s=np.array([2.0]))
-    )
+    out += timer.push(Chunk(stream="values", raw=np.array([[2.0]]), arrival_s=np.array([2.0]), time_s=np.array([2.0])))
     assert joined(out)[0].tolist() == [*times.tolist(), 2.0]
     assert [x.reason for x in out if isinstance(x, Loss)] == ["cable pulled"]
 
 
-@pytest.mark.parametrize(
-    ("true_hz", "is_said"), [(1000.0, False), (1004.0, False), (800.0, True), (1250.0, True)]
-)
+@pytest.mark.parametrize(("true_hz", "is_said"), [(1000.0, False), (1004.0, False), (800.0, True), (1250.0, True)])
 def test_a_wrong_rate_is_said(true_hz, is_said):
     timer = StreamTimer(STREAM)
     for k in range(0, int(0.9 * true_hz), 10):

@@ -95,14 +95,10 @@ def test_charge_carries_over_between_trials(campaign):
 def test_constants_stay_within_their_uncertainty_or_go_beyond_as_asked():
     within = np.array([list(draw_campaign(seed).shifts.values()) for seed in range(60)])
     assert np.abs(within).max() <= 2.0
-    clipped_std = np.sqrt(
-        0.7385 + 4.0 * 0.0455
-    )  # of a unit normal clipped at +-2: E[x^2; |x| < 2] + 4 P(|x| > 2)
+    clipped_std = np.sqrt(0.7385 + 4.0 * 0.0455)  # of a unit normal clipped at +-2: E[x^2; |x| < 2] + 4 P(|x| > 2)
     assert within.std() == pytest.approx(clipped_std, abs=0.08)
     for seed in range(10):
-        far = [
-            abs(shift) for shift in draw_campaign(seed, parameters="beyond").shifts.values() if abs(shift) > 2
-        ]
+        far = [abs(shift) for shift in draw_campaign(seed, parameters="beyond").shifts.values() if abs(shift) > 2]
         assert len(far) == 3
         assert all(4.0 <= shift <= 8.0 for shift in far)
     assert set(NOMINAL) <= set(draw_campaign(1).parameters)
@@ -162,9 +158,7 @@ def test_a_broken_off_run_goes_on_and_keeps_what_is_there(sealed, tmp_path):
     (out / "case-0002.part").mkdir()
     first = (out / "case-0001" / "trial-01.csv").stat().st_mtime_ns
     calls: list[tuple[int, int]] = []
-    sealing.make(
-        5, 2, out, workers=1, length=0.02, on_progress=lambda done, wanted: calls.append((done, wanted))
-    )
+    sealing.make(5, 2, out, workers=1, length=0.02, on_progress=lambda done, wanted: calls.append((done, wanted)))
     assert calls == [(2, 2)]
     assert (out / "case-0001" / "trial-01.csv").stat().st_mtime_ns == first
     again, once = sealing.verify(out, key), sealing.verify(*sealed)

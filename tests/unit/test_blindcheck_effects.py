@@ -27,9 +27,7 @@ SEED = 2
 
 
 def _plan(duty: float, workpiece: str, seconds: float, *, feed: float = 4.0, mm: float = 20.0) -> TrialPlan:
-    return TrialPlan(
-        duty=duty, workpiece=workpiece, thickness_mm=mm, feed_mm_s=feed, seconds=seconds, rest_s=60.0
-    )
+    return TrialPlan(duty=duty, workpiece=workpiece, thickness_mm=mm, feed_mm_s=feed, seconds=seconds, rest_s=60.0)
 
 
 PLANS = (
@@ -128,9 +126,7 @@ def test_current_limit_caps_the_start_up(base):
 
 def test_preload_clips_the_force_and_leaves_the_current(base):
     clipped = _readings({"preload_lift_off": 1.0}, *PLANS[:2])[1]
-    assert (
-        np.percentile(clipped.values["force_n"], 99.5) < np.percentile(base[1].values["force_n"], 99.5) - 20
-    )
+    assert np.percentile(clipped.values["force_n"], 99.5) < np.percentile(base[1].values["force_n"], 99.5) - 20
     np.testing.assert_array_equal(clipped.values["motor_current_a"], base[1].values["motor_current_a"])
 
 
@@ -147,9 +143,7 @@ def test_force_lag_delays_the_force_by_its_size_and_nothing_else(base):
     t = np.arange(0.7, 1.8, 1e-4)
     a = np.interp(t, base[1].time_s, base[1].values["force_n"])
     shifts_s = np.arange(0.0, 5e-3, 1e-4)
-    scores = [
-        np.dot(a - a.mean(), np.interp(t + shift, late.time_s, late.values["force_n"])) for shift in shifts_s
-    ]
+    scores = [np.dot(a - a.mean(), np.interp(t + shift, late.time_s, late.values["force_n"])) for shift in shifts_s]
     assert shifts_s[int(np.argmax(scores))] == pytest.approx(2e-3, abs=3e-4)
 
 
@@ -209,9 +203,7 @@ def test_carriage_rings_at_its_own_frequency_at_both_speeds():
         ]
         hz = np.fft.rfftfreq(len(t), 2e-4)
         band = (hz > 50.0) & (hz < 1.6 * expected_hz)
-        gain = np.convolve(power[0], np.ones(23), mode="same") / np.convolve(
-            power[1], np.ones(23), mode="same"
-        )
+        gain = np.convolve(power[0], np.ones(23), mode="same") / np.convolve(power[1], np.ones(23), mode="same")
         assert hz[band][np.argmax(gain[band])] == pytest.approx(expected_hz, rel=0.12)
         assert gain[band].max() > 10.0
 

@@ -196,7 +196,5 @@ def test_stream_is_the_plant_itself():
     times = np.arange(0.0, 0.7, 5e-5)
     plant = Plant(settings)
     rows = plant.advance(0.7)
-    np.testing.assert_allclose(
-        stream.read("force_n", times), column(rows, "force_n")[: len(times)], atol=2e-3 * 250
-    )
+    np.testing.assert_allclose(stream.read("force_n", times), column(rows, "force_n")[: len(times)], atol=2e-3 * 250)
     assert plant.state[CRANK] > 2.0 + 2 * np.pi

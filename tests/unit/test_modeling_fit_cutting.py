@@ -43,9 +43,7 @@ def plant(**changes) -> PlantConfig:
 
 def measured(trial, start_s: float = 1.5, **changes) -> MeasuredCycles:
     settings = {"duty": trial.duty, "start_s": start_s} | changes
-    return cycles_from_samples(
-        trial.angle_time_s, trial.angle_rad, trial.speed_rad_s, trial.channels, **settings
-    )
+    return cycles_from_samples(trial.angle_time_s, trial.angle_rad, trial.speed_rad_s, trial.channels, **settings)
 
 
 def without(cycles: MeasuredCycles, *names: str) -> MeasuredCycles:
@@ -73,9 +71,7 @@ def test_periodic_stroke_matches_the_independent_integrator(quiet):
     open_v = np.mean(quiet.battery_voltage_v + 0.02 * quiet.battery_current_a)
     row = TRUE | {"k_fc_n_s_per_m": 240.0, "voltage_v": duty * open_v}
     row["resistance_ohm"] = row["resistance_ohm"] + duty**2 * 0.02
-    current, speed, ok = periodic_cycles(
-        np.array([[row[name] for name in COLUMNS]]), gear_ratio=synthetic.GEAR_RATIO
-    )
+    current, speed, ok = periodic_cycles(np.array([[row[name] for name in COLUMNS]]), gear_ratio=synthetic.GEAR_RATIO)
     assert ok[0]
     nodes = np.arange(64) * 2 * np.pi / 64
     at_bins = fourier_basis(quiet.angle_rad, 8)
@@ -149,8 +145,7 @@ def test_coulomb_friction_is_seen_as_misfit_or_kept_inside_the_uncertainty(quiet
     """A constant torque of the motor that the model does not have: force still gives k_Fc."""
     current = quiet.current_a + 0.01 / TRUE["torque_constant_n_m_per_a"]
     cycles = MeasuredCycles(
-        **{name: getattr(quiet, name) for name in MeasuredCycles.__dataclass_fields__}
-        | {"current_a": current}
+        **{name: getattr(quiet, name) for name in MeasuredCycles.__dataclass_fields__} | {"current_a": current}
     )
     fit = fit_cutting_coefficient(cycles, plant=plant(), battery=BATTERY)
     assert abs(fit.k_fc_n_s_per_m - 240.0) < 2.0 * fit.std_n_s_per_m
@@ -180,9 +175,7 @@ def test_battery_voltage_not_measured_is_said_and_costs_certainty(noisy):
 def test_held_voltage_needs_no_duty():
     converter = ConverterConfig(mode="held_voltage", voltage_v=7.9)
     row = TRUE | {"k_fc_n_s_per_m": 300.0, "voltage_v": 7.9}
-    current, speed, _ = periodic_cycles(
-        np.array([[row[name] for name in COLUMNS]]), gear_ratio=synthetic.GEAR_RATIO
-    )
+    current, speed, _ = periodic_cycles(np.array([[row[name] for name in COLUMNS]]), gear_ratio=synthetic.GEAR_RATIO)
     period = 2 * np.pi * np.mean(1 / speed[0])
     cycles = MeasuredCycles(
         angle_rad=np.arange(64) * 2 * np.pi / 64 + 1e-12,
@@ -207,16 +200,12 @@ def test_joint_fit_of_three_materials_shares_the_plant():
         )
         for n, k in enumerate(truths)
     ]
-    joint = fit_jointly(
-        cycles, plant=plant(), battery=BATTERY, sensors=SensorPriors(force_gain_rel_std=0.005)
-    )
+    joint = fit_jointly(cycles, plant=plant(), battery=BATTERY, sensors=SensorPriors(force_gain_rel_std=0.005))
     z = (joint.k_fc_n_s_per_m - truths) / joint.std_n_s_per_m
     assert np.abs(z).max() < 3.0
     single = fit_cutting_coefficient(cycles[0], plant=plant(), battery=BATTERY)
     assert single.estimates is not None
-    assert joint.estimates.std("torque_constant_n_m_per_a") < single.estimates.std(
-        "torque_constant_n_m_per_a"
-    )
+    assert joint.estimates.std("torque_constant_n_m_per_a") < single.estimates.std("torque_constant_n_m_per_a")
     fits = cutting_fits(joint, "current_and_force")
     assert [fit.status for fit in fits] == ["ok"] * 3
     assert joint.of_trial(1).value("k_fc_n_s_per_m") == fits[1].k_fc_n_s_per_m
@@ -236,9 +225,7 @@ def test_bounds_that_exclude_the_truth_are_reported(noisy):
 
 
 def test_annealing_moves_k_fc_alone(noisy):
-    fit = fit_cutting_coefficient(
-        noisy, plant=plant(), battery=BATTERY, method="annealing", bounds=(100.0, 500.0)
-    )
+    fit = fit_cutting_coefficient(noisy, plant=plant(), battery=BATTERY, method="annealing", bounds=(100.0, 500.0))
     current = fit_cutting_coefficient(noisy, plant=plant(), battery=BATTERY, method="current")
     assert fit.method == "annealing"
     assert fit.status == "ok"

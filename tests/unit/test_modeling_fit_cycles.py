@@ -55,9 +55,7 @@ def test_only_complete_strokes_inside_the_stretch():
 
 def test_battery_is_averaged_per_stroke():
     time_s, angle = turning()
-    cycles = cycles_from_samples(
-        time_s, angle, None, {"battery_voltage_v": (time_s, 18.0 - time_s)}, n_bins=16
-    )
+    cycles = cycles_from_samples(time_s, angle, None, {"battery_voltage_v": (time_s, 18.0 - time_s)}, n_bins=16)
     middle = cycles.cycle_start_s + 0.5 * cycles.period_s
     assert cycles.battery_voltage_v is not None
     np.testing.assert_allclose(cycles.battery_voltage_v, 18.0 - middle, atol=1e-3)

@@ -76,16 +76,12 @@ def test_current_alone_gives_k_fc_too():
 
 def test_remaining_runtime_is_that_of_the_independent_discharge():
     """Charge left over current at constant k_Fc, against a whole integration."""
-    t, i, w, crank, _, v, ib = synthetic.simulate(
-        TRUE, np.full(3000, 240.0), 0.4375, 40.0, 1000.0, capacity_ah=0.05
-    )
+    t, i, w, crank, _, v, ib = synthetic.simulate(TRUE, np.full(3000, 240.0), 0.4375, 40.0, 1000.0, capacity_ah=0.05)
     small = BATTERY.model_copy(update={"capacity_ah": 0.05})
     charge = np.cumsum(ib) * 1e-3
     end = t[np.argmax(charge > 0.8 * 0.05 * 3600)]
     channels = {"motor_current_a": (t, i), "battery_voltage_v": (t, v)}
-    cycles = cycles_from_samples(
-        t, crank, w / synthetic.GEAR_RATIO, channels, start_s=1.5, end_s=20.0, duty=0.4375
-    )
+    cycles = cycles_from_samples(t, crank, w / synthetic.GEAR_RATIO, channels, start_s=1.5, end_s=20.0, duty=0.4375)
     start_soc = 1.0 - float(np.interp(cycles.cycle_start_s[0], t, charge)) / (0.05 * 3600)
     live = RecursiveCuttingEstimator(plant=PLANT, battery=small, duty=0.4375, start_soc=start_soc)
     for stroke in summarize_strokes(cycles):

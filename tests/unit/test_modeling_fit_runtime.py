@@ -117,9 +117,7 @@ def test_interval_with_the_fits_covariance_holds_the_true_runtime():
             duty=trial.duty,
         )
         fit = fit_cutting_coefficient(cycles, plant=PLANT, battery=battery)
-        found = predict_runtime(
-            paper.PARAMETERS, supply=SUPPLY, k_fc=fit.k_fc_n_s_per_m, estimates=fit.estimates
-        )
+        found = predict_runtime(paper.PARAMETERS, supply=SUPPLY, k_fc=fit.k_fc_n_s_per_m, estimates=fit.estimates)
         truth = discharge(
             paper.PARAMETERS.replace(**trial.true_plant),
             supply=SUPPLY,

@@ -28,9 +28,7 @@ def jigsaw(start_rad, seconds=1.0, k_fc=240.29, duty=0.4375):
         return [(18 * duty - r * i - ke * w) / ind, torque / inertia, w]
 
     t = np.arange(0, seconds, 1 / RATE_HZ)
-    y = solve_ivp(
-        rhs, (0, seconds), [0, 0, start_rad * gear], t_eval=t, rtol=1e-8, atol=1e-8, max_step=2e-3
-    ).y
+    y = solve_ivp(rhs, (0, seconds), [0, 0, start_rad * gear], t_eval=t, rtol=1e-8, atol=1e-8, max_step=2e-3).y
     angle = y[2] / gear
     return t, angle, y[1] / gear, r_c * (1 - np.cos(angle))
 
@@ -113,9 +111,7 @@ def test_slider_crank_needs_its_rod():
     angle = 2 * np.pi * 11.3 * t + 0.4
     r, rod = 0.016, 0.05
     x = r * (1 - np.cos(angle)) + rod - np.sqrt(rod**2 - (r * np.sin(angle)) ** 2)
-    with_rod = track_crank_angle(
-        t, x + 1e-5 * np.random.default_rng(5).standard_normal(2000), rod_length_m=rod
-    )
+    with_rod = track_crank_angle(t, x + 1e-5 * np.random.default_rng(5).standard_normal(2000), rod_length_m=rod)
     without = track_crank_angle(t, x)
     assert np.std(error_of(with_rod, t, angle)) < 3e-3
     assert np.std(error_of(without, t, angle)) > 0.05

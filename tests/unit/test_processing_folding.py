@@ -131,9 +131,7 @@ def test_standard_error_allows_for_correlation():
 
 
 def signal(values, rate_hz=1000.0, channel="force_n", unit="N", **options):
-    return Signal(
-        channel=channel, unit=unit, time_s=np.arange(len(values)) / rate_hz, values=values, **options
-    )
+    return Signal(channel=channel, unit=unit, time_s=np.arange(len(values)) / rate_hz, values=values, **options)
 
 
 def test_noise_spikes_clipping_and_missing_samples_are_counted():
@@ -156,9 +154,7 @@ def test_noise_spikes_clipping_and_missing_samples_are_counted():
 
 
 def test_real_edges_and_quantisation_are_no_defects():
-    square = np.where(np.sin(np.arange(5000) * 0.05) > 0, 50.0, 0.0) + np.random.default_rng(
-        5
-    ).standard_normal(5000)
+    square = np.where(np.sin(np.arange(5000) * 0.05) > 0, 50.0, 0.0) + np.random.default_rng(5).standard_normal(5000)
     assert not find_spikes(square).any()
     coarse = np.round(10 * np.sin(np.arange(20_000) * 0.01) / 0.05) * 0.05
     assert clean_channel(signal(coarse)).quality.n_clipped == 0
@@ -186,9 +182,7 @@ def test_wrong_units_and_signs_are_named(channel, values, words):
     found = plausibility_problems(
         {
             channel: clean_channel(signal(values, channel=channel)),
-            "battery_current_a": clean_channel(
-                signal(4 + np.sin(np.arange(2000) * 0.1), channel="battery_current_a")
-            ),
+            "battery_current_a": clean_channel(signal(4 + np.sin(np.arange(2000) * 0.1), channel="battery_current_a")),
         },
         CONFIG,
         None,

@@ -17,9 +17,7 @@ UNITS = {"force_n": "N", "displacement_mm": "mm", "motor_current_a": "A"}
 
 def recording(**channels):
     """Channels as (time, values)."""
-    signals = {
-        name: Signal(channel=name, unit=UNITS[name], time_s=t, values=v) for name, (t, v) in channels.items()
-    }
+    signals = {name: Signal(channel=name, unit=UNITS[name], time_s=t, values=v) for name, (t, v) in channels.items()}
     return Recording(trial=Trial(trial_id="t"), signals=signals)
 
 
@@ -59,9 +57,7 @@ def test_coverage_where_the_strokes_differ():
         ends = np.r_[0, np.cumsum(lasts)]
         t = np.arange(0, 3.0, 1 / 3000)
         angle = 2 * np.pi * np.interp(t, ends, np.arange(61.0))
-        period = process(
-            displacement_mm=(t, 10 * (1 - np.cos(angle)) + 0.01 * rng.standard_normal(len(t)))
-        ).period
+        period = process(displacement_mm=(t, 10 * (1 - np.cos(angle)) + 0.01 * rng.standard_normal(len(t)))).period
         assert period.spread_s == pytest.approx(7e-4, rel=0.5)
         scaled.append((period.period_s - 0.07) / period.period_std_s)
     assert 0.75 < np.sqrt(np.mean(np.square(scaled))) < 1.35
@@ -125,9 +121,7 @@ def test_force_alone_is_never_highly_confident(alternate):
 def test_a_structural_line_beside_the_stroke_lowers_the_confidence_of_the_force():
     t = np.arange(0, 3, 1 / 5000)
     rng = np.random.default_rng(3)
-    force = (
-        60 * half_waves(2 * np.pi * 14 * t) + 45 * np.sin(2 * np.pi * 47.3 * t) + rng.standard_normal(len(t))
-    )
+    force = 60 * half_waves(2 * np.pi * 14 * t) + 45 * np.sin(2 * np.pi * 47.3 * t) + rng.standard_normal(len(t))
     period = process(force_n=(t, force)).period
     assert period.confidence == "low"
     choices = [period.period_s, *(rival.period_s for rival in period.rivals)]
@@ -149,9 +143,7 @@ def test_current_alone_is_always_of_low_confidence_with_rivals(order):
 def test_current_start_up_mains_hum_and_spikes_do_not_win():
     t = np.arange(0, 3, 1e-3)
     rng = np.random.default_rng(5)
-    current = (
-        10 + 25 * np.exp(-t / 0.05) + 2 * half_waves(2 * np.pi * 14 * t) + 0.3 * np.sin(2 * np.pi * 50 * t)
-    )
+    current = 10 + 25 * np.exp(-t / 0.05) + 2 * half_waves(2 * np.pi * 14 * t) + 0.3 * np.sin(2 * np.pi * 50 * t)
     current += 0.05 * rng.standard_normal(len(t)) + 0.2 * t
     current[rng.integers(0, len(t), 20)] += 60
     period = process(motor_current_a=(t, current)).period
@@ -161,10 +153,7 @@ def test_current_start_up_mains_hum_and_spikes_do_not_win():
 
 def test_noise_holds_no_line():
     rng = np.random.default_rng(6)
-    found = [
-        find_stroke_line(power_spectrum(rng.standard_normal(4000), 1000.0), "x", 1.0, 100.0)
-        for _ in range(40)
-    ]
+    found = [find_stroke_line(power_spectrum(rng.standard_normal(4000), 1000.0), "x", 1.0, 100.0) for _ in range(40)]
     assert found == [None] * 40
 
 

@@ -42,9 +42,7 @@ def make(seed=0, **options):
 
 
 def process(channels, config=None, **trial):
-    signals = {
-        name: Signal(channel=name, unit=UNITS[name], time_s=t, values=v) for name, (t, v) in channels.items()
-    }
+    signals = {name: Signal(channel=name, unit=UNITS[name], time_s=t, values=v) for name, (t, v) in channels.items()}
     trial = Trial(trial_id="t", duty=0.4375, **trial)
     return process_recording(
         Recording(trial=trial, signals=signals, path="x.mcap"), config or BenchConfig(), source_sha256="ab"

@@ -88,9 +88,7 @@ def test_group_mean_by_hand():
 
 
 def test_the_common_part_does_not_shrink_with_repetitions():
-    few, many = (
-        group_mean([Estimate(value=10.0 + (-1.0) ** k, common_std=2.0) for k in range(n)]) for n in (4, 400)
-    )
+    few, many = (group_mean([Estimate(value=10.0 + (-1.0) ** k, common_std=2.0) for k in range(n)]) for n in (4, 400))
     assert few.std == pytest.approx(math.sqrt(4.0 / 3.0 / 4.0 + 4.0))
     assert many.std == pytest.approx(2.0, rel=1e-3)
     assert many.high - many.mean == pytest.approx(1.96 * 2.0, rel=1e-2)
@@ -125,8 +123,7 @@ def test_welch_agrees_with_scipy_and_holm_with_the_textbook():
 
     rng = np.random.default_rng(2)
     groups = {
-        name: rng.normal(mean, std, n)
-        for name, mean, std, n in (("a", 10, 1, 4), ("b", 11, 2, 6), ("c", 14, 1, 3))
+        name: rng.normal(mean, std, n) for name, mean, std, n in (("a", 10, 1, 4), ("b", 11, 2, 6), ("c", 14, 1, 3))
     }
     found = compare_groups(groups)
     p_raw = []
@@ -146,8 +143,7 @@ def test_welch_agrees_with_scipy_and_holm_with_the_textbook():
 def test_holm_keeps_false_differences_rare():
     rng = np.random.default_rng(8)
     n_false = sum(
-        any(d.is_significant for d in compare_groups({k: rng.normal(0.0, 1.0, 3) for k in "abcd"}))
-        for _ in range(400)
+        any(d.is_significant for d in compare_groups({k: rng.normal(0.0, 1.0, 3) for k in "abcd"})) for _ in range(400)
     )
     assert n_false / 400 < 0.05 + 2 * math.sqrt(0.05 * 0.95 / 400)
 

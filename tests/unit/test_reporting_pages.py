@@ -38,9 +38,7 @@ angle_rad = (np.arange(128) + 0.5) * 2.0 * np.pi / 128
 
 def folded(channel="force_n", unit="N", mean=None, std=2.0, n_cycles=40):
     mean = (
-        np.where(angle_rad > np.pi, -200.0 * np.sin(angle_rad), 4.0 * np.sin(2 * angle_rad))
-        if mean is None
-        else mean
+        np.where(angle_rad > np.pi, -200.0 * np.sin(angle_rad), 4.0 * np.sin(2 * angle_rad)) if mean is None else mean
     )
     return FoldedCycle(
         channel=channel,
@@ -161,19 +159,13 @@ def make_rows():
                 source_sha256=f"{repetition}" * 64,
             )
             runtime = make_runtime(928.0 * 240.0 / value)
-            rows.append(
-                ComparedTrial(processed=processed, fit=make_fit(value, 0.02 * value, 1e-3), runtime=runtime)
-            )
-    rows.append(
-        ComparedTrial(processed=make_processed("pine-1", "pine"), fit=make_fit(130.0), runtime=make_runtime())
-    )
+            rows.append(ComparedTrial(processed=processed, fit=make_fit(value, 0.02 * value, 1e-3), runtime=runtime))
+    rows.append(ComparedTrial(processed=make_processed("pine-1", "pine"), fit=make_fit(130.0), runtime=make_runtime()))
     stalled = make_processed("pine-2", "pine", "stalled", period=None, cutting_force=None, peak_force_n=1.0)
     rows.append(ComparedTrial(processed=stalled))
     weak = ComparedTrial(processed=make_processed("pine-3", "pine"), fit=make_fit(status="not_identifiable"))
     rows.append(weak)
-    idle = make_processed(
-        "air-1", "none", "no_cutting", cutting_force=None, removed=None, peak_force_std_n=None
-    )
+    idle = make_processed("air-1", "none", "no_cutting", cutting_force=None, removed=None, peak_force_std_n=None)
     rows.append(ComparedTrial(processed=replace(idle, peak_force_n=None)))
     return rows
 
@@ -255,9 +247,7 @@ def test_pages_ask_nothing_of_the_network(page):
     assert not {"script", "link", "img", "iframe", "object", "form"} & {tag for tag, _ in page.tags}
     assert "@import" not in page.text
     assert all(url.startswith("#") for url in re.findall(r"url\(([^)]+)\)", page.text))
-    assert any(
-        "default-src 'none'" in (attrs.get("content") or "") for tag, attrs in page.tags if tag == "meta"
-    )
+    assert any("default-src 'none'" in (attrs.get("content") or "") for tag, attrs in page.tags if tag == "meta")
 
 
 def test_free_text_stays_text(page):
@@ -339,9 +329,7 @@ def test_a_trial_with_nothing_in_it_is_still_a_page(tmp_path):
         trial={"source": "bench"},
     )
     empty = replace(empty, peak_force_n=None, peak_force_std_n=None, mean_values={}, rms_values={})
-    path = write_trial_page(
-        tmp_path / "a.html", processed=empty, runtime=make_runtime(float("nan"), "stalled")
-    )
+    path = write_trial_page(tmp_path / "a.html", processed=empty, runtime=make_runtime(float("nan"), "stalled"))
     page = Page(path.read_text(encoding="utf-8"))
     assert "No stroke was found." in page.shown
     assert "Do not rely on every result" in page.shown
@@ -386,9 +374,7 @@ def test_results_that_failed_are_not_quoted(tmp_path):
                     confidence="low",
                     reason="two lines are equal",
                     channel="motor_current_a",
-                    rivals=(
-                        PeriodCandidate(period_s=0.16, relative_power=0.97, reason="half the frequency"),
-                    ),
+                    rivals=(PeriodCandidate(period_s=0.16, relative_power=0.97, reason="half the frequency"),),
                 )
             },
             "Also possible: 160 ms with 97 % of the power (half the frequency).",

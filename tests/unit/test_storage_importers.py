@@ -34,9 +34,7 @@ def table(columns, rows, delimiter=","):
 
 def test_columns_in_any_order_and_some_missing(tmp_path):
     rows = [(f"{-0.75 * k}", f"{0.0002 * k:.4f}", f"{1.5 * k}") for k in range(100)]
-    recording, warnings = imported(
-        tmp_path, "t.csv", table(("motor_current_a", "time_s", "displacement_mm"), rows)
-    )
+    recording, warnings = imported(tmp_path, "t.csv", table(("motor_current_a", "time_s", "displacement_mm"), rows))
     assert warnings == ()
     assert list(recording.signals) == ["motor_current_a", "displacement_mm"]
     signal = recording.signal("displacement_mm")
@@ -262,9 +260,7 @@ def test_wrong_campaigns_are_refused(tmp_path, change, message):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(
-    "text", ["", "config = 1 = 2", "config = 'none.toml'\n[[trial]]\nfile = 'trial-01.csv'"]
-)
+@pytest.mark.parametrize("text", ["", "config = 1 = 2", "config = 'none.toml'\n[[trial]]\nfile = 'trial-01.csv'"])
 def test_broken_campaign_files(tmp_path, text):
     path = campaign(tmp_path)
     path.write_text(text)

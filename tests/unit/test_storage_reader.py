@@ -55,9 +55,7 @@ def block(first_index, time_s, *, raw=None):
 
 def test_a_jump_of_the_index_is_a_gap_with_the_reason_the_recorder_gave(tmp_path):
     told = Event(kind="device", time_s=0.0105, end_s=0.013, text="cable pulled", device="cell")
-    path = write(
-        tmp_path / "a.mcap", block(100, np.arange(10) / 1000), told, block(115, np.arange(15, 25) / 1000)
-    )
+    path = write(tmp_path / "a.mcap", block(100, np.arange(10) / 1000), told, block(115, np.arange(15, 25) / 1000))
     gaps = read_recording(path).signal("force_n").gaps
     assert gaps == (Gap(start_s=0.009, end_s=0.015, n_missing=5, reason="cable pulled"),)
 
@@ -133,9 +131,7 @@ def test_gaps_of_a_recording_survive_writing_and_reading(tmp_path):
 
 def test_the_description_counts_what_is_there(tmp_path):
     note = Event(kind="note", time_s=0.0, text="hello")
-    path = write(
-        tmp_path / "a.mcap", note, block(0, np.arange(100) / 1000), block(105, np.arange(105, 201) / 1000)
-    )
+    path = write(tmp_path / "a.mcap", note, block(0, np.arange(100) / 1000), block(105, np.arange(105, 201) / 1000))
     info = describe_recording(path)
     (channel,) = info.channels
     assert (channel.channel, channel.unit, channel.device) == ("force_n", "N", "cell")

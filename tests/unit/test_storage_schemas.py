@@ -14,16 +14,12 @@ from storage.schemas.generate import PROTO_FILES, generate
 @pytest.mark.skipif(importlib.util.find_spec("grpc_tools") is None, reason="grpcio-tools is not installed")
 def test_generated_code_is_up_to_date(tmp_path):
     generate(tmp_path)
-    committed = {
-        cls.DESCRIPTOR.file.name: cls.DESCRIPTOR.file.serialized_pb for cls in MESSAGE_TYPES.values()
-    }
+    committed = {cls.DESCRIPTOR.file.name: cls.DESCRIPTOR.file.serialized_pb for cls in MESSAGE_TYPES.values()}
     assert len(committed) == len(PROTO_FILES)
     for name, serialized in committed.items():
         text = (tmp_path / name.replace(".proto", "_pb2.py")).read_text()
         argument = text.split("AddSerializedFile(")[1].split(")\n")[0]
-        assert eval(argument, {"__builtins__": {}}) == serialized, (
-            f"run `python -m storage.schemas.generate`: {name}"
-        )
+        assert eval(argument, {"__builtins__": {}}) == serialized, f"run `python -m storage.schemas.generate`: {name}"
 
 
 @pytest.mark.parametrize("name", MESSAGE_TYPES)

@@ -60,9 +60,7 @@ def test_settings_and_provenance_come_back(tmp_path):
     writer.write_event(Event(kind="note", time_s=1.5, text="äöü"))
     path = writer.close(provenance={"clock": "aligned to 20 us", "gaps": "0"})
     recording = read_recording(path)
-    assert recording.trial == Trial(
-        trial_id="T1", material="oak", duty=0.4375, repetition=2, started_at=STARTED_AT
-    )
+    assert recording.trial == Trial(trial_id="T1", material="oak", duty=0.4375, repetition=2, started_at=STARTED_AT)
     assert recording.config_toml == "[cutting]\ncutting_half = 'zero_to_pi'\n"
     assert recording.provenance["clock"] == "aligned to 20 us"
     assert recording.provenance["software"].startswith("sawbench")
@@ -288,9 +286,7 @@ def decoded_with_the_schema_in_the_file(path):
                 pool = descriptor_pool.DescriptorPool()
                 for file in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
                     pool.Add(file)
-                factories[schema.id] = message_factory.GetMessageClass(
-                    pool.FindMessageTypeByName(schema.name)
-                )
+                factories[schema.id] = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
             yield channel.topic, message.log_time, factories[schema.id].FromString(message.data)
 
 
@@ -313,9 +309,7 @@ def test_other_programs_can_decode_the_file(tmp_path):
     # 100 samples in 0.1 s are five intervals of 20 samples.
     rows = [(m.min, m.mean, m.max, m.unit) for _, m in found["/preview/force_n"]]
     assert rows == [(20 * k, 20 * k + 9.5, 20 * k + 19, "N") for k in range(5)]
-    assert [t - start_ns for t, _ in found["/preview/force_n"]] == [
-        10_000_000 + 20_000_000 * k for k in range(5)
-    ]
+    assert [t - start_ns for t, _ in found["/preview/force_n"]] == [10_000_000 + 20_000_000 * k for k in range(5)]
     assert found["/events"][0][1].text == "knot"
 
 

@@ -170,9 +170,7 @@ def test_a_viewer_that_cannot_start_is_a_reason_not_an_error(tmp_path):
 @pytest.mark.skipif(os.name != "posix", reason="kills a process group")
 def test_a_killed_viewer_leaves_the_view_and_the_file_going(tmp_path):
     path = tmp_path / "live.rrd"
-    view = LiveView(
-        TRIAL, save_path=path, start_viewer=lambda url: ViewerProcess(connect_to=url, is_headless=True)
-    )
+    view = LiveView(TRIAL, save_path=path, start_viewer=lambda url: ViewerProcess(connect_to=url, is_headless=True))
     assert view.url is not None
     assert view.url.startswith("rerun+http://127.0.0.1:")
     view(block(first_index=0))
@@ -185,9 +183,7 @@ def test_a_killed_viewer_leaves_the_view_and_the_file_going(tmp_path):
     assert view.is_dead
     assert view.dead_reason.startswith("the viewer")
     assert view.n_dropped == 0
-    assert joined(read_rrd(path), "signals/force_n")[0][-1] == pytest.approx(
-        (500 * 41 - 1) / 5000.0, abs=2e-3
-    )
+    assert joined(read_rrd(path), "signals/force_n")[0][-1] == pytest.approx((500 * 41 - 1) / 5000.0, abs=2e-3)
 
 
 def test_a_worker_that_hangs_drops_samples_and_returns():
