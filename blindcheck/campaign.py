@@ -30,6 +30,7 @@ from blindcheck.dynamics import (
 from blindcheck.effects.change import Forms
 from blindcheck.plant import MATERIALS, Floats, Plant, PlantSettings, parameter_record
 from blindcheck.sensors import Readings, measure
+from blindcheck.true_parameters import true_parameters
 
 RATE_HZ = 5000.0
 _FIRST_TRIAL = datetime(2026, 3, 2, 9, 0, 0, tzinfo=UTC)
@@ -180,6 +181,7 @@ def truth_of(
     return {
         "seed": draw.seed,
         "effects": dict(draw.effects),
+        "reported_parameters": true_parameters(draw),
         "background": dict(draw.background),
         "parameters": parameters,
         "true_parameters": dict(draw.parameters),

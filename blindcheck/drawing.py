@@ -67,8 +67,8 @@ class CampaignDraw:
     k_fc_n_s_per_m, width_exponent : float
         Cutting damper at 20 mm and its dependence on the thickness.
     trials : tuple of TrialPlan
-    peak_force_n : float
-        At the middle duty and 20 mm, without effects.
+    peak_force_n, working_current_a : float
+        Peak of the cutting force and mean motor current at the middle duty and 20 mm, without effects.
     """
 
     seed: int
@@ -82,6 +82,7 @@ class CampaignDraw:
     width_exponent: float
     trials: tuple[TrialPlan, ...]
     peak_force_n: float
+    working_current_a: float
 
 
 def draw_campaign(
@@ -127,7 +128,7 @@ def draw_campaign(
     k_fc = MATERIALS[material].k_fc_n_s_per_m * float(np.exp(0.12 * streams[1].standard_normal()))
     width_exponent = 1.0 + 0.05 * float(streams[1].standard_normal())
     small = _draw_background(streams[2], background, set(effects))
-    peak_force_n = _peak_force(true, k_fc)
+    peak_force_n, working_current_a = _working_point(true, k_fc)
     setting = Setting(seed=seed, peak_force_n=peak_force_n, forms=forms)
     change = changes_of(small | effects, setting)
     return CampaignDraw(
@@ -142,6 +143,7 @@ def draw_campaign(
         width_exponent=width_exponent,
         trials=_plan(streams[4], material, length),
         peak_force_n=peak_force_n,
+        working_current_a=working_current_a,
     )
 
 
@@ -171,9 +173,11 @@ def _draw_sensors(rng: np.random.Generator, change: Change) -> SensorSettings:
     return replace(SensorSettings(gain=gain, zero=zero, noise=noise), **change.sensors)
 
 
-def _peak_force(true: Mapping[str, float], k_fc: float) -> float:
+def _working_point(true: Mapping[str, float], k_fc: float) -> tuple[float, float]:
+    """Return the peak of the cutting force, N, and the mean motor current, A, once the tool is up to speed."""
     settings = PlantSettings(**dict(true), k_fc_n_s_per_m=k_fc, stroke_rel_std=0.0)  # type: ignore[arg-type]
-    return float(column(Plant(settings).advance(0.8)[8000:], "force_n").max())
+    rows = Plant(settings).advance(0.8)[8000:]
+    return float(column(rows, "force_n").max()), float(column(rows, "current_a").mean())
 
 
 def _plan(rng: np.random.Generator, material: str, length: float) -> tuple[TrialPlan, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +33,7 @@ class Proportion:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Estimate:
-    """A mean over cases with its 95 % bootstrap interval; None where there is no case."""
+    """A mean or median over cases with its 95 % bootstrap interval; None where there is no case."""
 
     n: int
     value: float | None
@@ -105,12 +106,43 @@ def mean_of(values: Floats, *, seed: int = 0) -> Estimate:
     seed : int
         Of the bootstrap.
     """
-    n = len(values)
+    return _bootstrap(values, lambda drawn: drawn.mean(axis=-1), seed)
+
+
+def median_of(values: Floats, *, seed: int = 0) -> Estimate:
+    """Return the median of one value a case with its 95 % percentile bootstrap interval.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    seed : int
+        Of the bootstrap.
+    """
+    return _bootstrap(values, lambda drawn: np.median(drawn, axis=-1), seed)
+
+
+def ratio_of_medians(over: Floats, under: Floats, *, seed: int = 0) -> Estimate:
+    """Return the median of one value a case over that of another, with its 95 % percentile bootstrap interval.
+
+    Parameters
+    ----------
+    over, under : ndarray, shape (n,)
+        Of the same cases; the median of `under` is above 0.
+    seed : int
+        Of the bootstrap.
+    """
+    both = np.stack([over, under])
+    return _bootstrap(both, lambda drawn: np.median(drawn[0], axis=-1) / np.median(drawn[1], axis=-1), seed)
+
+
+def _bootstrap(values: Floats, statistic: Callable[[Floats], Floats], seed: int) -> Estimate:
+    """Draw cases, the last axis of `values`, with replacement."""
+    n = values.shape[-1]
     if n == 0:
         return Estimate(n=0, value=None, low=None, high=None)
     drawn = np.random.default_rng(seed).integers(0, n, size=(N_BOOTSTRAP, n))
-    low, high = np.quantile(values[drawn].mean(axis=1), [0.025, 0.975])
-    return Estimate(n=n, value=float(values.mean()), low=float(low), high=float(high))
+    low, high = np.quantile(statistic(values[..., drawn]), [0.025, 0.975])
+    return Estimate(n=n, value=float(statistic(values)), low=float(low), high=float(high))
 
 
 def calibration_of(stated: Floats, is_correct: npt.NDArray[np.bool_], *, seed: int = 0) -> Calibration:

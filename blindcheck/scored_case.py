@@ -10,6 +10,7 @@ from typing import Any
 
 from bench.errors import InputError
 from blindcheck.effects.table import CATALOGUE
+from blindcheck.parameter_score import StatedParameter, stated_parameters
 
 Hypothesis = frozenset[str]
 Name = str | tuple[str, ...] | frozenset[str]
@@ -61,6 +62,8 @@ class Case:
     gap_closed, oracle_gap_closed : float, optional
         Share of the held-out gap that the declared and the true effect close.
     gap_closed_ci95 : tuple of float, optional
+    parameters : tuple of StatedParameter
+        Numbers that the answer states of the declared effects that are hidden, beside the true ones.
     time_s : float, optional
         Wall time of the answer.
     largest_shift_sigmas : float, optional
@@ -83,6 +86,7 @@ class Case:
     gap_closed: float | None = None
     gap_closed_ci95: tuple[float, float] | None = None
     oracle_gap_closed: float | None = None
+    parameters: tuple[StatedParameter, ...] = ()
     time_s: float | None = None
     largest_shift_sigmas: float | None = None
     is_failed: bool = False
@@ -193,12 +197,12 @@ def case_of(
     }
     report = answer.get("report")
     try:
-        return Case(**told, **_answered(report)) if report else Case(**told, probabilities={}, is_failed=True)
+        return Case(**told, **_answered(report, truth)) if report else Case(**told, probabilities={}, is_failed=True)
     except (InputError, KeyError, TypeError, ValueError, IndexError):
         return Case(**told, probabilities={}, is_failed=True)
 
 
-def _answered(report: Mapping[str, Any]) -> dict[str, Any]:
+def _answered(report: Mapping[str, Any], truth: Mapping[str, Any]) -> dict[str, Any]:
     causes = report["causes"]
     probabilities: dict[Any, float] = {name: float(p) for name, p in report["probabilities"].items()}
     # The contract lists the likely causes; the whole table, where the report has one, is fairer to the unlikely ones.
@@ -216,4 +220,5 @@ def _answered(report: Mapping[str, Any]) -> dict[str, Any]:
         "indistinguishable_from": list(first["indistinguishable_from"]),
         "gap_closed": float(first["gap_closed"]),
         "gap_closed_ci95": tuple(map(float, first["gap_closed_ci95"])),
+        "parameters": stated_parameters(truth, first),
     }

@@ -10,6 +10,8 @@ from itertools import pairwise
 import numpy as np
 
 from blindcheck.effects.table import CATALOGUE
+from blindcheck.gap_score import GapScore, gap_score
+from blindcheck.parameter_score import ParameterScore, parameter_score
 from blindcheck.score_statistics import Calibration, Estimate, Proportion, calibration_of, mean_of, wilson
 from blindcheck.scored_case import FAILED, NO_GAP, PARAMETERS, UNKNOWN, VERDICTS, Case, Hypothesis, name_of
 
@@ -66,23 +68,6 @@ class SeverityBin:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class GapScore:
-    """Stated `gap_closed` against that of an oracle which is told the effects.
-
-    Attributes
-    ----------
-    error, absolute_error : Estimate
-        Stated minus oracle.
-    coverage : Proportion
-        How often the stated 95 % interval holds the oracle's value.
-    """
-
-    error: Estimate
-    absolute_error: Estimate
-    coverage: Proportion
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
 class Miss:
     """A case whose truth was given little probability."""
 
@@ -121,6 +106,8 @@ class Score:
         How often each effect outside the catalogue was called unknown.
     gap : GapScore or None
         None where no oracle was asked.
+    parameters : ParameterScore
+        Of right claims.
     time_median_s, time_p95_s : float or None
     times_s : tuple of float
     worst : tuple of Miss
@@ -143,6 +130,7 @@ class Score:
     severity: tuple[SeverityBin, ...]
     outside: dict[str, Proportion]
     gap: GapScore | None
+    parameters: ParameterScore
     time_median_s: float | None
     time_p95_s: float | None
     times_s: tuple[float, ...]
@@ -196,7 +184,8 @@ def score(cases: Sequence[Case]) -> Score:
             name: wilson(sum(found for other, found in outside if other == name), count)
             for name, count in sorted(Counter(name for name, _ in outside).items())
         },
-        gap=_gap(cases),
+        gap=gap_score(cases),
+        parameters=parameter_score([one for case in cases if is_exact(case) for one in case.parameters]),
         time_median_s=float(np.median(times)) if len(times) else None,
         time_p95_s=float(np.quantile(times, 0.95)) if len(times) else None,
         times_s=tuple(map(float, times)),
@@ -331,22 +320,6 @@ def _by_severity(singles: Sequence[Case]) -> tuple[SeverityBin, ...]:
             )
         )  # fmt: skip
     return tuple(bins)
-
-
-def _gap(cases: Sequence[Case]) -> GapScore | None:
-    chosen = [c for c in cases if c.claims_effect and c.gap_closed is not None and c.oracle_gap_closed is not None]
-    if not chosen:
-        return None
-    pairs = np.array([(case.gap_closed, case.oracle_gap_closed) for case in chosen], dtype=np.float64)
-    error = pairs[:, 0] - pairs[:, 1]
-    return GapScore(error=mean_of(error), absolute_error=mean_of(np.abs(error)), coverage=_share(chosen, _is_covered))
-
-
-def _is_covered(case: Case) -> bool:
-    if case.gap_closed_ci95 is None or case.oracle_gap_closed is None:
-        return False
-    low, high = case.gap_closed_ci95
-    return low <= case.oracle_gap_closed <= high
 
 
 def _worst(cases: Sequence[Case]) -> tuple[Miss, ...]:

@@ -158,7 +158,7 @@ def measure(
         true = factor * column(rows, output)
         if channel == "force_n":
             true = _force_path(true, rows, sensors, grid_s, np.random.default_rng([*seed, 12]))
-            true = true + _zero_drift(grid_s, session_s, sensors, seed)
+            true = true + zero_drift(grid_s, session_s, sensors, seed)
         elif channel == "motor_current_a":
             true = _current_path(true, rows, sensors)
         elif channel == "displacement_mm" and sensors.bow_per_mm != 0.0:
@@ -233,7 +233,7 @@ def _current_path(current: Floats, rows: Floats, s: SensorSettings) -> Floats:
     return _lag(current, s.current_lag_s, s.lag_order)
 
 
-def _zero_drift(grid_s: Floats, session_s: float, s: SensorSettings, seed: list[int]) -> Floats:
+def zero_drift(grid_s: Floats, session_s: float, s: SensorSettings, seed: list[int]) -> Floats:
     """Return drift (1 - exp(-t / T)) + a random walk, N, over session time; the walk is the campaign's."""
     if s.drift_n == 0.0 and s.walk_n == 0.0:
         return np.zeros(len(grid_s))

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from blindcheck.answering import Program
+    from blindcheck.parameter_score import EffectParameter
     from blindcheck.score_statistics import Estimate, Proportion
     from blindcheck.scoring import Score
 
@@ -238,6 +239,8 @@ def is_claim(seed: int) -> bool:
 
 def as_text(found: Score) -> str:
     """Lay the score out for a terminal."""
+    from blindcheck.gap_score import ENOUGH
+
     rows = [[row.text, *_cells(row.value)] for row in found.rows]
     lines = [table([f"{found.n_cases} cases", "n", "share", "95 % interval"], rows), ""]
     calibration = found.calibration
@@ -252,7 +255,21 @@ def as_text(found: Score) -> str:
         numbers.append(["gap_closed: stated - oracle", *_numbers(found.gap.error)])
         numbers.append(["gap_closed: |stated - oracle|", *_numbers(found.gap.absolute_error)])
         numbers.append(["gap_closed: oracle inside the 95 % interval", *_cells(found.gap.coverage)])
-    lines.append(table(["", "n", "mean", "95 % interval"], numbers))
+        numbers.append(["the same, right claims", *_cells(found.gap.right_coverage)])
+        numbers.append(
+            ["gap_closed: median stated / median oracle, right claims", *_numbers(found.gap.share_of_oracle)]
+        )
+        numbers.append(
+            [f"gap_closed: at least {ENOUGH:.0%} of the oracle's, right claims", *_cells(found.gap.closes_enough)]
+        )
+    known = found.parameters
+    numbers.append(["parameter within its stated 95 % interval (1.96 std), right claims", *_cells(known.coverage)])
+    numbers.append(["parameter: median relative error, right claims", *_numbers(known.relative_error)])
+    lines.append(table(["", "n", "value", "95 % interval"], numbers))
+    if known.effects:
+        sizes = [[f"{one.effect}: {one.name}", *_cells(one.coverage), *_sizes(one)] for one in known.effects]
+        head = ["parameter within its interval", "n", "share", "95 % interval", "error", "stated std", "stated / true"]
+        lines += ["", table(head, sizes), ""]
     if calibration.error_by_chance is not None:
         lines.append(f"(calibrated probabilities would give an ECE of {calibration.error_by_chance:.3f} by chance)")
     if found.chance_exact is not None:
@@ -278,6 +295,11 @@ def _numbers(value: Estimate) -> list[str]:
     if value.value is None:
         return ["0", "-", ""]
     return [str(value.n), f"{value.value:.3f}", f"{value.low:.3f} to {value.high:.3f}"]
+
+
+def _sizes(one: EffectParameter) -> list[str]:
+    """Medians over the cases of one effect."""
+    return [f"{one.relative_error.value:.1%}", f"{one.stated_rel_std:.1%}", f"{one.ratio:.3f}"]
 
 
 def _oracle(
