@@ -5,7 +5,7 @@
 
 `collect` simulates campaigns of the seeds 1 to 999 with the blind check's plant, weighs every hypothesis and keeps the
 log evidences (resumable, about 12 s a campaign and core). `fit` maximises the weighted log-likelihood of the truth over
-the eight constants, which all effects share; with `--fixed` it only reports on the constants as they are. Weights of
+the nine constants, which all effects share; with `--fixed` it only reports on the constants as they are. Weights of
 the kinds: 20 % none, 10 % parameters, 50 % one effect, 10 % two, 10 % outside the catalogue, all at 0.5 to 2 times
 typical. Seeds above 999 are for claims and are refused.
 """
@@ -83,7 +83,7 @@ def collect_one(row: dict[str, Any], out_dir: Path) -> str:
         posterior = judge(problem, catalogue_columns(problem, campaign.plant.effects))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-    found = {**row, "log_evidence": posterior.log_evidence, "left_over": posterior.left_over}
+    found = {**row, "log_evidence": posterior.log_evidence, "left_over": posterior.left_over, "shared": posterior.shared}
     part = path.with_suffix(".part")
     part.write_text(json.dumps(found), encoding="utf-8")
     part.rename(path)
@@ -98,13 +98,25 @@ def truth(row: dict[str, Any]) -> str:
 
 def weights_of(x: np.ndarray) -> Weights:
     """Constants from unbounded numbers."""
-    prior = np.exp(np.append(x[4:8], 0.0))
+    prior = np.exp(np.append(x[6:9], 0.0))
     prior /= prior.sum()
+    sizes = np.exp(x[:6])
     return Weights(
-        temperature=float(np.exp(x[0])), pair_cost=float(x[1]), open_gain=float(np.exp(x[2])),
-        open_share=float(np.exp(x[3])), prior_no_gap=float(prior[0]), prior_parameters=float(prior[1]),
-        prior_unknown=float(prior[2]), prior_pairs=float(prior[3]),
-    )  # fmt: skip
+        temperature=float(sizes[0]),
+        pair_gain=float(sizes[1]),
+        pair_least=float(sizes[2]),
+        pair_share=float(sizes[3]),
+        open_gain=float(sizes[4]),
+        open_share=float(sizes[5]),
+        prior_no_gap=float(prior[0]),
+        prior_parameters=float(prior[1]),
+        prior_unknown=float(prior[2]),
+    )
+
+
+def weighed(row: dict[str, Any], weights: Weights) -> dict[str, float]:
+    """Probabilities of one record."""
+    return weigh(row["log_evidence"], row["left_over"], shared=row["shared"], n_effects=N_EFFECTS, weights=weights)
 
 
 def log_loss(rows: list[dict[str, Any]], weights: Weights) -> float:
@@ -113,20 +125,20 @@ def log_loss(rows: list[dict[str, Any]], weights: Weights) -> float:
     total = sum(KIND_WEIGHTS[kind] for kind, count in counts.items() if count)
     loss = 0.0
     for row in rows:
-        probability = weigh(row["log_evidence"], row["left_over"], n_effects=N_EFFECTS, weights=weights)
+        probability = weighed(row, weights)
         share = KIND_WEIGHTS[row["kind"]] / counts[row["kind"]] / total
         loss -= share * float(np.log(max(probability.get(truth(row), 0.0), 1e-4)))
     return loss
 
 
 def fit(rows: list[dict[str, Any]]) -> Weights:
-    """Maximise the likelihood of the truth, the priors drawn a little to where they start."""
+    """Maximise the likelihood of the truth, the constants drawn a little to where they start."""
     from scipy.optimize import minimize
 
-    start = np.array([np.log(8.0), 1.0, np.log(4.0), np.log(0.3), *np.log(np.array([0.3, 0.15, 0.1, 0.1]) / 0.35)])
+    start = np.log(np.array([6.0, 3.0, 20.0, 0.8, 3.0, 0.35, 0.3 / 0.45, 0.15 / 0.45, 0.1 / 0.45]))
 
     def cost(x: np.ndarray) -> float:
-        return log_loss(rows, weights_of(x)) + 0.002 * float(np.sum((x[4:8] - start[4:8]) ** 2))
+        return log_loss(rows, weights_of(x)) + 0.003 * float(np.sum((x - start) ** 2))
 
     options = {"maxiter": 900, "xatol": 0.02, "fatol": 1e-5, "adaptive": True}
     return weights_of(minimize(cost, start, method="Nelder-Mead", options=options).x)
@@ -137,7 +149,7 @@ def report(rows: list[dict[str, Any]], weights: Weights) -> str:
     lines = [f"{len(rows)} campaigns, log-loss {log_loss(rows, weights):.3f}"]
     tops: list[tuple[str, bool, str, float]] = []
     for row in rows:
-        probability = weigh(row["log_evidence"], row["left_over"], n_effects=N_EFFECTS, weights=weights)
+        probability = weighed(row, weights)
         top = next(iter(probability))
         tops.append((row["kind"], top == truth(row), top, probability[top]))
     for kind in KIND_WEIGHTS:

@@ -11,8 +11,9 @@ import numpy as np
 
 from bench.recording import Floats
 from diagnosis.effects.effect import Effect
-from diagnosis.linear_problem import LinearProblem, Marginal
+from diagnosis.linear_problem import LinearProblem, Marginal, Widened
 from diagnosis.log_mean import log_mean_exp
+from diagnosis.weighing import WEIGHTS
 
 _N_AMPLITUDES = 40
 # Less than this share of its typical size is background, not a cause.
@@ -53,6 +54,10 @@ class Explanation:
         Largest fall of the whitened misfit.
     contribution : ndarray, shape (n,)
         Whitened signature at the fitted size and phase.
+    shape_spread : float
+        Relative standard deviation of the reported strength between the shapes, as likely as they are.
+    form_share : float
+        How far nature's form seems to be from the best shape, relative: one of those that were tried.
     """
 
     effect: Effect
@@ -62,6 +67,8 @@ class Explanation:
     amplitude_std: float
     gain: float
     contribution: Floats
+    shape_spread: float = 0.0
+    form_share: float = 0.0
 
     @property
     def strength(self) -> float:
@@ -70,15 +77,18 @@ class Explanation:
 
     @property
     def strength_std(self) -> float:
-        """Its standard uncertainty: half of what one standard deviation of the amplitude either way changes."""
+        """Its standard uncertainty: from the noise, between the shapes, and from what nature's form differs.
+
+        From the noise: half of what one standard deviation of the amplitude either way changes, as tempered as the
+        evidence is.
+        """
         typical = self.effect.strength.typical
+        step = np.sqrt(WEIGHTS.temperature) * self.amplitude_std
         high, low = (
-            self.effect.reported_strength(
-                typical * max(self.amplitude + sign * self.amplitude_std, 1e-6), self.column.shape
-            )
+            self.effect.reported_strength(typical * max(self.amplitude + sign * step, 1e-6), self.column.shape)
             for sign in (1.0, -1.0)
         )
-        known = 0.5 * abs(high - low)
+        known = float(np.hypot(0.5 * (high - low), np.hypot(self.shape_spread, self.form_share) * self.strength))
         # A size that is read off a free wave is right to a factor of two.
         return known if self.effect.size_of is None else max(known, 0.5 * abs(self.strength))
 
@@ -234,15 +244,29 @@ def _explanation(columns: Sequence[Column], inner: Sequence[tuple[Floats, Floats
         fits.append((solution, std, gain))
     best = int(np.argmax(logs))
     solution, std, gain = fits[best]
+    effect = columns[0].effect
+    strengths = [
+        effect.reported_strength(effect.amplitude(fit[0]) * effect.strength.typical, column.shape)
+        for column, fit in zip(columns, fits, strict=True)
+    ]
     return Explanation(
-        effect=columns[0].effect,
+        effect=effect,
         log_evidence=log_mean_exp(logs),
         column=columns[best],
-        amplitude=columns[best].effect.amplitude(solution),
+        amplitude=effect.amplitude(solution),
         amplitude_std=std,
         gain=gain,
         contribution=columns[best].columns @ solution,
+        shape_spread=_relative_spread(np.array(strengths), np.array(logs)),
     )
+
+
+def _relative_spread(values: Floats, logs: Floats) -> float:
+    """Standard deviation of the values about the likeliest one, over that one; likely as the tempered logs say."""
+    weights = np.exp((logs - logs.max()) / WEIGHTS.temperature)
+    best = float(values[np.argmax(logs)])
+    spread = float(np.sqrt(np.sum(weights * (values - best) ** 2) / np.sum(weights)))
+    return spread / abs(best) if best else 0.0
 
 
 def explain_formed(
@@ -271,31 +295,21 @@ def explain_formed(
     explanation : Explanation
         For the best share; its `log_evidence` is against the same nuisances and modes without the effect.
     """
-    from scipy.linalg import solve_triangular
-
-    design = np.hstack([problem.nuisance, fixed, modes])
-    n_fixed = design.shape[1] - modes.shape[1]
-    normal, moment, square = design.T @ design, design.T @ problem.data, float(problem.data @ problem.data)
+    widened = Widened(problem, fixed, modes)
     stacked = np.hstack([c.columns for c in columns])
-    cross, own = design.T @ stacked, stacked.T @ problem.data
+    cross, own = widened.cross(stacked), stacked.T @ problem.data
     ends = np.cumsum([0, *(c.columns.shape[1] for c in columns)])
     squares = [c.columns.T @ c.columns for c in columns]
     found = []
     for share in shares:
-        scale = np.concatenate([np.ones(n_fixed), np.full(modes.shape[1], share)])
-        kept = scale > 0
-        scale = scale[kept]
-        root = np.linalg.cholesky(np.eye(len(scale)) + scale[:, None] * normal[np.ix_(kept, kept)] * scale)
-        data_half = solve_triangular(root, scale * moment[kept], lower=True)
-        half = solve_triangular(root, scale[:, None] * cross[kept], lower=True)
-        log_z = -0.5 * (square - float(data_half @ data_half)) - float(np.log(np.diag(root)).sum())
+        log_z, misfit, data_half, half = widened.at(share, cross)
         inner = [
             (squares[k] - half[:, a:b].T @ half[:, a:b], own[a:b] - half[:, a:b].T @ data_half)
             for k, (a, b) in enumerate(pairwise(ends))
         ]
         explanation = _explanation(columns, inner)
-        misfit = square - float(data_half @ data_half) - explanation.gain
-        found.append((log_z + explanation.log_evidence, misfit, explanation))
+        explanation = replace(explanation, form_share=share)
+        found.append((log_z + explanation.log_evidence, misfit - explanation.gain, explanation))
     explanation = max(found, key=lambda entry: entry[0])[2]
     return log_mean_exp([log_z for log_z, _, _ in found]), found[0][1], explanation
 

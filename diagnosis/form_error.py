@@ -21,11 +21,13 @@ FORM_SHARES = (0.0, 0.03, 0.1, 0.25)
 _N_ANGLE = 4
 _N_POINTS = 128
 _N_TILTED = 3
+# Of an effect that does not depend on time, the part that does.
+_STEADY_SHARE = 0.1
 # Each harmonic may also be larger and turned on its own, as another filter or a sharper corner would have it.
 _HARMONIC_FACTOR = 1.5
 
 
-def form_modes(problem: LinearProblem, contribution: Floats) -> Floats:
+def form_modes(problem: LinearProblem, contribution: Floats, *, in_time: bool = True) -> Floats:
     """Columns for what the form of an effect may leave.
 
     Parameters
@@ -33,13 +35,16 @@ def form_modes(problem: LinearProblem, contribution: Floats) -> Floats:
     problem : LinearProblem
     contribution : ndarray, shape (n,)
         The effect's whitened signature at its fitted size.
+    in_time : bool
+        Whether the effect grows or fades with time: what does not may differ with angle, speed and load, but hardly
+        from one minute to the next.
 
     Returns
     -------
     ndarray, shape (n, q)
         For a factor of standard deviation 1; columns without any weight are left out.
     """
-    factors = _factors(problem)
+    factors = _factors(problem, in_time=in_time)
     operators = {equation: _operators(form.n_harmonics) for equation, form in problem.campaign.plant.equations.items()}
     rows: dict[tuple[Equation, str, int, int], list[tuple[Part, Floats]]] = {}
     for number, part in enumerate(problem.parts):
@@ -80,14 +85,16 @@ def covariates(problem: LinearProblem) -> dict[str, Floats]:
     }
 
 
-def _factors(problem: LinearProblem) -> list[list[Floats]]:
+def _factors(problem: LinearProblem, *, in_time: bool) -> list[list[Floats]]:
     """Factors of each part, (n_blocks, 1) each: 1, speed, load, session, feed, idle, time in the trial."""
     varied = covariates(problem)
+    steady = 1.0 if in_time else _STEADY_SHARE
+    varied["session"] = steady * varied["session"]
     found = []
     for k, part in enumerate(problem.parts):
         n_blocks = part.blocks.shape[0]
         ones = np.ones((n_blocks, 1))
-        within = np.linspace(-1.0, 1.0, n_blocks)[:, None] if n_blocks > 1 else np.zeros((1, 1))
+        within = steady * np.linspace(-1.0, 1.0, n_blocks)[:, None] if n_blocks > 1 else np.zeros((1, 1))
         found.append([ones, *(values[k] * ones for values in varied.values()), within])
     return found
 

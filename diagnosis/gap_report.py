@@ -17,7 +17,7 @@ from diagnosis.ladder import RUNGS, HoldOut, Ladder, Rungs
 from diagnosis.linear_problem import LinearProblem, Marginal, build_problem
 from diagnosis.next_trial import next_trial
 from diagnosis.plants.choice import reduce_recordings
-from diagnosis.posterior import GRAIN, Posterior, judge, wide_scale
+from diagnosis.posterior import GRAIN, Posterior, judge, wide_scale, with_grain
 from diagnosis.weighing import AND, VERDICTS
 from diagnosis.where import locate
 
@@ -168,7 +168,8 @@ def _members(
     if pair is None:
         return [by_name[part] for part in parts]
     found = sorted((pair.first, pair.second), key=lambda e: parts.index(e.effect.name))
-    return together(Marginal(problem), found, dispersion=posterior.dispersion)
+    sized = together(Marginal(problem), found, dispersion=posterior.dispersion)
+    return [with_grain(member, posterior.grain) for member in sized]
 
 
 def _alike(cause: Explanation, posterior: Posterior) -> list[str]:

@@ -221,6 +221,47 @@ def _with_nuisances(problem: LinearProblem) -> LinearProblem:
     )  # fmt: skip
 
 
+class Widened:
+    """Nuisances plus further columns whose prior standard deviation is tried at several sizes.
+
+    The inner products of all columns are computed once; each size costs one Cholesky factor.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    fixed : ndarray, shape (n, p)
+        Further nuisance columns, times their prior standard deviation.
+    extra : ndarray, shape (n, q)
+        Columns to be scaled.
+    """
+
+    def __init__(self, problem: LinearProblem, fixed: Floats, extra: Floats) -> None:
+        self._design = np.hstack([problem.nuisance, fixed, extra])
+        self._n_extra = extra.shape[1]
+        self._normal = self._design.T @ self._design
+        self._moment = self._design.T @ problem.data
+        self._square = float(problem.data @ problem.data)
+
+    def cross(self, columns: Floats) -> Floats:
+        """Inner products with other columns, shape (p + q, columns)."""
+        return self._design.T @ columns
+
+    def at(self, size: float, cross: Floats | None = None) -> tuple[float, float, Floats, Floats]:
+        """Log evidence, misfit, and what is taken up of the data, (r,), and of the columns of `cross`, (r, columns)."""
+        from scipy.linalg import solve_triangular
+
+        scale = np.ones(len(self._moment))
+        scale[len(scale) - self._n_extra :] = size
+        kept = scale > 0
+        scale = scale[kept]
+        root = np.linalg.cholesky(np.eye(len(scale)) + scale[:, None] * self._normal[np.ix_(kept, kept)] * scale)
+        data_half = solve_triangular(root, scale * self._moment[kept], lower=True)
+        taken = np.zeros((len(scale), 0)) if cross is None else cross[kept]
+        half = solve_triangular(root, scale[:, None] * taken, lower=True)
+        misfit = self._square - float(data_half @ data_half)
+        return -0.5 * misfit - float(np.log(np.diag(root)).sum()), misfit, data_half, half
+
+
 class Marginal:
     """Inner products under M = I + B B' (whitened noise plus nuisances), for a subset of rows and scaled priors.
 

@@ -9,9 +9,17 @@ from typing import Literal
 import numpy as np
 
 from bench.recording import Floats
-from diagnosis.evidence import Catalogue, Column, Explanation, background, explain_formed
+from diagnosis.evidence import (
+    Catalogue,
+    Column,
+    Explanation,
+    background,
+    catalogue_columns,
+    explain,
+    explain_formed,
+)
 from diagnosis.form_error import FORM_SHARES, covariates, form_modes
-from diagnosis.linear_problem import WIDE, LinearProblem, Marginal
+from diagnosis.linear_problem import WIDE, LinearProblem, Marginal, Widened
 from diagnosis.log_mean import log_mean_exp
 from diagnosis.stroke_series import Grain, grain_evidence
 from diagnosis.weighing import AND, VERDICTS, WEIGHTS, weigh
@@ -32,12 +40,23 @@ _DISCREPANCY_HARMONICS = 6
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pair:
-    """Two effects that act together."""
+    """Two effects that act together.
+
+    Attributes
+    ----------
+    first, second : Explanation
+        The second beside the first.
+    log_evidence, left_over : float
+    shared : float
+        How much of the second lies in the equations that the first moves, 0 to 1: there, what the first one's
+        form misses can be taken for it.
+    """
 
     first: Explanation
     second: Explanation
     log_evidence: float
     left_over: float
+    shared: float
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -54,6 +73,8 @@ class Posterior:
     pairs : tuple of Pair
     log_evidence : dict of str to float
         Untempered, relative to "no_gap".
+    shared : dict of str to float
+        Of each pair; see `Pair`.
     left_over : dict of str to float
         Whitened misfit over the number of features, of the nominal model and after each cause.
     grain : Grain
@@ -67,6 +88,7 @@ class Posterior:
     explanations: tuple[Explanation, ...]
     pairs: tuple[Pair, ...]
     log_evidence: dict[str, float]
+    shared: dict[str, float]
     left_over: dict[str, float]
     grain: Grain
     dispersion: float
@@ -88,9 +110,10 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     columns = {name: entries for name, entries in columns.items() if entries}
     measured, original = problem, columns
     catalogue = Catalogue(columns, problem.data)
-    dispersion = _dispersion(problem, catalogue)
+    beyond = catalogue_columns(problem, problem.campaign.plant.beyond_catalogue)
+    dispersion = _dispersion(problem, catalogue, beyond)
     if dispersion > 1.0:
-        problem, columns = _dispersed(problem, columns, dispersion)
+        problem, (columns, beyond) = _dispersed(problem, (columns, beyond), dispersion)
         catalogue = Catalogue(columns, problem.data)
     # Once for the whitening, once because noise that large already holds the small effects.
     small = background(measured, [entries[0].effect for entries in columns.values()]) / dispersion
@@ -99,7 +122,7 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     reference = _log_z(nominal)
     log_evidence = {"no_gap": 0.0, "parameters": _log_z(retuned) - reference}
     rough = sorted(catalogue.explain(nominal).values(), key=lambda e: -e.log_evidence)
-    modes = {e.effect.name: form_modes(problem, e.contribution) for e in rough[:_N_FORMED]}
+    modes = {e.effect.name: _modes(problem, e) for e in rough[:_N_FORMED]}
     formed = [_with_form(problem, small, e, columns, modes, reference) for e in rough[:_N_FORMED]]
     explanations = sorted([*formed, *rough[_N_FORMED:]], key=lambda e: -e.log_evidence)
     for explanation in explanations:
@@ -112,15 +135,17 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
         log_evidence[_pair_name(pair)] = pair.log_evidence
         left_over[_pair_name(pair)] = pair.left_over
     left_over = {name: dispersion * value / len(problem.data) for name, value in left_over.items()}
-    log_evidence["unknown"] = _discrepancy(problem, small) - reference
-    _add_grain(log_evidence, left_over, grain)
-    probabilities = weigh(log_evidence, left_over, n_effects=len(problem.campaign.plant.effects))
+    log_evidence["unknown"] = max(_discrepancy(problem, small), *_beyond(problem, nominal, small, beyond)) - reference
+    shared = {_pair_name(pair): pair.shared for pair in pairs}
+    _add_grain(log_evidence, shared, left_over, grain)
+    probabilities = weigh(log_evidence, left_over, shared=shared, n_effects=len(problem.campaign.plant.effects))
     return Posterior(
         verdict=_verdict(probabilities),
         probabilities=probabilities,
-        explanations=tuple(_with_grain(_undispersed(e, original, dispersion), grain) for e in explanations),
+        explanations=tuple(with_grain(_undispersed(e, original, dispersion), grain) for e in explanations),
         pairs=tuple(_undispersed_pair(pair, original, dispersion) for pair in pairs),
         log_evidence=log_evidence,
+        shared=shared,
         left_over=left_over,
         grain=grain,
         dispersion=dispersion,
@@ -134,26 +159,30 @@ def _verdict(probabilities: dict[str, float]) -> Verdict:
     return "effects" if AND in top else "effect"
 
 
-def _dispersion(problem: LinearProblem, catalogue: Catalogue) -> float:
-    """How much more the best single effect leaves than an intact machine would: the noise is taken as that larger.
+def _dispersion(problem: LinearProblem, catalogue: Catalogue, beyond: dict[str, list[Column]]) -> float:
+    """How much more the best single cause leaves than an intact machine would: the noise is taken as that larger.
 
     A likelihood whose noise is fixed beforehand is so sure of a strong gap that every prior gives way: parameters
     move by twenty standard deviations, small background effects become large ones, and a second effect mops up
     what the first one's form leaves.
     """
     plain = Marginal(problem)
-    gain = max((e.gain for e in catalogue.explain(plain).values()), default=0.0)
+    found = [*catalogue.explain(plain).values(), *Catalogue(beyond, problem.data).explain(plain).values()]
+    gain = max((e.gain for e in found), default=0.0)
     return max(1.0, (plain.misfit - max(gain, 0.0)) / len(problem.data) / WEIGHTS.quiet)
 
 
 def _dispersed(
-    problem: LinearProblem, columns: dict[str, list[Column]], dispersion: float
-) -> tuple[LinearProblem, dict[str, list[Column]]]:
+    problem: LinearProblem, groups: Sequence[dict[str, list[Column]]], dispersion: float
+) -> tuple[LinearProblem, list[dict[str, list[Column]]]]:
     share = 1.0 / np.sqrt(dispersion)
-    scaled = {
-        name: [replace(column, columns=share * column.columns) for column in entries]
-        for name, entries in columns.items()
-    }
+    scaled = [
+        {
+            name: [replace(column, columns=share * column.columns) for column in entries]
+            for name, entries in columns.items()
+        }
+        for columns in groups
+    ]
     return replace(problem, data=share * problem.data, nuisance=share * problem.nuisance), scaled
 
 
@@ -167,7 +196,7 @@ def _undispersed_pair(pair: Pair, original: dict[str, list[Column]], dispersion:
     return replace(pair, first=first, second=second)
 
 
-def _with_grain(explanation: Explanation, grain: Grain) -> Explanation:
+def with_grain(explanation: Explanation, grain: Grain) -> Explanation:
     """Depth of the wood's wave from the single strokes, where it shows; mean strokes hardly know it."""
     if explanation.effect.name != GRAIN or grain.log_evidence <= 0.0:
         return explanation
@@ -175,7 +204,9 @@ def _with_grain(explanation: Explanation, grain: Grain) -> Explanation:
     return replace(explanation, amplitude=size, amplitude_std=GRAIN_STEP * size)
 
 
-def _add_grain(log_evidence: dict[str, float], left_over: dict[str, float], grain: Grain) -> None:
+def _add_grain(
+    log_evidence: dict[str, float], shared: dict[str, float], left_over: dict[str, float], grain: Grain
+) -> None:
     """The strokes speak for or against a grained wood alone, whatever else is the matter.
 
     A wave that keeps its frequency in time rather than its length on the path is not the wood's: unknown.
@@ -186,10 +217,12 @@ def _add_grain(log_evidence: dict[str, float], left_over: dict[str, float], grai
     for name in log_evidence:
         if GRAIN in name.split(AND):
             log_evidence[name] += STROKE_WEIGHT * grain.log_evidence
+            shared[name] = 0.0
     for name in sorted(alone, key=lambda n: -alone[n])[:_N_FIRST]:
         both = AND.join(sorted((name, GRAIN)))
         log_evidence[both] = max(log_evidence.get(both, -np.inf), alone[name] + STROKE_WEIGHT * grain.log_evidence)
         left_over.setdefault(both, left_over[name])
+        shared[both] = 0.0
     log_evidence["unknown"] = max(log_evidence["unknown"], STROKE_WEIGHT * grain.in_time)
 
 
@@ -215,10 +248,31 @@ def _with_form(
     modes: dict[str, Floats],
     reference: float,
 ) -> Explanation:
-    """Weigh one effect again, with what its form may miss."""
+    """Weigh one effect again, with what its form may miss: that cannot weigh more than what the form explains."""
     name = rough.effect.name
-    log_z, _, _ = explain_formed(problem, small, modes[name], columns[name], FORM_SHARES)
-    return replace(rough, log_evidence=log_z - reference)
+    log_z, _, formed = explain_formed(problem, small, modes[name], columns[name], FORM_SHARES)
+    missed = log_z - reference - rough.log_evidence
+    return replace(
+        rough,
+        log_evidence=rough.log_evidence + min(missed, max(rough.log_evidence, 0.0)),
+        shape_spread=formed.shape_spread,
+        form_share=formed.form_share,
+    )
+
+
+def _modes(problem: LinearProblem, explanation: Explanation) -> Floats:
+    return form_modes(problem, explanation.contribution, in_time="time" in explanation.effect.grows_with)
+
+
+def _beyond(problem: LinearProblem, nominal: Marginal, small: Floats, beyond: dict[str, list[Column]]) -> list[float]:
+    """Log evidence of each cause that has a form but no place in the catalogue."""
+    found = []
+    for name, entries in beyond.items():
+        rough = explain(nominal, entries)
+        if rough is not None:
+            modes = {name: _modes(problem, rough)}
+            found.append(_with_form(problem, small, rough, beyond, modes, _log_z(nominal)).log_evidence)
+    return [value + _log_z(nominal) - float(np.log(len(beyond))) for value in found]
 
 
 def _pairs(
@@ -257,39 +311,61 @@ def _formed_pair(
 ) -> Pair:
     """Weigh a pair again with what both forms may miss; a second that hardly shows keeps what the screening gave."""
     if second.log_evidence < _WORTH_FORMING:
-        return Pair(first=first, second=second, log_evidence=first.log_evidence + second.log_evidence, left_over=np.inf)
+        both_ways = first.log_evidence + second.log_evidence
+        return Pair(first=first, second=second, log_evidence=both_ways, left_over=np.inf, shared=1.0)
     given = first.column.columns * first.effect.strength.high
     name = second.effect.name
     if name not in modes:
-        modes[name] = form_modes(problem, second.contribution)
+        modes[name] = _modes(problem, second)
     both = np.hstack([modes[first.effect.name], modes[name]])
     log_z, left_over, found = explain_formed(problem, np.hstack([small, given]), both, columns[name], FORM_SHARES)
-    return Pair(first=first, second=found, log_evidence=log_z - reference, left_over=left_over)
+    # As with one effect: the second's own form must carry what the pair gains.
+    gained = min(log_z - reference - first.log_evidence, 2.0 * max(found.log_evidence, 0.0))
+    shared = _shared(problem, first.contribution, found.contribution)
+    return Pair(
+        first=first, second=found, log_evidence=first.log_evidence + gained, left_over=left_over, shared=shared
+    )
+
+
+def _shared(problem: LinearProblem, first: Floats, second: Floats) -> float:
+    """Sum over the equations of the shares of energy that two signatures have there, multiplied."""
+    energy: dict[str, list[float]] = {}
+    for part in problem.parts:
+        for equation, place in part.layout.slices.items():
+            spent = energy.setdefault(equation, [0.0, 0.0])
+            for k, signature in enumerate((first, second)):
+                spent[k] += float(np.sum(signature[part.place].reshape(-1, part.layout.size)[:, place] ** 2))
+    one, other = np.array(list(energy.values())).T
+    return float(one @ other / max(one.sum() * other.sum(), 1e-300))
 
 
 def _discrepancy(problem: LinearProblem, small: Floats) -> float:
-    """Log evidence of a smooth gap of no particular form: harmonics times {1, speed, load, time, feed}."""
-    blocks = []
-    varied = covariates(problem)
-    rows = [np.ones(len(problem.parts)), varied["speed"], 1.0 - varied["idle"], varied["session"], varied["feed"]]
+    """Log evidence of a smooth gap of no particular form: harmonics times {1, speed, load, session, feed, time}."""
+    columns = []
+    factors = _smooth_factors(problem)
     for equation, form in problem.campaign.plant.equations.items():
         n_harmonics = form.n_harmonics
         for k in range(2 * min(_DISCREPANCY_HARMONICS, n_harmonics) + 1):
-            for row in rows:
+            index = 0 if k == 0 else (k + 1) // 2 if k % 2 else n_harmonics + k // 2
+            for factor in factors:
                 column = np.zeros(len(problem.data))
-                for part, weight in zip(problem.parts, row, strict=True):
-                    if part.state.kind != "running" or equation not in part.layout.equations or not weight:
+                for part, weight in zip(problem.parts, factor, strict=True):
+                    if part.state.kind != "running" or equation not in part.layout.equations or not weight.any():
                         continue
-                    place = part.layout.slices[equation]
-                    n = 2 * n_harmonics + 1
-                    index = 0 if k == 0 else (k + 1) // 2 if k % 2 else n_harmonics + k // 2
-                    feature = np.zeros((part.blocks.shape[0], part.layout.size))
-                    feature[:, place.start + min(index, n - 1)] = weight
-                    column[part.place] = (feature @ part.whitener.T).ravel()
+                    # One harmonic of one block is one column of the whitener, the same for all blocks.
+                    whitened = part.whitener[:, part.layout.slices[equation].start + index]
+                    column[part.place] = np.outer(weight, whitened).ravel()
                 norm = float(np.linalg.norm(column))
                 if norm > 0:
-                    blocks.append(column / norm)
-    shapes = np.array(blocks).T
-    return log_mean_exp(
-        [_log_z(Marginal(problem, extra=np.hstack([small, size * shapes]))) for size in _DISCREPANCY_SIZES]
-    )
+                    columns.append(column / norm)
+    widened = Widened(problem, small, np.array(columns).T)
+    return log_mean_exp([widened.at(size)[0] for size in _DISCREPANCY_SIZES])
+
+
+def _smooth_factors(problem: LinearProblem) -> list[list[Floats]]:
+    """Weights of the blocks of each part: 1, speed, load, session, feed, and time within the trial."""
+    varied = covariates(problem)
+    flat = [np.ones(len(problem.parts)), varied["speed"], 1.0 - varied["idle"], varied["session"], varied["feed"]]
+    counts = [part.blocks.shape[0] for part in problem.parts]
+    found = [[np.full(n, value) for n, value in zip(counts, row, strict=True)] for row in flat]
+    return [*found, [np.linspace(-1.0, 1.0, n) if n > 1 else np.zeros(1) for n in counts]]

@@ -27,24 +27,28 @@ class Weights:
         Divides log evidences where the noise is as modelled.
     quiet : float
         Whitened misfit over features that an intact machine leaves.
-    pair_cost : float
-        Taken off the tempered log evidence of two effects, beside their prior.
+    pair_gain : float
+        Log odds of two effects against the stronger one alone, per e-fold of the log evidence that the second adds.
+    pair_least, pair_share : float
+        That log evidence at which they are even: the first plus the second times the root of the log evidence of
+        the stronger effect alone, because the form of a strong effect misses more.
     open_gain, open_share : float
         Log odds of "unknown" against the best claim per e-fold of the share of the gap that this leaves, and the
         share at which they are even.
-    prior_no_gap, prior_parameters, prior_unknown, prior_pairs : float
-        The rest belongs to single effects, evenly.
+    prior_no_gap, prior_parameters, prior_unknown : float
+        The rest belongs to the effects, evenly.
     """
 
     temperature: float = 4.0
     quiet: float = 0.15
-    pair_cost: float = 6.5
+    pair_gain: float = 3.0
+    pair_least: float = 20.0
+    pair_share: float = 0.8
     open_gain: float = 2.2
     open_share: float = 0.37
     prior_no_gap: float = 0.31
     prior_parameters: float = 0.22
     prior_unknown: float = 0.085
-    prior_pairs: float = 0.085
 
 
 WEIGHTS = Weights()
@@ -55,6 +59,7 @@ def weigh(
     left_over: Mapping[str, float],
     *,
     n_effects: int,
+    shared: Mapping[str, float] | None = None,
     weights: Weights = WEIGHTS,
 ) -> dict[str, float]:
     """Turn log evidences into probabilities.
@@ -67,6 +72,8 @@ def weigh(
         Whitened misfit over the number of features after each hypothesis; of "unknown" none.
     n_effects : int
         Size of the catalogue, for the priors.
+    shared : mapping of str to float, optional
+        How much of each pair's second effect lies where the first moves the equations; 1 where nothing is said.
     weights : Weights
 
     Returns
@@ -75,16 +82,16 @@ def weigh(
         Most likely first; they sum to 1.
     """
     w = weights
-    prior_effects = 1.0 - w.prior_no_gap - w.prior_parameters - w.prior_unknown - w.prior_pairs
-    n_pairs = max(n_effects * (n_effects - 1) // 2, 1)
+    prior_effects = 1.0 - w.prior_no_gap - w.prior_parameters - w.prior_unknown
     score: dict[str, float] = {}
     for name, value in log_evidence.items():
-        if name == "unknown":
+        if name == "unknown" or AND in name:
             continue
         prior = {"no_gap": w.prior_no_gap, "parameters": w.prior_parameters}.get(
-            name, w.prior_pairs / n_pairs if AND in name else prior_effects / max(n_effects, 1)
+            name, prior_effects / max(n_effects, 1)
         )
-        score[name] = float(np.log(prior)) + value / w.temperature - (w.pair_cost if AND in name else 0.0)
+        score[name] = float(np.log(prior)) + value / w.temperature
+    _share_with_pairs(score, log_evidence, shared or {}, w)
     claims = [n for n in score if np.isfinite(left_over.get(n, np.inf))]
     best = max(claims, key=lambda n: score[n])
     left = max(left_over[best] - 1.7 * w.quiet, 0.0)
@@ -95,6 +102,33 @@ def weigh(
         score[best] + w.open_gain * float(np.log(share / w.open_share)),
     )
     return _normalised(score)
+
+
+def _share_with_pairs(
+    score: dict[str, float], log_evidence: Mapping[str, float], shared: Mapping[str, float], w: Weights
+) -> None:
+    """Split what an effect is given between it alone and with a second one.
+
+    A second effect always adds some evidence, because no form is nature's: what speaks for it is counted in e-folds,
+    not in nats. Against all other causes the two together stand with all their evidence.
+    """
+    pairs: dict[str, list[str]] = {}
+    for name in log_evidence:
+        members = [n for n in name.split(AND) if n in score]
+        if AND in name and members:
+            pairs.setdefault(max(members, key=lambda n: log_evidence[n]), []).append(name)
+    for stronger, names in pairs.items():
+        alone = log_evidence[stronger]
+        added = np.array([log_evidence[name] - alone for name in names])
+        common = np.array([shared.get(name, 1.0) for name in names])
+        even = w.pair_least + w.pair_share * np.sqrt(common * max(alone, 0.0))
+        odds = w.pair_gain * float(np.log(max(float(np.max(added / even)), 1e-3)))
+        total = score[stronger] + max(float(added.max()), 0.0) / w.temperature
+        score[stronger] = total - float(np.logaddexp(0.0, odds))
+        among = added / w.temperature + w.pair_gain * np.log(np.maximum(added / even, 1e-3))
+        among -= np.logaddexp.reduce(among)
+        for name, share in zip(names, among, strict=True):
+            score[name] = total - float(np.logaddexp(0.0, -odds)) + float(share)
 
 
 def _normalised(score: Mapping[str, float]) -> dict[str, float]:

@@ -5,9 +5,9 @@ stroke (inertia), under a cut near the dead centres, and where friction holds th
 The displacement sensor sits on the plunger, so the crank angle that is read off it swings although the crank does
 not: back-EMF and inertia torque of the baseline go with the wrong speed, by far the largest trace, and all of
 it is fixed in angle. Where the gap is crossed, and how (free flight, friction, bounce), no form says well:
-here the swing is any wave of harmonics that fall as those of a jump do: one wave, or one in air and one under
-load, which may change with speed and stock. What tells it from an unknown cause is that one wave explains every
-equation. Clearance: assumed.
+here the swing is any wave of harmonics that fall as those of a jump do, one in air and one under load, which may
+change with speed and stock. What tells it from an unknown cause is that one wave explains every equation; what
+tells it from a bent sensor is that this reads the same wave in air and under load. Clearance: assumed.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from bench.recording import Floats
-from diagnosis.effects.effect import Effect, Strength
+from diagnosis.effects.effect import BACKGROUND_SHARE, Effect, Strength
 from diagnosis.equations import Baseline, Signature, residuals
 from diagnosis.reduction import angle_derivative
 from diagnosis.state import State
@@ -27,15 +27,14 @@ _STEP = 1e-4
 _SPEED_RAD_S, _STIFFNESS_N_S_PER_M = 80.0, 300.0
 
 
-def _signature(baseline: Baseline, state: State, split: float) -> tuple[Signature, ...]:
+def _signature(baseline: Baseline, state: State, waves: float) -> tuple[Signature, ...]:
     count = 2 * _N_HARMONICS
-    n_groups = (1, 2, 5)[int(split)]
     if state.kind != "running":
-        return tuple({} for _ in range(n_groups * count))
-    waves = [swing(baseline, state, wave / (2.0 * baseline.radius_m)) for wave in _waves(state.angle_rad)]
+        return tuple({} for _ in range(int(waves) * count))
+    swings = [swing(baseline, state, wave / (2.0 * baseline.radius_m)) for wave in _waves(state.angle_rad)]
     found: list[Signature] = []
-    for weight in _weights(state, n_groups):
-        found.extend({name: weight * rows for name, rows in wave.items()} if weight else {} for wave in waves)
+    for weight in _weights(state, int(waves)):
+        found.extend({name: weight * rows for name, rows in one.items()} if weight else {} for one in swings)
     return tuple(found)
 
 
@@ -45,7 +44,7 @@ def _waves(angle_rad: Floats) -> Floats:
     return np.stack(found)
 
 
-def _combined(baseline: Baseline, state: State, coefficients: Floats, split: float) -> Signature:
+def _combined(baseline: Baseline, state: State, coefficients: Floats, waves: float) -> Signature:
     """One swing for the whole wave: a small deviation's signature is linear in it."""
     if state.kind != "running":
         return {}
@@ -114,11 +113,12 @@ EFFECT = Effect(
     equation="plunger free within a gap around the crank pin",
     strength=Strength(name="gap_m", unit="m", typical=2.5e-4, low=0.3, high=3.0, source="assumed"),
     signature=_signature,
-    shapes=({"split": 0.0}, {"split": 1.0}, {"split": 2.0}),
+    shapes=({"waves": 2.0}, {"waves": 5.0}),
     needs=("motor_current_a",),
     grows_with=("position",),
     confused_with=("gear_eccentricity", "engagement_delay", "guide_friction"),
     told_apart_by="idle against cutting: fixed in angle, not in time, and the displacement itself is bent",
     size_of=apparent_gap,
     combine=_combined,
+    background=(({"waves": 1.0}, BACKGROUND_SHARE),),
 )

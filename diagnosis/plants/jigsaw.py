@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from bench.recording import Floats
+from diagnosis.beyond_catalogue import BEYOND_CATALOGUE
 from diagnosis.effects.catalogue import EFFECTS
 from diagnosis.effects.effect import Effect, Place
 from diagnosis.equations import UNITS, Baseline, Equation, Signature, residuals
@@ -63,6 +64,7 @@ class Jigsaw:
     inputs = ("displacement_mm", *(channel for channel, _ in _STATE_OF))
     scale_rel_std = 0.0
     effects: tuple[Effect, ...] = EFFECTS
+    beyond_catalogue: tuple[Effect, ...] = BEYOND_CATALOGUE
 
     @property
     def model(self) -> Baseline:

@@ -90,6 +90,11 @@ class LinearAxis:
         return axis_effects(self.force_scale_n, self.stroke_m)
 
     @property
+    def beyond_catalogue(self) -> tuple[Effect, ...]:
+        """None are known."""
+        return ()
+
+    @property
     def scale_rel_std(self) -> float:
         """Of the drive's force: the balance holds as well with all forces larger by the same factor."""
         constant = self.config.force_constant_n_per_a

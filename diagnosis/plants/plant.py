@@ -63,6 +63,8 @@ class Plant(Protocol):
         In the order in which they stand in a feature vector.
     effects : tuple of Effect
         What may be missing from this machine's model.
+    beyond_catalogue : tuple of Effect
+        Forms that count as "unknown" where they win.
     scale_rel_std : float
         Relative uncertainty that every strength found shares, because the equations fix sizes only up to it.
     """
@@ -95,6 +97,11 @@ class Plant(Protocol):
     @property
     def effects(self) -> tuple[Effect, ...]:
         """What may be missing from the model."""
+        ...
+
+    @property
+    def beyond_catalogue(self) -> tuple[Effect, ...]:
+        """Forms of causes that nobody claims."""
         ...
 
     @property

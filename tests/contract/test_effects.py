@@ -99,7 +99,7 @@ def n_signatures(name: str, shape: dict) -> int:
     if name == "tooth_passing_ripple":
         return 2 * (3 if shape["sharp"] else 1)  # the tooth, and two overtones of a sharp one
     if name == "yoke_backlash":
-        return 2 * 10 * {0.0: 1, 1.0: 2, 2.0: 5}[shape["split"]]  # one wave; air and load; both as they change
+        return 2 * 10 * int(shape["waves"])  # air and load; both as they change
     if name == "carriage_resonance":
         return 5 if shape.get("upper") else 1  # the first mode, and four above it
     return 2 if name in {"gear_eccentricity", "grain_variation"} else 1
@@ -350,7 +350,7 @@ def test_backlash_in_air_and_under_load_are_waves_of_their_own():
     effect = EFFECT_BY_NAME["yoke_backlash"]
 
     def strength(state):
-        parts = effect.signatures(BASELINE, state, {"split": 1.0})
+        parts = effect.signatures(BASELINE, state, {"waves": 2.0})
         sizes = [max((np.max(np.abs(wave)) for wave in part.values()), default=0.0) for part in parts]
         return np.array(sizes[:20]), np.array(sizes[20:])
 

@@ -261,7 +261,7 @@ def test_a_swing_of_the_read_angle(order, cuts):
 def test_backlash_is_made_of_swings():
     """Its k-th wave is a gap of one metre at the crank pin over two radii, smaller by the root of k."""
     true = Machine().run()
-    parts = EFFECT_BY_NAME["yoke_backlash"].signatures(BASELINE, true, {"split": 0.0})
+    parts = EFFECT_BY_NAME["yoke_backlash"].signatures(BASELINE, true, {"waves": 1.0})
     assert len(parts) == 20
     for order, part in ((1, parts[1]), (4, parts[7])):
         turn = 1e-5 / (2 * RADIUS) / np.sqrt(order)

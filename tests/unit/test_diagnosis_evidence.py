@@ -35,7 +35,7 @@ def columns_of(name, n_shapes, width, seed, size=0.5):
     rng = np.random.default_rng(seed)
     effect = EFFECT_BY_NAME[name]
     return [
-        Column(effect=effect, shape={"shape": float(k)}, columns=size * rng.standard_normal((N_ROWS, width)))
+        Column(effect=effect, shape=effect.shapes[k], columns=size * rng.standard_normal((N_ROWS, width)))
         for k in range(n_shapes)
     ]
 

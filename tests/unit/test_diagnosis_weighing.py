@@ -73,16 +73,39 @@ def test_retuned_parameters_win_where_they_explain_it_all():
     assert first(weighed({"parameters": 60.0, "edge_force": 50.0}, quiet)) == "parameters"
 
 
+def pair_odds(more, *, alone=80.0, shared=1.0):
+    """Odds of the pair against its stronger member, for log evidence beside its `alone` temperatures."""
+    log_evidence = {"no_gap": 0.0, "parameters": 0.0, "unknown": -5.0, "edge_force": alone * UNIT, "blade_wear": 1.0}
+    log_evidence[PAIR] = log_evidence["edge_force"] + more
+    left = dict.fromkeys(log_evidence, WEIGHTS.quiet) | {"no_gap": 10.0, "parameters": 10.0}
+    found = weigh(log_evidence, left, n_effects=N_EFFECTS, shared={PAIR: shared})
+    return found[PAIR] / found["edge_force"]
+
+
 def test_a_second_effect_pays_for_itself():
-    """The same evidence for one as for two names one; from there the pair gains with every step."""
-    left = {"edge_force": WEIGHTS.quiet, PAIR: WEIGHTS.quiet}
-    odds = []
-    for more in (0.0, 2.0, 4.0, 8.0, 16.0):
-        found = weighed({"edge_force": 80.0, PAIR: 80.0 + more}, left)
-        odds.append(found[PAIR] / found["edge_force"])
+    """Hardly any evidence more names one; from there the pair gains with every step, but in e-folds, not in nats."""
+    odds = [pair_odds(more) for more in (0.0, 5.0, 30.0, 200.0, 1000.0)]
     assert odds[0] < 0.1
     assert odds == sorted(odds)
     assert odds[-1] > 10.0
+    assert pair_odds(2000.0) / pair_odds(1000.0) == pytest.approx(2.0**WEIGHTS.pair_gain)
+
+
+def test_the_form_of_a_stronger_effect_may_miss_more():
+    assert pair_odds(100.0, alone=2000.0) < pair_odds(100.0, alone=20.0)
+
+
+def test_a_second_effect_where_the_first_does_nothing_is_no_error_of_its_form():
+    assert pair_odds(100.0, alone=2000.0, shared=0.0) > pair_odds(100.0, alone=2000.0, shared=0.5)
+    assert pair_odds(100.0, alone=2000.0, shared=0.0) == pytest.approx(pair_odds(100.0, alone=20.0, shared=0.0))
+
+
+def test_two_effects_stand_against_all_others_with_all_their_evidence():
+    """Unknown explains more than either effect alone, less than both."""
+    log_evidence = {"no_gap": 0.0, "parameters": 0.0, "edge_force": 40.0 * UNIT, "blade_wear": 30.0 * UNIT}
+    log_evidence |= {PAIR: 100.0 * UNIT, "unknown": 60.0 * UNIT}
+    left = dict.fromkeys(log_evidence, 5.0) | {PAIR: WEIGHTS.quiet, "no_gap": 10.0}
+    assert first(weigh(log_evidence, left, n_effects=N_EFFECTS)) == PAIR
 
 
 def test_a_pair_that_nobody_fitted_is_no_measure_of_what_is_left():
