@@ -41,7 +41,7 @@ _WOOD_TRIAL_STD = {"nylon": 0.015, "black_locust": 0.04, "oak": 0.05, "none": 0.
 def trial_settings(draw: CampaignDraw, index: int) -> PlantSettings:
     """Return what the plant is in trial number `index` (from 0) of a campaign."""
     plan = draw.trials[index]
-    rng = np.random.default_rng([draw.seed, 21, index])
+    rng = np.random.default_rng([draw.session_seed, 21, index])
     spread = float(np.exp(_WOOD_TRIAL_STD[plan.workpiece] * rng.standard_normal()))
     width = plan.thickness_mm / 20.0
     wood = MATERIALS[plan.workpiece]
@@ -81,7 +81,7 @@ def measured_trials(draw: CampaignDraw, *, rate_hz: float = RATE_HZ) -> Iterator
         state[CRANK] = settings.initial_crank_rad
         session_s += plan.rest_s
         plant = Plant(settings, state=state)
-        standing_s = float(np.random.default_rng([draw.seed, 22, index]).uniform(0.05, 0.25))
+        standing_s = float(np.random.default_rng([draw.session_seed, 22, index]).uniform(0.05, 0.25))
         rows = plant.advance(plan.seconds)
         yield (
             plan,
@@ -92,7 +92,7 @@ def measured_trials(draw: CampaignDraw, *, rate_hz: float = RATE_HZ) -> Iterator
                 rate_hz=rate_hz,
                 session_s=session_s,
                 rest_s=standing_s,
-                seed=[draw.seed, index],
+                seed=[draw.session_seed, index],
             ),
         )
         state = plant.state
@@ -128,6 +128,7 @@ def make_campaign(
     forms: Forms = "own",
     length: float = 1.0,
     rate_hz: float = RATE_HZ,
+    repetition: int = 0,
 ) -> dict[str, Any]:
     """Write a campaign into an empty or new folder and return its truth.
 
@@ -145,6 +146,8 @@ def make_campaign(
         Factor on the duration of every trial; 1 gives 18 trials of about 750 000 rows in all.
     rate_hz : float
         Mean sample rate of the tables.
+    repetition : int
+        See `draw_campaign`: from 1 on the same machine is measured again.
 
     Returns
     -------
@@ -160,8 +163,9 @@ def make_campaign(
     if out_dir.exists() and any(out_dir.iterdir()):
         raise InputError("is not empty", where=out_dir, remedy="name a new folder for the campaign")
     draw = draw_campaign(
-        seed, effects=effects, parameters=parameters, background=background, forms=forms, length=length
-    )
+        seed, effects=effects, parameters=parameters, background=background, forms=forms, length=length,
+        repetition=repetition,
+    )  # fmt: skip
     out_dir.mkdir(parents=True, exist_ok=True)
     (out_dir / "bench_config.toml").write_text(tomli_w.dumps(nominal_config()), encoding="utf-8")
     tables = []
@@ -180,6 +184,7 @@ def truth_of(
     """Return the label of a campaign and what is needed to make it again."""
     return {
         "seed": draw.seed,
+        "session_seed": draw.session_seed,
         "effects": dict(draw.effects),
         "reported_parameters": true_parameters(draw),
         "background": dict(draw.background),

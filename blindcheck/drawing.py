@@ -56,6 +56,8 @@ class CampaignDraw:
     Attributes
     ----------
     seed : int
+    session_seed : int
+        Of noise, wood and where each trial starts; `seed` unless the machine is drawn again.
     effects, background : mapping of str to float
         Severity by effect id.
     parameters : mapping of str to float
@@ -72,6 +74,7 @@ class CampaignDraw:
     """
 
     seed: int
+    session_seed: int
     effects: Mapping[str, float]
     background: Mapping[str, float]
     parameters: Mapping[str, float]
@@ -93,6 +96,7 @@ def draw_campaign(
     background: tuple[int, float, float] = (3, 0.003, 0.02),
     forms: Forms = "own",
     length: float = 1.0,
+    repetition: int = 0,
 ) -> CampaignDraw:
     """Draw a campaign; what the effects are does not change anything else that is drawn.
 
@@ -109,6 +113,9 @@ def draw_campaign(
         Functional forms of the effects.
     length : float
         Factor on the duration of every trial.
+    repetition : int
+        0 for the campaign of the seed; from 1 on the same machine and operating points with other noise, wood, pauses
+        and order of trials.
 
     Returns
     -------
@@ -131,8 +138,10 @@ def draw_campaign(
     peak_force_n, working_current_a = _working_point(true, k_fc)
     setting = Setting(seed=seed, peak_force_n=peak_force_n, forms=forms)
     change = changes_of(small | effects, setting)
+    again = np.random.default_rng([seed, repetition, 31])
     return CampaignDraw(
         seed=seed,
+        session_seed=int(again.integers(2**62)) if repetition else seed,
         effects=MappingProxyType(effects),
         background=MappingProxyType(small),
         parameters=MappingProxyType(true),
@@ -141,7 +150,7 @@ def draw_campaign(
         change=change,
         k_fc_n_s_per_m=k_fc,
         width_exponent=width_exponent,
-        trials=_plan(streams[4], material, length),
+        trials=_plan(streams[4], material, length, again if repetition else streams[4]),
         peak_force_n=peak_force_n,
         working_current_a=working_current_a,
     )
@@ -180,8 +189,13 @@ def _working_point(true: Mapping[str, float], k_fc: float) -> tuple[float, float
     return float(column(rows, "force_n").max()), float(column(rows, "current_a").mean())
 
 
-def _plan(rng: np.random.Generator, material: str, length: float) -> tuple[TrialPlan, ...]:
-    """Plan 18 trials: three duties, idle, repeats, two feeds, two thicknesses, a long one, idle again."""
+def _plan(
+    rng: np.random.Generator, material: str, length: float, of_session: np.random.Generator
+) -> tuple[TrialPlan, ...]:
+    """Plan 18 trials: three duties, idle, repeats, two feeds, two thicknesses, a long one, idle again.
+
+    Pauses and order are drawn from `of_session`, which may be `rng`.
+    """
     feed = float(rng.choice([3.0, 4.0, 5.0]))
     other_feed = feed * float(rng.choice([0.6, 1.5]))
     thick = float(rng.choice([12.0, 30.0]))
@@ -196,12 +210,12 @@ def _plan(rng: np.random.Generator, material: str, length: float) -> tuple[Trial
             thickness_mm=mm if cuts else 0.0,
             feed_mm_s=feed_mm_s if cuts else 0.0,
             seconds=length * seconds,
-            rest_s=float(rng.uniform(40.0, 150.0)),
+            rest_s=float(of_session.uniform(40.0, 150.0)),
         )
 
     idle = [trial(duty, 5.0, cuts=False) for duty in DUTIES]
     cuts = [trial(duty, 7.7) for duty in DUTIES for _ in range(3)]
     cuts += [trial(middle, 7.7, feed_mm_s=other_feed) for _ in range(2)]
     cuts += [trial(middle, 7.7, mm=thick) for _ in range(2)]
-    mixed = [cuts[k] for k in rng.permutation(len(cuts))]
+    mixed = [cuts[k] for k in of_session.permutation(len(cuts))]
     return (*idle, *mixed, trial(middle, 30.0), trial(middle, 5.0, cuts=False))

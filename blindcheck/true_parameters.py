@@ -110,7 +110,7 @@ def _delay(_: Mapping[str, float], draw: CampaignDraw) -> float:
 
 def _drift(_: Mapping[str, float], draw: CampaignDraw) -> float:
     first_s = draw.trials[0].rest_s
-    zero_n: Floats = zero_drift(np.array([0.0, _DRIFT_S]), first_s, draw.sensors, [draw.seed])
+    zero_n: Floats = zero_drift(np.array([0.0, _DRIFT_S]), first_s, draw.sensors, [draw.session_seed])
     return float(zero_n[1] - zero_n[0])
 
 

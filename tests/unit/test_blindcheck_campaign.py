@@ -10,7 +10,7 @@ import pytest
 from bench.config import load_config
 from bench.errors import InputError
 from blindcheck import sealing
-from blindcheck.campaign import make_campaign
+from blindcheck.campaign import make_campaign, trial_settings
 from blindcheck.csv_table import csv_bytes
 from blindcheck.drawing import NOMINAL, draw_campaign
 
@@ -197,3 +197,24 @@ def test_a_key_inside_the_set_and_a_file_that_is_no_key_are_refused(sealed, tmp_
         sealing.read_key(sealed[0] / sealing.COMMITMENTS)
     with pytest.raises(InputError, match="no such file"):
         sealing.verify(tmp_path, tmp_path / "none.json")
+
+
+def test_a_repetition_is_another_session_with_the_same_machine():
+    first, again, third = (draw_campaign(7, effects={"force_offset_drift": 1.0}, repetition=k) for k in (0, 1, 2))
+    for name in ("seed", "parameters", "background", "sensors", "k_fc_n_s_per_m", "width_exponent"):
+        assert getattr(again, name) == getattr(first, name)
+    assert dict(again.change.sensors) == dict(first.change.sensors)
+
+    def settings(draw):
+        return [(t.duty, t.workpiece, t.thickness_mm, t.feed_mm_s, t.seconds) for t in draw.trials]
+
+    assert sorted(settings(again)) == sorted(settings(first))
+    assert settings(again) != settings(first)
+    assert settings(again) != settings(third)
+    assert [t.rest_s for t in again.trials] != [t.rest_s for t in first.trials]
+    assert first.session_seed == first.seed
+    assert len({first.session_seed, again.session_seed, third.session_seed}) == 3
+    wood = [trial_settings(draw, 3) for draw in (first, again)]
+    assert wood[0].seed != wood[1].seed
+    assert wood[0].resistance_ohm == wood[1].resistance_ohm
+    assert draw_campaign(7, repetition=1).trials == again.trials
