@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from diagnosis.evidence import Column, Explanation
 from diagnosis.features import wave_of
 from diagnosis.linear_problem import LinearProblem, Marginal
 from diagnosis.posterior import GRAIN, Posterior, wide_scale
+from diagnosis.standing_out import FALSE_DISCOVERY_RATE, Cell, find_cells
 from diagnosis.state import TWO_PI
 from diagnosis.weighing import WEIGHTS
 
@@ -36,11 +37,13 @@ def detail(problem: LinearProblem, posterior: Posterior, channels: ChannelGap | 
     Returns
     -------
     dict
-        "strokes", "map", "probabilities", "log_evidence", "alike", "runtime_of"; plain values, some 60 kB as JSON.
+        "strokes", "map", "standing_out", "probabilities", "log_evidence", "alike", "runtime_of"; plain values, some
+        80 kB as JSON.
     """
     return {
         "strokes": [] if channels is None else [_stroke(cycle) for cycle in _telling(channels.cycles)],
         "map": _map(problem),
+        "standing_out": _standing_out(problem),
         "probabilities": {name: p for name, p in posterior.probabilities.items() if p > 1e-6},
         "log_evidence": dict(sorted(posterior.log_evidence.items(), key=lambda item: -item[1])[:20]),
         "alike": _alike_matrix(problem, posterior.explanations[:_N_ALIKE]),
@@ -156,6 +159,50 @@ def _map(problem: LinearProblem) -> dict[str, Any]:
             for equation, by_point in found.items()
         },
     }
+
+
+def _standing_out(problem: LinearProblem) -> dict[str, Any]:
+    """Which places stand out: for each partition a table of equations by places, None where there is no such cell."""
+    cells = find_cells(problem)
+    forms = problem.campaign.plant.equations
+    partitions: dict[str, Any] = {}
+    for partition in dict.fromkeys(cell.partition for cell in cells):
+        members = [cell for cell in cells if cell.partition == partition]
+        places = sorted({cell.place: None for cell in members}, key=_first_number)
+        by_place = {(cell.equation, cell.place): cell for cell in members}
+        equations = dict.fromkeys(cell.equation for cell in members)
+        partitions[partition] = {
+            "places": places,
+            "equations": {
+                equation: {
+                    "times_expected": [_of_cell(by_place.get((equation, place)), _times) for place in places],
+                    "q_value": [_of_cell(by_place.get((equation, place)), lambda c: c.q_value) for place in places],
+                }
+                for equation in equations
+            },
+        }
+    found = {cell.equation: forms[cell.equation] for cell in cells if cell.stands_out}
+    return {
+        "false_discovery_rate": FALSE_DISCOVERY_RATE,
+        "n_cells": len(cells),
+        "n_found": sum(cell.stands_out for cell in cells),
+        "found_in": [{"equation": form.place, "channel": form.channel} for form in found.values()],
+        "partitions": partitions,
+    }
+
+
+def _of_cell(cell: Cell | None, read: Callable[[Cell], float]) -> float | None:
+    return None if cell is None else float(f"{read(cell):.3g}")
+
+
+def _times(cell: Cell) -> float:
+    return cell.energy / cell.expected
+
+
+def _first_number(place: str) -> float:
+    """Order of places by the number that they begin with; others stay as they come."""
+    start = place.split(" ", 1)[0]
+    return float(start) if start.isdecimal() else -1.0
 
 
 def _alike_matrix(problem: LinearProblem, explanations: Sequence[Explanation]) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from reporting.gap_figures import (
     strokes_picture,
 )
 from reporting.html import render, software_version, write_page
+from reporting.standing_out_figure import standing_out_picture, standing_out_sentence, stands_out
 
 _SURE: Final = 0.8
 _RAD_TO_DEG: Final = 57.29577951308232
@@ -71,7 +72,9 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         "map": map_picture(detail["map"], _equations(report, detail))
         if detail.get("map") and report["where"]
         else None,
-        "where": [_spot(spot) for spot in report["where"]],
+        "where": [_spot(spot, detail.get("standing_out")) for spot in report["where"]],
+        "standing_out": standing_out_picture(detail["standing_out"]) if detail.get("standing_out") else None,
+        "standing_out_words": _standing_out_words(report, detail),
         "causes": [_cause(cause) for cause in report["causes"]],
         "others": [
             ("no gap", report["probabilities"]["no_gap"]),
@@ -261,8 +264,20 @@ def _equations(report: Mapping[str, Any], detail: Mapping[str, Any]) -> list[str
     return list(dict.fromkeys([*order, *detail["map"]["equations"]]))
 
 
-def _spot(spot: Mapping[str, Any]) -> dict[str, Any]:
+def _standing_out_words(report: Mapping[str, Any], detail: Mapping[str, Any]) -> str:
+    """One sentence on the places; where a cause was named without any, why that is no contradiction."""
+    found = detail.get("standing_out")
+    if not found:
+        return ""
+    said = standing_out_sentence(found)
+    if found["n_found"] == 0 and _has_cause(report):
+        said += " The cause was recognised by its pattern over all places together."
+    return said
+
+
+def _spot(spot: Mapping[str, Any], found: Mapping[str, Any] | None) -> dict[str, Any]:
     return {
+        "is_quiet": found is not None and not stands_out(spot, found),
         "equation": EQUATION_WORDS.get(spot["equation"], spot["equation"]),
         "channel": CHANNEL_WORDS.get(spot["channel"], spot["channel"]),
         "share": _percent(spot["share"]),

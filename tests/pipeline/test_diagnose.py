@@ -94,4 +94,19 @@ def test_report_is_small_and_the_page_shows_strokes_and_places(report):
     assert page.with_suffix(".json").stat().st_size < 300_000
     assert 1 <= len(found["detail"]["strokes"]) <= 3
     text = page.read_text()
-    assert text.count("<svg role") == 3
+    assert text.count("<svg role") == 4
+
+
+def test_what_stands_out_is_said_for_every_partition(report):
+    found, page = report
+    standing_out = found["detail"]["standing_out"]
+    partitions = standing_out["partitions"]
+    assert set(partitions) == {"crank_angle", "harmonic", "time", "start_up", "operating_point"}
+    assert partitions["time"]["places"] == ["start-up", "0 to 25 %", "25 to 50 %", "50 to 75 %", "75 to 100 %"]
+    q_values = [
+        q for p in partitions.values() for e in p["equations"].values() for q in e["q_value"] if q is not None
+    ]  # fmt: skip
+    assert len(q_values) == standing_out["n_cells"]
+    assert sum(q < standing_out["false_discovery_rate"] for q in q_values) == standing_out["n_found"]
+    assert {entry["equation"] for entry in standing_out["found_in"]} <= {"mechanical"}
+    assert f"Of {standing_out['n_cells']} places" in page.read_text()

@@ -9,6 +9,7 @@ import pytest
 
 from reporting.cause_words import what_happens
 from reporting.gap_page import verdict_sentence, write_gap_page
+from reporting.standing_out_figure import stands_out
 
 CURVE = {"unit": "A", "measured": [1.0, 2.0, 3.0, 2.0], "nominal": [0.5, 1.5, 2.5, 1.5],
          "retuned": [1.0, 2.0, 2.9, 2.0], "with_effect": [1.0, 2.0, 3.0, 2.1]}  # fmt: skip
@@ -102,3 +103,43 @@ def test_a_report_without_detail_still_gives_a_page(tmp_path):
     text = write_gap_page(tmp_path / "plain.html", report).read_text(encoding="utf-8")
     assert "<svg" not in text
     assert "guide friction" in text
+
+
+def cells(times, q_value):
+    return {"times_expected": times, "q_value": q_value}
+
+
+STANDING_OUT = {
+    "false_discovery_rate": 0.05, "n_cells": 5, "n_found": 1,
+    "found_in": [{"equation": "mechanical", "channel": "motor_current_a"}],
+    "partitions": {
+        "crank_angle": {"places": ["0 to 180 deg", "180 to 360 deg"],
+                        "equations": {"mechanical": cells([40.0, 2.0], [0.001, 0.4]),
+                                      "cutting": cells([1.0, 1.0], [1.0, 1.0])}},
+        "operating_point": {"places": ["a"], "equations": {"mechanical": cells([1.0], [1.0])}},
+    },
+}  # fmt: skip
+
+
+def test_equations_without_a_place_that_stands_out_are_greyed(tmp_path):
+    detail = {**copy.deepcopy(REPORT["detail"]), "standing_out": STANDING_OUT}
+    where = [REPORT["where"][0], {**REPORT["where"][0], "equation": "cutting", "channel": "force_n"}]
+    text = page(tmp_path, where=where, detail=detail)
+    rows = re.findall(r"<tr[^>]*><th scope=\"row\">.*?</tr>", text.partition("Where the gap lies</h2>")[2])
+    assert "motor and drive, mechanical side" in rows[0] and "unproven" not in rows[0]
+    assert "cutting" in rows[1] and "no place stands out" in rows[1] and 'class="unproven"' in rows[1]
+    assert "Of 5 places, 1 stands out" in text and "at most 5 % of such finds" in text
+    assert len(re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL)) == 4
+
+
+def test_a_cause_without_a_place_is_explained(tmp_path):
+    quiet = {**STANDING_OUT, "n_found": 0, "found_in": []}
+    detail = {**copy.deepcopy(REPORT["detail"]), "standing_out": quiet}
+    assert "recognised by its pattern over all places together" in page(tmp_path, detail=detail)
+
+
+def test_a_sensor_at_fault_goes_by_its_channel():
+    found = {"found_in": [{"equation": "cutting", "channel": "force_n"}]}
+    assert stands_out({"equation": "sensing", "channel": "force_n"}, found)
+    assert not stands_out({"equation": "sensing", "channel": "motor_current_a"}, found)
+    assert not stands_out({"equation": "mechanical", "channel": "force_n"}, found)

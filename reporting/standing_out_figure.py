@@ -1,0 +1,137 @@
+"""Which places of the gap stand out, for the gap page: a sentence and a figure in which the others are grey."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from reporting.figures import QUIET, WIDTH_IN, figure_style
+from reporting.gap_figures import EQUATION_WORDS, point_words
+from reporting.html import Picture, figure_to_svg
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_GREY: Final = "#d3d7da"
+_PANELS: Final = {
+    "crank_angle": "crank angle / °",
+    "harmonic": "harmonic of the stroke, from",
+    "time": "part of the trial, from / %",
+    "start_up": "time after the first motion / ms",
+    "operating_point": "operating point",
+}
+_LEVELS: Final = (1, 3, 10, 30, 100, 300, 1000)
+
+
+def standing_out_sentence(found: Mapping[str, Any]) -> str:
+    """How many of the places stand out, and in which equations.
+
+    Parameters
+    ----------
+    found : mapping
+        `detail.standing_out` of the report.
+
+    Examples
+    --------
+    >>> standing_out_sentence({"n_cells": 262, "n_found": 0, "false_discovery_rate": 0.05, "found_in": []})
+    'Of 262 places, none stands out from what noise, mistuned parameters and a little of every known effect could give.'
+    """
+    cause = "from what noise, mistuned parameters and a little of every known effect could give"
+    if not found["n_found"]:
+        return f"Of {found['n_cells']} places, none stands out {cause}."
+    places = [str(entry["equation"]) for entry in found["found_in"]]
+    names = ", ".join(dict.fromkeys(EQUATION_WORDS.get(place, place) for place in places))
+    return (
+        f"Of {found['n_cells']} places, {found['n_found']} stand{'s' if found['n_found'] == 1 else ''} out {cause}"
+        f" ({names}); at most {100 * found['false_discovery_rate']:.0f} % of such finds are expected to be chance."
+    )
+
+
+def stands_out(spot: Mapping[str, Any], found: Mapping[str, Any]) -> bool:
+    """Whether a place stands out of the equation behind an entry of `where`; a sensor's error goes by its channel."""
+    return any(
+        entry["channel"] == spot["channel"] and spot["equation"] in ("sensing", entry["equation"])
+        for entry in found["found_in"]
+    )
+
+
+def standing_out_picture(found: Mapping[str, Any]) -> Picture | None:
+    """Draw every place, in colour where it stands out.
+
+    Parameters
+    ----------
+    found : mapping
+        `detail.standing_out` of the report.
+
+    Returns
+    -------
+    Picture or None
+        None where there is no place.
+    """
+    partitions = {name: found["partitions"][name] for name in _PANELS if name in found["partitions"]}
+    if not partitions:
+        return None
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import BoundaryNorm
+    from matplotlib.figure import Figure
+
+    norm = BoundaryNorm(_LEVELS, 256, clip=True)
+    with figure_style():
+        mosaic: list[Any] = [[name, name] for name in partitions]
+        if "harmonic" in partitions and "time" in partitions:
+            place = list(partitions).index("harmonic")
+            mosaic[place : place + 2] = [["harmonic", "time"]]
+        heights = [_n_rows(row[0], partitions[row[0]]) for row in mosaic]
+        figure = Figure(figsize=(WIDTH_IN, 0.75 * len(mosaic) + 0.2 * sum(heights)), layout="constrained")
+        panels = figure.subplot_mosaic(mosaic, gridspec_kw={"height_ratios": [h + 2.0 for h in heights]})
+        for name, partition in partitions.items():
+            _one_partition(panels[name], name, partition, norm, found["false_discovery_rate"])
+        scale = ScalarMappable(norm=norm, cmap="viridis_r")
+        bar = figure.colorbar(scale, ax=list(panels.values()), pad=0.01, aspect=40)
+        bar.ax.set_yticks(_LEVELS, [str(level) for level in _LEVELS], fontsize=8.0)
+        bar.set_label("energy over what is expected without a gap", fontsize=8.5)
+        svg = figure_to_svg(
+            figure, name="standing-out", title="Which places stand out", description=standing_out_sentence(found)
+        )
+    return Picture(
+        svg=svg,
+        caption="What re-tuned parameters leave of each balance equation, by place. Grey: does not stand out. Colour:"
+        " stands out, and by how much. White: not compared. Places overlap: the same gap is cut in several ways.",
+    )
+
+
+def _n_rows(name: str, partition: Mapping[str, Any]) -> int:
+    return len(partition["places" if name == "operating_point" else "equations"])
+
+
+def _one_partition(axes: Axes, name: str, partition: Mapping[str, Any], norm: Any, rate: float) -> None:
+    equations = list(partition["equations"])
+    times = np.array([partition["equations"][e]["times_expected"] for e in equations], dtype=float)
+    q_values = np.array([partition["equations"][e]["q_value"] for e in equations], dtype=float)
+    labels = [_short(name, place) for place in partition["places"]]
+    rows, columns = equations, labels
+    if name == "operating_point":
+        times, q_values, rows, columns = times.T, q_values.T, labels, equations
+    found = np.ma.masked_where(~(q_values < rate), times)
+    grey = np.ma.masked_where(~(q_values >= rate), np.zeros_like(times))
+    from matplotlib.colors import ListedColormap
+
+    axes.pcolormesh(grey, cmap=ListedColormap([_GREY]), edgecolors="white", linewidth=0.8)
+    axes.pcolormesh(found, cmap="viridis_r", norm=norm, edgecolors="white", linewidth=0.8)
+    axes.set_yticks(np.arange(len(rows)) + 0.5, rows, fontsize=8.0)
+    step = 3 if name == "crank_angle" else 1
+    if name in ("crank_angle", "start_up"):
+        axes.set_xticks(np.arange(len(columns))[::step], columns[::step], fontsize=8.0)
+    else:
+        axes.set_xticks(np.arange(len(columns)) + 0.5, columns, fontsize=8.0)
+    axes.invert_yaxis()
+    axes.grid(visible=False)
+    axes.tick_params(length=0)
+    axes.set_title(f"by {_PANELS[name]}", fontsize=9.0, color=QUIET)
+
+
+def _short(name: str, place: str) -> str:
+    """Where the place begins, for the axis."""
+    return point_words(place) if name == "operating_point" else place.split(" ", 1)[0]
