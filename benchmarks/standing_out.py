@@ -1,6 +1,6 @@
 """Count the places of the gap that stand out, on campaigns without a gap and on campaigns with one effect.
 
-    python benchmarks/standing_out.py [--quiet 8] [--length 0.6]
+    python -m benchmarks.standing_out [--quiet 8] [--length 0.6]
 
 Campaigns come from the blind check's plant: seeds from 601 on without an effect, then one for each effect of its
 catalogue at severity 1. Prints one line a campaign, and how many campaigns and places there were with finds. About 10 s

@@ -127,7 +127,12 @@ def test_friction_of_the_load_is_told_from_that_of_the_guide():
 def test_both_frictions_at_once_are_both_named():
     report = diagnosed(rig.Friction(coulomb=6.0, load_share=0.1))
     assert report["verdict"] == "effects"
-    assert set(report["causes"][0]["effects"]) == {"guide_friction", "load_dependent_friction"}
+    first = report["causes"][0]
+    assert set(first["effects"]) == {"guide_friction", "load_dependent_friction"}
+    # Each size in the presence of the other: alone, the dry friction would be called a quarter larger.
+    for name, truth in (("force_n", 6.0), ("friction_share", 0.1)):
+        found = first["parameters"][name]
+        assert abs(found["value"] - truth) < min(3.0 * found["std"], 0.15 * truth)
 
 
 def test_ripple_locked_to_the_position_is_cogging():
