@@ -1,4 +1,4 @@
-"""How far `gap_closed` is as good as it can be: stated, and by an oracle that is told the effects."""
+"""How far `gap_closed` is as good as it can be: as stated, by an oracle, and by nature without the effects."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from blindcheck.score_statistics import Estimate, Floats, Proportion, mean_of, ratio_of_medians, wilson
 from blindcheck.scored_case import Case
 
-# Share of the oracle's `gap_closed` that a right claim should close.
+# Share of what can be closed that a right claim should close.
 ENOUGH = 0.9
 
 
@@ -22,19 +22,22 @@ class GapScore:
     ----------
     error, absolute_error : Estimate
         Stated minus oracle, all claims of an effect.
-    coverage, right_coverage : Proportion
-        How often the stated 95 % interval holds the oracle's value, of all claims and of right ones.
+    coverage : Proportion
+        How often the stated 95 % interval holds the oracle's value, all claims. The oracle computes it as the answer
+        does, from the same recordings: of a right claim it says no more than that the form was well chosen.
     share_of_oracle : Estimate
         Median stated over median oracle, of right claims where the oracle closes something.
+    share_of_closable : Estimate
+        Median stated over median of what is gone where nature is made without the effects, of right claims.
     closes_enough : Proportion
-        How often at least `ENOUGH` of what the oracle closes is closed, of the same.
+        How often at least `ENOUGH` of that is closed, of right claims.
     """
 
     error: Estimate
     absolute_error: Estimate
     coverage: Proportion
-    right_coverage: Proportion
     share_of_oracle: Estimate
+    share_of_closable: Estimate
     closes_enough: Proportion
 
 
@@ -44,22 +47,23 @@ def gap_score(cases: Sequence[Case]) -> GapScore | None:
     if not chosen:
         return None
     right = [case for case in chosen if case.answer == case.truth]
-    stated, oracle = _stated_and_oracle(chosen)
-    right_stated, right_oracle = _stated_and_oracle([c for c in right if (c.oracle_gap_closed or 0.0) > 0.0])
+    error = _values(chosen, "gap_closed") - _values(chosen, "oracle_gap_closed")
+    told = [case for case in right if (case.oracle_gap_closed or 0.0) > 0.0]
+    open_gap = [case for case in right if (case.closable or 0.0) > 0.0]
+    closed, closable = _values(open_gap, "gap_closed"), _values(open_gap, "closable")
     return GapScore(
-        error=mean_of(stated - oracle),
-        absolute_error=mean_of(np.abs(stated - oracle)),
+        error=mean_of(error),
+        absolute_error=mean_of(np.abs(error)),
         coverage=wilson(sum(map(_is_covered, chosen)), len(chosen)),
-        right_coverage=wilson(sum(map(_is_covered, right)), len(right)),
-        share_of_oracle=ratio_of_medians(right_stated, right_oracle),
-        closes_enough=wilson(int(np.sum(right_stated >= ENOUGH * right_oracle)), len(right_oracle)),
+        share_of_oracle=ratio_of_medians(_values(told, "gap_closed"), _values(told, "oracle_gap_closed")),
+        share_of_closable=ratio_of_medians(closed, closable),
+        closes_enough=wilson(int(np.sum(closed >= ENOUGH * closable)), len(open_gap)),
     )
 
 
-def _stated_and_oracle(cases: Sequence[Case]) -> tuple[Floats, Floats]:
-    """Return both values of `gap_closed`, each of shape (n,)."""
-    pairs = np.array([(case.gap_closed, case.oracle_gap_closed) for case in cases], dtype=np.float64).reshape(-1, 2)
-    return pairs[:, 0], pairs[:, 1]
+def _values(cases: Sequence[Case], name: str) -> Floats:
+    """One number of every case, shape (n,)."""
+    return np.array([getattr(case, name) for case in cases], dtype=np.float64)
 
 
 def _is_covered(case: Case) -> bool:

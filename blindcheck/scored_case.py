@@ -62,6 +62,8 @@ class Case:
     gap_closed, oracle_gap_closed : float, optional
         Share of the held-out gap that the declared and the true effect close.
     gap_closed_ci95 : tuple of float, optional
+    closable : float, optional
+        Share of the held-out gap that is gone where nature is made without the hidden effects.
     parameters : tuple of StatedParameter
         Numbers that the answer states of the declared effects that are hidden, beside the true ones.
     time_s : float, optional
@@ -86,6 +88,7 @@ class Case:
     gap_closed: float | None = None
     gap_closed_ci95: tuple[float, float] | None = None
     oracle_gap_closed: float | None = None
+    closable: float | None = None
     parameters: tuple[StatedParameter, ...] = ()
     time_s: float | None = None
     largest_shift_sigmas: float | None = None
@@ -169,6 +172,7 @@ def case_of(
     answer: Mapping[str, Any],
     *,
     oracle_gap_closed: float | None = None,
+    closable: float | None = None,
 ) -> Case:
     """Bring the label of a sealed case and the answer to it together.
 
@@ -179,7 +183,7 @@ def case_of(
         Of `sealing.verify`.
     answer : mapping
         Of `answering.read_answers`: `report` is a gap report, or None where there is none.
-    oracle_gap_closed : float, optional
+    oracle_gap_closed, closable : float, optional
 
     Returns
     -------
@@ -192,6 +196,7 @@ def case_of(
         "kind": label["kind"],
         "effects": dict(truth["effects"]),
         "oracle_gap_closed": oracle_gap_closed,
+        "closable": closable,
         "largest_shift_sigmas": max((abs(z) for z in truth.get("shifts", {}).values()), default=None),
         "time_s": answer.get("time_s"),
     }

@@ -174,7 +174,7 @@ def score_set(
     labels: Mapping[str, Mapping[str, Any]],
     *,
     answers_dir: Path | None = None,
-    oracle: Mapping[str, float] | None = None,
+    oracle: Mapping[str, Mapping[str, float | None]] | None = None,
     shuffle_seed: int | None = None,
 ) -> tuple[Score, dict[str, Any]]:
     """Score the answers to a set.
@@ -185,7 +185,7 @@ def score_set(
     labels : mapping
         Of `sealing.verify`.
     answers_dir : Path, optional
-    oracle : mapping of str to float, optional
+    oracle : mapping of str to mapping, optional
         Of `blind_oracle.oracle_gaps`.
     shuffle_seed : int, optional
         Deal the labels at random among the cases.
@@ -212,9 +212,18 @@ def score_set(
     names = list(labels)
     order = range(len(names)) if shuffle_seed is None else np.random.default_rng(shuffle_seed).permutation(len(names))
     dealt = {name: names[k] for name, k in zip(names, order, strict=True)}
-    gaps = oracle or {}
+    asked = {name: (oracle or {}).get(dealt[name], {}) for name in names}
     found = score(
-        [case_of(name, labels[dealt[name]], answers[name], oracle_gap_closed=gaps.get(dealt[name])) for name in names]
+        [
+            case_of(
+                name,
+                labels[dealt[name]],
+                answers[name],
+                oracle_gap_closed=asked[name].get("gap_closed"),
+                closable=asked[name].get("closable"),
+            )
+            for name in names
+        ]
     )
     key = read_key(key_path)
     record = {
@@ -255,13 +264,12 @@ def as_text(found: Score) -> str:
         numbers.append(["gap_closed: stated - oracle", *_numbers(found.gap.error)])
         numbers.append(["gap_closed: |stated - oracle|", *_numbers(found.gap.absolute_error)])
         numbers.append(["gap_closed: oracle inside the 95 % interval", *_cells(found.gap.coverage)])
-        numbers.append(["the same, right claims", *_cells(found.gap.right_coverage)])
-        numbers.append(
-            ["gap_closed: median stated / median oracle, right claims", *_numbers(found.gap.share_of_oracle)]
-        )
-        numbers.append(
-            [f"gap_closed: at least {ENOUGH:.0%} of the oracle's, right claims", *_cells(found.gap.closes_enough)]
-        )
+        right = [
+            ("gap_closed: median stated / median oracle, right claims", _numbers(found.gap.share_of_oracle)),
+            ("gap_closed: median stated / median closable, right claims", _numbers(found.gap.share_of_closable)),
+            (f"gap_closed: at least {ENOUGH:.0%} of the closable, right claims", _cells(found.gap.closes_enough)),
+        ]
+        numbers += [[text, *cells] for text, cells in right]
     known = found.parameters
     numbers.append(["parameter within its stated 95 % interval (1.96 std), right claims", *_cells(known.coverage)])
     numbers.append(["parameter: median relative error, right claims", *_numbers(known.relative_error)])
@@ -304,7 +312,7 @@ def _sizes(one: EffectParameter) -> list[str]:
 
 def _oracle(
     set_dir: Path, labels: Mapping[str, Mapping[str, Any]], key_path: Path, workers: int | None
-) -> dict[str, float]:
+) -> dict[str, dict[str, float | None]]:
     from commands.blind_oracle import oracle_gaps
     from commands.source_identity import source_fingerprint
 

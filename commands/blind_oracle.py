@@ -1,14 +1,20 @@
-"""The oracle of the blind check: how far the gap closes when the true effects are told."""
+"""The oracle of the blind check: how far the gap closes with the true effects told, and how far it could."""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
 import tempfile
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from diagnosis.linear_problem import LinearProblem
+
+# A gap above the noise that is less than this share of the noise's energy cannot be closed by a measurable share.
+_LEAST_GAP: Final = 0.02
 
 
 def oracle_gaps(
@@ -19,8 +25,8 @@ def oracle_gaps(
     source_sha256: str,
     workers: int | None = None,
     on_progress: Callable[[int, int, str], None] | None = None,
-) -> dict[str, float]:
-    """Return `gap_closed` of the true effects, of every case that hides effects of the catalogue.
+) -> dict[str, dict[str, float | None]]:
+    """Ask the oracle about every case that hides effects of the catalogue.
 
     Parameters
     ----------
@@ -39,67 +45,114 @@ def oracle_gaps(
 
     Returns
     -------
-    dict of str to float
-        By case; a case in which the campaign shows nothing of the true effects is left out.
+    dict of str to dict
+        By case, what `ask` returns; a case in which the campaign shows nothing of the true effects is left out.
     """
     from blindcheck.sealing import read_json, write_json
 
     known: dict[str, Any] = read_json(cache_path) if cache_path.exists() else {}
-    found: dict[str, float | None] = known["gaps"] if known.get("source_sha256") == source_sha256 else {}
-    wanted = {name: sorted(v["truth"]["effects"]) for name, v in labels.items() if v["kind"] in {"effect", "pair"}}
+    found: dict[str, Any] = known["asked"] if known.get("source_sha256") == source_sha256 and "asked" in known else {}
+    wanted = {name: label["truth"] for name, label in labels.items() if label["kind"] in {"effect", "pair"}}
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(max_workers=workers or os.cpu_count() or 1, mp_context=context) as pool:
         futures = {
-            pool.submit(gap_closed_by, set_dir / name, effects): name
-            for name, effects in wanted.items()
-            if name not in found
-        }
+            pool.submit(ask, set_dir / name, truth): name for name, truth in wanted.items() if name not in found
+        }  # fmt: skip
         for future in as_completed(futures):
             found[futures[future]] = future.result()
-            write_json(cache_path, {"source_sha256": source_sha256, "gaps": found})
+            write_json(cache_path, {"source_sha256": source_sha256, "asked": found})
             if on_progress is not None:
                 on_progress(len(found), len(wanted), futures[future])
-    return {name: gap for name in wanted if (gap := found[name]) is not None}
+    return {name: asked for name in wanted if (asked := found[name]) is not None}
 
 
-def gap_closed_by(case_dir: Path, effects: Collection[str]) -> float | None:
-    """Return the share of the held-out gap that given effects close, each in its best shape.
+def ask(case_dir: Path, truth: Mapping[str, Any]) -> dict[str, float | None] | None:
+    """Return how far the held-out gap closes with the true effects told, and how far it could.
 
     Parameters
     ----------
     case_dir : Path
         Folder with a `campaign.toml`.
-    effects : collection of str
+    truth : mapping
+        Of the label.
+
+    Returns
+    -------
+    dict or None
+        `gap_closed`: by the true effects, each in the catalogue's best form; `closable`: by taking the effects out of
+        nature, see `closable_share`. None where the campaign cannot be diagnosed or shows nothing of one of them.
+    """
+    import numpy as np
+
+    from blindcheck.campaign import make_campaign
+    from diagnosis.effects.catalogue import EFFECTS
+    from diagnosis.evidence import catalogue_columns, explain
+    from diagnosis.ladder import climb
+    from diagnosis.linear_problem import Marginal
+
+    problem = _problem_of(case_dir)
+    if problem is None:
+        return None
+    columns = catalogue_columns(problem, [effect for effect in EFFECTS if effect.name in truth["effects"]])
+    marginal = Marginal(problem)
+    found = [explain(marginal, entries) for entries in columns.values()]
+    told = [one.column.columns * one.effect.strength.high for one in found if one is not None]
+    if len(told) < len(truth["effects"]):
+        return None
+    ladder = climb(problem, np.hstack(told))
+    with tempfile.TemporaryDirectory(prefix="sawbench-twin-") as folder:
+        options = {name: truth[name] for name in ("parameters", "forms", "length", "rate_hz")}
+        make_campaign(truth["seed"], Path(folder) / "twin", **options)
+        twin = _problem_of(Path(folder) / "twin")
+    closable = None
+    if twin is not None:
+        bare = climb(twin, None).whitened
+        closable = closable_share(
+            (ladder.whitened.retuned, ladder.whitened.noise_floor), (bare.retuned, bare.noise_floor)
+        )
+    return {"gap_closed": ladder.gap_closed, "closable": closable}
+
+
+def closable_share(hidden: tuple[float, float], bare: tuple[float, float]) -> float | None:
+    """Return the share of the gap that is gone where nature is made without the hidden effects.
+
+    The twin of a campaign has the same seed: the same machine, sensors, small background effects, wood and noise. What
+    re-tuning leaves of it no effect of a catalogue could close.
+
+    Parameters
+    ----------
+    hidden, bare : tuple of (float, float)
+        Held-out residual after re-tuning and noise floor, both over the noise, of the campaign and of its twin.
 
     Returns
     -------
     float or None
-        None where the campaign cannot be diagnosed or shows nothing of one of them.
-    """
-    import numpy as np
+        At most 1; None where re-tuning leaves nothing of the gap.
 
+    Examples
+    --------
+    >>> closable_share((3.0, 1.0), (1.0, 1.0)), closable_share((3.0, 1.0), (5**0.5, 1.0))
+    (1.0, 0.5)
+    """
+    gap, rest = (retuned**2 - floor**2 for retuned, floor in (hidden, bare))
+    if gap <= _LEAST_GAP * hidden[1] ** 2:
+        return None
+    return round(1.0 - max(rest, 0.0) / gap, 12)
+
+
+def _problem_of(campaign_dir: Path) -> LinearProblem | None:
+    """Import and reduce a campaign; None where it cannot be diagnosed."""
     from bench.config import load_config
     from bench.errors import SawbenchError
     from diagnosis.campaign import reduce_campaign
-    from diagnosis.effects.catalogue import EFFECTS
-    from diagnosis.evidence import catalogue_columns, explain
-    from diagnosis.ladder import climb
-    from diagnosis.linear_problem import Marginal, build_problem
+    from diagnosis.linear_problem import build_problem
     from storage.importers import import_path
     from storage.reader import read_recording
 
     with tempfile.TemporaryDirectory(prefix="sawbench-oracle-") as folder:
-        report = import_path(case_dir / "campaign.toml", Path(folder))
+        report = import_path(campaign_dir / "campaign.toml", Path(folder))
         recordings = [read_recording(path) for path in report.paths]
         try:
-            campaign = reduce_campaign(recordings, load_config(case_dir / "bench_config.toml"))
+            return build_problem(reduce_campaign(recordings, load_config(campaign_dir / "bench_config.toml")))
         except SawbenchError:
             return None
-    problem = build_problem(campaign)
-    columns = catalogue_columns(problem, [effect for effect in EFFECTS if effect.name in effects])
-    marginal = Marginal(problem)
-    found = [explain(marginal, entries) for entries in columns.values()]
-    told = [one.column.columns * one.effect.strength.high for one in found if one is not None]
-    if len(told) < len(effects):
-        return None
-    return climb(problem, np.hstack(told)).gap_closed

@@ -9,7 +9,7 @@ import pytest
 
 import commands.blind
 from blindcheck.effects.table import CATALOGUE
-from commands.blind_oracle import oracle_gaps
+from commands.blind_oracle import closable_share, oracle_gaps
 from commands.main import main
 from commands.source_identity import software_identity, source_fingerprint
 
@@ -108,8 +108,16 @@ def test_the_oracle_goes_on_where_it_stopped(tmp_path, monkeypatch):
         "b": {"kind": "none", "truth": {"effects": {}}},
         "c": {"kind": "pair", "truth": {"effects": {"edge_force": 1.0, "blade_wear": 1.0}}},
     }
-    cache.write_text(json.dumps({"source_sha256": "s", "gaps": {"a": 0.75, "c": None}}))
-    assert oracle_gaps(tmp_path, labels, cache, source_sha256="s", workers=1) == {"a": 0.75}
+    asked = {"gap_closed": 0.75, "closable": 0.8}
+    cache.write_text(json.dumps({"source_sha256": "s", "asked": {"a": asked, "c": None}}))
+    assert oracle_gaps(tmp_path, labels, cache, source_sha256="s", workers=1) == {"a": asked}
+
+
+def test_nothing_can_be_closed_where_re_tuning_leaves_nothing():
+    assert closable_share((1.005, 1.0), (1.0, 1.0)) is None
+    # A twin that is left with more than the campaign itself: the effect hid something else.
+    assert closable_share((2.0, 1.0), (2.5, 1.0)) == pytest.approx(1.0 - 5.25 / 3.0)
+    assert closable_share((2.0, 1.0), (0.9, 1.0)) == 1.0
 
 
 def test_the_identity_of_the_software_is_that_of_its_sources():
@@ -133,3 +141,6 @@ def test_the_real_diagnosis_answers_a_set(tmp_path, capsys):
     assert sum(sum(row) for row in score["confusion"]["counts"]) == 2
     assert set(score["confusion"]["rows"]) >= set(CATALOGUE)
     assert page.exists()
+    if set(score["n_by_kind"]) & {"effect", "pair"}:
+        asked = json.loads((tmp_path / "set.key.oracle.json").read_text())["asked"]
+        assert all(one is None or one["closable"] is None or one["closable"] <= 1.0 for one in asked.values())

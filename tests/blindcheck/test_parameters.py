@@ -191,30 +191,35 @@ def test_sets_sealed_without_true_parameters_still_score():
     )
 
 
-def claim(name: str, stated: float, oracle: float, reach: float) -> Case:
+def claim(name: str, stated: float, oracle: float, closable: float | None) -> Case:
     return Case(
         name="c", kind="effect", effects={"edge_force": 1.0}, probabilities={name: 1.0}, gap_closed=stated,
-        gap_closed_ci95=(stated - reach, stated + reach), oracle_gap_closed=oracle,
+        gap_closed_ci95=(stated - 0.1, stated + 0.1), oracle_gap_closed=oracle, closable=closable,
     )  # fmt: skip
 
 
-def test_right_claims_are_held_against_the_oracle_on_their_own():
+def test_right_claims_are_held_against_what_can_be_closed():
     gap = score(
         [
-            claim("edge_force", 0.60, 0.80, 0.10),
-            claim("edge_force", 0.73, 0.80, 0.10),
-            claim("edge_force", 0.90, 1.00, 0.01),
-            claim("edge_force", -0.20, 0.0, 0.30),
+            claim("edge_force", 0.60, 0.65, 0.80),
+            claim("edge_force", 0.76, 0.80, 0.80),
+            claim("edge_force", 0.95, 1.00, 1.00),
+            claim("edge_force", 0.20, 0.0, None),
             claim("blade_wear", 0.10, 0.90, 0.90),
         ]
     ).gap
     assert gap is not None
     assert (gap.coverage.hits, gap.coverage.n) == (3, 5)
-    assert (gap.right_coverage.hits, gap.right_coverage.n) == (2, 4)
-    # Medians over the three where the oracle closes something.
-    assert gap.share_of_oracle.value == pytest.approx(0.73 / 0.80)
-    assert gap.share_of_oracle.low <= 0.9125 <= gap.share_of_oracle.high
+    assert gap.share_of_oracle.value == pytest.approx(0.76 / 0.80)
+    assert (gap.share_of_closable.n, gap.share_of_closable.value) == (3, pytest.approx(0.76 / 0.80))
+    assert gap.share_of_closable.low <= 0.95 <= gap.share_of_closable.high
     assert (gap.closes_enough.hits, gap.closes_enough.n) == (2, 3)
+
+
+def test_a_twin_that_was_not_made_leaves_the_oracle_alone():
+    gap = score([claim("edge_force", 0.6, 0.6, None)]).gap
+    assert gap is not None
+    assert (gap.closes_enough.n, gap.share_of_closable.value, gap.coverage.hits) == (0, None, 1)
 
 
 # States the number of whichever effect the case hides, which the program under test is told through its size.
