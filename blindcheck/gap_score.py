@@ -12,6 +12,8 @@ from blindcheck.scored_case import Case
 
 # Share of what can be closed that a right claim should close.
 ENOUGH = 0.9
+# Where less of the gap can be closed it is that of the small background effects, and the share says nothing.
+LEAST_CLOSABLE = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -28,9 +30,10 @@ class GapScore:
     share_of_oracle : Estimate
         Median stated over median oracle, of right claims where the oracle closes something.
     share_of_closable : Estimate
-        Median stated over median of what is gone where nature is made without the effects, of right claims.
+        Median stated over median of what is gone where nature is made without the effects, of right claims where that
+        is at least `LEAST_CLOSABLE`.
     closes_enough : Proportion
-        How often at least `ENOUGH` of that is closed, of right claims.
+        How often at least `ENOUGH` of that is closed, of the same.
     """
 
     error: Estimate
@@ -49,7 +52,7 @@ def gap_score(cases: Sequence[Case]) -> GapScore | None:
     right = [case for case in chosen if case.answer == case.truth]
     error = _values(chosen, "gap_closed") - _values(chosen, "oracle_gap_closed")
     told = [case for case in right if (case.oracle_gap_closed or 0.0) > 0.0]
-    open_gap = [case for case in right if (case.closable or 0.0) > 0.0]
+    open_gap = [case for case in right if (case.closable or 0.0) >= LEAST_CLOSABLE]
     closed, closable = _values(open_gap, "gap_closed"), _values(open_gap, "closable")
     return GapScore(
         error=mean_of(error),
