@@ -196,7 +196,7 @@ def _of_cell(cell: Cell | None, read: Callable[[Cell], float]) -> float | None:
 
 
 def _times(cell: Cell) -> float:
-    return cell.energy / cell.expected
+    return cell.misfit / cell.expected
 
 
 def _first_number(place: str) -> float:

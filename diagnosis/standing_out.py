@@ -3,17 +3,16 @@
 A cell is a part of the whitened equation residuals z that re-tuned parameters leave: an equation in a sector of the
 crank angle, in a band of harmonics, in a part of the trials or of the start-up, or at an operating point. Were nothing
 but noise, mistuned parameters and a little of every effect (`diagnosis.evidence.background`, S) there, z = M^-1 y would
-have the covariance M^-1 + (M^-1 S)(M^-1 S)', and the energy of a cell with probes U would be a weighted sum of
-chi-squared numbers, the weights being the eigenvalues of U cov(z) U'.
+have the covariance M^-1 + (M^-1 S)(M^-1 S)'. A cell with probes U is judged by its misfit u' A^-1 u, u = U z, where A
+is no smaller than the covariance of u can be, A = n UU' + (U M^-1 S)(U M^-1 S)':
 
-The test errs on the side of finding nothing, in three ways.
-
-- All weights are taken as large as the largest, with as many degrees of freedom as keep the mean: of all weighted sums
-  with that mean and that largest weight, this one has the heaviest tail.
-- What the model of an intact machine misses is the same in every time block and every repeat of an operating point, so
-  these count once: the largest weight of the noise is multiplied by their number.
+- What the model of an intact machine misses is the same in every time block and every repeat of an operating point. So
+  the noise counts n times, n being the number of blocks and repeats, as if all of it were of that kind.
 - The noise is taken as large as it is stated, though an intact machine leaves only the share `WEIGHTS.quiet` of it:
   that share differs from cell to cell.
+
+The misfit is then a weighted sum of chi-squared numbers with no weight above 1. It is held against the chi-squared law
+with its expectation as degrees of freedom: of all such sums with that expectation, that one has the heaviest tail.
 
 Of all cells together those stand out that the rule of Benjamini and Yekutieli (2001, doi 10.1214/aos/1013699998) allows
 at a false discovery rate of 5 %; it holds however the cells depend on each other, as these do: they overlap.
@@ -54,10 +53,10 @@ class Cell:
     equation : Equation
     place : str
         Degrees, harmonics, part of the trial's time, time after the first motion, or the operating point.
-    energy : float
-        Sum of squares of the whitened residual.
+    misfit : float
+        Square of the residual, over what noise and a little of every effect could be.
     expected : float
-        What noise and a little of every effect would leave of it.
+        Misfit without a gap: the degrees of freedom.
     p_value : float
     q_value : float
         Smallest false discovery rate at which the cell stands out.
@@ -66,7 +65,7 @@ class Cell:
     partition: Partition
     equation: Equation
     place: str
-    energy: float
+    misfit: float
     expected: float
     p_value: float
     q_value: float
@@ -100,13 +99,39 @@ class _Piece:
 
 
 class _Sums:
-    """Energy of a cell, its expectation, and the small effects as the cell sees them."""
+    """Sums over the trials from which a cell is judged: everything over the noise at its largest."""
 
-    def __init__(self) -> None:
-        self.energy = 0.0
-        self.noise = 0.0
-        self.largest = 0.0
-        self.small: list[Floats] = []
+    def __init__(self, n_small: int, n_taken: int) -> None:
+        self.square = self.noise = 0.0
+        self.small_on_rest = np.zeros(n_small)
+        self.small = np.zeros((n_small, n_small))
+        self.small_on_noise = np.zeros((n_small, n_small))
+        self.taken_on_small = np.zeros((n_taken, n_small))
+
+    def add(self, piece: _Piece, rest: Floats, taken: Floats, small: Floats) -> None:
+        """Count one trial in; arrays by block, shapes (n_blocks, size, n_columns)."""
+        from scipy.linalg import solve_triangular
+
+        root = np.linalg.cholesky(piece.n_alike * piece.probes @ piece.probes.T)
+        probes = solve_triangular(root, piece.probes, lower=True)
+        seen = (probes @ rest[piece.blocks]).ravel()
+        lost = (probes @ taken[piece.blocks]).reshape(len(seen), taken.shape[2])
+        slight = (probes @ small[piece.blocks]).reshape(len(seen), small.shape[2])
+        gram = slight.T @ slight
+        self.square += float(seen @ seen)
+        self.noise += len(seen) / piece.n_alike - float(np.sum(lost**2))
+        self.small_on_rest += slight.T @ seen
+        self.small += gram
+        self.small_on_noise += gram / piece.n_alike
+        self.taken_on_small += lost.T @ slight
+
+    def misfit(self) -> tuple[float, float]:
+        """Misfit and its expectation (Woodbury: A is never formed)."""
+        inner = np.linalg.inv(np.eye(len(self.small)) + self.small)
+        found = self.square - float(self.small_on_rest @ inner @ self.small_on_rest)
+        noise = self.noise - float(np.sum(inner * self.small_on_noise))
+        noise += float(np.sum((self.taken_on_small @ inner) * self.taken_on_small))
+        return found, noise + float(np.sum(inner * self.small))
 
 
 def find_cells(problem: LinearProblem) -> tuple[Cell, ...]:
@@ -131,13 +156,8 @@ def find_cells(problem: LinearProblem) -> tuple[Cell, ...]:
     for part in problem.parts:
         rows, hidden, little = (_by_block(part, values) for values in (rest[:, None], taken, small))
         for piece in _pieces(part, max(repeats[part.setting.operating_point], 1)):
-            sums = found.setdefault(piece.key, _Sums())
-            seen, lost, slight = (piece.probes @ values[piece.blocks] for values in (rows, hidden, little))
-            sums.energy += float(np.sum(seen**2))
-            sums.noise += len(seen) * len(piece.probes) - float(np.sum(lost**2))
-            gram = piece.probes @ piece.probes.T
-            sums.largest = max(sums.largest, piece.n_alike * float(np.linalg.eigvalsh(gram)[-1]))
-            sums.small.append(slight.reshape(len(slight) * len(piece.probes), slight.shape[-1]))
+            sums = found.setdefault(piece.key, _Sums(small.shape[1], taken.shape[1]))
+            sums.add(piece, rows, hidden, little)
     return _judged(found)
 
 
@@ -149,24 +169,18 @@ def _by_block(part: Part, values: Floats) -> Floats:
 def _judged(found: dict[tuple[Partition, Equation, str], _Sums]) -> tuple[Cell, ...]:
     from scipy.stats import chi2, false_discovery_control
 
-    kept = {key: sums for key, sums in found.items() if sums.noise > _LEAST_EXPECTED}
+    kept = {key: sums.misfit() for key, sums in found.items() if sums.noise > _LEAST_EXPECTED}
     if not kept:
         return ()
-    expected, p_values = [], []
-    for sums in kept.values():
-        small = np.concatenate(sums.small)
-        mean = sums.noise + float(np.sum(small**2))
-        largest = sums.largest + (float(np.linalg.eigvalsh(small.T @ small)[-1]) if small.size else 0.0)
-        expected.append(mean)
-        p_values.append(float(chi2.sf(sums.energy / largest, mean / largest)))
+    p_values = [float(chi2.sf(misfit, expected)) for misfit, expected in kept.values()]
     q_values = false_discovery_control(p_values, method="by")
     return tuple(
         Cell(
-            partition=partition, equation=equation, place=place, energy=sums.energy, expected=mean, p_value=p,
+            partition=partition, equation=equation, place=place, misfit=misfit, expected=expected, p_value=p,
             q_value=float(q),
         )
-        for ((partition, equation, place), sums), mean, p, q in zip(
-            kept.items(), expected, p_values, q_values, strict=True
+        for ((partition, equation, place), (misfit, expected)), p, q in zip(
+            kept.items(), p_values, q_values, strict=True
         )
     )  # fmt: skip
 

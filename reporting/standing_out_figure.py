@@ -91,7 +91,7 @@ def standing_out_picture(found: Mapping[str, Any]) -> Picture | None:
         scale = ScalarMappable(norm=norm, cmap="viridis_r")
         bar = figure.colorbar(scale, ax=list(panels.values()), pad=0.01, aspect=40)
         bar.ax.set_yticks(_LEVELS, [str(level) for level in _LEVELS], fontsize=8.0)
-        bar.set_label("energy over what is expected without a gap", fontsize=8.5)
+        bar.set_label("misfit over what is expected without a gap", fontsize=8.5)
         svg = figure_to_svg(
             figure, name="standing-out", title="Which places stand out", description=standing_out_sentence(found)
         )
