@@ -22,6 +22,7 @@ from diagnosis.reduction import CHANNEL_OF_STATE, lock_to_angle, running_state, 
 from diagnosis.screening import is_stock_stated, screen, summary
 from diagnosis.slow_states import SlowTrack, slow_tracks
 from diagnosis.state import TWO_PI, State, TrialSetting
+from diagnosis.stroke_ripple import restore_ripple
 from diagnosis.stroke_series import StrokeSeries, stroke_series
 
 # The spin-up and the settling of the stroke rate after it stay out of the running part.
@@ -109,13 +110,15 @@ def reduce_campaign(
         return _without_displacement(ordered, baseline, warnings)
     usable: list[Recording] = []
     angles: list[CrankAngle] = []
+    ripples: dict[str, Floats] = {}
     for number, recording in enumerate(ordered):
-        angle, reason = _angle(recording, baseline)
-        if angle is None:
+        found, reason = _angle(recording, baseline)
+        if found is None:
             warnings.append(f"{recording.trial.trial_id} left out: {reason}")
         else:
             usable.append(recording)
-            angles.append(angle)
+            angles.append(found[0])
+            ripples[recording.trial.trial_id] = found[1]
         if on_trial is not None:
             on_trial(number + 1, len(ordered), recording.trial.trial_id)
     if not usable:
@@ -128,6 +131,7 @@ def reduce_campaign(
         steady_s = steady_part(angle, moving_s)
         states += _states(baseline, recording, angle, track, index, moving_s, steady_s, warnings)
         series.append(_strokes(baseline, recording, angle, steady_s))
+    states = [replace(state, ripple_std_rad=ripples[state.setting.label]) for state in states]
     _refuse_foreign_angles(states, warnings)
     if not states:
         raise InputError(f"no trial runs long enough to be diagnosed: {summary(warnings)}")
@@ -158,7 +162,7 @@ def _in_order(recordings: Sequence[Recording]) -> list[Recording]:
     return list(recordings)
 
 
-def _angle(recording: Recording, baseline: Baseline) -> tuple[CrankAngle | None, str]:
+def _angle(recording: Recording, baseline: Baseline) -> tuple[tuple[CrankAngle, Floats] | None, str]:
     from processing.crank_angle import track_crank_angle
 
     if recording.trial.duty is None:
@@ -166,8 +170,11 @@ def _angle(recording: Recording, baseline: Baseline) -> tuple[CrankAngle | None,
     signal = recording.signals.get(DISPLACEMENT.name)
     if signal is None:
         return None, "it has no displacement, so neither crank angle nor speed is known"
-    angle = track_crank_angle(signal.time_s, signal.values * DISPLACEMENT.si_factor, nominal_radius_m=baseline.radius_m)
-    return angle, "its displacement shows no strokes"
+    stroke_m = signal.values * DISPLACEMENT.si_factor
+    angle = track_crank_angle(signal.time_s, stroke_m, nominal_radius_m=baseline.radius_m)
+    if angle is None:
+        return None, "its displacement shows no strokes"
+    return restore_ripple(angle, signal.time_s, stroke_m), ""
 
 
 def _states(

@@ -8,7 +8,7 @@ everything is kept whitened by C (a Cholesky factor per block), and M is never f
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,11 +16,15 @@ from bench.recording import Floats
 from diagnosis.campaign import Campaign
 from diagnosis.equations import Equation, Signature
 from diagnosis.features import Layout, block_matrix, layout_of
-from diagnosis.state import State, TrialSetting
+from diagnosis.noise import contrast_misfit, noise_of, scatter_of
+from diagnosis.state import TWO_PI, State, TrialSetting
+from diagnosis.weighing import WEIGHTS
 
 # Unit-to-unit scatter is correlated from block to block; variance of a block mean is that much larger.
 _CORRELATION_FACTOR = 1.5
 WIDE = 5.0
+# An intact machine leaves what the scatter predicts, give or take a quarter.
+_QUIET_SHARE = 1.25
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -93,6 +97,9 @@ class LinearProblem:
         Whitened signatures, times their prior standard deviation.
     names : tuple of str
     prior_std : ndarray, shape (p,)
+    quiet : float
+        Whitened misfit over features that an intact machine leaves on this bench: what its scatter says, but no less
+        than `WEIGHTS.quiet`.
     """
 
     campaign: Campaign
@@ -101,6 +108,7 @@ class LinearProblem:
     nuisance: Floats
     names: tuple[str, ...]
     prior_std: Floats
+    quiet: float = WEIGHTS.quiet
 
     def project(self, signature: Callable[[State], Signature]) -> Floats:
         """Whitened features of a signature evaluated on every state, shape (n,)."""
@@ -140,19 +148,17 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True) -> LinearPr
         layout = layout_of(state, residual, n_harmonics)
         if layout.equations:
             found.append((state, layout, layout.place(residual, state.angle_rad.shape[0])))
-    scatter = _scatter(found)
+    scatter = scatter_of(found)
+    rates = [float(state.speed_rad_s.mean()) / TWO_PI for state, _, _ in found if state.kind == "running"]
+    rate_hz = float(np.mean(rates)) if rates else 1.0
     parts: list[Part] = []
+    expected = 0.0
     data: list[Floats] = []
     start = 0
     for state, layout, features in found:
         blocks = block_matrix(len(features)) if state.kind == "running" else np.eye(1)
-        covariance = plant.model_error(layout, state)
-        if state.kind == "running":
-            strokes = float(state.n_strokes[0]) / float((blocks[0] ** 2).sum())
-            for equation, place in layout.slices.items():
-                known = scatter.get((state.setting.is_idle, equation))
-                if known is not None:
-                    covariance[place, place] += _CORRELATION_FACTOR * known / strokes
+        noise = noise_of(state, layout, blocks, scatter, rate_hz)
+        covariance = plant.model_error(layout, state) + _CORRELATION_FACTOR * noise
         whitener: Floats = np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.float64)
         size = blocks.shape[0] * layout.size
         part = Part(
@@ -161,45 +167,19 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True) -> LinearPr
         )  # fmt: skip
         parts.append(part)
         data.append(((blocks @ features) @ whitener.T).ravel())
+        expected += blocks.shape[0] * float(np.einsum("ij,jk,ik->", whitener, noise, whitener))
         start += size
+    contrasts = contrast_misfit([d.reshape(-1, p.layout.size) for d, p in zip(data, parts, strict=True)])
     empty = LinearProblem(
-        campaign=campaign, parts=tuple(parts), data=np.concatenate(data), nuisance=np.zeros((start, 0)),
-        names=(), prior_std=np.zeros(0),
-    )  # fmt: skip
+        campaign=campaign,
+        parts=tuple(parts),
+        data=np.concatenate(data),
+        nuisance=np.zeros((start, 0)),
+        names=(),
+        prior_std=np.zeros(0),
+        quiet=min(max(WEIGHTS.quiet, _QUIET_SHARE * max(expected / start, contrasts)), 1.0),
+    )
     return _with_nuisances(empty)
-
-
-def _scatter(found: list[tuple[State, Layout, Floats]]) -> dict[tuple[bool, str], Floats]:
-    """Covariance of a single stroke's features, pooled over idle and over cutting trials: a few factors and a rest.
-
-    Wood scatters in one or two directions (the whole force, its place in the stroke); what is left is sensor
-    noise. A factor model keeps the two apart where shrinking to the diagonal would spread the wood over all.
-    Equations are kept apart: what their residuals have in common from stroke to stroke comes of mistuned
-    parameters, and a gap of one equation must not be taken for scatter of another.
-    """
-    pools: dict[tuple[bool, str], list[Floats]] = {}
-    for state, layout, features in found:
-        n = len(features)
-        if state.kind != "running" or n < 4:
-            continue
-        time = np.arange(n) - 0.5 * (n - 1)
-        trend = np.outer(time, time @ features) / (time @ time)
-        deviation = (features - features.mean(axis=0) - trend) * np.sqrt(n / (n - 2) * state.n_strokes[0])
-        for equation, part in layout.slices.items():
-            pools.setdefault((state.setting.is_idle, equation), []).append(deviation[:, part])
-    return {key: _factors(np.concatenate(rows)) for key, rows in pools.items()}
-
-
-def _factors(deviation: Floats) -> Floats:
-    """Covariance of rows of shape (n, size) as factors above the noise edge of random correlations, plus a diagonal."""
-    n, size = deviation.shape
-    spread = np.sqrt(np.mean(deviation**2, axis=0)) + 1e-12
-    _, values, vectors = np.linalg.svd(deviation / spread / np.sqrt(n), full_matrices=False)
-    edge = (1.0 + np.sqrt(size / n)) ** 2
-    kept = values**2 > edge
-    loads = (values[kept, None] * vectors[kept]).T
-    rest = np.maximum(1.0 - np.sum(loads**2, axis=1), 1e-3)
-    return (loads @ loads.T + np.diag(rest)) * np.outer(spread, spread)
 
 
 def _with_nuisances(problem: LinearProblem) -> LinearProblem:
@@ -215,10 +195,7 @@ def _with_nuisances(problem: LinearProblem) -> LinearProblem:
 
     for nuisance in (*plant.nuisances(), *plant.trial_nuisances(campaign.states)):
         add(nuisance.name, nuisance.std, lambda s, n=nuisance: n.signature(plant.model, s))
-    return LinearProblem(
-        campaign=campaign, parts=problem.parts, data=problem.data, nuisance=np.array(columns).T,
-        names=tuple(names), prior_std=np.array(stds),
-    )  # fmt: skip
+    return replace(problem, nuisance=np.array(columns).T, names=tuple(names), prior_std=np.array(stds))
 
 
 class Widened:

@@ -22,7 +22,7 @@ from diagnosis.form_error import FORM_SHARES, covariates, form_modes
 from diagnosis.linear_problem import WIDE, LinearProblem, Marginal, Widened
 from diagnosis.log_mean import log_mean_exp
 from diagnosis.stroke_series import Grain, grain_evidence
-from diagnosis.weighing import AND, VERDICTS, WEIGHTS, weigh
+from diagnosis.weighing import AND, VERDICTS, weigh
 
 GRAIN = "grain_variation"
 Verdict = Literal["effect", "effects", "parameters", "no_gap", "unknown"]
@@ -135,14 +135,19 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
         log_evidence[_pair_name(pair)] = pair.log_evidence
         left_over[_pair_name(pair)] = pair.left_over
     left_over = {name: dispersion * value / len(problem.data) for name, value in left_over.items()}
-    log_evidence["unknown"] = max(_discrepancy(problem, small), *_beyond(problem, nominal, small, beyond)) - reference
+    log_evidence["unknown"] = max([_discrepancy(problem, small), *_beyond(problem, nominal, small, beyond)]) - reference
     shared = {_pair_name(pair): pair.shared for pair in pairs}
     _add_grain(log_evidence, shared, left_over, grain)
-    probabilities = weigh(log_evidence, left_over, shared=shared, n_effects=len(problem.campaign.plant.effects))
+    probabilities = weigh(
+        log_evidence, left_over, n_effects=len(problem.campaign.plant.effects), quiet=problem.quiet, shared=shared
+    )
     return Posterior(
         verdict=_verdict(probabilities),
         probabilities=probabilities,
-        explanations=tuple(with_grain(_undispersed(e, original, dispersion), grain) for e in explanations),
+        explanations=tuple(
+            with_grain(_undispersed(_sized(e, left_over, problem.quiet), original, dispersion), grain)
+            for e in explanations
+        ),
         pairs=tuple(_undispersed_pair(pair, original, dispersion) for pair in pairs),
         log_evidence=log_evidence,
         shared=shared,
@@ -169,7 +174,7 @@ def _dispersion(problem: LinearProblem, catalogue: Catalogue, beyond: dict[str, 
     plain = Marginal(problem)
     found = [*catalogue.explain(plain).values(), *Catalogue(beyond, problem.data).explain(plain).values()]
     gain = max((e.gain for e in found), default=0.0)
-    return max(1.0, (plain.misfit - max(gain, 0.0)) / len(problem.data) / WEIGHTS.quiet)
+    return max(1.0, (plain.misfit - max(gain, 0.0)) / len(problem.data) / problem.quiet)
 
 
 def _dispersed(
@@ -194,6 +199,13 @@ def _undispersed(explanation: Explanation, original: dict[str, list[Column]], di
 def _undispersed_pair(pair: Pair, original: dict[str, list[Column]], dispersion: float) -> Pair:
     first, second = (_undispersed(e, original, dispersion) for e in (pair.first, pair.second))
     return replace(pair, first=first, second=second)
+
+
+def _sized(explanation: Explanation, left_over: dict[str, float], quiet: float) -> Explanation:
+    """A form that leaves much of the gap is not nature's: half of that share, in amplitude, is uncertain."""
+    rest = max(left_over[explanation.effect.name] - quiet, 0.0)
+    share = 0.5 * float(np.sqrt(rest / max(left_over["no_gap"] - quiet, rest, 1e-12)))
+    return replace(explanation, form_share=max(explanation.form_share, share))
 
 
 def with_grain(explanation: Explanation, grain: Grain) -> Explanation:
@@ -322,9 +334,7 @@ def _formed_pair(
     # As with one effect: the second's own form must carry what the pair gains.
     gained = min(log_z - reference - first.log_evidence, 2.0 * max(found.log_evidence, 0.0))
     shared = _shared(problem, first.contribution, found.contribution)
-    return Pair(
-        first=first, second=found, log_evidence=first.log_evidence + gained, left_over=left_over, shared=shared
-    )
+    return Pair(first=first, second=found, log_evidence=first.log_evidence + gained, left_over=left_over, shared=shared)
 
 
 def _shared(problem: LinearProblem, first: Floats, second: Floats) -> float:

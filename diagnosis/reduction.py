@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.processed import CrankAngle
 from bench.recording import Floats, Recording
@@ -32,6 +33,9 @@ CHANNEL_OF_STATE: Final = MappingProxyType(
 _SLOW_TURN = 1.5
 _STOPPING_TURNS = 2
 _SPIN_UP_S = 0.8
+# A harmonic counts in a signature as far as its power is above that many times its own variance.
+_NOISE_MARGIN = 3.0
+_MIN_ROWS_TO_SHRINK = 4
 # Below it the force says nothing of the angle.
 _LEAST_SWING_N = 3.0
 
@@ -136,14 +140,15 @@ def smooth_state(state: State, blocks: Floats, n_harmonics: int = 5) -> State:
         return state
     shape = (len(blocks), state.angle_rad.shape[1])
 
-    def mean(wave: Floats | None, n: int) -> Floats | None:
+    def mean(wave: Floats | None, n: int, *, shrunk: bool = True) -> Floats | None:
         if wave is None:
             return None
-        spectrum = np.fft.rfft(wave.mean(axis=0))
+        rows = np.fft.rfft(wave, axis=1)
+        spectrum = rows.mean(axis=0) * (_signal_share(rows) if shrunk else 1.0)
         spectrum[n + 1 :] = 0.0
         return np.broadcast_to(np.fft.irfft(spectrum, shape[1]), shape)
 
-    speed = mean(state.speed_rad_s, n_harmonics)
+    speed = mean(state.speed_rad_s, n_harmonics, shrunk=False)
     assert speed is not None
     changes: dict[str, Any] = {"speed_rad_s": speed, "acceleration_rad_s2": speed * angle_derivative(speed)}
     for name in ("current_a", "current_rate_a_s", "battery_current_a"):
@@ -156,6 +161,21 @@ def smooth_state(state: State, blocks: Floats, n_harmonics: int = 5) -> State:
     changes["slow"] = {name: blocks @ track for name, track in state.slow.items()}
     changes["n_strokes"] = (blocks > 0) @ state.n_strokes
     return replace(state, **changes)
+
+
+def _signal_share(spectra: NDArray[np.complex128]) -> Floats:
+    """Factor on each harmonic of the mean of rows: 1 where it is certain, 0 where it is no more than noise.
+
+    Squared noise in a signature is evidence out of nothing wherever the residual holds the same noise.
+    """
+    n = len(spectra)
+    if n < _MIN_ROWS_TO_SHRINK:
+        return np.ones(spectra.shape[1])
+    variance = np.sum(np.abs(np.diff(spectra, axis=0)) ** 2, axis=0) / (2.0 * (n - 1) * n)
+    power = np.maximum(np.abs(spectra.mean(axis=0)) ** 2, 1e-30)
+    share = np.clip(1.0 - _NOISE_MARGIN * variance / power, 0.0, 1.0)
+    share[0] = 1.0
+    return share
 
 
 def angle_derivative(waves: Floats) -> Floats:
@@ -326,14 +346,18 @@ def start_up_state(recording: Recording, angle: CrankAngle, setting: TrialSettin
 
 
 def bin_means(time_s: Floats, values: Floats, edges: Floats) -> Floats:
-    """Mean of the samples between neighbouring edges, shape (len(edges) - 1,); empty cells are interpolated."""
-    cell = np.searchsorted(edges, time_s) - 1
-    keep = (cell >= 0) & (cell < len(edges) - 1)
-    count = np.bincount(cell[keep], minlength=len(edges) - 1)
-    total = np.bincount(cell[keep], weights=values[keep], minlength=len(edges) - 1)
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    filled = count > 0
-    return np.interp(middle, middle[filled], total[filled] / count[filled])
+    """Mean between neighbouring edges of the line through the samples, shape (len(edges) - 1,).
+
+    With about one sample a cell, the mean of the samples alone would be that of another time.
+    """
+    before, after = min(time_s[0], edges[0]) - 1e-9, max(time_s[-1], edges[-1]) + 1e-9
+    t = np.concatenate([[before], time_s, [after]])
+    v = np.concatenate([values[:1], values, values[-1:]])
+    area = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
+    k = np.clip(np.searchsorted(t, edges, side="right") - 1, 0, len(t) - 2)
+    into = edges - t[k]
+    slope = (v[k + 1] - v[k]) / np.maximum(t[k + 1] - t[k], 1e-12)
+    return np.diff(area[k] + (v[k] + 0.5 * slope * into) * into) / np.diff(edges)
 
 
 def _assemble(kind, setting, angle_rad, speed, acceleration, waves, rates, time_s, n_strokes) -> State:

@@ -175,9 +175,10 @@ def _defect_of(signal: Signal) -> tuple[str, str] | None:
     low, high = float(values.min()), float(values.max())
     if low == high:
         return f"it is constant at {low + 0.0:.6g} {signal.unit}", "dead sensor or missing cable"
+    working = _while_working(values)
     for end in (low, high):
         # Any real sensor has noise: the same extreme value many times in a row is the end of its range.
-        stuck = np.concatenate([[0], (values == end).astype(np.int8), [0]])
+        stuck = np.concatenate([[0], (working == end).astype(np.int8), [0]])
         if stuck.mean() < _SATURATED_SHARE:
             continue
         edges = np.flatnonzero(np.diff(stuck))
@@ -185,6 +186,18 @@ def _defect_of(signal: Signal) -> tuple[str, str] | None:
             share = 100.0 * float(stuck.mean())
             return f"{share:.1f} % of its samples are stuck at {end:.6g} {signal.unit}", "range of the sensor exceeded"
     return None
+
+
+def _while_working(values: Floats) -> Floats:
+    """Samples between the first and the last that differ from rest by more than a few steps of the converter.
+
+    At rest a coarse converter reads the same value many times in a row, and for a current that is the lowest one.
+    """
+    rest = float(np.median(values[: max(len(values) // 200, 8)]))
+    steps = np.diff(np.unique(values))
+    quantum = float(steps.min()) if len(steps) else 0.0
+    moved = np.flatnonzero(np.abs(values - rest) > max(3.0 * quantum, 0.02 * float(np.ptp(values))))
+    return values[moved[0] : moved[-1] + 1] if len(moved) else values
 
 
 def _without_copies(recordings: Sequence[Recording], warnings: list[str]) -> list[Recording]:

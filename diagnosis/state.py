@@ -76,6 +76,8 @@ class State:
     slow : dict of str to ndarray, shape (n_units, 1)
         Slow states that effects need, computed once a campaign (heat filters, polarization filters).
     n_strokes : ndarray, shape (n_units,)
+    ripple_std_rad : ndarray, shape (k,)
+        Standard uncertainty of the harmonics of the angle within the mean stroke; empty where none is known.
     """
 
     kind: Literal["running", "start_up"]
@@ -95,3 +97,4 @@ class State:
     charge_used_as: Floats
     n_strokes: Floats
     slow: dict[str, Floats] = field(default_factory=dict)
+    ripple_std_rad: Floats = field(default_factory=lambda: np.zeros(0))

@@ -26,7 +26,7 @@ class Weights:
     temperature : float
         Divides log evidences where the noise is as modelled.
     quiet : float
-        Whitened misfit over features that an intact machine leaves.
+        Whitened misfit over features that an intact machine leaves on a quiet bench.
     pair_gain : float
         Log odds of two effects against the stronger one alone, per e-fold of the log evidence that the second adds.
     pair_least, pair_share : float
@@ -39,16 +39,16 @@ class Weights:
         The rest belongs to the effects, evenly.
     """
 
-    temperature: float = 4.0
+    temperature: float = 6.5
     quiet: float = 0.15
-    pair_gain: float = 3.0
-    pair_least: float = 20.0
-    pair_share: float = 0.8
-    open_gain: float = 2.2
-    open_share: float = 0.37
-    prior_no_gap: float = 0.31
-    prior_parameters: float = 0.22
-    prior_unknown: float = 0.085
+    pair_gain: float = 2.4
+    pair_least: float = 15.0
+    pair_share: float = 0.73
+    open_gain: float = 2.8
+    open_share: float = 0.415
+    prior_no_gap: float = 0.445
+    prior_parameters: float = 0.12
+    prior_unknown: float = 0.095
 
 
 WEIGHTS = Weights()
@@ -59,6 +59,7 @@ def weigh(
     left_over: Mapping[str, float],
     *,
     n_effects: int,
+    quiet: float = WEIGHTS.quiet,
     shared: Mapping[str, float] | None = None,
     weights: Weights = WEIGHTS,
 ) -> dict[str, float]:
@@ -72,6 +73,8 @@ def weigh(
         Whitened misfit over the number of features after each hypothesis; of "unknown" none.
     n_effects : int
         Size of the catalogue, for the priors.
+    quiet : float
+        Whitened misfit over features that an intact machine leaves on this bench.
     shared : mapping of str to float, optional
         How much of each pair's second effect lies where the first moves the equations; 1 where nothing is said.
     weights : Weights
@@ -94,7 +97,7 @@ def weigh(
     _share_with_pairs(score, log_evidence, shared or {}, w)
     claims = [n for n in score if np.isfinite(left_over.get(n, np.inf))]
     best = max(claims, key=lambda n: score[n])
-    left = max(left_over[best] - 1.7 * w.quiet, 0.0)
+    left = max(left_over[best] - 1.7 * quiet, 0.0)
     gap = max(left_over["no_gap"] - left_over[best], 0.0) + left
     share = (left + 0.02) / (gap + 0.2)
     score["unknown"] = max(

@@ -16,6 +16,8 @@ from diagnosis.effects.effect import Effect, Strength
 from diagnosis.equations import Baseline, Signature
 from diagnosis.state import State
 
+_FRACTIONS = (0.02, 0.03, 0.04, 0.055, *np.arange(0.07, 0.25, 0.015).round(3).tolist(), 0.265, 0.29, 0.32, 0.36, 0.4)
+
 
 def _signature(baseline: Baseline, state: State, fraction: float, ramp: float) -> tuple[Signature, ...]:
     travelled = 0.5 * (1.0 - baseline.cutting_sign * np.cos(state.angle_rad))
@@ -29,11 +31,7 @@ EFFECT = Effect(
     equation="F = 0 until a fraction of the cutting half is travelled",
     strength=Strength(name="fraction", unit="1", typical=1.0, low=0.7, high=1.3, source="assumed"),
     signature=_signature,
-    shapes=tuple(
-        {"fraction": d, "ramp": ramp}
-        for d in (0.02, 0.04, 0.07, 0.1, 0.14, 0.18, 0.22, 0.27, 0.33, 0.4)
-        for ramp in (0.01, 0.08)
-    ),
+    shapes=tuple({"fraction": d, "ramp": ramp} for d in _FRACTIONS for ramp in (0.01, 0.03, 0.08)),
     shape_strength=lambda amplitude, shape: amplitude * shape["fraction"],
     needs=("force_n",),
     grows_with=("position",),

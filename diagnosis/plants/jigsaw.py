@@ -26,6 +26,8 @@ _FLOOR = {
     "electrical": (0.002, 2e-4), "mechanical": (2e-4, 2e-4), "cutting": (0.06, 0.0), "supply": (1e-3, 0.0),
     "converter": (1.5e-3, 0.0),
 }  # fmt: skip
+# Mean voltages are not measured to better than some 0.05 % of 10 V, at whatever current.
+_MEAN_VOLTAGE_FLOOR_V = 0.005
 # A load cell is not linear to better than some thousandths of its peak, and that is smooth over the stroke.
 _FORCE_SHARE, _FORCE_HARMONIC = 1e-3, 4.0
 # At the first motion, falling to the running floor by the end: the tracked speed is least certain there.
@@ -109,10 +111,26 @@ class Jigsaw:
                 n = (part.stop - part.start - 1) // 2
                 order = np.concatenate([[0.0], np.arange(1.0, n + 1), np.arange(1.0, n + 1)])
                 floor[part] = np.hypot(least, growth * order ** (2.0 if equation == "mechanical" else 1.0))
+                if equation == "electrical":
+                    floor[part.start] = _MEAN_VOLTAGE_FLOOR_V
                 if equation == "cutting" and not state.setting.is_idle:
                     peak_n = float(state.slow["peak_force_n"].max())
                     floor[part] = np.hypot(floor[part], _FORCE_SHARE * peak_n / (1.0 + (order / _FORCE_HARMONIC) ** 2))
+                if equation in ("electrical", "mechanical"):
+                    floor[part] = np.hypot(floor[part], self._ripple_error(equation, order, state))
         return np.diag(floor**2)
+
+    def _ripple_error(self, equation: Equation, order: Floats, state: State) -> Floats:
+        """What an uncertain wave of the angle makes of back-EMF or inertia torque, at each harmonic."""
+        known = np.concatenate([[0.0], state.ripple_std_rad])
+        std = known[np.minimum(order.astype(int), len(known) - 1)] * (order < len(known))
+        baseline, plant = self.baseline, self.baseline.plant
+        faster = order * float(state.speed_rad_s.mean())
+        if equation == "electrical":
+            return plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * faster * std
+        swung = plant.yoke_inertia_kg_m2.nominal + 0.5 * plant.reciprocating_mass_kg.nominal * baseline.radius_m**2
+        inertia = plant.rotor_inertia_kg_m2.nominal * baseline.gear + swung / baseline.gear
+        return inertia * faster**2 * std
 
     def nuisances(self) -> tuple[Nuisance, ...]:
         """See `diagnosis.nuisances.nuisances_of`."""
