@@ -1,7 +1,7 @@
 """Fit the constants of `diagnosis.weighing` on development campaigns, and say how well the diagnosis does on them.
 
-    python benchmarks/calibrate_diagnosis.py collect OUT [--cases N] [--workers 2]
-    python benchmarks/calibrate_diagnosis.py fit OUT [--fixed]
+    python -m benchmarks.calibrate_diagnosis collect OUT [--cases N] [--workers 2]
+    python -m benchmarks.calibrate_diagnosis fit OUT [--fixed]
 
 `collect` simulates campaigns of the seeds 1 to 999 with the blind check's plant, weighs every hypothesis and keeps the
 log evidences (resumable, about 12 s a campaign and core). `fit` maximises the weighted log-likelihood of the truth over
