@@ -49,9 +49,7 @@ WARMING_FRICTION = Effect(
     strength=Strength(name="torque_n_m", unit="N*m", typical=0.005, low=0.2, high=4.0, source="assumed"),
     signature=_warming_friction,
     shapes=tuple(
-        {"time_constant_s": float(tau), "viscous": viscous}
-        for tau in (3.0, 10.0, 30.0, 100.0)
-        for viscous in (0.0, 1.0)
+        {"time_constant_s": float(tau), "viscous": viscous} for tau in (3.0, 10.0, 30.0) for viscous in (0.0, 1.0)
     ),
 )
 BEYOND_CATALOGUE = (BENT_DISPLACEMENT, WARMING_FRICTION)

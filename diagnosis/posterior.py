@@ -332,7 +332,7 @@ def _formed_pair(
     both = np.hstack([modes[first.effect.name], modes[name]])
     log_z, left_over, found = explain_formed(problem, np.hstack([small, given]), both, columns[name], FORM_SHARES)
     # As with one effect: the second's own form must carry what the pair gains.
-    gained = min(log_z - reference - first.log_evidence, 2.0 * max(found.log_evidence, 0.0))
+    gained = min(log_z - reference - first.log_evidence, 2.0 * second.log_evidence)
     shared = _shared(problem, first.contribution, found.contribution)
     return Pair(first=first, second=found, log_evidence=first.log_evidence + gained, left_over=left_over, shared=shared)
 

@@ -39,16 +39,16 @@ class Weights:
         The rest belongs to the effects, evenly.
     """
 
-    temperature: float = 6.5
+    temperature: float = 6.0
     quiet: float = 0.15
-    pair_gain: float = 2.4
-    pair_least: float = 15.0
-    pair_share: float = 0.73
-    open_gain: float = 2.8
-    open_share: float = 0.415
-    prior_no_gap: float = 0.445
-    prior_parameters: float = 0.12
-    prior_unknown: float = 0.095
+    pair_gain: float = 2.9
+    pair_least: float = 16.7
+    pair_share: float = 0.66
+    open_gain: float = 2.0
+    open_share: float = 0.45
+    prior_no_gap: float = 0.45
+    prior_parameters: float = 0.13
+    prior_unknown: float = 0.085
 
 
 WEIGHTS = Weights()
