@@ -1,11 +1,12 @@
 """Fit the constants of `diagnosis.weighing` on development campaigns, and say how well the diagnosis does on them.
 
     python -m benchmarks.calibrate_diagnosis collect OUT [--cases N] [--workers 2]
-    python -m benchmarks.calibrate_diagnosis fit OUT [--fixed]
+    python -m benchmarks.calibrate_diagnosis fit OUT [--fixed | --temperature T]
 
 `collect` simulates campaigns of the seeds 1 to 999 with the blind check's plant, weighs every hypothesis and keeps the
 log evidences (resumable, about 12 s a campaign and core). `fit` maximises the weighted log-likelihood of the truth over
-the nine constants, which all effects share; with `--fixed` it only reports on the constants as they are. Weights of
+the nine constants, which all effects share; `--temperature` holds that one where it is put (the product takes a higher one
+than the fit asks for, to claim less), and with `--fixed` it only reports on the constants as they are. Weights of
 the kinds: 20 % none, 10 % parameters, 50 % one effect, 10 % two, 10 % outside the catalogue, all at 0.5 to 2 times
 typical. Seeds above 999 are for claims and are refused.
 """
@@ -83,7 +84,13 @@ def collect_one(row: dict[str, Any], out_dir: Path) -> str:
         posterior = judge(problem, catalogue_columns(problem, campaign.plant.effects))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-    found = {**row, "log_evidence": posterior.log_evidence, "left_over": posterior.left_over, "shared": posterior.shared}
+    found = {
+        **row,
+        "log_evidence": posterior.log_evidence,
+        "left_over": posterior.left_over,
+        "shared": posterior.shared,
+        "quiet": problem.quiet,
+    }
     part = path.with_suffix(".part")
     part.write_text(json.dumps(found), encoding="utf-8")
     part.rename(path)
@@ -116,7 +123,14 @@ def weights_of(x: np.ndarray) -> Weights:
 
 def weighed(row: dict[str, Any], weights: Weights) -> dict[str, float]:
     """Probabilities of one record."""
-    return weigh(row["log_evidence"], row["left_over"], shared=row["shared"], n_effects=N_EFFECTS, weights=weights)
+    return weigh(
+        row["log_evidence"],
+        row["left_over"],
+        n_effects=N_EFFECTS,
+        quiet=row["quiet"],
+        shared=row["shared"],
+        weights=weights,
+    )
 
 
 def log_loss(rows: list[dict[str, Any]], weights: Weights) -> float:
@@ -131,17 +145,21 @@ def log_loss(rows: list[dict[str, Any]], weights: Weights) -> float:
     return loss
 
 
-def fit(rows: list[dict[str, Any]]) -> Weights:
+def fit(rows: list[dict[str, Any]], temperature: float | None = None) -> Weights:
     """Maximise the likelihood of the truth, the constants drawn a little to where they start."""
     from scipy.optimize import minimize
 
     start = np.log(np.array([6.0, 3.0, 20.0, 0.8, 3.0, 0.35, 0.3 / 0.45, 0.15 / 0.45, 0.1 / 0.45]))
 
+    held = None if temperature is None else np.log(temperature)
+
     def cost(x: np.ndarray) -> float:
+        x = x if held is None else np.append(held, x[1:])
         return log_loss(rows, weights_of(x)) + 0.003 * float(np.sum((x - start) ** 2))
 
     options = {"maxiter": 900, "xatol": 0.02, "fatol": 1e-5, "adaptive": True}
-    return weights_of(minimize(cost, start, method="Nelder-Mead", options=options).x)
+    found = minimize(cost, start, method="Nelder-Mead", options=options).x
+    return weights_of(found if held is None else np.append(held, found[1:]))
 
 
 def report(rows: list[dict[str, Any]], weights: Weights) -> str:
@@ -176,6 +194,7 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--cases", type=int, default=_ROUNDS * 68)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--temperature", type=float, help="hold the temperature there")
     parser.add_argument("--fixed", action="store_true", help="report on the constants as they are")
     told = parser.parse_args()
     if told.step == "collect":
@@ -188,7 +207,7 @@ def main() -> None:
                 print(k, job.get(), flush=True)
         return
     rows = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(told.out.glob("case-*.json"))]
-    weights = WEIGHTS if told.fixed else fit(rows)
+    weights = WEIGHTS if told.fixed else fit(rows, told.temperature)
     print(json.dumps(asdict(weights), indent=2))
     print(report(rows, weights))
 

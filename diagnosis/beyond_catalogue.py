@@ -16,6 +16,8 @@ from diagnosis.state import State
 
 _N_BENT_HARMONICS = 4
 _BENT_RAD = 0.03
+# The torque of viscous friction is stated at this speed of the motor.
+_UNIT_RAD_S = 1000.0
 
 
 def _bent_displacement(baseline: Baseline, state: State) -> tuple[Signature, ...]:
@@ -32,7 +34,7 @@ def _warming_friction(
     """Friction that falls while the machine runs and is back after a rest: stiff grease, cold bearings."""
     cold = np.exp(-np.broadcast_to(state.time_s, state.angle_rad.shape) / time_constant_s)
     speed = baseline.gear * state.speed_rad_s
-    return ({"mechanical": cold * (speed / float(np.mean(speed)) if viscous else np.ones_like(speed))},)
+    return ({"mechanical": cold * (speed / _UNIT_RAD_S if viscous else np.ones_like(speed))},)
 
 
 BENT_DISPLACEMENT = Effect(

@@ -14,7 +14,8 @@ from diagnosis.state import State
 Scatter = Mapping[tuple[bool, str], Floats]
 # A stroke's mean is remembered for that many strokes: what drifts slowly is the same in neighbouring bins of a start.
 _MEMORY_STROKES = 3.0
-_LEAST_UNITS = 4
+_LEAST_UNITS = 3
+_LEAST_BLOCKS = 4
 
 
 def scatter_of(found: Sequence[tuple[State, Layout, Floats]]) -> dict[tuple[bool, str], Floats]:
@@ -66,10 +67,15 @@ def noise_of(state: State, layout: Layout, blocks: Floats, scatter: Scatter, rat
     covariance = np.zeros((layout.size, layout.size))
     strokes = float(state.n_strokes[0]) / float((blocks[0] ** 2).sum())
     for equation, place in layout.slices.items():
-        known = scatter.get((state.setting.is_idle, equation))
+        known = _known(scatter, equation, is_idle=state.setting.is_idle)
         if known is not None:
             covariance[place, place] = known / strokes
     return covariance
+
+
+def _known(scatter: Scatter, equation: str, *, is_idle: bool) -> Floats | None:
+    """Scatter of the trials of a kind; that of the others where these are too short to tell."""
+    return scatter.get((is_idle, equation), scatter.get((not is_idle, equation)))
 
 
 def _start_up(layout: Layout, scatter: Scatter, rate_hz: float) -> Floats:
@@ -79,12 +85,13 @@ def _start_up(layout: Layout, scatter: Scatter, rate_hz: float) -> Floats:
     near = np.exp(-np.abs(middle_s[:, None] - middle_s) * rate_hz / _MEMORY_STROKES)
     covariance = np.zeros((layout.size, layout.size))
     for equation, place in layout.slices.items():
-        known = scatter.get((True, equation), scatter.get((False, equation)))
+        known = _known(scatter, equation, is_idle=True)
         if known is not None:
             variance = np.diag(known)
-            # An amplitude's variance is twice the density over the stroke's length.
+            # An amplitude's variance is twice the density over the stroke's length; what the mean has beyond drifts.
             density = 0.5 * float(np.mean(variance[1:])) / rate_hz
-            covariance[place, place] = variance[0] * near + np.diag(density / width_s)
+            slow = max(float(variance[0]) - density * rate_hz, 0.0)
+            covariance[place, place] = slow * near + np.diag(density / width_s)
     return covariance
 
 
@@ -116,7 +123,7 @@ def contrast_misfit(whitened: Sequence[Floats]) -> float:
     squares, count = 0.0, 0
     for rows in whitened:
         n = len(rows)
-        if n < _LEAST_UNITS:
+        if n < _LEAST_BLOCKS:
             continue
         basis, _ = np.linalg.qr(np.stack([np.ones(n), np.arange(n)], axis=1))
         squares += float(np.sum((rows - basis @ (basis.T @ rows)) ** 2))

@@ -128,7 +128,8 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     for explanation in explanations:
         log_evidence[explanation.effect.name] = explanation.log_evidence
     grain = grain_evidence(problem.campaign.strokes)
-    pairs = _pairs(problem, small, explanations[:_N_FIRST], catalogue, modes, reference)
+    firsts = [e for e in explanations if e.effect.name in modes][:_N_FIRST]
+    pairs = _pairs(problem, small, firsts, catalogue, modes, reference)
     left_over = {"no_gap": nominal.misfit, "parameters": retuned.misfit}
     left_over |= {e.effect.name: nominal.misfit - e.gain for e in explanations}
     for pair in pairs:
@@ -233,7 +234,8 @@ def _add_grain(
     for name in sorted(alone, key=lambda n: -alone[n])[:_N_FIRST]:
         both = AND.join(sorted((name, GRAIN)))
         log_evidence[both] = max(log_evidence.get(both, -np.inf), alone[name] + STROKE_WEIGHT * grain.log_evidence)
-        left_over.setdefault(both, left_over[name])
+        if not np.isfinite(left_over.get(both, np.inf)):
+            left_over[both] = left_over[name]
         shared[both] = 0.0
     log_evidence["unknown"] = max(log_evidence["unknown"], STROKE_WEIGHT * grain.in_time)
 

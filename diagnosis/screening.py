@@ -192,12 +192,16 @@ def _while_working(values: Floats) -> Floats:
     """Samples between the first and the last that differ from rest by more than a few steps of the converter.
 
     At rest a coarse converter reads the same value many times in a row, and for a current that is the lowest one.
+    A rest at the end that is longer than a quarter of the record is no rest: the channel may have died.
     """
     rest = float(np.median(values[: max(len(values) // 200, 8)]))
     steps = np.diff(np.unique(values))
     quantum = float(steps.min()) if len(steps) else 0.0
     moved = np.flatnonzero(np.abs(values - rest) > max(3.0 * quantum, 0.02 * float(np.ptp(values))))
-    return values[moved[0] : moved[-1] + 1] if len(moved) else values
+    if not len(moved):
+        return values
+    end = moved[-1] + 1
+    return values[moved[0] : end if len(values) - end <= len(values) // 4 else len(values)]
 
 
 def _without_copies(recordings: Sequence[Recording], warnings: list[str]) -> list[Recording]:

@@ -17,6 +17,8 @@ import numpy as np
 
 from bench.processed import CrankAngle
 from bench.recording import Floats
+from diagnosis.reduction import steady_part
+from diagnosis.state import TWO_PI
 
 N_RIPPLE = 8
 # Prior standard deviation of the wave's k-th harmonic, rad: that over k^3, as torques of the mechanism make it.
@@ -25,6 +27,9 @@ _MOVING_RAD_S = 2.0
 _SETTLE_S = 0.8
 _FADE_S = 0.03
 _LEAST_SAMPLES = 2000
+_LEAST_TURNS = 4.0
+# Prior standard deviation of offset and radius, as a share of the radius, and of the angle's zero, rad.
+_OFF_SHARE = 0.1
 _OUTLIER = 6.0
 _MAD = 1.4826
 _LEAST_NOISE_M = 1e-9
@@ -41,21 +46,25 @@ def restore_ripple(angle: CrankAngle, time_s: Floats, displacement_m: Floats) ->
     Returns
     -------
     angle : CrankAngle
-        Angle and speed with the ripple, from 0.8 s after the first motion on; as it was where the trial is too short.
+        Angle and speed with the ripple, faded in about half a second after the first motion; as it was where the
+        steady part is too short.
     std_rad : ndarray, shape (8,)
         Standard uncertainty of the wave's harmonics, zeros where nothing was regressed.
 
     Notes
     -----
-    Bias: harmonics that are not certain are drawn to what the tracker found.
+    Bias: harmonics that are not certain are drawn to what the tracker found; where the displacement's noise is
+    coloured, `std_rad` is too small.
     """
-    settled_s = float(angle.time_s[np.argmax(angle.speed_rad_s > _MOVING_RAD_S)]) + _SETTLE_S
-    inside = (time_s > settled_s) & (time_s < angle.time_s[-1]) & np.isfinite(displacement_m)
-    if inside.sum() < _LEAST_SAMPLES:
+    start_s, end_s = steady_part(angle, float(angle.time_s[np.argmax(angle.speed_rad_s > _MOVING_RAD_S)]))
+    settled_s = start_s + _SETTLE_S
+    inside = (time_s > settled_s) & (time_s < end_s) & np.isfinite(displacement_m)
+    turns_made = float(np.diff(np.interp([settled_s, end_s], angle.time_s, angle.angle_rad))[0]) / TWO_PI
+    if inside.sum() < _LEAST_SAMPLES or turns_made < _LEAST_TURNS:
         return angle, np.zeros(N_RIPPLE)
     order = np.arange(1, N_RIPPLE + 1)
     turned = np.interp(time_s[inside], angle.time_s, angle.angle_rad)
-    found, variance = _regress(*_columns(angle.radius_m, turned, displacement_m[inside]))
+    found, variance = _regress(angle.radius_m, *_columns(angle.radius_m, turned, displacement_m[inside]))
     turns = np.outer(angle.angle_rad, order)
     cosine, sine = found[3 : 3 + N_RIPPLE], found[3 + N_RIPPLE :]
     wave = found[2] + np.cos(turns) @ cosine + np.sin(turns) @ sine
@@ -69,10 +78,11 @@ def restore_ripple(angle: CrankAngle, time_s: Floats, displacement_m: Floats) ->
     return restored, np.sqrt(variance.mean(axis=0))
 
 
-def _regress(design: Floats, target: Floats) -> tuple[Floats, Floats]:
+def _regress(radius_m: float, design: Floats, target: Floats) -> tuple[Floats, Floats]:
     """Coefficients, and variance of the wave's, shape (2, k); once more without outliers."""
     order = np.arange(1.0, N_RIPPLE + 1)
-    precision = np.diag(np.concatenate([np.zeros(3), np.tile((_RIPPLE_RAD / order**3) ** -2, 2)]))
+    known = np.array([_OFF_SHARE * radius_m, _OFF_SHARE * radius_m, _OFF_SHARE])
+    precision = np.diag(np.concatenate([known**-2.0, np.tile((_RIPPLE_RAD / order**3) ** -2, 2)]))
 
     def solve(kept: np.ndarray, noise: float) -> tuple[Floats, Floats, float]:
         scaled = design[kept] / noise

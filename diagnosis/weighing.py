@@ -2,8 +2,8 @@
 
 Log evidences of whitened features are far too sure: the noise is not exactly Gaussian and no form is exactly
 nature's. They are divided by a temperature. "Unknown" gains where the best hypothesis leaves a large share of the
-gap. The constants are few, shared by all effects, and fitted by maximum likelihood on development campaigns
-(`benchmarks/calibrate_diagnosis.py`).
+gap. The constants are few and shared by all effects. They are fitted by maximum likelihood on development campaigns
+(`benchmarks/calibrate_diagnosis.py`), but for the temperature, which is put higher to claim less, and `quiet`.
 """
 
 from __future__ import annotations
@@ -126,12 +126,14 @@ def _share_with_pairs(
         common = np.array([shared.get(name, 1.0) for name in names])
         even = w.pair_least + w.pair_share * np.sqrt(common * max(alone, 0.0))
         odds = w.pair_gain * float(np.log(max(float(np.max(added / even)), 1e-3)))
-        total = score[stronger] + max(float(added.max()), 0.0) / w.temperature
+        # As far as the second is believed: one that is not must not speak for the first.
+        believed = -float(np.logaddexp(0.0, -odds))
+        total = score[stronger] + np.exp(believed) * max(float(added.max()), 0.0) / w.temperature
         score[stronger] = total - float(np.logaddexp(0.0, odds))
         among = added / w.temperature + w.pair_gain * np.log(np.maximum(added / even, 1e-3))
         among -= np.logaddexp.reduce(among)
         for name, share in zip(names, among, strict=True):
-            score[name] = total - float(np.logaddexp(0.0, -odds)) + float(share)
+            score[name] = total + believed + float(share)
 
 
 def _normalised(score: Mapping[str, float]) -> dict[str, float]:

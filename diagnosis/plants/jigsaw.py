@@ -13,7 +13,7 @@ from diagnosis.beyond_catalogue import BEYOND_CATALOGUE
 from diagnosis.effects.catalogue import EFFECTS
 from diagnosis.effects.effect import Effect, Place
 from diagnosis.equations import UNITS, Baseline, Equation, Signature, residuals
-from diagnosis.features import HARMONICS, START_UP_EDGES_S, Layout
+from diagnosis.features import HARMONICS, N_BLOCKS, START_UP_EDGES_S, Layout
 from diagnosis.nuisances import Nuisance, nuisances_of
 from diagnosis.plants.plant import EquationForm
 from diagnosis.reduction import smooth_state
@@ -121,8 +121,11 @@ class Jigsaw:
         return np.diag(floor**2)
 
     def _ripple_error(self, equation: Equation, order: Floats, state: State) -> Floats:
-        """What an uncertain wave of the angle makes of back-EMF or inertia torque, at each harmonic."""
-        known = np.concatenate([[0.0], state.ripple_std_rad])
+        """What an uncertain wave of the angle makes of back-EMF or inertia torque, at each harmonic.
+
+        One wave is found for a trial: averaging its blocks must not make it more certain.
+        """
+        known = np.sqrt(N_BLOCKS) * np.concatenate([[0.0], state.ripple_std_rad])
         std = known[np.minimum(order.astype(int), len(known) - 1)] * (order < len(known))
         baseline, plant = self.baseline, self.baseline.plant
         faster = order * float(state.speed_rad_s.mean())

@@ -38,5 +38,5 @@ def test_friction_falls_from_the_start_of_the_trial(shape):
     wave = found["mechanical"].mean(axis=1)
     expected = np.exp(-state.time_s[:, 0] / shape["time_constant_s"])
     if shape["viscous"]:
-        expected = expected * state.speed_rad_s.mean(axis=1)
-    assert wave / wave[0] == pytest.approx(expected / expected[0], rel=1e-6)
+        expected = expected * BASELINE.gear * state.speed_rad_s.mean(axis=1) / 1000.0
+    assert wave == pytest.approx(expected, rel=1e-6)

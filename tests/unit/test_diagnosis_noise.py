@@ -88,6 +88,20 @@ def test_a_short_trial_keeps_its_angle():
     assert not std_rad.any()
 
 
+def test_a_blade_that_stands_says_nothing_of_the_ripple():
+    angle, _, displacement_m = tracked(ripple_rad=0.0)
+    still = angle.time_s > 3.0
+    stopped = float(angle.angle_rad[~still][-1])
+    halted = replace(
+        angle,
+        angle_rad=np.where(still, stopped, angle.angle_rad),
+        speed_rad_s=np.where(still, 0.0, angle.speed_rad_s),
+    )
+    displacement_m = np.where(still, displacement_m[~still][-1] + 3e-4, displacement_m)
+    found, _ = restore_ripple(halted, angle.time_s, displacement_m)
+    assert np.abs((found.angle_rad - halted.angle_rad)[~still]).max() < 5e-4
+
+
 def noisy_strokes(n_units, std, slow_std, rng):
     """Features of strokes that hold white noise of one standard deviation a sample, and a mean that drifts."""
     n_points = 128
@@ -106,9 +120,25 @@ def test_the_noise_of_a_start_follows_from_the_strokes():
     start = Layout(kind="start_up", equations=("converter",))
     found = np.diag(noise_of(start_up(), start, np.eye(1), pooled, RATE_HZ))
     widths = np.array([b - a for a, b in pairwise(START_UP_EDGES_S)])
-    expected = 0.5**2 * sample_s / widths
-    mean_of_a_stroke = 0.5**2 / 128
-    assert np.allclose(found, expected + mean_of_a_stroke, rtol=0.25)
+    assert np.allclose(found, 0.5**2 * sample_s / widths, rtol=0.25)
+
+
+def test_a_mean_that_drifts_is_alike_in_neighbouring_bins_of_a_start():
+    rng = np.random.default_rng(4)
+    layout = Layout(kind="running", equations=("converter",))
+    features = noisy_strokes(400, 0.01, 0.3, rng)
+    pooled = scatter_of([(one_stroke_units(running(is_idle=True), 400), layout, features)])
+    found = noise_of(start_up(), Layout(kind="start_up", equations=("converter",)), np.eye(1), pooled, RATE_HZ)
+    assert np.allclose(np.diag(found), 0.3**2, rtol=0.2)
+    assert found[0, 1] / found[0, 0] > 0.9 > found[0, -1] / found[0, 0]
+
+
+def test_idle_trials_too_short_to_scatter_take_that_of_the_others():
+    rng = np.random.default_rng(8)
+    layout = Layout(kind="running", equations=("converter",))
+    cutting, idle = one_stroke_units(running(), 50), running(is_idle=True)
+    pooled = scatter_of([(cutting, layout, noisy_strokes(50, 0.5, 0.0, rng))])
+    assert noise_of(idle, layout, np.full((1, 3), 1.0 / 3.0), pooled, RATE_HZ).any()
 
 
 def one_stroke_units(state, n_units):
@@ -152,6 +182,12 @@ def coarse_current(peak_a, top_a=np.inf):
 
 def test_a_coarse_converter_at_rest_is_not_saturated():
     assert _defect_of(coarse_current(8.0)) is None
+
+
+def test_a_current_that_dies_is_found():
+    alive = coarse_current(8.0)
+    dead = replace(alive, values=np.where(alive.time_s < 3.0, alive.values, 0.0))
+    assert _defect_of(dead) is not None
 
 
 def test_a_saturated_current_is_still_found():

@@ -91,6 +91,14 @@ def test_a_second_effect_pays_for_itself():
     assert pair_odds(2000.0) / pair_odds(1000.0) == pytest.approx(2.0**WEIGHTS.pair_gain)
 
 
+def test_a_second_effect_that_is_not_believed_does_not_speak_for_the_first():
+    log_evidence = {"no_gap": 0.0, "parameters": -10.0, "unknown": -10.0, "edge_force": 12.0, "blade_wear": 0.0}
+    left = dict.fromkeys((*log_evidence, PAIR), WEIGHTS.quiet)
+    without = weigh(log_evidence, left, n_effects=N_EFFECTS)
+    beside = weigh(log_evidence | {PAIR: 12.0 + 0.5 * WEIGHTS.pair_least}, left, n_effects=N_EFFECTS)
+    assert beside["edge_force"] < 1.5 * without["edge_force"]
+
+
 def test_the_form_of_a_stronger_effect_may_miss_more():
     assert pair_odds(100.0, alone=2000.0) < pair_odds(100.0, alone=20.0)
 
