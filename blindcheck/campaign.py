@@ -124,7 +124,7 @@ def make_campaign(
     *,
     effects: Mapping[str, float] | None = None,
     parameters: Parameters = "within",
-    background: tuple[int, float, float] = (3, 0.003, 0.02),
+    background: tuple[int, float, float] | Mapping[str, float] = (3, 0.003, 0.02),
     forms: Forms = "own",
     length: float = 1.0,
     rate_hz: float = RATE_HZ,
@@ -139,8 +139,8 @@ def make_campaign(
     effects : mapping of str to float, optional
         Severity by effect id (1 is typical), of `effects.table`.
     parameters : {"within", "beyond"}
-    background : tuple of (int, float, float)
-        Number of small effects that play along and the range of their severity.
+    background : tuple of (int, float, float), or mapping of str to float
+        Number of small effects that play along and the range of their severity, or the severity of each.
     forms : {"own", "plain"}
     length : float
         Factor on the duration of every trial; 1 gives 18 trials of about 750 000 rows in all.

@@ -93,12 +93,15 @@ def draw_campaign(
     *,
     effects: Mapping[str, float] | None = None,
     parameters: Parameters = "within",
-    background: tuple[int, float, float] = (3, 0.003, 0.02),
+    background: tuple[int, float, float] | Mapping[str, float] = (3, 0.003, 0.02),
     forms: Forms = "own",
     length: float = 1.0,
     repetition: int = 0,
 ) -> CampaignDraw:
     """Draw a campaign; what the effects are does not change anything else that is drawn.
+
+    One exception: an effect that is also among the small ones is left out of these. Whoever wants a campaign with and
+    without an effect gives `background` by name.
 
     Parameters
     ----------
@@ -107,8 +110,8 @@ def draw_campaign(
         Severity by effect id (1 is typical).
     parameters : {"within", "beyond"}
         Constants of the tool within their stated uncertainty, or some of them 4 to 8 standard deviations off.
-    background : tuple of (int, float, float)
-        How many small effects play along, and the range of their severity (log-uniform).
+    background : tuple of (int, float, float), or mapping of str to float
+        How many small effects play along, and the range of their severity (log-uniform); or the severity of each.
     forms : {"own", "plain"}
         Functional forms of the effects.
     length : float
@@ -134,7 +137,9 @@ def draw_campaign(
     material = str(streams[1].choice(["nylon", "black_locust", "oak"], p=[0.2, 0.4, 0.4]))
     k_fc = MATERIALS[material].k_fc_n_s_per_m * float(np.exp(0.12 * streams[1].standard_normal()))
     width_exponent = 1.0 + 0.05 * float(streams[1].standard_normal())
-    small = _draw_background(streams[2], background, set(effects))
+    small = (
+        dict(background) if isinstance(background, Mapping) else _draw_background(streams[2], background, set(effects))
+    )
     peak_force_n, working_current_a = _working_point(true, k_fc)
     setting = Setting(seed=seed, peak_force_n=peak_force_n, forms=forms)
     change = changes_of(small | effects, setting)

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from blindcheck.effects.table import CATALOGUE
+from blindcheck.effects.table import CATALOGUE, WITH_FORM_OUTSIDE
 from blindcheck.gap_score import GapScore, gap_score
 from blindcheck.parameter_score import ParameterScore, parameter_score
 from blindcheck.score_statistics import Calibration, Estimate, Proportion, calibration_of, mean_of, wilson
@@ -230,6 +230,7 @@ def _rows(cases: Sequence[Case]) -> tuple[Row, ...]:
     by_kind = {kind: [c for c in cases if c.kind == kind] for kind in ("none", "parameters", "outside", "pair")}
     without = by_kind["none"] + by_kind["parameters"]
     inside = [case for case in cases if case.kind != "outside"]
+    formless = [case for case in by_kind["outside"] if not case.effects.keys() & WITH_FORM_OUTSIDE]
     claims = [case for case in cases if case.claims_effect]
     typical_pairs = [c for c in by_kind["pair"] if min(c.effects.values()) >= TYPICAL[0]]
 
@@ -262,6 +263,12 @@ def _rows(cases: Sequence[Case]) -> tuple[Row, ...]:
                 _is_acceptable,
             ),
             ("unknown", "called unknown, effects outside the catalogue", by_kind["outside"], is_exact),
+            (
+                "unknown_formless",
+                "called unknown, effects outside the catalogue for which the diagnosis has no form either",
+                formless,
+                is_exact,
+            ),
             ("unknown_wrongly", "called unknown, all others", inside, lambda case: case.answer == UNKNOWN),
             ("pair_both", "both effects named and no other, pairs", by_kind["pair"], is_exact),
             ("pair_group", "both effects within the named group, pairs", by_kind["pair"], in_group),

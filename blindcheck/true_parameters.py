@@ -125,6 +125,7 @@ _NUMBERS: dict[str, Reported] = {
         name="thermal_resistance_k_per_w", unit="K/W",
         value=lambda p, _: (p["r_wind_house"] + p["r_house_air"]) * p["copper_per_k"] / _COPPER_PER_K,
     ),
+    # For little warming: the loss grows by 1 + 0.003 T with the temperature rise T, which differs from trial to trial.
     "magnet_weakening": Reported(
         name="thermal_resistance_k_per_w", unit="K/W",
         value=lambda p, _: p["r_house_air"] * p["magnet_per_k"] / _FLUX_PER_K,

@@ -84,7 +84,6 @@ def ask(case_dir: Path, truth: Mapping[str, Any]) -> dict[str, float | None] | N
     """
     import numpy as np
 
-    from blindcheck.campaign import make_campaign
     from diagnosis.effects.catalogue import EFFECTS
     from diagnosis.evidence import catalogue_columns, explain
     from diagnosis.ladder import climb
@@ -101,8 +100,7 @@ def ask(case_dir: Path, truth: Mapping[str, Any]) -> dict[str, float | None] | N
         return None
     ladder = climb(problem, np.hstack(told))
     with tempfile.TemporaryDirectory(prefix="sawbench-twin-") as folder:
-        options = {name: truth[name] for name in ("parameters", "forms", "length", "rate_hz")}
-        make_campaign(truth["seed"], Path(folder) / "twin", **options)
+        make_twin(truth, Path(folder) / "twin")
         twin = _problem_of(Path(folder) / "twin")
     closable = None
     if twin is not None:
@@ -113,11 +111,34 @@ def ask(case_dir: Path, truth: Mapping[str, Any]) -> dict[str, float | None] | N
     return {"gap_closed": ladder.gap_closed, "closable": closable}
 
 
+def make_twin(truth: Mapping[str, Any], out_dir: Path) -> dict[str, Any]:
+    """Make a campaign again without its hidden effects.
+
+    Its small background effects are those of the label: drawn again, one that is also the hidden effect would come in.
+
+    Parameters
+    ----------
+    truth : mapping
+        Of the label.
+    out_dir : Path
+        Empty or new.
+
+    Returns
+    -------
+    dict
+        The truth of the twin.
+    """
+    from blindcheck.campaign import make_campaign
+
+    options = {name: truth[name] for name in ("background", "parameters", "forms", "length", "rate_hz")}
+    return make_campaign(truth["seed"], out_dir, **options)
+
+
 def closable_share(hidden: tuple[float, float], bare: tuple[float, float]) -> float | None:
     """Return the share of the gap that is gone where nature is made without the hidden effects.
 
     The twin of a campaign has the same seed: the same machine, sensors, small background effects, wood and noise. What
-    re-tuning leaves of it no effect of a catalogue could close.
+    re-tuning leaves of it is not for the hidden effects to close.
 
     Parameters
     ----------

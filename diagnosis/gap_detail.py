@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -174,11 +174,7 @@ def _standing_out(problem: LinearProblem) -> dict[str, Any]:
         partitions[partition] = {
             "places": places,
             "equations": {
-                equation: {
-                    "times_expected": [_of_cell(by_place.get((equation, place)), _times) for place in places],
-                    "q_value": [_of_cell(by_place.get((equation, place)), lambda c: c.q_value) for place in places],
-                }
-                for equation in equations
+                equation: _row([by_place.get((equation, place)) for place in places]) for equation in equations
             },
         }
     found = {cell.equation: forms[cell.equation] for cell in cells if cell.stands_out}
@@ -191,12 +187,12 @@ def _standing_out(problem: LinearProblem) -> dict[str, Any]:
     }
 
 
-def _of_cell(cell: Cell | None, read: Callable[[Cell], float]) -> float | None:
-    return None if cell is None else float(f"{read(cell):.3g}")
-
-
-def _times(cell: Cell) -> float:
-    return cell.misfit / cell.expected
+def _row(cells: Sequence[Cell | None]) -> dict[str, list[float | None]]:
+    """One equation of a partition. q is not rounded: what is read off against the rate must agree with `n_found`."""
+    return {
+        "times_expected": [None if cell is None else float(f"{cell.misfit / cell.expected:.3g}") for cell in cells],
+        "q_value": [None if cell is None else cell.q_value for cell in cells],
+    }
 
 
 def _first_number(place: str) -> float:

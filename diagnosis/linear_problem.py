@@ -277,6 +277,12 @@ class Marginal:
 
         return solve_triangular(self._root, self.design.T @ columns, lower=True)
 
+    def taken_up(self) -> Floats:
+        """What the nuisances take up of every feature: H, shape (p, n), with M^-1 = I - H' H."""
+        from scipy.linalg import solve_triangular
+
+        return solve_triangular(self._root, self.design.T, lower=True)
+
     def gram(self, columns: Floats) -> tuple[Floats, Floats]:
         """S' M^-1 S, shape (q, q), and S' M^-1 y, shape (q,), for full-length columns S, shape (n, q)."""
         part = columns[self._rows]

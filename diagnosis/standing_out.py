@@ -150,7 +150,7 @@ def find_cells(problem: LinearProblem) -> tuple[Cell, ...]:
     rest = marginal.rest(marginal.data)
     small = marginal.rest(background(problem, problem.campaign.plant.effects))
     # M^-1 = I - taken taken'.
-    taken = marginal.half(np.eye(len(problem.data))).T
+    taken = marginal.taken_up().T
     repeats = Counter(p.setting.operating_point for p in problem.parts if p.state.kind == "running")
     found: dict[tuple[Partition, Equation, str], _Sums] = {}
     for part in problem.parts:
@@ -169,7 +169,9 @@ def _by_block(part: Part, values: Floats) -> Floats:
 def _judged(found: dict[tuple[Partition, Equation, str], _Sums]) -> tuple[Cell, ...]:
     from scipy.stats import chi2, false_discovery_control
 
-    kept = {key: sums.misfit() for key, sums in found.items() if sums.noise > _LEAST_EXPECTED}
+    judged = {key: sums.misfit() for key, sums in found.items()}
+    # Rounding may leave less than nothing, for which there is no chi-squared law.
+    kept = {key: (misfit, expected) for key, (misfit, expected) in judged.items() if expected > _LEAST_EXPECTED}
     if not kept:
         return ()
     p_values = [float(chi2.sf(misfit, expected)) for misfit, expected in kept.values()]

@@ -21,7 +21,7 @@ _SECTIONS: Final = (
     ("Single effects of typical severity", ("exact", "group", "top_three", "declared")),
     ("Where an effect is declared", ("declared_exact", "declared_group", "declared_top_three", "claims_exact")),
     ("Nothing unmodelled", ("false_alarms", "none", "parameters", "parameters_lenient")),
-    ("Outside the catalogue", ("unknown", "unknown_wrongly")),
+    ("Outside the catalogue", ("unknown", "unknown_formless", "unknown_wrongly")),
     ("Two effects", ("pair_both", "pair_group", "pair_one", "typical_pair_both")),
 )
 

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 
 import pytest
 
 import commands.blind
+from blindcheck.campaign import make_campaign
+from blindcheck.drawing import draw_campaign
 from blindcheck.effects.table import CATALOGUE
-from commands.blind_oracle import closable_share, oracle_gaps
+from blindcheck.sealing import draw_cases
+from commands.blind_oracle import closable_share, make_twin, oracle_gaps
 from commands.main import main
 from commands.source_identity import software_identity, source_fingerprint
+
+NO_FORM = "called unknown, effects outside the catalogue for which the diagnosis has no form either"
 
 
 @pytest.fixture
@@ -42,6 +48,7 @@ def test_score_writes_page_and_json(answered, tmp_path, capsys):
     assert main(["blind", "score", answered[0], "--key", answered[1], "--out", str(page)]) == 0
     text = capsys.readouterr().out
     assert "false alarms" in text
+    assert NO_FORM in text
     assert "not computed" in text
     record = json.loads(page.with_suffix(".json").read_text())
     assert record["set"]["seed"] == 21
@@ -50,6 +57,7 @@ def test_score_writes_page_and_json(answered, tmp_path, capsys):
     html = page.read_text()
     assert "this score is no claim" in html
     assert re.search(r"seed 21\b", html)
+    assert NO_FORM in html
     assert not re.search(r'(src|href)="(?!#)', html)
     assert html.count('<svg role="img"') == html.count("<desc ") == 5
     assert main(["blind", "score", answered[0], "--key", answered[1], "--out", str(page)]) == 2
@@ -61,7 +69,9 @@ def test_score_json_is_the_record(answered, capsys):
     assert main(["blind", "score", answered[0], "--key", answered[1], "--json", "--shuffle", "3"]) == 0
     record = json.loads(capsys.readouterr().out)
     assert record["shuffle_seed"] == 3
-    assert {row["key"] for row in record["score"]["rows"]} >= {"exact", "group", "false_alarms", "unknown", "pair_both"}
+    assert {row["key"] for row in record["score"]["rows"]} >= {
+        "exact", "group", "false_alarms", "unknown", "unknown_formless", "pair_both",
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("what", ["answer", "key", "campaign", "commitments"])
@@ -113,6 +123,16 @@ def test_the_oracle_goes_on_where_it_stopped(tmp_path, monkeypatch):
     assert oracle_gaps(tmp_path, labels, cache, source_sha256="s", workers=1) == {"a": asked}
 
 
+def test_the_twin_has_the_background_of_the_campaign(tmp_path):
+    hidden = next(iter(draw_campaign(7).background))
+    truth = make_campaign(7, tmp_path / "campaign", effects={hidden: 1.0}, length=0.02)
+    twin = make_twin(json.loads(json.dumps(truth)), tmp_path / "twin")
+    assert hidden not in twin["background"]
+    of_effects = {"effects": {}, "reported_parameters": {}}
+    assert twin == truth | of_effects | {"sensors": twin["sensors"]}
+    assert twin["sensors"]["gain"] == truth["sensors"]["gain"]
+
+
 def test_nothing_can_be_closed_where_re_tuning_leaves_nothing():
     assert closable_share((1.005, 1.0), (1.0, 1.0)) is None
     # A twin that is left with more than the campaign itself: the effect hid something else.
@@ -130,7 +150,10 @@ def test_the_identity_of_the_software_is_that_of_its_sources():
 @pytest.mark.slow
 def test_the_real_diagnosis_answers_a_set(tmp_path, capsys):
     out, page = tmp_path / "set", tmp_path / "score.html"
-    assert main(["blind", "make", "--seed", "3", "--cases", "2", "--length", "0.3", "--out", str(out)]) == 0
+    # Nothing in one case, one effect, well above its typical size, in the other.
+    specs = draw_cases(222, 2)
+    assert [(spec.kind, list(spec.effects)) for spec in specs] == [("parameters", []), ("effect", ["guide_friction"])]
+    assert main(["blind", "make", "--seed", "222", "--cases", "2", "--length", "0.3", "--out", str(out)]) == 0
     assert main(["blind", "answer", str(out)]) == 0
     key = str(tmp_path / "set.key.json")
     capsys.readouterr()
@@ -141,6 +164,7 @@ def test_the_real_diagnosis_answers_a_set(tmp_path, capsys):
     assert sum(sum(row) for row in score["confusion"]["counts"]) == 2
     assert set(score["confusion"]["rows"]) >= set(CATALOGUE)
     assert page.exists()
-    if set(score["n_by_kind"]) & {"effect", "pair"}:
-        asked = json.loads((tmp_path / "set.key.oracle.json").read_text())["asked"]
-        assert all(one is None or one["closable"] is None or one["closable"] <= 1.0 for one in asked.values())
+    asked = json.loads((tmp_path / "set.key.oracle.json").read_text())["asked"]
+    assert set(asked) == {"case-0002"}
+    found = asked["case-0002"]
+    assert all(math.isfinite(found[name]) and found[name] > 0.5 for name in ("closable", "gap_closed"))

@@ -111,6 +111,19 @@ def test_background_is_small_and_never_the_effect_itself():
         assert all(0.003 <= size <= 0.02 for size in draw.background.values())
 
 
+def test_a_background_by_name_is_taken_as_it_is_and_changes_nothing_else():
+    name, size = next(iter(draw_campaign(7).background.items()))
+    hidden = draw_campaign(7, effects={name: 1.0})
+    bare = draw_campaign(7, background=hidden.background)
+    assert name not in hidden.background
+    assert name in draw_campaign(7).background
+    assert dict(bare.background) == dict(hidden.background)
+    for field in ("parameters", "k_fc_n_s_per_m", "width_exponent", "trials", "session_seed"):
+        assert getattr(bare, field) == getattr(hidden, field)
+    both = draw_campaign(7, effects={"edge_force": 0.5}, background={"edge_force": size})
+    assert (both.effects["edge_force"], both.background["edge_force"]) == (0.5, size)
+
+
 def test_csv_is_exact_to_its_decimals():
     rng = np.random.default_rng(5)
     columns = {"a": rng.normal(0.0, 300.0, 500), "b": rng.uniform(-0.01, 0.01, 500)}

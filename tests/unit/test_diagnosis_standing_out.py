@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from diagnosis import standing_out
+from diagnosis import gap_detail, standing_out
 from diagnosis.features import START_UP_EDGES_S, Layout
-from diagnosis.linear_problem import LinearProblem, Part
-from diagnosis.standing_out import FALSE_DISCOVERY_RATE, find_cells
+from diagnosis.linear_problem import LinearProblem, Marginal, Part
+from diagnosis.standing_out import FALSE_DISCOVERY_RATE, Cell, find_cells
 
 ORDERS = {"electrical": 4, "cutting": 9}
 N_BLOCKS, N_POINTS, N_REPEATS = 4, 5, 2
@@ -151,3 +151,45 @@ def test_cells_that_nuisances_take_up_are_left_out():
     n = len(problem.data)
     everything = replace(problem, nuisance=1e6 * np.eye(n), names=("a",) * n, prior_std=np.ones(n))
     assert find_cells(everything) == ()
+
+
+def test_cells_of_which_rounding_leaves_less_than_nothing_are_left_out(monkeypatch):
+    misfit_of = standing_out._Sums.misfit
+    calls = []
+
+    def rounded_once(sums):
+        calls.append(sums)
+        misfit, expected = misfit_of(sums)
+        return (misfit, -1e-12) if len(calls) == 1 else (misfit, expected)
+
+    problem = campaign()
+    problem = with_data(problem, noise_of(problem, np.random.default_rng(5)))
+    n_cells = len(find_cells(problem))
+    monkeypatch.setattr(standing_out._Sums, "misfit", rounded_once)
+    cells = find_cells(problem)
+    assert len(cells) == n_cells - 1
+    assert all(0.0 <= cell.q_value <= 1.0 for cell in cells)
+
+
+def test_what_the_nuisances_take_up_leaves_the_inverse_covariance():
+    problem = campaign()
+    found = Marginal(problem).taken_up()
+    n = len(problem.data)
+    covariance = np.eye(n) + problem.nuisance @ problem.nuisance.T
+    assert found.shape == (problem.nuisance.shape[1], n)
+    np.testing.assert_allclose(np.eye(n) - found.T @ found, np.linalg.inv(covariance), atol=1e-10)
+
+
+def test_the_report_counts_as_found_what_its_own_numbers_say_is_found(monkeypatch):
+    just_found, just_not = FALSE_DISCOVERY_RATE - 4e-5, FALSE_DISCOVERY_RATE + 4e-5
+    cells = [
+        Cell(partition="harmonic", equation="cutting", place=place, misfit=9.0, expected=2.0, p_value=q / 10, q_value=q)
+        for place, q in (("0", just_found), ("1", just_not))
+    ]
+    monkeypatch.setattr(gap_detail, "find_cells", lambda problem: cells)
+    forms = {"cutting": SimpleNamespace(place="cutting", channel="force_n")}
+    problem = SimpleNamespace(campaign=SimpleNamespace(plant=SimpleNamespace(equations=forms)))
+    report = gap_detail._standing_out(problem)
+    q_values = report["partitions"]["harmonic"]["equations"]["cutting"]["q_value"]
+    assert [q < report["false_discovery_rate"] for q in q_values] == [True, False]
+    assert report["n_found"] == 1
