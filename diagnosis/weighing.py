@@ -46,8 +46,8 @@ class Weights:
     pair_share: float = 0.66
     open_gain: float = 2.0
     open_share: float = 0.45
-    prior_no_gap: float = 0.45
-    prior_parameters: float = 0.13
+    prior_no_gap: float = 0.4
+    prior_parameters: float = 0.18
     prior_unknown: float = 0.085
 
 
