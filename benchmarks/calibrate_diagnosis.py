@@ -5,8 +5,8 @@
 
 `collect` simulates campaigns of the seeds 1 to 999 with the blind check's plant, weighs every hypothesis and keeps the
 log evidences (resumable, about 12 s a campaign and core). `fit` maximises the weighted log-likelihood of the truth over
-the nine constants, which all effects share; `--temperature` holds that one where it is put (the product takes a higher one
-than the fit asks for, to claim less), and with `--fixed` it only reports on the constants as they are. Weights of
+the nine constants, which all effects share; `--temperature` holds that one where it is put (the product takes a higher
+one than the fit asks for, to claim less), and with `--fixed` it only reports on the constants as they are. Weights of
 the kinds: 20 % none, 10 % parameters, 50 % one effect, 10 % two, 10 % outside the catalogue, all at 0.5 to 2 times
 typical. Seeds above 999 are for claims and are refused.
 """
