@@ -21,6 +21,8 @@ from reporting.standing_out_figure import standing_out_picture, standing_out_sen
 
 _SURE: Final = 0.8
 _RAD_TO_DEG: Final = 57.29577951308232
+# Shorter times are given in milliseconds.
+_LEAST_S: Final = 0.1
 _SUFFIX: Final = {
     "N": "_n", "N*m": "_n_m", "K/W": "_k_per_w", "Ohm": "_ohm", "s": "_s", "m": "_m", "N/m": "_n_per_m",
     "N*s/m": "_n_s_per_m", "Hz": "_hz", "V": "_v",
@@ -302,5 +304,14 @@ def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
 def _strength(name: str, parameter: Mapping[str, Any]) -> str:
     unit = parameter["unit"]
     words = name_of(name.removesuffix(_SUFFIX.get(unit, "")))
-    std = "" if parameter["std"] is None else f" ± {parameter['std']:.2g}"
-    return f"{words} {parameter['value']:.3g}{std}{'' if unit == '1' else f' {unit}'}"
+    value, std = parameter["value"], parameter["std"]
+    if unit == "s" and abs(value) < _LEAST_S:
+        unit, value, std = "ms", 1e3 * value, None if std is None else 1e3 * std
+    spread = "" if std is None else f" ± {_plainly(std, 2)}"
+    return f"{words} {_plainly(value, 3)}{spread}{'' if unit == '1' else f' {unit}'}"
+
+
+def _plainly(value: float, digits: int) -> str:
+    """Write a number to so many digits, without a power of ten where it is large."""
+    text = f"{value:.{digits}g}"
+    return f"{value:.0f}" if "e+" in text else text

@@ -143,3 +143,16 @@ def test_a_sensor_at_fault_goes_by_its_channel():
     assert stands_out({"equation": "sensing", "channel": "force_n"}, found)
     assert not stands_out({"equation": "sensing", "channel": "motor_current_a"}, found)
     assert not stands_out({"equation": "mechanical", "channel": "force_n"}, found)
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter", "words"),
+    [
+        ("delay_s", {"value": 0.00162, "std": 8.7e-5, "unit": "s"}, "delay 1.62 ± 0.087 ms"),
+        ("frequency_hz", {"value": 262.0, "std": 123.4, "unit": "Hz"}, "frequency 262 ± 123 Hz"),
+        ("time_constant_s", {"value": 12.5, "std": None, "unit": "s"}, "time constant 12.5 s"),
+        ("stiffness_n_per_m", {"value": 160400.0, "std": 24000.0, "unit": "N/m"}, "stiffness 160400 ± 24000 N/m"),
+    ],
+)
+def test_sizes_are_written_without_powers_of_ten(tmp_path, name, parameter, words):
+    assert words in page(tmp_path, causes=[{**CAUSE, "parameters": {name: parameter}}, RUNNER_UP])
