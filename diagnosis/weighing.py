@@ -3,7 +3,8 @@
 Log evidences of whitened features are far too sure: the noise is not exactly Gaussian and no form is exactly
 nature's. They are divided by a temperature. "Unknown" gains where the best hypothesis leaves a large share of the
 gap. The constants are few and shared by all effects. They are fitted by maximum likelihood on development campaigns
-(`benchmarks/calibrate_diagnosis.py`), but for the temperature, which is put higher to claim less, and `quiet`.
+(`benchmarks/calibrate_diagnosis.py`), but for the temperature, which is put higher to claim less, `quiet`, and the
+priors of "no_gap" and "parameters", moved so that one parameter five standard deviations off is called so.
 """
 
 from __future__ import annotations
