@@ -18,7 +18,15 @@ from bench.units import DISPLACEMENT
 from diagnosis.equations import Baseline, residuals
 from diagnosis.plants.jigsaw import Jigsaw
 from diagnosis.plants.plant import Plant
-from diagnosis.reduction import CHANNEL_OF_STATE, lock_to_angle, running_state, start_up_state, steady_part
+from diagnosis.reduction import (
+    CHANNEL_OF_STATE,
+    MOVING_RAD_S,
+    first_motion_s,
+    lock_to_angle,
+    running_state,
+    start_up_state,
+    steady_part,
+)
 from diagnosis.screening import is_stock_stated, screen, summary
 from diagnosis.slow_states import SlowTrack, slow_tracks
 from diagnosis.state import TWO_PI, State, TrialSetting
@@ -27,7 +35,6 @@ from diagnosis.stroke_series import StrokeSeries, stroke_series
 
 # The spin-up and the settling of the stroke rate after it stay out of the running part.
 SETTLE_S = 0.8
-_MOVING_RAD_S = 2.0
 # Agreement of the phases of a trial's strokes (measured: above 0.97), and how far a trial's phase may lie from that
 # of the others (measured: 0.1 rad for the force, 0.4 rad for the current in air, at twice the usual effects).
 _LOCKED = 0.8
@@ -127,7 +134,7 @@ def reduce_campaign(
     states: list[State] = []
     series: list[StrokeSeries | None] = []
     for index, (recording, angle, track) in enumerate(zip(usable, angles, tracks, strict=True)):
-        moving_s = float(angle.time_s[np.argmax(angle.speed_rad_s > _MOVING_RAD_S)])
+        moving_s = first_motion_s(angle)
         steady_s = steady_part(angle, moving_s)
         states += _states(baseline, recording, angle, track, index, moving_s, steady_s, warnings)
         series.append(_strokes(baseline, recording, angle, steady_s))
@@ -205,7 +212,7 @@ def _states(
     strokes = float(np.diff(np.interp([start_s + SETTLE_S, end_s], angle.time_s, angle.angle_rad))[0]) / TWO_PI
     if running.n_strokes.sum() < (1.0 - _LOST_STROKES) * strokes - 2.0 * running.n_strokes[0]:
         warnings.append(f"{trial.trial_id}: dropouts leave {running.n_strokes.sum():.0f} of {strokes:.0f} strokes")
-    started_at_rest = moving_s > angle.time_s[0] or angle.speed_rad_s[0] < _MOVING_RAD_S
+    started_at_rest = moving_s > angle.time_s[0] or angle.speed_rad_s[0] < MOVING_RAD_S
     start_up = start_up_state(recording, angle, setting, moving_s) if started_at_rest else None
     found = []
     for state in (running, start_up):

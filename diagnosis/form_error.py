@@ -72,31 +72,40 @@ def form_modes(problem: LinearProblem, contribution: Floats, *, in_time: bool = 
     return np.array(columns).T if columns else np.zeros((len(contribution), 0))
 
 
-def covariates(problem: LinearProblem) -> dict[str, Floats]:
-    """What varies between trials, one value a part: speed, load, session, feed, centred and scaled; idle, 0 or 1."""
+def block_weights(problem: LinearProblem) -> dict[str, list[Floats]]:
+    """What varies between blocks, one array of shape (n_blocks,) a part.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+
+    Returns
+    -------
+    dict of str to list of ndarray
+        "one"; "speed", "load", "session" and "feed" of the trial, centred and scaled; "idle", 0 or 1; "within", the
+        time in the trial from -1 to 1.
+    """
     settings = [part.setting for part in problem.parts]
     load = [np.mean(part.state.slow.get("k_guess_n_s_per_m", 0.0)) for part in problem.parts]
-    return {
+    counts = [part.blocks.shape[0] for part in problem.parts]
+    trials = {
+        "one": np.ones(len(settings)),
         "speed": _centred(np.array([s.duty for s in settings])),
         "load": _centred(np.array(load, dtype=np.float64)),
         "session": _centred(np.array([s.session_s for s in settings])),
         "feed": _centred(np.nan_to_num(np.array([s.feed_m_s for s in settings]))),
         "idle": np.array([float(s.is_idle) for s in settings]),
     }
+    found = {name: [np.full(n, v) for n, v in zip(counts, values, strict=True)] for name, values in trials.items()}
+    return found | {"within": [np.linspace(-1.0, 1.0, n) if n > 1 else np.zeros(1) for n in counts]}
 
 
 def _factors(problem: LinearProblem, *, in_time: bool) -> list[list[Floats]]:
-    """Factors of each part, (n_blocks, 1) each: 1, speed, load, session, feed, idle, time in the trial."""
-    varied = covariates(problem)
+    """Factors of each part, (n_blocks, 1) each, in the order of `block_weights`."""
     steady = 1.0 if in_time else _STEADY_SHARE
-    varied["session"] = steady * varied["session"]
-    found = []
-    for k, part in enumerate(problem.parts):
-        n_blocks = part.blocks.shape[0]
-        ones = np.ones((n_blocks, 1))
-        within = steady * np.linspace(-1.0, 1.0, n_blocks)[:, None] if n_blocks > 1 else np.zeros((1, 1))
-        found.append([ones, *(values[k] * ones for values in varied.values()), within])
-    return found
+    share = {"session": steady, "within": steady}
+    scaled = [[share.get(name, 1.0) * w[:, None] for w in rows] for name, rows in block_weights(problem).items()]
+    return [list(of_part) for of_part in zip(*scaled, strict=True)]
 
 
 def _centred(values: Floats) -> Floats:

@@ -18,7 +18,7 @@ from diagnosis.evidence import (
     explain,
     explain_formed,
 )
-from diagnosis.form_error import FORM_SHARES, covariates, form_modes
+from diagnosis.form_error import FORM_SHARES, block_weights, form_modes
 from diagnosis.linear_problem import WIDE, LinearProblem, Marginal, Widened
 from diagnosis.log_mean import log_mean_exp
 from diagnosis.stroke_series import Grain, grain_evidence
@@ -123,7 +123,10 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     log_evidence = {"no_gap": 0.0, "parameters": _log_z(retuned) - reference}
     rough = sorted(catalogue.explain(nominal).values(), key=lambda e: -e.log_evidence)
     modes = {e.effect.name: _modes(problem, e) for e in rough[:_N_FORMED]}
-    formed = [_with_form(problem, small, e, columns, modes, reference) for e in rough[:_N_FORMED]]
+    formed = [
+        _with_form(problem, small, e, columns[e.effect.name], modes[e.effect.name], reference)
+        for e in rough[:_N_FORMED]
+    ]
     explanations = sorted([*formed, *rough[_N_FORMED:]], key=lambda e: -e.log_evidence)
     for explanation in explanations:
         log_evidence[explanation.effect.name] = explanation.log_evidence
@@ -136,7 +139,8 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
         log_evidence[_pair_name(pair)] = pair.log_evidence
         left_over[_pair_name(pair)] = pair.left_over
     left_over = {name: dispersion * value / len(problem.data) for name, value in left_over.items()}
-    log_evidence["unknown"] = max([_discrepancy(problem, small), *_beyond(problem, nominal, small, beyond)]) - reference
+    nameless = _discrepancy(problem, small) - reference
+    log_evidence["unknown"] = max([nameless, *_beyond(problem, nominal, small, beyond, reference)])
     shared = {_pair_name(pair): pair.shared for pair in pairs}
     _add_grain(log_evidence, shared, left_over, grain)
     probabilities = weigh(
@@ -258,35 +262,40 @@ def _with_form(
     problem: LinearProblem,
     small: Floats,
     rough: Explanation,
-    columns: dict[str, list[Column]],
-    modes: dict[str, Floats],
+    entries: list[Column],
+    modes: Floats,
     reference: float,
 ) -> Explanation:
-    """Weigh one effect again, with what its form may miss: that cannot weigh more than what the form explains."""
-    name = rough.effect.name
-    log_z, _, formed = explain_formed(problem, small, modes[name], columns[name], FORM_SHARES)
-    missed = log_z - reference - rough.log_evidence
+    """Weigh one effect again, with what its form may miss."""
+    log_z, _, formed = explain_formed(problem, small, modes, entries, FORM_SHARES)
     return replace(
         rough,
-        log_evidence=rough.log_evidence + min(missed, max(rough.log_evidence, 0.0)),
+        log_evidence=_carried(rough.log_evidence, log_z - reference),
         shape_spread=formed.shape_spread,
         form_share=formed.form_share,
     )
+
+
+def _carried(by_form: float, with_modes: float) -> float:
+    """Log evidence with what a form may miss: that cannot weigh more than what the form itself explains."""
+    return min(with_modes, by_form + max(by_form, 0.0))
 
 
 def _modes(problem: LinearProblem, explanation: Explanation) -> Floats:
     return form_modes(problem, explanation.contribution, in_time="time" in explanation.effect.grows_with)
 
 
-def _beyond(problem: LinearProblem, nominal: Marginal, small: Floats, beyond: dict[str, list[Column]]) -> list[float]:
+def _beyond(
+    problem: LinearProblem, nominal: Marginal, small: Floats, beyond: dict[str, list[Column]], reference: float
+) -> list[float]:
     """Log evidence of each cause that has a form but no place in the catalogue."""
     found = []
-    for name, entries in beyond.items():
+    for entries in beyond.values():
         rough = explain(nominal, entries)
         if rough is not None:
-            modes = {name: _modes(problem, rough)}
-            found.append(_with_form(problem, small, rough, beyond, modes, _log_z(nominal)).log_evidence)
-    return [value + _log_z(nominal) - float(np.log(len(beyond))) for value in found]
+            formed = _with_form(problem, small, rough, entries, _modes(problem, rough), reference)
+            found.append(formed.log_evidence - float(np.log(len(beyond))))
+    return found
 
 
 def _pairs(
@@ -333,8 +342,7 @@ def _formed_pair(
         modes[name] = _modes(problem, second)
     both = np.hstack([modes[first.effect.name], modes[name]])
     log_z, left_over, found = explain_formed(problem, np.hstack([small, given]), both, columns[name], FORM_SHARES)
-    # As with one effect: the second's own form must carry what the pair gains.
-    gained = min(log_z - reference - first.log_evidence, 2.0 * second.log_evidence)
+    gained = _carried(second.log_evidence, log_z - reference - first.log_evidence)
     shared = _shared(problem, first.contribution, found.contribution)
     return Pair(first=first, second=found, log_evidence=first.log_evidence + gained, left_over=left_over, shared=shared)
 
@@ -354,7 +362,9 @@ def _shared(problem: LinearProblem, first: Floats, second: Floats) -> float:
 def _discrepancy(problem: LinearProblem, small: Floats) -> float:
     """Log evidence of a smooth gap of no particular form: harmonics times {1, speed, load, session, feed, time}."""
     columns = []
-    factors = _smooth_factors(problem)
+    varied = block_weights(problem)
+    loaded = [1.0 - idle for idle in varied["idle"]]
+    factors = [varied["one"], varied["speed"], loaded, varied["session"], varied["feed"], varied["within"]]
     for equation, form in problem.campaign.plant.equations.items():
         n_harmonics = form.n_harmonics
         for k in range(2 * min(_DISCREPANCY_HARMONICS, n_harmonics) + 1):
@@ -372,12 +382,3 @@ def _discrepancy(problem: LinearProblem, small: Floats) -> float:
                     columns.append(column / norm)
     widened = Widened(problem, small, np.array(columns).T)
     return log_mean_exp([widened.at(size)[0] for size in _DISCREPANCY_SIZES])
-
-
-def _smooth_factors(problem: LinearProblem) -> list[list[Floats]]:
-    """Weights of the blocks of each part: 1, speed, load, session, feed, and time within the trial."""
-    varied = covariates(problem)
-    flat = [np.ones(len(problem.parts)), varied["speed"], 1.0 - varied["idle"], varied["session"], varied["feed"]]
-    counts = [part.blocks.shape[0] for part in problem.parts]
-    found = [[np.full(n, value) for n, value in zip(counts, row, strict=True)] for row in flat]
-    return [*found, [np.linspace(-1.0, 1.0, n) if n > 1 else np.zeros(1) for n in counts]]

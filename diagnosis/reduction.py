@@ -18,6 +18,8 @@ N_POINTS = 128
 N_HARMONICS = 40
 MIN_SAMPLES_PER_BIN = 1.5
 _MIN_COVERAGE = 0.5
+# A crank that is slower stands.
+MOVING_RAD_S = 2.0
 START_UP_S = 0.4
 START_UP_STEP_S = 1e-3
 # Channels of a recording and where they stand in a state.
@@ -184,6 +186,11 @@ def angle_derivative(waves: Floats) -> Floats:
     spectrum = np.fft.rfft(waves, axis=-1)
     spectrum *= 1j * np.arange(spectrum.shape[-1])
     return np.fft.irfft(spectrum, n_points, axis=-1)
+
+
+def first_motion_s(angle: CrankAngle) -> float:
+    """Time at which the crank begins to turn; the first sample where it turns all along."""
+    return float(angle.time_s[np.argmax(angle.speed_rad_s > MOVING_RAD_S)])
 
 
 def steady_part(angle: CrankAngle, moving_s: float) -> tuple[float, float]:

@@ -17,13 +17,12 @@ import numpy as np
 
 from bench.processed import CrankAngle
 from bench.recording import Floats
-from diagnosis.reduction import steady_part
+from diagnosis.reduction import first_motion_s, steady_part
 from diagnosis.state import TWO_PI
 
 N_RIPPLE = 8
 # Prior standard deviation of the wave's k-th harmonic, rad: that over k^3, as torques of the mechanism make it.
 _RIPPLE_RAD = 0.02
-_MOVING_RAD_S = 2.0
 _SETTLE_S = 0.8
 _FADE_S = 0.03
 _LEAST_SAMPLES = 2000
@@ -56,7 +55,7 @@ def restore_ripple(angle: CrankAngle, time_s: Floats, displacement_m: Floats) ->
     Bias: harmonics that are not certain are drawn to what the tracker found; where the displacement's noise is
     coloured, `std_rad` is too small.
     """
-    start_s, end_s = steady_part(angle, float(angle.time_s[np.argmax(angle.speed_rad_s > _MOVING_RAD_S)]))
+    start_s, end_s = steady_part(angle, first_motion_s(angle))
     settled_s = start_s + _SETTLE_S
     inside = (time_s > settled_s) & (time_s < end_s) & np.isfinite(displacement_m)
     turns_made = float(np.diff(np.interp([settled_s, end_s], angle.time_s, angle.angle_rad))[0]) / TWO_PI
@@ -90,7 +89,7 @@ def _regress(radius_m: float, design: Floats, target: Floats) -> tuple[Floats, F
         found = covariance @ (scaled.T @ target[kept]) / noise
         return (
             found,
-            covariance.diagonal().copy(),
+            np.asarray(covariance.diagonal(), dtype=np.float64),
             max(_MAD * float(np.median(np.abs(target - design @ found))), _LEAST_NOISE_M),
         )
 

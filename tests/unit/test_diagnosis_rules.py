@@ -40,9 +40,9 @@ def with_gap(problem, signature, size=1.0):
 def formed(problem, name):
     columns, rough = explained(problem, name)
     small = np.zeros((len(problem.data), 0))
-    modes = {name: posterior._modes(problem, rough)}
+    modes = posterior._modes(problem, rough)
     reference = posterior._log_z(Marginal(problem))
-    return rough, posterior._with_form(problem, small, rough, columns, modes, reference)
+    return rough, posterior._with_form(problem, small, rough, columns[name], modes, reference)
 
 
 def bent_friction(state):
@@ -134,7 +134,7 @@ def test_an_uncertain_ripple_is_an_error_of_the_model(states):
 
 def test_without_a_form_beyond_the_catalogue_nothing_is_added(problem):
     nominal = Marginal(problem)
-    assert posterior._beyond(problem, nominal, np.zeros((len(problem.data), 0)), {}) == []
+    assert posterior._beyond(problem, nominal, np.zeros((len(problem.data), 0)), {}, 0.0) == []
 
 
 def test_friction_that_fades_within_each_trial_is_explained_beyond_the_catalogue(states):
@@ -146,6 +146,6 @@ def test_friction_that_fades_within_each_trial_is_explained_beyond_the_catalogue
     gap = with_gap(problem_of(lasting), cold)
     nominal, small = Marginal(gap), np.zeros((len(gap.data), 0))
     beyond = catalogue_columns(gap, gap.campaign.plant.beyond_catalogue)
-    best = max(posterior._beyond(gap, nominal, small, beyond)) - posterior._log_z(nominal)
+    best = max(posterior._beyond(gap, nominal, small, beyond, posterior._log_z(nominal)))
     _, constant = formed(gap, "motor_coulomb_friction")
     assert best > constant.log_evidence + 5.0
