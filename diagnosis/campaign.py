@@ -16,6 +16,7 @@ from bench.processed import CrankAngle
 from bench.recording import Floats, Recording
 from bench.units import DISPLACEMENT
 from diagnosis.equations import Baseline, residuals
+from diagnosis.off_stroke import OffStroke, off_stroke
 from diagnosis.plants.jigsaw import Jigsaw
 from diagnosis.plants.plant import Plant
 from diagnosis.reduction import (
@@ -62,6 +63,8 @@ class Campaign:
         No trial has a displacement: the angle of every state is NaN and only means over whole strokes are known.
     strokes : tuple of StrokeSeries
         Hardness of every stroke of the cutting trials.
+    off_stroke : tuple of OffStroke
+        What every trial holds beside its strokes.
     """
 
     plant: Plant
@@ -70,6 +73,7 @@ class Campaign:
     warnings: tuple[str, ...]
     angle_is_assumed: bool = False
     strokes: tuple[StrokeSeries, ...] = ()
+    off_stroke: tuple[OffStroke, ...] = ()
 
     @property
     def baseline(self) -> Any:
@@ -133,11 +137,13 @@ def reduce_campaign(
     tracks = slow_tracks(usable, angles, stroke_m=2.0 * baseline.radius_m)
     states: list[State] = []
     series: list[StrokeSeries | None] = []
+    beside: list[OffStroke | None] = []
     for index, (recording, angle, track) in enumerate(zip(usable, angles, tracks, strict=True)):
         moving_s = first_motion_s(angle)
         steady_s = steady_part(angle, moving_s)
         states += _states(baseline, recording, angle, track, index, moving_s, steady_s, warnings)
         series.append(_strokes(baseline, recording, angle, steady_s))
+        beside.append(off_stroke(recording, angle, steady_s[0] + SETTLE_S, steady_s[1]))
     states = [replace(state, ripple_std_rad=ripples[state.setting.label]) for state in states]
     _refuse_foreign_angles(states, warnings)
     if not states:
@@ -152,6 +158,7 @@ def reduce_campaign(
         k_guess_n_s_per_m=guesses,
         warnings=tuple(warnings),
         strokes=tuple(s for s in series if s is not None and s.label in kept),
+        off_stroke=tuple(s for s in beside if s is not None and s.label in kept),
     )
 
 

@@ -98,6 +98,7 @@ def diagnose(
         "next_trial": next_trial(problem, posterior),
         "warnings": [
             *campaign.warnings, *_weaknesses(campaign), *_hidden(shown), *_of_grain(posterior),
+            *([] if posterior.off_stroke is None else [posterior.off_stroke.text]),
             *(() if channels is None else channels.warnings)
         ],
         "detail": {**detail(problem, posterior, channels), "log_odds_at_typical_size": shown},

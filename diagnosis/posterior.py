@@ -21,6 +21,7 @@ from diagnosis.evidence import (
 from diagnosis.form_error import FORM_SHARES, block_weights, form_modes
 from diagnosis.linear_problem import WIDE, LinearProblem, Marginal, Widened
 from diagnosis.log_mean import log_mean_exp
+from diagnosis.off_stroke import Finding, off_stroke_finding
 from diagnosis.stroke_series import Grain, grain_evidence
 from diagnosis.weighing import AND, VERDICTS, weigh
 
@@ -79,6 +80,8 @@ class Posterior:
         Whitened misfit over the number of features, of the nominal model and after each cause.
     grain : Grain
         What the single strokes say of a wave in the wood.
+    off_stroke : Finding or None
+        What does not follow the stroke and is no scatter: it speaks for "unknown".
     dispersion : float
         Factor on the noise's variance: 1 where the best effect explains the gap as an intact machine is explained.
     """
@@ -91,6 +94,7 @@ class Posterior:
     shared: dict[str, float]
     left_over: dict[str, float]
     grain: Grain
+    off_stroke: Finding | None
     dispersion: float
 
 
@@ -143,6 +147,9 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     log_evidence["unknown"] = max([nameless, *_beyond(problem, nominal, small, beyond, reference)])
     shared = {_pair_name(pair): pair.shared for pair in pairs}
     _add_grain(log_evidence, shared, left_over, grain)
+    beside = off_stroke_finding(problem.campaign.off_stroke)
+    if beside is not None:
+        log_evidence["unknown"] = max(log_evidence["unknown"], beside.log_evidence)
     probabilities = weigh(
         log_evidence, left_over, n_effects=len(problem.campaign.plant.effects), quiet=problem.quiet, shared=shared
     )
@@ -158,6 +165,7 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
         shared=shared,
         left_over=left_over,
         grain=grain,
+        off_stroke=beside,
         dispersion=dispersion,
     )
 
