@@ -7,25 +7,68 @@ better than any effect of the catalogue is left to nobody.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from bench.recording import Floats
 from diagnosis.effects.effect import Effect, Strength
-from diagnosis.effects.yoke_backlash import swing
-from diagnosis.equations import Baseline, Signature
+from diagnosis.equations import Baseline, Signature, is_angle_known, residuals
 from diagnosis.state import State
 
 _N_BENT_HARMONICS = 4
 _BENT_RAD = 0.03
+_STEP_RAD = 1e-4
 # The torque of viscous friction is stated at this speed of the motor.
 _UNIT_RAD_S = 1000.0
 
 
+def straightened(state: State, coefficients_rad: Floats) -> State:
+    """State as it would be if the displacement had been read without its bend.
+
+    A bent sensor reads a function of the displacement alone. Its ends are calibrated, because the radius is fitted to
+    the reading: what is left vanishes at both dead centres and is the same up and down, so the angle is off by a series
+    of sines of the read angle, and any such series is a bend.
+
+    Parameters
+    ----------
+    state : State
+    coefficients_rad : ndarray, shape (4,)
+        Of each harmonic k times k^2, by how much the read angle is too large.
+
+    Returns
+    -------
+    State
+    """
+    order = np.arange(1, _N_BENT_HARMONICS + 1)[:, None, None]
+    size = np.reshape(coefficients_rad, (-1, 1, 1)) / order**2
+    turned, speed = order * state.angle_rad, state.speed_rad_s
+    slower = 1.0 - np.sum(size * order * np.cos(turned), axis=0)
+    bent = np.sum(size * order**2 * np.sin(turned), axis=0)
+    return replace(
+        state,
+        angle_rad=state.angle_rad - np.sum(size * np.sin(turned), axis=0),
+        speed_rad_s=speed * slower,
+        acceleration_rad_s2=state.acceleration_rad_s2 * slower + speed**2 * bent,
+    )
+
+
 def _bent_displacement(baseline: Baseline, state: State) -> tuple[Signature, ...]:
-    """The angle is read wrong by one smooth wave, the same in air and under load: harmonics that fall fast."""
-    if state.kind != "running":
-        return tuple({} for _ in range(2 * _N_BENT_HARMONICS))
-    waves = [f(k * state.angle_rad) / k**2 for k in range(1, _N_BENT_HARMONICS + 1) for f in (np.cos, np.sin)]
-    return tuple(swing(baseline, state, wave) for wave in waves)
+    """One signature for each sine, at a start as well: there the speed is read wrong in the same way."""
+    if not is_angle_known(state):
+        return tuple({} for _ in range(_N_BENT_HARMONICS))
+    found: list[Signature] = []
+    for step in _STEP_RAD * np.eye(_N_BENT_HARMONICS):
+        more, less = straightened(state, step), straightened(state, -step)
+        up, down = residuals(baseline, more), residuals(baseline, less)
+        # What the reading hides is what straightening it takes away.
+        one: Signature = {
+            name: (down[name] - up[name]) / (2.0 * _STEP_RAD) for name in ("electrical", "mechanical") if name in up
+        }
+        if state.force_n is not None and not state.setting.is_idle:
+            one["cutting"] = (baseline.expected_force(more) - baseline.expected_force(less)) / (2.0 * _STEP_RAD)
+        found.append(one)
+    return tuple(found)
 
 
 def _warming_friction(
@@ -40,7 +83,7 @@ def _warming_friction(
 BENT_DISPLACEMENT = Effect(
     name="bent displacement sensor",
     place="sensing",
-    equation="angle read off the displacement is wrong by one smooth wave",
+    equation="displacement is read through a smooth curve instead of a straight line",
     strength=Strength(name="swing_rad", unit="rad", typical=_BENT_RAD, low=0.1, high=5.0, source="assumed"),
     signature=_bent_displacement,
 )
