@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from bench.recording import Floats
-from diagnosis.effects.effect import Effect, Strength
+from diagnosis.effects.effect import BACKGROUND_SHARE, Effect, Strength
 from diagnosis.equations import Baseline, Signature, is_angle_known, residuals
 from diagnosis.state import State
 
@@ -86,6 +86,8 @@ BENT_DISPLACEMENT = Effect(
     equation="displacement is read through a smooth curve instead of a straight line",
     strength=Strength(name="swing_rad", unit="rad", typical=_BENT_RAD, low=0.1, high=5.0, source="assumed"),
     signature=_bent_displacement,
+    # An ordinary sensor is straight to about 0.15 % of its range, two standard deviations.
+    background=(({}, BACKGROUND_SHARE),),
 )
 WARMING_FRICTION = Effect(
     name="friction that falls as the machine warms up",

@@ -120,7 +120,8 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
         problem, (columns, beyond) = _dispersed(problem, (columns, beyond), dispersion)
         catalogue = Catalogue(columns, problem.data)
     # Once for the whitening, once because noise that large already holds the small effects.
-    small = background(measured, [entries[0].effect for entries in columns.values()]) / dispersion
+    ordinary = [effect for effect in problem.campaign.plant.beyond_catalogue if effect.background]
+    small = background(measured, [*(entries[0].effect for entries in columns.values()), *ordinary]) / dispersion
     nominal = Marginal(problem, extra=small)
     retuned = Marginal(problem, scale=wide_scale(problem), extra=small)
     reference = _log_z(nominal)
