@@ -58,6 +58,9 @@ class Explanation:
         Relative standard deviation of the reported strength between the shapes, as likely as they are.
     form_share : float
         How far nature's form seems to be from the best shape, relative: one of those that were tried.
+    mixture : (float, float), optional
+        Size and its standard deviation over mixtures of the shapes (`diagnosis.size`), in multiples of the typical
+        size: what is reported, where it is there, instead of the amplitude of the best shape.
     """
 
     effect: Effect
@@ -69,10 +72,13 @@ class Explanation:
     contribution: Floats
     shape_spread: float = 0.0
     form_share: float = 0.0
+    mixture: tuple[float, float] | None = None
 
     @property
     def strength(self) -> float:
         """Reported parameter."""
+        if self.mixture is not None:
+            return self.mixture[0] * self.effect.strength.typical
         return self.effect.reported_strength(self.amplitude * self.effect.strength.typical, self.column.shape)
 
     @property
@@ -82,6 +88,8 @@ class Explanation:
         From the noise: half of what one standard deviation of the amplitude either way changes, as tempered as the
         evidence is.
         """
+        if self.mixture is not None:
+            return float(np.hypot(self.mixture[1] * self.effect.strength.typical, self.form_share * self.strength))
         typical = self.effect.strength.typical
         step = np.sqrt(WEIGHTS.temperature) * self.amplitude_std
         high, low = (
@@ -339,9 +347,15 @@ def _several(grid: Floats, gram: Floats, moment: Floats) -> tuple[float, Floats,
 
 def background(problem: LinearProblem, effects: Sequence[Effect]) -> Floats:
     """Nuisance columns for small amounts of every effect, shape (n, q), times their prior standard deviation."""
-    found = [np.zeros((len(problem.data), 0))]
+    return np.hstack([np.zeros((len(problem.data), 0)), *little_of_each(problem, effects).values()])
+
+
+def little_of_each(problem: LinearProblem, effects: Sequence[Effect]) -> dict[str, Floats]:
+    """`background` by the name of the effect."""
+    found = {}
     for effect in effects:
         sizes = [share * effect.strength.typical for _, share in effect.little]
         shown = _columns(problem, effect, [shape for shape, _ in effect.little])
-        found += [columns * size for columns, size in zip(shown, sizes, strict=True) if columns is not None]
-    return np.hstack(found)
+        kept = [columns * size for columns, size in zip(shown, sizes, strict=True) if columns is not None]
+        found[effect.name] = np.hstack([np.zeros((len(problem.data), 0)), *kept])
+    return found

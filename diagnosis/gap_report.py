@@ -11,13 +11,14 @@ from bench.config import LoadedConfig
 from bench.recording import Recording
 from diagnosis.campaign import Campaign
 from diagnosis.channel_gap import ChannelGap, forecast
-from diagnosis.evidence import Column, Explanation, catalogue_columns, together
+from diagnosis.evidence import Column, Explanation, catalogue_columns, little_of_each, together
 from diagnosis.gap_detail import detail, log_odds_at_typical_size
 from diagnosis.ladder import RUNGS, HoldOut, Ladder, Rungs
 from diagnosis.linear_problem import LinearProblem, Marginal, build_problem
 from diagnosis.next_trial import next_trial
 from diagnosis.plants.choice import reduce_recordings
 from diagnosis.posterior import GRAIN, Posterior, judge, wide_scale, with_grain
+from diagnosis.size import sized
 from diagnosis.weighing import AND, VERDICTS
 from diagnosis.where import locate
 
@@ -120,6 +121,7 @@ def _causes(
     causes: list[dict[str, Any]] = []
     hold_out: HoldOut | None = None
     first: tuple[Ladder, list[tuple[Column, ...]]] | None = None
+    small = little_of_each(problem, [entries[0].effect for entries in columns.values() if entries])
     for name, probability in chosen:
         members = _members(problem, name, posterior, by_name)
         best = _stacked([m.column for m in members])
@@ -143,7 +145,7 @@ def _causes(
                         "std": float(np.hypot(m.strength_std, problem.campaign.plant.scale_rel_std * m.strength)),
                         "unit": m.effect.strength.unit
                     }
-                    for m in members
+                    for m in sized(problem, members, columns, small=small, dispersion=posterior.dispersion)
                 },
                 "gap_closed": ladder.gap_closed,
                 "gap_closed_ci95": list(ladder.gap_closed_ci95),

@@ -1,7 +1,7 @@
 """The blade dulls: k (1 + w g(distance cut)), monotone over its life, no recovery at rest.
 
-g = (d / 10 m)^q with q = 0.5, 1, 1.5, or a quick running-in 1 - exp(-d/d_0). w is the growth over the first
-10 m, for the running-in form the growth at its end. Positive amplitude: the force grows. Heat and offset
+g = (d / 10 m)^q with q = 0.5, 1, 1.5, or a quick running-in (1 - exp(-d/d_0)) / (1 - exp(-10 m/d_0)). w is the
+growth over the first 10 m. Positive amplitude: the force grows. Heat and offset
 drift recover at rest or leave the shape alone. The paper changes its blades when the specific force has
 grown by 20 %; rate: assumed.
 """
@@ -21,7 +21,11 @@ def _signature(baseline: Baseline, state: State, power: float = 1.0, run_in_m: f
     if state.setting.is_idle:
         return ({},)
     distance_m = np.maximum(state.cut_distance_m, 0.0)
-    growth = 1.0 - np.exp(-distance_m / run_in_m) if run_in_m > 0.0 else (distance_m / _UNIT_M) ** power
+    growth = (
+        np.expm1(-distance_m / run_in_m) / np.expm1(-_UNIT_M / run_in_m)
+        if run_in_m > 0.0
+        else (distance_m / _UNIT_M) ** power
+    )
     return ({"cutting": baseline.expected_force(state) * growth},)
 
 

@@ -4,7 +4,8 @@
 
 Positive amplitude: a constant voltage is missing at every duty. Below i_0 the drop turns ohmic. A diode
 drop shrinks with duty, resistance grows with current. The form, ohmic at small current and flat above, is
-that of Modelica.Electrical.Machines.Losses.DCMachines.Brush. Range: assumed.
+that of Modelica.Electrical.Machines.Losses.DCMachines.Brush; a contact's voltage may go on rising with the
+logarithm of the current, V ln(1 + i/i_0) / ln(1 + 10 A/i_0). V is that at 10 A. Range: assumed.
 """
 
 from __future__ import annotations
@@ -15,11 +16,16 @@ from diagnosis.effects.effect import Effect, Strength
 from diagnosis.equations import Baseline, Signature
 from diagnosis.state import State
 
+_UNIT_A = 10.0
 
-def _signature(baseline: Baseline, state: State, knee_a: float) -> tuple[Signature, ...]:
+
+def _signature(baseline: Baseline, state: State, knee_a: float, logarithmic: float) -> tuple[Signature, ...]:
     if state.current_a is None:
         return ({},)
-    return ({"electrical": np.tanh(state.current_a / knee_a)},)
+    share = state.current_a / knee_a
+    if logarithmic:
+        return ({"electrical": np.sign(share) * np.log1p(np.abs(share)) / np.log1p(_UNIT_A / knee_a)},)
+    return ({"electrical": np.tanh(share)},)
 
 
 EFFECT = Effect(
@@ -28,7 +34,7 @@ EFFECT = Effect(
     equation="V * sgn(i) in the armature circuit",
     strength=Strength(name="voltage_v", unit="V", typical=0.8, low=0.1, high=3.0, source="assumed"),
     signature=_signature,
-    shapes=tuple({"knee_a": i} for i in (0.1, 1.0, 3.0)),
+    shapes=tuple({"knee_a": i, "logarithmic": law} for i, law in ((0.1, 0.0), (1.0, 0.0), (3.0, 0.0), (0.1, 1.0))),
     needs=("motor_current_a", "battery_voltage_v"),
     confused_with=("converter_diode_drop", "winding_heating"),
     told_apart_by="trials at several duties, idle and loaded",

@@ -3,8 +3,9 @@
     L di/dt = duty V_b - V_f (1 - duty) - R i - k_e w,   while i > 0
 
 Positive amplitude: voltage is missing, most at low duty. Dead time adds a part that is the same at every
-duty (0.3 of V_f). The forward voltage is constant, ohmic below a knee, or follows the diode's law,
-V_f = n V_T ln(1 + i/i_s), here scaled to 1 at 10 A. A brush drop is the same at every duty. Forward voltage:
+duty (0.3 of V_f). The forward voltage is constant, ohmic below a knee, follows the diode's law,
+V_f = n V_T ln(1 + i/i_s), or is ohmic almost throughout (knee of 30 A: its leads, or a switch in its place);
+each scaled to 1 at 10 A, so V_f is that at 10 A. A brush drop is the same at every duty. Forward voltage:
 0.4 V (Schottky) to 1.2 V (silicon), assumed.
 """
 
@@ -25,7 +26,11 @@ def _signature(
     if state.current_a is None:
         return ({},)
     current_a = np.maximum(state.current_a, 0.0)
-    forward = np.log1p(current_a / knee_a) / np.log1p(_UNIT_A / knee_a) if logarithmic else np.tanh(current_a / knee_a)
+    forward = (
+        np.log1p(current_a / knee_a) / np.log1p(_UNIT_A / knee_a)
+        if logarithmic
+        else np.tanh(current_a / knee_a) / np.tanh(_UNIT_A / knee_a)
+    )
     return ({"electrical": (1.0 - state.setting.duty + dead_share) * forward},)
 
 
@@ -45,7 +50,7 @@ EFFECT = Effect(
     shapes=tuple(
         {"dead_share": dead, "knee_a": knee, "logarithmic": law}
         for dead in (0.0, 0.3)
-        for knee, law in ((0.1, 0.0), (1.0, 0.0), (3.0, 0.0), (0.03, 1.0), (0.3, 1.0), (1.5, 1.0))
+        for knee, law in ((0.1, 0.0), (1.0, 0.0), (3.0, 0.0), (30.0, 0.0), (0.03, 1.0), (0.3, 1.0), (1.5, 1.0))
     ),
     needs=("motor_current_a", "battery_voltage_v"),
     confused_with=("brush_voltage_drop",),

@@ -1,10 +1,10 @@
 """A force of the cutting edge that does not depend on speed: F = F_0 + k v on the cutting half.
 
 Positive amplitude: the force steps up at the reversal, where the baseline rises from 0. The reading is the
-true force. Forms: sharp and smooth onset; one F_0 for all stocks, or in proportion to the cutting
-coefficient (240 N*s/m as the unit), since more teeth are in thicker stock. A speed
-exponent bends the curve, an edge force shifts it. Mechanistic models of cutting carry such an edge term
-(Altintas, Manufacturing Automation); 10 to 40 % of the peak force: assumed.
+true force. Forms: sharp and smooth onset; one F_0 for all stocks, or in proportion to the thickness, since
+more teeth are in thicker stock: then F_0 is that of 20 mm. A speed exponent bends the curve, an edge force
+shifts it. Mechanistic models of cutting carry such an edge term (Altintas, Manufacturing Automation); 10 to
+40 % of the peak force: assumed.
 """
 
 from __future__ import annotations
@@ -12,10 +12,9 @@ from __future__ import annotations
 import numpy as np
 
 from diagnosis.effects.effect import Effect, Strength
+from diagnosis.effects.stock import stock_share
 from diagnosis.equations import Baseline, Signature
 from diagnosis.state import State
-
-_K_UNIT_N_S_PER_M = 240.0
 
 
 def _signature(baseline: Baseline, state: State, onset_m_s: float, by_stock: float) -> tuple[Signature, ...]:
@@ -23,7 +22,7 @@ def _signature(baseline: Baseline, state: State, onset_m_s: float, by_stock: flo
         return ({},)
     force = np.tanh(baseline.cutting_speed(state) / onset_m_s)
     if by_stock:
-        force = force * state.slow["k_guess_n_s_per_m"] / _K_UNIT_N_S_PER_M
+        force = force * stock_share(state)
     return ({"cutting": force},)
 
 

@@ -1,6 +1,6 @@
 """The zero of the load cell drifts over the session: F_m = F + d(t).
 
-d per 1000 s: linear, square root, or a warm-up 1 - exp(-t/t_w) (unit: its end). Rising and falling zeros
+d over the first 1000 s: linear, square root, or a warm-up 1 - exp(-t/t_w). Rising and falling zeros
 are separate forms (an amplitude is positive); reported is the signed drift. The same at all angles, cutting
 or not; the mechanical residual, which uses the reading, shows it as -d times the lever. A constant offset
 is no drift (see nuisances). Bridge amplifiers and strain gauges: 0.02 to 0.1 % of the range per 10 K, that
@@ -23,7 +23,11 @@ def _signature(
     baseline: Baseline, state: State, direction: float, power: float = 1.0, warm_up_s: float = 0.0
 ) -> tuple[Signature, ...]:
     elapsed_s = np.maximum(state.setting.session_s + state.time_s, 0.0)
-    drift = 1.0 - np.exp(-elapsed_s / warm_up_s) if warm_up_s > 0.0 else (elapsed_s / _UNIT_S) ** power
+    drift = (
+        np.expm1(-elapsed_s / warm_up_s) / np.expm1(-_UNIT_S / warm_up_s)
+        if warm_up_s > 0.0
+        else (elapsed_s / _UNIT_S) ** power
+    )
     return (force_reading(baseline, state, baseline.expected_force(state) + direction * drift),)
 
 

@@ -2,7 +2,7 @@
 
 Positive amplitude: the load cell reads negative on the return half. The reading is the true force, so the
 mechanical equation, which uses it, stays right. Forms: viscous, and dry with 0.5 N per N*s/m (the same at
-0.5 m/s); for every stock alike, or in proportion to its cutting coefficient (240 N*s/m as the unit). Told
+0.5 m/s); for every stock alike, or in proportion to its thickness, and then stated for 20 mm. Told
 from an offset of the load cell by the half stroke it lives on and by idle runs. Some per cent to 20 % of
 the cutting force: assumed.
 """
@@ -12,12 +12,12 @@ from __future__ import annotations
 import numpy as np
 
 from diagnosis.effects.effect import Effect, Strength
+from diagnosis.effects.stock import stock_share
 from diagnosis.equations import Baseline, Signature
 from diagnosis.state import State
 
 _DRY_AT_M_S = 0.5
 _SMOOTH_M_S = 0.03
-_K_UNIT_N_S_PER_M = 240.0
 
 
 def _signature(baseline: Baseline, state: State, dry: float, by_stock: float) -> tuple[Signature, ...]:
@@ -26,7 +26,7 @@ def _signature(baseline: Baseline, state: State, dry: float, by_stock: float) ->
     velocity = np.maximum(-baseline.cutting_sign * baseline.blade_velocity(state), 0.0)
     force = _DRY_AT_M_S * np.tanh(velocity / _SMOOTH_M_S) if dry else velocity
     if by_stock:
-        force = force * state.slow["k_guess_n_s_per_m"] / _K_UNIT_N_S_PER_M
+        force = force * stock_share(state)
     return ({"cutting": -force},)
 
 

@@ -1,0 +1,142 @@
+"""How large a named effect is, if nature's form is some mixture of the catalogue's.
+
+The evidence looks for the best single form. Nature's lies between them: what the best form misses, the nuisances
+make up for at little cost (one per cent of a gain, a resistance that is a little off, a little of another effect), and
+they take a part of the size with them, up to half of it. Where every form of an effect states the same number in the
+same place (a voltage at 10 A, a force for 20 mm), any sum of them with positive weights is a form of it too, and its
+size is the sum of the weights. The weights are found by non-negative least squares together with the nuisances. Noise
+is scaled as the weighing scales it, by dispersion and temperature, and priors are not: what a nuisance may hide is
+known no better on a quiet bench.
+
+A little of every other effect widens the stated uncertainty but does not move the size, for what the form still misses
+would be taken for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from bench.recording import Floats
+from diagnosis.evidence import Column, Explanation
+from diagnosis.linear_problem import LinearProblem, Marginal
+from diagnosis.weighing import WEIGHTS
+
+# Forms that are nearly alike get even weights by this share of their own square.
+_RIDGE = 1e-9
+_SAME = 1e-9
+
+
+def is_mixable(columns: Sequence[Column]) -> bool:
+    """Whether a sum of the forms has the sum of their sizes: each is one column, and its amplitude is the number.
+
+    Give or take the sign, which the form may hold (a drift up or down).
+    """
+    return all(
+        c.effect.size_of is None and c.columns.shape[1] == 1 and abs(abs(_direction(c)) - 1.0) < _SAME for c in columns
+    )
+
+
+def _direction(column: Column) -> float:
+    """Reported number over amplitude, where that is all there is to it; else not a number of magnitude one."""
+    one, two = (column.effect.reported_strength(amplitude, column.shape) for amplitude in (1.0, 2.0))
+    return one if abs(two - 2.0 * one) < _SAME else np.nan
+
+
+def mixed(
+    problem: LinearProblem,
+    member: Explanation,
+    columns: Sequence[Column],
+    *,
+    beside: Sequence[Explanation],
+    small: Mapping[str, Floats],
+    dispersion: float,
+) -> Explanation:
+    """State the size of an effect over mixtures of its forms.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    member : Explanation
+        Of the effect; what else it says is kept.
+    columns : sequence of Column
+        All forms of the effect.
+    beside : sequence of Explanation
+        Other effects of the same cause: of any size, in their best form.
+    small : mapping of str to ndarray, shape (n, q)
+        Nuisance columns for a little of every effect, by its name.
+    dispersion : float
+        Factor on the noise's variance.
+
+    Returns
+    -------
+    Explanation
+        With `mixture`; as it was where the forms cannot be mixed.
+    """
+    if not is_mixable(columns):
+        return member
+    share = 1.0 / np.sqrt(WEIGHTS.temperature * dispersion)
+    named = {member.effect.name, *(other.effect.name for other in beside)}
+    fixed = [other.column.columns * other.effect.strength.high for other in beside]
+    others = [entries for name, entries in small.items() if name not in named]
+    scaled = replace(problem, data=share * problem.data, nuisance=share * problem.nuisance)
+    stacked = share * np.hstack([c.columns for c in columns])
+    none = np.zeros((len(problem.data), 0))
+    signs = np.array([_direction(c) for c in columns])
+    size, _ = _sum_of_weights(Marginal(scaled, extra=share * np.hstack([none, *fixed])), stacked, signs)
+    _, std = _sum_of_weights(Marginal(scaled, extra=share * np.hstack([none, *fixed, *others])), stacked, signs)
+    return replace(member, mixture=(size, std)) if np.isfinite(std) else member
+
+
+def sized(
+    problem: LinearProblem,
+    members: Sequence[Explanation],
+    columns: Mapping[str, Sequence[Column]],
+    *,
+    small: Mapping[str, Floats],
+    dispersion: float,
+) -> list[Explanation]:
+    """State the sizes of all effects of one cause; see `mixed`.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    members : sequence of Explanation
+    columns : mapping of str to sequence of Column
+        By effect.
+    small : mapping of str to ndarray, shape (n, q)
+    dispersion : float
+
+    Returns
+    -------
+    list of Explanation
+    """
+    return [
+        mixed(
+            problem, member, columns[member.effect.name],
+            beside=[other for other in members if other is not member], small=small, dispersion=dispersion,
+        )
+        for member in members
+    ]  # fmt: skip
+
+
+def _sum_of_weights(marginal: Marginal, columns: Floats, signs: Floats) -> tuple[float, float]:
+    """Sum of the non-negative weights of columns, shape (n, q), times signs, and its standard deviation.
+
+    Only weights above zero are uncertain; without any the sum is 0, known not at all.
+    """
+    from scipy.optimize import nnls
+
+    gram, moment = marginal.gram(columns)
+    scale = np.sqrt(np.diag(gram))
+    correlation = gram / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
+    root = np.linalg.cholesky(correlation).T
+    weights, _ = nnls(root, np.linalg.solve(root.T, moment / scale), maxiter=100 * len(scale))
+    kept = weights > 0.0
+    if not kept.any():
+        return 0.0, np.inf
+    each = (signs / scale)[kept]
+    covariance = np.linalg.inv(correlation[np.ix_(kept, kept)])
+    return float(np.sum(signs / scale * weights)), float(np.sqrt(each @ covariance @ each))
