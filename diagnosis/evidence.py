@@ -18,6 +18,7 @@ from diagnosis.weighing import WEIGHTS
 _N_AMPLITUDES = 40
 # Less than this share of its typical size is background, not a cause.
 _LEAST_AMPLITUDE = 0.15
+_SAME_VALUE = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -270,11 +271,18 @@ def _explanation(columns: Sequence[Column], inner: Sequence[tuple[Floats, Floats
 
 
 def _relative_spread(values: Floats, logs: Floats) -> float:
-    """Standard deviation of the values about the likeliest one, over that one; likely as the tempered logs say."""
+    """Standard deviation of the values about the likeliest one, over that one; likely as the tempered logs say.
+
+    No less than the shapes that were tried can resolve: even between the likeliest and the next value.
+    """
     weights = np.exp((logs - logs.max()) / WEIGHTS.temperature)
     best = float(values[np.argmax(logs)])
-    spread = float(np.sqrt(np.sum(weights * (values - best) ** 2) / np.sum(weights)))
-    return spread / abs(best) if best else 0.0
+    if not best:
+        return 0.0
+    away = np.abs(values - best)
+    next_one = float(np.min(away, where=away > _SAME_VALUE * abs(best), initial=np.inf))
+    resolved = next_one / np.sqrt(12.0) if np.isfinite(next_one) else 0.0
+    return float(np.hypot(np.sqrt(np.sum(weights * away**2) / np.sum(weights)), resolved)) / abs(best)
 
 
 def explain_formed(

@@ -32,7 +32,8 @@ EFFECT = Effect(
     strength=Strength(name="fraction", unit="1", typical=1.0, low=0.7, high=1.3, source="assumed"),
     signature=_signature,
     shapes=tuple({"fraction": d, "ramp": ramp} for d in _FRACTIONS for ramp in (0.01, 0.03, 0.08)),
-    shape_strength=lambda amplitude, shape: amplitude * shape["fraction"],
+    # The amplitude says how far the coefficient of the whole half stroke is below that of the engaged part.
+    shape_strength=lambda amplitude, shape: shape["fraction"],
     needs=("force_n",),
     grows_with=("position",),
     confused_with=("yoke_backlash", "cutting_speed_exponent", "force_sensor_lag"),
