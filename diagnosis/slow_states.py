@@ -11,8 +11,8 @@ from bench.processed import CrankAngle
 from bench.recording import Floats, Recording
 from diagnosis.state import TWO_PI
 
-HEAT_TIMES_S = (15, 40, 100, 300, 900)
-POLARIZATION_TIMES_S = (1, 3, 10, 30, 60)
+HEAT_TIMES_S = (15, 40, 100, 170, 300, 520, 900)
+POLARIZATION_TIMES_S = (1, 3, 6, 10, 18, 30, 60)
 _STEP_S = 0.02
 
 
@@ -26,7 +26,7 @@ class SlowTrack:
     session_s : float
         Start of the trial since the start of the campaign.
     values : dict of str to ndarray, shape (n,)
-        `charge_used_as`, `cut_distance_m`, `heat_<tau>_a2`, `polarization_<tau>_a`.
+        `charge_used_as`, `cut_distance_m`, `heat_<tau>_a2`, `spin_<tau>_rad2_s2` (crank), `polarization_<tau>_a`.
     """
 
     time_s: Floats
@@ -56,6 +56,7 @@ def slow_tracks(recordings: Sequence[Recording], angles: Sequence[CrankAngle], *
     charge: dict[str, float] = {}
     distance: dict[str, float] = {}
     heat: dict[int, float] = dict.fromkeys(HEAT_TIMES_S, 0.0)
+    spin: dict[int, float] = dict.fromkeys(HEAT_TIMES_S, 0.0)
     polarization: dict[int, float] = dict.fromkeys(POLARIZATION_TIMES_S, 0.0)
     first = recordings[0].trial.started_at
     ended_s = 0.0
@@ -71,6 +72,7 @@ def slow_tracks(recordings: Sequence[Recording], angles: Sequence[CrankAngle], *
         values: dict[str, Floats] = {}
         for memory, kind, drive, unit in (
             (heat, "heat", motor_a**2, "a2"),
+            (spin, "spin", (np.diff(np.interp(edges, angle.time_s, angle.angle_rad)) / _STEP_S) ** 2, "rad2_s2"),
             (polarization, "polarization", battery_a, "a"),
         ):
             for tau in memory:

@@ -45,7 +45,7 @@ EFFECT = Effect(
     ),
     signature=_signature,
     shapes=(
-        *({"fast_s": tau, "slow_s": tau} for tau in (1.0, 3.0, 10.0, 30.0, 60.0)),
+        *({"fast_s": tau, "slow_s": tau} for tau in (1.0, 3.0, 6.0, 10.0, 18.0, 30.0, 60.0)),
         {"fast_s": 1.0, "slow_s": 10.0},
         {"fast_s": 3.0, "slow_s": 30.0},
         {"fast_s": 10.0, "slow_s": 60.0},

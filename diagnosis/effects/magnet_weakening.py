@@ -1,9 +1,10 @@
-"""Warm magnets are weaker: k_e and k_m (1 - 0.0015/K * dT), dT = R_th * copper loss through thermal masses.
+"""Warm magnets are weaker: k_e and k_m (1 - 0.0015/K * dT), dT = R_th * loss through thermal masses.
 
 Positive amplitude: the back-EMF is smaller than the baseline says (electrical residual negative, idle speed
 higher) and so is the torque for a current (mechanical residual positive). Both together tell it from
 winding heat, which grows with the current. Ferrite loses 0.2 %/K, NdFeB 0.11 %/K (makers' tables of
-remanence); 0.15 %/K is used here. Thermal resistance of the magnets' ring to air: 1 to 6 K/W, assumed.
+remanence); 0.15 %/K is used here. The loss is that of the copper, without or with the rotor's friction b w^2,
+which warms the housing at idle as well. Thermal resistance of the magnets' ring to air: 1 to 6 K/W, assumed.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 from typing import Final
 
 from diagnosis.effects.effect import Effect, Strength
-from diagnosis.effects.heat import HEAT_SHAPES, copper_loss_w
+from diagnosis.effects.heat import HEAT_SHAPES, copper_loss_w, friction_loss_w
 from diagnosis.equations import Baseline, Signature
 from diagnosis.state import State
 
@@ -19,12 +20,15 @@ FLUX_LOSS_PER_K: Final = 0.0015
 
 
 def _signature(
-    baseline: Baseline, state: State, fast_s: float, slow_s: float, fast_share: float
+    baseline: Baseline, state: State, fast_s: float, slow_s: float, fast_share: float, friction: float
 ) -> tuple[Signature, ...]:
     if state.current_a is None:
         return ({},)
     plant = baseline.plant
-    loss = FLUX_LOSS_PER_K * copper_loss_w(baseline, state, fast_s, slow_s, fast_share)  # at 1 K/W
+    heat_w = copper_loss_w(baseline, state, fast_s, slow_s, fast_share)
+    if friction:
+        heat_w = heat_w + friction * friction_loss_w(baseline, state, fast_s, slow_s, fast_share)
+    loss = FLUX_LOSS_PER_K * heat_w  # at 1 K/W
     return (
         {
             "electrical": -loss * plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * state.speed_rad_s,
@@ -46,7 +50,7 @@ EFFECT = Effect(
         source="assumed; 0.15 %/K: between ferrite and NdFeB",
     ),
     signature=_signature,
-    shapes=HEAT_SHAPES,
+    shapes=tuple({**masses, "friction": share} for masses in HEAT_SHAPES for share in (0.0, 1.0)),
     needs=("motor_current_a",),
     grows_with=("load", "time", "speed"),
     confused_with=("winding_heating",),

@@ -14,6 +14,7 @@ from diagnosis.effects.catalogue import EFFECT_BY_NAME, EFFECTS, page
 from diagnosis.effects.grain_variation import WAVELENGTHS_M
 from diagnosis.effects.transfer import filtered
 from diagnosis.equations import Baseline, residuals
+from diagnosis.slow_states import HEAT_TIMES_S, POLARIZATION_TIMES_S
 from diagnosis.state import State, TrialSetting
 
 IDS = (
@@ -109,8 +110,9 @@ def slow_states(n_units: int, k_n_s_per_m: float) -> dict:
     column = np.ones((n_units, 1))
     slow = {"k_guess_n_s_per_m": k_n_s_per_m * column, "peak_force_n": 200.0 * column}
     slow |= {"top_current_a": 35.0 * column}
-    slow |= {f"heat_{tau}_a2": 100.0 * column for tau in (15, 40, 100, 300, 900)}
-    return slow | {f"polarization_{tau}_a": 4.0 * column for tau in (1, 3, 10, 30, 60)}
+    slow |= {f"heat_{tau}_a2": 100.0 * column for tau in HEAT_TIMES_S}
+    slow |= {f"spin_{tau}_rad2_s2": 8000.0 * column for tau in HEAT_TIMES_S}
+    return slow | {f"polarization_{tau}_a": 4.0 * column for tau in POLARIZATION_TIMES_S}
 
 
 def setting_of(is_idle: bool, **changes) -> TrialSetting:

@@ -17,6 +17,7 @@ from bench.config import BatteryConfig, PlantConfig
 from diagnosis.effects.catalogue import EFFECT_BY_NAME
 from diagnosis.effects.yoke_backlash import swing
 from diagnosis.equations import Baseline, residuals
+from diagnosis.slow_states import HEAT_TIMES_S, POLARIZATION_TIMES_S
 from diagnosis.state import State, TrialSetting
 
 R, L, KE, KM, B = 0.176, 0.00321, 0.007383, 0.005632, 3.4274e-06
@@ -185,8 +186,9 @@ def make_state(machine: Machine, **waves) -> State:
     )  # fmt: skip
     slow = {"k_guess_n_s_per_m": column * (K_CUT if machine.cuts else 0.0), "peak_force_n": column * 180.0}
     slow |= {"top_current_a": column * np.max(waves["current_a"])}
-    slow |= {f"heat_{tau}_a2": 120.0 * column for tau in (15, 40, 100, 300, 900)}
-    slow |= {f"polarization_{tau}_a": 4.0 * column for tau in (1, 3, 10, 30, 60)}
+    slow |= {f"heat_{tau}_a2": 120.0 * column for tau in HEAT_TIMES_S}
+    slow |= {f"spin_{tau}_rad2_s2": 8000.0 * column for tau in HEAT_TIMES_S}
+    slow |= {f"polarization_{tau}_a": 4.0 * column for tau in POLARIZATION_TIMES_S}
     return State(
         kind="running", setting=setting, time_s=column * [[2.0]], cut_distance_m=5.0 * column,
         charge_used_as=machine.charge_used_as * column, n_strokes=np.ones(n_units), slow=slow, **waves,

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from diagnosis.effects.catalogue import EFFECT_BY_NAME
+from diagnosis.effects.heat import friction_loss_w
 from diagnosis.evidence import Column, explain
 from diagnosis.linear_problem import LinearProblem, Marginal
 from diagnosis.size import is_mixable, mixed, sized
+from diagnosis.slow_states import HEAT_TIMES_S, slow_tracks
 
 N_ROWS = 300
 RNG = np.random.default_rng(0)
@@ -171,3 +173,25 @@ def test_a_force_by_stock_follows_the_thickness_and_the_coefficient_where_that_i
 def replace_slow(state, k_n_s_per_m):
     state.slow = {"k_guess_n_s_per_m": np.full((1, 1), k_n_s_per_m)}
     return state
+
+
+def spinning(rad_s, seconds, **trial):
+    setting = {"started_at": None, "is_idle": True, "duty": 0.4, "battery": None, "blade": None} | trial
+    time_s = np.linspace(0.0, seconds, 1001)
+    return SimpleNamespace(trial=SimpleNamespace(**setting), signals={}), SimpleNamespace(
+        time_s=time_s, angle_rad=rad_s * time_s
+    )
+
+
+def test_friction_warms_the_housing_of_an_idle_machine():
+    """At 90 rad/s of the crank for 45 s: a mass of 15 s is warm but for exp(-3), one of 900 s for nearly all."""
+    recording, angle = spinning(90.0, 45.0)
+    (track,) = slow_tracks([recording], [angle], stroke_m=0.02)
+    end = track.at(np.array([45.0]))
+    for tau in HEAT_TIMES_S:
+        assert float(end[f"spin_{tau}_rad2_s2"][0, 0]) == pytest.approx(8100.0 * (1.0 - np.exp(-45.0 / tau)), rel=0.01)
+        assert float(end[f"heat_{tau}_a2"][0, 0]) == 0.0
+    damping = SimpleNamespace(nominal=5e-6)
+    baseline = SimpleNamespace(gear=10.0, plant=SimpleNamespace(motor_damping_n_m_s_per_rad=damping))
+    heat_w = friction_loss_w(baseline, SimpleNamespace(slow=end), 15.0, 15.0, 1.0)
+    assert float(heat_w[0, 0]) == pytest.approx(5e-6 * 900.0**2 * (1.0 - np.exp(-3.0)), rel=0.01)
