@@ -24,7 +24,9 @@ from diagnosis.evidence import Column, Explanation
 from diagnosis.linear_problem import LinearProblem, Marginal
 from diagnosis.weighing import WEIGHTS
 
-# Forms that are nearly alike get even weights by this share of their own square.
+# What nuisances leave of a form's square, at least, for it to have a weight; and what a form that is nearly the sum of
+# others has of its own: there the weights are shared evenly.
+_LEAST_SHOWN = 1e-7
 _RIDGE = 1e-9
 _SAME = 1e-9
 
@@ -85,9 +87,9 @@ def mixed(
     stacked = share * np.hstack([c.columns for c in columns])
     none = np.zeros((len(problem.data), 0))
     signs = np.array([_direction(c) for c in columns])
-    size, _ = _sum_of_weights(Marginal(scaled, extra=share * np.hstack([none, *fixed])), stacked, signs)
+    size, known = _sum_of_weights(Marginal(scaled, extra=share * np.hstack([none, *fixed])), stacked, signs)
     _, std = _sum_of_weights(Marginal(scaled, extra=share * np.hstack([none, *fixed, *others])), stacked, signs)
-    return replace(member, mixture=(size, std)) if np.isfinite(std) else member
+    return replace(member, mixture=(size, std)) if np.isfinite(known + std) else member
 
 
 def sized(
@@ -130,10 +132,15 @@ def _sum_of_weights(marginal: Marginal, columns: Floats, signs: Floats) -> tuple
     from scipy.optimize import nnls
 
     gram, moment = marginal.gram(columns)
+    shown = np.diag(gram) > _LEAST_SHOWN * np.sum(columns**2, axis=0)
+    if not shown.any():
+        return 0.0, np.inf
+    gram, moment, signs = gram[np.ix_(shown, shown)], moment[shown], signs[shown]
     scale = np.sqrt(np.diag(gram))
-    correlation = gram / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
-    root = np.linalg.cholesky(correlation).T
-    weights, _ = nnls(root, np.linalg.solve(root.T, moment / scale), maxiter=100 * len(scale))
+    values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+    root = np.sqrt(np.maximum(values, _RIDGE))
+    correlation = (vectors * root**2) @ vectors.T
+    weights, _ = nnls(root[:, None] * vectors.T, vectors.T @ (moment / scale) / root, maxiter=100 * len(scale))
     kept = weights > 0.0
     if not kept.any():
         return 0.0, np.inf
