@@ -37,8 +37,8 @@ def detail(problem: LinearProblem, posterior: Posterior, channels: ChannelGap | 
     Returns
     -------
     dict
-        "strokes", "map", "standing_out", "probabilities", "log_evidence", "alike", "runtime_of"; plain values, some
-        80 kB as JSON.
+        "strokes", "map", "standing_out", "probabilities", "log_evidence", "resembles", "alike", "runtime_of"; plain
+        values, some 80 kB as JSON.
     """
     return {
         "strokes": [] if channels is None else [_stroke(cycle) for cycle in _telling(channels.cycles)],
@@ -46,6 +46,7 @@ def detail(problem: LinearProblem, posterior: Posterior, channels: ChannelGap | 
         "standing_out": _standing_out(problem),
         "probabilities": {name: p for name, p in posterior.probabilities.items() if p > 1e-6},
         "log_evidence": dict(sorted(posterior.log_evidence.items(), key=lambda item: -item[1])[:20]),
+        "resembles": posterior.resembles,
         "alike": _alike_matrix(problem, posterior.explanations[:_N_ALIKE]),
         "runtime_of": "" if channels is None else channels.runtime_of,
     }

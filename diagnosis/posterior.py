@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from bench.recording import Floats
+from diagnosis.discrepancy import discrepancy
 from diagnosis.evidence import (
     Catalogue,
     Column,
@@ -18,9 +19,8 @@ from diagnosis.evidence import (
     explain,
     explain_formed,
 )
-from diagnosis.form_error import FORM_SHARES, block_weights, form_modes
-from diagnosis.linear_problem import WIDE, LinearProblem, Marginal, Widened
-from diagnosis.log_mean import log_mean_exp
+from diagnosis.form_error import FORM_SHARES, form_modes
+from diagnosis.linear_problem import WIDE, LinearProblem, Marginal
 from diagnosis.off_stroke import Finding, off_stroke_finding
 from diagnosis.stroke_series import Grain, grain_evidence
 from diagnosis.weighing import AND, VERDICTS, weigh
@@ -35,8 +35,6 @@ STROKE_WEIGHT = 4.0
 # Depths of a wave in the wood are tried in steps of this share.
 GRAIN_STEP = 0.5
 _WORTH_FORMING = 6.0
-_DISCREPANCY_SIZES = (3.0, 10.0, 30.0, 100.0, 300.0)
-_DISCREPANCY_HARMONICS = 6
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -82,6 +80,8 @@ class Posterior:
         What the single strokes say of a wave in the wood.
     off_stroke : Finding or None
         What does not follow the stroke and is no scatter: it speaks for "unknown".
+    resembles : str
+        What speaks for "unknown" most; empty for a gap of no particular form.
     dispersion : float
         Factor on the noise's variance: 1 where the best effect explains the gap as an intact machine is explained.
     """
@@ -95,6 +95,7 @@ class Posterior:
     left_over: dict[str, float]
     grain: Grain
     off_stroke: Finding | None
+    resembles: str
     dispersion: float
 
 
@@ -144,13 +145,12 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
         log_evidence[_pair_name(pair)] = pair.log_evidence
         left_over[_pair_name(pair)] = pair.left_over
     left_over = {name: dispersion * value / len(problem.data) for name, value in left_over.items()}
-    nameless = _discrepancy(problem, small) - reference
-    log_evidence["unknown"] = max([nameless, *_beyond(problem, nominal, small, beyond, reference)])
+    beside = off_stroke_finding(problem.campaign.off_stroke)
+    unnamed = _unnamed(problem, small, _beyond(problem, nominal, small, beyond, reference), grain, beside, reference)
+    resembles = max(unnamed, key=lambda text: unnamed[text])
+    log_evidence["unknown"] = unnamed[resembles]
     shared = {_pair_name(pair): pair.shared for pair in pairs}
     _add_grain(log_evidence, shared, left_over, grain)
-    beside = off_stroke_finding(problem.campaign.off_stroke)
-    if beside is not None:
-        log_evidence["unknown"] = max(log_evidence["unknown"], beside.log_evidence)
     probabilities = weigh(
         log_evidence, left_over, n_effects=len(problem.campaign.plant.effects), quiet=problem.quiet, shared=shared
     )
@@ -167,6 +167,7 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
         left_over=left_over,
         grain=grain,
         off_stroke=beside,
+        resembles=resembles if unnamed[resembles] > 0.0 else "",
         dispersion=dispersion,
     )
 
@@ -233,10 +234,7 @@ def with_grain(explanation: Explanation, grain: Grain) -> Explanation:
 def _add_grain(
     log_evidence: dict[str, float], shared: dict[str, float], left_over: dict[str, float], grain: Grain
 ) -> None:
-    """The strokes speak for or against a grained wood alone, whatever else is the matter.
-
-    A wave that keeps its frequency in time rather than its length on the path is not the wood's: unknown.
-    """
+    """The strokes speak for or against a grained wood alone, whatever else is the matter."""
     if GRAIN not in log_evidence:
         return
     alone = {n: v for n, v in log_evidence.items() if n not in VERDICTS and AND not in n and n != GRAIN}
@@ -250,7 +248,6 @@ def _add_grain(
         if not np.isfinite(left_over.get(both, np.inf)):
             left_over[both] = left_over[name]
         shared[both] = 0.0
-    log_evidence["unknown"] = max(log_evidence["unknown"], STROKE_WEIGHT * grain.in_time)
 
 
 def wide_scale(problem: LinearProblem) -> Floats:
@@ -296,14 +293,31 @@ def _modes(problem: LinearProblem, explanation: Explanation) -> Floats:
 
 def _beyond(
     problem: LinearProblem, nominal: Marginal, small: Floats, beyond: dict[str, list[Column]], reference: float
-) -> list[float]:
+) -> dict[str, float]:
     """Log evidence of each cause that has a form but no place in the catalogue."""
-    found = []
-    for entries in beyond.values():
+    found = {}
+    for name, entries in beyond.items():
         rough = explain(nominal, entries)
         if rough is not None:
             formed = _with_form(problem, small, rough, entries, _modes(problem, rough), reference)
-            found.append(formed.log_evidence - float(np.log(len(beyond))))
+            found[name] = formed.log_evidence - float(np.log(len(beyond)))
+    return found
+
+
+def _unnamed(
+    problem: LinearProblem,
+    small: Floats,
+    beyond: dict[str, float],
+    grain: Grain,
+    beside: Finding | None,
+    reference: float,
+) -> dict[str, float]:
+    """Log evidence of whatever is not in the catalogue, by what it looks like; "" for a gap of no particular form."""
+    found = {"": discrepancy(problem, small) - reference, **beyond}
+    # A wave that keeps its frequency in time rather than its length on the path is not the wood's.
+    found["hardness of the wood that waves in time, not along the feed"] = STROKE_WEIGHT * grain.in_time
+    if beside is not None:
+        found[beside.text] = beside.log_evidence
     return found
 
 
@@ -366,28 +380,3 @@ def _shared(problem: LinearProblem, first: Floats, second: Floats) -> float:
                 spent[k] += float(np.sum(signature[part.place].reshape(-1, part.layout.size)[:, place] ** 2))
     one, other = np.array(list(energy.values())).T
     return float(one @ other / max(one.sum() * other.sum(), 1e-300))
-
-
-def _discrepancy(problem: LinearProblem, small: Floats) -> float:
-    """Log evidence of a smooth gap of no particular form: harmonics times {1, speed, load, session, feed, time}."""
-    columns = []
-    varied = block_weights(problem)
-    loaded = [1.0 - idle for idle in varied["idle"]]
-    factors = [varied["one"], varied["speed"], loaded, varied["session"], varied["feed"], varied["within"]]
-    for equation, form in problem.campaign.plant.equations.items():
-        n_harmonics = form.n_harmonics
-        for k in range(2 * min(_DISCREPANCY_HARMONICS, n_harmonics) + 1):
-            index = 0 if k == 0 else (k + 1) // 2 if k % 2 else n_harmonics + k // 2
-            for factor in factors:
-                column = np.zeros(len(problem.data))
-                for part, weight in zip(problem.parts, factor, strict=True):
-                    if part.state.kind != "running" or equation not in part.layout.equations or not weight.any():
-                        continue
-                    # One harmonic of one block is one column of the whitener, the same for all blocks.
-                    whitened = part.whitener[:, part.layout.slices[equation].start + index]
-                    column[part.place] = np.outer(weight, whitened).ravel()
-                norm = float(np.linalg.norm(column))
-                if norm > 0:
-                    columns.append(column / norm)
-    widened = Widened(problem, small, np.array(columns).T)
-    return log_mean_exp([widened.at(size)[0] for size in _DISCREPANCY_SIZES])

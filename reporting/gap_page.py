@@ -148,6 +148,9 @@ def _meaning(report: Mapping[str, Any]) -> list[str]:
     elif verdict == "parameters":
         said += [f"Farthest off: {text}." for text in [_shifted(report)] if text]
     elif verdict == "unknown":
+        resembles = report["detail"].get("resembles", "")
+        if resembles:
+            said.append(f"It looks most like this: {resembles}.")
         said += [_place_sentence(spot) for spot in report["where"][:2]]
         said.append("Re-tuning the model to it would hide the gap, not explain it.")
     else:

@@ -134,7 +134,7 @@ def test_an_uncertain_ripple_is_an_error_of_the_model(states):
 
 def test_without_a_form_beyond_the_catalogue_nothing_is_added(problem):
     nominal = Marginal(problem)
-    assert posterior._beyond(problem, nominal, np.zeros((len(problem.data), 0)), {}, 0.0) == []
+    assert posterior._beyond(problem, nominal, np.zeros((len(problem.data), 0)), {}, 0.0) == {}
 
 
 def test_friction_that_fades_within_each_trial_is_explained_beyond_the_catalogue(states):
