@@ -19,7 +19,7 @@ from diagnosis.next_trial import next_trial
 from diagnosis.plants.choice import reduce_recordings
 from diagnosis.posterior import GRAIN, Posterior, judge, wide_scale, with_grain
 from diagnosis.size import sized
-from diagnosis.weighing import AND, VERDICTS
+from diagnosis.weighing import AND, LEFT_BY_AN_INTACT_MACHINE, VERDICTS
 from diagnosis.where import locate
 
 SCHEMA_VERSION = 1
@@ -36,6 +36,10 @@ _HELD_OUT = {
 # Where the parts of the work stand on the progress bar, of 100.
 _REDUCED, _SIGNED, _JUDGED, _CLIMBED = 40, 50, 80, 85
 _ODDS = 20.0
+# Where a line that no equation explains is first to be looked for.
+_EQUATION_OF_CHANNEL = {
+    "motor_current_a": "electrical", "force_n": "cutting", "battery_voltage_v": "supply", "battery_current_a": "supply",
+}  # fmt: skip
 # Log odds against no gap below which an effect of typical size would probably not be named.
 _SHOWN_LOG_ODDS = 8.0
 _SHOWN_PROBABILITY = 0.001
@@ -188,7 +192,7 @@ def _where(problem: LinearProblem, posterior: Posterior) -> list[dict[str, Any]]
     # What a sensor gets wrong is not the machine's equation that its reading enters.
     wrong = {channel for e in named if e.effect.place == "sensing" for channel in e.effect.needs}
     ringing = [e.strength for e in named if e.effect.strength.unit == "Hz"]
-    return [
+    found: list[dict[str, Any]] = [
         {
             "equation": "sensing" if spot.channel in wrong else spot.equation,
             "channel": spot.channel,
@@ -199,6 +203,17 @@ def _where(problem: LinearProblem, posterior: Posterior) -> list[dict[str, Any]]
         }
         for spot in locate(problem)
     ]
+    beside = posterior.off_stroke
+    if beside is None or not beside.lines_hz:
+        return found
+    # Mean strokes, and so the shares, hold nothing of a line; where they hold no gap, it is all there is.
+    is_all = posterior.left_over["parameters"] < LEFT_BY_AN_INTACT_MACHINE * problem.quiet
+    line = {
+        "equation": _EQUATION_OF_CHANNEL.get(beside.channel, "sensing"), "channel": beside.channel,
+        "share": 1.0 if is_all else 0.0, "crank_angle_rad": [], "frequency_hz": list(beside.lines_hz),
+        "grows_with": [],
+    }  # fmt: skip
+    return [line] if is_all else [*found, line]
 
 
 def _shifts(problem: LinearProblem) -> dict[str, Any]:

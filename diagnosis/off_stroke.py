@@ -112,10 +112,16 @@ class Finding:
         Against scatter, nats; at most `_MOST_PER_TRIAL` a trial.
     text : str
         What it is and where, for the report.
+    channel : str
+        That shows it most.
+    lines_hz : tuple of float
+        Frequencies of a line: one, or one for every stroke rate that it goes with; none of bursts.
     """
 
     log_evidence: float
     text: str
+    channel: str
+    lines_hz: tuple[float, ...] = ()
 
 
 def off_stroke(recording: Recording, angle: CrankAngle, start_s: float, end_s: float) -> OffStroke | None:
@@ -343,8 +349,11 @@ def _line_finding(group: Sequence[OffStroke], lock: Lock, name: str, line: Seque
     place = float(np.median([p.place for p in peaks]))
     amplitude = float(np.median([p.amplitude for p in peaks]))
     at = f"{place:.1f} Hz whatever the stroke rate" if lock == "time" else f"{place:.2f} cycles a stroke"
+    lines_hz = {place} if lock == "time" else {place * trial.rate_hz for trial, _ in line}
     return Finding(
         log_evidence=sum(min(p.power, _MOST_PER_TRIAL) for p in peaks),
+        channel=name,
+        lines_hz=tuple(sorted({round(line_hz, 1) for line_hz in lines_hz})),
         text=(
             f"{name} swings by {amplitude:.2g} {CHANNEL_BY_NAME[name].unit} at {at}, in {len(line)} of {len(group)}"
             " trials: no effect of the catalogue does that"
@@ -362,6 +371,7 @@ def _common_bursts(trials: Sequence[OffStroke]) -> Iterator[Finding]:
     channels = sorted({name for t in hit for name in struck[t.label]})
     yield Finding(
         log_evidence=_MOST_PER_TRIAL * len(hit),
+        channel=max(channels, key=lambda name: float(np.median([t.struck.get(name, 0.0) for t in hit]))),
         text=(
             f"bursts in {', '.join(channels)}, in {len(hit)} of {len(trials)} trials, in air too: interference, or"
             " blows that no effect of the catalogue gives"

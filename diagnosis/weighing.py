@@ -16,6 +16,8 @@ import numpy as np
 
 VERDICTS = ("no_gap", "parameters", "unknown")
 AND = " + "
+# Times `quiet`: what is left below that is no share of the gap.
+LEFT_BY_AN_INTACT_MACHINE = 1.7
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -98,7 +100,7 @@ def weigh(
     _share_with_pairs(score, log_evidence, shared or {}, w)
     claims = [n for n in score if np.isfinite(left_over.get(n, np.inf))]
     best = max(claims, key=lambda n: score[n])
-    left = max(left_over[best] - 1.7 * quiet, 0.0)
+    left = max(left_over[best] - LEFT_BY_AN_INTACT_MACHINE * quiet, 0.0)
     gap = max(left_over["no_gap"] - left_over[best], 0.0) + left
     share = (left + 0.02) / (gap + 0.2)
     score["unknown"] = max(

@@ -86,6 +86,7 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         "log_evidence": [(name_of(n), value) for n, value in detail.get("log_evidence", {}).items()],
         "alike": alike_rows(detail["alike"]) if detail.get("alike") else [],
         "channel_words": CHANNEL_WORDS,
+        "warnings": [text for text in report["warnings"] if text != detail.get("resembles")],
         "report": report,
         "version": software_version(),
     }
@@ -151,7 +152,7 @@ def _meaning(report: Mapping[str, Any]) -> list[str]:
         resembles = report["detail"].get("resembles", "")
         if resembles:
             said.append(f"It looks most like this: {resembles}.")
-        said += [_place_sentence(spot) for spot in report["where"][:2]]
+        said += [_place_sentence(spot) for spot in _of_the_strokes(report)[:2]]
         said.append("Re-tuning the model to it would hide the gap, not explain it.")
     else:
         cause = report["causes"][0]
@@ -161,7 +162,7 @@ def _meaning(report: Mapping[str, Any]) -> list[str]:
         if cause["indistinguishable_from"]:
             names = ", ".join(name_of(n) for n in cause["indistinguishable_from"])
             said.append(f"This campaign cannot tell it from: {names}.")
-        said += [_place_sentence(spot) for spot in report["where"][:1]]
+        said += [_place_sentence(spot) for spot in _of_the_strokes(report)[:1]]
     said += _runtime_sentence(report)
     return said
 
@@ -191,6 +192,16 @@ def _runtime_sentence(report: Mapping[str, Any]) -> list[str]:
 
 def _duration(seconds: float) -> str:
     return f"{int(seconds // 60)} min {seconds % 60:02.0f} s"
+
+
+def _of_the_strokes(report: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Places without the lines that no stroke holds."""
+    return [spot for spot in report["where"] if not _is_line(spot)]
+
+
+def _is_line(spot: Mapping[str, Any]) -> bool:
+    """A line that does not follow the stroke has no crank angle."""
+    return bool(spot["frequency_hz"]) and not spot["crank_angle_rad"]
 
 
 def _place_sentence(spot: Mapping[str, Any]) -> str:
@@ -223,7 +234,10 @@ def _to_do(report: Mapping[str, Any]) -> list[str]:
     if verdict == "parameters":
         steps.append("Write the re-tuned numbers (table below) into the configuration, and check them on a new trial.")
     elif verdict == "unknown":
-        steps.append("Look at the map below: where in the stroke, and at which operating points, does it show?")
+        lines = [_spot_angles(spot) for spot in report["where"] if _is_line(spot)]
+        steps += [f"Look for what turns or switches {line}." for line in lines]
+        if _of_the_strokes(report):
+            steps.append("Look at the map below: where in the stroke, and at which operating points, does it show?")
     else:
         steps += [
             f"{words[0].upper()}{words[1:]}." for words in map(what_to_do, report["causes"][0]["effects"]) if words
@@ -282,13 +296,22 @@ def _standing_out_words(report: Mapping[str, Any], detail: Mapping[str, Any]) ->
 
 def _spot(spot: Mapping[str, Any], found: Mapping[str, Any] | None) -> dict[str, Any]:
     return {
-        "is_quiet": found is not None and not stands_out(spot, found),
+        "is_quiet": not _is_line(spot) and found is not None and not stands_out(spot, found),
         "equation": EQUATION_WORDS.get(spot["equation"], spot["equation"]),
         "channel": CHANNEL_WORDS.get(spot["channel"], spot["channel"]),
-        "share": _percent(spot["share"]),
-        "angles": _angles(spot["crank_angle_rad"]).removeprefix("at crank angles "),
+        "share": "beside the strokes" if _is_line(spot) else _percent(spot["share"]),
+        "angles": _spot_angles(spot),
         "grows_with": ", ".join(spot["grows_with"]) or "nothing seen",
     }
+
+
+def _spot_angles(spot: Mapping[str, Any]) -> str:
+    if not _is_line(spot):
+        return _angles(spot["crank_angle_rad"]).removeprefix("at crank angles ")
+    lines = spot["frequency_hz"]
+    return (
+        f"at {lines[0]:.4g} Hz" if len(lines) == 1 else f"at {lines[0]:.4g} to {lines[-1]:.4g} Hz, with the stroke rate"
+    )
 
 
 def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:

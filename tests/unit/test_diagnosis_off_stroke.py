@@ -111,6 +111,8 @@ def test_a_line_at_one_order_is_found_with_its_place_and_amplitude():
     assert finding.text.startswith("force_n")
     assert order == pytest.approx(9.37, abs=0.02)
     assert amplitude == pytest.approx(2.0, rel=0.15)
+    assert finding.channel == FORCE.name
+    assert finding.lines_hz == pytest.approx(sorted(9.37 * rate_hz for rate_hz, _ in TRIALS), abs=0.3)
     assert finding.log_evidence > 100.0
 
 
@@ -120,6 +122,7 @@ def test_a_ripple_of_the_supply_is_found_at_its_frequency():
     amplitude, frequency_hz = numbers(finding.text)[:2]
     assert finding.text.startswith("battery_")
     assert frequency_hz == pytest.approx(83.0, abs=0.5)
+    assert finding.lines_hz == pytest.approx([83.0], abs=0.5)
     assert amplitude == pytest.approx(0.03 if "voltage" in finding.text else 0.1, rel=0.15)
 
 

@@ -80,6 +80,28 @@ def test_other_verdicts_claim_no_cause(tmp_path, verdict, probabilities, words):
         assert "resistance_ohm, 0.176 stated, 0.2 found" in above
 
 
+def test_a_line_beside_the_strokes_is_told_once_with_its_place(tmp_path):
+    line = {"equation": "cutting", "channel": "force_n", "share": 1.0, "grows_with": [], "crank_angle_rad": []}
+    seen = "force_n swings by 2.6 N at 9.33 cycles a stroke"
+    unknown = {"no_gap": 0.0, "parameters": 0.0, "unknown": 0.99}
+    detail = {**REPORT["detail"], "resembles": seen}
+
+    def with_lines(lines_hz, folder):
+        folder.mkdir()
+        return page(
+            folder, verdict="unknown", probabilities=unknown, warnings=[seen], detail=detail,
+            where=[{**line, "frequency_hz": lines_hz}],
+        )  # fmt: skip
+
+    several = with_lines([101.8, 166.8, 210.0], tmp_path / "several")
+    assert several.count(seen) == 1
+    assert "what turns or switches at 101.8 to 210 Hz, with the stroke rate" in several
+    assert "of the gap lies" not in several
+    assert "beside the strokes" in several
+    assert "Look at the map" not in several
+    assert "what turns or switches at 68.2 Hz." in with_lines([68.2], tmp_path / "one")
+
+
 def test_a_doubtful_cause_is_called_doubtful():
     doubtful = {**REPORT, "causes": [{**CAUSE, "probability": 0.5}, RUNNER_UP]}
     assert verdict_sentence(doubtful).startswith("Most likely, but not surely,")
