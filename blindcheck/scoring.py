@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from blindcheck.effects.table import CATALOGUE, WITH_FORM_OUTSIDE
+from blindcheck.effects.table import CATALOGUE, LOOKED_FOR_OUTSIDE
 from blindcheck.gap_score import GapScore, gap_score
 from blindcheck.parameter_score import ParameterScore, parameter_score
 from blindcheck.score_statistics import Calibration, Estimate, Proportion, calibration_of, mean_of, wilson
@@ -230,7 +230,7 @@ def _rows(cases: Sequence[Case]) -> tuple[Row, ...]:
     by_kind = {kind: [c for c in cases if c.kind == kind] for kind in ("none", "parameters", "outside", "pair")}
     without = by_kind["none"] + by_kind["parameters"]
     inside = [case for case in cases if case.kind != "outside"]
-    formless = [case for case in by_kind["outside"] if not case.effects.keys() & WITH_FORM_OUTSIDE]
+    strange = [case for case in by_kind["outside"] if not case.effects.keys() & LOOKED_FOR_OUTSIDE]
     claims = [case for case in cases if case.claims_effect]
     typical_pairs = [c for c in by_kind["pair"] if min(c.effects.values()) >= TYPICAL[0]]
 
@@ -265,8 +265,8 @@ def _rows(cases: Sequence[Case]) -> tuple[Row, ...]:
             ("unknown", "called unknown, effects outside the catalogue", by_kind["outside"], is_exact),
             (
                 "unknown_formless",
-                "called unknown, effects outside the catalogue for which the diagnosis has no form either",
-                formless,
+                "called unknown, effects outside the catalogue that the diagnosis does not look for either",
+                strange,
                 is_exact,
             ),
             ("unknown_wrongly", "called unknown, all others", inside, lambda case: case.answer == UNKNOWN),

@@ -60,10 +60,22 @@ _OUTSIDE: tuple[Effect, ...] = (
 CATALOGUE: Mapping[str, Effect] = MappingProxyType({effect.__name__: effect for effect in _CATALOGUE})
 OUTSIDE: Mapping[str, Effect] = MappingProxyType({effect.__name__: effect for effect in _OUTSIDE})
 
-# The diagnosis of this repository holds forms for a bent displacement sensor and for friction that falls as the machine
-# warms up, beside its catalogue, and answers "unknown" for them. Named here, since the blind check imports nothing of
-# the diagnosis.
-WITH_FORM_OUTSIDE = frozenset({outside.displacement_bow.__name__, outside.grease_warming.__name__})
+# Beside its catalogue, the diagnosis of this repository looks for a bent displacement sensor, for friction that falls as
+# the machine warms up, for hardness that waves in time, and for lines and bursts that do not follow the stroke, and
+# answers "unknown" for them. Named here, since the blind check imports nothing of the diagnosis.
+LOOKED_FOR_OUTSIDE = frozenset(
+    effect.__name__
+    for effect in (
+        outside.displacement_bow,
+        outside.grease_warming,
+        outside.hand_sway,
+        outside.alternating_strokes,
+        outside.supply_ripple,
+        outside.rotor_unbalance,
+        outside.commutation_ripple,
+        outside.interference_bursts,
+    )
+)
 
 # Thresholds and resonances are plain to see, or mean nothing, at a few per cent of their typical size; a
 # nearly rigid blade makes the equations stiff.

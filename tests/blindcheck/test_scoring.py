@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import binomtest
 
 from bench.errors import InputError
-from blindcheck.effects.table import CATALOGUE, OUTSIDE, WITH_FORM_OUTSIDE
+from blindcheck.effects.table import CATALOGUE, OUTSIDE, LOOKED_FOR_OUTSIDE
 from blindcheck.score_statistics import calibration_error, calibration_of, mean_of, wilson
 from blindcheck.scored_case import FAILED, N_HYPOTHESES, Case, case_of, hypothesis_of
 from blindcheck.scoring import score
@@ -124,10 +124,10 @@ def test_rows_by_hand():
         Case(name="m", kind="none", effects={}, probabilities={"edge_force": 0.6, "no_gap": 0.4}),
         Case(name="p", kind="parameters", effects={}, probabilities={"no_gap": 1.0}, largest_shift_sigmas=2.0),
         Case(name="q", kind="parameters", effects={}, probabilities={"no_gap": 1.0}, largest_shift_sigmas=6.0),
-        Case(name="o", kind="outside", effects={"hand_sway": 1.0}, probabilities={"unknown": 1.0}),
+        Case(name="o", kind="outside", effects={"blade_whip": 1.0}, probabilities={"unknown": 1.0}),
         Case(name="g", kind="outside", effects={"grease_warming": 1.0}, probabilities={"unknown": 1.0}),
         Case(name="d", kind="outside", effects={"displacement_bow": 1.0}, probabilities={"edge_force": 1.0}),
-        Case(name="r", kind="outside", effects={"hand_sway": 1.0}, probabilities={"no_gap": 1.0}),
+        Case(name="r", kind="outside", effects={"blade_whip": 1.0}, probabilities={"no_gap": 1.0}),
         Case(name="s", kind="pair", effects={"a": 1.0, "b": 0.3}, probabilities={"a + b": 1.0}),
         Case(name="t", kind="pair", effects={"a": 1.0, "b": 1.0}, probabilities={"a": 1.0}),
     ]
@@ -155,7 +155,7 @@ def test_rows_by_hand():
         "typical_pair_both": (0, 1),
     }
     assert found.n_failed == 1
-    assert found.outside["hand_sway"].hits == 1
+    assert found.outside["blade_whip"].hits == 1
     # Answers of the five typical ones: once edge_force, and edge_force is the truth of all five.
     assert found.chance_exact == pytest.approx(1 / 5)
     assert [(one.low, one.exact, one.group, one.other_effect, one.not_declared) for one in found.severity] == [
@@ -317,5 +317,4 @@ def test_every_form_that_the_diagnosis_has_beyond_its_catalogue_is_accounted_for
         "bent displacement sensor": "displacement_bow",
         "friction that falls as the machine warms up": "grease_warming",
     }
-    assert {forms[effect.name] for effect in BEYOND_CATALOGUE} == WITH_FORM_OUTSIDE
-    assert set(OUTSIDE) >= WITH_FORM_OUTSIDE
+    assert {forms[effect.name] for effect in BEYOND_CATALOGUE} < LOOKED_FOR_OUTSIDE < set(OUTSIDE)
