@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import binomtest
 
 from bench.errors import InputError
-from blindcheck.effects.table import CATALOGUE, OUTSIDE, LOOKED_FOR_OUTSIDE
+from blindcheck.effects.table import CATALOGUE, LOOKED_FOR_OUTSIDE, OUTSIDE
 from blindcheck.score_statistics import calibration_error, calibration_of, mean_of, wilson
 from blindcheck.scored_case import FAILED, N_HYPOTHESES, Case, case_of, hypothesis_of
 from blindcheck.scoring import score
