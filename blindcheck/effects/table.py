@@ -60,8 +60,8 @@ _OUTSIDE: tuple[Effect, ...] = (
 CATALOGUE: Mapping[str, Effect] = MappingProxyType({effect.__name__: effect for effect in _CATALOGUE})
 OUTSIDE: Mapping[str, Effect] = MappingProxyType({effect.__name__: effect for effect in _OUTSIDE})
 
-# Beside its catalogue, the diagnosis of this repository looks for a bent displacement sensor, friction that falls as the
-# machine warms up, hardness that waves in time, and lines and bursts that do not follow the stroke, and answers
+# Beside its catalogue, the diagnosis of this repository looks for a bent displacement sensor, friction that falls as
+# the machine warms up, hardness that waves in time, and lines and bursts that do not follow the stroke, and answers
 # "unknown" for them. Named here, since the blind check imports nothing of the diagnosis.
 LOOKED_FOR_OUTSIDE = frozenset(
     effect.__name__
