@@ -114,6 +114,9 @@ def answer_command(
     help="HTML page; the same as JSON is written beside it.",
 )  # fmt: skip
 @click.option("--oracle", "with_oracle", is_flag=True, help="Also compute gap_closed with the effects told (slow).")
+@click.option(
+    "--oracle-cases", "n_oracle", type=click.IntRange(1), help="Ask the oracle about that many cases, drawn at random."
+)
 @click.option("--shuffle", "shuffle_seed", type=int, help="Deal the labels at random: must score at chance.")
 @_workers_option
 @force_option
@@ -124,6 +127,7 @@ def score_command(
     answers_dir: Path | None,
     page_path: Path | None,
     with_oracle: bool,
+    n_oracle: int | None,
     shuffle_seed: int | None,
     workers: int | None,
     force: bool,
@@ -138,7 +142,7 @@ def score_command(
         if path is not None:
             refuse_unwritable(path, force=force)
     labels = verify(set_dir, key_path)
-    oracle = _oracle(set_dir, labels, key_path, workers) if with_oracle else None
+    oracle = _oracle(set_dir, labels, key_path, workers, n_oracle) if with_oracle or n_oracle else None
     found, record = score_set(
         set_dir, key_path, labels, answers_dir=answers_dir, oracle=oracle, shuffle_seed=shuffle_seed
     )
@@ -311,7 +315,7 @@ def _sizes(one: EffectParameter) -> list[str]:
 
 
 def _oracle(
-    set_dir: Path, labels: Mapping[str, Mapping[str, Any]], key_path: Path, workers: int | None
+    set_dir: Path, labels: Mapping[str, Mapping[str, Any]], key_path: Path, workers: int | None, n_cases: int | None
 ) -> dict[str, dict[str, float | None]]:
     from commands.blind_oracle import oracle_gaps
     from commands.source_identity import source_fingerprint
@@ -320,5 +324,6 @@ def _oracle(
     cache = key_path.with_name(key_path.name.removesuffix(".json") + ".oracle.json")
     with stepper("asking the oracle") as step:
         return oracle_gaps(
-            set_dir, labels, cache, source_sha256=source_fingerprint(), workers=workers, on_progress=step
-        )
+            set_dir, labels, cache, source_sha256=source_fingerprint(), n_cases=n_cases, workers=workers,
+            on_progress=step,
+        )  # fmt: skip

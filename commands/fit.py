@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bench.errors import SawbenchError
+from commands.failures import Failures
 from commands.options import config_option, find_recordings, json_option, recordings_argument
 from commands.terminal import emit, plain, progress, table
 
@@ -31,23 +31,16 @@ def command(paths: tuple[Path, ...], config_path: Path | None, method: Any, as_j
 
     files = find_recordings(paths)
     fits: list[tuple[str, CuttingFit]] = []
-    failures: list[SawbenchError] = []
+    failures = Failures(len(files))
     for path in progress(files, "fitting"):
-        try:
+        with failures.collected():
             trial = load_and_process(path, config_path)
             if len(files) > 1 and trial.recording.trial.is_idle:
                 click.echo(f"{path}: the blade runs in air, so there is no k_Fc", err=True)
                 continue
             fits.append((trial.recording.trial.trial_id, fit_trial(trial, method)[0]))
-        except SawbenchError as error:
-            if len(files) == 1:
-                raise
-            click.echo(f"sawbench: error: {error}", err=True)
-            failures.append(error)
     emit([{"trial": name, **plain(fit)} for name, fit in fits], describe(fits), as_json=as_json)
-    if failures:
-        return max(error.exit_code for error in failures)
-    return 0 if all(fit.status == "ok" for _, fit in fits) else 1
+    return failures.exit_code(is_trusted=all(fit.status == "ok" for _, fit in fits))
 
 
 def describe(fits: list[tuple[str, CuttingFit]]) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bench.errors import SawbenchError
+from commands.failures import Failures
 from commands.options import (
     config_option,
     find_recordings,
@@ -46,23 +46,16 @@ def command(paths: tuple[Path, ...], config_path: Path | None, out_dir: Path | N
         if target is not None:
             refuse_existing(target, force=force)
     results: list[ProcessedTrial] = []
-    failures: list[SawbenchError] = []
+    failures = Failures(len(files))
     for path in progress(files, "processing"):
-        try:
+        with failures.collected():
             processed = load_and_process(path, config_path).processed
-        except SawbenchError as error:
-            if len(files) == 1:
-                raise
-            # One bad file must not cost the results of the others.
-            click.echo(f"sawbench: error: {error}", err=True)
-            failures.append(error)
-            continue
-        results.append(processed)
-        target = targets[path]
-        if target is not None:
-            target.parent.mkdir(parents=True, exist_ok=True)
-            write_processed(processed, target, overwrite=force)
-            append_summary_row(processed, target.parent / SUMMARY_NAME)
+            results.append(processed)
+            target = targets[path]
+            if target is not None:
+                target.parent.mkdir(parents=True, exist_ok=True)
+                write_processed(processed, target, overwrite=force)
+                append_summary_row(processed, target.parent / SUMMARY_NAME)
     rows = [summary_row(processed) for processed in results]
     shown = [{**row, "warnings": list(r.warnings), "rivals": plain(r.period.rivals if r.period else ())}
              for row, r in zip(rows, results, strict=True)]  # fmt: skip
@@ -70,9 +63,7 @@ def command(paths: tuple[Path, ...], config_path: Path | None, out_dir: Path | N
     if out_dir is not None:
         text += f"\nwritten to {out_dir}: {len(results)} HDF5 files, {SUMMARY_NAME}"
     emit(shown, text, as_json=as_json)
-    if failures:
-        return max(error.exit_code for error in failures)
-    return 0 if all(is_trusted(processed) for processed in results) else 1
+    return failures.exit_code(is_trusted=all(is_trusted(processed) for processed in results))
 
 
 def is_trusted(processed: ProcessedTrial) -> bool:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bench.errors import SawbenchError, UntrustedResult
+from bench.errors import UntrustedResult
+from commands.failures import Failures
 from commands.options import config_for, config_option, find_recordings, force_option, json_option
 from commands.terminal import emit, plain, progress
 
@@ -76,9 +77,9 @@ def command(
         loaded = config_for(None, config_path)
         results.append((f"k_Fc {k_fc:g}", predict(loaded, k_fc=k_fc, k_fc_std=k_fc_std, duty=duty)))
     files = find_recordings(paths)
-    failures: list[SawbenchError] = []
+    failures = Failures(len(files))
     for path in progress(files, "predicting"):
-        try:
+        with failures.collected():
             trial = load_and_process(path, config_path)
             if len(files) > 1 and trial.recording.trial.is_idle:
                 click.echo(f"{path}: the blade runs in air, so there is no cutting runtime", err=True)
@@ -92,20 +93,12 @@ def command(
                     remedy=f"see `sawbench fit {path}`",
                 )
             results.append((trial.recording.trial.trial_id, runtime_of(trial, fit, estimates)))
-        except SawbenchError as error:
-            if len(files) == 1:
-                raise
-            # One bad file must not cost the results of the others.
-            click.echo(f"sawbench: error: {error}", err=True)
-            failures.append(error)
     emit(
         [{"trial": name, **plain(result)} for name, result in results],
         "\n".join(describe(name, result) for name, result in results),
         as_json=as_json,
     )
-    if failures:
-        return max(error.exit_code for error in failures)
-    return 0 if all(result.status == "ok" for _, result in results) else 1
+    return failures.exit_code(is_trusted=all(result.status == "ok" for _, result in results))
 
 
 def describe(name: str, result: RuntimePrediction) -> str:

@@ -123,6 +123,15 @@ def test_the_oracle_goes_on_where_it_stopped(tmp_path, monkeypatch):
     assert oracle_gaps(tmp_path, labels, cache, source_sha256="s", workers=1) == {"a": asked}
 
 
+def test_the_oracle_is_asked_about_as_many_cases_as_wanted(tmp_path):
+    cache = tmp_path / "oracle.json"
+    labels = {name: {"kind": "effect", "truth": {"effects": {"edge_force": 1.0}}} for name in ("a", "c")}
+    asked = {"gap_closed": 0.75, "closable": 0.8}
+    # Of the two, "c" has the smaller hash; no campaign is there to ask about "a".
+    cache.write_text(json.dumps({"source_sha256": "s", "asked": {"c": asked}}))
+    assert oracle_gaps(tmp_path, labels, cache, source_sha256="s", n_cases=1, workers=1) == {"c": asked}
+
+
 def test_the_twin_has_the_background_of_the_campaign(tmp_path):
     hidden = next(iter(draw_campaign(7).background))
     truth = make_campaign(7, tmp_path / "campaign", effects={hidden: 1.0}, length=0.02)
