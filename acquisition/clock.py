@@ -171,6 +171,21 @@ class ArrivalClock:
         (n0, t0), (n1, t1) = self._lowest[0], self._lowest[-1]
         return (n1 - n0) / (t1 - t0) if t1 > t0 else 0.0
 
+    def drift_ppm(self) -> tuple[float, float] | None:
+        """Rate of the instrument's quartz against nominal, by this machine's clock, 1e-6, and its standard uncertainty.
+
+        Returns
+        -------
+        tuple of float or None
+            None while fewer than ten slots (about 1 s) were seen. Unlike the slope that makes the times, it is not
+            drawn to the nominal rate; the uncertainty is the scatter of the smallest latencies over the span.
+        """
+        if len(self._lowest) < 10 or self.span_s <= 0:
+            return None
+        trust = self.span_s**2 / (self.span_s**2 + _SLOPE_TRUST_S**2)
+        relative = (self.line.period_s / self._nominal_period_s - 1.0) / trust
+        return -relative * 1e6, 2**0.5 * self.uncertainty_s / self.span_s * 1e6
+
     def statement(self) -> str:
         """Say in words how the times were made and how sure they are."""
         line = self.line

@@ -118,6 +118,10 @@ class StreamTimer:
             return ""
         return f"{self.stream.name} sends {measured_hz:.4g} samples/s, configured are {self.stream.rate_hz:g}"
 
+    def drift_ppm(self) -> tuple[float, float] | None:
+        """See `ArrivalClock.drift_ppm`; None for polled instruments."""
+        return self._clock.drift_ppm() if self.stream.rate_hz > 0 else None
+
     def statement(self) -> str:
         """How the times were made, in words."""
         if self.stream.rate_hz <= 0:

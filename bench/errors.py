@@ -49,5 +49,9 @@ class DeviceError(SawbenchError):
     """An instrument is missing, silent or speaks something else (exit code 1)."""
 
 
+class NoAnswerError(DeviceError):
+    """The port of an instrument opens, but no answer that makes sense comes out of it (exit code 1)."""
+
+
 class UntrustedResult(SawbenchError):
     """The computation ran, but its result must not be relied on (exit code 1)."""

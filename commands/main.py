@@ -18,6 +18,9 @@ from bench.errors import SawbenchError
 SUBCOMMANDS: Final = MappingProxyType(
     {
         "demo": "the whole main job on the simulated bench, from instruments to report",
+        "check": "preflight: live values, rates, noise, missing samples, and what is wrong",
+        "tare": "zero the load cell",
+        "calibrate": "multi-point calibration of a channel, with its uncertainty",
         "record": "record one trial to MCAP",
         "import": "turn campaign.toml, CSV, HDF5, MF4 or a candump log into MCAP",
         "info": "what is in a recording",

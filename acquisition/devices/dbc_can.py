@@ -53,6 +53,8 @@ class DbcCanSettings(BaseModel):
         Message -> rate, where the DBC states no cycle time.
     calibration : mapping of str to Calibration
         Bench channel -> correction of the DBC's physical value; usually not needed.
+    noise_std : mapping of str to float
+        Bench channel -> noise to expect at rest (1 std), in the channel's unit; `sawbench check` compares with it.
     """
 
     model_config = STRICT
@@ -66,6 +68,7 @@ class DbcCanSettings(BaseModel):
     counter: str = "SampleCounter"
     rate_hz: dict[str, Annotated[float, Field(gt=0)]] = Field(default_factory=dict)
     calibration: dict[ChannelName, Calibration] = Field(default_factory=dict)
+    noise_std: dict[ChannelName, Annotated[float, Field(gt=0)]] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -161,7 +164,14 @@ def _channel(where: str, channel: str, signal: DbcSignal, settings: DbcCanSettin
     has_range = signal.minimum is not None and signal.maximum is not None and signal.minimum < signal.maximum
     ends = np.array([signal.minimum, signal.maximum]) if has_range else np.array([-1e12, 1e12])
     low, high = sorted(float(v) for v in calibration.apply(ends))
-    return StreamChannel(name=channel, unit=unit, calibration=calibration, valid_range=(low, high))
+    return StreamChannel(
+        name=channel,
+        unit=unit,
+        calibration=calibration,
+        valid_range=(low, high),
+        noise_std=settings.noise_std.get(channel),
+        resolution=abs(float(signal.scale) * calibration.scale),
+    )
 
 
 class DbcCan:

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from acquisition.calibration import Calibration
 from bench.units import CHANNEL_BY_NAME
@@ -26,12 +26,18 @@ class StreamChannel:
         Raw value to `unit`.
     valid_range : tuple of float
         Lowest and highest value the instrument can mean, in `unit`.
+    noise_std : float, optional
+        Expected standard deviation at rest, in `unit`; None where nobody said.
+    resolution : float
+        Smallest step, in `unit`; 0 where the instrument sends its noise too, so that no two samples need be equal.
     """
 
     name: str
     unit: str
     calibration: Calibration
     valid_range: tuple[float, float]
+    noise_std: float | None = None
+    resolution: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -133,12 +139,15 @@ class ChannelTable(BaseModel):
     raw_range : tuple of float
         Lowest and highest raw value the input can mean; a sample outside was damaged on the way and becomes a
         gap.
+    noise_std : float, optional
+        Noise to expect at rest (1 std), in the channel's unit; `sawbench check` compares with it.
     """
 
     model_config = STRICT
     input: int
     calibration: Calibration = Calibration()
     raw_range: tuple[float, float] = (-1e9, 1e9)
+    noise_std: float | None = Field(default=None, gt=0)
 
     def stream_channel(self, name: str) -> StreamChannel:
         """Return the channel `name` with the range that `raw_range` maps to."""
@@ -148,6 +157,7 @@ class ChannelTable(BaseModel):
             unit=CHANNEL_BY_NAME[name].unit,
             calibration=self.calibration,
             valid_range=(ends[0], ends[1]),
+            noise_std=self.noise_std,
         )
 
 

@@ -17,7 +17,7 @@ from pydantic import AfterValidator, BaseModel, Field, model_validator
 from acquisition.devices.device import STRICT, ChannelTable, Chunk, Stream, known_channel
 from acquisition.devices.gsv8_frames import ERROR_TEXT, Answer, DataType, Gsv8Framer, request
 from acquisition.transports.serial_port import SerialPort
-from bench.errors import DeviceError
+from bench.errors import DeviceError, NoAnswerError
 
 GET_INTERFACE: Final = 0x01
 SET_ZERO: Final = 0x0C
@@ -214,13 +214,18 @@ class Gsv8:
                     f"refused command {command:02X}: {ERROR_TEXT[answer.error]} (code {answer.error:02X})",
                     "check its settings with the maker's program",
                 )
-        raise self._error(
+        raise NoAnswerError(
             f"opens, but did not answer command {command:02X} within {n_tries * _ANSWER_WAIT_S:g} s",
-            "check that it is powered, that this is its port, and that baud_rate is its own",
+            where=self._where,
+            remedy="check that it is powered, that this is its port, and that baud_rate is its own",
         )
 
+    @property
+    def _where(self) -> str:
+        return f"{self.name} (GSV-8) on {self.port}"
+
     def _error(self, what: str, remedy: str) -> DeviceError:
-        return DeviceError(what, where=f"{self.name} (GSV-8) on {self.port}", remedy=remedy)
+        return DeviceError(what, where=self._where, remedy=remedy)
 
 
 def make(name: str, settings: Any, clock: Callable[[], float]) -> Gsv8:

@@ -16,7 +16,7 @@ from pydantic import BaseModel, Field, model_validator
 
 from acquisition.devices.device import STRICT, ChannelTable, Chunk, Stream
 from acquisition.transports.serial_port import SerialPort
-from bench.errors import DeviceError
+from bench.errors import NoAnswerError
 from bench.units import CHANNEL_BY_NAME
 
 _SHORT_START: Final = 0x10
@@ -181,7 +181,7 @@ class Msc7xxx:
         """Connect and ask once; see `Device.open`."""
         self._link.open()
         if not self.read():
-            raise DeviceError(
+            raise NoAnswerError(
                 f"opens, but did not answer address {self._settings.address:02X}",
                 where=f"{self.name} (MSC7xxx) on {self.port}",
                 remedy="check power, RS485 wiring, address and baud rate (256000, even parity)",

@@ -1,0 +1,93 @@
+"""`sawbench check`: whether the bench is fit to record."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from commands.options import config_for, config_option, default_config_path, json_option
+from commands.terminal import emit, stepper, table
+
+if TYPE_CHECKING:
+    from acquisition.preflight import ChannelCheck, Finding, Preflight
+
+# The simulated tool stays off, or is switched on at once.
+_NEVER_S: Final = 1e9
+_AT_ONCE_S: Final = 0.1
+
+
+@click.command(name="check", epilog="Example: sawbench check --seconds 3 --simulated")
+@config_option
+@click.option("--seconds", type=click.FloatRange(0.5, 600.0), default=3.0, show_default=True, help="How long to look.")
+@click.option("--running", "is_running", is_flag=True, help="The tool runs: judge neither noise nor zero.")
+@click.option("--simulated", is_flag=True, help="Check the simulated bench instead of real instruments.")
+@click.option("--seed", default=0, show_default=True, help="Of the simulated bench.")
+@json_option
+def command(
+    config_path: Path | None, seconds: float, is_running: bool, simulated: bool, seed: int, as_json: bool
+) -> int:
+    """Open every instrument, look for a few seconds, and say in plain words what is wrong and what to do.
+
+    The tool should be at rest, or say --running. Exit code 1 where something is not to be trusted.
+    """
+    from acquisition.device_probe import probe_devices
+    from acquisition.devices import build_devices
+    from acquisition.preflight import judge
+    from commands.recording_session import check_devices, simulated_bench
+
+    config_path = config_path or default_config_path()
+    loaded = config_for(None, config_path)
+    check_devices(loaded)
+    trigger_after_s = _AT_ONCE_S if is_running else _NEVER_S
+    bench = (
+        simulated_bench(config_path, material="none", duty=None, seed=seed, trigger_after_s=trigger_after_s)
+        if simulated
+        else contextlib.nullcontext({})
+    )
+    with bench as endpoints, stepper("checking") as step:
+        devices = build_devices(loaded.config, endpoints)
+        tenths = round(10 * seconds)
+        probes = probe_devices(
+            devices, seconds=seconds, watch=lambda now_s: step(min(tenths, round(10 * now_s)), tenths, "")
+        )
+    found = judge(probes, is_running=is_running)
+    emit(
+        {"is_good": found.is_good, "seconds": seconds, "channels": found.channels, "findings": found.findings},
+        describe(found),
+        as_json=as_json,
+    )
+    return 0 if found.is_good else 1
+
+
+def describe(found: Preflight) -> str:
+    """Table of the channels, then one paragraph a finding, then the verdict."""
+    headers = ["channel", "device", "now", "noise", "unit", "rate Hz", "nominal", "missing", "clock ppm"]
+    lines = [table(headers, [_row(c) for c in found.channels])] if found.channels else []
+    lines += [_paragraph(f) for f in found.findings]
+    n_faults = sum(f.severity == "fault" for f in found.findings)
+    lines.append("all good" if found.is_good else f"{n_faults} fault{'s' if n_faults > 1 else ''}: not to be trusted")
+    return "\n".join(lines)
+
+
+def _row(c: ChannelCheck) -> list[str]:
+    is_drift_known = c.drift_ppm is not None and c.drift_std_ppm is not None
+    return [
+        c.channel,
+        c.device,
+        "-" if c.latest is None else f"{c.latest:.4g}",
+        "-" if c.noise_std is None else f"{c.noise_std:.2g}",
+        c.unit,
+        f"{c.rate_hz:.1f}",
+        f"{c.nominal_rate_hz:g}" if c.nominal_rate_hz else "polled",
+        str(c.n_missing),
+        f"{c.drift_ppm:+.0f} +/- {c.drift_std_ppm:.0f}" if is_drift_known else "-",
+    ]
+
+
+def _paragraph(f: Finding) -> str:
+    whose = " ".join(name for name in (f.device, f.channel) if name)
+    head = "FAULT" if f.severity == "fault" else "note"
+    return f"{head} {whose}: {f.what}\n  -> {f.remedy}"
