@@ -38,6 +38,8 @@ class StreamProbe:
     arrival_s, n_arrived : ndarray, shape (m,), s and samples
         After each read: when, and how many samples had come until then. Losses are not counted.
     n_gaps, n_missing : int
+    silent_s : float
+        From the last arrival to the end of the reading, s.
     drift_ppm, drift_std_ppm : float or None
         Of the instrument's quartz against this machine's clock, 1e-6; None where not known.
     """
@@ -49,6 +51,7 @@ class StreamProbe:
     n_arrived: Floats
     n_gaps: int = 0
     n_missing: int = 0
+    silent_s: float = 0.0
     drift_ppm: float | None = None
     drift_std_ppm: float | None = None
 
@@ -151,7 +154,7 @@ class _Collector:
         self._arrivals.append((float(chunk.arrival_s[-1]), self._n_arrived))
         self._keep(self._timer.push(chunk))
 
-    def finish(self) -> StreamProbe:
+    def finish(self, ended_s: float) -> StreamProbe:
         self._keep(self._timer.flush())
         n_channels = len(self.stream.channels)
         time_s = np.concatenate([b.time_s for b in self._blocks]) if self._blocks else np.empty(0)
@@ -166,6 +169,7 @@ class _Collector:
             n_arrived=arrivals[:, 1],
             n_gaps=len(self._losses),
             n_missing=sum(loss.n_missing for loss in self._losses),
+            silent_s=ended_s - self._arrivals[-1][0] if self._arrivals else 0.0,
             drift_ppm=None if drift is None else drift[0],
             drift_std_ppm=None if drift is None else drift[1],
         )
@@ -192,6 +196,7 @@ class _ProbeThread(threading.Thread):
         self.wrong_settings: InputError | None = None
         self._is_opened = False
         self._discarded_before = 0
+        self._ended_s = clock()
 
     def stop(self) -> None:
         self._stopping.set()
@@ -212,6 +217,7 @@ class _ProbeThread(threading.Thread):
             # A fault in one driver must not hide what the other instruments say.
             self._problem = DeviceError(f"driver failed: {error!r}", where=f"{device.name} on {device.port}")
         finally:
+            self._ended_s = self._clock()
             device.stop()
 
     def result(self) -> DeviceProbe:
@@ -220,7 +226,7 @@ class _ProbeThread(threading.Thread):
         return DeviceProbe(
             device=device.name,
             port=device.port,
-            streams=tuple(c.finish() for c in self._collectors.values()),
+            streams=tuple(c.finish(self._ended_s) for c in self._collectors.values()),
             problem=self._problem,
             is_opened=self._is_opened,
             n_discarded_bytes=device.n_discarded_bytes - self._discarded_before,

@@ -44,6 +44,8 @@ class PreflightLimits:
         Reading of the unloaded load cell beyond which a tare is suggested, share of half the range.
     min_samples : int
         Fewer say nothing about noise or a frozen value.
+    silence_s : float
+        At the end of the reading; a stream that pauses this long has stopped.
     drift_ppm : float
         Quartz error that is worth a word, 1e-6.
     """
@@ -56,6 +58,7 @@ class PreflightLimits:
     noise_of_half_range: float = 0.005
     zero_of_half_range: float = 0.002
     min_samples: int = 20
+    silence_s: float = 0.4
     drift_ppm: float = 500.0
 
 
@@ -313,6 +316,10 @@ def _stream_findings(probe: DeviceProbe, stream: StreamProbe, limits: PreflightL
         remedy = "check that its node is switched on and that the DBC has its right identifier"
         return [Finding(severity="fault", code="no_samples", device=probe.device, what=what, remedy=remedy)]
     nominal_hz = stream.stream.rate_hz
+    if probe.problem is None and stream.silent_s > max(limits.silence_s, 5.0 / nominal_hz if nominal_hz > 0 else 0.0):
+        what = f"{stream.stream.name} stopped: the last sample came {stream.silent_s:.1f} s before the end"
+        remedy = "check its power and plug, and whether it fell into an error state"
+        return [_fault("stopped", probe.device, what=what, remedy=remedy)]
     overall_hz, steady_hz = received_rate_hz(stream.arrival_s, stream.n_arrived)
     if nominal_hz > 0 and steady_hz > 0 and abs(steady_hz / nominal_hz - 1.0) > limits.rate_error:
         is_low = steady_hz < nominal_hz

@@ -1,13 +1,16 @@
-"""A tool at rest behind the simulated instruments, in a thread: noise, and on demand what goes wrong with sensors.
+"""A tool at rest behind the simulated instruments, on ptys, with noise and on demand what goes wrong with sensors.
 
-Shares no code with what judges or averages it.
+Time is simulated: it moves on once the host has read what was sent, so a busy machine changes nothing. Shares no code
+with what judges or averages it.
 """
 
 from __future__ import annotations
 
+import array
 import contextlib
-import io
-import json
+import fcntl
+import tempfile
+import termios
 import threading
 import time
 from collections.abc import Callable
@@ -15,7 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition.simulation.bench_server import run_bench
+from acquisition.simulation.bench_server import SimulatedBench, make_instruments
+from acquisition.simulation.endpoints import PtyEndpoint
 from acquisition.simulation.faults import Fault
 from bench.config import load_config
 
@@ -41,32 +45,63 @@ class RestingTool:
         del time_s
 
 
+class Rig:
+    """The instruments in a thread; `clock` is their time and has to be that of the host too."""
+
+    def __init__(self, folder: Path, behaviour=None, *, faults=(), clock_error_ppm=None, config_path=CONFIG) -> None:
+        plant = RestingTool(behaviour)
+        instruments = make_instruments(plant, load_config(config_path).config, clock_error_ppm=clock_error_ppm)
+        self._endpoints = {name: PtyEndpoint(folder / name) for name in instruments}
+        faults = tuple(Fault(**f) for f in faults)
+        self._bench = SimulatedBench(plant, instruments, self._endpoints, faults=faults, trigger_after_s=1e9)
+        self._now_s = 0.0
+        self._unread: set[str] = set()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self.ports = self._bench.plug_in()
+        self._thread.start()
+
+    def clock(self) -> float:
+        return self._now_s
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join(20)
+        self._bench.unplug()
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            self._bench.step(self._now_s)
+            self._wait_until_read()
+            self._now_s += 0.0047
+
+    def _wait_until_read(self) -> None:
+        """Wait for the host; not for a port that nobody reads any more."""
+        waiting = {name for name in self._endpoints if self._n_pending(name)}
+        self._unread &= waiting
+        deadline_s = time.monotonic() + 0.5
+        while waiting - self._unread and not self._stop.is_set():
+            if time.monotonic() > deadline_s:
+                self._unread |= waiting
+            time.sleep(0.0002)
+            waiting = {name for name in waiting if self._n_pending(name)}
+        time.sleep(0.0001)
+
+    def _n_pending(self, name: str) -> int:
+        count = array.array("i", [0])
+        fcntl.ioctl(self._endpoints[name]._host_side, termios.FIONREAD, count)
+        return count[0]
+
+
 @contextlib.contextmanager
-def resting_bench(behaviour=None, *, faults=(), clock_error_ppm=None, config_path=CONFIG):
-    """Give the ports: device name -> address."""
-    stop, out = threading.Event(), io.StringIO()
-    thread = threading.Thread(
-        target=run_bench,
-        args=(RestingTool(behaviour), load_config(config_path).config),
-        kwargs={
-            "faults": tuple(Fault(**f) for f in faults),
-            "clock_error_ppm": clock_error_ppm,
-            "stop": stop,
-            "watch_stdin": False,
-            "out": out,
-            "trigger_after_s": 1e9,
-        },
-        daemon=True,
-    )
-    thread.start()
-    try:
-        while "\n" not in out.getvalue():
-            assert thread.is_alive(), "the bench did not start"
-            time.sleep(0.002)
-        yield json.loads(out.getvalue())
-    finally:
-        stop.set()
-        thread.join(20)
+def resting_bench(behaviour=None, **options):
+    """Give a `Rig`."""
+    with tempfile.TemporaryDirectory() as folder:
+        rig = Rig(Path(folder), behaviour, **options)
+        try:
+            yield rig
+        finally:
+            rig.close()
 
 
 def missampled(data: bytes, *, sent_baud: int, read_baud: int) -> bytes:

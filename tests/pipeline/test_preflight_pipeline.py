@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
+import importlib.util
 import json
 import os
 import struct
 import threading
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import acquisition.device_probe
+import acquisition.devices
 import commands.recording_session
 from acquisition.device_probe import probe_devices
 from acquisition.devices import build_devices
@@ -17,22 +23,33 @@ from acquisition.preflight import judge
 from acquisition.simulation.endpoints import PtyEndpoint
 from bench.config import BenchConfig, load_config
 from commands.main import main
-from tests.pipeline.rest_bench import CONFIG, missampled, resting_bench
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="this system has no pty")
 SECONDS = 1.2
 
 
-def checked(ports, *, seconds=SECONDS, is_running=False):
-    probes = probe_devices(build_devices(load_config(CONFIG).config, ports), seconds=seconds)
+def module(path):
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    loaded = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(loaded)
+    return loaded
+
+
+rest_bench = module(Path(__file__).resolve().with_name("rest_bench.py"))
+CONFIG, missampled, resting_bench = rest_bench.CONFIG, rest_bench.missampled, rest_bench.resting_bench
+
+
+def checked(rig, *, seconds=SECONDS, is_running=False):
+    devices = build_devices(load_config(CONFIG).config, rig.ports, clock=rig.clock)
+    probes = probe_devices(devices, seconds=seconds, clock=rig.clock)
     found = judge(probes, is_running=is_running)
     faults = {(f.device, f.channel, f.code): f for f in found.findings if f.severity == "fault"}
     return found, faults, {f.code for f in found.findings if f.severity == "note"}
 
 
 def test_a_healthy_bench_passes_and_its_numbers_are_right():
-    with resting_bench() as ports:
-        found, faults, notes = checked(ports)
+    with resting_bench() as rig:
+        found, faults, notes = checked(rig)
     assert not faults and not notes
     channels = {c.channel: c for c in found.channels}
     assert set(channels) == {
@@ -52,8 +69,8 @@ def test_saturated_frozen_and_noisy_are_named():
         "motor_current_a": lambda t, noise: 5.0 * np.sin(2 * np.pi * 50.0 * t) + 0.03 * noise,
         "battery_voltage_v": lambda t, noise: np.full(len(t), 17.5),
     }
-    with resting_bench(behaviour) as ports:
-        _, faults, notes = checked(ports)
+    with resting_bench(behaviour) as rig:
+        _, faults, notes = checked(rig)
     assert set(faults) == {
         ("load_cell", "force_n", "saturated"),
         ("stroke_sensor", "displacement_mm", "frozen"),
@@ -68,10 +85,10 @@ def test_saturated_frozen_and_noisy_are_named():
 def test_wrong_rate_damage_and_silence_are_named():
     faults_in = [
         {"device": "stroke_sensor", "kind": "garble_bytes", "at_s": 0.5, "n_bytes": 24},
-        {"device": "power", "kind": "silence", "at_s": 0.0, "seconds": 60.0},
+        {"device": "power", "kind": "silence", "at_s": -2.0, "seconds": 60.0},
     ]
-    with resting_bench(faults=faults_in, clock_error_ppm={"load_cell": -4e5}) as ports:
-        _, faults, _ = checked(ports)
+    with resting_bench(faults=faults_in, clock_error_ppm={"load_cell": -4e5}) as rig:
+        _, faults, _ = checked(rig)
     assert ("load_cell", "", "rate_low") in faults
     assert "60%" in faults["load_cell", "", "rate_low"].what
     assert ("stroke_sensor", "", "bytes_damaged") in faults
@@ -79,9 +96,16 @@ def test_wrong_rate_damage_and_silence_are_named():
     assert ("power", "", "no_bytes") in faults
 
 
+def test_an_instrument_that_stops_is_named():
+    faults_in = [{"device": "power", "kind": "silence", "at_s": 0.3, "seconds": 60.0}]
+    with resting_bench(faults=faults_in) as rig:
+        _, faults, _ = checked(rig)
+    assert set(faults) == {("power", "", "stopped")}
+
+
 def test_counted_samples_that_are_lost_are_counted():
-    with resting_bench(faults=[{"device": "power", "kind": "silence", "at_s": 0.6, "seconds": 0.2}]) as ports:
-        found, faults, _ = checked(ports, seconds=1.5)
+    with resting_bench(faults=[{"device": "power", "kind": "silence", "at_s": 0.6, "seconds": 0.2}]) as rig:
+        found, faults, _ = checked(rig, seconds=1.5)
     assert {code for _, _, code in faults} == {"samples_missing"}
     current = next(c for c in found.channels if c.channel == "motor_current_a")
     assert current.n_missing == pytest.approx(200, abs=20)
@@ -127,10 +151,11 @@ def test_channels_that_nobody_gives_are_a_note(monkeypatch, tmp_path, capsys):
     text = CONFIG.read_text().split("[devices.stroke_sensor]")[0]
     path = tmp_path / "bench_config.toml"
     path.write_text(text)
-    with resting_bench(config_path=path) as ports:
-        monkeypatch.setattr(
-            commands.recording_session, "simulated_bench", lambda *_, **__: __import__("contextlib").nullcontext(ports)
-        )
+    with resting_bench(config_path=path) as rig:
+        bench = lambda *_, **__: contextlib.nullcontext(rig.ports)  # noqa: E731
+        monkeypatch.setattr(commands.recording_session, "simulated_bench", bench)
+        monkeypatch.setattr(acquisition.devices, "build_devices", partial(build_devices, clock=rig.clock))
+        monkeypatch.setattr(acquisition.device_probe, "probe_devices", partial(probe_devices, clock=rig.clock))
         code = main(["check", "--config", str(path), "--seconds", "1.2", "--simulated", "--json"])
     said = json.loads(capsys.readouterr().out)
     assert code == 0 and said["is_good"]
