@@ -68,6 +68,24 @@ class Calibration(BaseModel):
             return np.asarray(np.polynomial.polynomial.polyval(x, np.array(self.polynomial)), dtype=np.float64)
         return np.asarray(self.offset + self.scale * x, dtype=np.float64)
 
+    def slope_at(self, raw: float) -> float:
+        """Change of the value with the raw reading at `raw`, channel unit per raw unit.
+
+        Examples
+        --------
+        >>> Calibration(polynomial=(0.0, 2.0, 3.0), zero_raw=1.0).slope_at(2.0)
+        8.0
+        """
+        if self.polynomial is None:
+            return self.scale
+        derivative = np.polynomial.polynomial.polyder(self.polynomial)
+        return float(np.polynomial.polynomial.polyval(raw - self.zero_raw, derivative))
+
+    def is_same_formula(self, other: Calibration) -> bool:
+        """Whether both turn every raw reading into the same value; who says so may differ."""
+        ignored = {"rel_std", "source"}
+        return self.model_dump(exclude=ignored) == other.model_dump(exclude=ignored)
+
     def statement(self, channel: str, unit: str) -> str:
         """Say the calibration in words, for the recording."""
         zero = f"(raw - {self.zero_raw:g})" if self.zero_raw else "raw"

@@ -353,6 +353,7 @@ class _Run:
             facts[f"alignment {device} {stream}"] = recorder.timer.statement()
             for channel in recorder.stream.channels:
                 facts[f"calibration {channel.name}"] = channel.calibration.statement(channel.name, channel.unit)
+                facts[f"calibration values {channel.name}"] = channel.calibration.model_dump_json(exclude_none=True)
         for device in self._devices:
             for key, value in device.describe().items():
                 facts[f"{device.name} {key}"] = value

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from commands.options import config_for, config_option, default_config_path, json_option
+from commands.options import calibration_book_path, config_for, config_option, default_config_path, json_option
 from commands.terminal import emit, stepper, table
 
 if TYPE_CHECKING:
@@ -33,14 +33,15 @@ def command(
 
     The tool should be at rest, or say --running. Exit code 1 where something is not to be trusted.
     """
+    from acquisition.calibration_book import build_calibrated, read_book
     from acquisition.device_probe import probe_devices
-    from acquisition.devices import build_devices
     from acquisition.preflight import judge
     from commands.recording_session import check_devices, simulated_bench
 
     config_path = config_path or default_config_path()
     loaded = config_for(None, config_path)
     check_devices(loaded)
+    book = read_book(calibration_book_path(config_path, simulated=simulated))
     trigger_after_s = _AT_ONCE_S if is_running else _NEVER_S
     bench = (
         simulated_bench(config_path, material="none", duty=None, seed=seed, trigger_after_s=trigger_after_s)
@@ -48,7 +49,7 @@ def command(
         else contextlib.nullcontext({})
     )
     with bench as endpoints, stepper("checking") as step:
-        devices = build_devices(loaded.config, endpoints)
+        devices, _ = build_calibrated(loaded.config, book, endpoints)
         tenths = round(10 * seconds)
         probes = probe_devices(
             devices, seconds=seconds, watch=lambda now_s: step(min(tenths, round(10 * now_s)), tenths, "")

@@ -97,6 +97,13 @@ def default_config_path() -> Path:
     return SHIPPED_CONFIG
 
 
+def calibration_book_path(config_path: Path, *, simulated: bool) -> Path:
+    """Place of the tares and calibrations that belong to a configuration."""
+    from acquisition.calibration_book import book_path
+
+    return book_path(config_path, simulated=simulated, shipped=SHIPPED_CONFIG)
+
+
 def refuse_unwritable(path: Path, *, force: bool) -> None:
     """Raise, before any work is done, if `path` exists without `--force` or its folder does not.
 

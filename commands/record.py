@@ -13,6 +13,7 @@ import click
 from bench.errors import InputError
 from bench.recording import Trial
 from commands.options import (
+    calibration_book_path,
     config_for,
     config_option,
     default_config_path,
@@ -133,6 +134,7 @@ def command(
                 seconds=None if until_stopped else seconds or settings.seconds,
                 endpoints=endpoints,
                 overwrite=force,
+                calibration_book=calibration_book_path(config_path, simulated=simulated),
             ),
             observers=[*views, estimate],
             status=counters,

@@ -36,6 +36,8 @@ class SessionOptions:
     endpoints : mapping of str to str
         Device name -> port, instead of the configured ones.
     overwrite : bool
+    calibration_book : Path, optional
+        Tares and calibrations to apply; without it the configuration's alone.
     """
 
     path: Path
@@ -43,6 +45,7 @@ class SessionOptions:
     seconds: float | None
     endpoints: Mapping[str, str]
     overwrite: bool = False
+    calibration_book: Path | None = None
 
 
 def check_devices(loaded: LoadedConfig) -> None:
@@ -93,12 +96,14 @@ def record_trial(
     DeviceError
         If an instrument is missing, silent or wrong; then no file is left.
     """
-    from acquisition.devices import build_devices
+    from acquisition.calibration_book import CalibrationBook, build_calibrated, provenance, read_book
     from acquisition.recorder import record
     from acquisition.recording_report import RecordingStart
     from storage.writer import RecordingWriter
 
-    devices = build_devices(loaded.config, options.endpoints)
+    book = CalibrationBook() if options.calibration_book is None else read_book(options.calibration_book)
+    devices, configured = build_calibrated(loaded.config, book, options.endpoints)
+    made = provenance(book, configured)
     settings = loaded.config.recording
     opened: list[RecordingWriter] = []
 
@@ -107,7 +112,7 @@ def record_trial(
             path=options.path,
             trial=replace(options.trial, started_at=start.started_at),
             config_toml=loaded.text,
-            provenance={**start.provenance, "config_sha256": loaded.sha256, "source": options.trial.source},
+            provenance={**start.provenance, **made, "config_sha256": loaded.sha256, "source": options.trial.source},
             started_at=start.started_at,
             preview_rate_hz=settings.preview_rate_hz,
             flush_every_s=settings.flush_every_s,
@@ -183,6 +188,7 @@ def simulated_bench(
     seed: int,
     trigger_after_s: float = 1.0,
     truth_path: Path | None = None,
+    load: tuple[str, float] | None = None,
 ) -> Iterator[dict[str, str]]:
     """Run `sawbench simbench` beside us and give its ports: device name -> port.
 
@@ -195,6 +201,8 @@ def simulated_bench(
     trigger_after_s : float
     truth_path : Path, optional
         The other process writes the truth there; this one never reads it.
+    load : tuple of (str, float), optional
+        Channel and what is added to what its sensor feels, in its unit: a known weight or length.
 
     Raises
     ------
@@ -207,6 +215,7 @@ def simulated_bench(
     call += ["--material", material, "--seed", str(seed), "--trigger-after", str(trigger_after_s)]
     call += [] if duty is None else ["--duty", str(duty)]
     call += [] if truth_path is None else ["--truth", str(truth_path)]
+    call += [] if load is None else ["--load", f"{load[0]}={load[1]!r}"]
     process = subprocess.Popen(call, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         yield _announced_ports(process)

@@ -36,6 +36,7 @@ _LARGEST_DEVIATION = 2.0
 @click.option("--seed", default=0, show_default=True, help="Draws the true plant, the wood and the sensor noise.")
 @click.option("--trigger-after", default=1.0, show_default=True, help="Seconds from streaming to switching on.")
 @click.option("--transport", type=click.Choice(["auto", "pty", "tcp"]), default="auto", show_default=True)
+@click.option("--load", "load_text", metavar="CHANNEL=VALUE", help="A known weight or length at a sensor, added.")
 @click.option(
     "--truth", "truth_path", type=click.Path(path_type=Path, dir_okay=False),
     help="Write the true values there; no recording ever holds them.",
@@ -47,6 +48,7 @@ def command(
     seed: int,
     trigger_after: float,
     transport: str,
+    load_text: str | None,
     truth_path: Path | None,
 ) -> None:
     """Emulate the instruments of the configuration and print their ports as one line of JSON.
@@ -57,6 +59,7 @@ def command(
     import json
 
     from acquisition.simulation.bench_server import run_bench
+    from acquisition.simulation.held_load import HeldLoad
     from blindcheck.streaming import StreamingPlant
     from commands.options import config_for
 
@@ -65,13 +68,42 @@ def command(
     if truth_path is not None:
         refuse_existing(truth_path, force=False)
         truth_path.write_text(json.dumps(truth_of(settings), indent=2) + "\n")
+    plant = StreamingPlant(settings)
     run_bench(
-        StreamingPlant(settings),
+        plant if load_text is None else HeldLoad(plant, *load_of(load_text)),
         loaded.config,
         transport=transport,  # type: ignore[arg-type]
         trigger_after_s=trigger_after,
         clock_error_ppm={name: 20.0 * (-1) ** k for k, name in enumerate(loaded.config.devices)},
     )
+
+
+def load_of(text: str) -> tuple[str, float]:
+    """Read `CHANNEL=VALUE`.
+
+    Raises
+    ------
+    InputError
+        If it is something else.
+
+    Examples
+    --------
+    >>> load_of("force_n=50")
+    ('force_n', 50.0)
+    """
+    from bench.errors import InputError
+    from bench.units import CHANNEL_BY_NAME
+
+    channel, _, value = text.partition("=")
+    try:
+        load = float(value)
+    except ValueError:
+        load = float("nan")
+    if channel not in CHANNEL_BY_NAME or not abs(load) < float("inf"):
+        raise InputError(
+            f"--load is {text!r}, expected CHANNEL=VALUE", remedy=f"channels are {', '.join(CHANNEL_BY_NAME)}"
+        )
+    return channel, load
 
 
 def true_settings(loaded: LoadedConfig, *, material: str, duty: float | None, seed: int) -> PlantSettings:

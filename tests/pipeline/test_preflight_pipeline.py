@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import acquisition.calibration_book
 import acquisition.device_probe
-import acquisition.devices
 import commands.recording_session
+from acquisition.calibration_book import build_calibrated
 from acquisition.device_probe import probe_devices
 from acquisition.devices import build_devices
 from acquisition.preflight import judge
@@ -154,7 +155,9 @@ def test_channels_that_nobody_gives_are_a_note(monkeypatch, tmp_path, capsys):
     with resting_bench(config_path=path) as rig:
         bench = lambda *_, **__: contextlib.nullcontext(rig.ports)  # noqa: E731
         monkeypatch.setattr(commands.recording_session, "simulated_bench", bench)
-        monkeypatch.setattr(acquisition.devices, "build_devices", partial(build_devices, clock=rig.clock))
+        monkeypatch.setattr(
+            acquisition.calibration_book, "build_calibrated", partial(build_calibrated, clock=rig.clock)
+        )
         monkeypatch.setattr(acquisition.device_probe, "probe_devices", partial(probe_devices, clock=rig.clock))
         code = main(["check", "--config", str(path), "--seconds", "1.2", "--simulated", "--json"])
     said = json.loads(capsys.readouterr().out)

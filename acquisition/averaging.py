@@ -1,0 +1,164 @@
+"""Mean of a resting value: how sure it is, and whether it rested at all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import InputError
+
+Floats = NDArray[np.float64]
+_N_BLOCKS: Final = 10
+_MIN_SAMPLES: Final = 50
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RestingMean:
+    """Mean of one channel over a while, in the unit of the values.
+
+    Attributes
+    ----------
+    mean, mean_std : float
+        Standard uncertainty of the mean from the scatter alone, autocorrelation respected.
+    noise_std : float
+        Of single samples about the straight line through them.
+    n_samples : int
+    n_effective : float
+        Independent samples that would give the same uncertainty.
+    drift_per_s, drift_std_per_s : float
+        Slope of the straight line and its standard uncertainty.
+    block_spread : float
+        Largest minus smallest mean of ten blocks, the line taken out.
+    seconds : float
+    """
+
+    mean: float
+    mean_std: float
+    noise_std: float
+    n_samples: int
+    n_effective: float
+    drift_per_s: float
+    drift_std_per_s: float
+    block_spread: float
+    seconds: float
+
+    @property
+    def drift(self) -> float:
+        """Change over the whole time, by the straight line."""
+        return self.drift_per_s * self.seconds
+
+    @property
+    def std(self) -> float:
+        """Standard uncertainty of the mean, the drift that was let pass included (as a rectangle, /sqrt 12)."""
+        return float(np.hypot(self.mean_std, self.drift / 12**0.5))
+
+
+def autocorrelation_time(values: Floats) -> float:
+    """Integrated autocorrelation time, in samples: variance of the mean = variance * this / n.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+
+    Returns
+    -------
+    float
+        At least 1/n. 1 for white noise, (1 + a)/(1 - a) for a first-order process with coefficient a.
+
+    Notes
+    -----
+    Geyer's initial positive sequence: sums of two neighbouring autocovariances are added up until one is not
+    positive (Geyer 1992, "Practical Markov chain Monte Carlo", Statistical Science 7, 473, section 3.3). Bias: low by
+    the order of (autocorrelation time)/n, since the mean is taken from the same samples. Fails: correlation longer
+    than about a tenth of the window looks like drift, which `unsteady` finds.
+
+    Examples
+    --------
+    >>> white = np.random.default_rng(1).standard_normal(20000)
+    >>> bool(abs(autocorrelation_time(white) - 1.0) < 0.1)
+    True
+    """
+    n = len(values)
+    centred = values - values.mean()
+    spectrum = np.abs(np.fft.rfft(centred, 2 * n)) ** 2
+    covariance = np.fft.irfft(spectrum)[:n] / n
+    if covariance[0] <= 0:
+        return 1.0
+    correlation = covariance[: n - n % 2] / covariance[0]
+    pairs = correlation[0::2] + correlation[1::2]
+    is_negative = pairs <= 0
+    n_pairs = int(np.argmax(is_negative)) if is_negative.any() else len(pairs)
+    return max(float(2.0 * pairs[:n_pairs].sum() - 1.0), 1.0 / n)
+
+
+def resting_mean(time_s: Floats, values: Floats) -> RestingMean:
+    """Average a value that should stand still.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,), s
+    values : ndarray, shape (n,)
+
+    Returns
+    -------
+    RestingMean
+
+    Raises
+    ------
+    InputError
+        If there are fewer than 50 samples.
+    """
+    n = len(values)
+    if n < _MIN_SAMPLES:
+        raise InputError(f"{n} samples are too few to average, {_MIN_SAMPLES} are needed", remedy="give more --seconds")
+    t = time_s - time_s.mean()
+    spread = float(t @ t)
+    slope = float(t @ values) / spread
+    residual = values - values.mean() - slope * t
+    tau = autocorrelation_time(residual)
+    noise = float(np.sqrt(residual @ residual / max(n - 2, 1)))
+    block_means = np.array([block.mean() for block in np.array_split(residual, _N_BLOCKS)])
+    return RestingMean(
+        mean=float(values.mean()),
+        mean_std=noise * (tau / n) ** 0.5,
+        noise_std=noise,
+        n_samples=n,
+        n_effective=n / tau,
+        drift_per_s=slope,
+        drift_std_per_s=noise * (tau / spread) ** 0.5,
+        block_spread=float(np.ptp(block_means)),
+        seconds=float(time_s[-1] - time_s[0]),
+    )
+
+
+def unsteady(found: RestingMean, *, tolerance: float, unit: str) -> str:
+    """Say why a value did not rest; empty where it did.
+
+    Parameters
+    ----------
+    found : RestingMean
+    tolerance : float
+        Change that does not matter, in `unit`. Single samples may scatter ten times as much.
+    unit : str
+
+    Returns
+    -------
+    str
+
+    Notes
+    -----
+    A drift is one that matters (beyond the tolerance) and is no chance (beyond three standard uncertainties). Ten
+    block means of pure noise spread over about three of their standard uncertainties; five and the tolerance are
+    allowed.
+    """
+    if abs(found.drift) > max(tolerance, 3.0 * found.drift_std_per_s * found.seconds):
+        return f"it drifts by {found.drift:+.3g} {unit} in {found.seconds:.1f} s ({tolerance:.3g} {unit} are allowed)"
+    block_std = found.mean_std * _N_BLOCKS**0.5
+    if found.block_spread > tolerance + 5.0 * block_std:
+        return f"it moves by {found.block_spread:.3g} {unit} while it is averaged ({tolerance:.3g} {unit} are allowed)"
+    if found.noise_std > 10.0 * tolerance:
+        return f"it is shaken: {found.noise_std:.3g} {unit} (1 std; {10.0 * tolerance:.3g} {unit} are allowed)"
+    return ""

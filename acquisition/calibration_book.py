@@ -1,0 +1,330 @@
+"""The calibration book: every tare and calibration of a bench, in the order they were made, none ever removed.
+
+A TOML file beside the configuration. What is in force for a channel is its table in the configuration, then the
+latest calibration of the book, then the latest tare after that. The simulated bench has a book of its own, so that
+nothing found on it can reach a recording of the real one.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+import numpy as np
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
+
+from acquisition.calibration import Calibration
+from acquisition.devices import build_devices
+from bench.config import BenchConfig, describe_validation
+from bench.errors import ConfigError, InputError
+
+if TYPE_CHECKING:
+    from acquisition.devices.device import Device
+
+_STRICT: Final = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+_HEADER: Final = (
+    "# Tares and calibrations of the bench, written by `sawbench tare` and `sawbench calibrate`; the latest of each\n"
+    "# channel is in force. Nothing is ever removed: the file is the history.\n\n"
+)
+
+
+class BookEntry(BaseModel):
+    """One tare or calibration.
+
+    Attributes
+    ----------
+    kind : {"tare", "calibration"}
+    device, channel : str
+    made_at : datetime
+        Timezone-aware.
+    result : Calibration
+        What was in force from then on, whole.
+    configured : Calibration
+        What the configuration said then: where it says something else now, the entry no longer fits.
+    zero_std_raw : float
+        Standard uncertainty of `result.zero_raw`, raw unit.
+    seconds : float
+        Averaged over this long (each point).
+    instrument : mapping of str to str
+        Port, model, firmware, serial number: what the instrument says of itself.
+    software, operator, note : str
+    details : mapping
+        Numbers of the kind: scatter and drift of a tare; points, covariance, residuals of a calibration.
+    """
+
+    model_config = _STRICT
+    kind: Literal["tare", "calibration"]
+    device: str
+    channel: str
+    made_at: AwareDatetime
+    result: Calibration
+    configured: Calibration
+    zero_std_raw: float = Field(ge=0)
+    seconds: float = Field(gt=0)
+    instrument: dict[str, str] = Field(default_factory=dict)
+    software: str = ""
+    operator: str = ""
+    note: str = ""
+    details: dict[str, Any] = Field(default_factory=dict)
+
+    @property
+    def title(self) -> str:
+        """Kind, time and operator, for one line."""
+        whose = f" by {self.operator}" if self.operator else ""
+        return f"{self.kind} of {self.made_at.isoformat(timespec='seconds')}{whose}"
+
+
+class CalibrationBook(BaseModel):
+    """All entries, oldest first.
+
+    Attributes
+    ----------
+    schema_version : int
+    entries : tuple of BookEntry
+    """
+
+    model_config = _STRICT
+    schema_version: Literal[1] = 1
+    entries: tuple[BookEntry, ...] = ()
+
+    def of_channel(self, device: str, channel: str) -> tuple[BookEntry, ...]:
+        """Entries of one channel, oldest first."""
+        return tuple(e for e in self.entries if (e.device, e.channel) == (device, channel))
+
+    def in_force(self, device: str, channel: str) -> tuple[BookEntry, ...]:
+        """Return the latest calibration, if any, and the latest tare after it, if any."""
+        entries = self.of_channel(device, channel)
+        calibrations = [k for k, e in enumerate(entries) if e.kind == "calibration"]
+        first = calibrations[-1] if calibrations else 0
+        chosen = [entries[first]] if calibrations else []
+        tares = [e for e in entries[first:] if e.kind == "tare"]
+        return (*chosen, *tares[-1:])
+
+
+def book_path(config_path: Path, *, simulated: bool, shipped: Path) -> Path:
+    """Place of the book: beside the configuration, or in the working folder for the one that ships with sawbench.
+
+    Parameters
+    ----------
+    config_path : Path
+    simulated : bool
+    shipped : Path
+        The configuration that ships with sawbench.
+
+    Examples
+    --------
+    >>> book_path(Path("rig/bench_config.toml"), simulated=False, shipped=Path("x")).as_posix()
+    'rig/bench_config.calibration.toml'
+    """
+    is_shipped = config_path.resolve() == shipped.resolve()
+    folder = Path() if is_shipped else config_path.parent
+    stem = "bench_config" if is_shipped else config_path.stem
+    return folder / f"{stem}.calibration{'-simulated' if simulated else ''}.toml"
+
+
+def read_book(path: Path) -> CalibrationBook:
+    """Read a book; an empty one where there is no file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or holds something else.
+    """
+    try:
+        return CalibrationBook.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        return CalibrationBook()
+    except ValidationError as error:
+        what = describe_validation(error, CalibrationBook)
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        what = f"cannot be read: {error}"
+    raise InputError(f"is no calibration book: {what}", where=path, remedy="repair it, or move it away to do without")
+
+
+def add_entry(path: Path, entry: BookEntry) -> None:
+    """Append `entry`; the file is replaced as a whole, so that a crash leaves the old one.
+
+    Raises
+    ------
+    InputError
+        If the book that is there cannot be read.
+    """
+    import tomli_w
+
+    book = read_book(path)
+    grown = CalibrationBook(entries=(*book.entries, entry))
+    text = _HEADER + tomli_w.dumps(_without_none(grown.model_dump(mode="python")))
+    beside = path.with_name(path.name + ".new")
+    with beside.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    beside.replace(path)
+
+
+def build_calibrated(
+    config: BenchConfig,
+    book: CalibrationBook,
+    endpoints: Mapping[str, str] | None = None,
+    *,
+    clock: Callable[[], float] = time.monotonic,
+) -> tuple[list[Device], dict[tuple[str, str], Calibration]]:
+    """Build every instrument with what the book has in force; nothing is opened.
+
+    Parameters
+    ----------
+    config : BenchConfig
+    book : CalibrationBook
+    endpoints : mapping of str to str, optional
+    clock : callable
+        See `build_devices`.
+
+    Returns
+    -------
+    devices : list of Device
+    configured : dict of (device, channel) to Calibration
+        What the configuration alone says.
+
+    Raises
+    ------
+    ConfigError
+        See `build_devices` and `calibrated`.
+    """
+    plain = build_devices(config, endpoints, clock=clock)
+    configured = {(d.name, c.name): c.calibration for d in plain for s in d.streams for c in s.channels}
+    if not book.entries:
+        return plain, configured
+    return build_devices(calibrated(config, book, configured), endpoints, clock=clock), configured
+
+
+def calibrated(
+    config: BenchConfig, book: CalibrationBook, configured: Mapping[tuple[str, str], Calibration]
+) -> BenchConfig:
+    """Return the configuration with what the book has in force.
+
+    Parameters
+    ----------
+    config : BenchConfig
+    book : CalibrationBook
+    configured : mapping of (device, channel) to Calibration
+        What the instruments use without the book, see `build_calibrated`.
+
+    Raises
+    ------
+    ConfigError
+        If the configuration of a channel was changed since an entry that is in force was made.
+    """
+    tables = {name: dict(table) for name, table in config.devices.items()}
+    for (device, channel), present in configured.items():
+        entries = book.in_force(device, channel)
+        if not entries:
+            continue
+        _refuse_stale(entries, present)
+        values = in_words(entries)
+        _put(tables[device], channel, values)
+    return config.model_copy(update={"devices": tables})
+
+
+def without_tares(book: CalibrationBook, channel: str) -> CalibrationBook:
+    """Return the book as it would be had `channel` never been tared."""
+    kept = tuple(e for e in book.entries if not (e.kind == "tare" and e.channel == channel))
+    return CalibrationBook(entries=kept)
+
+
+def in_words(entries: Sequence[BookEntry]) -> Calibration:
+    """Return the calibration that the entries in force amount to; its source names them."""
+    source = "; ".join([*(e.title for e in entries), f"before: {entries[0].configured.source or 'not stated'}"])
+    return entries[-1].result.model_copy(update={"source": source})
+
+
+def provenance(book: CalibrationBook, configured: Mapping[tuple[str, str], Calibration]) -> dict[str, str]:
+    """Entries in force, whole, as JSON, for the recording: `calibration book CHANNEL`."""
+    return {
+        f"calibration book {channel}": json.dumps([e.model_dump(mode="json") for e in entries])
+        for device, channel in configured
+        if (entries := book.in_force(device, channel))
+    }
+
+
+def zeroed(calibration: Calibration, raw_at_rest: float) -> Calibration:
+    """Return the calibration whose value is 0 at `raw_at_rest`.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    raw_at_rest : float
+        Mean raw reading of the unloaded sensor, raw unit.
+
+    Raises
+    ------
+    InputError
+        If the polynomial has no zero.
+
+    Examples
+    --------
+    >>> zeroed(Calibration(scale=250.0, offset=5.0), 0.1).apply(0.1).item()
+    0.0
+    """
+    if calibration.polynomial is None:
+        at_zero = -calibration.offset / calibration.scale
+    else:
+        roots = np.polynomial.polynomial.polyroots(calibration.polynomial)
+        real = roots[np.abs(roots.imag) < 1e-9].real
+        if not len(real):
+            raise InputError("the polynomial of the calibration is nowhere 0, so it cannot be zeroed")
+        # The zero on the branch that is in use: the one nearest to the reading.
+        present = raw_at_rest - calibration.zero_raw
+        at_zero = float(real[np.argmin(np.abs(real - present))])
+    return calibration.model_copy(update={"zero_raw": raw_at_rest - at_zero})
+
+
+def _refuse_stale(entries: Sequence[BookEntry], present: Calibration) -> None:
+    for entry in entries:
+        if entry.configured.is_same_formula(present):
+            continue
+        raise ConfigError(
+            f"the calibration in the configuration was changed since the {entry.title}: that holds for "
+            f"{entry.configured.statement(entry.channel, 'value')}",
+            where=f"{entry.device} {entry.channel}",
+            remedy="put the former calibration back, or make a new one with `sawbench calibrate --force`",
+        )
+
+
+def _put(table: dict[str, Any], channel: str, calibration: Calibration) -> None:
+    values = calibration.model_dump(exclude_none=True)
+    if channel in (channels := table.get("channels", {})):
+        table["channels"] = {**channels, channel: {**channels[channel], "calibration": values}}
+    else:
+        table["calibration"] = {**table.get("calibration", {}), channel: values}
+
+
+def _without_none(value: Any) -> Any:
+    """TOML has no null."""
+    if isinstance(value, dict):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    if isinstance(value, list | tuple):
+        return [_without_none(item) for item in value]
+    return value
+
+
+def age(entry: BookEntry, now: datetime) -> str:
+    """How old an entry is, in words.
+
+    Examples
+    --------
+    >>> from datetime import UTC
+    >>> c = Calibration()
+    >>> made = datetime(2026, 3, 1, tzinfo=UTC)
+    >>> e = BookEntry(kind="tare", device="d", channel="c", made_at=made, result=c, configured=c,
+    ...               zero_std_raw=0.0, seconds=1.0)
+    >>> age(e, datetime(2026, 3, 3, 12, tzinfo=UTC))
+    '2.5 days old'
+    """
+    hours = (now - entry.made_at).total_seconds() / 3600.0
+    return f"{hours:.1f} h old" if hours < 48 else f"{hours / 24.0:.1f} days old"

@@ -1,0 +1,303 @@
+"""`sawbench calibrate`: known loads or lengths at a channel -> gain and zero with their uncertainty."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from bench.errors import InputError
+from commands.options import calibration_book_path, config_for, config_option, default_config_path, json_option
+from commands.tare import NEVER_S, read_resting
+from commands.terminal import emit, plain, table
+
+if TYPE_CHECKING:
+    from acquisition.calibration import Calibration
+    from acquisition.calibration_book import CalibrationBook
+    from acquisition.calibration_fit import CalibrationPoint, StraightLine
+    from bench.config import LoadedConfig
+
+STANDARD_GRAVITY_M_S2: Final = 9.80665
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Session:
+    """What every point needs."""
+
+    loaded: LoadedConfig
+    config_path: Path
+    book: CalibrationBook
+    channel: str
+    seconds: float
+    tolerance: float | None
+    reference_std: float
+    simulated: bool
+    seed: int
+
+
+@click.command(
+    name="calibrate",
+    epilog="Example: sawbench calibrate --kilograms --point 0 --point 10 --point 20 --point 10 --point 0",
+)
+@click.option("--channel", default="force_n", show_default=True, help="Channel to calibrate.")
+@click.option("--point", "values", type=float, multiple=True, help="Known value; repeat in the order they are taken.")
+@click.option(
+    "--from", "table_path", type=click.Path(path_type=Path, dir_okay=False), help="CSV reference,raw[,..._std]."
+)
+@click.option("--kilograms", is_flag=True, help="The points are masses in kg that hang on the sensor.")
+@click.option(
+    "--gravity", type=click.FloatRange(9.7, 9.9), default=STANDARD_GRAVITY_M_S2, show_default=True, help="m/s2"
+)
+@click.option("--reference-std", type=click.FloatRange(0), default=0.0, help="Of each known value, its unit (1 std).")
+@click.option(
+    "--reference-rel-std", type=click.FloatRange(0, 1), default=0.001, show_default=True, help="Common to all."
+)
+@click.option(
+    "--seconds", type=click.FloatRange(0.5, 600.0), default=3.0, show_default=True, help="Average each point."
+)
+@click.option("--tolerance", type=click.FloatRange(0, min_open=True), help="Change that is let pass, channel's unit.")
+@click.option(
+    "--largest-deviation", type=click.FloatRange(0, 1), default=0.01, show_default=True,
+    help="Nonlinearity and hysteresis that are let pass, share of the range.",
+)  # fmt: skip
+@click.option("--operator", default="", help="Who does it.")
+@click.option("--note", default="", help="Kept with it: weights, certificate, temperature.")
+@config_option
+@click.option("--simulated", is_flag=True, help="Calibrate the simulated bench; the loads hang on by themselves.")
+@click.option("--seed", default=0, show_default=True, help="Of the simulated bench.")
+@click.option("--force", is_flag=True, help="Replace a calibration (it stays in the history), or keep a doubtful one.")
+@json_option
+def command(
+    channel: str,
+    values: tuple[float, ...],
+    table_path: Path | None,
+    kilograms: bool,
+    gravity: float,
+    reference_std: float,
+    reference_rel_std: float,
+    seconds: float,
+    tolerance: float | None,
+    largest_deviation: float,
+    operator: str,
+    note: str,
+    config_path: Path | None,
+    simulated: bool,
+    seed: int,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Take known loads one after the other, fit a straight line, keep it for every later recording.
+
+    Without --point it asks for the values. Take zero and the largest load too; up and then down again shows the
+    hysteresis. What does not make sense is not kept, unless --force is given.
+    """
+    from acquisition.calibration_book import add_entry, build_calibrated, read_book
+    from acquisition.calibration_fit import fit_line, judge_line, read_points, require_sound
+    from acquisition.resting_channel import device_with
+    from commands.recording_session import check_devices
+
+    if kilograms and channel != "force_n":
+        raise InputError(f"--kilograms is for force_n, not {channel}", remedy="give the points in the channel's unit")
+    if values and table_path is not None:
+        raise InputError("--point and --from exclude each other", remedy="leave one out")
+    config_path = config_path or default_config_path()
+    loaded = config_for(None, config_path)
+    check_devices(loaded)
+    path = calibration_book_path(config_path, simulated=simulated)
+    book = read_book(path)
+    devices, configured = build_calibrated(loaded.config, _without(book, channel) if force else book)
+    device = device_with(devices, channel)
+    _refuse_replacing(book, device.name, channel, path, force=force)
+    former = next(c.calibration for s in device.streams for c in s.channels if c.name == channel)
+    factor = gravity if kilograms else 1.0
+    instrument: dict[str, str] = {}
+    if table_path is None:
+        session = Session(
+            loaded=loaded, config_path=config_path, book=_without(book, channel), channel=channel, seconds=seconds,
+            tolerance=tolerance, reference_std=factor * reference_std, simulated=simulated, seed=seed,
+        )  # fmt: skip
+        known = _asked(channel, "kg" if kilograms else channel) if not values else iter(values)
+        points, instrument = take_points(session, (factor * value for value in known), is_asked=not values)
+    else:
+        points = [_scaled(p, factor) for p in read_points(table_path)]
+        instrument = {"points": str(table_path)}
+    line = fit_line(points, common_rel_std=reference_rel_std)
+    complaints = judge_line(line, former, largest_deviation=largest_deviation)
+    where = f"{device.name} {channel}"
+    if complaints:
+        click.echo(describe(points, line, former, channel), err=True)
+    require_sound(complaints, where=where, force=force)
+    entry = book_entry(
+        points, line, former, configured[device.name, channel], device=device.name, channel=channel,
+        seconds=seconds, instrument=instrument, operator=operator, note=note,
+    )  # fmt: skip
+    add_entry(path, entry)
+    text = f"{describe(points, line, former, channel)}\nkept in {path}"
+    emit(
+        {"book": path, "complaints": complaints, "fit": line_rows(line), **entry.model_dump(mode="json")},
+        text,
+        as_json=as_json,
+    )
+    return 1 if complaints else 0
+
+
+def take_points(
+    session: Session, references: Iterator[float], *, is_asked: bool
+) -> tuple[list[CalibrationPoint], dict[str, str]]:
+    """Read one resting mean a load.
+
+    Parameters
+    ----------
+    session : Session
+    references : iterator of float
+        In the channel's unit.
+    is_asked : bool
+        The operator has just said the value, so the load hangs already.
+
+    Returns
+    -------
+    points : list of CalibrationPoint
+    instrument : dict of str to str
+        What it says of itself.
+    """
+    from acquisition.calibration_book import build_calibrated
+    from acquisition.calibration_fit import CalibrationPoint
+    from commands.recording_session import simulated_bench
+
+    points: list[CalibrationPoint] = []
+    instrument: dict[str, str] = {}
+    for reference in references:
+        if not is_asked and not session.simulated:
+            click.prompt(f"apply {reference:g}, let it settle, press Enter", default="", show_default=False, err=True)
+        bench = (
+            simulated_bench(
+                session.config_path, material="none", duty=None, seed=session.seed + len(points),
+                trigger_after_s=NEVER_S, load=(session.channel, reference),
+            )
+            if session.simulated
+            else contextlib.nullcontext({})
+        )  # fmt: skip
+        with bench as endpoints:
+            devices, _ = build_calibrated(session.loaded.config, session.book, endpoints)
+            resting = read_resting(
+                devices, session.channel, seconds=session.seconds, tolerance=session.tolerance, saying=f"{reference:g}"
+            )
+        unit = resting.channel.calibration.raw_unit
+        click.echo(f"{reference:g}: {resting.raw_mean:.7g} +/- {resting.raw_std:.2g} {unit}", err=True)
+        points.append(
+            CalibrationPoint(
+                reference=reference,
+                raw=resting.raw_mean,
+                raw_std=resting.raw_std,
+                reference_std=session.reference_std,
+            )
+        )
+        instrument = {"port": resting.port, **resting.facts}
+    return points, instrument
+
+
+def book_entry(
+    points: list[CalibrationPoint],
+    line: StraightLine,
+    former: Calibration,
+    configured: Calibration,
+    **facts: Any,
+) -> Any:
+    """Return the entry of the calibration book."""
+    from acquisition.calibration import Calibration
+    from acquisition.calibration_book import BookEntry
+    from storage.writer import software_version
+
+    result = Calibration(
+        scale=line.gain,
+        zero_raw=line.zero_raw,
+        raw_unit=former.raw_unit,
+        rel_std=line.gain_rel_std,
+        source=f"{len(points)} points, sawbench calibrate",
+    )
+    return BookEntry(
+        kind="calibration",
+        made_at=datetime.now(UTC),
+        result=result,
+        configured=configured,
+        zero_std_raw=line.zero_std_raw,
+        software=software_version(),
+        details={"fit": _known(line_rows(line)), "points": [_known(plain(p)) for p in points]},
+        **facts,
+    )
+
+
+def line_rows(line: StraightLine) -> dict[str, Any]:
+    """Every number of the fit."""
+    return {**plain(line), "zero_raw": line.zero_raw, "zero_std_raw": line.zero_std_raw}
+
+
+def describe(points: list[CalibrationPoint], line: StraightLine, former: Calibration, channel: str) -> str:
+    """Points with residuals, then the line."""
+    from bench.units import CHANNEL_BY_NAME
+    from reporting.quantities import format_quantity
+
+    unit, raw_unit = CHANNEL_BY_NAME[channel].unit, former.raw_unit or "raw"
+    rows = [
+        [f"{p.reference:g}", f"{p.raw:.7g}", f"{p.raw_std:.2g}" if p.raw_std else "-", f"{r:+.3g}"]
+        for p, r in zip(points, line.residuals, strict=True)
+    ]
+    change = line.gain / former.slope_at(former.zero_raw) - 1.0
+    hysteresis = "not taken up and down" if line.hysteresis is None else f"{line.hysteresis:.3%} of the range"
+    chi2 = "" if line.chi2_per_degree is None else f"; scatter {line.chi2_per_degree**0.5:.2g} times the stated"
+    return "\n".join(
+        [
+            table([f"load {unit}", raw_unit, "1 std", f"off the line {unit}"], rows),
+            f"{channel} = {format_quantity(line.gain, line.gain_rel_std * abs(line.gain), f'{unit}/({raw_unit})')} "
+            f"(raw - {format_quantity(line.zero_raw, line.zero_std_raw, raw_unit)}), {change:+.2%} of the former gain",
+            f"offset {format_quantity(line.offset, line.offset_std, unit)}, covariance with the gain "
+            f"{line.covariance:.2g}{chi2}",
+            f"nonlinearity {line.nonlinearity:.3%} of the range; hysteresis {hysteresis}",
+        ]
+    )
+
+
+def _asked(channel: str, unit: str) -> Iterator[float]:
+    """Ask for known values until an empty answer."""
+    while True:
+        said = click.prompt(
+            f"{channel}: apply a load, let it settle, and type its value ({unit}); empty to end",
+            default="", show_default=False, err=True,
+        )  # fmt: skip
+        if not said.strip():
+            return
+        try:
+            yield float(said)
+        except ValueError:
+            click.echo(f"{said!r} is no number", err=True)
+
+
+def _refuse_replacing(book: CalibrationBook, device: str, channel: str, path: Path, *, force: bool) -> None:
+    """Refuse a second calibration of a channel without `--force`."""
+    made = [e for e in book.in_force(device, channel) if e.kind == "calibration"]
+    if made and not force:
+        raise InputError(
+            f"{channel} has a calibration already, {made[0].title}",
+            where=path,
+            remedy="replace it with --force; the former one stays in the history",
+        )
+
+
+def _without(book: CalibrationBook, channel: str) -> CalibrationBook:
+    """Return the book without what it says of one channel: a calibration begins anew."""
+    return book.model_copy(update={"entries": tuple(e for e in book.entries if e.channel != channel)})
+
+
+def _scaled(point: CalibrationPoint, factor: float) -> CalibrationPoint:
+    from dataclasses import replace
+
+    return replace(point, reference=factor * point.reference, reference_std=factor * point.reference_std)
+
+
+def _known(rows: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in rows.items() if value is not None}
