@@ -49,8 +49,8 @@ class BookEntry(BaseModel):
         What the configuration said then: where it says something else now, the entry no longer fits.
     zero_std_raw : float
         Standard uncertainty of `result.zero_raw`, raw unit.
-    seconds : float
-        Averaged over this long (each point).
+    seconds : float, optional
+        Averaged over this long (each point); None for points from a table.
     instrument : mapping of str to str
         Port, model, firmware, serial number: what the instrument says of itself.
     software, operator, note : str
@@ -66,7 +66,7 @@ class BookEntry(BaseModel):
     result: Calibration
     configured: Calibration
     zero_std_raw: float = Field(ge=0)
-    seconds: float = Field(gt=0)
+    seconds: float | None = Field(default=None, gt=0)
     instrument: dict[str, str] = Field(default_factory=dict)
     software: str = ""
     operator: str = ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
@@ -261,7 +262,7 @@ def _refuse_nonsense(points: Sequence[CalibrationPoint]) -> None:
             f"{len(points)} points at {n_loads} different loads are too few for a calibration, {_MIN_LOADS} are needed",
             remedy="take zero, the largest load, and at least one between",
         )
-    for before, after in zip(references, references[1:], strict=False):
+    for before, after in pairwise(references):
         if abs(after - before) <= _SAME * span:
             raise InputError(
                 f"the load {after:g} stands twice in a row, which tells nothing new",

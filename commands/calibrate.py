@@ -134,7 +134,7 @@ def command(
     require_sound(complaints, where=where, force=force)
     entry = book_entry(
         points, line, former, configured[device.name, channel], device=device.name, channel=channel,
-        seconds=seconds, instrument=instrument, operator=operator, note=note,
+        seconds=seconds if table_path is None else None, instrument=instrument, operator=operator, note=note,
     )  # fmt: skip
     add_entry(path, entry)
     text = f"{describe(points, line, former, channel)}\nkept in {path}"
@@ -247,15 +247,18 @@ def describe(points: list[CalibrationPoint], line: StraightLine, former: Calibra
         [f"{p.reference:g}", f"{p.raw:.7g}", f"{p.raw_std:.2g}" if p.raw_std else "-", f"{r:+.3g}"]
         for p, r in zip(points, line.residuals, strict=True)
     ]
+    # Points from a table that lie on a line to the last digit have no scatter to state an uncertainty from.
+    zero_std = max(line.zero_std_raw, 1e-6 * max(abs(p.raw) for p in points))
+    offset_std = max(line.offset_std, 1e-6 * max(abs(p.reference) for p in points))
     change = line.gain / former.slope_at(former.zero_raw) - 1.0
     hysteresis = "not taken up and down" if line.hysteresis is None else f"{line.hysteresis:.3%} of the range"
     chi2 = "" if line.chi2_per_degree is None else f"; scatter {line.chi2_per_degree**0.5:.2g} times the stated"
     return "\n".join(
         [
             table([f"load {unit}", raw_unit, "1 std", f"off the line {unit}"], rows),
-            f"{channel} = {format_quantity(line.gain, line.gain_rel_std * abs(line.gain), f'{unit}/({raw_unit})')} "
-            f"(raw - {format_quantity(line.zero_raw, line.zero_std_raw, raw_unit)}), {change:+.2%} of the former gain",
-            f"offset {format_quantity(line.offset, line.offset_std, unit)}, covariance with the gain "
+            f"{channel} = {format_quantity(line.gain, max(line.gain_rel_std, 1e-6) * abs(line.gain), f'{unit}/({raw_unit})')} "
+            f"(raw - {format_quantity(line.zero_raw, zero_std, raw_unit)}), {change:+.2%} of the former gain",
+            f"offset {format_quantity(line.offset, offset_std, unit)}, covariance with the gain "
             f"{line.covariance:.2g}{chi2}",
             f"nonlinearity {line.nonlinearity:.3%} of the range; hysteresis {hysteresis}",
         ]
