@@ -32,6 +32,8 @@ class RestingMean:
         Slope of the straight line and its standard uncertainty.
     block_spread : float
         Largest minus smallest mean of ten blocks, the line taken out.
+    block_std : float
+        Standard uncertainty of one block's mean, from the scatter within the blocks: slow motion does not hide itself.
     seconds : float
     """
 
@@ -43,6 +45,7 @@ class RestingMean:
     drift_per_s: float
     drift_std_per_s: float
     block_spread: float
+    block_std: float
     seconds: float
 
     @property
@@ -120,7 +123,9 @@ def resting_mean(time_s: Floats, values: Floats) -> RestingMean:
     residual = values - values.mean() - slope * t
     tau = autocorrelation_time(residual)
     noise = float(np.sqrt(residual @ residual / max(n - 2, 1)))
-    block_means = np.array([block.mean() for block in np.array_split(residual, _N_BLOCKS)])
+    blocks = np.array_split(residual, _N_BLOCKS)
+    block_means = np.array([block.mean() for block in blocks])
+    within = np.concatenate([block - block.mean() for block in blocks])
     return RestingMean(
         mean=float(values.mean()),
         mean_std=noise * (tau / n) ** 0.5,
@@ -130,6 +135,7 @@ def resting_mean(time_s: Floats, values: Floats) -> RestingMean:
         drift_per_s=slope,
         drift_std_per_s=noise * (tau / spread) ** 0.5,
         block_spread=float(np.ptp(block_means)),
+        block_std=float(within.std()) * (autocorrelation_time(within) * _N_BLOCKS / n) ** 0.5,
         seconds=float(time_s[-1] - time_s[0]),
     )
 
@@ -156,8 +162,7 @@ def unsteady(found: RestingMean, *, tolerance: float, unit: str) -> str:
     """
     if abs(found.drift) > max(tolerance, 3.0 * found.drift_std_per_s * found.seconds):
         return f"it drifts by {found.drift:+.3g} {unit} in {found.seconds:.1f} s ({tolerance:.3g} {unit} are allowed)"
-    block_std = found.mean_std * _N_BLOCKS**0.5
-    if found.block_spread > tolerance + 5.0 * block_std:
+    if found.block_spread > tolerance + 5.0 * found.block_std:
         return f"it moves by {found.block_spread:.3g} {unit} while it is averaged ({tolerance:.3g} {unit} are allowed)"
     if found.noise_std > 10.0 * tolerance:
         return f"it is shaken: {found.noise_std:.3g} {unit} (1 std; {10.0 * tolerance:.3g} {unit} are allowed)"

@@ -110,10 +110,16 @@ def command(
     check_devices(loaded)
     path = calibration_book_path(config_path, simulated=simulated)
     book = read_book(path)
-    devices, configured = build_calibrated(loaded.config, _without(book, channel) if force else book)
+    devices, configured = build_calibrated(loaded.config, _without(book, channel))
     device = device_with(devices, channel)
-    _refuse_replacing(book, device.name, channel, path, force=force)
-    former = next(c.calibration for s in device.streams for c in s.channels if c.name == channel)
+    made = [e for e in book.in_force(device.name, channel) if e.kind == "calibration"]
+    if made and not force:
+        raise InputError(
+            f"{channel} has a calibration already, {made[0].title}",
+            where=path,
+            remedy="replace it with --force; the former one stays in the history",
+        )
+    former = made[0].result if made else configured[device.name, channel]
     factor = gravity if kilograms else 1.0
     instrument: dict[str, str] = {}
     if table_path is None:
@@ -129,7 +135,7 @@ def command(
     line = fit_line(points, common_rel_std=reference_rel_std)
     complaints = judge_line(line, former, largest_deviation=largest_deviation)
     where = f"{device.name} {channel}"
-    if complaints:
+    if complaints and not force:
         click.echo(describe(points, line, former, channel), err=True)
     require_sound(complaints, where=where, force=force)
     entry = book_entry(
@@ -250,14 +256,15 @@ def describe(points: list[CalibrationPoint], line: StraightLine, former: Calibra
     # Points from a table that lie on a line to the last digit have no scatter to state an uncertainty from.
     zero_std = max(line.zero_std_raw, 1e-6 * max(abs(p.raw) for p in points))
     offset_std = max(line.offset_std, 1e-6 * max(abs(p.reference) for p in points))
+    gain_std = max(line.gain_rel_std, 1e-6) * abs(line.gain)
     change = line.gain / former.slope_at(former.zero_raw) - 1.0
     hysteresis = "not taken up and down" if line.hysteresis is None else f"{line.hysteresis:.3%} of the range"
     chi2 = "" if line.chi2_per_degree is None else f"; scatter {line.chi2_per_degree**0.5:.2g} times the stated"
     return "\n".join(
         [
             table([f"load {unit}", raw_unit, "1 std", f"off the line {unit}"], rows),
-            f"{channel} = {format_quantity(line.gain, max(line.gain_rel_std, 1e-6) * abs(line.gain), f'{unit}/({raw_unit})')} "
-            f"(raw - {format_quantity(line.zero_raw, zero_std, raw_unit)}), {change:+.2%} of the former gain",
+            f"{channel}: gain {format_quantity(line.gain, gain_std, f'{unit}/({raw_unit})')}, "
+            f"{change:+.2%} against the former; zero at {format_quantity(line.zero_raw, zero_std, raw_unit)}",
             f"offset {format_quantity(line.offset, offset_std, unit)}, covariance with the gain "
             f"{line.covariance:.2g}{chi2}",
             f"nonlinearity {line.nonlinearity:.3%} of the range; hysteresis {hysteresis}",
@@ -278,17 +285,6 @@ def _asked(channel: str, unit: str) -> Iterator[float]:
             yield float(said)
         except ValueError:
             click.echo(f"{said!r} is no number", err=True)
-
-
-def _refuse_replacing(book: CalibrationBook, device: str, channel: str, path: Path, *, force: bool) -> None:
-    """Refuse a second calibration of a channel without `--force`."""
-    made = [e for e in book.in_force(device, channel) if e.kind == "calibration"]
-    if made and not force:
-        raise InputError(
-            f"{channel} has a calibration already, {made[0].title}",
-            where=path,
-            remedy="replace it with --force; the former one stays in the history",
-        )
 
 
 def _without(book: CalibrationBook, channel: str) -> CalibrationBook:
