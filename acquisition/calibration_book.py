@@ -313,6 +313,12 @@ def _without_none(value: Any) -> Any:
     return value
 
 
+def said_in_force(book: CalibrationBook, now: datetime) -> list[str]:
+    """One line for each entry in force: channel, what it is, how old."""
+    places = dict.fromkeys((e.device, e.channel) for e in book.entries)
+    return [f"{e.channel}: {e.title}, {age(e, now)}" for place in places for e in book.in_force(*place)]
+
+
 def age(entry: BookEntry, now: datetime) -> str:
     """How old an entry is, in words.
 

@@ -121,6 +121,8 @@ def command(
         if simulated
         else contextlib.nullcontext({})
     )
+    book_path = calibration_book_path(config_path, simulated=simulated)
+    say_in_force(book_path)
     with contextlib.ExitStack() as stack:
         views = stack.enter_context(live_view(trial, live=live, rrd_path=rrd_path, force=force))
         estimate = live_estimate(loaded, trial, views)
@@ -134,7 +136,7 @@ def command(
                 seconds=None if until_stopped else seconds or settings.seconds,
                 endpoints=endpoints,
                 overwrite=force,
-                calibration_book=calibration_book_path(config_path, simulated=simulated),
+                calibration_book=book_path,
             ),
             observers=[*views, estimate],
             status=counters,
@@ -148,6 +150,16 @@ def command(
         as_json=as_json,
     )
     return 0 if summary.is_complete else 1
+
+
+def say_in_force(book_path: Path) -> None:
+    """Tell the operator which tares and calibrations go into the recording, and how old they are."""
+    from datetime import UTC, datetime
+
+    from acquisition.calibration_book import read_book, said_in_force
+
+    for line in said_in_force(read_book(book_path), datetime.now(UTC)):
+        click.echo(line, err=True)
 
 
 def next_trial_id(folder: Path, material: str) -> str:

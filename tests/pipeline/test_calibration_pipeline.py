@@ -51,12 +51,14 @@ class Bench:
         # What the sensor says: its own zero and gain, which nobody is told.
         self.force = lambda load, t, noise: TRUE_ZERO_N + TRUE_GAIN * load + 0.3 * noise
         self._clock = lambda: 0.0
-        # Every call reads the clock of the rig that runs then.
-        clock = lambda: self._clock()  # noqa: E731
         monkeypatch.setattr(commands.recording_session, "simulated_bench", self._bench)
-        monkeypatch.setattr(acquisition.calibration_book, "build_calibrated", partial(BUILD, clock=clock))
-        monkeypatch.setattr(acquisition.device_probe, "probe_devices", partial(PROBE, clock=clock))
-        monkeypatch.setattr(acquisition.recorder, "record", partial(RECORD, clock=clock))
+        monkeypatch.setattr(acquisition.calibration_book, "build_calibrated", partial(BUILD, clock=self.now))
+        monkeypatch.setattr(acquisition.device_probe, "probe_devices", partial(PROBE, clock=self.now))
+        monkeypatch.setattr(acquisition.recorder, "record", partial(RECORD, clock=self.now))
+
+    def now(self):
+        """Time of the rig that runs at the moment."""
+        return self._clock()
 
     @contextlib.contextmanager
     def _bench(self, config_path, *, load=("force_n", 0.0), **_):
