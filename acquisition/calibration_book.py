@@ -231,10 +231,9 @@ def calibrated(
     return config.model_copy(update={"devices": tables})
 
 
-def without_tares(book: CalibrationBook, channel: str) -> CalibrationBook:
-    """Return the book as it would be had `channel` never been tared."""
-    kept = tuple(e for e in book.entries if not (e.kind == "tare" and e.channel == channel))
-    return CalibrationBook(entries=kept)
+def calibrations_of(book: CalibrationBook, channel: str) -> CalibrationBook:
+    """Return the book with the calibrations of one channel alone: what a new tare builds on."""
+    return CalibrationBook(entries=tuple(e for e in book.entries if e.kind == "calibration" and e.channel == channel))
 
 
 def in_words(entries: Sequence[BookEntry]) -> Calibration:
@@ -268,8 +267,8 @@ def zeroed(calibration: Calibration, raw_at_rest: float) -> Calibration:
 
     Examples
     --------
-    >>> zeroed(Calibration(scale=250.0, offset=5.0), 0.1).apply(0.1).item()
-    0.0
+    >>> zeroed(Calibration(scale=250.0, offset=5.0), 0.1).zero_raw
+    0.12000000000000001
     """
     if calibration.polynomial is None:
         at_zero = -calibration.offset / calibration.scale
@@ -292,7 +291,8 @@ def _refuse_stale(entries: Sequence[BookEntry], present: Calibration) -> None:
             f"the calibration in the configuration was changed since the {entry.title}: that holds for "
             f"{entry.configured.statement(entry.channel, 'value')}",
             where=f"{entry.device} {entry.channel}",
-            remedy="put the former calibration back, or make a new one with `sawbench calibrate --force`",
+            remedy="put the former calibration back, or make a new one: "
+            + ("`sawbench tare`" if entry.kind == "tare" else "`sawbench calibrate --force`"),
         )
 
 

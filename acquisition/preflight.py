@@ -110,7 +110,7 @@ def judge(
                 if len(values):
                     found = channel_findings(channel, stream.time_s, values, is_running=is_running, limits=limits)
                     findings += [_at(f, probe.device, channel.name) for f in found]
-    findings += _missing_channels(probes)
+    findings += _busy_computer(findings) + _missing_channels(probes)
     findings.sort(key=lambda f: f.severity != "fault")
     return Preflight(channels=tuple(channels), findings=tuple(findings))
 
@@ -245,6 +245,16 @@ def _channel_check(device: str, stream: StreamProbe, channel: StreamChannel, val
         drift_ppm=stream.drift_ppm,
         drift_std_ppm=stream.drift_std_ppm,
     )
+
+
+def _busy_computer(findings: Sequence[Finding]) -> list[Finding]:
+    """Say what slow instruments have in common: this computer."""
+    slow = {f.device for f in findings if f.code == "rate_low"}
+    if len(slow) < 2:
+        return []
+    what = f"{', '.join(sorted(slow))} are too slow at the same time: this computer may be the cause"
+    remedy = "end other programs, plug the instruments into different USB ports, and check again"
+    return [Finding(severity="note", code="computer_busy", what=what, remedy=remedy)]
 
 
 def _missing_channels(probes: Sequence[DeviceProbe]) -> list[Finding]:

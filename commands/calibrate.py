@@ -18,7 +18,6 @@ from commands.terminal import emit, plain, table
 
 if TYPE_CHECKING:
     from acquisition.calibration import Calibration
-    from acquisition.calibration_book import CalibrationBook
     from acquisition.calibration_fit import CalibrationPoint, StraightLine
     from bench.config import LoadedConfig
 
@@ -31,7 +30,6 @@ class Session:
 
     loaded: LoadedConfig
     config_path: Path
-    book: CalibrationBook
     channel: str
     seconds: float
     tolerance: float | None
@@ -96,7 +94,7 @@ def command(
     Without --point it asks for the values. Take zero and the largest load too; up and then down again shows the
     hysteresis. What does not make sense is not kept, unless --force is given.
     """
-    from acquisition.calibration_book import add_entry, build_calibrated, read_book
+    from acquisition.calibration_book import CalibrationBook, add_entry, build_calibrated, read_book
     from acquisition.calibration_fit import fit_line, judge_line, read_points, require_sound
     from acquisition.resting_channel import device_with
     from commands.recording_session import check_devices
@@ -110,7 +108,7 @@ def command(
     check_devices(loaded)
     path = calibration_book_path(config_path, simulated=simulated)
     book = read_book(path)
-    devices, configured = build_calibrated(loaded.config, _without(book, channel))
+    devices, configured = build_calibrated(loaded.config, CalibrationBook())
     device = device_with(devices, channel)
     made = [e for e in book.in_force(device.name, channel) if e.kind == "calibration"]
     if made and not force:
@@ -124,7 +122,7 @@ def command(
     instrument: dict[str, str] = {}
     if table_path is None:
         session = Session(
-            loaded=loaded, config_path=config_path, book=_without(book, channel), channel=channel, seconds=seconds,
+            loaded=loaded, config_path=config_path, channel=channel, seconds=seconds,
             tolerance=tolerance, reference_std=factor * reference_std, simulated=simulated, seed=seed,
         )  # fmt: skip
         known = _asked(channel, "kg" if kilograms else channel) if not values else iter(values)
@@ -171,7 +169,7 @@ def take_points(
     instrument : dict of str to str
         What it says of itself.
     """
-    from acquisition.calibration_book import build_calibrated
+    from acquisition.calibration_book import CalibrationBook, build_calibrated
     from acquisition.calibration_fit import CalibrationPoint
     from commands.recording_session import simulated_bench
 
@@ -189,7 +187,7 @@ def take_points(
             else contextlib.nullcontext({})
         )  # fmt: skip
         with bench as endpoints:
-            devices, _ = build_calibrated(session.loaded.config, session.book, endpoints)
+            devices, _ = build_calibrated(session.loaded.config, CalibrationBook(), endpoints)
             resting = read_resting(
                 devices, session.channel, seconds=session.seconds, tolerance=session.tolerance, saying=f"{reference:g}"
             )
@@ -285,11 +283,6 @@ def _asked(channel: str, unit: str) -> Iterator[float]:
             yield float(said)
         except ValueError:
             click.echo(f"{said!r} is no number", err=True)
-
-
-def _without(book: CalibrationBook, channel: str) -> CalibrationBook:
-    """Return the book without what it says of one channel: a calibration begins anew."""
-    return book.model_copy(update={"entries": tuple(e for e in book.entries if e.channel != channel)})
 
 
 def _scaled(point: CalibrationPoint, factor: float) -> CalibrationPoint:

@@ -52,7 +52,7 @@ def command(
 
     Refused while the value moves or drifts. The former zeros stay in the calibration book.
     """
-    from acquisition.calibration_book import BookEntry, add_entry, build_calibrated, read_book, without_tares
+    from acquisition.calibration_book import BookEntry, add_entry, build_calibrated, calibrations_of, read_book
     from acquisition.resting_channel import tare
     from commands.recording_session import check_devices, simulated_bench
     from storage.writer import software_version
@@ -62,7 +62,7 @@ def command(
     check_devices(loaded)
     path = calibration_book_path(config_path, simulated=simulated)
     # The zero is found anew, so that former tares do not matter, not even ones that no longer fit.
-    book = without_tares(read_book(path), channel)
+    book = calibrations_of(read_book(path), channel)
     bench = (
         simulated_bench(config_path, material="none", duty=None, seed=seed, trigger_after_s=NEVER_S)
         if simulated

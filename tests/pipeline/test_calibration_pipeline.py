@@ -111,6 +111,16 @@ def test_a_second_tare_is_added_and_holds(bench):
     assert second.result.zero_raw == pytest.approx(5.0 / 250.0, abs=1e-3)
 
 
+def test_after_a_change_of_the_configuration_record_refuses_until_tared_anew(bench, tmp_path, capsys):
+    assert bench.run("tare", "--seconds", 1) == 0
+    text = bench.config_path.read_text()
+    bench.config_path.write_text(text.replace("scale = 250.0", "scale = 240.0"))
+    assert bench.run("record", "--material", "none", "--seconds", 0.8, "--out", tmp_path / "out") == 2
+    assert "`sawbench tare`" in capsys.readouterr().err
+    assert bench.run("tare", "--seconds", 1) == 0
+    assert bench.run("record", "--material", "none", "--seconds", 0.8, "--out", tmp_path / "out") == 0
+
+
 @pytest.mark.parametrize(
     ("force", "said"),
     [
