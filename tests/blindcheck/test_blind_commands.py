@@ -17,7 +17,7 @@ from commands.blind_oracle import closable_share, make_twin, oracle_gaps
 from commands.main import main
 from commands.source_identity import software_identity, source_fingerprint
 
-NO_FORM = "called unknown, effects outside the catalogue for which the diagnosis has no form either"
+NOT_LOOKED_FOR = "called unknown, effects outside the catalogue that the diagnosis does not look for either"
 
 
 @pytest.fixture
@@ -48,7 +48,7 @@ def test_score_writes_page_and_json(answered, tmp_path, capsys):
     assert main(["blind", "score", answered[0], "--key", answered[1], "--out", str(page)]) == 0
     text = capsys.readouterr().out
     assert "false alarms" in text
-    assert NO_FORM in text
+    assert NOT_LOOKED_FOR in text
     assert "not computed" in text
     record = json.loads(page.with_suffix(".json").read_text())
     assert record["set"]["seed"] == 21
@@ -57,7 +57,7 @@ def test_score_writes_page_and_json(answered, tmp_path, capsys):
     html = page.read_text()
     assert "this score is no claim" in html
     assert re.search(r"seed 21\b", html)
-    assert NO_FORM in html
+    assert NOT_LOOKED_FOR in html
     assert not re.search(r'(src|href)="(?!#)', html)
     assert html.count('<svg role="img"') == html.count("<desc ") == 5
     assert main(["blind", "score", answered[0], "--key", answered[1], "--out", str(page)]) == 2

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from diagnosis import posterior
+from diagnosis.beyond_catalogue import WARMING_FRICTION
 from diagnosis.evidence import catalogue_columns, explain
 from diagnosis.form_error import form_modes
 from diagnosis.linear_problem import Marginal, build_problem
@@ -146,6 +147,7 @@ def test_friction_that_fades_within_each_trial_is_explained_beyond_the_catalogue
     gap = with_gap(problem_of(lasting), cold)
     nominal, small = Marginal(gap), np.zeros((len(gap.data), 0))
     beyond = catalogue_columns(gap, gap.campaign.plant.beyond_catalogue)
-    best = max(posterior._beyond(gap, nominal, small, beyond, posterior._log_z(nominal)))
+    found = posterior._beyond(gap, nominal, small, beyond, posterior._log_z(nominal))
     _, constant = formed(gap, "motor_coulomb_friction")
-    assert best > constant.log_evidence + 5.0
+    assert max(found, key=lambda name: found[name]) == WARMING_FRICTION.name
+    assert found[WARMING_FRICTION.name] > constant.log_evidence + 5.0

@@ -176,6 +176,8 @@ def test_a_killed_viewer_leaves_the_view_and_the_file_going(tmp_path):
     view(block(first_index=0))
     assert view.viewer_pid is not None
     os.killpg(view.viewer_pid, signal.SIGKILL)
+    # On a busy machine it takes a while to be gone; it is not reaped here.
+    os.waitid(os.P_PID, view.viewer_pid, os.WEXITED | os.WNOWAIT)
     for k in range(1, 41):
         view(block(first_index=500 * k))
     view.close()
