@@ -50,6 +50,7 @@ def _parser() -> argparse.ArgumentParser:
 
     features = steps.add_parser("features", help="reduce the cases of a sealed set; resumable")
     features.add_argument("set", type=Path)
+    features.add_argument("--cases", type=int, help="only the first so many by name")
     features.add_argument("--first", type=int, default=0)
     features.add_argument("--every", type=int, default=1, help="with --first: share the work among processes")
     features.set_defaults(run=_features)
@@ -67,6 +68,7 @@ def _parser() -> argparse.ArgumentParser:
 
     score = steps.add_parser("score", help="score the diagnosis and the peers on the same cases")
     score.add_argument("set", type=Path)
+    score.add_argument("--cases", type=int, help="only the first so many by name, for all methods alike")
     score.add_argument("--key", type=Path, required=True)
     score.add_argument("--answers", type=Path, help="of `sawbench blind answer`; default: SET/answers")
     score.add_argument("--out", type=Path, help="Markdown page")
@@ -99,7 +101,9 @@ def _train(given: argparse.Namespace) -> int:
 def _features(given: argparse.Namespace) -> int:
     from benchmarks.diagnosis_peers.cases import features_of_set
 
-    failed = features_of_set(given.set, first=given.first, every=given.every, on_progress=_show)
+    failed = features_of_set(
+        given.set, n_cases=given.cases, first=given.first, every=given.every, on_progress=_show
+    )  # fmt: skip
     for line in failed:
         print(line, file=sys.stderr)
     return 1 if failed else 0
@@ -135,7 +139,7 @@ def _score(given: argparse.Namespace) -> int:
     from benchmarks.diagnosis_peers.table import score_set, table
     from blindcheck.sealing import read_json
 
-    scores, about = score_set(given.set, given.key, answers_dir=given.answers)
+    scores, about = score_set(given.set, given.key, answers_dir=given.answers, n_cases=given.cases)
     print(table(scores))
     isolability = peers_dir(given.set) / "isolability.json"
     rows = read_json(isolability)["rows"] if isolability.exists() else None

@@ -117,12 +117,21 @@ def peers_dir(set_dir: Path) -> Path:
     return set_dir.with_name(set_dir.name + ".peers")
 
 
-def features_of_set(set_dir: Path, *, first: int = 0, every: int = 1, on_progress: Progress | None = None) -> list[str]:
+def features_of_set(
+    set_dir: Path,
+    *,
+    n_cases: int | None = None,
+    first: int = 0,
+    every: int = 1,
+    on_progress: Progress | None = None,
+) -> list[str]:
     """Reduce every case of a sealed set that is not reduced yet; the key stays closed.
 
     Parameters
     ----------
     set_dir : Path
+    n_cases : int, optional
+        Only the first so many by name.
     first, every : int
         Do every so many-th case from the first on: for several processes side by side.
     on_progress : callable, optional
@@ -135,7 +144,7 @@ def features_of_set(set_dir: Path, *, first: int = 0, every: int = 1, on_progres
     """
     set_dir = Path(set_dir)
     refuse_key_inside(set_dir)
-    names = sorted(read_json(set_dir / COMMITMENTS)["cases"])
+    names = sorted(read_json(set_dir / COMMITMENTS)["cases"])[:n_cases]
     failed = []
     for done in range(first, len(names), every):
         name = names[done]

@@ -68,9 +68,11 @@ def page(scores: Mapping[str, Score], about: Mapping[str, Any], isolability: Seq
     """
     claim = "a seed for tuning, no claim" if about["seed"] < 1000 else "outside of the tuning seeds"
     dirty = " with changes" if about["is_dirty"] else ""
+    part = f" (the first by name of {about['n_in_set']})" if about["n_cases"] < about["n_in_set"] else ""
     lines = [
-        f"{about['n_cases']} cases, seed {about['seed']} ({claim}), {about['options']}; sawbench {about['version']},",
-        f"commit {about['commit']}{dirty}; {about['date']}. In brackets 95 % intervals; the best of a row is bold.",
+        f"{about['n_cases']} cases{part}, seed {about['seed']} ({claim}), {about['options']};",
+        f"sawbench {about['version']}, commit {about['commit']}{dirty}; {about['date']}.",
+        "In brackets 95 % intervals; the best of a row is bold.",
         "",
     ]
     for title, record in about["training"].items():

@@ -77,7 +77,7 @@ def peer_cases(labels: Mapping[str, Mapping[str, Any]], answers: Mapping[str, Ma
 
 
 def score_set(
-    set_dir: Path, key_path: Path, *, answers_dir: Path | None = None
+    set_dir: Path, key_path: Path, *, answers_dir: Path | None = None, n_cases: int | None = None
 ) -> tuple[dict[str, Score], dict[str, Any]]:
     """Score the diagnosis and every peer that has answered.
 
@@ -86,6 +86,8 @@ def score_set(
     set_dir, key_path : Path
     answers_dir : Path, optional
         Of `sawbench blind answer`; without answers there the diagnosis is left out.
+    n_cases : int, optional
+        Only the first so many by name, of the diagnosis too.
 
     Returns
     -------
@@ -101,7 +103,8 @@ def score_set(
     from commands.source_identity import software_identity
 
     set_dir = Path(set_dir)
-    labels = verify(set_dir, key_path)
+    sealed = verify(set_dir, key_path)
+    labels = dict(sorted(sealed.items())[:n_cases])
     scores: dict[str, Score] = {}
     software = software_identity()
     if ((answers_dir or set_dir / "answers") / INDEX).exists():
@@ -119,6 +122,7 @@ def score_set(
         raise InputError("nobody has answered", where=set_dir, remedy="run the step `answer` first")
     about = {
         "seed": read_key(key_path)["seed"], "options": read_key(key_path)["options"], "n_cases": len(labels),
+        "n_in_set": len(sealed),
         "version": software["version"], "commit": software["commit"], "is_dirty": software["is_dirty"],
         "date": datetime.now(UTC).date().isoformat(), "training": training,
     }  # fmt: skip

@@ -223,8 +223,8 @@ class TestSets:
         told = {"kind": "effect", "effects": {"edge_force": 1.0}}
         right = score([Case(name="a", **told, probabilities={"edge_force": 0.9})])
         wrong = score([Case(name="a", **told, probabilities={"blade_wear": 0.9})])
-        about = {"n_cases": 1, "seed": 7, "options": {}, "version": "0", "commit": "abc", "is_dirty": False,
-                 "date": "2026-01-01", "training": {}}  # fmt: skip
+        about = {"n_cases": 1, "n_in_set": 1, "seed": 7, "options": {}, "version": "0", "commit": "abc",
+                 "is_dirty": False, "date": "2026-01-01", "training": {}}  # fmt: skip
         text = page.page({"left": wrong, "right": right}, about, None)
         line = next(line for line in text.splitlines() if line.startswith("| exact effect, typical single effects |"))
         assert line.count("**") == 2
