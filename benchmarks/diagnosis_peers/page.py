@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from benchmarks.diagnosis_peers.table import table
+from benchmarks.diagnosis_peers.training import PEERS
 from blindcheck.scoring import Score
 
 _TOP = """# Peers: other ways to name the effect
@@ -80,6 +81,9 @@ def page(scores: Mapping[str, Score], about: Mapping[str, Any], isolability: Seq
             f"- {title}: {record['n_cases']} development cases, log-loss there {record['log_loss']:.2f};"
             f" {record['settings']}"
         )
+    silent = [title for title in PEERS.values() if title not in scores]
+    if silent:
+        lines.append(f"- No answers, so not in the table: {', '.join(silent)}.")
     text = _TOP + "\n".join(lines) + "\n\n" + table(scores)
     if isolability:
         text += _ISOLABILITY
