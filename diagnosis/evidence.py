@@ -147,42 +147,6 @@ def _columns(problem: LinearProblem, effect: Effect, shapes: Sequence[dict[str, 
     return out
 
 
-def together(marginal: Marginal, members: Sequence[Explanation], *, dispersion: float) -> list[Explanation]:
-    """Sizes of several effects that act at once, by least squares with the nuisances.
-
-    Parameters
-    ----------
-    marginal : Marginal
-    members : sequence of Explanation
-        Their forms are kept.
-    dispersion : float
-        Factor on the noise's variance.
-
-    Returns
-    -------
-    list of Explanation
-        With amplitude, its standard deviation and contribution in the presence of the others.
-    """
-    gram, moment = marginal.gram(np.hstack([m.column.columns for m in members]))
-    covariance = np.linalg.pinv(gram)
-    solution = covariance @ moment
-    found, start = [], 0
-    for member in members:
-        place = slice(start, start + member.column.columns.shape[1])
-        start = place.stop
-        size = solution[place]
-        spread = np.sqrt(dispersion * np.diag(covariance)[place])
-        found.append(
-            replace(
-                member,
-                amplitude=member.effect.amplitude(size),
-                amplitude_std=float(spread[0] if len(size) == 1 else np.sqrt(0.5 * np.sum(spread[:2] ** 2))),
-                contribution=member.column.columns @ size,
-            )
-        )
-    return found
-
-
 @lru_cache(maxsize=256)
 def amplitudes(low: float, high: float) -> Floats:
     """Grid of amplitudes in multiples of the typical size, equally likely."""
@@ -287,7 +251,7 @@ def _relative_spread(values: Floats, logs: Floats) -> float:
 
 def explain_formed(
     problem: LinearProblem, fixed: Floats, modes: Floats, columns: Sequence[Column], shares: Sequence[float]
-) -> tuple[float, float, Explanation]:
+) -> tuple[float, Explanation]:
     """Integrate amplitude and shape out as `explain` does, and how far nature's form may be from the catalogue's.
 
     Parameters
@@ -306,8 +270,6 @@ def explain_formed(
     -------
     log_evidence : float
         Absolute: of the data, averaged over the shares.
-    left_over : float
-        Whitened misfit that the effect leaves in its best shape at the first of the shares.
     explanation : Explanation
         For the best share; its `log_evidence` is against the same nuisances and modes without the effect.
     """
@@ -318,16 +280,15 @@ def explain_formed(
     squares = [c.columns.T @ c.columns for c in columns]
     found = []
     for share in shares:
-        log_z, misfit, data_half, half = widened.at(share, cross)
+        log_z, data_half, half = widened.at(share, cross)
         inner = [
             (squares[k] - half[:, a:b].T @ half[:, a:b], own[a:b] - half[:, a:b].T @ data_half)
             for k, (a, b) in enumerate(pairwise(ends))
         ]
         explanation = _explanation(columns, inner)
         explanation = replace(explanation, form_share=share)
-        found.append((log_z + explanation.log_evidence, misfit - explanation.gain, explanation))
-    explanation = max(found, key=lambda entry: entry[0])[2]
-    return log_mean_exp([log_z for log_z, _, _ in found]), found[0][1], explanation
+        found.append((log_z + explanation.log_evidence, explanation))
+    return log_mean_exp([log_z for log_z, _ in found]), max(found, key=lambda entry: entry[0])[1]
 
 
 def _one(grid: Floats, gram: Floats, moment: Floats) -> tuple[float, Floats, float, float]:

@@ -11,14 +11,14 @@ from bench.config import LoadedConfig
 from bench.recording import Recording
 from diagnosis.campaign import Campaign
 from diagnosis.channel_gap import ChannelGap, forecast
-from diagnosis.evidence import Column, Explanation, catalogue_columns, little_of_each, together
+from diagnosis.evidence import Column, Explanation, catalogue_columns, little_of_each
 from diagnosis.gap_detail import detail, log_odds_at_typical_size
 from diagnosis.ladder import RUNGS, HoldOut, Ladder, Rungs
 from diagnosis.linear_problem import LinearProblem, Marginal, build_problem
 from diagnosis.next_trial import next_trial
 from diagnosis.plants.choice import reduce_recordings
 from diagnosis.posterior import GRAIN, Posterior, judge, wide_scale, with_grain
-from diagnosis.size import sized
+from diagnosis.size import sized, together
 from diagnosis.weighing import AND, LEFT_BY_AN_INTACT_MACHINE, VERDICTS
 from diagnosis.where import locate
 
@@ -175,7 +175,7 @@ def _members(
     if pair is None:
         return [by_name[part] for part in parts]
     found = sorted((pair.first, pair.second), key=lambda e: parts.index(e.effect.name))
-    sized = together(Marginal(problem), found, dispersion=posterior.dispersion)
+    sized = together(problem, found, dispersion=posterior.dispersion)
     return [with_grain(member, posterior.grain) for member in sized]
 
 

@@ -223,8 +223,8 @@ class Widened:
         """Inner products with other columns, shape (p + q, columns)."""
         return self._design.T @ columns
 
-    def at(self, size: float, cross: Floats | None = None) -> tuple[float, float, Floats, Floats]:
-        """Log evidence, misfit, and what is taken up of the data, (r,), and of the columns of `cross`, (r, columns)."""
+    def at(self, size: float, cross: Floats | None = None) -> tuple[float, Floats, Floats]:
+        """Log evidence, and what is taken up of the data, (r,), and of the columns of `cross`, (r, columns)."""
         from scipy.linalg import solve_triangular
 
         scale = np.ones(len(self._moment))
@@ -236,7 +236,7 @@ class Widened:
         taken = np.zeros((len(scale), 0)) if cross is None else cross[kept]
         half = solve_triangular(root, scale[:, None] * taken, lower=True)
         misfit = self._square - float(data_half @ data_half)
-        return -0.5 * misfit - float(np.log(np.diag(root)).sum()), misfit, data_half, half
+        return -0.5 * misfit - float(np.log(np.diag(root)).sum()), data_half, half
 
 
 class Marginal:

@@ -52,10 +52,12 @@ def _between(
     problem: LinearProblem, posterior: Posterior, named: Explanation, rivals: list[Explanation], *, is_sure: bool
 ) -> str:
     """Say which trial separates the named cause from its likeliest rival."""
+    noise = posterior.dispersion
     if not rivals:
-        return f"a repeat of {_most_informative(problem, named.contribution)[0]}: it says most of the size of the cause"
-    point, worth = _most_informative(problem, named.contribution - rivals[0].contribution)
-    worth /= posterior.dispersion * WEIGHTS.temperature
+        point, _ = _most_informative(problem, named.contribution, noise)
+        return f"a repeat of {point}: it says most of the size of the cause"
+    point, worth = _most_informative(problem, named.contribution - rivals[0].contribution, noise)
+    worth /= WEIGHTS.temperature
     words, other = _words(named), _words(rivals[0])
     if is_sure:
         return f"none is needed to name the cause; a repeat of {point} would tell {words} from {other} once more"
@@ -68,9 +70,9 @@ def _words(explanation: Explanation) -> str:
     return explanation.effect.name.replace("_", " ")
 
 
-def _most_informative(problem: LinearProblem, difference: Floats) -> tuple[str, float]:
+def _most_informative(problem: LinearProblem, difference: Floats, dispersion: Floats) -> tuple[str, float]:
     """Operating point at which a whitened difference is largest after re-tuning, and half its square for a trial."""
-    rest = Marginal(problem).rest(difference)
+    rest = Marginal(problem).rest(difference) / np.sqrt(dispersion)
     squares: dict[str, float] = {}
     trials: dict[str, set[str]] = {}
     for part in problem.parts:

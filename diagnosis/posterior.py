@@ -10,6 +10,7 @@ import numpy as np
 
 from bench.recording import Floats
 from diagnosis.discrepancy import discrepancy
+from diagnosis.dispersion import columns_with_noise, noise_factor, with_noise
 from diagnosis.evidence import (
     Catalogue,
     Column,
@@ -45,17 +46,19 @@ class Pair:
     ----------
     first, second : Explanation
         The second beside the first.
-    log_evidence, left_over : float
+    log_evidence : float
     shared : float
         How much of the second lies in the equations that the first moves, 0 to 1: there, what the first one's
         form misses can be taken for it.
+    is_formed : bool
+        Weighed with what both forms may miss; else the second hardly shows beside the first.
     """
 
     first: Explanation
     second: Explanation
     log_evidence: float
-    left_over: float
     shared: float
+    is_formed: bool
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -82,8 +85,9 @@ class Posterior:
         What does not follow the stroke and is no scatter: it speaks for "unknown".
     resembles : str
         What speaks for "unknown" most; empty for a gap of no particular form.
-    dispersion : float
-        Factor on the noise's variance: 1 where the best effect explains the gap as an intact machine is explained.
+    dispersion : ndarray, shape (n,)
+        Factor on the noise's variance of every feature: 1 where the best effect explains the gap as an intact machine
+        is explained.
     """
 
     verdict: Verdict
@@ -96,7 +100,7 @@ class Posterior:
     grain: Grain
     off_stroke: Finding | None
     resembles: str
-    dispersion: float
+    dispersion: Floats
 
 
 def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior:
@@ -116,13 +120,15 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     measured, original = problem, columns
     catalogue = Catalogue(columns, problem.data)
     beyond = catalogue_columns(problem, problem.campaign.plant.beyond_catalogue)
-    dispersion = _dispersion(problem, catalogue, beyond)
-    if dispersion > 1.0:
-        problem, (columns, beyond) = _dispersed(problem, (columns, beyond), dispersion)
+    ordinary = background(measured, [e for e in problem.campaign.plant.beyond_catalogue if e.background])
+    small = background(measured, [entries[0].effect for entries in columns.values()])
+    dispersion = noise_factor(problem, catalogue, Catalogue(beyond, problem.data))
+    if dispersion.max() > 1.0:
+        problem = with_noise(problem, dispersion)
+        columns, beyond = (columns_with_noise(problem, found, dispersion) for found in (columns, beyond))
         catalogue = Catalogue(columns, problem.data)
-    # Once for the whitening, once because noise that large already holds the small effects.
-    ordinary = [effect for effect in problem.campaign.plant.beyond_catalogue if effect.background]
-    small = background(measured, [*(entries[0].effect for entries in columns.values()), *ordinary]) / dispersion
+    # A little of each effect is scaled twice: noise that large already holds the small effects.
+    small = np.hstack([small / dispersion[:, None], ordinary / np.sqrt(dispersion)[:, None]])
     nominal = Marginal(problem, extra=small)
     retuned = Marginal(problem, scale=wide_scale(problem), extra=small)
     reference = _log_z(nominal)
@@ -139,12 +145,14 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     grain = grain_evidence(problem.campaign.strokes)
     firsts = [e for e in explanations if e.effect.name in modes][:_N_FIRST]
     pairs = _pairs(problem, small, firsts, catalogue, modes, reference)
-    left_over = {"no_gap": nominal.misfit, "parameters": retuned.misfit}
-    left_over |= {e.effect.name: nominal.misfit - e.gain for e in explanations}
+    left_over = {
+        "no_gap": _left_over(problem, dispersion, nominal),
+        "parameters": _left_over(problem, dispersion, retuned),
+    }
+    left_over |= {e.effect.name: _left_over(problem, dispersion, nominal, e) for e in explanations}
     for pair in pairs:
         log_evidence[_pair_name(pair)] = pair.log_evidence
-        left_over[_pair_name(pair)] = pair.left_over
-    left_over = {name: dispersion * value / len(problem.data) for name, value in left_over.items()}
+        left_over[_pair_name(pair)] = _left_by_pair(problem, dispersion, small, pair)
     beside = off_stroke_finding(problem.campaign.off_stroke)
     unnamed = _unnamed(problem, small, _beyond(problem, nominal, small, beyond, reference), grain, beside, reference)
     resembles = max(unnamed, key=lambda text: unnamed[text])
@@ -179,39 +187,27 @@ def _verdict(probabilities: dict[str, float]) -> Verdict:
     return "effects" if AND in top else "effect"
 
 
-def _dispersion(problem: LinearProblem, catalogue: Catalogue, beyond: dict[str, list[Column]]) -> float:
-    """How much more the best single cause leaves than an intact machine would: the noise is taken as that larger.
-
-    A likelihood whose noise is fixed beforehand is so sure of a strong gap that every prior gives way: parameters
-    move by twenty standard deviations, small background effects become large ones, and a second effect mops up
-    what the first one's form leaves.
-    """
-    plain = Marginal(problem)
-    found = [*catalogue.explain(plain).values(), *Catalogue(beyond, problem.data).explain(plain).values()]
-    gain = max((e.gain for e in found), default=0.0)
-    return max(1.0, (plain.misfit - max(gain, 0.0)) / len(problem.data) / problem.quiet)
+def _left_over(
+    problem: LinearProblem, dispersion: Floats, marginal: Marginal, explanation: Explanation | None = None
+) -> float:
+    """Misfit over the number of features, whitened by the noise as it was measured."""
+    data = problem.data if explanation is None else problem.data - explanation.contribution
+    return float((dispersion * data) @ marginal.rest(data)) / len(data)
 
 
-def _dispersed(
-    problem: LinearProblem, groups: Sequence[dict[str, list[Column]]], dispersion: float
-) -> tuple[LinearProblem, list[dict[str, list[Column]]]]:
-    share = 1.0 / np.sqrt(dispersion)
-    scaled = [
-        {
-            name: [replace(column, columns=share * column.columns) for column in entries]
-            for name, entries in columns.items()
-        }
-        for columns in groups
-    ]
-    return replace(problem, data=share * problem.data, nuisance=share * problem.nuisance), scaled
+def _left_by_pair(problem: LinearProblem, dispersion: Floats, small: Floats, pair: Pair) -> float:
+    if not pair.is_formed:
+        return np.inf
+    given = pair.first.column.columns * pair.first.effect.strength.high
+    return _left_over(problem, dispersion, Marginal(problem, extra=np.hstack([small, given])), pair.second)
 
 
-def _undispersed(explanation: Explanation, original: dict[str, list[Column]], dispersion: float) -> Explanation:
+def _undispersed(explanation: Explanation, original: dict[str, list[Column]], dispersion: Floats) -> Explanation:
     column = next(c for c in original[explanation.effect.name] if c.shape == explanation.column.shape)
     return replace(explanation, column=column, contribution=np.sqrt(dispersion) * explanation.contribution)
 
 
-def _undispersed_pair(pair: Pair, original: dict[str, list[Column]], dispersion: float) -> Pair:
+def _undispersed_pair(pair: Pair, original: dict[str, list[Column]], dispersion: Floats) -> Pair:
     first, second = (_undispersed(e, original, dispersion) for e in (pair.first, pair.second))
     return replace(pair, first=first, second=second)
 
@@ -273,7 +269,7 @@ def _with_form(
     reference: float,
 ) -> Explanation:
     """Weigh one effect again, with what its form may miss."""
-    log_z, _, formed = explain_formed(problem, small, modes, entries, FORM_SHARES)
+    log_z, formed = explain_formed(problem, small, modes, entries, FORM_SHARES)
     return replace(
         rough,
         log_evidence=_carried(rough.log_evidence, log_z - reference),
@@ -330,19 +326,24 @@ def _pairs(
     reference: float,
 ) -> list[Pair]:
     """Evidence of pairs: the first in its best shape and with what its form may miss, then every second."""
-    rough: dict[frozenset[str], tuple[Explanation, Explanation, float]] = {}
+    rough: dict[frozenset[str], list[tuple[float, Explanation, Explanation]]] = {}
     for first in firsts:
         given = first.column.columns * first.effect.strength.high
         marginal = Marginal(problem, extra=np.hstack([small, given, _SCREEN_SHARE * modes[first.effect.name]]))
         for name, found in catalogue.explain(marginal).items():
             if name == first.effect.name:
                 continue
-            key, total = frozenset((first.effect.name, name)), found.log_evidence + _log_z(marginal)
-            if key not in rough or total > rough[key][2]:
-                rough[key] = (first, found, total)
-    best = sorted(rough.values(), key=lambda entry: -entry[2])[:_N_PAIRS]
-    columns = catalogue.columns
-    pairs = [_formed_pair(problem, small, first, second, columns, modes, reference) for first, second, _ in best]
+            total = found.log_evidence + _log_z(marginal)
+            rough.setdefault(frozenset((first.effect.name, name)), []).append((total, first, found))
+    best = sorted(rough.values(), key=lambda orders: -max(total for total, *_ in orders))[:_N_PAIRS]
+    pairs = []
+    for orders in best:
+        # In either order, where both may come first: only the second one's size and form are integrated out.
+        both = (
+            _formed_pair(problem, small, first, second, catalogue.columns, modes, reference)
+            for _, first, second in orders
+        )
+        pairs.append(max(both, key=lambda pair: pair.log_evidence))
     return sorted(pairs, key=lambda pair: -pair.log_evidence)
 
 
@@ -358,16 +359,17 @@ def _formed_pair(
     """Weigh a pair again with what both forms may miss; a second that hardly shows keeps what the screening gave."""
     if second.log_evidence < _WORTH_FORMING:
         both_ways = first.log_evidence + second.log_evidence
-        return Pair(first=first, second=second, log_evidence=both_ways, left_over=np.inf, shared=1.0)
+        return Pair(first=first, second=second, log_evidence=both_ways, shared=1.0, is_formed=False)
     given = first.column.columns * first.effect.strength.high
     name = second.effect.name
     if name not in modes:
         modes[name] = _modes(problem, second)
     both = np.hstack([modes[first.effect.name], modes[name]])
-    log_z, left_over, found = explain_formed(problem, np.hstack([small, given]), both, columns[name], FORM_SHARES)
+    log_z, found = explain_formed(problem, np.hstack([small, given]), both, columns[name], FORM_SHARES)
     gained = _carried(second.log_evidence, log_z - reference - first.log_evidence)
     shared = _shared(problem, first.contribution, found.contribution)
-    return Pair(first=first, second=found, log_evidence=first.log_evidence + gained, left_over=left_over, shared=shared)
+    log_evidence = first.log_evidence + gained
+    return Pair(first=first, second=found, log_evidence=log_evidence, shared=shared, is_formed=True)
 
 
 def _shared(problem: LinearProblem, first: Floats, second: Floats) -> float:

@@ -20,6 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from bench.recording import Floats
+from diagnosis.dispersion import stacked_with_noise, with_noise
 from diagnosis.evidence import Column, Explanation
 from diagnosis.linear_problem import LinearProblem, Marginal
 from diagnosis.weighing import WEIGHTS
@@ -54,7 +55,7 @@ def mixed(
     *,
     beside: Sequence[Explanation],
     small: Mapping[str, Floats],
-    dispersion: float,
+    dispersion: Floats | float,
 ) -> Explanation:
     """State the size of an effect over mixtures of its forms.
 
@@ -69,7 +70,7 @@ def mixed(
         Other effects of the same cause: of any size, in their best form.
     small : mapping of str to ndarray, shape (n, q)
         Nuisance columns for a little of every effect, by its name.
-    dispersion : float
+    dispersion : ndarray, shape (n,), or float
         Factor on the noise's variance.
 
     Returns
@@ -79,16 +80,17 @@ def mixed(
     """
     if not is_mixable(columns):
         return member
-    share = 1.0 / np.sqrt(WEIGHTS.temperature * dispersion)
+    variance = WEIGHTS.temperature * dispersion
     named = {member.effect.name, *(other.effect.name for other in beside)}
     fixed = [other.column.columns * other.effect.strength.high for other in beside]
     others = [entries for name, entries in small.items() if name not in named]
-    scaled = replace(problem, data=share * problem.data, nuisance=share * problem.nuisance)
-    stacked = share * np.hstack([c.columns for c in columns])
-    none = np.zeros((len(problem.data), 0))
+    scaled = with_noise(problem, variance)
+    stacked = stacked_with_noise(problem, [c.columns for c in columns], variance)
     signs = np.array([_direction(c) for c in columns])
-    size, known = _sum_of_weights(Marginal(scaled, extra=share * np.hstack([none, *fixed])), stacked, signs)
-    _, std = _sum_of_weights(Marginal(scaled, extra=share * np.hstack([none, *fixed, *others])), stacked, signs)
+    size, known = _sum_of_weights(Marginal(scaled, extra=stacked_with_noise(problem, fixed, variance)), stacked, signs)
+    _, std = _sum_of_weights(
+        Marginal(scaled, extra=stacked_with_noise(problem, [*fixed, *others], variance)), stacked, signs
+    )
     return replace(member, mixture=(size, std)) if np.isfinite(known + std) else member
 
 
@@ -98,7 +100,7 @@ def sized(
     columns: Mapping[str, Sequence[Column]],
     *,
     small: Mapping[str, Floats],
-    dispersion: float,
+    dispersion: Floats | float,
 ) -> list[Explanation]:
     """State the sizes of all effects of one cause; see `mixed`.
 
@@ -109,7 +111,7 @@ def sized(
     columns : mapping of str to sequence of Column
         By effect.
     small : mapping of str to ndarray, shape (n, q)
-    dispersion : float
+    dispersion : ndarray, shape (n,), or float
 
     Returns
     -------
@@ -122,6 +124,43 @@ def sized(
         )
         for member in members
     ]  # fmt: skip
+
+
+def together(problem: LinearProblem, members: Sequence[Explanation], *, dispersion: Floats) -> list[Explanation]:
+    """Sizes of several effects that act at once, by least squares with the nuisances.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    members : sequence of Explanation
+        Their forms are kept.
+    dispersion : ndarray, shape (n,)
+        Factor on the noise's variance.
+
+    Returns
+    -------
+    list of Explanation
+        With amplitude, its standard deviation and contribution in the presence of the others.
+    """
+    stacked = stacked_with_noise(problem, [m.column.columns for m in members], dispersion)
+    gram, moment = Marginal(with_noise(problem, dispersion)).gram(stacked)
+    covariance = np.linalg.pinv(gram)
+    solution = covariance @ moment
+    found, start = [], 0
+    for member in members:
+        place = slice(start, start + member.column.columns.shape[1])
+        start = place.stop
+        size = solution[place]
+        spread = np.sqrt(np.diag(covariance)[place])
+        found.append(
+            replace(
+                member,
+                amplitude=member.effect.amplitude(size),
+                amplitude_std=float(spread[0] if len(size) == 1 else np.sqrt(0.5 * np.sum(spread[:2] ** 2))),
+                contribution=member.column.columns @ size,
+            )
+        )
+    return found
 
 
 def _sum_of_weights(marginal: Marginal, columns: Floats, signs: Floats) -> tuple[float, float]:

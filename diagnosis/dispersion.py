@@ -1,0 +1,81 @@
+"""Noise that is as much larger, equation by equation, as what even the best single effect leaves there.
+
+A likelihood whose noise is fixed beforehand is so sure of a strong gap that every prior gives way: parameters move by
+twenty standard deviations, small background effects become large ones, and a second effect mops up what the form of
+the first one leaves. What a form misses it misses in the equations that it moves: raised everywhere alike, the noise
+would drown a second effect in an equation that nothing else has touched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from bench.recording import Floats
+from diagnosis.evidence import Catalogue, Column
+from diagnosis.linear_problem import LinearProblem, Marginal
+
+
+def noise_factor(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue) -> Floats:
+    """Factor on the noise's variance of every feature.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    catalogue, beyond : Catalogue
+        Effects of the catalogue, and causes that have a form but no place there. A little of these is in any bench, but
+        not known well enough to trust the equations in which it shows: what it moves counts as noise.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        1 where the best single effect leaves no more than an intact machine does; the same within an equation, while
+        the machine runs and while it starts.
+    """
+    plain = Marginal(problem)
+    found = [*catalogue.explain(plain).values(), *beyond.explain(plain).values()]
+    best = max(found, key=lambda e: e.gain, default=None)
+    taken = best.contribution if best is not None and best.gain > 0.0 else 0.0
+    rest = plain.rest(problem.data - taken)
+    factor = np.ones(len(problem.data))
+    for rows in _equation_rows(problem):
+        factor[rows] = max(1.0, float(np.mean(rest[rows] ** 2)) / problem.quiet)
+    return factor
+
+
+def _equation_rows(problem: LinearProblem) -> Iterator[np.ndarray]:
+    """Indices of the features of each equation, running and starting apart."""
+    found: dict[tuple[str, str], list[np.ndarray]] = {}
+    for part in problem.parts:
+        rows = np.arange(part.place.start, part.place.stop).reshape(-1, part.layout.size)
+        for equation, place in part.layout.slices.items():
+            found.setdefault((equation, part.state.kind), []).append(rows[:, place].ravel())
+    return (np.concatenate(rows) for rows in found.values())
+
+
+def with_noise(problem: LinearProblem, variance: Floats | float) -> LinearProblem:
+    """Whiten data and nuisances for noise whose variance is that much larger, shape (n,) or one for all."""
+    share = _share(problem, variance)
+    return replace(problem, data=share[:, 0] * problem.data, nuisance=share * problem.nuisance)
+
+
+def columns_with_noise(
+    problem: LinearProblem, columns: dict[str, list[Column]], variance: Floats | float
+) -> dict[str, list[Column]]:
+    """`with_noise` of the columns of effects."""
+    share = _share(problem, variance)
+    return {
+        name: [replace(column, columns=share * column.columns) for column in entries]
+        for name, entries in columns.items()
+    }
+
+
+def stacked_with_noise(problem: LinearProblem, columns: Sequence[Floats], variance: Floats | float) -> Floats:
+    """`with_noise` of columns, each of shape (n, q), side by side; shape (n, 0) where there are none."""
+    return _share(problem, variance) * np.hstack([np.zeros((len(problem.data), 0)), *columns])
+
+
+def _share(problem: LinearProblem, variance: Floats | float) -> Floats:
+    return np.broadcast_to(1.0 / np.sqrt(variance), problem.data.shape)[:, None]
