@@ -12,7 +12,7 @@ import numpy as np
 from bench.recording import Floats
 from benchmarks.diagnosis_peers.hypotheses import CLASSES, spread_pairs
 
-_GRID: tuple[tuple[int, Any], ...] = tuple(product((1, 3), (0.1, 0.3, 0.6)))
+_GRID: tuple[tuple[int, Any], ...] = tuple(product((1, 3), ("sqrt", 0.1, 0.3)))
 _POWERS = np.geomspace(0.5, 4.0, 15)
 
 
