@@ -238,6 +238,14 @@ def read_points(path: Path) -> tuple[CalibrationPoint, ...]:
     return tuple(_point(row, f"{path} line {number}") for number, row in rows)
 
 
+def write_points(path: Path, points: Sequence[CalibrationPoint]) -> None:
+    """Write a table that `read_points` reads back as it is."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(_COLUMNS)
+        writer.writerows([repr(float(getattr(point, name))) for name in _COLUMNS] for point in points)
+
+
 def _point(row: dict[str, str | None], where: str) -> CalibrationPoint:
     values = {}
     for name in _COLUMNS:

@@ -17,6 +17,7 @@ from pathlib import Path
 from bench.config import load_config
 from blindcheck.campaign import make_campaign
 from blindcheck.effects.table import CATALOGUE
+from diagnosis.evidence import background
 from diagnosis.linear_problem import build_problem
 from diagnosis.plants.choice import reduce_recordings
 from diagnosis.standing_out import Cell, find_cells
@@ -32,7 +33,8 @@ def cells_of(seed: int, effect: str | None, length: float) -> tuple[Cell, ...]:
         tables, recorded = Path(folder) / "tables", Path(folder) / "mcap"
         make_campaign(seed, tables, effects={} if effect is None else {effect: 1.0}, length=length)
         recordings = [read_recording(path) for path in import_path(tables / "campaign.toml", recorded).paths]
-        return find_cells(build_problem(reduce_recordings(recordings, load_config(tables / "bench_config.toml"))))
+        problem = build_problem(reduce_recordings(recordings, load_config(tables / "bench_config.toml")))
+        return find_cells(problem, background(problem, problem.campaign.plant.effects))
 
 
 def main() -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from bench.errors import InputError
+from bench.errors import InputError, UntrustedResult
 from commands.options import calibration_book_path, config_for, config_option, default_config_path, json_option
 from commands.tare import NEVER_S, read_resting
 from commands.terminal import emit, plain, table
@@ -19,6 +19,7 @@ from commands.terminal import emit, plain, table
 if TYPE_CHECKING:
     from acquisition.calibration import Calibration
     from acquisition.calibration_fit import CalibrationPoint, StraightLine
+    from acquisition.resting_channel import RestingChannel
     from bench.config import LoadedConfig
 
 STANDARD_GRAVITY_M_S2: Final = 9.80665
@@ -33,6 +34,8 @@ class Session:
     channel: str
     seconds: float
     tolerance: float | None
+    unit: str
+    factor: float
     reference_std: float
     simulated: bool
     seed: int
@@ -91,18 +94,18 @@ def command(
 ) -> int:
     """Take known loads one after the other, fit a straight line, keep it for every later recording.
 
-    Without --point it asks for the values. Take zero and the largest load too; up and then down again shows the
-    hysteresis. What does not make sense is not kept, unless --force is given.
+    Without --point and --from it asks for the values; with both, the table's points come first. Take zero and the
+    largest load too; up and then down again shows the hysteresis. What does not make sense is not kept, unless
+    --force is given.
     """
     from acquisition.calibration_book import CalibrationBook, add_entry, build_calibrated, read_book
     from acquisition.calibration_fit import fit_line, judge_line, read_points, require_sound
     from acquisition.resting_channel import device_with
+    from bench.units import CHANNEL_BY_NAME
     from commands.recording_session import check_devices
 
     if kilograms and channel != "force_n":
         raise InputError(f"--kilograms is for force_n, not {channel}", remedy="give the points in the channel's unit")
-    if values and table_path is not None:
-        raise InputError("--point and --from exclude each other", remedy="leave one out")
     config_path = config_path or default_config_path()
     loaded = config_for(None, config_path)
     check_devices(loaded)
@@ -118,18 +121,19 @@ def command(
             remedy="replace it with --force; the former one stays in the history",
         )
     former = made[0].result if made else configured[device.name, channel]
-    factor = gravity if kilograms else 1.0
-    instrument: dict[str, str] = {}
-    if table_path is None:
-        session = Session(
-            loaded=loaded, config_path=config_path, channel=channel, seconds=seconds,
-            tolerance=tolerance, reference_std=factor * reference_std, simulated=simulated, seed=seed,
-        )  # fmt: skip
-        known = _asked(channel, "kg" if kilograms else channel) if not values else iter(values)
-        points, instrument = take_points(session, (factor * value for value in known), is_asked=not values)
-    else:
-        points = [_scaled(p, factor) for p in read_points(table_path)]
-        instrument = {"points": str(table_path)}
+    session = Session(
+        loaded=loaded, config_path=config_path, channel=channel, seconds=seconds, tolerance=tolerance,
+        unit="kg" if kilograms else CHANNEL_BY_NAME[channel].unit, factor=gravity if kilograms else 1.0,
+        reference_std=reference_std, simulated=simulated, seed=seed,
+    )  # fmt: skip
+    points = [] if table_path is None else list(read_points(table_path))
+    instrument = {} if table_path is None else {"points": str(table_path)}
+    is_read = bool(values) or table_path is None
+    if is_read:
+        known = iter(values) if values else _asked(channel, session.unit)
+        points, facts = take_points(session, known, points, is_asked=not values)
+        instrument |= facts
+    points = [_scaled(p, session.factor) for p in points]
     line = fit_line(points, common_rel_std=reference_rel_std)
     complaints = judge_line(line, former, largest_deviation=largest_deviation)
     where = f"{device.name} {channel}"
@@ -138,7 +142,7 @@ def command(
     require_sound(complaints, where=where, force=force)
     entry = book_entry(
         points, line, former, configured[device.name, channel], device=device.name, channel=channel,
-        seconds=seconds if table_path is None else None, instrument=instrument, operator=operator, note=note,
+        seconds=seconds if is_read else None, instrument=instrument, operator=operator, note=note,
     )  # fmt: skip
     add_entry(path, entry)
     text = f"{describe(points, line, former, channel)}\nkept in {path}"
@@ -151,58 +155,102 @@ def command(
 
 
 def take_points(
-    session: Session, references: Iterator[float], *, is_asked: bool
+    session: Session, references: Iterator[float], before: list[CalibrationPoint], *, is_asked: bool
 ) -> tuple[list[CalibrationPoint], dict[str, str]]:
-    """Read one resting mean a load.
+    """Read one resting mean a load; a reading that does not rest is taken again.
 
     Parameters
     ----------
     session : Session
     references : iterator of float
-        In the channel's unit.
+        In the unit of the session.
+    before : list of CalibrationPoint
+        What the new ones are added to.
     is_asked : bool
         The operator has just said the value, so the load hangs already.
 
     Returns
     -------
     points : list of CalibrationPoint
+        In the unit of the session.
     instrument : dict of str to str
         What it says of itself.
+
+    Raises
+    ------
+    SawbenchError
+        If the instrument fails; the points taken until then are written to a table for `--from`.
     """
-    from acquisition.calibration_book import CalibrationBook, build_calibrated
     from acquisition.calibration_fit import CalibrationPoint
+
+    points, instrument = list(before), dict[str, str]()
+    try:
+        for reference in references:
+            if not is_asked and not session.simulated:
+                _wait_for(f"apply {reference:g} {session.unit}, let it settle, press Enter")
+            resting = _read_point(session, reference, n_before=len(points))
+            unit = resting.channel.calibration.raw_unit
+            click.echo(f"{reference:g}: {resting.raw_mean:.7g} +/- {resting.raw_std:.2g} {unit}", err=True)
+            points.append(
+                CalibrationPoint(
+                    reference=reference,
+                    raw=resting.raw_mean,
+                    raw_std=resting.raw_std,
+                    reference_std=session.reference_std,
+                )
+            )
+            instrument = {"port": resting.port, **resting.facts}
+    except BaseException:
+        if len(points) > len(before):
+            _keep_for_later(session, points)
+        raise
+    return points, instrument
+
+
+def _read_point(session: Session, reference: float, *, n_before: int) -> RestingChannel:
+    """Read the channel under a load; at a real bench again and again until it rests or the operator gives up."""
+    from acquisition.calibration_book import CalibrationBook, build_calibrated
     from commands.recording_session import simulated_bench
 
-    points: list[CalibrationPoint] = []
-    instrument: dict[str, str] = {}
-    for reference in references:
-        if not is_asked and not session.simulated:
-            click.prompt(f"apply {reference:g}, let it settle, press Enter", default="", show_default=False, err=True)
+    while True:
         bench = (
             simulated_bench(
-                session.config_path, material="none", duty=None, seed=session.seed + len(points),
-                trigger_after_s=NEVER_S, load=(session.channel, reference),
+                session.config_path, material="none", duty=None, seed=session.seed + n_before,
+                trigger_after_s=NEVER_S, load=(session.channel, session.factor * reference),
             )
             if session.simulated
             else contextlib.nullcontext({})
         )  # fmt: skip
         with bench as endpoints:
             devices, _ = build_calibrated(session.loaded.config, CalibrationBook(), endpoints)
-            resting = read_resting(
-                devices, session.channel, seconds=session.seconds, tolerance=session.tolerance, saying=f"{reference:g}"
-            )
-        unit = resting.channel.calibration.raw_unit
-        click.echo(f"{reference:g}: {resting.raw_mean:.7g} +/- {resting.raw_std:.2g} {unit}", err=True)
-        points.append(
-            CalibrationPoint(
-                reference=reference,
-                raw=resting.raw_mean,
-                raw_std=resting.raw_std,
-                reference_std=session.reference_std,
-            )
-        )
-        instrument = {"port": resting.port, **resting.facts}
-    return points, instrument
+            try:
+                return read_resting(
+                    devices, session.channel, seconds=session.seconds, tolerance=session.tolerance,
+                    saying=f"{reference:g}",
+                )  # fmt: skip
+            except UntrustedResult as error:
+                if session.simulated:
+                    raise
+                click.echo(str(error), err=True)
+        _wait_for(f"let {reference:g} {session.unit} settle, press Enter to read it again (Ctrl-C ends)")
+
+
+def _wait_for(text: str) -> None:
+    click.prompt(text, default="", show_default=False, err=True)
+
+
+def _keep_for_later(session: Session, points: list[CalibrationPoint]) -> None:
+    """Write points to a table, so that loads that hung once need not be hung again."""
+    from acquisition.calibration_fit import write_points
+
+    path = session.config_path.with_name(f"calibration-points-{session.channel}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.csv")
+    write_points(path, points)
+    unit = " --kilograms" if session.unit == "kg" else ""
+    click.echo(
+        f"the {len(points)} points taken so far are kept in {path}\n"
+        f"  -> go on with: sawbench calibrate --channel {session.channel}{unit} --from {path} --point ...",
+        err=True,
+    )
 
 
 def book_entry(

@@ -43,7 +43,7 @@ def detail(problem: LinearProblem, posterior: Posterior, channels: ChannelGap | 
     return {
         "strokes": [] if channels is None else [_stroke(cycle) for cycle in _telling(channels.cycles)],
         "map": _map(problem),
-        "standing_out": _standing_out(problem),
+        "standing_out": _standing_out(problem, posterior.small),
         "probabilities": {name: p for name, p in posterior.probabilities.items() if p > 1e-6},
         "log_evidence": dict(sorted(posterior.log_evidence.items(), key=lambda item: -item[1])[:20]),
         "resembles": posterior.resembles,
@@ -162,9 +162,9 @@ def _map(problem: LinearProblem) -> dict[str, Any]:
     }
 
 
-def _standing_out(problem: LinearProblem) -> dict[str, Any]:
+def _standing_out(problem: LinearProblem, small: Floats) -> dict[str, Any]:
     """Which places stand out: for each partition a table of equations by places, None where there is no such cell."""
-    cells = find_cells(problem)
+    cells = find_cells(problem, small)
     forms = problem.campaign.plant.equations
     partitions: dict[str, Any] = {}
     for partition in dict.fromkeys(cell.partition for cell in cells):

@@ -11,7 +11,7 @@ from bench.config import LoadedConfig
 from bench.recording import Recording
 from diagnosis.campaign import Campaign
 from diagnosis.channel_gap import ChannelGap, forecast
-from diagnosis.evidence import Column, Explanation, catalogue_columns, little_of_each
+from diagnosis.evidence import Column, Explanation, catalogue_columns
 from diagnosis.gap_detail import detail, log_odds_at_typical_size
 from diagnosis.ladder import RUNGS, HoldOut, Ladder, Rungs
 from diagnosis.linear_problem import LinearProblem, Marginal, build_problem
@@ -125,7 +125,6 @@ def _causes(
     causes: list[dict[str, Any]] = []
     hold_out: HoldOut | None = None
     first: tuple[Ladder, list[tuple[Column, ...]]] | None = None
-    small = little_of_each(problem, [entries[0].effect for entries in columns.values() if entries])
     for name, probability in chosen:
         members = _members(problem, name, posterior, by_name)
         best = _stacked([m.column for m in members])
@@ -149,7 +148,7 @@ def _causes(
                         "std": float(np.hypot(m.strength_std, problem.campaign.plant.scale_rel_std * m.strength)),
                         "unit": m.effect.strength.unit
                     }
-                    for m in sized(problem, members, columns, small=small, dispersion=posterior.dispersion)
+                    for m in sized(problem, members, columns, small=posterior.little, dispersion=posterior.dispersion)
                 },
                 "gap_closed": ladder.gap_closed,
                 "gap_closed_ci95": list(ladder.gap_closed_ci95),

@@ -19,6 +19,7 @@ from diagnosis.evidence import (
     catalogue_columns,
     explain,
     explain_formed,
+    little_of_each,
 )
 from diagnosis.form_error import FORM_SHARES, form_modes
 from diagnosis.linear_problem import WIDE, LinearProblem, Marginal
@@ -88,6 +89,8 @@ class Posterior:
     dispersion : ndarray, shape (n,)
         Factor on the noise's variance of every feature: 1 where the best effect explains the gap as an intact machine
         is explained.
+    little : dict of str to ndarray, shape (n, q)
+        Nuisance columns for a little of each effect, times their prior standard deviation.
     """
 
     verdict: Verdict
@@ -101,6 +104,12 @@ class Posterior:
     off_stroke: Finding | None
     resembles: str
     dispersion: Floats
+    little: dict[str, Floats]
+
+    @property
+    def small(self) -> Floats:
+        """All of `little` side by side, shape (n, q)."""
+        return np.hstack([np.zeros((len(self.dispersion), 0)), *self.little.values()])
 
 
 def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior:
@@ -116,19 +125,19 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     -------
     Posterior
     """
-    columns = {name: entries for name, entries in columns.items() if entries}
-    measured, original = problem, columns
+    original = columns = {name: entries for name, entries in columns.items() if entries}
     catalogue = Catalogue(columns, problem.data)
     beyond = catalogue_columns(problem, problem.campaign.plant.beyond_catalogue)
-    ordinary = background(measured, [e for e in problem.campaign.plant.beyond_catalogue if e.background])
-    small = background(measured, [entries[0].effect for entries in columns.values()])
+    ordinary = background(problem, [e for e in problem.campaign.plant.beyond_catalogue if e.background])
+    little = little_of_each(problem, [entries[0].effect for entries in columns.values()])
     dispersion = noise_factor(problem, catalogue, Catalogue(beyond, problem.data))
     if dispersion.max() > 1.0:
         problem = with_noise(problem, dispersion)
         columns, beyond = (columns_with_noise(problem, found, dispersion) for found in (columns, beyond))
         catalogue = Catalogue(columns, problem.data)
     # A little of each effect is scaled twice: noise that large already holds the small effects.
-    small = np.hstack([small / dispersion[:, None], ordinary / np.sqrt(dispersion)[:, None]])
+    share = 1.0 / np.sqrt(dispersion)[:, None]
+    small = np.hstack([*(share**2 * found for found in little.values()), share * ordinary])
     nominal = Marginal(problem, extra=small)
     retuned = Marginal(problem, scale=wide_scale(problem), extra=small)
     reference = _log_z(nominal)
@@ -177,6 +186,7 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
         off_stroke=beside,
         resembles=resembles if unnamed[resembles] > 0.0 else "",
         dispersion=dispersion,
+        little=little,
     )
 
 

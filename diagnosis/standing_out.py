@@ -2,7 +2,7 @@
 
 A cell is a part of the whitened equation residuals z that re-tuned parameters leave: an equation in a sector of the
 crank angle, in a band of harmonics, in a part of the trials or of the start-up, or at an operating point. Were nothing
-but noise, mistuned parameters and a little of every effect (`diagnosis.evidence.background`, S) there, z = M^-1 y would
+but noise, mistuned parameters and a little of every effect (S) there, z = M^-1 y would
 have the covariance M^-1 + (M^-1 S)(M^-1 S)'. A cell with probes U is judged by its misfit u' A^-1 u, u = U z, where A
 is no smaller than the covariance of u can be, A = n UU' + (U M^-1 S)(U M^-1 S)':
 
@@ -30,7 +30,6 @@ import numpy as np
 
 from bench.recording import Floats
 from diagnosis.equations import Equation
-from diagnosis.evidence import background
 from diagnosis.features import START_UP_EDGES_S
 from diagnosis.linear_problem import LinearProblem, Marginal, Part
 from diagnosis.posterior import wide_scale
@@ -134,12 +133,14 @@ class _Sums:
         return found, noise + float(np.sum(inner * self.small))
 
 
-def find_cells(problem: LinearProblem) -> tuple[Cell, ...]:
+def find_cells(problem: LinearProblem, small: Floats | None = None) -> tuple[Cell, ...]:
     """Test every cell of every partition.
 
     Parameters
     ----------
     problem : LinearProblem
+    small : ndarray, shape (n, q), optional
+        Nuisance columns for a little of every effect, times their prior standard deviation; without, there is none.
 
     Returns
     -------
@@ -148,7 +149,7 @@ def find_cells(problem: LinearProblem) -> tuple[Cell, ...]:
     """
     marginal = Marginal(problem, scale=wide_scale(problem))
     rest = marginal.rest(marginal.data)
-    small = marginal.rest(background(problem, problem.campaign.plant.effects))
+    small = marginal.rest(np.zeros((len(rest), 0)) if small is None else small)
     # M^-1 = I - taken taken'.
     taken = marginal.taken_up().T
     repeats = Counter(p.setting.operating_point for p in problem.parts if p.state.kind == "running")

@@ -19,6 +19,7 @@ import acquisition.recorder
 import commands.recording_session
 from acquisition.calibration import Calibration
 from acquisition.calibration_book import read_book
+from acquisition.calibration_fit import CalibrationPoint, read_points, write_points
 from commands.main import main
 from storage.reader import read_recording
 
@@ -177,7 +178,6 @@ def test_points_from_a_table_and_masses(bench, tmp_path, capsys):
     assert len(entry.details["points"]) == 5
     # Newtons that are kilograms, and what makes no sense.
     assert bench.run("calibrate", "--from", path, "--force", "--channel", "displacement_mm") == 1
-    assert bench.run("calibrate", "--from", path, "--point", 1) == 2
     assert bench.run("calibrate", "--from", tmp_path / "none.csv", "--force") == 2
     assert bench.run("tare", "--channel", "torque_n_m") == 2
 
@@ -205,3 +205,81 @@ def test_the_interactive_way_asks_for_each_load(bench, monkeypatch, tmp_path):
     assert entry.result.zero_raw == pytest.approx(TRUE_ZERO_N / 250.0, abs=1e-3)
     # The book of the simulated bench is another one.
     assert not bench.book_path.exists()
+
+
+def answering(monkeypatch, react):
+    """Stand in for the operator: `react` is told what is asked and says the answer."""
+    asked = []
+
+    def prompt(text, **_):
+        asked.append(text)
+        return react(text)
+
+    monkeypatch.setattr("click.prompt", prompt)
+    return asked
+
+
+@contextlib.contextmanager
+def real_ports(bench):
+    """The rig as if its ports were those of the configuration."""
+    with bench._bench(bench.config_path) as ports:
+        text = bench.config_path.read_text()
+        for name, port in zip(("/dev/ttyACM0", "/dev/ttyACM1", "/dev/ttyACM2"), ports.values(), strict=True):
+            text = text.replace(name, port)
+        bench.config_path.write_text(text)
+        yield
+
+
+def test_a_load_that_swings_is_read_again_and_no_point_is_lost(bench, monkeypatch):
+    hanging = {"load": 0.0, "swing": 0.0}
+    bench.force = lambda load, t, noise: (
+        TRUE_ZERO_N + hanging["load"] + hanging["swing"] * np.cos(2 * np.pi * t / 0.5) + 0.3 * noise
+    )
+
+    def operator(text):
+        hanging["swing"] = 0.0
+        if text.startswith("apply"):
+            hanging["load"] = float(text.split()[1])
+            hanging["swing"] = 4.0 if hanging["load"] == 100.0 else 0.0
+        return ""
+
+    asked = answering(monkeypatch, operator)
+    points = [word for load in (0, 100, 200) for word in ("--point", str(load))]
+    with real_ports(bench):
+        assert main(["calibrate", "--config", str(bench.config_path), "--seconds", "0.6", *points]) == 0
+    assert [text.split()[0] for text in asked] == ["apply", "apply", "let", "apply"]
+    (entry,) = read_book(bench.config_path.with_name("bench_config.calibration.toml")).entries
+    assert entry.result.scale == pytest.approx(250.0, rel=1e-3)
+    assert [p["reference"] for p in entry.details["points"]] == [0.0, 100.0, 200.0]
+
+
+def test_points_taken_before_the_operator_ends_are_kept_and_gone_on_with(bench, monkeypatch, capsys):
+    hanging = [0.0]
+    bench.force = lambda load, t, noise: TRUE_ZERO_N + hanging[0] + 0.3 * noise
+
+    def operator(text):
+        hanging[0] = 9.80665 * float(text.split()[1])
+        if hanging[0] > 200.0 and not list(bench.config_path.parent.glob("calibration-points-*")):
+            raise KeyboardInterrupt
+        return ""
+
+    asked = answering(monkeypatch, operator)
+    command = ["calibrate", "--config", str(bench.config_path), "--seconds", "0.6", "--kilograms"]
+    with real_ports(bench):
+        assert main([*command, "--point", "0", "--point", "12", "--point", "25"]) != 0
+        (kept,) = bench.config_path.parent.glob("calibration-points-force_n-*.csv")
+        assert f"--kilograms --from {kept}" in capsys.readouterr().err
+        assert [p.reference for p in read_points(kept)] == [0.0, 12.0]
+        assert main([*command, "--from", str(kept), "--point", "25"]) == 0
+    assert len(asked) == 4 and "apply 25 kg" in asked[-1]
+    (entry,) = read_book(bench.config_path.with_name("bench_config.calibration.toml")).entries
+    assert entry.result.scale == pytest.approx(250.0, rel=1e-3)
+    assert [p["reference"] for p in entry.details["points"]] == pytest.approx([0.0, 117.6798, 245.16625])
+
+
+def test_a_table_of_points_is_read_back_as_it_was_written(tmp_path):
+    points = [
+        CalibrationPoint(reference=0.1 * k, raw=np.pi / (k + 1), raw_std=1e-5 / 3, reference_std=k) for k in range(4)
+    ]
+    write_points(tmp_path / "points.csv", points)
+    assert list(read_points(tmp_path / "points.csv")) == points

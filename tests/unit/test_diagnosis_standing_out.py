@@ -79,7 +79,7 @@ def test_chance_seldom_stands_out(draw):
     assert np.mean(p_values < 0.01) < 0.02
 
 
-def test_small_effects_do_not_stand_out_but_the_same_effect_at_size_does(monkeypatch):
+def test_small_effects_do_not_stand_out_but_the_same_effect_at_size_does():
     problem, rng = campaign(), np.random.default_rng(3)
     # Parameters that a strong effect drags along would carry it into the other equation.
     problem = replace(problem, nuisance=np.zeros_like(problem.nuisance))
@@ -89,12 +89,12 @@ def test_small_effects_do_not_stand_out_but_the_same_effect_at_size_does(monkeyp
             wave = np.zeros(part.layout.size)
             wave[part.layout.slices["cutting"]] = 3.0
             effect[part.place] = np.tile(wave, N_BLOCKS)
-    monkeypatch.setattr(standing_out, "background", lambda problem, effects: effect[:, None])
     little = [
-        find_cells(with_data(problem, noise_of(problem, rng) + size * effect)) for size in rng.standard_normal(N_DRAWS)
+        find_cells(with_data(problem, noise_of(problem, rng) + size * effect), effect[:, None])
+        for size in rng.standard_normal(N_DRAWS)
     ]
     assert sum(any(cell.stands_out for cell in found) for found in little) <= 2 * FALSE_DISCOVERY_RATE * N_DRAWS
-    strong = find_cells(with_data(problem, noise_of(problem, rng) + 8.0 * effect))
+    strong = find_cells(with_data(problem, noise_of(problem, rng) + 8.0 * effect), effect[:, None])
     assert {cell.equation for cell in strong if cell.stands_out} == {"cutting"}
 
 
@@ -186,10 +186,10 @@ def test_the_report_counts_as_found_what_its_own_numbers_say_is_found(monkeypatc
         Cell(partition="harmonic", equation="cutting", place=place, misfit=9.0, expected=2.0, p_value=q / 10, q_value=q)
         for place, q in (("0", just_found), ("1", just_not))
     ]
-    monkeypatch.setattr(gap_detail, "find_cells", lambda problem: cells)
+    monkeypatch.setattr(gap_detail, "find_cells", lambda problem, small: cells)
     forms = {"cutting": SimpleNamespace(place="cutting", channel="force_n")}
     problem = SimpleNamespace(campaign=SimpleNamespace(plant=SimpleNamespace(equations=forms)))
-    report = gap_detail._standing_out(problem)
+    report = gap_detail._standing_out(problem, np.zeros((0, 0)))
     q_values = report["partitions"]["harmonic"]["equations"]["cutting"]["q_value"]
     assert [q < report["false_discovery_rate"] for q in q_values] == [True, False]
     assert report["n_found"] == 1
