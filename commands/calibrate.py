@@ -187,7 +187,7 @@ def take_points(
     try:
         for reference in references:
             if not is_asked and not session.simulated:
-                _wait_for(f"apply {reference:g} {session.unit}, let it settle, press Enter")
+                _ask(f"apply {reference:g} {session.unit}, let it settle, press Enter")
             resting = _read_point(session, reference, n_before=len(points))
             unit = resting.channel.calibration.raw_unit
             click.echo(f"{reference:g}: {resting.raw_mean:.7g} +/- {resting.raw_std:.2g} {unit}", err=True)
@@ -232,11 +232,12 @@ def _read_point(session: Session, reference: float, *, n_before: int) -> Resting
                 if session.simulated:
                     raise
                 click.echo(str(error), err=True)
-        _wait_for(f"let {reference:g} {session.unit} settle, press Enter to read it again (Ctrl-C ends)")
+        _ask(f"let {reference:g} {session.unit} settle, press Enter to read it again (Ctrl-C ends)")
 
 
-def _wait_for(text: str) -> None:
-    click.prompt(text, default="", show_default=False, err=True)
+def _ask(text: str) -> str:
+    """Say what to do or to type; the answer, which may be empty."""
+    return click.prompt(text, default="", show_default=False, err=True)
 
 
 def _keep_for_later(session: Session, points: list[CalibrationPoint]) -> None:
@@ -321,10 +322,7 @@ def describe(points: list[CalibrationPoint], line: StraightLine, former: Calibra
 def _asked(channel: str, unit: str) -> Iterator[float]:
     """Ask for known values until an empty answer."""
     while True:
-        said = click.prompt(
-            f"{channel}: apply a load, let it settle, and type its value ({unit}); empty to end",
-            default="", show_default=False, err=True,
-        )  # fmt: skip
+        said = _ask(f"{channel}: apply a load, let it settle, and type its value ({unit}); empty to end")
         if not said.strip():
             return
         try:

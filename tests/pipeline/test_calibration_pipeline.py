@@ -182,31 +182,6 @@ def test_points_from_a_table_and_masses(bench, tmp_path, capsys):
     assert bench.run("tare", "--channel", "torque_n_m") == 2
 
 
-def test_the_interactive_way_asks_for_each_load(bench, monkeypatch, tmp_path):
-    """Without --simulated and --point: values are typed, here against a rig whose load follows the typing."""
-    typed, hanging = ["0", "100", "two", "200", ""], [0.0]
-    bench.force = lambda load, t, noise: TRUE_ZERO_N + hanging[0] + 0.3 * noise
-
-    def answer(*_, **__):
-        text = typed.pop(0)
-        with contextlib.suppress(ValueError):
-            hanging[0] = float(text)
-        return text
-
-    monkeypatch.setattr("click.prompt", answer)
-    with bench._bench(bench.config_path) as ports:
-        text = bench.config_path.read_text()
-        for name, port in zip(("/dev/ttyACM0", "/dev/ttyACM1", "/dev/ttyACM2"), ports.values(), strict=True):
-            text = text.replace(name, port)
-        bench.config_path.write_text(text)
-        assert main(["calibrate", "--config", str(bench.config_path), "--seconds", "0.6"]) == 0
-    (entry,) = read_book(bench.config_path.with_name("bench_config.calibration.toml")).entries
-    assert entry.result.scale == pytest.approx(250.0, rel=1e-3)
-    assert entry.result.zero_raw == pytest.approx(TRUE_ZERO_N / 250.0, abs=1e-3)
-    # The book of the simulated bench is another one.
-    assert not bench.book_path.exists()
-
-
 def answering(monkeypatch, react):
     """Stand in for the operator: `react` is told what is asked and says the answer."""
     asked = []
@@ -228,6 +203,27 @@ def real_ports(bench):
             text = text.replace(name, port)
         bench.config_path.write_text(text)
         yield
+
+
+def test_the_interactive_way_asks_for_each_load(bench, monkeypatch, tmp_path):
+    """Without --simulated and --point: values are typed, here against a rig whose load follows the typing."""
+    typed, hanging = ["0", "100", "two", "200", ""], [0.0]
+    bench.force = lambda load, t, noise: TRUE_ZERO_N + hanging[0] + 0.3 * noise
+
+    def answer(*_, **__):
+        text = typed.pop(0)
+        with contextlib.suppress(ValueError):
+            hanging[0] = float(text)
+        return text
+
+    answering(monkeypatch, answer)
+    with real_ports(bench):
+        assert main(["calibrate", "--config", str(bench.config_path), "--seconds", "0.6"]) == 0
+    (entry,) = read_book(bench.config_path.with_name("bench_config.calibration.toml")).entries
+    assert entry.result.scale == pytest.approx(250.0, rel=1e-3)
+    assert entry.result.zero_raw == pytest.approx(TRUE_ZERO_N / 250.0, abs=1e-3)
+    # The book of the simulated bench is another one.
+    assert not bench.book_path.exists()
 
 
 def test_a_load_that_swings_is_read_again_and_no_point_is_lost(bench, monkeypatch):

@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 
 from diagnosis.campaign import Campaign
+from diagnosis.dispersion import with_noise
 from diagnosis.effects.catalogue import EFFECT_BY_NAME
 from diagnosis.evidence import Catalogue, Column, amplitudes, catalogue_columns, explain, explain_formed
 from diagnosis.form_error import form_modes
 from diagnosis.linear_problem import LinearProblem, Marginal, build_problem
 from diagnosis.plants.jigsaw import Jigsaw
+from diagnosis.posterior import _left_over
 from diagnosis.weighing import WEIGHTS
 
 N_ROWS, N_UNITS = 60, 12
@@ -142,6 +144,27 @@ def test_a_form_without_error_is_the_form_itself(width):
     total, found = explain_formed(problem, NO_COLUMNS, modes, columns, (0.0,))
     assert total == pytest.approx(alone.log_evidence + log_z)
     assert found.log_evidence == pytest.approx(alone.log_evidence)
+
+
+@pytest.mark.parametrize("width", [1, 2])
+def test_what_a_cause_leaves_is_the_misfit_less_its_gain(width):
+    problem, columns = small_problem(14), columns_of("edge_force", 2, width, seed=15)
+    problem = replace(problem, data=problem.data + 1.5 * columns[1].columns[:, 0])
+    marginal = Marginal(problem)
+    alone = explain(marginal, columns)
+    as_measured = np.ones(N_ROWS)
+    assert alone.gain > 5.0
+    assert _left_over(problem, as_measured, marginal) == pytest.approx(marginal.misfit / N_ROWS)
+    left = _left_over(problem, as_measured, marginal, alone)
+    assert left == pytest.approx((marginal.misfit - alone.gain) / N_ROWS)
+
+
+def test_what_is_left_counts_by_the_noise_as_it_was_measured():
+    problem = replace(small_problem(16), nuisance=np.zeros((N_ROWS, 0)), names=(), prior_std=np.zeros(0))
+    dispersion = np.where(np.arange(N_ROWS) < 20, 9.0, 1.0)
+    scaled = with_noise(problem, dispersion)
+    left = _left_over(scaled, dispersion, Marginal(scaled))
+    assert left == pytest.approx(float(problem.data @ problem.data) / N_ROWS)
 
 
 def test_form_error_is_a_nuisance_of_its_share():
