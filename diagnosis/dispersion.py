@@ -1,9 +1,10 @@
-"""Noise that is as much larger, equation by equation, as what even the best single effect leaves there.
+"""Noise that is as much larger, equation by equation, as what even the best two effects leave there.
 
 A likelihood whose noise is fixed beforehand is so sure of a strong gap that every prior gives way: parameters move by
 twenty standard deviations, small background effects become large ones, and a second effect mops up what the form of
 the first one leaves. What a form misses it misses in the equations that it moves: raised everywhere alike, the noise
-would drown a second effect in an equation that nothing else has touched.
+would drown a second effect in an equation that nothing else has touched; raised to what a single effect leaves, it
+would count that second effect itself as noise.
 """
 
 from __future__ import annotations
@@ -31,18 +32,29 @@ def noise_factor(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue
     Returns
     -------
     ndarray, shape (n,)
-        1 where the best single effect leaves no more than an intact machine does; the same within an equation, while
-        the machine runs and while it starts.
+        1 where the best effect and the best one of the catalogue beside it leave no more than an intact machine does;
+        the same within an equation, while the machine runs and while it starts.
     """
-    plain = Marginal(problem)
-    found = [*catalogue.explain(plain).values(), *beyond.explain(plain).values()]
-    best = max(found, key=lambda e: e.gain, default=None)
-    taken = best.contribution if best is not None and best.gain > 0.0 else 0.0
-    rest = plain.rest(problem.data - taken)
+    rest = _rest_of_two(problem, catalogue, beyond)
     factor = np.ones(len(problem.data))
     for rows in _equation_rows(problem):
         factor[rows] = max(1.0, float(np.mean(rest[rows] ** 2)) / problem.quiet)
     return factor
+
+
+def _rest_of_two(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue) -> Floats:
+    """What the nuisances and two effects leave, each of any size; the second is the best beside the first."""
+    given = np.zeros((len(problem.data), 0))
+    named: list[str] = []
+    for choices in ((catalogue, beyond), (catalogue,)):
+        marginal = Marginal(problem, extra=given)
+        found = [e for choice in choices for e in choice.explain(marginal).values() if e.effect.name not in named]
+        best = max(found, key=lambda e: e.gain, default=None)
+        if best is None or best.gain <= 0.0:
+            break
+        given = np.hstack([given, best.column.columns * best.effect.strength.high])
+        named.append(best.effect.name)
+    return Marginal(problem, extra=given).rest(problem.data)
 
 
 def _equation_rows(problem: LinearProblem) -> Iterator[np.ndarray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -25,6 +25,7 @@ from diagnosis.form_error import FORM_SHARES, form_modes
 from diagnosis.linear_problem import WIDE, LinearProblem, Marginal
 from diagnosis.off_stroke import Finding, off_stroke_finding
 from diagnosis.stroke_series import Grain, grain_evidence
+from diagnosis.stroke_trend import bends_force, blocks_of, trend_evidence
 from diagnosis.weighing import AND, VERDICTS, weigh
 
 GRAIN = "grain_variation"
@@ -37,6 +38,8 @@ STROKE_WEIGHT = 4.0
 # Depths of a wave in the wood are tried in steps of this share.
 GRAIN_STEP = 0.5
 _WORTH_FORMING = 6.0
+# Log evidence of the strokes below which they speak against an effect.
+_AGAINST = -1.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -167,7 +170,12 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     resembles = max(unnamed, key=lambda text: unnamed[text])
     log_evidence["unknown"] = unnamed[resembles]
     shared = {_pair_name(pair): pair.shared for pair in pairs}
-    _add_grain(log_evidence, shared, left_over, grain)
+    _add_strokes(log_evidence, shared, left_over, GRAIN, alone=grain.log_evidence, beside={}, is_whole=False)
+    trend = trend_evidence(blocks_of(problem.campaign.states, problem.campaign.strokes))
+    bending = [e.name for e in problem.campaign.plant.effects if bends_force(e)]
+    for effect, alone in trend.alone.items():
+        beside_cut = dict.fromkeys(bending, trend.beside_cutting[effect])
+        _add_strokes(log_evidence, shared, left_over, effect, alone=alone, beside=beside_cut, is_whole=True)
     probabilities = weigh(
         log_evidence, left_over, n_effects=len(problem.campaign.plant.effects), quiet=problem.quiet, shared=shared
     )
@@ -206,10 +214,11 @@ def _left_over(
 
 
 def _left_by_pair(problem: LinearProblem, dispersion: Floats, small: Floats, pair: Pair) -> float:
+    """The same of two effects, each of the size that fits best beside the other."""
     if not pair.is_formed:
         return np.inf
-    given = pair.first.column.columns * pair.first.effect.strength.high
-    return _left_over(problem, dispersion, Marginal(problem, extra=np.hstack([small, given])), pair.second)
+    given = [member.column.columns * member.effect.strength.high for member in (pair.first, pair.second)]
+    return _left_over(problem, dispersion, Marginal(problem, extra=np.hstack([small, *given])))
 
 
 def _undispersed(explanation: Explanation, original: dict[str, list[Column]], dispersion: Floats) -> Explanation:
@@ -237,20 +246,48 @@ def with_grain(explanation: Explanation, grain: Grain) -> Explanation:
     return replace(explanation, amplitude=size, amplitude_std=GRAIN_STEP * size)
 
 
-def _add_grain(
-    log_evidence: dict[str, float], shared: dict[str, float], left_over: dict[str, float], grain: Grain
+def _add_strokes(
+    log_evidence: dict[str, float],
+    shared: dict[str, float],
+    left_over: dict[str, float],
+    effect: str,
+    *,
+    alone: float,
+    beside: Mapping[str, float],
+    is_whole: bool,
 ) -> None:
-    """The strokes speak for or against a grained wood alone, whatever else is the matter."""
-    if GRAIN not in log_evidence:
+    """Add what single strokes say for or against an effect that mean strokes hardly show.
+
+    Parameters
+    ----------
+    log_evidence, shared, left_over : dict of str to float
+        By hypothesis; changed.
+    effect : str
+    alone : float
+        Log evidence of the strokes.
+    beside : mapping of str to float
+        The same beside another effect, where it is not that.
+    is_whole : bool
+        The strokes know all of the effect: where they speak against it, what mean strokes say for it comes of
+        something else.
+    """
+    if effect not in log_evidence:
         return
-    alone = {n: v for n, v in log_evidence.items() if n not in VERDICTS and AND not in n and n != GRAIN}
-    for name in log_evidence:
-        if GRAIN in name.split(AND):
-            log_evidence[name] += STROKE_WEIGHT * grain.log_evidence
+    others = {n: v for n, v in log_evidence.items() if n not in VERDICTS and AND not in n and n != effect}
+    with_effect = {n: v for n, v in log_evidence.items() if effect in n.split(AND)}
+    for name, value in with_effect.items():
+        other = next((n for n in name.split(AND) if n != effect), "")
+        said = beside.get(other, alone)
+        known = min(value, others.get(other, 0.0)) if is_whole and said < _AGAINST else value
+        log_evidence[name] = known + STROKE_WEIGHT * said
+        if said > 0.0 or not is_whole:
             shared[name] = 0.0
-    for name in sorted(alone, key=lambda n: -alone[n])[:_N_FIRST]:
-        both = AND.join(sorted((name, GRAIN)))
-        log_evidence[both] = max(log_evidence.get(both, -np.inf), alone[name] + STROKE_WEIGHT * grain.log_evidence)
+    for name in sorted(others, key=lambda n: -others[n])[:_N_FIRST]:
+        both = AND.join(sorted((name, effect)))
+        said = beside.get(name, alone)
+        if is_whole and said <= 0.0:
+            continue
+        log_evidence[both] = max(log_evidence.get(both, -np.inf), others[name] + STROKE_WEIGHT * said)
         if not np.isfinite(left_over.get(both, np.inf)):
             left_over[both] = left_over[name]
         shared[both] = 0.0

@@ -1,4 +1,4 @@
-"""Noise that is raised only in the equations where the best cause leaves something."""
+"""Noise that is raised only in the equations where the best two causes leave something."""
 
 from __future__ import annotations
 
@@ -78,6 +78,22 @@ def test_what_the_best_cause_explains_is_no_noise():
     assert np.max(noise_factor(problem, NO_CAUSE, NO_CAUSE)) > 5.0
     for catalogue, beyond in ((named, NO_CAUSE), (NO_CAUSE, named)):
         assert np.all(noise_factor(problem, catalogue, beyond) == 1.0)
+
+
+def test_what_a_second_cause_explains_is_no_noise_and_what_a_third_would_is():
+    rng = np.random.default_rng(14)
+    waves = 3.0 * rng.standard_normal((3, N_BLOCKS, N_CUTTING + N_ELECTRICAL))
+    waves[:2, :, N_CUTTING:] = 0.0
+    waves[2, :, :N_CUTTING] = 0.0
+    cutting, electrical = noise(15, N_CUTTING, 0.3), noise(16, N_ELECTRICAL, 0.3)
+    names = ("edge_force", "return_stroke_rubbing", "brush_voltage_drop")
+    columns = {name: column for k, name in enumerate(names) for name, column in cause(name, waves[k]).items()}
+    two = problem_of(cutting + (waves[0] + waves[1])[:, :N_CUTTING], electrical)
+    assert np.all(noise_factor(two, Catalogue(columns, two.data), NO_CAUSE) == 1.0)
+    three = problem_of(two.data.reshape(N_BLOCKS, -1)[:, :N_CUTTING], electrical + 0.5 * waves[2, :, N_CUTTING:])
+    in_cutting, in_electrical = by_equation(noise_factor(three, Catalogue(columns, three.data), NO_CAUSE))
+    assert np.all(in_cutting == 1.0)
+    assert np.all(in_electrical > 5.0)
 
 
 def test_a_second_effect_keeps_its_evidence_where_the_first_leaves_nothing():

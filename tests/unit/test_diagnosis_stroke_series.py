@@ -34,7 +34,12 @@ def campaign(kind: str, seed: int, *, wavelength_m: float | None = None, frequen
             log_k = log_k + DEPTH * np.sin(2 * np.pi * feed_m_s * time_s / wavelength_m + start)
         if frequency_hz is not None:
             log_k = log_k + DEPTH * np.sin(2 * np.pi * frequency_hz * time_s + start)
-        found.append(StrokeSeries(label=f"t{number}", feed_m_s=feed_m_s, rate_hz=rate_hz, log_k=log_k))
+        found.append(
+            StrokeSeries(
+                label=f"t{number}", feed_m_s=feed_m_s, rate_hz=rate_hz, log_k=log_k,
+                k_n_s_per_m=300.0 * np.exp(log_k), time_s=time_s,
+            )
+        )  # fmt: skip
     return found
 
 

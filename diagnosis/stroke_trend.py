@@ -1,0 +1,201 @@
+"""How the wood's hardness changes over blade life and feed, from single strokes: a worn blade, a chip's thickness.
+
+Both only scale the cutting force, slowly or from trial to trial, and so they hide in what pieces of wood differ by.
+Their whole evidence lies in one number a stroke, whose noise is known from the strokes themselves: scatter with memory
+within a trial, and a piece of wood of its own in each. So the likelihood is that of a mixed model without any form but
+the effect's own, and it needs hardly any tempering, which the features of all channels do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from types import MappingProxyType
+
+import numpy as np
+
+from bench.recording import Floats
+from diagnosis.effects.effect import Effect
+from diagnosis.log_mean import log_mean_exp
+from diagnosis.state import State
+from diagnosis.stroke_series import StrokeSeries
+
+# Of the sensors' effects: a wandering zero leaves the slope of force over speed alone, the current has no part in it.
+_LEAVE_FORCE = ("force_offset_drift", "current_sensor_lag")
+WEAR, CHIP = "blade_wear", "chip_thickness"
+# Strokes are averaged over a block of that many; what a wood remembers for longer is fitted as memory of the blocks.
+_BLOCK = 20
+_MIN_TRIALS = 3
+# Size of a block's scatter as a multiple of what trials show about their trend, memory from block to block, and scatter
+# from piece to piece: all are averaged over.
+_SCATTERS = (0.8, 1.0, 1.25, 1.6)
+_MEMORIES = (0.0, 0.3, 0.6, 0.85)
+_PIECES = (0.012, 0.025, 0.045, 0.07)
+# Standard deviation of what is not asked for: hardness of a stock (logarithm), and its powers of speed and feed.
+_STOCK_STD = 3.0
+_FREE_STD, _LITTLE_STD = 0.5, 0.03
+_WEAR_UNIT_M = 10.0
+_GROWTHS = np.geomspace(0.01, 0.4, 12)
+_WEAR_POWERS = (0.5, 1.0, 1.5)
+_RUN_IN_M = (3.0, 10.0)
+_EXPONENTS = np.geomspace(0.1, 1.2, 10)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Blocks:
+    """Hardness averaged over blocks of strokes, all trials one after the other.
+
+    Attributes
+    ----------
+    log_k, distance_m, log_speed, log_feed : ndarray, shape (n,)
+        Speed and feed over their means.
+    trial, stock : ndarray of int, shape (n,)
+    """
+
+    log_k: Floats
+    distance_m: Floats
+    log_speed: Floats
+    log_feed: Floats
+    trial: np.ndarray
+    stock: np.ndarray
+
+
+def bends_force(effect: Effect) -> bool:
+    """Whether an effect may change with the speed how hard the wood seems, by the cut itself or by a sensor."""
+    return effect.place == "cutting" or (effect.place == "sensing" and effect.name not in _LEAVE_FORCE)
+
+
+def blocks_of(states: Sequence[State], strokes: Sequence[StrokeSeries]) -> Blocks | None:
+    """Average the strokes of every cutting trial.
+
+    Parameters
+    ----------
+    states : sequence of State
+        They say how far the blade had cut and how fast it ran.
+    strokes : sequence of StrokeSeries
+
+    Returns
+    -------
+    Blocks or None
+        None where fewer than three trials can be used.
+    """
+    running = {s.setting.label: s for s in states if s.kind == "running" and not s.setting.is_idle}
+    stocks = {name: k for k, name in enumerate(dict.fromkeys(s.setting.stock for s in running.values()))}
+    rows: list[list[float]] = []
+    n_trials = 0
+    for series in strokes:
+        state = running.get(series.label)
+        n = 0 if state is None else len(series.k_n_s_per_m) // _BLOCK
+        if state is None or n < 2:
+            continue
+        cut = slice(0, n * _BLOCK)
+        hardness = series.k_n_s_per_m[cut].reshape(n, _BLOCK).mean(axis=1)
+        if not np.all(hardness > 0.0):
+            continue
+        at_s = series.time_s[cut].reshape(n, _BLOCK).mean(axis=1)
+        known_s = state.time_s[:, 0]
+        distance = np.interp(at_s, known_s, np.broadcast_to(state.cut_distance_m[:, 0], known_s.shape))
+        speed = np.interp(at_s, known_s, state.speed_rad_s.mean(axis=1))
+        for k in range(n):
+            rows.append(
+                [np.log(hardness[k]), distance[k], np.log(speed[k]), np.log(series.feed_m_s), n_trials,
+                 stocks[state.setting.stock]]
+            )  # fmt: skip
+        n_trials += 1
+    if n_trials < _MIN_TRIALS:
+        return None
+    log_k, distance, log_speed, log_feed, trial, stock = np.array(rows).T
+    return Blocks(
+        log_k=log_k, distance_m=distance, log_speed=log_speed - log_speed.mean(), log_feed=log_feed - log_feed.mean(),
+        trial=trial.astype(int), stock=stock.astype(int),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Trend:
+    """Log evidence of a worn blade and of a chip's thickness against a wood that only scatters, by effect.
+
+    Attributes
+    ----------
+    alone : mapping of str to float
+        Where nothing else makes the cut harder or softer.
+    beside_cutting : mapping of str to float
+        Where another effect of the cut or of a sensor may act: hardness is free to go with a power of the speed, and of
+        the feed unless the chip is asked for.
+    """
+
+    alone: Mapping[str, float]
+    beside_cutting: Mapping[str, float]
+
+
+def trend_evidence(blocks: Blocks | None) -> Trend:
+    """Weigh wear and chip thickness by the hardness of the strokes; hardness of each stock is free.
+
+    Parameters
+    ----------
+    blocks : Blocks or None
+        Of `blocks_of`.
+
+    Returns
+    -------
+    Trend
+        Empty without blocks.
+    """
+    if blocks is None:
+        return Trend(alone=MappingProxyType({}), beside_cutting=MappingProxyType({}))
+    worn = _worn(blocks)
+    chips = np.array([m * (blocks.log_feed - blocks.log_speed) for m in _EXPONENTS])
+
+    def gained(means: Floats, speed_std: float, feed_std: float) -> float:
+        logs = _log_likelihoods(blocks, np.vstack([0.0 * means[:1], means]), speed_std=speed_std, feed_std=feed_std)
+        return log_mean_exp(logs[1:]) - float(logs[0])
+
+    little = _LITTLE_STD
+    return Trend(
+        alone=MappingProxyType({WEAR: gained(worn, little, little), CHIP: gained(chips, little, little)}),
+        beside_cutting=MappingProxyType(
+            {WEAR: gained(worn, _FREE_STD, _FREE_STD), CHIP: gained(chips, _FREE_STD, little)}
+        ),
+    )
+
+
+def _worn(blocks: Blocks) -> Floats:
+    """Logarithm of the growth for every form and size, shape (forms * sizes, n)."""
+    forms = [(blocks.distance_m / _WEAR_UNIT_M) ** q for q in _WEAR_POWERS]
+    forms += [np.expm1(-blocks.distance_m / d) / np.expm1(-_WEAR_UNIT_M / d) for d in _RUN_IN_M]
+    return np.array([np.log1p(growth * form) for form, growth in product(forms, _GROWTHS)])
+
+
+def _log_likelihoods(blocks: Blocks, means: Floats, *, speed_std: float, feed_std: float) -> Floats:
+    """Of the mixed model with each mean, shape (len(means), n), averaged over what is not known of the noise."""
+    from scipy.linalg import solve_triangular
+
+    same_trial = blocks.trial[:, None] == blocks.trial
+    same_stock = blocks.stock[:, None] == blocks.stock
+    free = _STOCK_STD**2 * same_stock
+    free = free + speed_std**2 * np.outer(blocks.log_speed, blocks.log_speed)
+    free += feed_std**2 * np.outer(blocks.log_feed, blocks.log_feed)
+    place = np.arange(len(blocks.trial))
+    lag = np.abs(place[:, None] - place)
+    variance = _scatter_within(blocks)
+    rest = (blocks.log_k - means).T
+    found = []
+    for scatter, memory, piece in product(_SCATTERS, _MEMORIES, _PIECES):
+        within = np.where(same_trial, memory**lag, 0.0) * variance * scatter**2
+        root = np.linalg.cholesky(free + piece**2 * same_trial + within)
+        half = solve_triangular(root, rest, lower=True)
+        found.append(-0.5 * np.sum(half**2, axis=0) - np.sum(np.log(np.diag(root))))
+    return np.array([log_mean_exp(column) for column in np.array(found).T])
+
+
+def _scatter_within(blocks: Blocks) -> float:
+    """Variance of the blocks about the line through those of their trial."""
+    squares, degrees = 0.0, 0
+    for trial in range(int(blocks.trial.max()) + 1):
+        values = blocks.log_k[blocks.trial == trial]
+        count = np.arange(len(values))
+        if len(values) > 2:
+            squares += float(np.sum((values - np.polyval(np.polyfit(count, values, 1), count)) ** 2))
+            degrees += len(values) - 2
+    return max(squares / max(degrees, 1), 1e-6)
