@@ -151,12 +151,13 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
         _with_form(problem, small, e, columns[e.effect.name], modes[e.effect.name], reference)
         for e in rough[:_N_FORMED]
     ]
-    explanations = sorted([*formed, *rough[_N_FORMED:]], key=lambda e: -e.log_evidence)
+    explanations = sorted([*(e for e, _ in formed), *rough[_N_FORMED:]], key=lambda e: -e.log_evidence)
     for explanation in explanations:
         log_evidence[explanation.effect.name] = explanation.log_evidence
     grain = grain_evidence(problem.campaign.strokes)
-    firsts = [e for e in explanations if e.effect.name in modes][:_N_FIRST]
-    pairs = _pairs(problem, small, firsts, catalogue, modes, reference)
+    given = {e.effect.name: column.columns * e.effect.strength.high for e, column in formed}
+    firsts = [e for e in explanations if e.effect.name in given][:_N_FIRST]
+    pairs = _pairs(problem, small, firsts, given, catalogue, modes, reference)
     left_over = {
         "no_gap": _left_over(problem, dispersion, nominal),
         "parameters": _left_over(problem, dispersion, retuned),
@@ -164,18 +165,26 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     left_over |= {e.effect.name: _left_over(problem, dispersion, nominal, e) for e in explanations}
     for pair in pairs:
         log_evidence[_pair_name(pair)] = pair.log_evidence
-        left_over[_pair_name(pair)] = _left_by_pair(problem, dispersion, small, pair)
+        both = (pair.first, pair.second)
+        left_over[_pair_name(pair)] = _left_by(problem, dispersion, small, both) if pair.is_formed else np.inf
     beside = off_stroke_finding(problem.campaign.off_stroke)
     unnamed = _unnamed(problem, small, _beyond(problem, nominal, small, beyond, reference), grain, beside, reference)
     resembles = max(unnamed, key=lambda text: unnamed[text])
     log_evidence["unknown"] = unnamed[resembles]
     shared = {_pair_name(pair): pair.shared for pair in pairs}
-    _add_strokes(log_evidence, shared, left_over, GRAIN, alone=grain.log_evidence, beside={}, is_whole=False)
+    _add_strokes(log_evidence, shared, GRAIN, alone=grain.log_evidence, beside={}, is_whole=False)
     trend = trend_evidence(blocks_of(problem.campaign.states, problem.campaign.strokes))
     bending = [e.name for e in problem.campaign.plant.effects if bends_force(e)]
     for effect, alone in trend.alone.items():
         beside_cut = dict.fromkeys(bending, trend.beside_cutting[effect])
-        _add_strokes(log_evidence, shared, left_over, effect, alone=alone, beside=beside_cut, is_whole=True)
+        _add_strokes(log_evidence, shared, effect, alone=alone, beside=beside_cut, is_whole=True)
+    members = {e.effect.name: e for e in explanations}
+    for name in log_evidence:
+        both = name.split(AND)
+        if len(both) == 2 and not np.isfinite(left_over.get(name, np.inf)) and shared.get(name) == 0.0:
+            # Mean strokes do not know the grain.
+            shown = [members[n] for n in both if n != GRAIN]
+            left_over[name] = _left_by(problem, dispersion, small, shown)
     probabilities = weigh(
         log_evidence, left_over, n_effects=len(problem.campaign.plant.effects), quiet=problem.quiet, shared=shared
     )
@@ -213,11 +222,9 @@ def _left_over(
     return float((dispersion * data) @ marginal.rest(data)) / len(data)
 
 
-def _left_by_pair(problem: LinearProblem, dispersion: Floats, small: Floats, pair: Pair) -> float:
-    """The same of two effects, each of the size that fits best beside the other."""
-    if not pair.is_formed:
-        return np.inf
-    given = [member.column.columns * member.effect.strength.high for member in (pair.first, pair.second)]
+def _left_by(problem: LinearProblem, dispersion: Floats, small: Floats, members: Sequence[Explanation]) -> float:
+    """The same of several effects, each of the size that fits best beside the others."""
+    given = [member.column.columns * member.effect.strength.high for member in members]
     return _left_over(problem, dispersion, Marginal(problem, extra=np.hstack([small, *given])))
 
 
@@ -249,7 +256,6 @@ def with_grain(explanation: Explanation, grain: Grain) -> Explanation:
 def _add_strokes(
     log_evidence: dict[str, float],
     shared: dict[str, float],
-    left_over: dict[str, float],
     effect: str,
     *,
     alone: float,
@@ -260,7 +266,7 @@ def _add_strokes(
 
     Parameters
     ----------
-    log_evidence, shared, left_over : dict of str to float
+    log_evidence, shared : dict of str to float
         By hypothesis; changed.
     effect : str
     alone : float
@@ -288,8 +294,6 @@ def _add_strokes(
         if is_whole and said <= 0.0:
             continue
         log_evidence[both] = max(log_evidence.get(both, -np.inf), others[name] + STROKE_WEIGHT * said)
-        if not np.isfinite(left_over.get(both, np.inf)):
-            left_over[both] = left_over[name]
         shared[both] = 0.0
 
 
@@ -314,15 +318,16 @@ def _with_form(
     entries: list[Column],
     modes: Floats,
     reference: float,
-) -> Explanation:
-    """Weigh one effect again, with what its form may miss."""
+) -> tuple[Explanation, Column]:
+    """Weigh one effect again, with what its form may miss; its best shape then is another one than without."""
     log_z, formed = explain_formed(problem, small, modes, entries, FORM_SHARES)
-    return replace(
+    explanation = replace(
         rough,
         log_evidence=_carried(rough.log_evidence, log_z - reference),
         shape_spread=formed.shape_spread,
         form_share=formed.form_share,
     )
+    return explanation, formed.column
 
 
 def _carried(by_form: float, with_modes: float) -> float:
@@ -342,7 +347,7 @@ def _beyond(
     for name, entries in beyond.items():
         rough = explain(nominal, entries)
         if rough is not None:
-            formed = _with_form(problem, small, rough, entries, _modes(problem, rough), reference)
+            formed, _ = _with_form(problem, small, rough, entries, _modes(problem, rough), reference)
             found[name] = formed.log_evidence - float(np.log(len(beyond)))
     return found
 
@@ -368,26 +373,27 @@ def _pairs(
     problem: LinearProblem,
     small: Floats,
     firsts: Sequence[Explanation],
+    given: Mapping[str, Floats],
     catalogue: Catalogue,
     modes: dict[str, Floats],
     reference: float,
 ) -> list[Pair]:
-    """Evidence of pairs: the first in its best shape and with what its form may miss, then every second."""
+    """Evidence of pairs: the first as `given` and with what its form may miss, then every second."""
     rough: dict[frozenset[str], list[tuple[float, Explanation, Explanation]]] = {}
     for first in firsts:
-        given = first.column.columns * first.effect.strength.high
-        marginal = Marginal(problem, extra=np.hstack([small, given, _SCREEN_SHARE * modes[first.effect.name]]))
-        for name, found in catalogue.explain(marginal).items():
-            if name == first.effect.name:
+        name = first.effect.name
+        marginal = Marginal(problem, extra=np.hstack([small, given[name], _SCREEN_SHARE * modes[name]]))
+        for other, found in catalogue.explain(marginal).items():
+            if other == name:
                 continue
             total = found.log_evidence + _log_z(marginal)
-            rough.setdefault(frozenset((first.effect.name, name)), []).append((total, first, found))
+            rough.setdefault(frozenset((name, other)), []).append((total, first, found))
     best = sorted(rough.values(), key=lambda orders: -max(total for total, *_ in orders))[:_N_PAIRS]
     pairs = []
     for orders in best:
         # In either order, where both may come first: only the second one's size and form are integrated out.
         both = (
-            _formed_pair(problem, small, first, second, catalogue.columns, modes, reference)
+            _formed_pair(problem, small, first, given[first.effect.name], second, catalogue.columns, modes, reference)
             for _, first, second in orders
         )
         pairs.append(max(both, key=lambda pair: pair.log_evidence))
@@ -398,6 +404,7 @@ def _formed_pair(
     problem: LinearProblem,
     small: Floats,
     first: Explanation,
+    given: Floats,
     second: Explanation,
     columns: dict[str, list[Column]],
     modes: dict[str, Floats],
@@ -407,7 +414,6 @@ def _formed_pair(
     if second.log_evidence < _WORTH_FORMING:
         both_ways = first.log_evidence + second.log_evidence
         return Pair(first=first, second=second, log_evidence=both_ways, shared=1.0, is_formed=False)
-    given = first.column.columns * first.effect.strength.high
     name = second.effect.name
     if name not in modes:
         modes[name] = _modes(problem, second)

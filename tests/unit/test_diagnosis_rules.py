@@ -43,7 +43,8 @@ def formed(problem, name):
     small = np.zeros((len(problem.data), 0))
     modes = posterior._modes(problem, rough)
     reference = posterior._log_z(Marginal(problem))
-    return rough, posterior._with_form(problem, small, rough, columns[name], modes, reference)
+    found, _ = posterior._with_form(problem, small, rough, columns[name], modes, reference)
+    return rough, found
 
 
 def bent_friction(state):

@@ -124,23 +124,21 @@ def test_effects_that_leave_the_force_alone_do_not_make_the_cut_seem_harder():
 
 def added(log_evidence, *, alone, beside=None, is_whole=True):
     shared = dict.fromkeys((n for n in log_evidence if " + " in n), 0.7)
-    left_over = dict.fromkeys(log_evidence, 0.5)
-    _add_strokes(log_evidence, shared, left_over, WEAR, alone=alone, beside=beside or {}, is_whole=is_whole)
-    return log_evidence, shared, left_over
+    _add_strokes(log_evidence, shared, WEAR, alone=alone, beside=beside or {}, is_whole=is_whole)
+    return log_evidence, shared
 
 
 def test_strokes_speak_for_an_effect_alone_and_beside_the_strongest_others():
-    found, shared, left_over = added({WEAR: 5.0, "edge_force": 100.0, "guide_friction": 40.0}, alone=3.0)
+    found, shared = added({WEAR: 5.0, "edge_force": 100.0, "guide_friction": 40.0}, alone=3.0)
     assert found[WEAR] == 5.0 + STROKE_WEIGHT * 3.0
     assert found[f"{WEAR} + edge_force"] == 100.0 + STROKE_WEIGHT * 3.0
     assert found["edge_force"] == 100.0
     assert shared[f"{WEAR} + edge_force"] == 0.0
-    assert left_over[f"{WEAR} + edge_force"] == 0.5
 
 
 def test_what_mean_strokes_say_is_not_believed_where_single_strokes_speak_against_it():
     pair = f"{WEAR} + edge_force"
-    found, shared, _ = added({WEAR: 80.0, "edge_force": 100.0, pair: 190.0}, alone=-2.0)
+    found, shared = added({WEAR: 80.0, "edge_force": 100.0, pair: 190.0}, alone=-2.0)
     assert found[WEAR] == pytest.approx(-2.0 * STROKE_WEIGHT)
     assert found[pair] == pytest.approx(100.0 - 2.0 * STROKE_WEIGHT)
     assert shared[pair] == 0.7
@@ -148,6 +146,6 @@ def test_what_mean_strokes_say_is_not_believed_where_single_strokes_speak_agains
 
 def test_beside_another_effect_of_the_cut_the_strokes_say_less():
     pair = f"{WEAR} + edge_force"
-    found, _, _ = added({WEAR: 5.0, "edge_force": 100.0, "guide_friction": 40.0}, alone=5.0, beside={"edge_force": 1.0})
+    found, _ = added({WEAR: 5.0, "edge_force": 100.0, "guide_friction": 40.0}, alone=5.0, beside={"edge_force": 1.0})
     assert found[pair] == 100.0 + STROKE_WEIGHT
     assert found[f"{WEAR} + guide_friction"] == 40.0 + 5.0 * STROKE_WEIGHT
