@@ -155,7 +155,7 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     for explanation in explanations:
         log_evidence[explanation.effect.name] = explanation.log_evidence
     grain = grain_evidence(problem.campaign.strokes)
-    given = {e.effect.name: column.columns * e.effect.strength.high for e, column in formed}
+    given = {e.effect.name: _in_either_shape(e, column) for e, column in formed}
     firsts = [e for e in explanations if e.effect.name in given][:_N_FIRST]
     pairs = _pairs(problem, small, firsts, given, catalogue, modes, reference)
     left_over = {
@@ -330,6 +330,15 @@ def _with_form(
     return explanation, formed.column
 
 
+def _in_either_shape(explanation: Explanation, formed: Column) -> list[Floats]:
+    """Columns of any size for the shape that is best as it is, and for the one that is best with what it may miss.
+
+    Which of them is nature's shows only once the other effect is there too.
+    """
+    shapes = [explanation.column] if explanation.column is formed else [explanation.column, formed]
+    return [column.columns * explanation.effect.strength.high for column in shapes]
+
+
 def _carried(by_form: float, with_modes: float) -> float:
     """Log evidence with what a form may miss: that cannot weigh more than what the form itself explains."""
     return min(with_modes, by_form + max(by_form, 0.0))
@@ -373,7 +382,7 @@ def _pairs(
     problem: LinearProblem,
     small: Floats,
     firsts: Sequence[Explanation],
-    given: Mapping[str, Floats],
+    given: Mapping[str, list[Floats]],
     catalogue: Catalogue,
     modes: dict[str, Floats],
     reference: float,
@@ -382,7 +391,7 @@ def _pairs(
     rough: dict[frozenset[str], list[tuple[float, Explanation, Explanation]]] = {}
     for first in firsts:
         name = first.effect.name
-        marginal = Marginal(problem, extra=np.hstack([small, given[name], _SCREEN_SHARE * modes[name]]))
+        marginal = Marginal(problem, extra=np.hstack([small, *given[name], _SCREEN_SHARE * modes[name]]))
         for other, found in catalogue.explain(marginal).items():
             if other == name:
                 continue
@@ -404,7 +413,7 @@ def _formed_pair(
     problem: LinearProblem,
     small: Floats,
     first: Explanation,
-    given: Floats,
+    given: list[Floats],
     second: Explanation,
     columns: dict[str, list[Column]],
     modes: dict[str, Floats],
@@ -418,7 +427,10 @@ def _formed_pair(
     if name not in modes:
         modes[name] = _modes(problem, second)
     both = np.hstack([modes[first.effect.name], modes[name]])
-    log_z, found = explain_formed(problem, np.hstack([small, given]), both, columns[name], FORM_SHARES)
+    found_in_each = [
+        explain_formed(problem, np.hstack([small, shape]), both, columns[name], FORM_SHARES) for shape in given
+    ]
+    log_z, found = max(found_in_each, key=lambda each: each[0])
     gained = _carried(second.log_evidence, log_z - reference - first.log_evidence)
     shared = _shared(problem, first.contribution, found.contribution)
     log_evidence = first.log_evidence + gained
