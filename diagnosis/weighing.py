@@ -44,9 +44,9 @@ class Weights:
 
     temperature: float = 6.0
     quiet: float = 0.15
-    pair_gain: float = 2.9
-    pair_least: float = 16.7
-    pair_share: float = 0.66
+    pair_gain: float = 1.4
+    pair_least: float = 11.0
+    pair_share: float = 0.7
     open_gain: float = 2.0
     open_share: float = 0.45
     prior_no_gap: float = 0.4
