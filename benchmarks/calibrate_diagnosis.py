@@ -1,14 +1,21 @@
 """Fit the constants of `diagnosis.weighing` on development campaigns, and say how well the diagnosis does on them.
 
-    python -m benchmarks.calibrate_diagnosis collect OUT [--cases N] [--workers 2]
+    python -m benchmarks.calibrate_diagnosis collect OUT [--cases N] [--pairs N] [--forms own|plain] [--workers 2]
     python -m benchmarks.calibrate_diagnosis fit OUT [--fixed | --temperature T]
+    python -m benchmarks.calibrate_diagnosis leave-out OUT
+    python -m benchmarks.calibrate_diagnosis compare OUT OTHER
 
 `collect` simulates campaigns of the seeds 1 to 999 with the blind check's plant, weighs every hypothesis and keeps the
-log evidences (resumable, about 12 s a campaign and core). `fit` maximises the weighted log-likelihood of the truth over
+log evidences (resumable, about 14 s a campaign and core). `fit` maximises the weighted log-likelihood of the truth over
 the nine constants, which all effects share; `--temperature` holds that one where it is put (the product takes a higher
 one than the fit asks for, to claim less), and with `--fixed` it only reports on the constants as they are. Weights of
 the kinds: 20 % none, 10 % parameters, 50 % one effect, 10 % two, 10 % outside the catalogue, all at 0.5 to 2 times
 typical. Seeds above 999 are for claims and are refused.
+
+One simulator is one choice of functional forms. `leave-out` fits the constants once for every effect, without the
+campaigns in which nature's form of that effect plays a part, and answers these: the difference to the constants that
+have seen them says how much the fit leans on any one form. `compare` sets the answers to the same campaigns with other
+forms (`collect --forms plain`) beside each other, effect by effect.
 """
 
 from __future__ import annotations
@@ -33,6 +40,8 @@ KIND_WEIGHTS = {"none": 0.2, "parameters": 0.1, "effect": 0.5, "pair": 0.1, "out
 N_EFFECTS = len(CATALOGUE)
 LAST_SEED = 999
 _ROUNDS = 4
+# Further campaigns of two effects have seeds of their own.
+_FIRST_PAIR_SEED = 500
 
 
 def plan(n_cases: int) -> list[dict[str, Any]]:
@@ -58,7 +67,22 @@ def plan(n_cases: int) -> list[dict[str, Any]]:
         for _ in range(10):
             first, second = rng.choice(list(CATALOGUE), 2, replace=False)
             add("pair", {str(first): severity(), str(second): severity()})
-    return rows[: min(n_cases, LAST_SEED)]
+    return rows[:n_cases]
+
+
+def more_pairs(n_cases: int) -> list[dict[str, Any]]:
+    """Draw further campaigns of two effects, which are the hardest to tell."""
+    rng = np.random.default_rng(77)
+
+    def severity() -> float:
+        return round(float(np.exp(rng.uniform(np.log(0.5), np.log(2.0)))), 3)
+
+    rows = []
+    for k in range(n_cases):
+        first, second = rng.choice(list(CATALOGUE), 2, replace=False)
+        effects = {str(first): severity(), str(second): severity()}
+        rows.append({"seed": _FIRST_PAIR_SEED + k, "kind": "pair", "effects": effects, "parameters": "within"})
+    return rows
 
 
 def collect_one(row: dict[str, Any], out_dir: Path) -> str:
@@ -76,7 +100,9 @@ def collect_one(row: dict[str, Any], out_dir: Path) -> str:
         return path.name
     folder = Path(tempfile.mkdtemp(prefix="calibrate-"))
     try:
-        make_campaign(row["seed"], folder / "in", effects=row["effects"], parameters=row["parameters"])
+        make_campaign(
+            row["seed"], folder / "in", effects=row["effects"], parameters=row["parameters"], forms=row["forms"]
+        )
         imported = import_path(folder / "in" / "campaign.toml", folder / "out")
         recordings = [read_recording(file) for file in imported.paths]
         campaign = reduce_recordings(recordings, load_config(folder / "in" / "bench_config.toml"))
@@ -187,29 +213,99 @@ def report(rows: list[dict[str, Any]], weights: Weights) -> str:
     return "\n".join(lines)
 
 
+def leave_out(rows: list[dict[str, Any]]) -> str:
+    """For every effect: how its campaigns are answered by constants that were fitted without them."""
+    lines = [f"{'left out':30} cases  right, all seen  right, left out  log-loss, all seen  log-loss, left out"]
+    seen = fit(rows, WEIGHTS.temperature)
+    losses = []
+    for effect in CATALOGUE:
+        own = [row for row in rows if effect in row["effects"]]
+        rest = [row for row in rows if effect not in row["effects"]]
+        if not own:
+            continue
+        found = []
+        for weights in (seen, fit(rest, WEIGHTS.temperature)):
+            answers = [weighed(row, weights) for row in own]
+            right = sum(next(iter(p)) == truth(row) for p, row in zip(answers, own, strict=True))
+            loss = [-np.log(max(p.get(truth(row), 0.0), 1e-4)) for p, row in zip(answers, own, strict=True)]
+            found.append((right, float(np.mean(loss))))
+        (right_seen, loss_seen), (right_out, loss_out) = found
+        losses.append((len(own), loss_seen, loss_out, right_seen, right_out))
+        lines.append(f"{effect:30} {len(own):5}  {right_seen:15}  {right_out:15}  {loss_seen:18.3f}  {loss_out:18.3f}")
+    n, seen_loss, out_loss, right_seen, right_out = np.array(losses).T
+    lines.append(
+        f"{'all of them':30} {int(n.sum()):5}  {int(right_seen.sum()):15}  {int(right_out.sum()):15}"
+        f"  {float(n @ seen_loss / n.sum()):18.3f}  {float(n @ out_loss / n.sum()):18.3f}"
+    )
+    return "\n".join(lines)
+
+
+def compare(rows: list[dict[str, Any]], others: list[dict[str, Any]]) -> str:
+    """Answers to the same campaigns with two kinds of functional forms, side by side; the truth's probability too."""
+    by_seed = {row["seed"]: row for row in others}
+    pairs = [(row, by_seed[row["seed"]]) for row in rows if row["seed"] in by_seed]
+    if not pairs:
+        raise SystemExit("the two folders share no campaign: collect both with the same --cases and --pairs")
+    names = [f"{of[0]['forms']} forms" for of in zip(*pairs, strict=True)]
+    lines = [f"{'hidden':54} | {names[0]:46} | {names[1]}"]
+    right = np.zeros(2, dtype=int)
+    for both in pairs:
+        hidden = truth(both[0])
+        cells = []
+        for k, row in enumerate(both):
+            answer = weighed(row, WEIGHTS)
+            top = next(iter(answer))
+            right[k] += top == hidden
+            said = "right" if top == hidden else top
+            cells.append(f"{said[:34]:34} {answer.get(hidden, 0.0):.2f}")
+        size = " + ".join(f"{name} {size:.2f}" for name, size in both[0]["effects"].items()) or hidden
+        lines.append(f"{size[:54]:54} | {cells[0]:46} | {cells[1]}")
+    lines.append(f"{len(pairs)} campaigns: {right[0]} right with {names[0]}, {right[1]} with {names[1]}")
+    return "\n".join(lines)
+
+
+def records(folder: Path) -> list[dict[str, Any]]:
+    """What `collect` wrote."""
+    rows = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.glob("case-*.json"))]
+    if not rows:
+        raise SystemExit(f"{folder}: no case-*.json; run collect first")
+    return rows
+
+
 def main() -> None:
-    """Collect or fit."""
+    """Collect, fit, leave out or compare."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("step", choices=("collect", "fit"))
+    parser.add_argument("step", choices=("collect", "fit", "leave-out", "compare"))
     parser.add_argument("out", type=Path)
+    parser.add_argument("other", type=Path, nargs="?", help="the folder to compare with")
     parser.add_argument("--cases", type=int, default=_ROUNDS * 68)
+    parser.add_argument("--pairs", type=int, default=0, help="further campaigns of two effects")
+    parser.add_argument("--forms", choices=("own", "plain"), default="own")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--temperature", type=float, help="hold the temperature there")
     parser.add_argument("--fixed", action="store_true", help="report on the constants as they are")
     told = parser.parse_args()
     if told.step == "collect":
-        if told.cases > LAST_SEED:
-            parser.error(f"{told.cases} cases need seeds above {LAST_SEED}, which are for claims")
+        most, most_pairs = _FIRST_PAIR_SEED - 1, LAST_SEED - _FIRST_PAIR_SEED + 1
+        if told.cases > most or told.pairs > most_pairs:
+            parser.error(f"--cases goes to {most} and --pairs to {most_pairs}: seeds above {LAST_SEED} are for claims")
         told.out.mkdir(parents=True, exist_ok=True)
+        rows = [row | {"forms": told.forms} for row in plan(told.cases) + more_pairs(told.pairs)]
         with multiprocessing.get_context("spawn").Pool(told.workers) as pool:
-            jobs = [pool.apply_async(collect_one, (row, told.out)) for row in plan(told.cases)]
+            jobs = [pool.apply_async(collect_one, (row, told.out)) for row in rows]
             for k, job in enumerate(jobs, start=1):
                 print(k, job.get(), flush=True)
-        return
-    rows = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(told.out.glob("case-*.json"))]
-    weights = WEIGHTS if told.fixed else fit(rows, told.temperature)
-    print(json.dumps(asdict(weights), indent=2))
-    print(report(rows, weights))
+    elif told.step == "fit":
+        rows = records(told.out)
+        weights = WEIGHTS if told.fixed else fit(rows, told.temperature)
+        print(json.dumps(asdict(weights), indent=2))
+        print(report(rows, weights))
+    elif told.step == "leave-out":
+        print(leave_out(records(told.out)))
+    elif told.other is None:
+        parser.error("compare needs two folders")
+    else:
+        print(compare(records(told.out), records(told.other)))
 
 
 if __name__ == "__main__":
