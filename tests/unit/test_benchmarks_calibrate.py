@@ -43,6 +43,12 @@ def test_seeds_of_claims_are_refused(monkeypatch, tmp_path, capsys):
     assert "seeds above 999 are for claims" in capsys.readouterr().err
 
 
+def test_constants_come_back_from_their_numbers():
+    back = calibrate_diagnosis.weights_of(calibrate_diagnosis.numbers_of(WEIGHTS))
+    for name in ("temperature", "pair_gain", "pair_least", "open_share", "prior_no_gap", "prior_unknown"):
+        assert getattr(back, name) == pytest.approx(getattr(WEIGHTS, name))
+
+
 def test_leaving_an_effect_out_answers_its_campaigns_with_constants_that_have_not_seen_them(monkeypatch):
     rows = [
         record(1, "effect", {"edge_force": 1.0}, {"edge_force": 200.0}),
@@ -51,7 +57,7 @@ def test_leaving_an_effect_out_answers_its_campaigns_with_constants_that_have_no
     ]
     fitted_on = []
 
-    def fit(kept, temperature=None):
+    def fit(kept, temperature=None, near=None):
         fitted_on.append([row["seed"] for row in kept])
         return WEIGHTS
 
