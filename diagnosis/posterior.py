@@ -40,6 +40,9 @@ GRAIN_STEP = 0.5
 _WORTH_FORMING = 6.0
 # Log evidence of the strokes below which they speak against an effect.
 _AGAINST = -1.0
+# Taken off a second effect for which strokes speak, so that about 4 nats of theirs are needed: with a dozen pieces of
+# wood luck looks like a worn blade or a thick chip, and a second effect of one given kind is rare.
+_STROKES_PRICE = 6.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -285,7 +288,8 @@ def _add_strokes(
         other = next((n for n in name.split(AND) if n != effect), "")
         said = beside.get(other, alone)
         known = min(value, others.get(other, 0.0)) if is_whole and said < _AGAINST else value
-        log_evidence[name] = known + STROKE_WEIGHT * said
+        price = _STROKES_PRICE if is_whole and other and said > 0.0 else 0.0
+        log_evidence[name] = known + STROKE_WEIGHT * said - price
         if said > 0.0 or not is_whole:
             shared[name] = 0.0
     for name in sorted(others, key=lambda n: -others[n])[:_N_FIRST]:
@@ -293,7 +297,8 @@ def _add_strokes(
         said = beside.get(name, alone)
         if is_whole and said <= 0.0:
             continue
-        log_evidence[both] = max(log_evidence.get(both, -np.inf), others[name] + STROKE_WEIGHT * said)
+        added = STROKE_WEIGHT * said - (_STROKES_PRICE if is_whole else 0.0)
+        log_evidence[both] = max(log_evidence.get(both, -np.inf), others[name] + added)
         shared[both] = 0.0
 
 
