@@ -1,6 +1,7 @@
 """Fit the constants of `diagnosis.weighing` on development campaigns, and say how well the diagnosis does on them.
 
-    python -m benchmarks.calibrate_diagnosis collect OUT [--cases N] [--pairs N] [--forms own|plain] [--workers 2]
+    python -m benchmarks.calibrate_diagnosis collect OUT [--cases N] [--pairs N] [--intact N] [--forms own|plain]
+                                                         [--workers N]
     python -m benchmarks.calibrate_diagnosis fit OUT [--fixed | --temperature T]
     python -m benchmarks.calibrate_diagnosis leave-out OUT
     python -m benchmarks.calibrate_diagnosis compare OUT OTHER
@@ -40,8 +41,20 @@ KIND_WEIGHTS = {"none": 0.2, "parameters": 0.1, "effect": 0.5, "pair": 0.1, "out
 N_EFFECTS = len(CATALOGUE)
 LAST_SEED = 999
 _ROUNDS = 4
-# Further campaigns of two effects have seeds of their own.
-_FIRST_PAIR_SEED = 500
+# Further campaigns of two effects, and of none, have seeds of their own.
+_FIRST_PAIR_SEED, _FIRST_INTACT_SEED = 500, 700
+# A probability of the truth below that counts as that.
+_LEAST = 1e-4
+
+
+def _severity(rng: np.random.Generator) -> float:
+    """Size over the typical one, 0.5 to 2."""
+    return round(float(np.exp(rng.uniform(np.log(0.5), np.log(2.0)))), 3)
+
+
+def _two_effects(rng: np.random.Generator) -> dict[str, float]:
+    first, second = rng.choice(list(CATALOGUE), 2, replace=False)
+    return {str(first): _severity(rng), str(second): _severity(rng)}
 
 
 def plan(n_cases: int) -> list[dict[str, Any]]:
@@ -52,37 +65,34 @@ def plan(n_cases: int) -> list[dict[str, Any]]:
     def add(kind: str, effects: dict[str, float], parameters: str = "within") -> None:
         rows.append({"seed": len(rows) + 1, "kind": kind, "effects": effects, "parameters": parameters})
 
-    def severity() -> float:
-        return round(float(np.exp(rng.uniform(np.log(0.5), np.log(2.0)))), 3)
-
     while len(rows) < n_cases:
         for effect in CATALOGUE:
-            add("effect", {effect: severity()})
+            add("effect", {effect: _severity(rng)})
         for _ in range(8):
             add("none", {})
         for _ in range(6):
             add("parameters", {}, "beyond")
         for effect in OUTSIDE:
-            add("outside", {effect: severity()})
+            add("outside", {effect: _severity(rng)})
         for _ in range(10):
-            first, second = rng.choice(list(CATALOGUE), 2, replace=False)
-            add("pair", {str(first): severity(), str(second): severity()})
+            add("pair", _two_effects(rng))
     return rows[:n_cases]
 
 
 def more_pairs(n_cases: int) -> list[dict[str, Any]]:
     """Draw further campaigns of two effects, which are the hardest to tell."""
     rng = np.random.default_rng(77)
+    return [
+        {"seed": _FIRST_PAIR_SEED + k, "kind": "pair", "effects": _two_effects(rng), "parameters": "within"}
+        for k in range(n_cases)
+    ]
 
-    def severity() -> float:
-        return round(float(np.exp(rng.uniform(np.log(0.5), np.log(2.0)))), 3)
 
-    rows = []
-    for k in range(n_cases):
-        first, second = rng.choice(list(CATALOGUE), 2, replace=False)
-        effects = {str(first): severity(), str(second): severity()}
-        rows.append({"seed": _FIRST_PAIR_SEED + k, "kind": "pair", "effects": effects, "parameters": "within"})
-    return rows
+def more_intact(n_cases: int) -> list[dict[str, Any]]:
+    """Further campaigns without any effect: few of them show how far luck goes."""
+    return [
+        {"seed": _FIRST_INTACT_SEED + k, "kind": "none", "effects": {}, "parameters": "within"} for k in range(n_cases)
+    ]
 
 
 def collect_one(row: dict[str, Any], out_dir: Path) -> str:
@@ -167,15 +177,19 @@ def weighed(row: dict[str, Any], weights: Weights) -> dict[str, float]:
     )
 
 
+def loss_of(row: dict[str, Any], probabilities: dict[str, float]) -> float:
+    """Negative log-probability of the truth, at least that of `_LEAST`."""
+    return -float(np.log(max(probabilities.get(truth(row), 0.0), _LEAST)))
+
+
 def log_loss(rows: list[dict[str, Any]], weights: Weights) -> float:
-    """Weighted negative log-likelihood of the truth; probabilities below 1e-4 count as that."""
+    """Weighted mean of `loss_of`, every kind with its share."""
     counts = {kind: sum(r["kind"] == kind for r in rows) for kind in KIND_WEIGHTS}
     total = sum(KIND_WEIGHTS[kind] for kind, count in counts.items() if count)
     loss = 0.0
     for row in rows:
-        probability = weighed(row, weights)
         share = KIND_WEIGHTS[row["kind"]] / counts[row["kind"]] / total
-        loss -= share * float(np.log(max(probability.get(truth(row), 0.0), 1e-4)))
+        loss += share * loss_of(row, weighed(row, weights))
     return loss
 
 
@@ -235,27 +249,29 @@ def report(rows: list[dict[str, Any]], weights: Weights) -> str:
 def leave_out(rows: list[dict[str, Any]]) -> str:
     """For every effect: how its campaigns are answered by constants that were fitted without them."""
     lines = [f"{'left out':30} cases  right, all seen  right, left out  log-loss, all seen  log-loss, left out"]
+
+    def say(name: str, found: np.ndarray) -> None:
+        cases, right, right_out, loss, loss_out = found
+        lines.append(
+            f"{name:30} {int(cases):5}  {int(right):15}  {int(right_out):15}"
+            f"  {loss / cases:18.3f}  {loss_out / cases:18.3f}"
+        )
+
     seen = fit(rows, WEIGHTS.temperature)
-    losses = []
+    total = np.zeros(5)
     for effect in CATALOGUE:
         own = [row for row in rows if effect in row["effects"]]
-        rest = [row for row in rows if effect not in row["effects"]]
         if not own:
             continue
-        found = []
-        for weights in (seen, fit(rest, WEIGHTS.temperature, near=seen)):
-            answers = [weighed(row, weights) for row in own]
-            right = sum(next(iter(p)) == truth(row) for p, row in zip(answers, own, strict=True))
-            loss = [-np.log(max(p.get(truth(row), 0.0), 1e-4)) for p, row in zip(answers, own, strict=True)]
-            found.append((right, float(np.mean(loss))))
-        (right_seen, loss_seen), (right_out, loss_out) = found
-        losses.append((len(own), loss_seen, loss_out, right_seen, right_out))
-        lines.append(f"{effect:30} {len(own):5}  {right_seen:15}  {right_out:15}  {loss_seen:18.3f}  {loss_out:18.3f}")
-    n, seen_loss, out_loss, right_seen, right_out = np.array(losses).T
-    lines.append(
-        f"{'all of them':30} {int(n.sum()):5}  {int(right_seen.sum()):15}  {int(right_out.sum()):15}"
-        f"  {float(n @ seen_loss / n.sum()):18.3f}  {float(n @ out_loss / n.sum()):18.3f}"
-    )
+        rest = [row for row in rows if effect not in row["effects"]]
+        both = (seen, fit(rest, WEIGHTS.temperature, near=seen))
+        answers = [[(row, weighed(row, weights)) for row in own] for weights in both]
+        right = [sum(next(iter(said)) == truth(row) for row, said in answer) for answer in answers]
+        loss = [sum(loss_of(row, said) for row, said in answer) for answer in answers]
+        found = np.array([len(own), *right, *loss])
+        total += found
+        say(effect, found)
+    say("all of them", total)
     return "\n".join(lines)
 
 
@@ -299,17 +315,24 @@ def main() -> None:
     parser.add_argument("other", type=Path, nargs="?", help="the folder to compare with")
     parser.add_argument("--cases", type=int, default=_ROUNDS * 68)
     parser.add_argument("--pairs", type=int, default=0, help="further campaigns of two effects")
+    parser.add_argument("--intact", type=int, default=0, help="further campaigns of no effect")
     parser.add_argument("--forms", choices=("own", "plain"), default="own")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--temperature", type=float, help="hold the temperature there")
     parser.add_argument("--fixed", action="store_true", help="report on the constants as they are")
     told = parser.parse_args()
     if told.step == "collect":
-        most, most_pairs = _FIRST_PAIR_SEED - 1, LAST_SEED - _FIRST_PAIR_SEED + 1
-        if told.cases > most or told.pairs > most_pairs:
-            parser.error(f"--cases goes to {most} and --pairs to {most_pairs}: seeds above {LAST_SEED} are for claims")
+        most = {
+            "cases": _FIRST_PAIR_SEED - 1,
+            "pairs": _FIRST_INTACT_SEED - _FIRST_PAIR_SEED,
+            "intact": LAST_SEED - _FIRST_INTACT_SEED + 1,
+        }
+        for name, limit in most.items():
+            if getattr(told, name) > limit:
+                parser.error(f"--{name} goes to {limit}: seeds above {LAST_SEED} are for claims")
         told.out.mkdir(parents=True, exist_ok=True)
-        rows = [row | {"forms": told.forms} for row in plan(told.cases) + more_pairs(told.pairs)]
+        planned = plan(told.cases) + more_pairs(told.pairs) + more_intact(told.intact)
+        rows = [row | {"forms": told.forms} for row in planned]
         with multiprocessing.get_context("spawn").Pool(told.workers) as pool:
             jobs = [pool.apply_async(collect_one, (row, told.out)) for row in rows]
             for k, job in enumerate(jobs, start=1):

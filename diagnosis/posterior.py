@@ -175,18 +175,18 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     resembles = max(unnamed, key=lambda text: unnamed[text])
     log_evidence["unknown"] = unnamed[resembles]
     shared = {_pair_name(pair): pair.shared for pair in pairs}
-    _add_strokes(log_evidence, shared, GRAIN, alone=grain.log_evidence, beside={}, is_whole=False)
+    by_strokes = _add_strokes(log_evidence, GRAIN, alone=grain.log_evidence, beside={}, is_whole=False)
     trend = trend_evidence(blocks_of(problem.campaign.states, problem.campaign.strokes))
     bending = [e.name for e in problem.campaign.plant.effects if bends_force(e)]
     for effect, alone in trend.alone.items():
         beside_cut = dict.fromkeys(bending, trend.beside_cutting[effect])
-        _add_strokes(log_evidence, shared, effect, alone=alone, beside=beside_cut, is_whole=True)
+        by_strokes |= _add_strokes(log_evidence, effect, alone=alone, beside=beside_cut, is_whole=True)
     members = {e.effect.name: e for e in explanations}
-    for name in log_evidence:
-        both = name.split(AND)
-        if len(both) == 2 and not np.isfinite(left_over.get(name, np.inf)) and shared.get(name) == 0.0:
+    for name in sorted(by_strokes):
+        shared[name] = 0.0
+        if AND in name and not np.isfinite(left_over.get(name, np.inf)):
             # Mean strokes do not know the grain.
-            shown = [members[n] for n in both if n != GRAIN]
+            shown = [members[n] for n in name.split(AND) if n != GRAIN]
             left_over[name] = _left_by(problem, dispersion, small, shown)
     probabilities = weigh(
         log_evidence, left_over, n_effects=len(problem.campaign.plant.effects), quiet=problem.quiet, shared=shared
@@ -258,18 +258,17 @@ def with_grain(explanation: Explanation, grain: Grain) -> Explanation:
 
 def _add_strokes(
     log_evidence: dict[str, float],
-    shared: dict[str, float],
     effect: str,
     *,
     alone: float,
     beside: Mapping[str, float],
     is_whole: bool,
-) -> None:
+) -> set[str]:
     """Add what single strokes say for or against an effect that mean strokes hardly show.
 
     Parameters
     ----------
-    log_evidence, shared : dict of str to float
+    log_evidence : dict of str to float
         By hypothesis; changed.
     effect : str
     alone : float
@@ -279,27 +278,37 @@ def _add_strokes(
     is_whole : bool
         The strokes know all of the effect: where they speak against it, what mean strokes say for it comes of
         something else.
+
+    Returns
+    -------
+    set of str
+        Hypotheses whose second effect rests on the strokes: what the first one's form misses does not look like it.
     """
     if effect not in log_evidence:
-        return
+        return set()
+    resting: set[str] = set()
     others = {n: v for n, v in log_evidence.items() if n not in VERDICTS and AND not in n and n != effect}
     with_effect = {n: v for n, v in log_evidence.items() if effect in n.split(AND)}
+
+    def counted(said: float, other: str) -> float:
+        is_bought = is_whole and other and said > 0.0
+        return STROKE_WEIGHT * said - (_STROKES_PRICE if is_bought else 0.0)
+
     for name, value in with_effect.items():
         other = next((n for n in name.split(AND) if n != effect), "")
         said = beside.get(other, alone)
         known = min(value, others.get(other, 0.0)) if is_whole and said < _AGAINST else value
-        price = _STROKES_PRICE if is_whole and other and said > 0.0 else 0.0
-        log_evidence[name] = known + STROKE_WEIGHT * said - price
+        log_evidence[name] = known + counted(said, other)
         if said > 0.0 or not is_whole:
-            shared[name] = 0.0
+            resting.add(name)
     for name in sorted(others, key=lambda n: -others[n])[:_N_FIRST]:
         both = AND.join(sorted((name, effect)))
         said = beside.get(name, alone)
         if is_whole and said <= 0.0:
             continue
-        added = STROKE_WEIGHT * said - (_STROKES_PRICE if is_whole else 0.0)
-        log_evidence[both] = max(log_evidence.get(both, -np.inf), others[name] + added)
-        shared[both] = 0.0
+        log_evidence[both] = max(log_evidence.get(both, -np.inf), others[name] + counted(said, name))
+        resting.add(both)
+    return resting
 
 
 def wide_scale(problem: LinearProblem) -> Floats:

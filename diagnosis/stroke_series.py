@@ -101,23 +101,17 @@ def stroke_series(
     log_k = np.asarray(log_k - np.polyval(np.polyfit(count, log_k, 1), count), dtype=np.float64)
     rate_hz = (turned[-1] - turned[0]) / TWO_PI / (time_s[-1] - time_s[0])
     samples = np.bincount(turn)[1:-1]
+    mean_force, mean_speed = (np.bincount(turn, values)[1:-1] / samples for values in (force_n, cutting))
+    # Regression with intercept, stroke by stroke.
+    slope = (work / samples - mean_force * mean_speed) / (square / samples - mean_speed**2)
     return StrokeSeries(
         label=recording.trial.trial_id,
         feed_m_s=1e-3 * feed_mm_s,
         rate_hz=float(rate_hz),
         log_k=log_k,
-        k_n_s_per_m=_slopes(turn, force_n, cutting),
-        time_s=np.asarray(np.bincount(turn, time_s)[1:-1] / np.maximum(samples, 1), dtype=np.float64),
+        k_n_s_per_m=np.asarray(slope, dtype=np.float64),
+        time_s=np.asarray(np.bincount(turn, time_s)[1:-1] / samples, dtype=np.float64),
     )
-
-
-def _slopes(turn: np.ndarray, force_n: Floats, cutting: Floats) -> Floats:
-    """Slope of force over cutting speed in every whole turn, by regression with intercept."""
-    count = np.bincount(turn)[1:-1]
-    mean_force, mean_speed = (np.bincount(turn, values)[1:-1] / count for values in (force_n, cutting))
-    common = np.bincount(turn, force_n * cutting)[1:-1] / count - mean_force * mean_speed
-    square = np.bincount(turn, cutting**2)[1:-1] / count - mean_speed**2
-    return np.asarray(common / square, dtype=np.float64)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -16,6 +16,7 @@ from types import MappingProxyType
 import numpy as np
 
 from bench.recording import Floats
+from diagnosis.effects import blade_wear, chip_thickness
 from diagnosis.effects.effect import Effect
 from diagnosis.log_mean import log_mean_exp
 from diagnosis.state import State
@@ -23,7 +24,7 @@ from diagnosis.stroke_series import StrokeSeries
 
 # Of the sensors' effects: a wandering zero leaves the slope of force over speed alone, the current has no part in it.
 _LEAVE_FORCE = ("force_offset_drift", "current_sensor_lag")
-WEAR, CHIP = "blade_wear", "chip_thickness"
+WEAR, CHIP = blade_wear.EFFECT.name, chip_thickness.EFFECT.name
 # Strokes are averaged over a block of that many; what a wood remembers for longer is fitted as memory of the blocks.
 _BLOCK = 20
 _MIN_TRIALS = 3
@@ -35,10 +36,7 @@ _PIECES = (0.012, 0.025, 0.045, 0.07)
 # Standard deviation of what is not asked for: hardness of a stock (logarithm), and its powers of speed and feed.
 _STOCK_STD = 3.0
 _FREE_STD, _LITTLE_STD = 0.5, 0.03
-_WEAR_UNIT_M = 10.0
-_GROWTHS = np.geomspace(0.01, 0.4, 12)
-_WEAR_POWERS = (0.5, 1.0, 1.5)
-_RUN_IN_M = (3.0, 10.0)
+_N_GROWTHS = 12
 _EXPONENTS = np.geomspace(0.1, 1.2, 10)
 
 
@@ -82,8 +80,7 @@ def blocks_of(states: Sequence[State], strokes: Sequence[StrokeSeries]) -> Block
     """
     running = {s.setting.label: s for s in states if s.kind == "running" and not s.setting.is_idle}
     stocks = {name: k for k, name in enumerate(dict.fromkeys(s.setting.stock for s in running.values()))}
-    rows: list[list[float]] = []
-    n_trials = 0
+    trials: list[Floats] = []
     for series in strokes:
         state = running.get(series.label)
         n = 0 if state is None else len(series.k_n_s_per_m) // _BLOCK
@@ -95,21 +92,21 @@ def blocks_of(states: Sequence[State], strokes: Sequence[StrokeSeries]) -> Block
             continue
         at_s = series.time_s[cut].reshape(n, _BLOCK).mean(axis=1)
         known_s = state.time_s[:, 0]
-        distance = np.interp(at_s, known_s, np.broadcast_to(state.cut_distance_m[:, 0], known_s.shape))
+        distance = np.interp(at_s, known_s, state.cut_distance_m[:, 0])
         speed = np.interp(at_s, known_s, state.speed_rad_s.mean(axis=1))
-        for k in range(n):
-            rows.append(
-                [np.log(hardness[k]), distance[k], np.log(speed[k]), np.log(series.feed_m_s), n_trials,
-                 stocks[state.setting.stock]]
-            )  # fmt: skip
-        n_trials += 1
-    if n_trials < _MIN_TRIALS:
+        same = [np.full(n, v) for v in (np.log(series.feed_m_s), len(trials), stocks[state.setting.stock])]
+        trials.append(np.column_stack([np.log(hardness), distance, np.log(speed), *same]))
+    if len(trials) < _MIN_TRIALS:
         return None
-    log_k, distance, log_speed, log_feed, trial, stock = np.array(rows).T
+    log_k, distance, log_speed, log_feed, trial, stock = np.vstack(trials).T
     return Blocks(
-        log_k=log_k, distance_m=distance, log_speed=log_speed - log_speed.mean(), log_feed=log_feed - log_feed.mean(),
-        trial=trial.astype(int), stock=stock.astype(int),
-    )  # fmt: skip
+        log_k=log_k,
+        distance_m=np.maximum(distance, 0.0),
+        log_speed=log_speed - log_speed.mean(),
+        log_feed=log_feed - log_feed.mean(),
+        trial=trial.astype(int),
+        stock=stock.astype(int),
+    )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -146,25 +143,28 @@ def trend_evidence(blocks: Blocks | None) -> Trend:
         return Trend(alone=MappingProxyType({}), beside_cutting=MappingProxyType({}))
     worn = _worn(blocks)
     chips = np.array([m * (blocks.log_feed - blocks.log_speed) for m in _EXPONENTS])
+    free, little = _FREE_STD, _LITTLE_STD
+    alone = _gained(blocks, {WEAR: worn, CHIP: chips}, speed_std=little, feed_std=little)
+    beside = _gained(blocks, {WEAR: worn}, speed_std=free, feed_std=free)
+    beside |= _gained(blocks, {CHIP: chips}, speed_std=free, feed_std=little)
+    return Trend(alone=MappingProxyType(alone), beside_cutting=MappingProxyType(beside))
 
-    def gained(means: Floats, speed_std: float, feed_std: float) -> float:
-        logs = _log_likelihoods(blocks, np.vstack([0.0 * means[:1], means]), speed_std=speed_std, feed_std=feed_std)
-        return log_mean_exp(logs[1:]) - float(logs[0])
 
-    little = _LITTLE_STD
-    return Trend(
-        alone=MappingProxyType({WEAR: gained(worn, little, little), CHIP: gained(chips, little, little)}),
-        beside_cutting=MappingProxyType(
-            {WEAR: gained(worn, _FREE_STD, _FREE_STD), CHIP: gained(chips, _FREE_STD, little)}
-        ),
-    )
+def _gained(blocks: Blocks, means: Mapping[str, Floats], *, speed_std: float, feed_std: float) -> dict[str, float]:
+    """Log evidence of each effect's means, shape (forms, n), evenly weighted, against none."""
+    none = np.zeros((1, len(blocks.log_k)))
+    logs = _log_likelihoods(blocks, np.vstack([none, *means.values()]), speed_std=speed_std, feed_std=feed_std)
+    ends = np.cumsum([1, *(len(mean) for mean in means.values())])
+    parts = np.split(logs, ends[:-1])[1:]
+    return {name: log_mean_exp(part) - float(logs[0]) for name, part in zip(means, parts, strict=True)}
 
 
 def _worn(blocks: Blocks) -> Floats:
     """Logarithm of the growth for every form and size, shape (forms * sizes, n)."""
-    forms = [(blocks.distance_m / _WEAR_UNIT_M) ** q for q in _WEAR_POWERS]
-    forms += [np.expm1(-blocks.distance_m / d) / np.expm1(-_WEAR_UNIT_M / d) for d in _RUN_IN_M]
-    return np.array([np.log1p(growth * form) for form, growth in product(forms, _GROWTHS)])
+    forms = [blade_wear.growth(blocks.distance_m, **shape) for shape in blade_wear.EFFECT.shapes]
+    strength = blade_wear.EFFECT.strength
+    sizes = strength.typical * np.geomspace(strength.low, strength.high, _N_GROWTHS)
+    return np.array([np.log1p(size * form) for form, size in product(forms, sizes)])
 
 
 def _log_likelihoods(blocks: Blocks, means: Floats, *, speed_std: float, feed_std: float) -> Floats:
@@ -173,8 +173,8 @@ def _log_likelihoods(blocks: Blocks, means: Floats, *, speed_std: float, feed_st
 
     same_trial = blocks.trial[:, None] == blocks.trial
     same_stock = blocks.stock[:, None] == blocks.stock
-    free = _STOCK_STD**2 * same_stock
-    free = free + speed_std**2 * np.outer(blocks.log_speed, blocks.log_speed)
+    free = _STOCK_STD**2 * same_stock.astype(np.float64)
+    free += speed_std**2 * np.outer(blocks.log_speed, blocks.log_speed)
     free += feed_std**2 * np.outer(blocks.log_feed, blocks.log_feed)
     place = np.arange(len(blocks.trial))
     lag = np.abs(place[:, None] - place)

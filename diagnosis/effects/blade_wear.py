@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from bench.recording import Floats
 from diagnosis.effects.effect import Effect, Strength
 from diagnosis.equations import Baseline, Signature
 from diagnosis.state import State
@@ -17,16 +18,32 @@ from diagnosis.state import State
 _UNIT_M = 10.0
 
 
-def _signature(baseline: Baseline, state: State, power: float = 1.0, run_in_m: float = 0.0) -> tuple[Signature, ...]:
+def growth(distance_m: Floats, power: float = 1.0, run_in_m: float = 0.0) -> Floats:
+    """How far the blade has dulled, 1 after 10 m: g of the equation above.
+
+    Parameters
+    ----------
+    distance_m : ndarray
+        Cut so far, at least 0.
+    power : float
+        q; without effect where the blade runs in.
+    run_in_m : float
+        d_0; 0 for a power of the distance.
+
+    Returns
+    -------
+    ndarray
+    """
+    if run_in_m > 0.0:
+        return np.expm1(-distance_m / run_in_m) / np.expm1(-_UNIT_M / run_in_m)
+    return (distance_m / _UNIT_M) ** power
+
+
+def _signature(baseline: Baseline, state: State, **shape: float) -> tuple[Signature, ...]:
     if state.setting.is_idle:
         return ({},)
-    distance_m = np.maximum(state.cut_distance_m, 0.0)
-    growth = (
-        np.expm1(-distance_m / run_in_m) / np.expm1(-_UNIT_M / run_in_m)
-        if run_in_m > 0.0
-        else (distance_m / _UNIT_M) ** power
-    )
-    return ({"cutting": baseline.expected_force(state) * growth},)
+    grown = growth(np.maximum(state.cut_distance_m, 0.0), **shape)
+    return ({"cutting": baseline.expected_force(state) * grown},)
 
 
 EFFECT = Effect(

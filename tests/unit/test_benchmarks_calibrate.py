@@ -21,9 +21,9 @@ def record(seed, kind, effects, log_evidence, *, forms="own"):
 
 
 def test_every_development_seed_is_drawn_once_and_stays_below_those_of_claims():
-    rows = calibrate_diagnosis.plan(272) + calibrate_diagnosis.more_pairs(60)
+    rows = [*calibrate_diagnosis.plan(272), *calibrate_diagnosis.more_pairs(200), *calibrate_diagnosis.more_intact(300)]
     seeds = [row["seed"] for row in rows]
-    assert len(set(seeds)) == len(seeds) == 332
+    assert len(set(seeds)) == len(seeds) == 772
     assert max(seeds) <= calibrate_diagnosis.LAST_SEED
     assert {e for row in rows[:68] if row["kind"] == "effect" for e in row["effects"]} == set(CATALOGUE)
     for row in calibrate_diagnosis.more_pairs(60):
@@ -36,8 +36,9 @@ def test_more_campaigns_leave_those_before_as_they_were():
     assert calibrate_diagnosis.plan(10) == calibrate_diagnosis.plan(80)[:10]
 
 
-def test_seeds_of_claims_are_refused(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr("sys.argv", ["calibrate_diagnosis", "collect", str(tmp_path), "--pairs", "501"])
+@pytest.mark.parametrize(("option", "number"), [("--cases", "500"), ("--pairs", "201"), ("--intact", "301")])
+def test_seeds_of_claims_are_refused(monkeypatch, tmp_path, capsys, option, number):
+    monkeypatch.setattr("sys.argv", ["calibrate_diagnosis", "collect", str(tmp_path), option, number])
     with pytest.raises(SystemExit):
         calibrate_diagnosis.main()
     assert "seeds above 999 are for claims" in capsys.readouterr().err

@@ -123,25 +123,24 @@ def test_effects_that_leave_the_force_alone_do_not_make_the_cut_seem_harder():
 
 
 def added(log_evidence, *, alone, beside=None, is_whole=True):
-    shared = dict.fromkeys((n for n in log_evidence if " + " in n), 0.7)
-    _add_strokes(log_evidence, shared, WEAR, alone=alone, beside=beside or {}, is_whole=is_whole)
-    return log_evidence, shared
+    resting = _add_strokes(log_evidence, WEAR, alone=alone, beside=beside or {}, is_whole=is_whole)
+    return log_evidence, resting
 
 
 def test_strokes_speak_for_an_effect_alone_and_beside_the_strongest_others():
-    found, shared = added({WEAR: 5.0, "edge_force": 100.0, "guide_friction": 40.0}, alone=3.0)
+    found, resting = added({WEAR: 5.0, "edge_force": 100.0, "guide_friction": 40.0}, alone=3.0)
     assert found[WEAR] == 5.0 + STROKE_WEIGHT * 3.0
     assert found[f"{WEAR} + edge_force"] == 100.0 + STROKE_WEIGHT * 3.0 - _STROKES_PRICE
     assert found["edge_force"] == 100.0
-    assert shared[f"{WEAR} + edge_force"] == 0.0
+    assert resting == {WEAR, f"{WEAR} + edge_force", f"{WEAR} + guide_friction"}
 
 
 def test_what_mean_strokes_say_is_not_believed_where_single_strokes_speak_against_it():
     pair = f"{WEAR} + edge_force"
-    found, shared = added({WEAR: 80.0, "edge_force": 100.0, pair: 190.0}, alone=-2.0)
+    found, resting = added({WEAR: 80.0, "edge_force": 100.0, pair: 190.0}, alone=-2.0)
     assert found[WEAR] == pytest.approx(-2.0 * STROKE_WEIGHT)
     assert found[pair] == pytest.approx(100.0 - 2.0 * STROKE_WEIGHT)
-    assert shared[pair] == 0.7
+    assert not resting
 
 
 def test_beside_another_effect_of_the_cut_the_strokes_say_less():
