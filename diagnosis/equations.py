@@ -65,8 +65,9 @@ class Baseline:
         return self.plant.crank_radius_m.nominal
 
     def blade_velocity(self, state: State) -> Floats:
-        """Blade velocity, m/s, positive away from the dead centre at angle 0 (Eq. 3)."""
-        return self.radius_m * state.speed_rad_s * np.sin(state.angle_rad)
+        """Blade velocity, m/s, positive away from the dead centre at angle 0: Eq. 3, and what was measured beyond."""
+        velocity = self.radius_m * state.speed_rad_s * np.sin(state.angle_rad)
+        return velocity if state.blade_excess_m_s is None else velocity + state.blade_excess_m_s
 
     def cutting_speed(self, state: State) -> Floats:
         """Speed of the blade into the wood, m/s: |v| on the cutting half, 0 on the return half."""

@@ -94,6 +94,8 @@ def mean_stroke(state: State) -> State:
         acceleration_rad_s2=speed * angle_derivative(speed),
         motor_voltage_v=state.motor_voltage_v.mean(axis=0, keepdims=True),
         n_strokes=np.array([float(state.n_strokes.sum())]),
+        # A prediction knows the crank alone.
+        blade_excess_m_s=None,
         slow={name: values.mean(axis=0, keepdims=True) for name, values in state.slow.items()},
         **{
             name: mean(getattr(state, name))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bench.processed import CrankAngle
 from bench.recording import Floats, Recording
-from bench.units import CHANNEL_BY_NAME
+from bench.units import CHANNEL_BY_NAME, DISPLACEMENT
 from diagnosis.state import TWO_PI, State, TrialSetting
 
 N_POINTS = 128
@@ -120,7 +120,7 @@ def band_limit(waves: Floats, n_harmonics: int = N_HARMONICS) -> Floats:
     return np.fft.irfft(spectrum, n_points, axis=-1)
 
 
-def smooth_state(state: State, blocks: Floats, n_harmonics: int = 5) -> State:
+def smooth_state(state: State, blocks: Floats, *, radius_m: float, n_harmonics: int = 5) -> State:
     """State to compute signatures from: averaged over the units, its motion limited to a few harmonics.
 
     A residual and a signature that share the same noise would shrink every parameter of the equation they stand
@@ -131,6 +131,8 @@ def smooth_state(state: State, blocks: Floats, n_harmonics: int = 5) -> State:
     state : State
     blocks : ndarray, shape (n_blocks, n_units)
         Averages units into time blocks; only the slow states differ from block to block.
+    radius_m : float
+        Of the crank: what the speed loses in harmonics, the blade's velocity keeps.
     n_harmonics : int
 
     Returns
@@ -153,6 +155,9 @@ def smooth_state(state: State, blocks: Floats, n_harmonics: int = 5) -> State:
     speed = mean(state.speed_rad_s, n_harmonics, shrunk=False)
     assert speed is not None
     changes: dict[str, Any] = {"speed_rad_s": speed, "acceleration_rad_s2": speed * angle_derivative(speed)}
+    if state.blade_excess_m_s is not None:
+        beyond = (state.speed_rad_s - speed[:1]) * radius_m * np.sin(state.angle_rad) + state.blade_excess_m_s
+        changes["blade_excess_m_s"] = mean(beyond, N_HARMONICS)
     for name in ("current_a", "current_rate_a_s", "battery_current_a"):
         changes[name] = mean(getattr(state, name), 2 * n_harmonics)
     for name in ("force_n", "force_rate_n_s"):
@@ -306,11 +311,24 @@ def running_state(
     points = (np.arange(N_POINTS) + 0.5) * TWO_PI / N_POINTS
     turns = grid.first_turn + (np.flatnonzero(is_covered) + 0.5) * grid.turns_per_unit
     middle_s = np.interp(turns * TWO_PI, angle.angle_rad, angle.time_s)[:, None]
-    return _assemble(
+    state = _assemble(
         "running", setting, np.broadcast_to(points, speed.shape), speed, speed * angle_derivative(speed), waves,
         {name: speed * angle_derivative(wave) for name, wave in waves.items()},
         middle_s, np.full(len(speed), float(grid.turns_per_unit)),
     )  # fmt: skip
+    missed = _missed_stroke(recording, angle, grid)
+    return state if missed is None else replace(state, blade_excess_m_s=speed * angle_derivative(missed[is_covered]))
+
+
+def _missed_stroke(recording: Recording, angle: CrankAngle, grid: Grid) -> Floats | None:
+    """What the displacement goes beyond that of the tracked angle, m, shape (n_units, n_points)."""
+    signal = recording.signals.get(DISPLACEMENT.name)
+    if signal is None:
+        return None
+    known = np.isfinite(signal.values)
+    turned = np.interp(signal.time_s[known], angle.time_s, angle.angle_rad)
+    beyond = DISPLACEMENT.si_factor * signal.values[known] - angle.radius_m * (1.0 - np.cos(turned))
+    return fold(beyond, grid.place(turned), grid.n_units)
 
 
 def _coverage(flat: np.ndarray, n_units: int) -> Floats:

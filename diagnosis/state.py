@@ -78,6 +78,9 @@ class State:
     n_strokes : ndarray, shape (n_units,)
     ripple_std_rad : ndarray, shape (k,)
         Standard uncertainty of the harmonics of the angle within the mean stroke; empty where none is known.
+    blade_excess_m_s : ndarray or None
+        Measured velocity of the blade beyond that of the crank's angle and speed: what the tracker of the angle is
+        too slow for, as where a plunger crosses its play. None where it was not measured.
     """
 
     kind: Literal["running", "start_up"]
@@ -98,3 +101,4 @@ class State:
     n_strokes: Floats
     slow: dict[str, Floats] = field(default_factory=dict)
     ripple_std_rad: Floats = field(default_factory=lambda: np.zeros(0))
+    blade_excess_m_s: Floats | None = None

@@ -101,7 +101,8 @@ def swing(baseline: Baseline, state: State, deviation_rad: Floats) -> Signature:
     found: Signature = {
         name: (up[name] - down[name]) / (2.0 * _STEP) for name in ("electrical", "mechanical") if name in up
     }
-    if state.force_n is not None and not state.setting.is_idle:
+    # Where the plunger's own velocity was measured, the force goes with that.
+    if state.force_n is not None and not state.setting.is_idle and state.blade_excess_m_s is None:
         expected = baseline.expected_force(read_larger) - baseline.expected_force(read_smaller)
         found["cutting"] = -expected / (2.0 * _STEP)
     return found

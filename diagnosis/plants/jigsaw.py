@@ -97,7 +97,7 @@ class Jigsaw:
 
     def smooth(self, state: State, blocks: Floats) -> State:
         """See `diagnosis.reduction.smooth_state`."""
-        return smooth_state(state, blocks)
+        return smooth_state(state, blocks, radius_m=self.baseline.radius_m)
 
     def model_error(self, layout: Layout, state: State) -> Floats:
         """Covariance of what no repetition shows, shape (layout.size, layout.size): a floor at each harmonic."""

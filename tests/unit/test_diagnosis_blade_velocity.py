@@ -1,0 +1,89 @@
+"""The cut goes with the blade's own velocity, which jumps where a plunger meets its crank pin."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench.recording import Recording, Signal, Trial
+from bench.units import CHANNEL_BY_NAME
+from diagnosis.effects.yoke_backlash import swing
+from diagnosis.linear_problem import block_matrix
+from diagnosis.reduction import lay_grid, running_state, smooth_state
+from diagnosis.state import TWO_PI
+from diagnosis.stroke_ripple import restore_ripple
+from processing.crank_angle import track_crank_angle
+from tests.contract.test_effects import BASELINE, setting_of
+
+RATE_HZ, STROKES_HZ, K_N_S_PER_M = 5000.0, 14.0, 300.0
+
+
+def running(gap_m, seed=1, seconds=6.0, noise_m=8e-6, start_s=2.0):
+    """Settled strokes of a crank that turns evenly; the plunger stays behind by the gap, and catches up in a jump."""
+    rng = np.random.default_rng(seed)
+    time_s = np.arange(int(seconds * RATE_HZ)) / RATE_HZ
+    turned = TWO_PI * STROKES_HZ * time_s
+    # Carried by one flank of the gap, then by the other: crossed within a few hundredths of a radian at two angles.
+    flank = np.tanh(np.sin(turned - 1.2) / 0.08)
+    stroke_m = BASELINE.radius_m * (1.0 - np.cos(turned)) + 0.5 * gap_m * flank
+    velocity = np.gradient(stroke_m, time_s)
+    force_n = K_N_S_PER_M * np.maximum(-velocity, 0.0)
+    values = {
+        "displacement_mm": 1e3 * (stroke_m + noise_m * rng.standard_normal(len(time_s))),
+        "force_n": force_n + 0.7 * rng.standard_normal(len(time_s)),
+    }
+    channels = {name: CHANNEL_BY_NAME[name] for name in values}
+    signals = {
+        name: Signal(channel=channel, unit=channel.unit, time_s=time_s, values=values[name])
+        for name, channel in channels.items()
+    }
+    measured_m = 1e-3 * values["displacement_mm"]
+    tracked = track_crank_angle(time_s, measured_m, nominal_radius_m=BASELINE.radius_m)
+    angle, _ = restore_ripple(tracked, time_s, measured_m)
+    recording = Recording(trial=Trial(trial_id="t", duty=0.5, material="oak", feed_mm_s=3.0), signals=signals)
+    state = running_state(recording, angle, setting_of(is_idle=False), start_s, seconds - 0.1)
+    assert lay_grid(angle, start_s, seconds - 0.1, RATE_HZ) is not None and state is not None
+    return state
+
+
+def force_beside_law(state, velocity):
+    """What the best linear law leaves of the mean force, over its peak."""
+    force_n = state.force_n.mean(axis=0)
+    speed = np.maximum(-velocity, 0.0)
+    return np.abs(force_n - (speed @ force_n) / (speed @ speed) * speed).max() / force_n.max()
+
+
+def test_the_force_of_a_plunger_that_jumps_goes_with_its_measured_velocity():
+    state = running(gap_m=3e-4)
+    crank_only = replace(state, blade_excess_m_s=None)
+    measured, of_crank = (BASELINE.blade_velocity(s).mean(axis=0) for s in (state, crank_only))
+    assert force_beside_law(state, measured) < 0.01
+    assert force_beside_law(state, of_crank) > 0.025
+
+
+def test_signatures_keep_the_measured_velocity():
+    state = running(gap_m=3e-4)
+    kept, lost = (
+        smooth_state(s, block_matrix(len(s.speed_rad_s)), radius_m=BASELINE.radius_m)
+        for s in (state, replace(state, blade_excess_m_s=None))
+    )
+    assert force_beside_law(state, BASELINE.blade_velocity(kept)[0]) < 0.01
+    assert force_beside_law(state, BASELINE.blade_velocity(lost)[0]) > 0.1
+
+
+def test_without_play_the_velocity_is_the_cranks():
+    state = running(gap_m=0.0)
+    smooth = smooth_state(state, block_matrix(len(state.speed_rad_s)), radius_m=BASELINE.radius_m)
+    peak = np.abs(BASELINE.blade_velocity(smooth)).max()
+    assert peak == pytest.approx(TWO_PI * STROKES_HZ * BASELINE.radius_m, rel=0.01)
+    assert np.abs(smooth.blade_excess_m_s).max() < 2e-3 * peak
+
+
+def test_play_changes_the_force_only_where_the_blade_was_not_measured():
+    state = running(gap_m=0.0)
+    state.slow["k_guess_n_s_per_m"] = K_N_S_PER_M * np.ones_like(state.time_s)
+    wave = 1e-3 * np.cos(2 * state.angle_rad)
+    assert "cutting" not in swing(BASELINE, state, wave)
+    assert "cutting" in swing(BASELINE, replace(state, blade_excess_m_s=None), wave)
