@@ -13,7 +13,7 @@ from bench.recording import Floats
 from diagnosis.effects.effect import Effect
 from diagnosis.linear_problem import LinearProblem, Marginal, Widened
 from diagnosis.log_mean import log_mean_exp
-from diagnosis.weighing import WEIGHTS
+from diagnosis.weighing import SIZE_TEMPERATURE
 
 _N_AMPLITUDES = 40
 # Less than this share of its typical size is background, not a cause.
@@ -92,7 +92,7 @@ class Explanation:
         if self.mixture is not None:
             return float(np.hypot(self.mixture[1] * self.effect.strength.typical, self.form_share * self.strength))
         typical = self.effect.strength.typical
-        step = np.sqrt(WEIGHTS.temperature) * self.amplitude_std
+        step = np.sqrt(SIZE_TEMPERATURE) * self.amplitude_std
         high, low = (
             self.effect.reported_strength(typical * max(self.amplitude + sign * step, 1e-6), self.column.shape)
             for sign in (1.0, -1.0)
@@ -213,6 +213,9 @@ def _explanation(columns: Sequence[Column], inner: Sequence[tuple[Floats, Floats
     for column, (gram, moment) in zip(columns, inner, strict=True):
         grid = amplitudes(column.effect.strength.low, column.effect.strength.high)
         log, solution, std, gain = _one(grid, gram, moment) if len(moment) == 1 else _several(grid, gram, moment)
+        leading = column.effect.leading
+        if 0 < leading < len(moment) and column.effect.amplitude(solution) < grid[0]:
+            log = min(log, _several(grid, gram[:leading, :leading], moment[:leading])[0])
         logs.append(log)
         fits.append((solution, std, gain))
     best = int(np.argmax(logs))
@@ -239,7 +242,7 @@ def _relative_spread(values: Floats, logs: Floats) -> float:
 
     No less than the shapes that were tried can resolve: even between the likeliest and the next value.
     """
-    weights = np.exp((logs - logs.max()) / WEIGHTS.temperature)
+    weights = np.exp((logs - logs.max()) / SIZE_TEMPERATURE)
     best = float(values[np.argmax(logs)])
     if not best:
         return 0.0

@@ -126,6 +126,15 @@ class LinearProblem:
             mask[part.place] = keep(part.setting)
         return mask
 
+    def rows_by_equation(self) -> dict[str, np.ndarray]:
+        """Indices of the features of each equation."""
+        found: dict[str, list[np.ndarray]] = {}
+        for part in self.parts:
+            rows = np.arange(part.place.start, part.place.stop).reshape(-1, part.layout.size)
+            for equation, place in part.layout.slices.items():
+                found.setdefault(equation, []).append(rows[:, place].ravel())
+        return {equation: np.concatenate(rows) for equation, rows in found.items()}
+
 
 def build_problem(campaign: Campaign, *, with_start_up: bool = True) -> LinearProblem:
     """Lay out features, noise and nuisances of a campaign.
@@ -291,7 +300,12 @@ class Marginal:
 
     def rest(self, columns: Floats) -> Floats:
         """What the best nuisances leave of columns, shape (n,) or (n, q)."""
-        return columns - self.design @ self._best(columns)
+        return self.split(columns)[1]
+
+    def split(self, columns: Floats) -> tuple[Floats, Floats]:
+        """Best nuisances of columns, shape (n,) or (n, q), in units of their prior std, and what they leave."""
+        best = self._best(columns)
+        return best, columns - self.design @ best
 
     def _best(self, columns: Floats) -> Floats:
         from scipy.linalg import cho_solve

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from bench.recording import Floats
+from diagnosis.credit import with_credit
 from diagnosis.discrepancy import discrepancy
 from diagnosis.dispersion import columns_with_noise, noise_factor, with_noise
 from diagnosis.evidence import (
@@ -26,7 +27,7 @@ from diagnosis.linear_problem import WIDE, LinearProblem, Marginal
 from diagnosis.off_stroke import Finding, off_stroke_finding
 from diagnosis.stroke_series import Grain, grain_evidence
 from diagnosis.stroke_trend import bends_force, blocks_of, trend_evidence
-from diagnosis.weighing import AND, VERDICTS, weigh
+from diagnosis.weighing import AND, VERDICTS, WEIGHTS, weigh
 
 GRAIN = "grain_variation"
 Verdict = Literal["effect", "effects", "parameters", "no_gap", "unknown"]
@@ -34,7 +35,10 @@ Verdict = Literal["effect", "effects", "parameters", "no_gap", "unknown"]
 _N_FORMED, _N_FIRST, _N_PAIRS = 12, 5, 8
 _SCREEN_SHARE = 0.05
 # Strokes are independent and their spectrum is fitted: what they say is tempered less than whitened features are.
-STROKE_WEIGHT = 4.0
+_STROKE_TEMPERATURE = 1.5
+STROKE_WEIGHT = WEIGHTS.temperature / _STROKE_TEMPERATURE
+# Beside another effect, where evidence is counted in nats of features, one nat of the strokes is that many.
+BESIDE_WEIGHT = 4.0
 # Depths of a wave in the wood are tried in steps of this share.
 GRAIN_STEP = 0.5
 _WORTH_FORMING = 6.0
@@ -148,7 +152,8 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     retuned = Marginal(problem, scale=wide_scale(problem), extra=small)
     reference = _log_z(nominal)
     log_evidence = {"no_gap": 0.0, "parameters": _log_z(retuned) - reference}
-    rough = sorted(catalogue.explain(nominal).values(), key=lambda e: -e.log_evidence)
+    found = (with_credit(problem, nominal, e) for e in catalogue.explain(nominal).values())
+    rough = sorted(found, key=lambda e: -e.log_evidence)
     modes = {e.effect.name: _modes(problem, e) for e in rough[:_N_FORMED]}
     formed = [
         _with_form(problem, small, e, columns[e.effect.name], modes[e.effect.name], reference)
@@ -291,8 +296,9 @@ def _add_strokes(
     with_effect = {n: v for n, v in log_evidence.items() if effect in n.split(AND)}
 
     def counted(said: float, other: str) -> float:
-        is_bought = is_whole and other and said > 0.0
-        return STROKE_WEIGHT * said - (_STROKES_PRICE if is_bought else 0.0)
+        if not other:
+            return STROKE_WEIGHT * said
+        return BESIDE_WEIGHT * said - (_STROKES_PRICE if is_whole and said > 0.0 else 0.0)
 
     for name, value in with_effect.items():
         other = next((n for n in name.split(AND) if n != effect), "")
@@ -409,8 +415,9 @@ def _pairs(
         for other, found in catalogue.explain(marginal).items():
             if other == name:
                 continue
-            total = found.log_evidence + _log_z(marginal)
-            rough.setdefault(frozenset((name, other)), []).append((total, first, found))
+            second = with_credit(problem, marginal, found) if found.log_evidence > _WORTH_FORMING else found
+            total = second.log_evidence + _log_z(marginal)
+            rough.setdefault(frozenset((name, other)), []).append((total, first, second))
     best = sorted(rough.values(), key=lambda orders: -max(total for total, *_ in orders))[:_N_PAIRS]
     pairs = []
     for orders in best:

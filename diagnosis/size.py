@@ -23,7 +23,7 @@ from bench.recording import Floats
 from diagnosis.dispersion import stacked_with_noise, with_noise
 from diagnosis.evidence import Column, Explanation
 from diagnosis.linear_problem import LinearProblem, Marginal
-from diagnosis.weighing import WEIGHTS
+from diagnosis.weighing import SIZE_TEMPERATURE
 
 # What nuisances leave of a form's square, at least, for it to have a weight; and what a form that is nearly the sum of
 # others has of its own: there the weights are shared evenly.
@@ -80,7 +80,7 @@ def mixed(
     """
     if not is_mixable(columns):
         return member
-    variance = WEIGHTS.temperature * dispersion
+    variance = SIZE_TEMPERATURE * dispersion
     named = {member.effect.name, *(other.effect.name for other in beside)}
     fixed = [other.column.columns * other.effect.strength.high for other in beside]
     others = [entries for name, entries in small.items() if name not in named]

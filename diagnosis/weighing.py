@@ -16,6 +16,8 @@ import numpy as np
 
 VERDICTS = ("no_gap", "parameters", "unknown")
 AND = " + "
+# Divides what the features say of the size of an effect: no form is nature's, and sizes miss more by that than causes.
+SIZE_TEMPERATURE = 6.0
 # Times `quiet`: what is left below that is no share of the gap.
 LEFT_BY_AN_INTACT_MACHINE = 1.7
 
@@ -42,7 +44,7 @@ class Weights:
         The rest belongs to the effects, evenly.
     """
 
-    temperature: float = 6.0
+    temperature: float = 4.0
     quiet: float = 0.15
     pair_gain: float = 1.4
     pair_least: float = 11.0

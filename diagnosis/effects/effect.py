@@ -84,6 +84,9 @@ class Effect:
     size_of : callable, optional
         Coefficients of the columns, in multiples of the typical size -> size of the effect; without it the one
         coefficient, or the root of the sum of squares of the first two (sine and cosine).
+    leading : int
+        Signatures of each shape that must have the least size for the further ones, overtones, to count; 0 where all
+        are alike.
     same_as : tuple of str
         Ids whose equation on this plant is the very same term: no campaign can tell them apart.
     """
@@ -102,6 +105,7 @@ class Effect:
     background: tuple[tuple[dict[str, float], float], ...] | None = None
     combine: Callable[..., Signature] | None = None
     size_of: Callable[[Floats], float] | None = None
+    leading: int = 0
     same_as: tuple[str, ...] = ()
 
     def signatures(self, baseline: Any, state: State, shape: dict[str, float] | None = None) -> tuple[Signature, ...]:

@@ -45,6 +45,7 @@ EFFECT = Effect(
     grows_with=("position", "load"),
     confused_with=("carriage_resonance",),
     told_apart_by="trials at other speeds: it keeps its blade position, a resonance its frequency",
+    leading=2,
     background=tuple(
         ({"pitch_m": 1.0 / n, "sharp": 0.0}, 0.03) for n in (240.0, 275.0, 310.0, 345.0, 380.0, 420.0, 470.0, 530.0)
     ),

@@ -388,3 +388,29 @@ def test_unwhitened_features_are_those_of_the_signature(problem):
     for part in problem.parts:
         waves = {"mechanical": np.broadcast_to(friction(part.smooth)["mechanical"], part.smooth.angle_rad.shape)}
         assert np.allclose(part.unwhiten(stacked), part.layout.place(waves, len(part.smooth.angle_rad)), atol=1e-12)
+
+
+def sharp_teeth(first, overtone, seed=5):
+    """Evidence of a sharp tooth's six columns, and of its fundamental alone, for a gap of that composition."""
+    problem = small_problem(1)
+    effect = EFFECT_BY_NAME["tooth_passing_ripple"]
+    columns = 3.0 * np.random.default_rng(seed).standard_normal((N_ROWS, 6))
+    gap = columns @ np.array([first, 0.0, 0.0, overtone, 0.0, 0.0])
+    problem = replace(problem, data=problem.data + gap)
+    marginal = Marginal(problem)
+    shape = next(shape for shape in effect.shapes if shape["sharp"])
+    whole, alone = (
+        explain(marginal, [Column(effect=effect, shape=shape, columns=columns[:, :count])]).log_evidence
+        for count in (6, 2)
+    )
+    return whole, alone
+
+
+def test_overtones_without_a_fundamental_are_no_tooth():
+    whole, alone = sharp_teeth(0.0, 1.0)
+    assert whole <= alone < 10.0
+
+
+def test_overtones_beside_their_fundamental_count():
+    whole, alone = sharp_teeth(1.0, 1.0)
+    assert whole > alone + 20.0

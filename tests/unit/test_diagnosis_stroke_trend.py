@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from diagnosis.effects.catalogue import EFFECT_BY_NAME
-from diagnosis.posterior import _STROKES_PRICE, STROKE_WEIGHT, _add_strokes
+from diagnosis.posterior import _STROKES_PRICE, BESIDE_WEIGHT, STROKE_WEIGHT, _add_strokes
 from diagnosis.state import State, TrialSetting
 from diagnosis.stroke_series import StrokeSeries
 from diagnosis.stroke_trend import CHIP, WEAR, bends_force, blocks_of, trend_evidence
@@ -130,7 +130,7 @@ def added(log_evidence, *, alone, beside=None, is_whole=True):
 def test_strokes_speak_for_an_effect_alone_and_beside_the_strongest_others():
     found, resting = added({WEAR: 5.0, "edge_force": 100.0, "guide_friction": 40.0}, alone=3.0)
     assert found[WEAR] == 5.0 + STROKE_WEIGHT * 3.0
-    assert found[f"{WEAR} + edge_force"] == 100.0 + STROKE_WEIGHT * 3.0 - _STROKES_PRICE
+    assert found[f"{WEAR} + edge_force"] == 100.0 + BESIDE_WEIGHT * 3.0 - _STROKES_PRICE
     assert found["edge_force"] == 100.0
     assert resting == {WEAR, f"{WEAR} + edge_force", f"{WEAR} + guide_friction"}
 
@@ -139,17 +139,17 @@ def test_what_mean_strokes_say_is_not_believed_where_single_strokes_speak_agains
     pair = f"{WEAR} + edge_force"
     found, resting = added({WEAR: 80.0, "edge_force": 100.0, pair: 190.0}, alone=-2.0)
     assert found[WEAR] == pytest.approx(-2.0 * STROKE_WEIGHT)
-    assert found[pair] == pytest.approx(100.0 - 2.0 * STROKE_WEIGHT)
+    assert found[pair] == pytest.approx(100.0 - 2.0 * BESIDE_WEIGHT)
     assert not resting
 
 
 def test_beside_another_effect_of_the_cut_the_strokes_say_less():
     pair = f"{WEAR} + edge_force"
     found, _ = added({WEAR: 5.0, "edge_force": 100.0, "guide_friction": 40.0}, alone=5.0, beside={"edge_force": 1.0})
-    assert found[pair] == 100.0 + STROKE_WEIGHT - _STROKES_PRICE
-    assert found[f"{WEAR} + guide_friction"] == 40.0 + 5.0 * STROKE_WEIGHT - _STROKES_PRICE
+    assert found[pair] == 100.0 + BESIDE_WEIGHT - _STROKES_PRICE
+    assert found[f"{WEAR} + guide_friction"] == 40.0 + 5.0 * BESIDE_WEIGHT - _STROKES_PRICE
 
 
 def test_a_grain_that_strokes_show_costs_nothing_beside_another_effect():
     found, _ = added({WEAR: 5.0, "edge_force": 100.0}, alone=50.0, is_whole=False)
-    assert found[f"{WEAR} + edge_force"] == 100.0 + 50.0 * STROKE_WEIGHT
+    assert found[f"{WEAR} + edge_force"] == 100.0 + 50.0 * BESIDE_WEIGHT
