@@ -44,16 +44,16 @@ class Weights:
         The rest belongs to the effects, evenly.
     """
 
-    temperature: float = 4.0
+    temperature: float = 3.0
     quiet: float = 0.15
     pair_gain: float = 1.4
     pair_least: float = 11.0
     pair_share: float = 0.7
-    open_gain: float = 2.0
-    open_share: float = 0.45
-    prior_no_gap: float = 0.4
-    prior_parameters: float = 0.18
-    prior_unknown: float = 0.085
+    open_gain: float = 2.6
+    open_share: float = 0.47
+    prior_no_gap: float = 0.45
+    prior_parameters: float = 0.15
+    prior_unknown: float = 0.06
 
 
 WEIGHTS = Weights()
