@@ -14,6 +14,7 @@ import numpy as np
 from bench.recording import Floats
 from diagnosis.effects.effect import BACKGROUND_SHARE, Effect, Strength
 from diagnosis.equations import Baseline, Signature, is_angle_known, residuals
+from diagnosis.reduction import START_UP_STEP_S
 from diagnosis.state import State
 
 _N_BENT_HARMONICS = 4
@@ -80,6 +81,27 @@ def _warming_friction(
     return ({"mechanical": cold * (speed / _UNIT_RAD_S if viscous else np.ones_like(speed))},)
 
 
+def _soft_start(
+    baseline: Baseline, state: State, length_s: float, from_share: float, decays: float
+) -> tuple[Signature, ...]:
+    """Voltage held back at the start, whatever the current: a ramp of the duty, or one that ends like a decay.
+
+    As with a current limit, the baseline still counts it (electrical residual positive) and expects more battery
+    current (converter residual negative, by the same share of the current).
+    """
+    if state.kind != "start_up" or state.current_a is None:
+        return ({},)
+    since_s = (np.arange(state.angle_rad.shape[1]) + 0.5) * START_UP_STEP_S
+    missing = np.exp(-since_s / length_s) if decays else np.maximum(1.0 - since_s / length_s, 0.0)
+    missing = (1.0 - from_share) * missing
+    return (
+        {
+            "electrical": missing * state.motor_voltage_v,
+            "converter": -missing * state.setting.duty * state.current_a,
+        },
+    )
+
+
 BENT_DISPLACEMENT = Effect(
     name="bent displacement sensor",
     place="sensing",
@@ -99,4 +121,21 @@ WARMING_FRICTION = Effect(
         {"time_constant_s": float(tau), "viscous": viscous} for tau in (3.0, 10.0, 30.0) for viscous in (0.0, 1.0)
     ),
 )
-BEYOND_CATALOGUE = (BENT_DISPLACEMENT, WARMING_FRICTION)
+SOFT_START = Effect(
+    name="voltage that is ramped up at every start",
+    place="electrical",
+    equation="duty * (1 - (1 - d_0) g(t / T)) after the start, g a ramp or a decay",
+    strength=Strength(
+        name="voltage_share_held_back", unit="1", typical=1.0, low=0.5, high=1.2, source="assumed; power-tool switches"
+    ),
+    signature=_soft_start,
+    shapes=(
+        *(
+            {"length_s": float(length), "from_share": share, "decays": 0.0}
+            for length in np.geomspace(0.02, 0.4, 10)
+            for share in (0.0, 0.25, 0.5)
+        ),
+        *({"length_s": float(length), "from_share": 0.0, "decays": 1.0} for length in np.geomspace(0.01, 0.2, 8)),
+    ),
+)
+BEYOND_CATALOGUE = (BENT_DISPLACEMENT, WARMING_FRICTION, SOFT_START)

@@ -215,7 +215,8 @@ def _explanation(columns: Sequence[Column], inner: Sequence[tuple[Floats, Floats
         log, solution, std, gain = _one(grid, gram, moment) if len(moment) == 1 else _several(grid, gram, moment)
         leading = column.effect.leading
         if 0 < leading < len(moment) and column.effect.amplitude(solution) < grid[0]:
-            log = min(log, _several(grid, gram[:leading, :leading], moment[:leading])[0])
+            log, first, std, gain = _several(grid, gram[:leading, :leading], moment[:leading])
+            solution = np.concatenate([first, np.zeros(len(moment) - leading)])
         logs.append(log)
         fits.append((solution, std, gain))
     best = int(np.argmax(logs))

@@ -27,26 +27,24 @@ from diagnosis.linear_problem import WIDE, LinearProblem, Marginal
 from diagnosis.off_stroke import Finding, off_stroke_finding
 from diagnosis.stroke_series import Grain, grain_evidence
 from diagnosis.stroke_trend import bends_force, blocks_of, trend_evidence
-from diagnosis.weighing import AND, VERDICTS, WEIGHTS, weigh
+from diagnosis.weighing import AND, VERDICTS, weigh
 
 GRAIN = "grain_variation"
 Verdict = Literal["effect", "effects", "parameters", "no_gap", "unknown"]
 
 _N_FORMED, _N_FIRST, _N_PAIRS = 12, 5, 8
 _SCREEN_SHARE = 0.05
-# Strokes are independent and their spectrum is fitted: what they say is tempered less than whitened features are.
-_STROKE_TEMPERATURE = 1.5
-STROKE_WEIGHT = WEIGHTS.temperature / _STROKE_TEMPERATURE
-# Beside another effect, where evidence is counted in nats of features, one nat of the strokes is that many.
-BESIDE_WEIGHT = 4.0
+# Strokes are independent and their spectrum is fitted: one nat of theirs counts as that many of whitened features. The
+# same alone and beside another effect: else any second name would make the strokes speak louder.
+STROKE_WEIGHT = 4.0
+_WAVE_IN_TIME_WEIGHT = 2.0
 # Depths of a wave in the wood are tried in steps of this share.
 GRAIN_STEP = 0.5
 _WORTH_FORMING = 6.0
 # Log evidence of the strokes below which they speak against an effect.
 _AGAINST = -1.0
-# Taken off a second effect for which strokes speak, so that about 4 nats of theirs are needed: with a dozen pieces of
-# wood luck looks like a worn blade or a thick chip, and a second effect of one given kind is rare.
-_STROKES_PRICE = 6.0
+# Taken off a worn blade and a thick chip for which strokes speak: with a dozen pieces of wood luck looks like either.
+_STROKES_PRICE = 7.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -295,16 +293,14 @@ def _add_strokes(
     others = {n: v for n, v in log_evidence.items() if n not in VERDICTS and AND not in n and n != effect}
     with_effect = {n: v for n, v in log_evidence.items() if effect in n.split(AND)}
 
-    def counted(said: float, other: str) -> float:
-        if not other:
-            return STROKE_WEIGHT * said
-        return BESIDE_WEIGHT * said - (_STROKES_PRICE if is_whole and said > 0.0 else 0.0)
+    def counted(said: float) -> float:
+        return STROKE_WEIGHT * said - (_STROKES_PRICE if is_whole and said > 0.0 else 0.0)
 
     for name, value in with_effect.items():
         other = next((n for n in name.split(AND) if n != effect), "")
         said = beside.get(other, alone)
         known = min(value, others.get(other, 0.0)) if is_whole and said < _AGAINST else value
-        log_evidence[name] = known + counted(said, other)
+        log_evidence[name] = known + counted(said)
         if said > 0.0 or not is_whole:
             resting.add(name)
     for name in sorted(others, key=lambda n: -others[n])[:_N_FIRST]:
@@ -312,7 +308,7 @@ def _add_strokes(
         said = beside.get(name, alone)
         if is_whole and said <= 0.0:
             continue
-        log_evidence[both] = max(log_evidence.get(both, -np.inf), others[name] + counted(said, name))
+        log_evidence[both] = max(log_evidence.get(both, -np.inf), others[name] + counted(said))
         resting.add(both)
     return resting
 
@@ -392,7 +388,7 @@ def _unnamed(
     """Log evidence of whatever is not in the catalogue, by what it looks like; "" for a gap of no particular form."""
     found = {"": discrepancy(problem, small) - reference, **beyond}
     # A wave that keeps its frequency in time rather than its length on the path is not the wood's.
-    found["hardness of the wood that waves in time, not along the feed"] = STROKE_WEIGHT * grain.in_time
+    found["hardness of the wood that waves in time, not along the feed"] = _WAVE_IN_TIME_WEIGHT * grain.in_time
     if beside is not None:
         found[beside.text] = beside.log_evidence
     return found

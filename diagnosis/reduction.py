@@ -38,6 +38,8 @@ _SPIN_UP_S = 0.8
 # A harmonic counts in a signature as far as its power is above that many times its own variance.
 _NOISE_MARGIN = 3.0
 _MIN_ROWS_TO_SHRINK = 4
+# Displacement that far from the tracked one, as a share of the radius, is a spike; play is less.
+_SPIKE = 0.1
 # Below it the force says nothing of the angle.
 _LEAST_SWING_N = 3.0
 
@@ -155,7 +157,9 @@ def smooth_state(state: State, blocks: Floats, *, radius_m: float, n_harmonics: 
     speed = mean(state.speed_rad_s, n_harmonics, shrunk=False)
     assert speed is not None
     changes: dict[str, Any] = {"speed_rad_s": speed, "acceleration_rad_s2": speed * angle_derivative(speed)}
-    if state.blade_excess_m_s is not None:
+    if state.blade_excess_m_s is not None and len(state.speed_rad_s) < _MIN_ROWS_TO_SHRINK:
+        changes["blade_excess_m_s"] = None
+    elif state.blade_excess_m_s is not None:
         beyond = (state.speed_rad_s - speed[:1]) * radius_m * np.sin(state.angle_rad) + state.blade_excess_m_s
         changes["blade_excess_m_s"] = mean(beyond, N_HARMONICS)
     for name in ("current_a", "current_rate_a_s", "battery_current_a"):
@@ -325,10 +329,11 @@ def _missed_stroke(recording: Recording, angle: CrankAngle, grid: Grid) -> Float
     signal = recording.signals.get(DISPLACEMENT.name)
     if signal is None:
         return None
-    known = np.isfinite(signal.values)
-    turned = np.interp(signal.time_s[known], angle.time_s, angle.angle_rad)
-    beyond = DISPLACEMENT.si_factor * signal.values[known] - angle.radius_m * (1.0 - np.cos(turned))
-    return fold(beyond, grid.place(turned), grid.n_units)
+    turned = np.interp(signal.time_s, angle.time_s, angle.angle_rad)
+    beyond = DISPLACEMENT.si_factor * signal.values - angle.radius_m * (1.0 - np.cos(turned))
+    at_samples = grid.place(turned)
+    at_samples[np.abs(beyond) > _SPIKE * angle.radius_m] = -1
+    return fold(beyond, at_samples, grid.n_units)
 
 
 def _coverage(flat: np.ndarray, n_units: int) -> Floats:

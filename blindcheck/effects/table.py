@@ -68,6 +68,7 @@ LOOKED_FOR_OUTSIDE = frozenset(
     for effect in (
         outside.displacement_bow,
         outside.grease_warming,
+        outside.soft_start,
         outside.hand_sway,
         outside.alternating_strokes,
         outside.supply_ripple,

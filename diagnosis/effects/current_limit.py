@@ -15,18 +15,27 @@ import numpy as np
 from bench.recording import Floats
 from diagnosis.effects.effect import Effect, Strength
 from diagnosis.equations import Baseline, Signature
+from diagnosis.reduction import START_UP_STEP_S
 from diagnosis.state import State
 
 # Width of the hard limit's edge over the distance of the edge from the top current.
 _EDGE = 0.25
+# A limiter that lets go slowly: how far above the limit, as a share of the top current, all the voltage is held back.
+_FULL_EXCESS = 0.4
+_LIMITS, _RELEASES_S = tuple(float(s) for s in np.linspace(0.44, 0.92, 9)), (0.02, 0.04, 0.08, 0.16, 0.32)
 
 
-def _signature(baseline: Baseline, state: State, share: float, soft: float) -> tuple[Signature, ...]:
+def _signature(
+    baseline: Baseline, state: State, share: float, soft: float = 0.0, release_s: float = 0.0
+) -> tuple[Signature, ...]:
     top_a = state.slow["top_current_a"]
     if state.current_a is None or not np.all(top_a > 0.0):
         return ({},)
     plant = baseline.plant
-    if soft:
+    if release_s:
+        excess = np.maximum(state.current_a / top_a - share, 0.0)
+        lack_v = state.motor_voltage_v * _held(state, excess, release_s) / _FULL_EXCESS
+    elif soft:
         left_v = np.maximum(state.motor_voltage_v - plant.resistance_ohm.nominal * top_a, 0.0)
         lack_v = left_v * np.clip((state.current_a / top_a - share) / (1.0 - share), 0.0, 1.0)
     else:
@@ -35,6 +44,19 @@ def _signature(baseline: Baseline, state: State, share: float, soft: float) -> t
         )
     pulled_back = lack_v / np.maximum(state.motor_voltage_v, 1e-3)
     return ({"electrical": lack_v, "converter": -state.setting.duty * pulled_back * state.current_a},)
+
+
+def _held(state: State, excess: Floats, release_s: float) -> Floats:
+    """Largest excess so far, each let go with a time constant, of the shape of the state."""
+    n = excess.shape[-1]
+    if state.kind == "start_up":
+        since_s = START_UP_STEP_S * np.arange(n)
+    else:
+        # A stroke and the one before it: what was held then is still there.
+        excess = np.concatenate([excess, excess], axis=-1)
+        since_s = np.cumsum(2.0 * np.pi / n / np.tile(state.speed_rad_s, 2), axis=-1)
+    grown = np.exp(np.minimum(since_s / release_s, 300.0))
+    return (np.maximum.accumulate(excess * grown, axis=-1) / grown)[..., -n:]
 
 
 def _left_over(baseline: Baseline, state: State, current_a: Floats) -> Floats:
@@ -52,6 +74,7 @@ EFFECT = Effect(
     shapes=(
         *({"share": s, "soft": 0.0} for s in (0.98, 0.92, 0.85, 0.7, 0.55, 0.4, 0.25, 0.1)),
         *({"share": s, "soft": 1.0} for s in (0.5, 0.7, 0.85)),
+        *({"share": s, "release_s": tau} for s in _LIMITS for tau in _RELEASES_S),
     ),
     needs=("motor_current_a", "battery_voltage_v"),
     grows_with=("load",),

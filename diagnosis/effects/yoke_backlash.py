@@ -6,8 +6,9 @@ The displacement sensor sits on the plunger, so the crank angle that is read off
 not: back-EMF and inertia torque of the baseline go with the wrong speed, by far the largest trace, and all of
 it is fixed in angle. Where the gap is crossed, and how (free flight, friction, bounce), no form says well:
 here the swing is any wave of harmonics that fall as those of a jump do, one in air and one under load, which may
-change with speed and stock. What tells it from an unknown cause is that one wave explains every equation; what
-tells it from a bent sensor is that this reads the same wave in air and under load. Clearance: assumed.
+change with speed and stock. What tells it from an unknown cause is that one wave explains back-EMF and inertia and
+the cut goes with the plunger's own velocity; what tells it from a bent sensor is that this reads the same wave in air
+and under load, and the force misses it. Clearance: assumed.
 """
 
 from __future__ import annotations
@@ -84,7 +85,10 @@ def apparent_gap(coefficients: Floats) -> float:
 
 
 def swing(baseline: Baseline, state: State, deviation_rad: Floats) -> Signature:
-    """Change of the residuals for an angle that is read too large by a periodic wave, rad, per unit of the wave."""
+    """Change of the residuals for an angle that is read too large by a periodic wave, rad, per unit of the wave.
+
+    The plunger is where the sensor sees it, and the cut goes with its velocity: no gap of the cutting law.
+    """
     excess_speed = state.speed_rad_s * angle_derivative(deviation_rad)
     excess_acceleration = state.speed_rad_s * angle_derivative(excess_speed)
 
@@ -101,10 +105,6 @@ def swing(baseline: Baseline, state: State, deviation_rad: Floats) -> Signature:
     found: Signature = {
         name: (up[name] - down[name]) / (2.0 * _STEP) for name in ("electrical", "mechanical") if name in up
     }
-    # Where the plunger's own velocity was measured, the force goes with that.
-    if state.force_n is not None and not state.setting.is_idle and state.blade_excess_m_s is None:
-        expected = baseline.expected_force(read_larger) - baseline.expected_force(read_smaller)
-        found["cutting"] = -expected / (2.0 * _STEP)
     return found
 
 

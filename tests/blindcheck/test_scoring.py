@@ -316,5 +316,6 @@ def test_every_form_that_the_diagnosis_has_beyond_its_catalogue_is_accounted_for
     forms = {
         "bent displacement sensor": "displacement_bow",
         "friction that falls as the machine warms up": "grease_warming",
+        "voltage that is ramped up at every start": "soft_start",
     }
     assert {forms[effect.name] for effect in BEYOND_CATALOGUE} < LOOKED_FOR_OUTSIDE < set(OUTSIDE)

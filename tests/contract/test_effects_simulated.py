@@ -256,7 +256,8 @@ def test_a_swing_of_the_read_angle(order, cuts):
     )
     true = Machine(cuts=cuts).run()
     wave = size * (np.cos(order * true.angle_rad) + 0.5 * np.sin(order * true.angle_rad))
-    seen = {name: 0.5 * (larger[name] - smaller[name]) for name in larger}
+    # The blade of this machine goes with the crank: only what a swing of the reading does is compared, not the cut.
+    seen = {name: 0.5 * (larger[name] - smaller[name]) for name in ("electrical", "mechanical")}
     compare(seen, swing(BASELINE, true, wave), 0.02)
 
 
@@ -268,7 +269,7 @@ def test_backlash_is_made_of_swings():
     for order, part in ((1, parts[1]), (4, parts[7])):
         turn = 1e-5 / (2 * RADIUS) / np.sqrt(order)
         larger, smaller = (gap(Machine(bend=((order, 0.0, sign * turn),)).run()) for sign in (1.0, -1.0))
-        seen = {name: 0.5 * (larger[name] - smaller[name]) for name in larger}
+        seen = {name: 0.5 * (larger[name] - smaller[name]) for name in ("electrical", "mechanical")}
         compare(seen, {name: 1e-5 * wave for name, wave in part.items()}, 0.02)
 
 

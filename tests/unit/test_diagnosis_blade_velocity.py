@@ -15,12 +15,13 @@ from diagnosis.reduction import lay_grid, running_state, smooth_state
 from diagnosis.state import TWO_PI
 from diagnosis.stroke_ripple import restore_ripple
 from processing.crank_angle import track_crank_angle
+from tests.contract import test_effects
 from tests.contract.test_effects import BASELINE, setting_of
 
 RATE_HZ, STROKES_HZ, K_N_S_PER_M = 5000.0, 14.0, 300.0
 
 
-def running(gap_m, seed=1, seconds=6.0, noise_m=8e-6, start_s=2.0):
+def running(gap_m, seed=1, seconds=6.0, noise_m=8e-6, start_s=2.0, spike_m=0.0):
     """Settled strokes of a crank that turns evenly; the plunger stays behind by the gap, and catches up in a jump."""
     rng = np.random.default_rng(seed)
     time_s = np.arange(int(seconds * RATE_HZ)) / RATE_HZ
@@ -34,6 +35,7 @@ def running(gap_m, seed=1, seconds=6.0, noise_m=8e-6, start_s=2.0):
         "displacement_mm": 1e3 * (stroke_m + noise_m * rng.standard_normal(len(time_s))),
         "force_n": force_n + 0.7 * rng.standard_normal(len(time_s)),
     }
+    values["displacement_mm"][len(time_s) // 2 :: 5000] += 1e3 * spike_m
     channels = {name: CHANNEL_BY_NAME[name] for name in values}
     signals = {
         name: Signal(channel=channel, unit=channel.unit, time_s=time_s, values=values[name])
@@ -81,9 +83,22 @@ def test_without_play_the_velocity_is_the_cranks():
     assert np.abs(smooth.blade_excess_m_s).max() < 2e-3 * peak
 
 
-def test_play_changes_the_force_only_where_the_blade_was_not_measured():
-    state = running(gap_m=0.0)
-    state.slow["k_guess_n_s_per_m"] = K_N_S_PER_M * np.ones_like(state.time_s)
-    wave = 1e-3 * np.cos(2 * state.angle_rad)
-    assert "cutting" not in swing(BASELINE, state, wave)
-    assert "cutting" in swing(BASELINE, replace(state, blade_excess_m_s=None), wave)
+def test_play_is_no_gap_of_the_cutting_law():
+    state = test_effects.running()
+    assert set(swing(BASELINE, state, 1e-3 * np.cos(2 * state.angle_rad))) == {"electrical", "mechanical"}
+
+
+def test_a_spike_of_the_displacement_is_no_velocity():
+    plain, spiked = running(gap_m=3e-4), running(gap_m=3e-4, spike_m=3e-3)
+    away = np.abs(spiked.blade_excess_m_s - plain.blade_excess_m_s).max()
+    assert away < 0.3 * np.abs(plain.blade_excess_m_s).max()
+
+
+def test_few_units_keep_the_cranks_velocity():
+    state = running(gap_m=3e-4)
+    few = replace(
+        state, **{name: getattr(state, name)[:3] for name in ("angle_rad", "speed_rad_s", "force_n", "force_rate_n_s",
+                  "acceleration_rad_s2", "motor_voltage_v", "time_s", "cut_distance_m", "charge_used_as", "n_strokes",
+                  "blade_excess_m_s")}
+    )  # fmt: skip
+    assert smooth_state(few, block_matrix(3), radius_m=BASELINE.radius_m).blade_excess_m_s is None

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from diagnosis.effects.catalogue import EFFECT_BY_NAME
-from diagnosis.posterior import _STROKES_PRICE, BESIDE_WEIGHT, STROKE_WEIGHT, _add_strokes
+from diagnosis.posterior import _STROKES_PRICE, STROKE_WEIGHT, _add_strokes
 from diagnosis.state import State, TrialSetting
 from diagnosis.stroke_series import StrokeSeries
 from diagnosis.stroke_trend import CHIP, WEAR, bends_force, blocks_of, trend_evidence
+from diagnosis.weighing import weigh
 
 STROKE_M, RATE_HZ = 0.02, 13.0
 # Duty, feed in mm/s, seconds: in a mixed order, as a campaign is run.
@@ -129,8 +130,8 @@ def added(log_evidence, *, alone, beside=None, is_whole=True):
 
 def test_strokes_speak_for_an_effect_alone_and_beside_the_strongest_others():
     found, resting = added({WEAR: 5.0, "edge_force": 100.0, "guide_friction": 40.0}, alone=3.0)
-    assert found[WEAR] == 5.0 + STROKE_WEIGHT * 3.0
-    assert found[f"{WEAR} + edge_force"] == 100.0 + BESIDE_WEIGHT * 3.0 - _STROKES_PRICE
+    assert found[WEAR] == 5.0 + STROKE_WEIGHT * 3.0 - _STROKES_PRICE
+    assert found[f"{WEAR} + edge_force"] == 100.0 + STROKE_WEIGHT * 3.0 - _STROKES_PRICE
     assert found["edge_force"] == 100.0
     assert resting == {WEAR, f"{WEAR} + edge_force", f"{WEAR} + guide_friction"}
 
@@ -139,17 +140,29 @@ def test_what_mean_strokes_say_is_not_believed_where_single_strokes_speak_agains
     pair = f"{WEAR} + edge_force"
     found, resting = added({WEAR: 80.0, "edge_force": 100.0, pair: 190.0}, alone=-2.0)
     assert found[WEAR] == pytest.approx(-2.0 * STROKE_WEIGHT)
-    assert found[pair] == pytest.approx(100.0 - 2.0 * BESIDE_WEIGHT)
+    assert found[pair] == pytest.approx(100.0 - 2.0 * STROKE_WEIGHT)
     assert not resting
 
 
 def test_beside_another_effect_of_the_cut_the_strokes_say_less():
     pair = f"{WEAR} + edge_force"
     found, _ = added({WEAR: 5.0, "edge_force": 100.0, "guide_friction": 40.0}, alone=5.0, beside={"edge_force": 1.0})
-    assert found[pair] == 100.0 + BESIDE_WEIGHT - _STROKES_PRICE
-    assert found[f"{WEAR} + guide_friction"] == 40.0 + 5.0 * BESIDE_WEIGHT - _STROKES_PRICE
+    assert found[pair] == 100.0 + STROKE_WEIGHT - _STROKES_PRICE
+    assert found[f"{WEAR} + guide_friction"] == 40.0 + 5.0 * STROKE_WEIGHT - _STROKES_PRICE
 
 
 def test_a_grain_that_strokes_show_costs_nothing_beside_another_effect():
     found, _ = added({WEAR: 5.0, "edge_force": 100.0}, alone=50.0, is_whole=False)
-    assert found[f"{WEAR} + edge_force"] == 100.0 + 50.0 * BESIDE_WEIGHT
+    assert found[f"{WEAR} + edge_force"] == 100.0 + 50.0 * STROKE_WEIGHT
+
+
+@pytest.mark.parametrize(("effect", "is_whole"), [(WEAR, True), ("grain_variation", False)])
+def test_a_second_name_does_not_make_the_strokes_speak_louder(effect, is_whole):
+    """An effect that says nothing of its own beside it gains nothing."""
+    log_evidence = {"no_gap": 0.0, "parameters": -1.0, "unknown": -5.0, effect: 0.0, "guide_friction": 0.0}
+    _add_strokes(log_evidence, effect, alone=400.0, beside={}, is_whole=is_whole)
+    pair = " + ".join(sorted((effect, "guide_friction")))
+    assert log_evidence[pair] <= log_evidence[effect]
+    left = dict.fromkeys(log_evidence, 0.2) | {"no_gap": 3.0}
+    found = weigh(log_evidence, left, n_effects=29, shared={pair: 0.0})
+    assert found[effect] > 0.9
