@@ -280,7 +280,7 @@ def compare(rows: list[dict[str, Any]], others: list[dict[str, Any]]) -> str:
     by_seed = {row["seed"]: row for row in others}
     pairs = [(row, by_seed[row["seed"]]) for row in rows if row["seed"] in by_seed]
     if not pairs:
-        raise SystemExit("the two folders share no campaign: collect both with the same --cases and --pairs")
+        raise SystemExit("the two folders share no campaign: collect both with the same --cases, --pairs and --intact")
     names = [f"{of[0]['forms']} forms" for of in zip(*pairs, strict=True)]
     lines = [f"{'hidden':54} | {names[0]:46} | {names[1]}"]
     right = np.zeros(2, dtype=int)

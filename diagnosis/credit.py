@@ -35,8 +35,9 @@ def with_credit(problem: LinearProblem, marginal: Marginal, explanation: Explana
         return explanation
     before, rest = marginal.split(problem.data)
     after, left = marginal.split(problem.data - explanation.contribution)
-    energy, gained = explanation.contribution**2, rest**2 - left**2
-    least = _LEAST_SHARE * float(energy.sum())
-    own = sum(float(gained[rows].sum()) for rows in problem.rows_by_equation().values() if energy[rows].sum() > least)
+    energy = problem.sums_by_equation(explanation.contribution**2)
+    gained = problem.sums_by_equation(rest**2 - left**2)
+    least = _LEAST_SHARE * sum(energy.values())
+    own = sum(gained[equation] for equation, share in energy.items() if share > least)
     limit = max(own + float(before @ before - after @ after), 0.0)
     return replace(explanation, log_evidence=min(explanation.log_evidence, limit))

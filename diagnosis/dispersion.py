@@ -9,7 +9,7 @@ would count that second effect itself as noise.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -37,7 +37,7 @@ def noise_factor(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue
     """
     rest = _rest_of_two(problem, catalogue, beyond)
     factor = np.ones(len(problem.data))
-    for rows in _equation_rows(problem):
+    for rows in problem.rows_by_equation().values():
         factor[rows] = max(1.0, float(np.mean(rest[rows] ** 2)) / problem.quiet)
     return factor
 
@@ -55,16 +55,6 @@ def _rest_of_two(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue
         given = np.hstack([given, best.column.columns * best.effect.strength.high])
         named.append(best.effect.name)
     return Marginal(problem, extra=given).rest(problem.data)
-
-
-def _equation_rows(problem: LinearProblem) -> Iterator[np.ndarray]:
-    """Indices of the features of each equation, running and starting apart."""
-    found: dict[tuple[str, str], list[np.ndarray]] = {}
-    for part in problem.parts:
-        rows = np.arange(part.place.start, part.place.stop).reshape(-1, part.layout.size)
-        for equation, place in part.layout.slices.items():
-            found.setdefault((equation, part.state.kind), []).append(rows[:, place].ravel())
-    return (np.concatenate(rows) for rows in found.values())
 
 
 def with_noise(problem: LinearProblem, variance: Floats | float) -> LinearProblem:

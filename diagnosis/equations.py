@@ -6,7 +6,7 @@ current and speed everywhere separates drive, cutting, supply and sensing withou
 
     electrical   r = U - R i - L di/dt - k_e w                      V      (Eq. 12)
     mechanical   r = k_m i - b w - J_r dw/dt - 1/2 J_r' w^2 - T     N*m    (Eq. 13), T = -F r sin(angle)/gear
-    cutting      r = F - k_Fc |v| on the cutting half, F elsewhere  N
+    cutting      r = F - k_Fc |v| on the cutting half, F elsewhere  N       v as measured
     supply       r = V_b - E(soc) + R_b i_b                         V      (Eq. 16)
     converter    r = i_b - duty i                                   A
 

@@ -86,8 +86,7 @@ class Explanation:
     def strength_std(self) -> float:
         """Its standard uncertainty: from the noise, between the shapes, and from what nature's form differs.
 
-        From the noise: half of what one standard deviation of the amplitude either way changes, as tempered as the
-        evidence is.
+        From the noise: half of what one standard deviation of the amplitude either way changes, tempered as sizes are.
         """
         if self.mixture is not None:
             return float(np.hypot(self.mixture[1] * self.effect.strength.typical, self.form_share * self.strength))

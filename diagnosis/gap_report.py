@@ -41,7 +41,7 @@ _EQUATION_OF_CHANNEL = {
     "motor_current_a": "electrical", "force_n": "cutting", "battery_voltage_v": "supply", "battery_current_a": "supply",
 }  # fmt: skip
 # Log odds against no gap below which an effect of typical size would probably not be named.
-_SHOWN_LOG_ODDS = 8.0
+_SHOWN_LOG_ODDS = 16.0
 _SHOWN_PROBABILITY = 0.001
 
 

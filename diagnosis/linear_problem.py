@@ -126,14 +126,21 @@ class LinearProblem:
             mask[part.place] = keep(part.setting)
         return mask
 
-    def rows_by_equation(self) -> dict[str, np.ndarray]:
-        """Indices of the features of each equation."""
-        found: dict[str, list[np.ndarray]] = {}
+    def rows_by_equation(self) -> dict[tuple[Equation, str], np.ndarray]:
+        """Indices of the features of each equation, running and starting apart."""
+        found: dict[tuple[Equation, str], list[np.ndarray]] = {}
         for part in self.parts:
             rows = np.arange(part.place.start, part.place.stop).reshape(-1, part.layout.size)
             for equation, place in part.layout.slices.items():
-                found.setdefault(equation, []).append(rows[:, place].ravel())
-        return {equation: np.concatenate(rows) for equation, rows in found.items()}
+                found.setdefault((equation, part.state.kind), []).append(rows[:, place].ravel())
+        return {key: np.concatenate(rows) for key, rows in found.items()}
+
+    def sums_by_equation(self, values: Floats) -> dict[Equation, float]:
+        """Sum of one value a feature, shape (n,), over those of each equation."""
+        found: dict[Equation, float] = {}
+        for (equation, _), rows in self.rows_by_equation().items():
+            found[equation] = found.get(equation, 0.0) + float(values[rows].sum())
+        return found
 
 
 def build_problem(campaign: Campaign, *, with_start_up: bool = True) -> LinearProblem:

@@ -456,11 +456,5 @@ def _formed_pair(
 
 def _shared(problem: LinearProblem, first: Floats, second: Floats) -> float:
     """Sum over the equations of the shares of energy that two signatures have there, multiplied."""
-    energy: dict[str, list[float]] = {}
-    for part in problem.parts:
-        for equation, place in part.layout.slices.items():
-            spent = energy.setdefault(equation, [0.0, 0.0])
-            for k, signature in enumerate((first, second)):
-                spent[k] += float(np.sum(signature[part.place].reshape(-1, part.layout.size)[:, place] ** 2))
-    one, other = np.array(list(energy.values())).T
+    one, other = (np.array(list(problem.sums_by_equation(signature**2).values())) for signature in (first, second))
     return float(one @ other / max(one.sum() * other.sum(), 1e-300))

@@ -123,7 +123,7 @@ def band_limit(waves: Floats, n_harmonics: int = N_HARMONICS) -> Floats:
 
 
 def smooth_state(state: State, blocks: Floats, *, radius_m: float, n_harmonics: int = 5) -> State:
-    """State to compute signatures from: averaged over the units, its motion limited to a few harmonics.
+    """State to compute signatures from: averaged over the units, the crank's motion limited to a few harmonics.
 
     A residual and a signature that share the same noise would shrink every parameter of the equation they stand
     in (errors in variables); averaging first takes that noise out of the signature.

@@ -5,8 +5,8 @@ make up for at little cost (one per cent of a gain, a resistance that is a littl
 they take a part of the size with them, up to half of it. Where every form of an effect states the same number in the
 same place (a voltage at 10 A, a force for 20 mm), any sum of them with positive weights is a form of it too, and its
 size is the sum of the weights. The weights are found by non-negative least squares together with the nuisances. Noise
-is scaled as the weighing scales it, by dispersion and temperature, and priors are not: what a nuisance may hide is
-known no better on a quiet bench.
+is scaled by dispersion, as the weighing scales it, and by a temperature that sizes have of their own; priors are not:
+what a nuisance may hide is known no better on a quiet bench.
 
 A little of every other effect widens the stated uncertainty but does not move the size, for what the form still misses
 would be taken for it.

@@ -79,8 +79,9 @@ class State:
     ripple_std_rad : ndarray, shape (k,)
         Standard uncertainty of the harmonics of the angle within the mean stroke; empty where none is known.
     blade_excess_m_s : ndarray or None
-        Measured velocity of the blade beyond that of the crank's angle and speed: what the tracker of the angle is
-        too slow for, as where a plunger crosses its play. None where it was not measured.
+        Measured velocity of the blade beyond that of the crank's angle and speed (with the radius that was tracked):
+        what the tracker of the angle is too slow for, as where a plunger crosses its play. None where it was not
+        measured.
     """
 
     kind: Literal["running", "start_up"]

@@ -421,6 +421,29 @@ def test_signs_of_drifting_zeros_come_in_both_directions():
     assert effect.reported_strength(3.0, {"direction": -1.0, "power": 1.0}) == -3.0
 
 
+@pytest.mark.parametrize("name", IDS)
+def test_a_blade_that_goes_with_its_crank_changes_nothing(name):
+    """A measured velocity that is the crank's leaves every signature as it is without one."""
+    effect = EFFECT_BY_NAME[name]
+    state = running()
+    measured = replace(state, blade_excess_m_s=np.zeros_like(state.speed_rad_s))
+    for without, with_it in zip(effect.signatures(BASELINE, state), effect.signatures(BASELINE, measured), strict=True):
+        assert without.keys() == with_it.keys()
+        for equation, wave in without.items():
+            assert np.array_equal(wave, with_it[equation])
+
+
+def test_a_jump_of_the_blade_is_felt_by_what_goes_with_the_cut():
+    state = running()
+    jump = 0.05 * np.cos(9 * state.angle_rad)
+    jumping = replace(state, blade_excess_m_s=jump)
+    force = BASELINE.expected_force(jumping) - BASELINE.expected_force(state)
+    assert np.abs(force).max() == pytest.approx(0.05 * float(state.slow["k_guess_n_s_per_m"].max()), rel=0.05)
+    worn = EFFECT_BY_NAME["blade_wear"]
+    moved = [worn.signatures(BASELINE, s)[0]["cutting"] for s in (state, jumping)]
+    assert not np.allclose(*moved)
+
+
 def test_the_page_of_effects_is_up_to_date():
     path = Path(__file__).parents[2] / "docs" / "effects.md"
     assert path.read_text() == page(), "write diagnosis.effects.catalogue.page() to docs/effects.md"

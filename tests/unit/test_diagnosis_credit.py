@@ -55,3 +55,13 @@ def test_an_effect_without_evidence_is_left_alone(problem):
     marginal, drag = explained(problem, "motor_coulomb_friction", np.zeros((len(problem.data), 0)))
     assert drag.log_evidence <= 0.0
     assert with_credit(problem, marginal, drag) is drag
+
+
+def test_sums_by_equation_hold_every_feature_once(problem):
+    values = np.random.default_rng(3).standard_normal(len(problem.data))
+    sums = problem.sums_by_equation(values)
+    assert set(sums) == {equation for part in problem.parts for equation in part.layout.equations}
+    assert sum(sums.values()) == pytest.approx(values.sum())
+    drag = problem.sums_by_equation(problem.project(dragging) ** 2)
+    assert drag["mechanical"] > 0.0
+    assert sum(drag.values()) == pytest.approx(drag["mechanical"])
