@@ -17,7 +17,7 @@ from diagnosis.ladder import RUNGS, HoldOut, Ladder, Rungs
 from diagnosis.linear_problem import LinearProblem, Marginal, build_problem
 from diagnosis.next_trial import next_trial
 from diagnosis.plants.choice import reduce_recordings
-from diagnosis.posterior import GRAIN, Posterior, judge, wide_scale, with_grain
+from diagnosis.posterior import GRAIN, Posterior, judge, sized_by_strokes, wide_scale
 from diagnosis.size import sized, together
 from diagnosis.weighing import AND, LEFT_BY_AN_INTACT_MACHINE, VERDICTS
 from diagnosis.where import locate
@@ -175,7 +175,7 @@ def _members(
         return [by_name[part] for part in parts]
     found = sorted((pair.first, pair.second), key=lambda e: parts.index(e.effect.name))
     sized = together(problem, found, dispersion=posterior.dispersion)
-    return [with_grain(member, posterior.grain) for member in sized]
+    return [sized_by_strokes(member, posterior.grain, posterior.trend) for member in sized]
 
 
 def _alike(cause: Explanation, posterior: Posterior) -> list[str]:

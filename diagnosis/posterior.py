@@ -26,7 +26,7 @@ from diagnosis.form_error import FORM_SHARES, form_modes
 from diagnosis.linear_problem import WIDE, LinearProblem, Marginal
 from diagnosis.off_stroke import Finding, off_stroke_finding
 from diagnosis.stroke_series import Grain, grain_evidence
-from diagnosis.stroke_trend import bends_force, blocks_of, trend_evidence
+from diagnosis.stroke_trend import Trend, bends_force, blocks_of, trend_evidence
 from diagnosis.weighing import AND, VERDICTS, weigh
 
 GRAIN = "grain_variation"
@@ -90,6 +90,8 @@ class Posterior:
         Whitened misfit over the number of features, of the nominal model and after each cause.
     grain : Grain
         What the single strokes say of a wave in the wood.
+    trend : Trend
+        What they say of a worn blade and a chip's thickness.
     off_stroke : Finding or None
         What does not follow the stroke and is no scatter: it speaks for "unknown".
     resembles : str
@@ -109,6 +111,7 @@ class Posterior:
     shared: dict[str, float]
     left_over: dict[str, float]
     grain: Grain
+    trend: Trend
     off_stroke: Finding | None
     resembles: str
     dispersion: Floats
@@ -198,7 +201,7 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
         verdict=_verdict(probabilities),
         probabilities=probabilities,
         explanations=tuple(
-            with_grain(_undispersed(_sized(e, left_over, problem.quiet), original, dispersion), grain)
+            sized_by_strokes(_undispersed(_sized(e, left_over, problem.quiet), original, dispersion), grain, trend)
             for e in explanations
         ),
         pairs=tuple(_undispersed_pair(pair, original, dispersion) for pair in pairs),
@@ -206,6 +209,7 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
         shared=shared,
         left_over=left_over,
         grain=grain,
+        trend=trend,
         off_stroke=beside,
         resembles=resembles if unnamed[resembles] > 0.0 else "",
         dispersion=dispersion,
@@ -251,12 +255,28 @@ def _sized(explanation: Explanation, left_over: dict[str, float], quiet: float) 
     return replace(explanation, form_share=max(explanation.form_share, share))
 
 
-def with_grain(explanation: Explanation, grain: Grain) -> Explanation:
-    """Depth of the wood's wave from the single strokes, where it shows; mean strokes hardly know it."""
-    if explanation.effect.name != GRAIN or grain.log_evidence <= 0.0:
-        return explanation
-    size = grain.depth / explanation.effect.strength.typical
-    return replace(explanation, amplitude=size, amplitude_std=GRAIN_STEP * size)
+def sized_by_strokes(explanation: Explanation, grain: Grain, trend: Trend) -> Explanation:
+    """Size of an effect from the single strokes, where they speak for it; mean strokes hardly know it.
+
+    Parameters
+    ----------
+    explanation : Explanation
+    grain : Grain
+    trend : Trend
+
+    Returns
+    -------
+    Explanation
+        With the depth of the wood's wave, the growth of a worn blade or the exponent of the chip; others as they were.
+    """
+    name, typical = explanation.effect.name, explanation.effect.strength.typical
+    if name == GRAIN and grain.log_evidence > 0.0:
+        size = grain.depth / typical
+        return replace(explanation, amplitude=size, amplitude_std=GRAIN_STEP * size)
+    if trend.beside_cutting.get(name, 0.0) > 0.0:
+        mean, std = trend.sizes[name]
+        return replace(explanation, mixture=(mean / typical, std / typical), form_share=0.0)
+    return explanation
 
 
 def _add_strokes(

@@ -76,9 +76,9 @@ def mixed(
     Returns
     -------
     Explanation
-        With `mixture`; as it was where the forms cannot be mixed.
+        With `mixture`; as it was where the forms cannot be mixed, or where single strokes have said the size.
     """
-    if not is_mixable(columns):
+    if member.mixture is not None or not is_mixable(columns):
         return member
     variance = SIZE_TEMPERATURE * dispersion
     named = {member.effect.name, *(other.effect.name for other in beside)}

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -120,10 +121,13 @@ class Trend:
     beside_cutting : mapping of str to float
         Where another effect of the cut or of a sensor may act: hardness is free to go with a power of the speed, and of
         the feed unless the chip is asked for.
+    sizes : mapping of str to (float, float)
+        Mean and standard deviation of the reported parameter, hardness as free as beside another effect.
     """
 
     alone: Mapping[str, float]
     beside_cutting: Mapping[str, float]
+    sizes: Mapping[str, tuple[float, float]]
 
 
 def trend_evidence(blocks: Blocks | None) -> Trend:
@@ -140,31 +144,42 @@ def trend_evidence(blocks: Blocks | None) -> Trend:
         Empty without blocks.
     """
     if blocks is None:
-        return Trend(alone=MappingProxyType({}), beside_cutting=MappingProxyType({}))
-    worn = _worn(blocks)
+        nothing: MappingProxyType[str, Any] = MappingProxyType({})
+        return Trend(alone=nothing, beside_cutting=nothing, sizes=nothing)
+    worn, growths = _worn(blocks)
     chips = np.array([m * (blocks.log_feed - blocks.log_speed) for m in _EXPONENTS])
     free, little = _FREE_STD, _LITTLE_STD
-    alone = _gained(blocks, {WEAR: worn, CHIP: chips}, speed_std=little, feed_std=little)
-    beside = _gained(blocks, {WEAR: worn}, speed_std=free, feed_std=free)
-    beside |= _gained(blocks, {CHIP: chips}, speed_std=free, feed_std=little)
-    return Trend(alone=MappingProxyType(alone), beside_cutting=MappingProxyType(beside))
+    alone = _log_odds(blocks, {WEAR: worn, CHIP: chips}, speed_std=little, feed_std=little)
+    beside = _log_odds(blocks, {WEAR: worn}, speed_std=free, feed_std=free)
+    beside |= _log_odds(blocks, {CHIP: chips}, speed_std=free, feed_std=little)
+    return Trend(
+        alone=MappingProxyType({name: log_mean_exp(logs) for name, logs in alone.items()}),
+        beside_cutting=MappingProxyType({name: log_mean_exp(logs) for name, logs in beside.items()}),
+        sizes=MappingProxyType({WEAR: _moments(beside[WEAR], growths), CHIP: _moments(beside[CHIP], _EXPONENTS)}),
+    )
 
 
-def _gained(blocks: Blocks, means: Mapping[str, Floats], *, speed_std: float, feed_std: float) -> dict[str, float]:
-    """Log evidence of each effect's means, shape (forms, n), evenly weighted, against none."""
+def _log_odds(blocks: Blocks, means: Mapping[str, Floats], *, speed_std: float, feed_std: float) -> dict[str, Floats]:
+    """Log likelihood of each effect's means, shape (forms, n), against none, shape (forms,)."""
     none = np.zeros((1, len(blocks.log_k)))
     logs = _log_likelihoods(blocks, np.vstack([none, *means.values()]), speed_std=speed_std, feed_std=feed_std)
     ends = np.cumsum([1, *(len(mean) for mean in means.values())])
-    parts = np.split(logs, ends[:-1])[1:]
-    return {name: log_mean_exp(part) - float(logs[0]) for name, part in zip(means, parts, strict=True)}
+    return {name: part - logs[0] for name, part in zip(means, np.split(logs, ends[:-1])[1:], strict=True)}
 
 
-def _worn(blocks: Blocks) -> Floats:
-    """Logarithm of the growth for every form and size, shape (forms * sizes, n)."""
+def _moments(logs: Floats, values: Floats) -> tuple[float, float]:
+    """Mean and standard deviation of values that are as likely as the logarithms say."""
+    weight = np.exp(logs - logs.max())
+    mean = float(np.average(values, weights=weight))
+    return mean, float(np.sqrt(np.average((values - mean) ** 2, weights=weight)))
+
+
+def _worn(blocks: Blocks) -> tuple[Floats, Floats]:
+    """Logarithm of the growth for every form and size, shape (forms * sizes, n), and the sizes, (forms * sizes,)."""
     forms = [blade_wear.growth(blocks.distance_m, **shape) for shape in blade_wear.EFFECT.shapes]
     strength = blade_wear.EFFECT.strength
     sizes = strength.typical * np.geomspace(strength.low, strength.high, _N_GROWTHS)
-    return np.array([np.log1p(size * form) for form, size in product(forms, sizes)])
+    return np.array([np.log1p(size * form) for form, size in product(forms, sizes)]), np.tile(sizes, len(forms))
 
 
 def _log_likelihoods(blocks: Blocks, means: Floats, *, speed_std: float, feed_std: float) -> Floats:

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from diagnosis.effects.catalogue import EFFECT_BY_NAME
-from diagnosis.posterior import _STROKES_PRICE, STROKE_WEIGHT, _add_strokes
+from diagnosis.evidence import Column, Explanation
+from diagnosis.posterior import _STROKES_PRICE, STROKE_WEIGHT, _add_strokes, sized_by_strokes
 from diagnosis.state import State, TrialSetting
-from diagnosis.stroke_series import StrokeSeries
+from diagnosis.stroke_series import Grain, StrokeSeries
 from diagnosis.stroke_trend import CHIP, WEAR, bends_force, blocks_of, trend_evidence
 from diagnosis.weighing import weigh
 
@@ -86,6 +87,33 @@ def test_a_chips_thickness_is_seen_by_feed_and_stroke_rate():
     found = trend(4, exponent=0.6)
     assert found.alone[CHIP] > 8.0
     assert found.alone[WEAR] < 2.0
+
+
+@pytest.mark.parametrize(
+    ("effect", "true", "nature"), [(WEAR, 0.12, "growth_per_10_m"), (CHIP, 0.6, "exponent"), (CHIP, 0.3, "exponent")]
+)
+def test_sizes_from_the_strokes_hold_their_uncertainty(effect, true, nature):
+    found = [trend(seed, **{nature: true}).sizes[effect] for seed in range(20, 26)]
+    away = [(mean - true) / std for mean, std in found]
+    assert np.max(np.abs(away)) < 3.0
+    assert 0.2 < np.sqrt(np.mean(np.square(away))) < 1.6
+    assert all(std < 0.6 * true for _, std in found)
+
+
+def test_strokes_state_the_size_where_they_speak_for_it():
+    explanation = Explanation(
+        effect=EFFECT_BY_NAME[CHIP], log_evidence=1.0, amplitude=0.1, amplitude_std=0.1, gain=1.0,
+        column=Column(effect=EFFECT_BY_NAME[CHIP], shape={"exponent": 0.45}, columns=np.ones((3, 1))),
+        contribution=np.ones(3),
+    )  # fmt: skip
+    no_grain = Grain(log_evidence=0.0, depth=0.0, wavelength_m=np.nan, in_time=0.0)
+    said = trend(4, exponent=0.6)
+    sized = sized_by_strokes(explanation, no_grain, said)
+    assert (sized.strength, sized.strength_std) == pytest.approx(said.sizes[CHIP])
+    silent = trend(3, growth_per_10_m=0.12)
+    assert silent.beside_cutting[CHIP] < 0.0
+    assert sized_by_strokes(explanation, no_grain, silent) is explanation
+    assert sized_by_strokes(explanation, no_grain, trend_evidence(None)) is explanation
 
 
 def test_a_cutting_law_that_bends_with_speed_is_no_chip_where_it_may_act():
