@@ -35,9 +35,8 @@ Verdict = Literal["effect", "effects", "parameters", "no_gap", "unknown"]
 _N_FORMED, _N_FIRST, _N_PAIRS = 12, 5, 8
 _SCREEN_SHARE = 0.05
 # Strokes are independent and their spectrum is fitted: one nat of theirs counts as that many of whitened features. The
-# same alone and beside another effect: else any second name would make the strokes speak louder.
+# same alone, beside another effect and for a wave in time: else a second name would make the strokes speak louder.
 STROKE_WEIGHT = 4.0
-_WAVE_IN_TIME_WEIGHT = 2.0
 # Depths of a wave in the wood are tried in steps of this share.
 GRAIN_STEP = 0.5
 _WORTH_FORMING = 6.0
@@ -408,7 +407,7 @@ def _unnamed(
     """Log evidence of whatever is not in the catalogue, by what it looks like; "" for a gap of no particular form."""
     found = {"": discrepancy(problem, small) - reference, **beyond}
     # A wave that keeps its frequency in time rather than its length on the path is not the wood's.
-    found["hardness of the wood that waves in time, not along the feed"] = _WAVE_IN_TIME_WEIGHT * grain.in_time
+    found["hardness of the wood that waves in time, not along the feed"] = STROKE_WEIGHT * grain.in_time
     if beside is not None:
         found[beside.text] = beside.log_evidence
     return found
