@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from bench.recording import Floats
+from diagnosis.effects.current_limit import held_back
 from diagnosis.effects.effect import BACKGROUND_SHARE, Effect, Strength
 from diagnosis.equations import Baseline, Signature, is_angle_known, residuals
 from diagnosis.reduction import START_UP_STEP_S
@@ -93,13 +94,7 @@ def _soft_start(
         return ({},)
     since_s = (np.arange(state.angle_rad.shape[1]) + 0.5) * START_UP_STEP_S
     missing = np.exp(-since_s / length_s) if decays else np.maximum(1.0 - since_s / length_s, 0.0)
-    missing = (1.0 - from_share) * missing
-    return (
-        {
-            "electrical": missing * state.motor_voltage_v,
-            "converter": -missing * state.setting.duty * state.current_a,
-        },
-    )
+    return (held_back(state, state.current_a, (1.0 - from_share) * missing * state.motor_voltage_v),)
 
 
 BENT_DISPLACEMENT = Effect(

@@ -33,8 +33,9 @@ def with_credit(problem: LinearProblem, marginal: Marginal, explanation: Explana
     """
     if explanation.log_evidence <= 0.0:
         return explanation
-    before, rest = marginal.split(problem.data)
-    after, left = marginal.split(problem.data - explanation.contribution)
+    before, rest = marginal.data_split
+    taken, moved = marginal.split(explanation.contribution)
+    after, left = before - taken, rest - moved
     energy = problem.sums_by_equation(explanation.contribution**2)
     gained = problem.sums_by_equation(rest**2 - left**2)
     least = _LEAST_SHARE * sum(energy.values())

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -308,6 +309,11 @@ class Marginal:
     def rest(self, columns: Floats) -> Floats:
         """What the best nuisances leave of columns, shape (n,) or (n, q)."""
         return self.split(columns)[1]
+
+    @cached_property
+    def data_split(self) -> tuple[Floats, Floats]:
+        """`split` of the data."""
+        return self.split(self.data)
 
     def split(self, columns: Floats) -> tuple[Floats, Floats]:
         """Best nuisances of columns, shape (n,) or (n, q), in units of their prior std, and what they leave."""

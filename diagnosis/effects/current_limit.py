@@ -4,7 +4,8 @@ At the limit di/dt is about 0, so the voltage pulled back is what is left: duty 
 The baseline still counts it (electrical residual positive) and expects more battery current (converter
 residual negative, by the same share of the current). Forms: hard (the voltage is missing above a share of the
 campaign's top current, a low one where the duty comes back slowly), soft (the duty falls in proportion to the
-excess over a knee; the unit is then all the voltage that R times the top current leaves). Without a limit the
+excess over a knee; the unit is then all the voltage that R times the top current leaves), slow to let go (what the
+largest excess held back returns with a time constant; the unit is all the voltage at 40 % above). Without a limit the
 left-over voltage at the top of a start-up is 0, so is the signature. Limits of 10 to 40 A: assumed.
 """
 
@@ -42,8 +43,13 @@ def _signature(
         lack_v = _left_over(baseline, state, state.current_a) / (
             1.0 + np.exp(np.clip((share - state.current_a / top_a) / (_EDGE * (1.0 - share)), -50.0, 50.0))
         )
-    pulled_back = lack_v / np.maximum(state.motor_voltage_v, 1e-3)
-    return ({"electrical": lack_v, "converter": -state.setting.duty * pulled_back * state.current_a},)
+    return (held_back(state, state.current_a, lack_v),)
+
+
+def held_back(state: State, current_a: Floats, lack_v: Floats) -> Signature:
+    """What a voltage that is held back leaves: in the motor's balance, and as battery current not drawn."""
+    share = lack_v / np.maximum(state.motor_voltage_v, 1e-3)
+    return {"electrical": lack_v, "converter": -state.setting.duty * share * current_a}
 
 
 def _held(state: State, excess: Floats, release_s: float) -> Floats:
