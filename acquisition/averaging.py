@@ -7,8 +7,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-
-from bench.errors import InputError
+from sawbench.bench.errors import InputError
 
 Floats = NDArray[np.float64]
 _N_BLOCKS: Final = 10
@@ -55,7 +54,7 @@ class RestingMean:
 
     @property
     def std(self) -> float:
-        """Standard uncertainty of the mean, the drift that was let pass included (as a rectangle, /sqrt 12)."""
+        """Standard uncertainty of the mean, the remaining drift included (as a rectangle, /sqrt 12)."""
         return float(np.hypot(self.mean_std, self.drift / 12**0.5))
 
 

@@ -18,14 +18,13 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
-
-from acquisition.calibration import Calibration
-from acquisition.devices import build_devices
-from bench.config import BenchConfig, describe_validation
-from bench.errors import ConfigError, InputError
+from sawbench.acquisition.calibration import Calibration
+from sawbench.acquisition.devices import build_devices
+from sawbench.bench.config import BenchConfig, describe_validation
+from sawbench.bench.errors import ConfigError, InputError
 
 if TYPE_CHECKING:
-    from acquisition.devices.device import Device
+    from sawbench.acquisition.devices.device import Device
 
 _STRICT: Final = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 _HEADER: Final = (

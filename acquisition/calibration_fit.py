@@ -11,9 +11,8 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-
-from acquisition.calibration import Calibration
-from bench.errors import InputError, UntrustedResult
+from sawbench.acquisition.calibration import Calibration
+from sawbench.bench.errors import InputError, UntrustedResult
 
 Floats = NDArray[np.float64]
 _MIN_LOADS: Final = 3

@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TextIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
-
-from acquisition.can_signals import find_signal, frame_mask, is_available, load_dbc, needed_length, raw_signal
-from acquisition.transports.can_batch import EXTENDED_FLAG
-from bench.errors import InputError
-from bench.recording import Event, Gap, Recording, Signal, Trial
+from sawbench.acquisition.can_signals import find_signal, frame_mask, is_available, load_dbc, needed_length, raw_signal
+from sawbench.acquisition.transports.can_batch import EXTENDED_FLAG
+from sawbench.bench.errors import InputError
+from sawbench.bench.recording import Event, Gap, Recording, Signal, Trial
 
 if TYPE_CHECKING:
     import can

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
-
-from acquisition.transports.can_batch import EXTENDED_FLAG
-from bench.errors import ConfigError, InputError
+from sawbench.acquisition.transports.can_batch import EXTENDED_FLAG
+from sawbench.bench.errors import ConfigError, InputError
 
 if TYPE_CHECKING:
     from cantools.database.can import Database, Message

@@ -15,13 +15,21 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-_WINDOW_S: Final = 20.0
+_WINDOW_S: Final = 30.0
 _SLOT_S: Final = 0.1
-# A slope read from a span shorter than this is mostly the scatter of the latency; the nominal rate is trusted
-# more.
-_SLOPE_TRUST_S: Final = 2.0
+# Slots whose least late arrival lies further above the line than this were late as a whole and bound nothing.
+_LATE_SLOT_S: Final = 0.003
+# Smallest latency of a link is not repeatable to better than this, however little the slots scatter.
+_LATENCY_STD_S: Final = 1e-4
+# Standard deviation of the quartz of an instrument; a rate further off than this explains was rounded by it.
+_QUARTZ_STD: Final = 5e-5
+_ROUNDED_SIGMAS: Final = 5.0
 _SLEW_TIME_S: Final = 1.0
-_LARGEST_SLEW: Final = 0.01
+_USUAL_SLEW: Final = 0.01
+_LARGE_ERROR_S: Final = 0.001
+LARGEST_SLEW: Final = 0.1
+# Time in which what is left of a large error fades.
+SLEW_SETTLED_S: Final = 2.0
 # Quartz errors are below 1e-4; a data rate that the instrument rounded can be off by a few percent.
 _LARGEST_RATE_ERROR: Final = 0.03
 
@@ -50,11 +58,13 @@ class ArrivalClock:
 
     Notes
     -----
-    Estimator: the edge of the lower convex hull of (sample index, arrival) under the mean index, the least
-    total latency among all lines below the arrivals (Moon, Skelly, Towsley 1999, "Estimation and removal of
-    clock skew from network delay measurements"). The slope is drawn to the nominal rate while the span is
-    short. Bias: late by the smallest latency of the link (USB: up to 1 ms; not observable). Fails where every
-    arrival of the window is late by a growing amount, which looks like a slow clock.
+    Every arrival is the latest possible time of its sample. Estimator: the edge of the lower convex hull of
+    (sample index, arrival) under the mean index, the least total latency among all lines below the arrivals
+    (Moon, Skelly, Towsley 1999, "Estimation and removal of clock skew from network delay measurements"), without
+    stretches in which every arrival was late. The slope is weighed against a quartz of 50 ppm, unless it lies far
+    outside: then the instrument rounded its rate. Bias: late by the smallest latency of the link (USB: up to 1 ms;
+    not observable). Fails where every arrival of the window is late by a growing amount, which looks like a slow
+    clock.
 
     Examples
     --------
@@ -77,6 +87,8 @@ class ArrivalClock:
         self._line: ClockLine | None = None
         self._last: tuple[int, float] | None = None
         self._spread_s = 0.0
+        self._learnt: tuple[float, float] = (0.0, 0.0)
+        self._hull_slope = 0.0
         self._n_observed = 0
 
     @property
@@ -96,7 +108,7 @@ class ArrivalClock:
         if self._line is None:
             if not self._lowest:
                 raise ValueError("no arrival observed yet")
-            self._line = self._fit()
+            self._line = self._fit(None)
         return self._line
 
     @property
@@ -124,12 +136,12 @@ class ArrivalClock:
         if slot != self._slot:
             self._slot = slot
             self._lowest.append((index, arrival_s))
-            self._line = None
+            self._line = self._fit(self._line)
         elif self._lateness(index, arrival_s) < self._lateness(*self._lowest[-1]):
             self._lowest[-1] = (index, arrival_s)
             # A line that lies above an arrival is wrong; one that lies below can wait for the next slot.
             if self._line is not None and arrival_s < self._line.time_of(index):
-                self._line = None
+                self._line = self._fit(self._line)
 
     def residual_s(self, index: int, arrival_s: float) -> float:
         """How much later than the estimate sample `index` arrived, s."""
@@ -159,10 +171,22 @@ class ArrivalClock:
         error_s = line.time_of(end_index) - (last_time_s + n_steps * line.period_s)
         share = min(1.0, n_steps * line.period_s / _SLEW_TIME_S)
         wanted = error_s * share / (n_steps * line.period_s)
-        period_s = line.period_s * (1.0 + min(max(wanted, -_LARGEST_SLEW), _LARGEST_SLEW))
+        limit = _USUAL_SLEW
+        if abs(error_s) > _LARGE_ERROR_S:
+            wanted, limit = error_s / (n_steps * line.period_s), LARGEST_SLEW
+        period_s = line.period_s * (1.0 + min(max(wanted, -limit), limit))
         first_time_s = last_time_s + (first_index - last_index) * period_s
         self._last = (end_index, last_time_s + n_steps * period_s)
         return first_time_s, period_s
+
+    def renumber(self, from_index: int, shift: int) -> None:
+        """Move what was observed and stamped from sample `from_index` on by `shift`: they were counted wrongly."""
+        self._lowest = deque(
+            ((n + shift if n >= from_index else n, t) for n, t in self._lowest), maxlen=self._lowest.maxlen
+        )
+        if self._last is not None and self._last[0] >= from_index:
+            self._last = (self._last[0] + shift, self._last[1])
+        self._slot += int(shift * self._nominal_period_s / _SLOT_S)
 
     def measured_rate_hz(self) -> float:
         """Return samples per second between the first and the last remembered arrival (0 if too few)."""
@@ -182,8 +206,7 @@ class ArrivalClock:
         """
         if len(self._lowest) < 10 or self.span_s <= 0:
             return None
-        trust = self.span_s**2 / (self.span_s**2 + _SLOPE_TRUST_S**2)
-        relative = (self.line.period_s / self._nominal_period_s - 1.0) / trust
+        relative = self._hull_slope / self._nominal_period_s
         return -relative * 1e6, 2**0.5 * self.uncertainty_s / self.span_s * 1e6
 
     def statement(self) -> str:
@@ -202,15 +225,16 @@ class ArrivalClock:
         assert self._origin is not None
         return (arrival_s - self._origin[1]) - (index - self._origin[0]) * self._nominal_period_s
 
-    def _fit(self) -> ClockLine:
+    def _fit(self, former: ClockLine | None) -> ClockLine:
+        """Line below the arrivals; `former` tells which slots were late as a whole."""
         assert self._origin is not None
         n0, t0 = self._origin
         points = np.array([(n - n0, self._lateness(n, t)) for n, t in self._lowest])
+        if former is not None:
+            above_s = points[:, 1] - (former.period_s - self._nominal_period_s) * points[:, 0]
+            points = points[above_s <= above_s.min() + _LATE_SLOT_S]
         index, late_s = points[:, 0], points[:, 1]
-        span_s = (index[-1] - index[0]) * self._nominal_period_s
-        trust = span_s**2 / (span_s**2 + _SLOPE_TRUST_S**2)
-        limit = _LARGEST_RATE_ERROR * self._nominal_period_s
-        slope = float(np.clip(_hull_slope_below_mean(index, late_s), -limit, limit)) * trust
+        slope = self._slope(index, late_s)
         above_s = late_s - slope * index
         floor_s = float(above_s.min())
         # The lower half of the slots says how repeatable the smallest latency is.
@@ -218,6 +242,24 @@ class ArrivalClock:
         self._spread_s = float(np.sqrt(np.mean((lower_half_s - floor_s) ** 2)))
         period_s = self._nominal_period_s + slope
         return ClockLine(offset_s=float(t0 + floor_s - n0 * period_s), period_s=float(period_s))
+
+    def _slope(self, index: NDArray[np.float64], late_s: NDArray[np.float64]) -> float:
+        """Deviation of the period from nominal, s a sample."""
+        span_s = (index[-1] - index[0]) * self._nominal_period_s
+        learnt, learnt_span_s = self._learnt
+        if span_s < 0.5 * learnt_span_s:
+            return learnt
+        if span_s <= 0:
+            return 0.0
+        limit = _LARGEST_RATE_ERROR * self._nominal_period_s
+        slope = float(np.clip(_hull_slope_below_mean(index, late_s), -limit, limit))
+        self._hull_slope = slope
+        std = 2**0.5 * max(self._spread_s, _LATENCY_STD_S) / span_s
+        relative = slope / self._nominal_period_s
+        if abs(relative) < _ROUNDED_SIGMAS * (_QUARTZ_STD**2 + std**2) ** 0.5:
+            slope *= _QUARTZ_STD**2 / (_QUARTZ_STD**2 + std**2)
+        self._learnt = (slope, span_s)
+        return slope
 
 
 def _hull_slope_below_mean(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:

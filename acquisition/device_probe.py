@@ -14,10 +14,9 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-
-from acquisition.devices.device import Chunk, Device, Stream
-from acquisition.stream_timing import Loss, StreamTimer, TimedBlock
-from bench.errors import DeviceError, InputError
+from sawbench.acquisition.devices.device import Chunk, Device, Stream
+from sawbench.acquisition.stream_timing import Loss, StreamTimer, Timed, TimedBlock
+from sawbench.bench.errors import DeviceError, InputError
 
 Floats = NDArray[np.float64]
 _FIRST_SAMPLE_S: Final = 2.0
@@ -174,11 +173,11 @@ class _Collector:
             drift_std_ppm=None if drift is None else drift[1],
         )
 
-    def _keep(self, items: list[TimedBlock | Loss]) -> None:
+    def _keep(self, items: list[Timed]) -> None:
         for item in items:
             if isinstance(item, Loss):
                 self._losses.append(item)
-            else:
+            elif isinstance(item, TimedBlock):
                 self._blocks.append(item)
 
 

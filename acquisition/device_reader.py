@@ -8,12 +8,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from acquisition.devices.device import Chunk, Device
-from bench.errors import DeviceError
+from sawbench.acquisition.devices.device import Chunk, Device
+from sawbench.bench.errors import DeviceError
 
 _FIRST_PAUSE_S: Final = 0.1
 _LONGEST_PAUSE_S: Final = 2.0
 _QUEUE_WAIT_S: Final = 0.2
+_SERIAL_NUMBER: Final = "serial_number"
+
+
+class OtherInstrumentError(DeviceError):
+    """What answers is not the instrument that the recording began with."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -74,6 +79,7 @@ class DeviceReader(threading.Thread):
         self._clock = clock
         self._silence_s = silence_s
         self._stopping = threading.Event()
+        self._serial_number = device.describe().get(_SERIAL_NUMBER)
 
     def stop(self) -> None:
         """Ask the thread to end; it stops the device."""
@@ -111,18 +117,32 @@ class DeviceReader(threading.Thread):
     def _reconnect(self) -> None:
         pause_s = _FIRST_PAUSE_S
         self.device.stop()
+        refused: set[str] = set()
         while not self._stopping.wait(pause_s):
             try:
                 self.device.open()
+                self._require_same_instrument()
                 self.device.start()
-            except DeviceError:
+            except DeviceError as error:
                 # Still away: this is what the pause is for. The gap is in the record since the link was lost.
                 self.device.stop()
                 pause_s = min(2.0 * pause_s, _LONGEST_PAUSE_S)
+                if isinstance(error, OtherInstrumentError) and error.what not in refused:
+                    refused.add(error.what)
+                    self._send(LinkLost(device=self.device.name, reason=error.what))
                 continue
             self.n_reconnects += 1
             self._send(LinkBack(device=self.device.name))
             return
+
+    def _require_same_instrument(self) -> None:
+        present = self.device.describe().get(_SERIAL_NUMBER)
+        if present != self._serial_number:
+            raise OtherInstrumentError(
+                f"another instrument is at {self.device.port}: its serial number is {present}, "
+                f"the recording began with {self._serial_number}",
+                where=self.device.name,
+            )
 
     def _send(self, message: Message) -> None:
         while not self._stopping.is_set():

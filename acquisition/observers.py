@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from bench.recording import Event, SampleBlock
+from sawbench.bench.recording import Event, SampleBlock
 
 Observer = Callable[[SampleBlock | Event], object]
 _CAPACITY: Final = 2000

@@ -11,12 +11,11 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-
-from acquisition.device_probe import DeviceProbe, StreamProbe
-from acquisition.devices.device import StreamChannel
-from acquisition.preflight_values import Finding, PreflightLimits, channel_findings, robust_std
-from bench.errors import NoAnswerError
-from bench.units import CHANNELS
+from sawbench.acquisition.device_probe import DeviceProbe, StreamProbe
+from sawbench.acquisition.devices.device import StreamChannel
+from sawbench.acquisition.preflight_values import Finding, PreflightLimits, channel_findings, robust_std
+from sawbench.bench.errors import NoAnswerError
+from sawbench.bench.units import CHANNELS
 
 Floats = NDArray[np.float64]
 _WINDOW_S: Final = 0.25
@@ -110,6 +109,7 @@ def judge(
                 if len(values):
                     found = channel_findings(channel, stream.time_s, values, is_running=is_running, limits=limits)
                     findings += [_at(f, probe.device, channel.name) for f in found]
+    findings = _running_tool(findings)
     findings += _busy_computer(findings) + _missing_channels(probes)
     findings.sort(key=lambda f: f.severity != "fault")
     return Preflight(channels=tuple(channels), findings=tuple(findings))
@@ -145,7 +145,7 @@ def _device_findings(probe: DeviceProbe) -> list[Finding]:
     if probe.problem is not None:
         remedy = probe.problem.remedy or "check cable, power and settings"
         if isinstance(probe.problem, NoAnswerError) and n_bytes:
-            what = f"{n_bytes} bytes came from {probe.port}, but they make no sense"
+            what = f"{n_bytes} bytes came from {probe.port}, but no valid frame"
             remedy = "most likely the baud rate is wrong (`baud_rate`), or the port belongs to another instrument"
             found.append(_fault("wrong_baud_or_instrument", probe.device, what=what, remedy=remedy))
         elif isinstance(probe.problem, NoAnswerError):
@@ -255,6 +255,15 @@ def _busy_computer(findings: Sequence[Finding]) -> list[Finding]:
     what = f"{', '.join(sorted(slow))} are too slow at the same time: this computer may be the cause"
     remedy = "end other programs, plug the instruments into different USB ports, and check again"
     return [Finding(severity="note", code="computer_busy", what=what, remedy=remedy)]
+
+
+def _running_tool(findings: list[Finding]) -> list[Finding]:
+    """Say once that the tool runs, in place of what that does to each channel."""
+    running = [f for f in findings if f.code == "tool_running"]
+    if not running:
+        return findings
+    others = [f for f in findings if f.code not in {"tool_running", "noisy", "not_zero"}]
+    return [*others, replace(running[0], device="", channel="")]
 
 
 def _missing_channels(probes: Sequence[DeviceProbe]) -> list[Finding]:

@@ -7,14 +7,16 @@ from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-
-from acquisition.devices.device import StreamChannel
-from bench.units import FORCE
+from sawbench.acquisition.devices.device import StreamChannel
+from sawbench.bench.units import FORCE
 
 Floats = NDArray[np.float64]
 Severity = Literal["fault", "note"]
 _UNLIMITED: Final = 1e8
 _HUM_HZ: Final = (50.0, 60.0, 100.0, 120.0)
+_STROKE_HZ: Final = (2.0, 45.0)
+_STROKE_HARMONICS: Final = 6
+_STROKE_SHARE: Final = 0.7
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -148,7 +150,7 @@ def _saturation(channel: StreamChannel, values: Floats, limits: PreflightLimits)
         what = f"{outside:.1%} of the values lie beyond {low:g}..{high:g} {unit}, what the input can mean"
         return Finding(severity="fault", code="saturated", what=what, remedy=remedy)
     if (clipped := _clipped_at(values, limits)) is not None:
-        what = f"the value is cut off at {clipped:.4g} {unit}: the amplifier is at its end"
+        what = f"the signal is clipped at {clipped:.4g} {unit}: amplifier saturated"
         return Finding(severity="fault", code="saturated", what=what, remedy=remedy)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     reached = abs(float(np.median(values)) - middle) / half
@@ -193,6 +195,10 @@ def _noise(channel: StreamChannel, time_s: Floats, values: Floats, limits: Prefl
     if noise <= allowed:
         return []
     hum = _hum(time_s, values)
+    if hum is None and (stroke_hz := stroke_rate_hz(time_s, values)) is not None:
+        what = f"{channel.name} swings by {float(np.ptp(values)):.3g} {channel.unit} at {stroke_hz:.1f} Hz"
+        remedy = "switch the tool off and repeat; `sawbench check --running` judges a running one"
+        return [Finding(severity="fault", code="tool_running", what=f"the tool is running: {what}", remedy=remedy)]
     source = f", most of it {hum:g} Hz hum of the mains" if hum else ""
     what = f"the noise is {noise:.3g} {channel.unit} (1 std){source}; {basis}"
     remedy = (
@@ -222,6 +228,23 @@ def _hum(time_s: Floats, values: Floats) -> float | None:
         if np.var(residual - basis @ amplitude) < 0.5 * np.var(residual):
             return line_hz
     return None
+
+
+def stroke_rate_hz(time_s: Floats, values: Floats) -> float | None:
+    """Rate of a swing from 2 to 45 Hz that makes up most of the variance with its harmonics, Hz."""
+    residual = _without_line(time_s, values)
+    grid_s = np.linspace(time_s[0], time_s[-1], len(time_s))
+    power = np.abs(np.fft.rfft(np.interp(grid_s, time_s, residual) * np.hanning(len(grid_s)))) ** 2
+    rate_hz = np.fft.rfftfreq(len(grid_s), (grid_s[-1] - grid_s[0]) / (len(grid_s) - 1))
+    is_stroke = (rate_hz >= _STROKE_HZ[0]) & (rate_hz <= _STROKE_HZ[1])
+    if not is_stroke.any() or not power.sum() > 0:
+        return None
+    peak_hz = float(rate_hz[is_stroke][np.argmax(power[is_stroke])])
+    width_hz = 2.0 * rate_hz[1]
+    near = [np.abs(rate_hz - k * peak_hz) <= width_hz for k in range(1, _STROKE_HARMONICS + 1)]
+    share = float(power[np.any(near, axis=0)].sum() / power.sum())
+    # Lines this wide hold a part of any noise; a stroke holds much more.
+    return peak_hz if share > max(_STROKE_SHARE, 2.0 * float(np.mean(np.any(near, axis=0)))) else None
 
 
 def _without_line(time_s: Floats, values: Floats) -> Floats:

@@ -16,19 +16,19 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Final, Literal
 
-from acquisition.device_reader import DeviceReader, LinkBack, LinkLost, Message, Samples
-from acquisition.devices.device import Device
-from acquisition.observers import Observer, ObserverFeed
-from acquisition.recording_report import (
+from sawbench.acquisition.device_reader import DeviceReader, LinkBack, LinkLost, Message, Samples
+from sawbench.acquisition.devices.device import Device
+from sawbench.acquisition.observers import Observer, ObserverFeed
+from sawbench.acquisition.recording_report import (
     BlockWriter,
     DeviceSummary,
     RecordingStart,
     RecordingStatus,
     RecordingSummary,
 )
-from acquisition.stream_recorder import StreamRecorder
-from bench.errors import DeviceError, InputError
-from bench.recording import Event, SampleBlock
+from sawbench.acquisition.stream_recorder import StreamRecorder
+from sawbench.bench.errors import DeviceError, InputError
+from sawbench.bench.recording import Event, SampleBlock
 
 _QUEUE_LENGTH: Final = 8192
 _WAIT_S: Final = 0.05
@@ -330,7 +330,7 @@ class _Run:
             started_at=start.started_at,
             duration_s=min(end_s, max((r.reached_s for r in self._streams.values()), default=0.0)),
             end_reason=reason,
-            is_complete=kind == "stop",
+            is_complete=kind == "stop" and not any(r.is_cut_short for r in self._streams.values()),
             channels=channels,
             devices=tuple(self._device_summary(reader) for reader in self._readers),
             n_dropped_for_observers=self._feed.n_dropped,

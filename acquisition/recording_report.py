@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from types import MappingProxyType
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Final, Protocol, runtime_checkable
 
-from bench.recording import Event, SampleBlock
+from sawbench.bench.recording import Event, SampleBlock
+
+_HEAVY_LOSS_SHARE: Final = 0.01
 
 
 @runtime_checkable
@@ -124,7 +126,7 @@ class RecordingSummary:
         Time of the last stored sample of any channel.
     end_reason : str
     is_complete : bool
-        False where something other than the wish of the caller ended it.
+        False where something other than the wish of the caller ended it, or an instrument was gone at the end.
     channels : tuple of ChannelStatus
     devices : tuple of DeviceSummary
     n_dropped_for_observers : int
@@ -144,3 +146,12 @@ class RecordingSummary:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """Channels that miss more than a hundredth of their samples, in words; then the trial is not to be trusted."""
+        return tuple(
+            f"{c.channel}: {c.n_missing} of {c.n_samples + c.n_missing} samples are missing"
+            for c in self.channels
+            if c.n_missing > _HEAVY_LOSS_SHARE * (c.n_samples + c.n_missing)
+        )

@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from acquisition.averaging import RestingMean, resting_mean, unsteady
-from acquisition.calibration import Calibration
-from acquisition.calibration_book import zeroed
-from acquisition.device_probe import DeviceProbe
-from acquisition.devices.device import Device, StreamChannel
-from acquisition.preflight import judge
-from bench.errors import InputError, UntrustedResult
+from sawbench.acquisition.averaging import RestingMean, resting_mean, unsteady
+from sawbench.acquisition.calibration import Calibration
+from sawbench.acquisition.calibration_book import zeroed
+from sawbench.acquisition.device_probe import DeviceProbe
+from sawbench.acquisition.devices.device import Device, StreamChannel
+from sawbench.acquisition.preflight import judge
+from sawbench.bench.errors import InputError, UntrustedResult
 
 # A change that does not matter, and a zero that no sensor has: shares of half the range.
 _TOLERANCE: Final = 0.001

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from acquisition.devices.device import Chunk, Stream, StreamChannel
-from acquisition.recording_report import ChannelStatus
-from acquisition.stream_timing import Loss, StreamTimer, TimedBlock
-from bench.recording import Event, SampleBlock
+from sawbench.acquisition.devices.device import Chunk, Stream, StreamChannel
+from sawbench.acquisition.recording_report import ChannelStatus
+from sawbench.acquisition.stream_timing import Doubt, Loss, StreamTimer, Timed, TimedBlock
+from sawbench.bench.recording import Event, SampleBlock
 
 _SMALLEST_SILENCE_S = 0.25
+_CUT_SHORT_S = 1.0
 
 
 @dataclass(kw_only=True, slots=True)
@@ -43,11 +43,17 @@ class StreamRecorder:
         self._end_s = np.inf
         self._counters = {channel.name: _Counter() for channel in stream.channels}
         self._reached_s = -np.inf
+        self._is_cut_short = False
 
     @property
     def reached_s(self) -> float:
         """Recording time up to which samples were given out, s."""
         return self._reached_s
+
+    @property
+    def is_cut_short(self) -> bool:
+        """Whether the samples ended over a second before the recording did; known after `finish`."""
+        return self._is_cut_short
 
     def begin(self, zero_s: float, duration_s: float | None) -> None:
         """Let samples from monotonic time `zero_s` on into the recording, for `duration_s`."""
@@ -69,7 +75,8 @@ class StreamRecorder:
         last_s = max(0.0, self._reached_s)
         if self._zero_s is not None and end_s - last_s > silence_s:
             n_missing = round((end_s - last_s) * self.stream.rate_hz)
-            out += self._gaps(last_s, end_s, n_missing, reason)
+            out += self._gaps(last_s, end_s, n_missing, reason, is_inside=False)
+            self._is_cut_short = end_s - last_s > _CUT_SHORT_S
         return out
 
     def status(self) -> tuple[ChannelStatus, ...]:
@@ -90,13 +97,15 @@ class StreamRecorder:
             latest=c.latest,
         )
 
-    def _to_recording(self, items: list[TimedBlock | Loss]) -> list[SampleBlock | Event]:
+    def _to_recording(self, items: list[Timed]) -> list[SampleBlock | Event]:
         if self._zero_s is None:
             return []
         out: list[SampleBlock | Event] = []
         for item in items:
             if isinstance(item, Loss):
                 out += self._loss(item, self._zero_s)
+            elif isinstance(item, Doubt):
+                out += self._doubt(item, self._zero_s)
             else:
                 out += self._block(item, self._zero_s)
         return out
@@ -108,13 +117,25 @@ class StreamRecorder:
         inside = (min(end_s, self._end_s) - max(start_s, 0.0)) / (end_s - start_s)
         return self._gaps(max(start_s, 0.0), min(end_s, self._end_s), round(loss.n_missing * inside), loss.reason)
 
-    def _gaps(self, start_s: float, end_s: float, n_missing: int, reason: str) -> list[Event]:
+    def _doubt(self, doubt: Doubt, zero_s: float) -> list[Event]:
+        start_s, end_s = max(doubt.start_s - zero_s, 0.0), min(doubt.end_s - zero_s, self._end_s)
+        for counter in self._counters.values():
+            counter.n_missing -= min(doubt.n_taken_back, counter.n_missing)
+        if end_s < start_s:
+            return []
+        text = f"{self.stream.name}: {doubt.text}"
+        return [Event(kind="warning", time_s=start_s, end_s=end_s, text=text, device=self.device)]
+
+    def _gaps(
+        self, start_s: float, end_s: float, n_missing: int, reason: str, *, is_inside: bool = True
+    ) -> list[Event]:
         events = []
         for channel in self.stream.channels:
             counter = self._counters[channel.name]
             counter.n_gaps += 1
             counter.n_missing += n_missing
-            counter.gap_s += end_s - start_s
+            # What is missing at the end is not in the span that the rate is taken over.
+            counter.gap_s += end_s - start_s if is_inside else 0.0
             events.append(self._gap_event(channel, start_s, end_s, n_missing, reason))
         return events
 

@@ -1,28 +1,38 @@
 """Chunks of one stream -> blocks with times, and the losses between them.
 
-A stream without a sample counter tells its losses only by arriving late for good: a host that was busy
+A stream without a sample counter tells its losses only by arriving late for good: a host or a link that was busy
 catches up, a stream that lost samples does not. Chunks that arrive late are therefore held back until one or
-the other is certain; then they are numbered.
+the other is certain; then they are numbered. No sample can arrive before it was taken: one that does says that a
+loss was none, and takes it back.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-
-from acquisition.clock import ArrivalClock
-from acquisition.devices.device import Chunk, Stream
+from sawbench.acquisition.clock import LARGEST_SLEW, SLEW_SETTLED_S, ArrivalClock
+from sawbench.acquisition.devices.device import Chunk, Stream
 
 _SETTLE_S: Final = 0.4
 _SETTLE_SAMPLES: Final = 5
 _BLOCK_S: Final = 0.1
-_LATE_S: Final = 0.025
+_LATE_S: Final = 0.004
 _LATE_SAMPLES: Final = 3
+_LATE_STDS: Final = 6.0
+# Earlier than possible by more than this contradicts the count, not just the estimate of the clock.
+_EARLY_S: Final = 0.002
+_EARLY_SAMPLES: Final = 1.5
+_EARLY_STEP_S: Final = 0.0005
+_EARLY_WAIT_S: Final = 0.25
 _HOLD_SUSPECT_S: Final = 0.5
-_HOLD_LATE_S: Final = 1.0
+_SUSPECT_LATE_S: Final = 0.025
+_HOLD_LATE_S: Final = 2.1
+_QUARTER_S: Final = 0.25
+_STEADY_QUARTERS: Final = 4
+_HOLD_LONGEST_S: Final = 10.0
 _LARGEST_RATE_ERROR: Final = 0.03
 
 
@@ -64,10 +74,41 @@ class Loss:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class Doubt:
+    """Times that may be wrong.
+
+    Attributes
+    ----------
+    start_s, end_s : float
+        Monotonic clock, s.
+    text : str
+    n_taken_back : int
+        Samples called lost before that were not.
+    """
+
+    start_s: float
+    end_s: float
+    text: str
+    n_taken_back: int = 0
+
+
+Timed = TimedBlock | Loss | Doubt
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class _Held:
     chunk: Chunk
     n_before: int
-    """Samples of this session before the chunk, with `n_lost` of every chunk up to and including this one."""
+    """Samples of this run before the chunk, with `n_lost` of every chunk up to and including this one."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Hold:
+    """Why and since when chunks are held back; `earliest_s` is the most negative lateness seen."""
+
+    kind: Literal["late", "suspect", "early"]
+    since_s: float
+    earliest_s: float = 0.0
 
 
 class StreamTimer:
@@ -79,9 +120,11 @@ class StreamTimer:
 
     Notes
     -----
-    A loss that no counter and no broken byte shows is found once it is longer than 25 ms (3 samples at low
-    rates); a shorter one moves the times by less than that, until the clock has followed. Losses with broken
-    bytes are resolved to about the smallest latency scatter, see `ArrivalClock.uncertainty_s`.
+    A loss that no counter and no broken byte shows is found once it is longer than 4 ms (3 samples at low rates,
+    6 standard deviations of the smallest latency) and nothing has come in time for 2.1 s; until then a late link and
+    a loss are confounded, and the samples wait. A shorter loss moves the times by less than that. A link that is late
+    for longer is called a loss; when it comes in time again, the loss is taken back and the stretch is marked.
+    Losses with broken bytes are resolved to about the smallest latency scatter, see `ArrivalClock.uncertainty_s`.
     """
 
     def __init__(self, stream: Stream) -> None:
@@ -128,7 +171,7 @@ class StreamTimer:
             return "middle between question and answer of each sample"
         return self._clock.statement() if self._n_seen else "no samples"
 
-    def push(self, chunk: Chunk) -> list[TimedBlock | Loss]:
+    def push(self, chunk: Chunk) -> list[Timed]:
         """Take one chunk; return what has become certain, in order of time."""
         n = len(chunk.raw)
         if not n:
@@ -145,19 +188,31 @@ class StreamTimer:
             if self._clock.span_s < max(_SETTLE_S, _SETTLE_SAMPLES / self.stream.rate_hz):
                 return []
             self._settled = True
+            self._session_start_s = self._clock.line.time_of(0)
             return self._release()
         return self._judge(newest_s)
 
-    def flush(self) -> list[TimedBlock | Loss]:
+    def flush(self) -> list[Timed]:
         """Give out what is held, however uncertain (end of the recording, link lost)."""
         if not self._held or not self._n_seen:
             return []
-        if self._settled:
-            for held in self._held[self._n_observed :]:
-                self._observe(held)
-        return self._release()
+        late = self._held[self._n_observed :] if self._settled else []
+        late_s = min((self._late_s(held) for held in late), default=0.0)
+        doubt = self._doubt_at_end(late_s) if self._hold is not None and late_s > self._tolerance_s() else []
+        for held in late:
+            self._observe(held)
+        self._hold = None
+        return [*self._release(), *doubt]
 
-    def restart(self, reason: str) -> list[TimedBlock | Loss]:
+    def _doubt_at_end(self, late_s: float) -> list[Timed]:
+        end_s = float(self._held[-1].chunk.arrival_s[-1])
+        first = self._held[self._n_observed]
+        start_s = min(end_s, self._clock.line.time_of(first.n_before))
+        n = round(late_s * self.stream.rate_hz)
+        text = f"the last samples came {late_s * 1e3:.0f} ms late: a late link, or {n} samples lost before them"
+        return [Doubt(start_s=start_s, end_s=end_s, text=text)]
+
+    def restart(self, reason: str) -> list[Timed]:
         """Give out what is held, as the link was lost; the next chunk begins a new count."""
         out = self.flush()
         self._reason_before_restart = reason
@@ -172,44 +227,111 @@ class StreamTimer:
         self._n_observed = 0
         self._count = 0
         self._n_seen = 0
-        self._hold_since_s: float | None = None
-        self._hold_limit_s = 0.0
+        self._hold: _Hold | None = None
+        self._n_inferred = 0
+        self._inferred_from = 0
+        self._session_start_s = 0.0
         self._is_first = True
 
-    def _judge(self, newest_s: float) -> list[TimedBlock | Loss]:
+    def _tolerance_s(self) -> float:
+        return max(_LATE_S, _LATE_SAMPLES / self.stream.rate_hz, _LATE_STDS * self._clock.uncertainty_s)
+
+    def _early_limit_s(self) -> float:
+        return -max(_EARLY_S, _EARLY_SAMPLES / self.stream.rate_hz)
+
+    def _judge(self, newest_s: float) -> list[Timed]:
         held = self._held[-1]
         late_s = self._late_s(held)
-        tolerance_s = max(_LATE_S, _LATE_SAMPLES / self.stream.rate_hz)
-        is_suspect = held.chunk.n_lost > 0 and not held.chunk.is_loss_exact
-        if self._hold_since_s is None:
-            if not is_suspect and late_s <= tolerance_s:
-                self._observe(held)
-                self._n_observed = len(self._held)
-                return self._release() if self._held_s() >= _BLOCK_S else []
-            self._hold_since_s = newest_s
-            self._hold_limit_s = _HOLD_SUSPECT_S if is_suspect else _HOLD_LATE_S
-            return []
-        is_waiting_for_bytes = self._hold_limit_s == _HOLD_SUSPECT_S
-        if late_s <= tolerance_s and not is_waiting_for_bytes:
-            return self._end_hold(0)
-        if newest_s - self._hold_since_s < self._hold_limit_s:
-            return []
-        smallest_s = min(self._late_s(h) for h in self._held[self._n_observed :])
-        n_extra = round((smallest_s - self._clock.uncertainty_s) * self.stream.rate_hz)
-        return self._end_hold(max(0, n_extra))
+        if self._hold is not None:
+            return self._go_on_holding(self._hold, newest_s, late_s)
+        if late_s < self._early_limit_s():
+            self._hold = _Hold(kind="early", since_s=newest_s, earliest_s=late_s)
+        elif held.chunk.n_lost > 0 and not held.chunk.is_loss_exact:
+            self._hold = _Hold(kind="suspect", since_s=newest_s)
+        elif late_s > self._tolerance_s():
+            self._hold = _Hold(kind="late", since_s=newest_s)
+        else:
+            self._observe(held)
+            self._n_observed = len(self._held)
+            return self._release() if self._held_s() >= _BLOCK_S else []
+        return []
 
-    def _end_hold(self, n_extra: int) -> list[TimedBlock | Loss]:
-        first = self._n_observed
-        if n_extra:
-            chunk = self._held[first].chunk
-            self._held[first] = replace(
-                self._held[first], chunk=replace(chunk, n_lost=chunk.n_lost + n_extra, is_loss_exact=False)
+    def _go_on_holding(self, hold: _Hold, newest_s: float, late_s: float) -> list[Timed]:
+        if late_s < min(self._early_limit_s(), hold.earliest_s - _EARLY_STEP_S):
+            self._hold = _Hold(kind="early", since_s=newest_s, earliest_s=late_s)
+            return []
+        if hold.kind == "early":
+            return self._contradicted(-hold.earliest_s) if newest_s - hold.since_s > _EARLY_WAIT_S else []
+        if hold.kind == "late" and late_s <= self._tolerance_s():
+            return self._end_hold()
+        lost_s = self._lost_in_hold_s(hold, newest_s)
+        if lost_s is None:
+            return []
+        n_extra = max(0, round((lost_s - self._clock.uncertainty_s) * self.stream.rate_hz))
+        # The loss is behind the last chunk that was less late than it.
+        less_late = [k for k, held in self._waiting() if self._late_s(held) < lost_s - self._tolerance_s()]
+        return self._end_hold(n_extra, at=less_late[-1] + 1 if less_late else self._n_observed)
+
+    def _waiting(self) -> list[tuple[int, _Held]]:
+        """Held chunks that the clock has not observed, with their place."""
+        return list(enumerate(self._held))[self._n_observed :]
+
+    def _lost_in_hold_s(self, hold: _Hold, newest_s: float) -> float | None:
+        """How much is missing for good, s; None while it may just be late."""
+        waited_s = newest_s - hold.since_s
+        is_suspect = hold.kind == "suspect"
+        if waited_s < (_HOLD_SUSPECT_S if is_suspect else _HOLD_LATE_S):
+            return None
+        quarters: dict[int, float] = {}
+        for _, held in self._waiting():
+            quarter = int((newest_s - float(held.chunk.arrival_s[-1])) / _QUARTER_S)
+            quarters[quarter] = min(self._late_s(held), quarters.get(quarter, np.inf))
+        recent = [quarters[k] for k in range(2 if is_suspect else _STEADY_QUARTERS) if k in quarters]
+        # Beyond what broken bytes explain, the link may be late on top.
+        if is_suspect and min(recent) > _SUSPECT_LATE_S and waited_s < _HOLD_LATE_S:
+            return None
+        # What was lost stays away: a lateness that still changes is a link that is busy.
+        is_steady = max(recent) - min(recent) <= self._tolerance_s()
+        return min(recent) if is_steady or waited_s >= _HOLD_LONGEST_S else None
+
+    def _contradicted(self, early_s: float) -> list[Timed]:
+        """Handle samples that came before they can have been taken: they were counted as later ones than they are."""
+        n_back = min(round(early_s * self.stream.rate_hz), self._n_inferred)
+        if n_back and self._n_inferred - n_back <= _LATE_SAMPLES:
+            n_back = self._n_inferred
+        last_s = self._last_time_s or 0.0
+        if n_back:
+            start_s = self._clock.line.time_of(self._inferred_from)
+            # What waits is numbered anew with the rest, so that it can be stamped behind what was given out.
+            self._clock.renumber(self._inferred_from, -n_back)
+            self._held = [replace(h, n_before=h.n_before - n_back) for h in self._held]
+            self._count -= n_back
+            self._base += n_back
+            self._n_inferred -= n_back
+            text = f"{n_back} samples called lost were late; times here are late by up to {early_s * 1e3:.0f} ms"
+        else:
+            start_s = self._session_start_s
+            text = (
+                f"samples came {early_s * 1e3:.1f} ms earlier than possible: some were sent twice, or all before were "
+                "late; times here are late by up to as much"
             )
-        for k in range(first, len(self._held)):
-            self._held[k] = replace(self._held[k], n_before=self._held[k].n_before + n_extra)
+        end_s = max(start_s, last_s + early_s / LARGEST_SLEW + SLEW_SETTLED_S)
+        return [Doubt(start_s=start_s, end_s=end_s, text=text, n_taken_back=n_back), *self._end_hold()]
+
+    def _end_hold(self, n_extra: int = 0, *, at: int = 0) -> list[Timed]:
+        """Let the held chunks go, with `n_extra` samples lost before the chunk at place `at`."""
+        if n_extra:
+            chunk = self._held[at].chunk
+            chunk = replace(chunk, n_lost=chunk.n_lost + n_extra, is_loss_exact=False)
+            self._held[at] = replace(self._held[at], chunk=chunk)
+            self._inferred_from = self._held[at].n_before + n_extra
+            self._n_inferred += n_extra
+            self._count += n_extra
+        for k, held in self._waiting():
+            if n_extra and k >= at:
+                self._held[k] = replace(held, n_before=held.n_before + n_extra)
             self._observe(self._held[k])
-        self._count += n_extra
-        self._hold_since_s = None
+        self._hold = None
         return self._release()
 
     def _late_s(self, held: _Held) -> float:
@@ -232,8 +354,8 @@ class StreamTimer:
     def _held_s(self) -> float:
         return sum(len(h.chunk.raw) for h in self._held) / self.stream.rate_hz
 
-    def _release(self) -> list[TimedBlock | Loss]:
-        out: list[TimedBlock | Loss] = []
+    def _release(self) -> list[Timed]:
+        out: list[Timed] = []
         group: list[_Held] = []
         for held in self._held:
             if group and held.chunk.n_lost:
@@ -245,7 +367,7 @@ class StreamTimer:
         self._n_observed = 0
         return out
 
-    def _stamp(self, group: list[_Held]) -> list[TimedBlock | Loss]:
+    def _stamp(self, group: list[_Held]) -> list[Timed]:
         raw = np.concatenate([h.chunk.raw for h in group])
         first, n_lost = group[0].n_before, group[0].chunk.n_lost
         first_time_s, period_s = self._clock.stamp(first, len(raw))
@@ -261,15 +383,15 @@ class StreamTimer:
             n_lost = 0
         self._is_first = False
         time_s = first_time_s + period_s * np.arange(len(raw), dtype=np.float64)
-        out: list[TimedBlock | Loss] = []
+        out: list[Timed] = []
         if n_lost and self._last_time_s is not None:
             out.append(Loss(start_s=self._last_time_s, end_s=first_time_s, n_missing=n_lost, reason=reason))
         out.append(TimedBlock(first_index=self._base + first, time_s=time_s, period_s=period_s, raw=raw))
         self._last_time_s = float(time_s[-1])
         return out
 
-    def _polled(self, chunk: Chunk, time_s: NDArray[np.float64]) -> list[TimedBlock | Loss]:
-        out: list[TimedBlock | Loss] = []
+    def _polled(self, chunk: Chunk, time_s: NDArray[np.float64]) -> list[Timed]:
+        out: list[Timed] = []
         self._n_seen += len(time_s)
         if self._last_time_s is not None:
             later = time_s > self._last_time_s

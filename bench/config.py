@@ -8,16 +8,27 @@ from __future__ import annotations
 
 import difflib
 import hashlib
-import math
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from sawbench.bench.errors import ConfigError
+from sawbench.bench.toml_text import parse_toml, read_toml_text
+from sawbench.bench.units import CHANNEL_BY_NAME, TIME_COLUMN, Channel
 
-from bench.errors import ConfigError
+# Strict: `true` is no 1.0 and "18" is no 18.0.
+_STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+# No constant of a machine lies outside, in any SI unit; 0 may.
+_SMALLEST, _LARGEST = 1e-15, 1e9
 
-_STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+def _of_a_machine(value: float) -> float:
+    if value != 0 and not _SMALLEST <= abs(value) <= _LARGEST:
+        raise ValueError(f"no machine has such a value: allowed are 0 and magnitudes of {_SMALLEST:g} to {_LARGEST:g}")
+    return value
+
+
+Constant = Annotated[float, AfterValidator(_of_a_machine)]
 
 
 class Uncertain(BaseModel):
@@ -30,7 +41,7 @@ class Uncertain(BaseModel):
     """
 
     model_config = _STRICT
-    nominal: float
+    nominal: Constant
     rel_std: float = Field(default=0.0, ge=0.0, le=10.0)
 
     @property
@@ -75,9 +86,9 @@ class PlantConfig(BaseModel):
     reciprocating_mass_kg: NotNegativeValue
     crank_radius_m: PositiveValue
     motor_damping_n_m_s_per_rad: NotNegativeValue
-    gear_ratio: float = Field(gt=0)
+    gear_ratio: Constant = Field(gt=0)
     mechanism: Literal["scotch_yoke", "slider_crank"] = "scotch_yoke"
-    rod_length_m: float | None = Field(default=None, gt=0)
+    rod_length_m: Constant | None = Field(default=None, gt=0)
 
     @model_validator(mode="after")
     def _rod_fits_mechanism(self) -> PlantConfig:
@@ -102,11 +113,11 @@ class LinearAxisConfig(BaseModel):
     force_constant_n_per_a: PositiveValue | None = None
     drive_channel: str = "motor_current_a"
     load_channel: str | None = None
-    drive_gain_rel_std: float = Field(default=0.01, ge=0)
-    load_gain_rel_std: float = Field(default=0.01, ge=0)
-    drive_offset_std_n: float | None = Field(default=None, ge=0)
-    load_offset_std_n: float | None = Field(default=None, ge=0)
-    model_floor_n: float | None = Field(default=None, gt=0)
+    drive_gain_rel_std: Constant = Field(default=0.01, ge=0)
+    load_gain_rel_std: Constant = Field(default=0.01, ge=0)
+    drive_offset_std_n: Constant | None = Field(default=None, ge=0)
+    load_offset_std_n: Constant | None = Field(default=None, ge=0)
+    model_floor_n: Constant | None = Field(default=None, gt=0)
 
     @model_validator(mode="after")
     def _drive_is_force_or_current(self) -> LinearAxisConfig:
@@ -130,12 +141,12 @@ class BatteryConfig(BaseModel):
     """The battery of Eq. 16; `beta` in [0, 1)."""
 
     model_config = _STRICT
-    nominal_voltage_v: float = Field(gt=0)
-    capacity_ah: float = Field(gt=0)
+    nominal_voltage_v: Constant = Field(gt=0)
+    capacity_ah: Constant = Field(gt=0)
     beta: float = Field(ge=0, lt=1)
-    internal_resistance_ohm: float = Field(default=0.0, ge=0)
+    internal_resistance_ohm: Constant = Field(default=0.0, ge=0)
     cutoff_soc: float = Field(default=0.2, gt=0, lt=1)
-    cutoff_voltage_v: float | None = Field(default=None, gt=0)
+    cutoff_voltage_v: Constant | None = Field(default=None, gt=0)
 
 
 class CuttingConfig(BaseModel):
@@ -154,7 +165,7 @@ class ConverterConfig(BaseModel):
 
     model_config = _STRICT
     mode: Literal["fixed_duty", "held_voltage"] = "fixed_duty"
-    voltage_v: float | None = Field(default=None, gt=0)
+    voltage_v: Constant | None = Field(default=None, gt=0)
     default_duty: float = Field(default=0.4375, gt=0, le=1)
 
     @model_validator(mode="after")
@@ -186,11 +197,27 @@ class AnalysisConfig(BaseModel):
     current_gain_rel_std: float = Field(default=0.005, ge=0)
 
 
+class ChannelConfig(BaseModel):
+    """A measured quantity beyond those of `bench.units`: `[channels.NAME]`; recorded and kept, used by no model."""
+
+    model_config = _STRICT
+    unit: str = Field(min_length=1)
+    range: tuple[float, float] = Field(strict=False)
+    label: str = ""
+
+    @model_validator(mode="after")
+    def _range_rises(self) -> ChannelConfig:
+        if self.range[0] >= self.range[1]:
+            raise ValueError(f"range must rise, got {list(self.range)}")
+        return self
+
+
 class BenchConfig(BaseModel):
     """The whole of `bench_config.toml`.
 
     `devices` maps a name to a table with at least `driver`; the driver checks the rest of its table itself
-    (`acquisition.devices`).
+    (`acquisition.devices`). `effects` maps an effect to its magnitude; the machine checks the table
+    (`modeling.machines.known_effects`).
     """
 
     model_config = _STRICT
@@ -201,7 +228,25 @@ class BenchConfig(BaseModel):
     converter: ConverterConfig = ConverterConfig()
     recording: RecordingConfig = RecordingConfig()
     analysis: AnalysisConfig = AnalysisConfig()
+    channels: dict[Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")], ChannelConfig] = Field(default_factory=dict)
     devices: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    effects: dict[str, dict[str, Any]] = Field(default_factory=dict)
+
+    @property
+    def known_channels(self) -> dict[str, Channel]:
+        """Channels of `bench.units` and those that `[channels.*]` declares, by name."""
+        declared = {
+            name: Channel(name=name, unit=c.unit, label=c.label or name.replace("_", " "), plausible=c.range)
+            for name, c in self.channels.items()
+        }
+        return {**CHANNEL_BY_NAME, **declared}
+
+    @model_validator(mode="after")
+    def _channels_are_further_ones(self) -> BenchConfig:
+        for name in self.channels:
+            if name in CHANNEL_BY_NAME or name == TIME_COLUMN:
+                raise ValueError(f"channels.{name}: sawbench knows this name already; remove its table")
+        return self
 
     @model_validator(mode="after")
     def _one_plant(self) -> BenchConfig:
@@ -233,6 +278,12 @@ class LoadedConfig(BaseModel):
 
     def plant(self) -> PlantConfig:
         """Return `[plant]` or say that it is missing."""
+        if self.config.linear_axis is not None:
+            raise ConfigError(
+                "describes a linear axis, which this command cannot handle: it needs the [plant] table of a saw",
+                where=self.path,
+                remedy="`sawbench record`, `import` and `diagnose` take a linear axis",
+            )
         if self.config.plant is None:
             raise _missing("plant", self.path)
         return self.config.plant
@@ -270,14 +321,7 @@ def load_config(path: str | Path) -> LoadedConfig:
         every offending key, what was got and what is allowed.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise ConfigError(
-            "no such file", where=path, remedy="name the file with --config, or run where bench_config.toml is"
-        ) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot be read: {error}", where=path) from error
+    text = read_toml_text(path, remedy="name the file with --config, or run where bench_config.toml is")
     return parse_config(text, where=str(path))
 
 
@@ -289,10 +333,7 @@ def parse_config(text: str, *, where: str = "bench_config.toml") -> LoadedConfig
     >>> parse_config("[cutting]\ncutting_half = 'zero_to_pi'").config.cutting.cutting_half
     'zero_to_pi'
     """
-    try:
-        tables = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"is not valid TOML: {error}", where=where) from error
+    tables = parse_toml(text, where=where)
     try:
         config = BenchConfig.model_validate(tables)
     except ValidationError as error:
@@ -348,14 +389,3 @@ def _nested_model(annotation: Any) -> type[BaseModel] | None:
         return annotation
     inner = (_nested_model(part) for part in getattr(annotation, "__args__", ()))
     return next((found for found in inner if found is not None), None)
-
-
-def combine_relative(*relative_stds: float) -> float:
-    """Root sum of squares of independent relative standard uncertainties.
-
-    Examples
-    --------
-    >>> combine_relative(0.03, 0.04)
-    0.05
-    """
-    return math.hypot(*relative_stds)

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from bench.errors import InputError
-from bench.recording import Floats
+from sawbench.bench.errors import InputError
+from sawbench.bench.recording import Floats
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Literal
 
-from bench.folded import FoldedCycle
-from bench.recording import Floats, Trial
+import numpy as np
+from sawbench.bench.folded import FoldedCycle
+from sawbench.bench.recording import Floats, Signal, Trial
 
 Confidence = Literal["high", "moderate", "low"]
 PhaseKind = Literal["rest", "spin_up", "running", "spin_down", "stall"]
@@ -89,6 +90,11 @@ class CrankAngle:
         Channel the angle comes from.
     is_absolute : bool
         False where the zero of the angle is unknown (no displacement).
+    rod_length_m : float or None
+        Connecting rod of the slider-crank that the angle was tracked with; None for a Scotch yoke.
+    ripple_std_rad : ndarray, shape (k,)
+        Standard uncertainty of the harmonics 1..k of the angle within the mean stroke; empty where no mean
+        stroke was regressed.
     """
 
     time_s: Floats
@@ -98,6 +104,8 @@ class CrankAngle:
     radius_m: float
     source: str
     is_absolute: bool
+    rod_length_m: float | None = None
+    ripple_std_rad: Floats = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -106,6 +114,26 @@ class Phase:
 
     kind: PhaseKind
     start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SteadyPart:
+    """The longest part of a trial in which the blade neither stands nor slows down.
+
+    Attributes
+    ----------
+    first_motion_s : float
+        Time at which the crank begins to turn; the first sample where it turns all along.
+    start_s, end_s : float
+        The first motion and the end of the trial where nothing interrupts it.
+    settled_s : float
+        From here on strokes are compared with a model of settled strokes; may lie behind `end_s`.
+    """
+
+    first_motion_s: float
+    start_s: float
+    settled_s: float
     end_s: float
 
 
@@ -180,6 +208,10 @@ class ProcessedTrial:
         None only where status is "no_stroke" (or the trial is stalled from the start).
     angle : CrankAngle or None
     phases : tuple of Phase
+    steady : SteadyPart or None
+        None where there is no angle.
+    channels : mapping of str to Signal
+        Every channel as recorded, without its spikes; empty in a result that was read back from a file.
     folded : mapping of str to FoldedCycle
         Every channel as measured.
     cutting_force : FoldedCycle or None
@@ -207,6 +239,8 @@ class ProcessedTrial:
     peak_force_std_n: float | None
     mean_values: Mapping[str, float] = field(default_factory=dict)
     rms_values: Mapping[str, float] = field(default_factory=dict)
+    channels: Mapping[str, Signal] = field(default_factory=dict)
+    steady: SteadyPart | None = None
     quality: tuple[ChannelQuality, ...] = ()
     warnings: tuple[str, ...] = ()
     source_path: str = ""
@@ -231,5 +265,5 @@ class ProcessedTrial:
         return tuple(found)
 
     def __post_init__(self) -> None:
-        for name in ("folded", "mean_values", "rms_values"):
+        for name in ("folded", "mean_values", "rms_values", "channels"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))

@@ -10,8 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-
-from bench.errors import InputError
+from sawbench.bench.errors import InputError
 
 Floats = NDArray[np.float64]
 EventKind = Literal["gap", "note", "device", "start", "stop", "trigger", "interrupted", "warning"]

@@ -6,15 +6,11 @@ python -m benchmarks.battery_cells --cells DIR --out docs/battery.md
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
-from bench.errors import InputError
-from modeling.battery_fit import BatteryModel, MeasuredDischarge, fit_battery, predict_discharge
+from sawbench.bench.errors import InputError
+from sawbench.modeling.battery_fit import BatteryModel, MeasuredDischarge, fit_battery, predict_discharge
 
 FILE = "LGM50_5Ah_RateTest.mat"
 CUTOFF_V = 2.5

@@ -1,10 +1,11 @@
-"""Fit the constants of `diagnosis.weighing` on development campaigns, and say how well the diagnosis does on them.
+"""Fit the constants of `inference.settings.Weights` on development campaigns, and say how well it does on them.
 
     python -m benchmarks.calibrate_diagnosis collect OUT [--cases N] [--pairs N] [--intact N] [--forms own|plain]
                                                          [--workers N]
     python -m benchmarks.calibrate_diagnosis fit OUT [--fixed | --temperature T]
     python -m benchmarks.calibrate_diagnosis leave-out OUT
     python -m benchmarks.calibrate_diagnosis compare OUT OTHER
+    python -m benchmarks.calibrate_diagnosis sample OUT FILE
 
 `collect` simulates campaigns of the seeds 1 to 999 with the blind check's plant, weighs every hypothesis and keeps the
 log evidences (resumable, about 14 s a campaign and core). `fit` maximises the weighted log-likelihood of the truth over
@@ -16,7 +17,8 @@ typical. Seeds above 999 are for claims and are refused.
 One simulator is one choice of functional forms. `leave-out` fits the constants once for every effect, without the
 campaigns in which nature's form of that effect plays a part, and answers these: the difference to the constants that
 have seen them says how much the fit leans on any one form. `compare` sets the answers to the same campaigns with other
-forms (`collect --forms plain`) beside each other, effect by effect.
+forms (`collect --forms plain`) beside each other, effect by effect. `sample` keeps the best hypotheses of each one,
+in one small file: the tests of the constants rest on it.
 """
 
 from __future__ import annotations
@@ -32,15 +34,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from blindcheck.campaign import make_campaign
-from blindcheck.effects.table import CATALOGUE, OUTSIDE
-from diagnosis.weighing import AND, VERDICTS, WEIGHTS, Weights, weigh
+from sawbench.blindcheck.campaign import make_campaign
+from sawbench.blindcheck.effects.table import CATALOGUE, OUTSIDE
+from sawbench.diagnosis.inference.hypothesis import AND, OTHERS, named
+from sawbench.diagnosis.inference.settings import SETTINGS, Weights
+from sawbench.diagnosis.inference.weighing import weigh
 
 KIND_WEIGHTS = {"none": 0.2, "parameters": 0.1, "effect": 0.5, "pair": 0.1, "outside": 0.1}
 N_EFFECTS = len(CATALOGUE)
 LAST_SEED = 999
 _ROUNDS = 4
+_SAMPLED = 12
 # Further campaigns of two effects, and of none, have seeds of their own.
 _FIRST_PAIR_SEED, _FIRST_INTACT_SEED = 500, 700
 # A probability of the truth below that counts as that.
@@ -97,13 +101,13 @@ def more_intact(n_cases: int) -> list[dict[str, Any]]:
 
 def collect_one(row: dict[str, Any], out_dir: Path) -> str:
     """Simulate one campaign, weigh its hypotheses and write what the fit needs."""
-    from bench.config import load_config
-    from diagnosis.evidence import catalogue_columns
-    from diagnosis.linear_problem import build_problem
-    from diagnosis.plants.choice import reduce_recordings
-    from diagnosis.posterior import judge
-    from storage.importers.dispatch import import_path
-    from storage.reader import read_recording
+    from sawbench.bench.config import load_config
+    from sawbench.diagnosis.inference.evidence import catalogue_columns
+    from sawbench.diagnosis.inference.linear_problem import build_problem
+    from sawbench.diagnosis.inference.posterior import judge
+    from sawbench.diagnosis.plants.choice import reduce_recordings
+    from sawbench.storage.importers.dispatch import import_path
+    from sawbench.storage.reader import read_recording
 
     path = out_dir / f"case-{row['seed']:04d}.json"
     if path.exists():
@@ -122,9 +126,9 @@ def collect_one(row: dict[str, Any], out_dir: Path) -> str:
         shutil.rmtree(folder, ignore_errors=True)
     found = {
         **row,
-        "log_evidence": posterior.log_evidence,
-        "left_over": posterior.left_over,
-        "shared": posterior.shared,
+        "log_evidence": {h.name: h.log_evidence for h in posterior.hypotheses},
+        "left_over": {h.name: h.left_over for h in posterior.hypotheses},
+        "shared": {h.name: h.shared for h in posterior.hypotheses},
         "quiet": problem.quiet,
     }
     part = path.with_suffix(".part")
@@ -166,15 +170,13 @@ def numbers_of(weights: Weights) -> np.ndarray:
 
 
 def weighed(row: dict[str, Any], weights: Weights) -> dict[str, float]:
-    """Probabilities of one record."""
-    return weigh(
-        row["log_evidence"],
-        row["left_over"],
-        n_effects=N_EFFECTS,
-        quiet=row["quiet"],
-        shared=row["shared"],
-        weights=weights,
-    )
+    """Probabilities of one record, most probable first."""
+    hypotheses = [
+        named(name, value, left_over=row["left_over"].get(name, np.inf), shared=row["shared"].get(name, 1.0))
+        for name, value in row["log_evidence"].items()
+    ]
+    found = weigh(hypotheses, n_effects=N_EFFECTS, quiet=row["quiet"], weights=weights)
+    return {h.name: h.probability for h in found}
 
 
 def loss_of(row: dict[str, Any], probabilities: dict[str, float]) -> float:
@@ -233,7 +235,7 @@ def report(rows: list[dict[str, Any]], weights: Weights) -> str:
         of = [t for t in tops if t[0] == kind]
         if of:
             right = sum(t[1] for t in of)
-            claimed = sum(t[2] not in VERDICTS for t in of)
+            claimed = sum(t[2] not in OTHERS for t in of)
             lines.append(f"{kind:10} {right} of {len(of)} right, {claimed} claim an effect")
     sure = np.array([t[3] for t in tops])
     right = np.array([t[1] for t in tops])
@@ -257,14 +259,14 @@ def leave_out(rows: list[dict[str, Any]]) -> str:
             f"  {loss / cases:18.3f}  {loss_out / cases:18.3f}"
         )
 
-    seen = fit(rows, WEIGHTS.temperature)
+    seen = fit(rows, SETTINGS.weights.temperature)
     total = np.zeros(5)
     for effect in CATALOGUE:
         own = [row for row in rows if effect in row["effects"]]
         if not own:
             continue
         rest = [row for row in rows if effect not in row["effects"]]
-        both = (seen, fit(rest, WEIGHTS.temperature, near=seen))
+        both = (seen, fit(rest, SETTINGS.weights.temperature, near=seen))
         answers = [[(row, weighed(row, weights)) for row in own] for weights in both]
         right = [sum(next(iter(said)) == truth(row) for row, said in answer) for answer in answers]
         loss = [sum(loss_of(row, said) for row, said in answer) for answer in answers]
@@ -288,7 +290,7 @@ def compare(rows: list[dict[str, Any]], others: list[dict[str, Any]]) -> str:
         hidden = truth(both[0])
         cells = []
         for k, row in enumerate(both):
-            answer = weighed(row, WEIGHTS)
+            answer = weighed(row, SETTINGS.weights)
             top = next(iter(answer))
             right[k] += top == hidden
             said = "right" if top == hidden else top
@@ -297,6 +299,22 @@ def compare(rows: list[dict[str, Any]], others: list[dict[str, Any]]) -> str:
         lines.append(f"{size[:54]:54} | {cells[0]:46} | {cells[1]}")
     lines.append(f"{len(pairs)} campaigns: {right[0]} right with {names[0]}, {right[1]} with {names[1]}")
     return "\n".join(lines)
+
+
+def sample(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Records with their best hypotheses alone, the members of pairs among them."""
+    found = []
+    for row in rows:
+        evidence = row["log_evidence"]
+        best = {*sorted(evidence, key=lambda name: -evidence[name])[:_SAMPLED], *OTHERS, truth(row)} & set(evidence)
+        kept = best | {member for name in best for member in name.split(AND) if member in evidence}
+        of_kept = {
+            key: {name: round(value, 4) for name, value in row[key].items() if name in kept and np.isfinite(value)}
+            for key in ("log_evidence", "left_over", "shared")
+        }
+        known = {key: row[key] for key in ("seed", "kind", "effects", "parameters", "forms")}
+        found.append({**known, "quiet": round(row["quiet"], 4), **of_kept})
+    return found
 
 
 def records(folder: Path) -> list[dict[str, Any]]:
@@ -310,9 +328,9 @@ def records(folder: Path) -> list[dict[str, Any]]:
 def main() -> None:
     """Collect, fit, leave out or compare."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("step", choices=("collect", "fit", "leave-out", "compare"))
+    parser.add_argument("step", choices=("collect", "fit", "leave-out", "compare", "sample"))
     parser.add_argument("out", type=Path)
-    parser.add_argument("other", type=Path, nargs="?", help="the folder to compare with")
+    parser.add_argument("other", type=Path, nargs="?", help="the folder to compare with, or the file to write")
     parser.add_argument("--cases", type=int, default=_ROUNDS * 68)
     parser.add_argument("--pairs", type=int, default=0, help="further campaigns of two effects")
     parser.add_argument("--intact", type=int, default=0, help="further campaigns of no effect")
@@ -339,13 +357,16 @@ def main() -> None:
                 print(k, job.get(), flush=True)
     elif told.step == "fit":
         rows = records(told.out)
-        weights = WEIGHTS if told.fixed else fit(rows, told.temperature)
+        weights = SETTINGS.weights if told.fixed else fit(rows, told.temperature)
         print(json.dumps(asdict(weights), indent=2))
         print(report(rows, weights))
     elif told.step == "leave-out":
         print(leave_out(records(told.out)))
     elif told.other is None:
-        parser.error("compare needs two folders")
+        parser.error(f"{told.step} needs a second path")
+    elif told.step == "sample":
+        lines = [json.dumps(row) for row in sample(records(told.out))]
+        told.other.write_text("[\n" + ",\n".join(lines) + "\n]\n", encoding="utf-8")
     else:
         print(compare(records(told.out), records(told.other)))
 

@@ -104,8 +104,7 @@ def write_campaign(folder: Path, out: Path, stage: str) -> Path:
 
 def main(folder: Path, out: Path) -> None:
     """Diagnose every stage and print what was found."""
-    from commands.main import main as sawbench
-    from diagnosis.weighing import marginal_of
+    from sawbench.commands.main import main as sawbench
 
     for stage in STAGES:
         place = out / re.sub(r"\W+", "_", stage)
@@ -121,7 +120,7 @@ def main(folder: Path, out: Path) -> None:
                 f"  {cause['probability']:6.3f} {' + '.join(cause['effects'])}: closes {cause['gap_closed']:.2f} "
                 f"({low:.2f} to {high:.2f}); {numbers}"
             )
-        dry = marginal_of(report["detail"]["probabilities"], ("guide_friction",))["guide_friction"]
+        dry = sum(p for name, p in report["detail"]["probabilities"].items() if "guide_friction" in name.split(" + "))
         print(f"  dry friction takes part: {dry:.2f}")
         print(f"  {json.dumps(report['probabilities'])}\n  {json.dumps(report['gap']['by_channel'])}")
 

@@ -11,24 +11,21 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
-
-sys.path[:0] = [str(Path(__file__).resolve().parent.parent), str(Path(__file__).resolve().parent)]
 
 METHODS = ("current_and_force", "current", "force")
 
 
 def one_trial(seed: int) -> dict:
     """Truth and fits of one synthetic trial."""
-    from synthetic_trials import NOMINAL, synthetic_trial
+    from sawbench.bench.config import BatteryConfig, PlantConfig
+    from sawbench.modeling.fit import fit_cutting_coefficient
+    from sawbench.processing.measured_cycles import cycles_from_samples
 
-    from bench.config import BatteryConfig, PlantConfig
-    from modeling.fit import fit_cutting_coefficient
-    from modeling.measured_cycles import cycles_from_samples
+    from benchmarks.synthetic_trials import NOMINAL, synthetic_trial
 
     rng = np.random.default_rng([seed, 7])
     trial = synthetic_trial(

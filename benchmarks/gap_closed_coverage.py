@@ -27,8 +27,6 @@ from typing import Any, Final
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
 EFFECTS: Final = (
     "brush_voltage_drop", "guide_friction", "edge_force", "windage_drag", "current_sensor_lag",
     "motor_coulomb_friction", "cutting_speed_exponent", "battery_internal_resistance", "load_dependent_friction",
@@ -47,7 +45,7 @@ def machines(n: int) -> list[tuple[int, str]]:
 
 def collect_one(seed: int, effect: str, repetition: int, out_dir: Path) -> Path:
     """Simulate and diagnose one campaign, unless that was done, and write its ladder."""
-    from blindcheck.campaign import make_campaign
+    from sawbench.blindcheck.campaign import make_campaign
 
     path = out_dir / f"{seed}-{effect}-{repetition:03d}.json"
     if path.exists():
@@ -66,13 +64,13 @@ def collect_one(seed: int, effect: str, repetition: int, out_dir: Path) -> Path:
 
 def ladder_of(campaign_dir: Path, recordings_dir: Path, effect: str) -> dict[str, Any]:
     """`gap_closed` of a known effect with its interval; None where the campaign shows nothing of it."""
-    from bench.config import load_config
-    from diagnosis.evidence import catalogue_columns, explain
-    from diagnosis.ladder import HoldOut
-    from diagnosis.linear_problem import Marginal, build_problem
-    from diagnosis.plants.choice import reduce_recordings
-    from storage.importers.dispatch import import_path
-    from storage.reader import read_recording
+    from sawbench.bench.config import load_config
+    from sawbench.diagnosis.answer.ladder import HoldOut
+    from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
+    from sawbench.diagnosis.inference.linear_problem import Marginal, build_problem
+    from sawbench.diagnosis.plants.choice import reduce_recordings
+    from sawbench.storage.importers.dispatch import import_path
+    from sawbench.storage.reader import read_recording
 
     imported = import_path(campaign_dir / "campaign.toml", recordings_dir)
     recordings = [read_recording(file) for file in imported.paths]
@@ -102,7 +100,7 @@ def count(rows: Sequence[dict[str, Any]]) -> tuple[int, int, np.ndarray, float]:
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """One line a machine, and all of them."""
-    from blindcheck.score_statistics import wilson
+    from sawbench.blindcheck.score_statistics import wilson
 
     lines = [f"{'machine':38}{'mean':>7}{'scatter':>9}{'width':>7}{'inside':>9}{'share':>8}   95 % interval"]
     hits = total = 0
@@ -133,7 +131,7 @@ def of_a_perfect_interval(n_repeats: int) -> float:
 
 def main() -> int:
     """Collect what is missing and print the table."""
-    from commands.source_identity import source_fingerprint
+    from sawbench.commands.source_identity import source_fingerprint
 
     parser = argparse.ArgumentParser(description="How often the 95 % interval of gap_closed is right.")
     parser.add_argument("out", type=Path)

@@ -6,12 +6,9 @@ python -m benchmarks.paper_table --out docs/paper.md
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
-from modeling.paper_reproduction import FORCE_PEAK_N, PEAK_PLACE, Reproduction, reproduce
+from benchmarks.paper_reproduction import FORCE_PEAK_N, PEAK_PLACE, Reproduction, reproduce
 
 HEAD = """# The paper's figures, computed again
 
@@ -46,7 +43,7 @@ LIMITS = """
   (section 4.3) and 873.8 s (Appendix A) for it, two different runs.
 - RMSE 0.4331 A to its digits: it hangs on the shape of the measured force.
 - The force peak of 287.11 N (Fig. 5, measured) and of 280.16 N (Fig. 12, simulated) are two quantities;
-the table   of section 4.1 between them is not published.
+  the table of section 4.1 between them is not published.
 - The measured runtime of 846 s: the real tool draws 3 to 14 % more than either model.
 - 926.96 s in Eq. A.4 is printed; 7200 / 7.77 is 926.6.
 """

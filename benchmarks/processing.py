@@ -13,15 +13,15 @@ import argparse
 import time
 
 import numpy as np
+from sawbench.bench.config import BenchConfig
+from sawbench.bench.recording import Recording, Signal, Trial
+from sawbench.processing.crank_angle import track_crank_angle
+from sawbench.processing.demodulation import demodulate
+from sawbench.processing.folding import fold_channels
+from sawbench.processing.process import process_recording
+from sawbench.processing.spectrum import find_lines, power_spectrum
 
-from bench.config import BenchConfig
-from bench.recording import Recording, Signal, Trial
 from benchmarks.synthetic_trials import GEAR_RATIO, NOMINAL, simulate
-from processing.crank_angle import track_crank_angle
-from processing.demodulation import demodulate
-from processing.folding import fold_channels
-from processing.process import process_recording
-from processing.spectrum import find_lines, power_spectrum
 
 RATE_HZ = 10_000.0
 STROKE_HZ = 18.0

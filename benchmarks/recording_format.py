@@ -12,12 +12,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-
-from bench.recording import SampleBlock, Trial
-from bench.units import CHANNELS
-from storage.importers import import_path
-from storage.reader import read_recording
-from storage.writer import RecordingWriter
+from sawbench.bench.recording import SampleBlock, Trial
+from sawbench.bench.units import CHANNELS
+from sawbench.storage.importers import import_path
+from sawbench.storage.reader import read_recording
+from sawbench.storage.writer import RecordingWriter
 
 SECONDS = 20.0
 BLOCK_S = 0.05

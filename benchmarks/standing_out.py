@@ -14,15 +14,15 @@ import tempfile
 from collections import Counter
 from pathlib import Path
 
-from bench.config import load_config
-from blindcheck.campaign import make_campaign
-from blindcheck.effects.table import CATALOGUE
-from diagnosis.evidence import background
-from diagnosis.linear_problem import build_problem
-from diagnosis.plants.choice import reduce_recordings
-from diagnosis.standing_out import Cell, find_cells
-from storage.importers.dispatch import import_path
-from storage.reader import read_recording
+from sawbench.bench.config import load_config
+from sawbench.blindcheck.campaign import make_campaign
+from sawbench.blindcheck.effects.table import CATALOGUE
+from sawbench.diagnosis.answer.standing_out import Cell, find_cells
+from sawbench.diagnosis.inference.evidence import background
+from sawbench.diagnosis.inference.linear_problem import build_problem
+from sawbench.diagnosis.plants.choice import reduce_recordings
+from sawbench.storage.importers.dispatch import import_path
+from sawbench.storage.reader import read_recording
 
 FIRST_SEED = 601
 

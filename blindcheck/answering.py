@@ -17,8 +17,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.errors import InputError
-from blindcheck.sealing import COMMITMENTS, file_hashes, read_json, sha256_of, write_json
+from sawbench.bench.errors import InputError
+from sawbench.blindcheck.sealing import COMMITMENTS, file_hashes, read_json, sha256_of, write_json
 
 INDEX = "answers.json"
 SCHEMA_VERSION = 1
@@ -96,17 +96,13 @@ def answer(
     answers_dir : Path, optional
         `answers` inside the set unless given.
     workers : int, optional
-        Cases at a time; one per core unless given.
+        Cases at a time; one a core unless given.
     timeout_s : float
         For one step of one case; a case that takes longer has failed.
     force : bool
         Throw away the answers of other software and begin again.
     on_progress : callable, optional
         (done, wanted, case).
-
-    Returns
-    -------
-    Answered
 
     Raises
     ------
@@ -119,14 +115,12 @@ def answer(
     refuse_key_inside(set_dir)
     index = _open_index(answers_dir, set_dir, program, force=force)
     waiting = [name for name in sorted(cases) if not _is_valid(answers_dir, name, index["answers"].get(name))]
-    done = len(cases) - len(waiting)
     runner = _Runner(program=program, timeout_s=timeout_s)
     with ThreadPoolExecutor(max_workers=workers or os.cpu_count() or 1) as pool:
         futures = {pool.submit(runner.run, set_dir / name, cases[name]["files"]): name for name in waiting}
         try:
-            for future in as_completed(futures):
+            for done, future in enumerate(as_completed(futures), start=len(cases) - len(waiting) + 1):
                 _keep(answers_dir, index, futures[future], future.result(), program)
-                done += 1
                 if on_progress is not None:
                     on_progress(done, len(cases), futures[future])
         except BaseException:

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import tomli_w
-from scipy.linalg import expm
-
-from bench.errors import InputError
-from bench.units import CHANNELS, TIME_COLUMN
-from blindcheck.csv_table import write_csv
-from blindcheck.drawing import NOMINAL, CampaignDraw, Parameters, TrialPlan, draw_campaign
-from blindcheck.dynamics import (
+from sawbench.bench.errors import InputError
+from sawbench.bench.units import CHANNELS, TIME_COLUMN
+from sawbench.blindcheck.bench import Nature
+from sawbench.blindcheck.csv_table import write_csv
+from sawbench.blindcheck.drawing import CampaignDraw, Parameters, draw_campaign
+from sawbench.blindcheck.draws import stream_of
+from sawbench.blindcheck.dynamics import (
     CHARGE,
     CRANK,
     CUT_PATH,
@@ -27,27 +27,29 @@ from blindcheck.dynamics import (
     POLAR_SLOW,
     WINDING,
 )
-from blindcheck.effects.change import Forms
-from blindcheck.plant import MATERIALS, Floats, Plant, PlantSettings, parameter_record
-from blindcheck.sensors import Readings, measure
-from blindcheck.true_parameters import true_parameters
+from sawbench.blindcheck.nuisances import NUISANCES, Moment
+from sawbench.blindcheck.plans import TrialPlan
+from sawbench.blindcheck.plant import MATERIALS, Floats, Plant, PlantSettings, parameter_record
+from sawbench.blindcheck.readings import Readings
+from sawbench.blindcheck.sensors import measure
+from sawbench.blindcheck.true_parameters import true_parameters
+from scipy.linalg import expm
 
-RATE_HZ = 5000.0
 _FIRST_TRIAL = datetime(2026, 3, 2, 9, 0, 0, tzinfo=UTC)
 _DECIMALS = {TIME_COLUMN: 6, "force_n": 2} | {channel.name: 4 for channel in CHANNELS if channel.name != "force_n"}
-_WOOD_TRIAL_STD = {"nylon": 0.015, "black_locust": 0.04, "oak": 0.05, "none": 0.0}
 
 
 def trial_settings(draw: CampaignDraw, index: int) -> PlantSettings:
     """Return what the plant is in trial number `index` (from 0) of a campaign."""
     plan = draw.trials[index]
     rng = np.random.default_rng([draw.session_seed, 21, index])
-    spread = float(np.exp(_WOOD_TRIAL_STD[plan.workpiece] * rng.standard_normal()))
     width = plan.thickness_mm / 20.0
     wood = MATERIALS[plan.workpiece]
-    k_fc = draw.k_fc_n_s_per_m * spread * width**draw.width_exponent if wood.k_fc_n_s_per_m > 0 else 0.0
-    return PlantSettings(
-        **dict(draw.parameters),  # type: ignore[arg-type]
+    spread = float(np.exp(wood.piece_rel_std * rng.standard_normal()))
+    harder = wood.k_fc_n_s_per_m / MATERIALS[draw.material].k_fc_n_s_per_m
+    k_fc = draw.k_fc_n_s_per_m * harder * spread * width**draw.width_exponent if harder > 0.0 else 0.0
+    return draw.bench.settings(
+        draw.parameters,
         duty=plan.duty,
         k_fc_n_s_per_m=k_fc,
         stroke_rel_std=wood.stroke_rel_std,
@@ -59,14 +61,12 @@ def trial_settings(draw: CampaignDraw, index: int) -> PlantSettings:
     )
 
 
-def measured_trials(draw: CampaignDraw, *, rate_hz: float = RATE_HZ) -> Iterator[tuple[TrialPlan, float, Readings]]:
+def measured_trials(draw: CampaignDraw) -> Iterator[tuple[TrialPlan, float, Readings]]:
     """Simulate and measure the trials in their order; charge, wear and heat carry over.
 
     Parameters
     ----------
     draw : CampaignDraw
-    rate_hz : float
-        Mean sample rate.
 
     Yields
     ------
@@ -75,28 +75,53 @@ def measured_trials(draw: CampaignDraw, *, rate_hz: float = RATE_HZ) -> Iterator
     """
     state = np.zeros(N_STATES)
     session_s = 0.0
+    battery = draw.trials[0].battery
     for index, plan in enumerate(draw.trials):
         settings = trial_settings(draw, index)
         state = _after_rest(state, plan.rest_s, settings)
+        if plan.battery != battery:
+            battery = plan.battery
+            state[[CHARGE, POLAR_FAST, POLAR_SLOW]] = 0.0
         state[CRANK] = settings.initial_crank_rad
         session_s += plan.rest_s
         plant = Plant(settings, state=state)
-        standing_s = float(np.random.default_rng([draw.session_seed, 22, index]).uniform(0.05, 0.25))
-        rows = plant.advance(plan.seconds)
+        standing_s = float(np.random.default_rng([draw.session_seed, 22, index]).uniform(0.05, 0.25)) + plan.late_s
         yield (
             plan,
             session_s,
             measure(
-                rows,
+                _run(plant, plan),
                 draw.sensors,
-                rate_hz=rate_hz,
+                rate_hz=draw.bench.rate_hz,
                 session_s=session_s,
                 rest_s=standing_s,
                 seed=[draw.session_seed, index],
+                disturb=lambda readings, at=(session_s, index): disturbed(draw, readings, *at),
             ),
         )
         state = plant.state
-        session_s += plan.seconds
+        session_s += plan.late_s + plan.seconds
+
+
+def _run(plant: Plant, plan: TrialPlan) -> Floats:
+    """Let the tool run, and coast where it is switched off before the recording ends."""
+    rows = plant.advance(plan.seconds - plan.off_s)
+    if plan.off_s == 0.0:
+        return rows
+    plant.switch_off()
+    return np.concatenate([rows[:-1], plant.advance(plan.off_s)])
+
+
+def disturbed(draw: CampaignDraw, readings: Readings, session_s: float, index: int) -> Readings:
+    """Return the readings of trial number `index` (from 0) with the faults that the campaign's sensors have."""
+    for name, numbers in draw.nuisances.items():
+        moment = Moment(
+            session_s=session_s,
+            session=stream_of(draw.session_seed, name, 23),
+            trial=stream_of(draw.session_seed, name, 24, index),
+        )
+        readings = NUISANCES[name].disturb(readings, numbers, moment)
+    return readings
 
 
 def _after_rest(state: Floats, rest_s: float, settings: PlantSettings) -> Floats:
@@ -125,10 +150,8 @@ def make_campaign(
     effects: Mapping[str, float] | None = None,
     parameters: Parameters = "within",
     background: tuple[int, float, float] | Mapping[str, float] = (3, 0.003, 0.02),
-    forms: Forms = "own",
-    length: float = 1.0,
-    rate_hz: float = RATE_HZ,
     repetition: int = 0,
+    **nature: Any,
 ) -> dict[str, Any]:
     """Write a campaign into an empty or new folder and return its truth.
 
@@ -141,13 +164,10 @@ def make_campaign(
     parameters : {"within", "beyond"}
     background : tuple of (int, float, float), or mapping of str to float
         Number of small effects that play along and the range of their severity, or the severity of each.
-    forms : {"own", "plain"}
-    length : float
-        Factor on the duration of every trial; 1 gives 18 trials of about 750 000 rows in all.
-    rate_hz : float
-        Mean sample rate of the tables.
     repetition : int
         See `draw_campaign`: from 1 on the same machine is measured again.
+    **nature
+        Fields of `bench.Nature`; with none of them 18 trials of about 750 000 rows in all at 5 kHz.
 
     Returns
     -------
@@ -163,24 +183,21 @@ def make_campaign(
     if out_dir.exists() and any(out_dir.iterdir()):
         raise InputError("is not empty", where=out_dir, remedy="name a new folder for the campaign")
     draw = draw_campaign(
-        seed, effects=effects, parameters=parameters, background=background, forms=forms, length=length,
-        repetition=repetition,
-    )  # fmt: skip
+        seed, effects=effects, parameters=parameters, background=background, repetition=repetition, **nature
+    )
     out_dir.mkdir(parents=True, exist_ok=True)
-    (out_dir / "bench_config.toml").write_text(tomli_w.dumps(nominal_config()), encoding="utf-8")
+    (out_dir / "bench_config.toml").write_text(tomli_w.dumps(draw.bench.config()), encoding="utf-8")
     tables = []
-    for number, (plan, session_s, readings) in enumerate(measured_trials(draw, rate_hz=rate_hz), start=1):
+    for number, (plan, session_s, readings) in enumerate(measured_trials(draw), start=1):
         name = f"trial-{number:02d}.csv"
         write_csv(out_dir / name, {TIME_COLUMN: readings.time_s} | readings.values, _DECIMALS)
         tables.append(_trial_table(name, plan, session_s))
     campaign = {"config": "bench_config.toml", "trial": tables}
     (out_dir / "campaign.toml").write_text(tomli_w.dumps(campaign), encoding="utf-8")
-    return truth_of(draw, parameters=parameters, forms=forms, length=length, rate_hz=rate_hz)
+    return truth_of(draw, Nature(**nature), parameters=parameters)
 
 
-def truth_of(
-    draw: CampaignDraw, *, parameters: Parameters, forms: Forms, length: float, rate_hz: float
-) -> dict[str, Any]:
+def truth_of(draw: CampaignDraw, nature: Nature, *, parameters: Parameters) -> dict[str, Any]:
     """Return the label of a campaign and what is needed to make it again."""
     return {
         "seed": draw.seed,
@@ -194,25 +211,12 @@ def truth_of(
         "sensors": asdict(draw.sensors),
         "k_fc_n_s_per_m": draw.k_fc_n_s_per_m,
         "width_exponent": draw.width_exponent,
-        "forms": forms,
-        "length": length,
-        "rate_hz": rate_hz,
-    }
-
-
-def nominal_config() -> dict[str, Any]:
-    """Return the tables `[plant]`, `[battery]` and `[cutting]` that the campaign's configuration states."""
-    plant: dict[str, Any] = {name: {"nominal": value, "rel_std": std} for name, (value, std) in NOMINAL.items()}
-    return {
-        "plant": plant | {"gear_ratio": 56.0 / 6.0},
-        "battery": {
-            "nominal_voltage_v": 18.0,
-            "capacity_ah": 1.5,
-            "beta": 0.99,
-            "internal_resistance_ohm": 0.02,
-            "cutoff_soc": 0.2,
-        },
-        "cutting": {"cutting_half": "pi_to_2pi"},
+        **asdict(nature),
+        "rate_hz": draw.bench.rate_hz,
+        "without": list(nature.without),
+        "bench": draw.bench.record(),
+        "nuisances": {name: dict(numbers) for name, numbers in draw.nuisances.items()},
+        "trials": [asdict(plan) for plan in draw.trials],
     }
 
 
@@ -225,6 +229,6 @@ def _trial_table(name: str, plan: TrialPlan, session_s: float) -> dict[str, Any]
         "thickness_mm": plan.thickness_mm,
         "feed_mm_s": plan.feed_mm_s,
         "blade": "B1",
-        "battery": "P1",
+        "battery": plan.battery,
         "started_at": started_at.strftime("%Y-%m-%dT%H:%M:%SZ"),
     }

@@ -2,8 +2,9 @@
 
 State, one row of `STATE_NAMES`; parameters, one record of `RECORD`; an extra term vanishes at its default 0.
 
-Baseline: L di/dt = U - R i - k_e w;  J_r(phi) dw/dt = k_m i - b w - J_r'/2 w^2 + E r sin(phi) / gear, with
-the force E of the surroundings on the plunger; x = r (1 - cos phi); cutting force k_Fc v while the blade
+Baseline: L di/dt = U - R i - k_e w;  J_r(phi) dw/dt = k_m i - b w - J_r'/2 w^2 + E x'(phi) / gear, with
+the force E of the surroundings on the plunger, and J_r the kinetic energy of rotor, crank and plunger over w^2 / 2
+(Lagrange); x = r (1 - cos phi) of a Scotch yoke, `_travel` of a slider crank; cutting force k_Fc v while the blade
 moves in the cutting direction; U = duty V_b, i_b = duty i; V_b = V_nom s / (1 - beta (1 - s)) - R_b i_b,
 s the state of charge. What the extra terms stand for is said in `blindcheck.effects`.
 """
@@ -30,7 +31,7 @@ N_OUTPUTS = len(OUTPUT_NAMES)
 
 FIELDS = (
     # baseline
-    "resistance", "inductance", "k_e", "k_m", "rotor_inertia", "yoke_inertia", "mass", "radius",
+    "resistance", "inductance", "k_e", "k_m", "rotor_inertia", "yoke_inertia", "mass", "radius", "rod",
     "damping", "gear",
     "v_nominal", "capacity_as", "beta", "r_battery", "duty", "held_v", "is_on", "k_fc", "cut_direction",
     "cuts",
@@ -52,6 +53,7 @@ FIELDS = (
     # outside the catalogue
     "sway_depth", "sway_hz", "alternate_depth", "ripple_v", "ripple_hz", "duty_wander",
     "grease_torque", "whip_kg", "whip_hz", "soft_start_s", "bounce_ohm",
+    "cogging_torque", "cogging_slots", "cogging_phase", "cogging_second",
 )  # fmt: skip
 RECORD = np.dtype([(name, np.float64) for name in FIELDS])
 TABLE_STEP_MM = 0.05
@@ -65,6 +67,25 @@ def _lookup(table, position):
     part = position - cell
     n = len(table)
     return (1.0 - part) * table[cell % n] + part * table[(cell + 1) % n]
+
+
+@njit(cache=True)
+def _travel(phi, p):
+    """Position of the pin along the stroke, m, and its first and second derivative by the crank angle, m.
+
+    A rod of length l > 0 leans by r sin(phi) over its length; x = r (1 - cos phi) + l - sqrt(l^2 - r^2 sin^2 phi).
+    Without one (0) the crank pin slides in a yoke.
+    """
+    s, c = sin(phi), cos(phi)
+    x, slope, bend = p.radius * (1.0 - c), p.radius * s, p.radius * c
+    if p.rod > 0.0:
+        side = p.radius * s
+        height = sqrt(p.rod * p.rod - side * side)
+        lean = side * p.radius * c / height
+        x += p.rod - height
+        slope += lean
+        bend += (p.radius * p.radius * (c * c - s * s) + lean * lean) / height
+    return x, slope, bend
 
 
 @njit(cache=True)
@@ -212,17 +233,20 @@ def _drag_torque(y, p):
         torque += p.grease_torque * exp(-y[16] / 6.0) * sqrt(abs(w) / 1000.0) * (1.0 if w > 0.0 else -1.0)
     if p.mesh_torque != 0.0:
         torque += p.mesh_torque * (exp(0.7 * cos(y[2] - p.mesh_phase)) - 1.1263) / 0.75 * tanh(w / 3.0)
+    if p.cogging_torque != 0.0:
+        angle = p.cogging_slots * y[2] * p.gear + p.cogging_phase
+        wave = sin(angle) + p.cogging_second * sin(2.0 * angle)
+        torque += p.cogging_torque * wave / sqrt(1.0 + p.cogging_second * p.cogging_second)
     return torque
 
 
 @njit(cache=True)
-def _blade_side(t, y, v, crank_speed, p, strokes, grain, dy, out):
+def _blade_side(t, y, v, x, pin_m_s2, p, strokes, grain, dy, out):
     """Force of guide, blade and workpiece on the plunger, N, +x, and the speed of the tooth line, m/s.
 
-    Fills the rates of bristle, deflection and whip, and the force and position outputs.
+    `x`, `v`: position and speed of the plunger; `pin_m_s2`: acceleration of the pin at steady speed. Fills the rates
+    of bristle, deflection and whip, and the force and position outputs.
     """
-    c = cos(y[2])
-    x = p.radius * (1.0 - c) + (y[9] if p.gap_m > 0.0 else 0.0)
     v_tip = p.cut_direction * v
     gain = _cutting_gain(t, y, p, strokes, grain)
     dy[11] = 0.0
@@ -235,7 +259,7 @@ def _blade_side(t, y, v, crank_speed, p, strokes, grain, dy, out):
     if p.whip_kg > 0.0:
         natural = 2.0 * pi * p.whip_hz
         dy[17] = y[18]
-        dy[18] = -natural * natural * y[17] - 0.05 * natural * y[18] - p.radius * crank_speed * crank_speed * c
+        dy[18] = -natural * natural * y[17] - 0.05 * natural * y[18] - pin_m_s2
         force += p.whip_kg * natural * natural * y[17]
     out[0] = force
     out[1] = x
@@ -243,10 +267,14 @@ def _blade_side(t, y, v, crank_speed, p, strokes, grain, dy, out):
 
 
 @njit(cache=True)
-def _shaft_rates(y, v, v_pin, ratio, environment, p, dy):
-    """Fill the rates of the motor speed and, where the yoke has play, of the plunger."""
+def _shaft_rates(y, v, pin, ratio, environment, p, dy):
+    """Fill the rates of the motor speed and, where the yoke has play, of the plunger.
+
+    `pin`: of `_travel`.
+    """
     w, phi = y[1], y[2]
-    s = sin(phi)
+    _, slope, bend = pin
+    v_pin = slope * w * ratio
     load = environment
     mass = p.mass
     dy[9] = 0.0
@@ -256,11 +284,10 @@ def _shaft_rates(y, v, v_pin, ratio, environment, p, dy):
         load = _contact(y[9], v - v_pin, p)
         dy[9] = v - v_pin
         dy[10] = (environment - load) / p.mass
-    swung = mass * p.radius * p.radius
-    moving = p.yoke_inertia + swung * s * s
-    bend = -p.mesh_error_rad * sin(phi - p.mesh_phase) / p.gear
-    inertia_slope = 2.0 * ratio * ratio * (bend * moving + ratio * swung * s * cos(phi))
-    load_torque = load * p.radius * s * ratio
+    moving = p.yoke_inertia + mass * slope * slope
+    ratio_slope = -p.mesh_error_rad * sin(phi - p.mesh_phase) / p.gear
+    inertia_slope = 2.0 * ratio * ratio * (ratio_slope * moving + ratio * mass * slope * bend)
+    load_torque = load * slope * ratio
     torque = p.k_m * _magnet(y, p) * y[0] - _drag_torque(y, p) + load_torque - 0.5 * inertia_slope * w * w
     if p.mesh_mu != 0.0:
         rub = sqrt(load_torque * load_torque + 1.6e-5) - 0.004
@@ -277,10 +304,12 @@ def evaluate(t, y, p, strokes, grain, wander, dy, out):
     """
     ratio = (1.0 + p.mesh_error_rad * cos(y[2] - p.mesh_phase)) / p.gear
     crank_speed = y[1] * ratio
-    v_pin = p.radius * crank_speed * sin(y[2])
-    v = y[10] if p.gap_m > 0.0 else v_pin
-    environment, v_tip = _blade_side(t, y, v, crank_speed, p, strokes, grain, dy, out)
-    _shaft_rates(y, v, v_pin, ratio, environment, p, dy)
+    pin = _travel(y[2], p)
+    v, x = pin[1] * crank_speed, pin[0]
+    if p.gap_m > 0.0:
+        v, x = y[10], x + y[9]
+    environment, v_tip = _blade_side(t, y, v, x, pin[2] * crank_speed * crank_speed, p, strokes, grain, dy, out)
+    _shaft_rates(y, v, pin, ratio, environment, p, dy)
     motor_v = _supply(t, y, p, wander, out)
     dy[0] = _current_rate(t, y, p, wander, motor_v)
     dy[2] = crank_speed

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-
-from blindcheck.score_statistics import Estimate, Floats, Proportion, mean_of, ratio_of_medians, wilson
-from blindcheck.scored_case import Case
+from sawbench.blindcheck.score_statistics import Estimate, Floats, Proportion, mean_of, ratio_of_medians, wilson
+from sawbench.blindcheck.scored_case import Case
 
 # Share of what can be closed that a right claim should close.
 ENOUGH = 0.9
@@ -30,7 +29,7 @@ class GapScore:
     share_of_oracle : Estimate
         Median stated over median oracle, of right claims where the oracle closes something.
     share_of_closable : Estimate
-        Median stated over median of what is gone where nature is made without the effects, of right claims where that
+        Median stated over median of what is gone in a twin simulated without the effects, of right claims where that
         is at least `LEAST_CLOSABLE`.
     closes_enough : Proportion
         How often at least `ENOUGH` of that is closed, of the same.

@@ -15,9 +15,8 @@ from pathlib import Path
 
 import numpy as np
 from numba import njit
-
-from blindcheck import dynamics
-from blindcheck.dynamics import N_OUTPUTS, N_STATES, evaluate
+from sawbench.blindcheck import dynamics
+from sawbench.blindcheck.dynamics import N_OUTPUTS, N_STATES, evaluate
 
 _A = np.array(
     [
@@ -102,6 +101,8 @@ def _build(source_stamp: int):
 
     def integrate(y, t, t_end, step_s, first, grid_s, outputs, record, strokes, grain, wander, rtol, atol, stop_charge):
         """Advance `y` in place from `t` to `t_end`, or to where the charge drawn reaches `stop_charge`.
+
+        Long, and with many arguments, since numba compiles the loop with plain arrays as a whole.
 
         Parameters
         ----------

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-
-from blindcheck.score_statistics import Z95, Estimate, Proportion, median_of, wilson
+from sawbench.blindcheck.score_statistics import Z95, Estimate, Proportion, median_of, wilson
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -11,9 +11,8 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
-
-from bench.errors import InputError, UntrustedResult
-from blindcheck.dynamics import (
+from sawbench.bench.errors import InputError, UntrustedResult
+from sawbench.blindcheck.dynamics import (
     CHARGE,
     CRANK,
     N_OUTPUTS,
@@ -21,8 +20,8 @@ from blindcheck.dynamics import (
     OUTPUT_NAMES,
     RECORD,
 )
-from blindcheck.integrator import integrate
-from blindcheck.settings import MATERIALS, Material, PlantSettings
+from sawbench.blindcheck.integrator import integrate
+from sawbench.blindcheck.settings import MATERIALS, Material, PlantSettings
 
 __all__ = [
     "MATERIALS",
@@ -84,6 +83,7 @@ def parameter_record(settings: PlantSettings) -> np.ndarray:
         "yoke_inertia": settings.yoke_inertia_kg_m2,
         "mass": settings.reciprocating_mass_kg,
         "radius": settings.crank_radius_m,
+        "rod": settings.rod_length_m or 0.0,
         "damping": settings.motor_damping_n_m_s_per_rad,
         "gear": settings.gear_ratio,
         "v_nominal": settings.nominal_voltage_v,

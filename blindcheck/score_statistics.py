@@ -93,7 +93,9 @@ def wilson(hits: int, n: int) -> Proportion:
     centre = p + Z95**2 / (2 * n)
     half = Z95 * np.sqrt(p * (1 - p) / n + Z95**2 / (4 * n**2))
     scale = 1 + Z95**2 / n
-    low, high = float(max(0.0, (centre - half) / scale)), float(min(1.0, (centre + half) / scale))
+    # The interval of no hit begins at 0, and of nothing but hits ends at 1, which rounding may miss.
+    low = 0.0 if hits == 0 else float((centre - half) / scale)
+    high = 1.0 if hits == n else float((centre + half) / scale)
     return Proportion(hits=hits, n=n, share=p, low=low, high=high)
 
 

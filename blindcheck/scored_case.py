@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
-from bench.errors import InputError
-from blindcheck.effects.table import CATALOGUE
-from blindcheck.parameter_score import StatedParameter, stated_parameters
+from sawbench.bench.errors import InputError
+from sawbench.blindcheck.claims import is_coherent, place_of, runtime_misses
+from sawbench.blindcheck.effects.table import CATALOGUE
+from sawbench.blindcheck.parameter_score import StatedParameter, stated_parameters
+from sawbench.blindcheck.shifts import shifts_of
 
 Hypothesis = frozenset[str]
 Name = str | tuple[str, ...] | frozenset[str]
@@ -19,8 +21,6 @@ PARAMETERS: Hypothesis = frozenset({"parameters"})
 UNKNOWN: Hypothesis = frozenset({"unknown"})
 FAILED: Hypothesis = frozenset({"failed"})
 VERDICTS: tuple[Hypothesis, ...] = (NO_GAP, PARAMETERS, UNKNOWN)
-# Single effects, pairs of them, and the three other verdicts.
-N_HYPOTHESES = len(CATALOGUE) * (len(CATALOGUE) + 1) // 2 + len(VERDICTS)
 PROBABILITY_FLOOR = 1e-4
 _SUM_TOLERANCE = 0.01
 _TRUTH = MappingProxyType({"none": NO_GAP, "parameters": PARAMETERS, "outside": UNKNOWN})
@@ -63,9 +63,22 @@ class Case:
         Share of the held-out gap that the declared and the true effect close.
     gap_closed_ci95 : tuple of float, optional
     closable : float, optional
-        Share of the held-out gap that is gone where nature is made without the hidden effects.
+        Share of the held-out gap that is gone in a twin simulated without the hidden effects.
     parameters : tuple of StatedParameter
         Numbers that the answer states of the declared effects that are hidden, beside the true ones.
+    place : str, optional
+        Equation with the largest share of the gap, as the answer says.
+    says_where : bool
+        Whether the answer can say so at all: another method may have no such place.
+    is_coherent : bool, optional
+        Whether what is claimed agrees with itself; None where nothing is claimed, or no size is told.
+    runtime_misses : mapping of str to float
+        Of `claims.runtime_misses`.
+    shifts : mapping of str to str
+        Kind of bench, of `shifts.shifts_of`.
+    has_faulty_sensors : bool
+    n_effects : int
+        Effects that the answer chooses among.
     time_s : float, optional
         Wall time of the answer.
     largest_shift_sigmas : float, optional
@@ -90,6 +103,13 @@ class Case:
     oracle_gap_closed: float | None = None
     closable: float | None = None
     parameters: tuple[StatedParameter, ...] = ()
+    place: str | None = None
+    says_where: bool = False
+    is_coherent: bool | None = None
+    runtime_misses: Mapping[str, float] = field(default_factory=dict)
+    shifts: Mapping[str, str] = field(default_factory=dict)
+    has_faulty_sensors: bool = False
+    n_effects: int = len(CATALOGUE)
     time_s: float | None = None
     largest_shift_sigmas: float | None = None
     is_failed: bool = False
@@ -108,6 +128,11 @@ class Case:
         scale = 1.0 / max(total, 1.0)
         object.__setattr__(self, "probabilities", MappingProxyType({h: p * scale for h, p in merged.items()}))
         object.__setattr__(self, "indistinguishable_from", frozenset(self.indistinguishable_from))
+
+    @property
+    def n_hypotheses(self) -> int:
+        """Single effects, pairs of them, and the three other verdicts."""
+        return self.n_effects * (self.n_effects + 1) // 2 + len(VERDICTS)
 
     @property
     def truth(self) -> Hypothesis:
@@ -158,11 +183,11 @@ class Case:
             return 2.0
         rest = self._share_of_rest()
         total = sum((p - (h == self.truth)) ** 2 for h, p in self.probabilities.items())
-        total += (N_HYPOTHESES - len(self.probabilities)) * rest**2
+        total += (self.n_hypotheses - len(self.probabilities)) * rest**2
         return total if self.truth in self.probabilities else total + (rest - 1.0) ** 2 - rest**2
 
     def _share_of_rest(self) -> float:
-        n_unlisted = N_HYPOTHESES - len(self.probabilities)
+        n_unlisted = self.n_hypotheses - len(self.probabilities)
         return max(0.0, 1.0 - sum(self.probabilities.values())) / n_unlisted if n_unlisted > 0 else 0.0
 
 
@@ -171,6 +196,7 @@ def case_of(
     label: Mapping[str, Any],
     answer: Mapping[str, Any],
     *,
+    catalogue: Collection[str] = (),
     oracle_gap_closed: float | None = None,
     closable: float | None = None,
 ) -> Case:
@@ -183,6 +209,9 @@ def case_of(
         Of `sealing.verify`.
     answer : mapping
         Of `answering.read_answers`: `report` is a gap report, or None where there is none.
+    catalogue : collection of str
+        Effects that the answer chose among. An effect that was drawn from outside of the catalogue and is listed there
+        by now counts as one of it.
     oracle_gap_closed, closable : float, optional
 
     Returns
@@ -191,9 +220,14 @@ def case_of(
         Failed where the report lacks what is scored.
     """
     truth = label["truth"]
+    is_listed = label["kind"] == "outside" and set(truth["effects"]) <= set(catalogue)
     told: dict[str, Any] = {
         "name": name,
-        "kind": label["kind"],
+        "kind": "effect" if is_listed else label["kind"],
+        "n_effects": len(catalogue) or len(CATALOGUE),
+        "shifts": shifts_of(truth),
+        "has_faulty_sensors": bool(truth.get("nuisances")),
+        "says_where": True,
         "effects": dict(truth["effects"]),
         "oracle_gap_closed": oracle_gap_closed,
         "closable": closable,
@@ -216,14 +250,19 @@ def _answered(report: Mapping[str, Any], truth: Mapping[str, Any]) -> dict[str, 
         probabilities[name if name in probabilities else tuple(name.split(" + "))] = float(probability)
     for cause in causes:
         probabilities[tuple(cause["effects"])] = float(cause["probability"])
-    if report["verdict"] not in {"effect", "effects"}:
-        return {"probabilities": probabilities, "verdict": report["verdict"]}
-    first = causes[0]
-    return {
+    found = {
         "probabilities": probabilities,
+        "place": place_of(report),
+        "runtime_misses": runtime_misses(report),
+    }
+    if report["verdict"] not in {"effect", "effects"}:
+        return found | {"verdict": report["verdict"]}
+    first = causes[0]
+    return found | {
         "verdict": tuple(first["effects"]),
         "indistinguishable_from": list(first["indistinguishable_from"]),
         "gap_closed": float(first["gap_closed"]),
         "gap_closed_ci95": tuple(map(float, first["gap_closed_ci95"])),
         "parameters": stated_parameters(truth, first),
+        "is_coherent": is_coherent(first),
     }

@@ -8,36 +8,19 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from sawbench.blindcheck.claims import RuntimeScore, runtime_score
+from sawbench.blindcheck.effects.table import CATALOGUE, OUTSIDE
+from sawbench.blindcheck.gap_score import GapScore, gap_score
+from sawbench.blindcheck.parameter_score import ParameterScore, parameter_score
+from sawbench.blindcheck.score_rows import Row, in_group, is_exact, is_typical, score_rows
+from sawbench.blindcheck.score_statistics import Calibration, Estimate, Proportion, calibration_of, mean_of, wilson
+from sawbench.blindcheck.scored_case import FAILED, UNKNOWN, VERDICTS, Case, Hypothesis, name_of
+from sawbench.blindcheck.shift_score import ShiftScore, shift_scores
 
-from blindcheck.effects.table import CATALOGUE, LOOKED_FOR_OUTSIDE
-from blindcheck.gap_score import GapScore, gap_score
-from blindcheck.parameter_score import ParameterScore, parameter_score
-from blindcheck.score_statistics import Calibration, Estimate, Proportion, calibration_of, mean_of, wilson
-from blindcheck.scored_case import FAILED, NO_GAP, PARAMETERS, UNKNOWN, VERDICTS, Case, Hypothesis, name_of
-
-TYPICAL = (0.5, 2.0)
-SMALL_SHIFT_SIGMAS = 3.0
 SEVERITY_EDGES = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0)
 PAIR_COLUMN = "two effects"
 _N_WORST = 10
 _N_SHOWN = 5
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Row:
-    """One line of the score.
-
-    Attributes
-    ----------
-    key : str
-    text : str
-        What is counted over what.
-    value : Proportion
-    """
-
-    key: str
-    text: str
-    value: Proportion
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -108,6 +91,10 @@ class Score:
         None where no oracle was asked.
     parameters : ParameterScore
         Of right claims.
+    runtime : RuntimeScore
+        Of right claims.
+    by_shift : tuple of ShiftScore
+        The rows of each kind of bench; empty where the cases are of one kind.
     time_median_s, time_p95_s : float or None
     times_s : tuple of float
     worst : tuple of Miss
@@ -131,6 +118,8 @@ class Score:
     outside: dict[str, Proportion]
     gap: GapScore | None
     parameters: ParameterScore
+    runtime: RuntimeScore
+    by_shift: tuple[ShiftScore, ...]
     time_median_s: float | None
     time_p95_s: float | None
     times_s: tuple[float, ...]
@@ -168,7 +157,7 @@ def score(cases: Sequence[Case]) -> Score:
         n_cases=len(cases),
         n_failed=len(cases) - len(given),
         n_by_kind=dict(sorted(Counter(case.kind for case in cases).items())),
-        rows=_rows(cases),
+        rows=score_rows(cases),
         chance_exact=_chance([case for case in cases if is_typical(case)]),
         group_size=mean_of(np.array([float(len(case.group)) for case in cases if case.claims_effect])),
         brier=mean_of(np.array([case.brier for case in cases])),
@@ -177,7 +166,7 @@ def score(cases: Sequence[Case]) -> Score:
             np.array([case.probabilities[case.top] for case in given]),
             np.array([case.top == case.truth for case in given], dtype=np.bool_),
         ),
-        confusion=_confusion(cases, _effect_label, (*CATALOGUE,)),
+        confusion=_confusion(cases, _effect_label, _hidden_effects(cases)),
         families=_confusion(cases, _family_label, tuple(dict.fromkeys(map(family_of, CATALOGUE)))),
         severity=_by_severity([case for case in cases if case.kind == "effect"]),
         outside={
@@ -186,6 +175,8 @@ def score(cases: Sequence[Case]) -> Score:
         },
         gap=gap_score(cases),
         parameters=parameter_score([one for case in cases if is_exact(case) for one in case.parameters]),
+        runtime=runtime_score([case.runtime_misses for case in cases if is_exact(case) and case.claims_effect]),
+        by_shift=shift_scores(cases),
         time_median_s=float(np.median(times)) if len(times) else None,
         time_p95_s=float(np.quantile(times, 0.95)) if len(times) else None,
         times_s=tuple(map(float, times)),
@@ -194,93 +185,15 @@ def score(cases: Sequence[Case]) -> Score:
     )
 
 
-def is_typical(case: Case) -> bool:
-    """Whether one effect of the catalogue, of typical severity, is hidden."""
-    return case.kind == "effect" and TYPICAL[0] <= max(case.effects.values()) <= TYPICAL[1]
-
-
-def is_exact(case: Case) -> bool:
-    """Whether what was declared is the truth."""
-    return case.answer == case.truth
-
-
-def in_group(case: Case) -> bool:
-    """Whether the declared effects, and those said to look the same, hold all true effects."""
-    return bool(case.group) and case.truth <= case.group
-
-
-def in_top_three(case: Case) -> bool:
-    """Whether the truth is among the three most probable hypotheses, those without an effect included."""
-    return case.truth in case.ranked(3)
-
-
 def family_of(effect: str) -> str:
-    """Return the part of the bench that an effect of the catalogue sits in."""
-    return CATALOGUE[effect].__module__.rpartition(".")[2] if effect in CATALOGUE else "other"
+    """Return the part of the bench that an effect sits in."""
+    known = {**CATALOGUE, **OUTSIDE}
+    return known[effect].__module__.rpartition(".")[2] if effect in known else "other"
 
 
-def _share(cases: Sequence[Case], is_hit: Callable[[Case], bool]) -> Proportion:
-    return wilson(sum(map(is_hit, cases)), len(cases))
-
-
-def _rows(cases: Sequence[Case]) -> tuple[Row, ...]:
-    """Count every row; the text names the cases it is counted over."""
-    typical = [case for case in cases if is_typical(case)]
-    declared = [case for case in typical if case.claims_effect]
-    by_kind = {kind: [c for c in cases if c.kind == kind] for kind in ("none", "parameters", "outside", "pair")}
-    without = by_kind["none"] + by_kind["parameters"]
-    inside = [case for case in cases if case.kind != "outside"]
-    strange = [case for case in by_kind["outside"] if not case.effects.keys() & LOOKED_FOR_OUTSIDE]
-    claims = [case for case in cases if case.claims_effect]
-    typical_pairs = [c for c in by_kind["pair"] if min(c.effects.values()) >= TYPICAL[0]]
-
-    def claimed(case: Case) -> bool:
-        return case.claims_effect
-
-    def one_named(case: Case) -> bool:
-        return case.claims_effect and bool(case.truth & case.answer)
-
-    over, over_declared = "typical single effects", "typical single effects where an effect is declared"
-    return tuple(
-        Row(key=key, text=text, value=_share(chosen, is_hit))
-        for key, text, chosen, is_hit in (
-            ("exact", f"exact effect, {over}", typical, is_exact),
-            ("group", f"within the named group, {over}", typical, in_group),
-            ("top_three", f"among the three most probable, {over}", typical, in_top_three),
-            ("declared", f"an effect is declared, {over}", typical, claimed),
-            ("declared_exact", f"exact effect, {over_declared}", declared, is_exact),
-            ("declared_group", f"within the named group, {over_declared}", declared, in_group),
-            ("declared_top_three", f"among the three most probable, {over_declared}", declared, in_top_three),
-            ("claims_exact", "exactly right, of all claims of an effect", claims, is_exact),
-            ("false_alarms", "false alarms: an effect is claimed, none or parameters only", without, claimed),
-            ("none", "called no gap, nothing hidden", by_kind["none"], is_exact),
-            ("parameters", "called parameters, constants beyond their uncertainty", by_kind["parameters"], is_exact),
-            (
-                "parameters_lenient",
-                "called parameters, or no gap where no constant is further off than "
-                f"{SMALL_SHIFT_SIGMAS:g} standard deviations",
-                by_kind["parameters"],
-                _is_acceptable,
-            ),
-            ("unknown", "called unknown, effects outside the catalogue", by_kind["outside"], is_exact),
-            (
-                "unknown_formless",
-                "called unknown, effects outside the catalogue that the diagnosis does not look for either",
-                strange,
-                is_exact,
-            ),
-            ("unknown_wrongly", "called unknown, all others", inside, lambda case: case.answer == UNKNOWN),
-            ("pair_both", "both effects named and no other, pairs", by_kind["pair"], is_exact),
-            ("pair_group", "both effects within the named group, pairs", by_kind["pair"], in_group),
-            ("pair_one", "at least one effect named, pairs", by_kind["pair"], one_named),
-            ("typical_pair_both", "both effects named and no other, pairs with both typical", typical_pairs, is_exact),
-        )
-    )
-
-
-def _is_acceptable(case: Case) -> bool:
-    is_small = case.largest_shift_sigmas is not None and case.largest_shift_sigmas <= SMALL_SHIFT_SIGMAS
-    return case.answer == PARAMETERS or (is_small and case.answer == NO_GAP)
+def _hidden_effects(cases: Sequence[Case]) -> tuple[str, ...]:
+    """Effects of the first catalogue, and those that a later one lists and a case hides."""
+    return tuple(dict.fromkeys([*CATALOGUE, *sorted(e for c in cases if c.kind == "effect" for e in c.effects)]))
 
 
 def _chance(cases: Sequence[Case]) -> float | None:

@@ -13,18 +13,17 @@ import multiprocessing
 import os
 import secrets
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-
-from bench.errors import InputError
-from blindcheck.effects.change import Forms
-from blindcheck.effects.table import CATALOGUE, OUTSIDE
+from sawbench.bench.errors import InputError
+from sawbench.blindcheck.bench import Nature
+from sawbench.blindcheck.effects.table import DrawnFrom, drawn_from
 
 COMMITMENTS = "commitments.json"
 SCHEMA_VERSION = 1
@@ -54,12 +53,12 @@ class CaseSpec:
     seed: int
 
 
-def draw_cases(seed: int, n_cases: int) -> tuple[CaseSpec, ...]:
+def draw_cases(seed: int, n_cases: int, tables: DrawnFrom | None = None) -> tuple[CaseSpec, ...]:
     """Draw what every case hides; cases are independent, and the first n do not depend on how many follow.
 
     The shares are 25 % without an effect (half of them with constants beyond their uncertainty), 50 % one
     effect, 10 % two, 15 % outside the catalogue. Severity is log-uniform in 0.5..2 (80 %), 0.1..0.5 or 2..3
-    (10 % each).
+    (10 % each). `tables` says which effects: of the first sets unless given.
 
     Examples
     --------
@@ -69,13 +68,14 @@ def draw_cases(seed: int, n_cases: int) -> tuple[CaseSpec, ...]:
     True
     """
     children = np.random.SeedSequence(seed).spawn(n_cases)
-    return tuple(_draw_case(f"case-{k:04d}", child) for k, child in enumerate(children, start=1))
+    tables = tables or drawn_from()
+    return tuple(_draw_case(f"case-{k:04d}", child, tables) for k, child in enumerate(children, start=1))
 
 
-def _draw_case(name: str, child: np.random.SeedSequence) -> CaseSpec:
+def _draw_case(name: str, child: np.random.SeedSequence, tables: DrawnFrom) -> CaseSpec:
     rng = np.random.default_rng(child)
     kind = str(rng.choice(list(_SHARES), p=list(_SHARES.values())))
-    table = list(OUTSIDE if kind == "outside" else CATALOGUE)
+    table = list(tables.outside if kind == "outside" else tables.catalogue)
     count = {"effect": 1, "pair": 2, "outside": 1}.get(kind, 0)
     chosen = [str(effect) for effect in rng.choice(table, size=count, replace=False)]
     effects = {effect: _draw_severity(rng) for effect in chosen}
@@ -92,11 +92,10 @@ def make(
     n_cases: int,
     out_dir: Path,
     *,
+    nature: Nature | None = None,
+    catalogue: Collection[str] = (),
     key_path: Path | None = None,
     workers: int | None = None,
-    length: float = 1.0,
-    rate_hz: float = 5000.0,
-    forms: Forms = "own",
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Make a sealed set of cases; a run that was broken off goes on where it stopped.
@@ -108,12 +107,13 @@ def make(
     n_cases : int
     out_dir : Path
         Gets one folder per case and `commitments.json`.
+    nature : Nature, optional
+    catalogue : collection of str
+        Ids that the diagnosis at hand lists; of foreign benches, others are hidden as outside the catalogue.
     key_path : Path, optional
         Where the labels go; beside `out_dir`, with `.key.json` added to its name, unless given. Never inside.
     workers : int, optional
         Processes; one per core unless given.
-    length, rate_hz, forms
-        See `campaign.make_campaign`.
     on_progress : callable, optional
         Called with the number of cases done and the number wanted.
 
@@ -128,21 +128,18 @@ def make(
         If the key lies inside the set, belongs to another set, or the settings differ from the first run.
     """
     out_dir = Path(out_dir)
+    nature = nature or Nature()
     key_path = Path(key_path) if key_path else out_dir.with_name(out_dir.name + ".key.json")
-    if n_cases < 1:
-        raise InputError(f"cases is {n_cases}, allowed is 1 or more")
-    if out_dir.resolve() in key_path.resolve().parents:
-        raise InputError("the key must not lie inside the set that it opens", where=key_path)
+    _refuse(n_cases, out_dir, key_path)
     out_dir.mkdir(parents=True, exist_ok=True)
-    specs = draw_cases(seed, n_cases)
-    options = {"length": length, "rate_hz": rate_hz, "forms": forms}
+    tables = drawn_from(catalogue) if nature.benches == "foreign" else drawn_from()
+    specs = draw_cases(seed, n_cases, tables)
+    options = asdict(nature) | {"without": list(nature.without), "catalogue": list(tables.catalogue)}
     key = _open_key(key_path, out_dir, seed, options)
     done = sum(spec.name in key["cases"] for spec in specs)
     waiting = [spec for spec in specs if spec.name not in key["cases"]]
-    for spec in waiting:
-        for leftover in (out_dir / spec.name, out_dir / f"{spec.name}.part"):
-            shutil.rmtree(leftover, ignore_errors=True)
-    for name, label in _labels(waiting, out_dir, options, workers or os.cpu_count() or 1):
+    _clear(waiting, out_dir)
+    for name, label in _labels(waiting, out_dir, nature, workers or os.cpu_count() or 1):
         key["cases"][name] = {"salt": secrets.token_hex(32), "label": label}
         write_json(key_path, key)
         done += 1
@@ -152,26 +149,40 @@ def make(
     return key_path
 
 
-def _labels(waiting: list[CaseSpec], out_dir: Path, options: dict[str, Any], workers: int) -> Any:
+def _refuse(n_cases: int, out_dir: Path, key_path: Path) -> None:
+    if n_cases < 1:
+        raise InputError(f"cases is {n_cases}, allowed is 1 or more")
+    if out_dir.resolve() in key_path.resolve().parents:
+        raise InputError("the key must not lie inside the set that it opens", where=key_path)
+
+
+def _clear(waiting: list[CaseSpec], out_dir: Path) -> None:
+    """Remove what a run that was broken off left of the cases to be made."""
+    for spec in waiting:
+        for leftover in (out_dir / spec.name, out_dir / f"{spec.name}.part"):
+            shutil.rmtree(leftover, ignore_errors=True)
+
+
+def _labels(waiting: list[CaseSpec], out_dir: Path, nature: Nature, workers: int) -> Any:
     """Yield name and label of every case as it is finished."""
     if workers == 1 or len(waiting) < 2:
         for spec in waiting:
-            yield spec.name, _make_case(spec, out_dir, options)
+            yield spec.name, _make_case(spec, out_dir, nature)
         return
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(max_workers=min(workers, len(waiting)), mp_context=context) as pool:
-        futures = {pool.submit(_make_case, spec, out_dir, options): spec.name for spec in waiting}
+        futures = {pool.submit(_make_case, spec, out_dir, nature): spec.name for spec in waiting}
         for future in as_completed(futures):
             yield futures[future], future.result()
 
 
-def _make_case(spec: CaseSpec, out_dir: Path, options: dict[str, Any]) -> dict[str, Any]:
+def _make_case(spec: CaseSpec, out_dir: Path, nature: Nature) -> dict[str, Any]:
     """Write one case under a temporary name, rename it, and return its label."""
-    from blindcheck.campaign import make_campaign
+    from sawbench.blindcheck.campaign import make_campaign
 
     part = out_dir / f"{spec.name}.part"
     parameters = "beyond" if spec.kind == "parameters" else "within"
-    truth = make_campaign(spec.seed, part, effects=spec.effects, parameters=parameters, **options)
+    truth = make_campaign(spec.seed, part, effects=spec.effects, parameters=parameters, **asdict(nature))
     part.rename(out_dir / spec.name)
     return {"kind": spec.kind, "truth": truth}
 

@@ -7,14 +7,15 @@ slightly imperfect sensor without an effect.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
+from sawbench.blindcheck.plant import GRID_S, Floats, column
+from sawbench.blindcheck.readings import Readings
 from scipy import signal
-
-from blindcheck.plant import GRID_S, Floats, column
 
 Device = Literal["force", "displacement", "electrical"]
 CHANNELS_OF: MappingProxyType[str, tuple[str, ...]] = MappingProxyType(
@@ -49,6 +50,8 @@ class SensorSettings:
         Standard deviation of white noise, in the channel's unit.
     step : tuple of float
         Quantisation step, in the channel's unit.
+    gear_ratio : float
+        Turns of the motor a turn of the crank, for what the motor does to a signal.
     time_jitter : float
         Standard deviation of the sample times, in sample periods; the times written down are right.
     force_lag_s, current_lag_s : float
@@ -86,6 +89,7 @@ class SensorSettings:
     zero: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
     noise: tuple[float, ...] = (1.0, 0.01, 0.03, 0.005, 0.03)
     step: tuple[float, ...] = (0.06, 0.0005, 0.0122, 0.0024, 0.0122)
+    gear_ratio: float = 56.0 / 6.0
     time_jitter: float = 0.03
     force_lag_s: float = 0.0
     current_lag_s: float = 0.0
@@ -112,16 +116,15 @@ class SensorSettings:
     commutation: float = 0.0
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Readings:
-    """One trial as written down: `time_s` shape (n,), `values` of shape (n,) per channel, in its unit."""
-
-    time_s: Floats
-    values: dict[str, Floats]
-
-
 def measure(
-    rows: Floats, sensors: SensorSettings, *, rate_hz: float, session_s: float, rest_s: float, seed: list[int]
+    rows: Floats,
+    sensors: SensorSettings,
+    *,
+    rate_hz: float,
+    session_s: float,
+    rest_s: float,
+    seed: list[int],
+    disturb: Callable[[Readings], Readings] = lambda readings: readings,
 ) -> Readings:
     """Sample a trial.
 
@@ -138,6 +141,8 @@ def measure(
         Time recorded before switching on.
     seed : list of int
         Of the noise of this trial.
+    disturb : callable
+        Faults of the sensors, of the readings before they are rounded to the instruments' steps.
 
     Returns
     -------
@@ -166,8 +171,11 @@ def measure(
         asked_s = time_s - _delay(channel, time_s, sensors)
         reading = sensors.gain[index] * np.interp(asked_s, grid_s, true) + sensors.zero[index]
         reading += sensors.noise[index] * (rng.standard_normal(n) + _bursts(time_s, sensors, rng))
-        values[channel] = np.round(reading / sensors.step[index]) * sensors.step[index]
-    return Readings(time_s=time_s, values=values)
+        values[channel] = reading
+    found = disturb(Readings(time_s=time_s, values=values))
+    steps = dict(zip(SOURCE, sensors.step, strict=True))
+    rounded = {name: np.round(reading / steps[name]) * steps[name] for name, reading in found.values.items()}
+    return Readings(time_s=found.time_s, values=rounded)
 
 
 def _lag(values: Floats, delay_s: float, order: int) -> Floats:
@@ -198,7 +206,7 @@ def _force_path(force: Floats, rows: Floats, s: SensorSettings, grid_s: Floats, 
         force = force + s.pin_n * _pin_ringing(rows, s.pin_hz, grid_s, rng)
     if s.unbalance_n != 0.0:
         speed, crank = column(rows, "speed_rad_s"), column(rows, "crank_rad")
-        force = force + s.unbalance_n * (speed / 1000.0) ** 2 * np.sin(crank * 28.0 / 3.0)
+        force = force + s.unbalance_n * (speed / 1000.0) ** 2 * np.sin(crank * s.gear_ratio)
     if s.slip_n != 0.0:
         phase = grid_s / s.slip_s + 0.08 * np.sin(2.0 * np.pi * 0.31 * grid_s)
         force = force + s.slip_n * (2.0 * np.mod(phase, 1.0) ** 1.5 - 0.8) * (column(rows, "speed_rad_s") > 10.0)
@@ -228,7 +236,7 @@ def _pin_ringing(rows: Floats, hz: float, grid_s: Floats, rng: np.random.Generat
 
 def _current_path(current: Floats, rows: Floats, s: SensorSettings) -> Floats:
     if s.commutation != 0.0:
-        passing = np.abs(np.sin(2.5 * column(rows, "crank_rad") * 28.0 / 3.0)) - 2.0 / np.pi
+        passing = np.abs(np.sin(2.5 * column(rows, "crank_rad") * s.gear_ratio)) - 2.0 / np.pi
         current = current * (1.0 + s.commutation * passing)
     return _lag(current, s.current_lag_s, s.lag_order)
 

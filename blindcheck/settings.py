@@ -8,9 +8,8 @@ from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
-
-from bench.errors import InputError
-from blindcheck.dynamics import FIELDS
+from sawbench.bench.errors import InputError
+from sawbench.blindcheck.dynamics import FIELDS
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -25,19 +24,35 @@ class Material:
         Standard deviation of the damper from stroke to stroke, relative.
     stroke_correlation : float
         Correlation of neighbouring strokes, 0..1.
+    piece_rel_std : float
+        Standard deviation of the damper from piece to piece, relative.
     """
 
     k_fc_n_s_per_m: float
     stroke_rel_std: float
     stroke_correlation: float
+    piece_rel_std: float
+
+
+def _material(k_fc_n_s_per_m: float, stroke_rel_std: float, correlation: float, piece_rel_std: float) -> Material:
+    return Material(
+        k_fc_n_s_per_m=k_fc_n_s_per_m,
+        stroke_rel_std=stroke_rel_std,
+        stroke_correlation=correlation,
+        piece_rel_std=piece_rel_std,
+    )
 
 
 MATERIALS: Mapping[str, Material] = MappingProxyType(
     {
-        "nylon": Material(k_fc_n_s_per_m=58.0, stroke_rel_std=0.015, stroke_correlation=0.2),
-        "black_locust": Material(k_fc_n_s_per_m=283.0, stroke_rel_std=0.04, stroke_correlation=0.3),
-        "oak": Material(k_fc_n_s_per_m=318.0, stroke_rel_std=0.05, stroke_correlation=0.35),
-        "none": Material(k_fc_n_s_per_m=0.0, stroke_rel_std=0.0, stroke_correlation=0.0),
+        "nylon": _material(58.0, 0.015, 0.2, 0.015),
+        "black_locust": _material(283.0, 0.04, 0.3, 0.04),
+        "oak": _material(318.0, 0.05, 0.35, 0.05),
+        "pine": _material(150.0, 0.06, 0.4, 0.06),
+        "beech": _material(290.0, 0.04, 0.3, 0.04),
+        "mdf": _material(170.0, 0.02, 0.2, 0.02),
+        "aluminium": _material(380.0, 0.015, 0.2, 0.02),
+        "none": _material(0.0, 0.0, 0.0, 0.0),
     }
 )
 
@@ -51,6 +66,8 @@ class PlantSettings:
     resistance_ohm, inductance_h, back_emf_constant_v_s_per_rad, torque_constant_n_m_per_a : float
     rotor_inertia_kg_m2, yoke_inertia_kg_m2, reciprocating_mass_kg, crank_radius_m : float
     motor_damping_n_m_s_per_rad, gear_ratio : float
+    rod_length_m : float, optional
+        Connecting rod of an in-line slider crank; a Scotch yoke without one.
     nominal_voltage_v, capacity_ah, beta, internal_resistance_ohm : float
         The battery of Eq. 16 of the paper.
     duty : float
@@ -81,6 +98,7 @@ class PlantSettings:
     crank_radius_m: float = 0.01
     motor_damping_n_m_s_per_rad: float = 3.4274e-6
     gear_ratio: float = 56.0 / 6.0
+    rod_length_m: float | None = None
     nominal_voltage_v: float = 18.0
     capacity_ah: float = 1.5
     beta: float = 0.99
@@ -109,6 +127,10 @@ class PlantSettings:
             raise InputError(f"the plant has no extra called {', '.join(unknown)}")
         if not 0.0 < self.duty <= 1.0:
             raise InputError(f"duty is {self.duty!r}, allowed is above 0 up to 1")
+        if self.rod_length_m is not None and not self.rod_length_m > self.crank_radius_m:
+            raise InputError(
+                f"rod_length_m is {self.rod_length_m!r}, allowed is above crank_radius_m {self.crank_radius_m!r}"
+            )
         if not 0.0 < self.initial_soc <= 1.0:
             raise InputError(f"initial_soc is {self.initial_soc!r}, allowed is above 0 up to 1")
         if not 0.0 <= self.stroke_correlation < 1.0:

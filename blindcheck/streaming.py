@@ -5,10 +5,9 @@ from __future__ import annotations
 from types import MappingProxyType
 
 import numpy as np
-
-from bench.errors import InputError
-from blindcheck.dynamics import OUTPUT_NAMES
-from blindcheck.plant import GRID_S, Floats, Plant, PlantSettings
+from sawbench.bench.errors import InputError
+from sawbench.blindcheck.dynamics import OUTPUT_NAMES
+from sawbench.blindcheck.plant import GRID_S, Floats, Plant, PlantSettings
 
 _OUTPUT = MappingProxyType(
     {

@@ -12,10 +12,9 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-
-from blindcheck.drawing import CampaignDraw
-from blindcheck.plant import Floats, PlantSettings, parameter_record
-from blindcheck.sensors import zero_drift
+from sawbench.blindcheck.drawing import CampaignDraw
+from sawbench.blindcheck.plant import Floats, PlantSettings, parameter_record
+from sawbench.blindcheck.sensors import zero_drift
 
 # Where the catalogue's numbers are read off the curves of nature.
 _DIODE_A, _LOSS_A, _LOSS_DUTY = 10.0, 10.0, 0.5
@@ -33,11 +32,14 @@ class Reported:
         As in the gap report.
     value : callable
         (fields of the plant's record by name, draw of the campaign) -> true value, in `unit`.
+    absent : float
+        The number where there is no such effect.
     """
 
     name: str
     unit: str
     value: Callable[[Mapping[str, float], CampaignDraw], float]
+    absent: float = 0.0
 
 
 def true_parameters(draw: CampaignDraw) -> dict[str, dict[str, Any]]:
@@ -54,7 +56,7 @@ def true_parameters(draw: CampaignDraw) -> dict[str, dict[str, Any]]:
 
     Examples
     --------
-    >>> from blindcheck.drawing import draw_campaign
+    >>> from sawbench.blindcheck.drawing import draw_campaign
     >>> true_parameters(draw_campaign(3, effects={"yoke_backlash": 2.0}))
     {'yoke_backlash': {'name': 'gap_m', 'value': 0.0005, 'unit': 'm'}}
     """
@@ -134,7 +136,7 @@ _NUMBERS: dict[str, Reported] = {
     "return_stroke_rubbing": Reported(name="damping_n_s_per_m", unit="N*s/m", value=_rubbing),
     "tooth_passing_ripple": Reported(name="depth", unit="1", value=_tooth_depth),
     "cutting_speed_exponent": Reported(
-        name="exponent", unit="1", value=lambda p, _: 1.0 / (1.0 + _CUT_M_S * p["inv_knee_s_m"])
+        name="exponent", unit="1", value=lambda p, _: 1.0 / (1.0 + _CUT_M_S * p["inv_knee_s_m"]), absent=1.0
     ),
     "edge_force": Reported(name="force_n", unit="N", value=lambda p, _: p["edge_n"]),
     "chip_thickness": Reported(name="exponent", unit="1", value=_chip_exponent),

@@ -8,20 +8,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
-
-from commands.options import force_option, json_option, refuse_unwritable
-from commands.terminal import emit, plain, stepper, table
+from sawbench.commands.options import force_option, json_option, refuse_unwritable
+from sawbench.commands.terminal import emit, stepper, table
+from sawbench.plain import plain
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from blindcheck.answering import Program
-    from blindcheck.parameter_score import EffectParameter
-    from blindcheck.score_statistics import Estimate, Proportion
-    from blindcheck.scoring import Score
+    from sawbench.blindcheck.answering import Program
+    from sawbench.blindcheck.parameter_score import EffectParameter
+    from sawbench.blindcheck.score_statistics import Estimate, Proportion
+    from sawbench.blindcheck.scoring import Score
 
 # Scores on smaller seeds are no claim: thresholds and temperatures may have been fitted on them.
 FIRST_CLAIM_SEED: Final = 1000
+# Rows that are shown for each kind of bench; the JSON holds all of them.
+BY_SHIFT: Final = (
+    "declared", "declared_exact", "claims_exact", "false_alarms", "unknown", "typical_pair_both", "where", "coherent",
+)  # fmt: skip
 _EXAMPLE: Final = "Example: sawbench blind make --seed 4711 --cases 40 --out blind/set"
 _set_argument = click.argument("set_dir", metavar="DIR", type=click.Path(path_type=Path, file_okay=False))
 _workers_option = click.option("--workers", type=click.IntRange(min=1), help="Cases at a time; default: one per core.")
@@ -50,6 +54,17 @@ def command() -> None:
     "--length", type=click.FloatRange(min=0.0, min_open=True), default=1.0, show_default=True,
     help="Factor on the duration of every trial.",
 )  # fmt: skip
+@click.option(
+    "--benches", type=click.Choice(["own", "foreign"]), default="own", show_default=True,
+    help="The paper's jigsaw on a clean bench, or other jigsaws, rates, noise, operators and faulty sensors.",
+)  # fmt: skip
+@click.option(
+    "--mechanism", type=click.Choice(["scotch_yoke", "slider_crank"]), default="scotch_yoke", show_default=True
+)
+@click.option(
+    "--without", multiple=True, metavar="KIND",
+    help="Of foreign benches: leave out machine, rate, noise, campaign, operator or one kind of faulty sensor.",
+)  # fmt: skip
 @_workers_option
 @json_option
 def make_command(
@@ -57,19 +72,18 @@ def make_command(
     n_cases: int,
     out_dir: Path,
     key_path: Path | None,
-    forms: str,
-    length: float,
     workers: int | None,
     as_json: bool,
+    **nature: Any,
 ) -> None:
     """Make a sealed set of campaigns and the key to it; a run that was broken off goes on."""
-    from blindcheck.sealing import make
+    from sawbench.blindcheck.bench import Nature
+    from sawbench.blindcheck.sealing import make
 
     with stepper("making") as step:
         key = make(
-            seed, n_cases, out_dir, key_path=key_path, workers=workers, length=length,
-            forms="plain" if forms == "plain" else "own",
-            on_progress=lambda done, wanted: step(done, wanted, ""),
+            seed, n_cases, out_dir, nature=Nature(**nature), catalogue=_catalogue(), key_path=key_path,
+            workers=workers, on_progress=lambda done, wanted: step(done, wanted, ""),
         )  # fmt: skip
     lines = [f"{n_cases} cases in {out_dir}", f"key (answer must not have it): {key}"]
     emit({"set": out_dir, "key": key, "n_cases": n_cases, "seed": seed}, "\n".join(lines), as_json=as_json)
@@ -87,7 +101,7 @@ def answer_command(
     set_dir: Path, answers_dir: Path | None, workers: int | None, timeout_s: float, force: bool, as_json: bool
 ) -> int:
     """Diagnose every campaign of a set, each in a process that sees nothing else of it; resumable."""
-    from blindcheck.answering import answer
+    from sawbench.blindcheck.answering import answer
 
     with stepper("answering") as step:
         found = answer(
@@ -121,7 +135,7 @@ def answer_command(
 @_workers_option
 @force_option
 @json_option
-def score_command(
+def score_command(  # one parameter an option
     set_dir: Path,
     key_path: Path,
     answers_dir: Path | None,
@@ -134,8 +148,8 @@ def score_command(
     as_json: bool,
 ) -> None:
     """Check seal and answers, then score: what is named, what is missed, how far probabilities can be trusted."""
-    from blindcheck.sealing import verify, write_json
-    from reporting.blind_page import write_blind_page
+    from sawbench.blindcheck.sealing import verify, write_json
+    from sawbench.reporting.blind_page import write_blind_page
 
     json_path = page_path.with_suffix(".json") if page_path else None
     for path in (page_path, json_path):
@@ -154,21 +168,27 @@ def score_command(
     emit(record, "\n".join(lines), as_json=as_json)
 
 
+def _catalogue() -> list[str]:
+    """Effects that the diagnosis at hand can name."""
+    from sawbench.modeling.effects.catalogue import EFFECTS
+
+    return [effect.name for effect in EFFECTS]
+
+
 def diagnose_program() -> Program:
     """What answers a case: `sawbench import`, then `sawbench diagnose`, on a copy of its campaign."""
-    from blindcheck.answering import Program
-    from commands.source_identity import ROOT, software_identity, source_fingerprint
+    from sawbench.blindcheck.answering import Program
+    from sawbench.commands.source_identity import software_identity, source_fingerprint
 
-    sawbench = (sys.executable, "-m", "commands.main")
+    sawbench = (sys.executable, "-m", "sawbench.commands.main")
     return Program(
         steps=(
             (*sawbench, "import", "campaign.toml", "--out", "../recordings"),
             (*sawbench, "diagnose", "../recordings", "--config", "bench_config.toml", "--out", "../gap"),
         ),
         report="../gap/gap_report.json",
-        software=software_identity(),
+        software=software_identity() | {"catalogue": _catalogue()},
         fingerprint=source_fingerprint,
-        environment={"PYTHONPATH": str(ROOT)},
     )
 
 
@@ -205,44 +225,44 @@ def score_set(
     InputError
         If the answers are not those that were given.
     """
-    import numpy as np
-
-    from blindcheck.answering import INDEX, read_answers
-    from blindcheck.scored_case import PROBABILITY_FLOOR, case_of
-    from blindcheck.scoring import score
-    from blindcheck.sealing import read_key, sha256_of
+    from sawbench.blindcheck.answering import INDEX, read_answers
+    from sawbench.blindcheck.scored_case import PROBABILITY_FLOOR, case_of
+    from sawbench.blindcheck.scoring import score
+    from sawbench.blindcheck.sealing import read_key, sha256_of
 
     index, answers = read_answers(set_dir, answers_dir)
     names = list(labels)
-    order = range(len(names)) if shuffle_seed is None else np.random.default_rng(shuffle_seed).permutation(len(names))
-    dealt = {name: names[k] for name, k in zip(names, order, strict=True)}
-    asked = {name: (oracle or {}).get(dealt[name], {}) for name in names}
-    found = score(
-        [
-            case_of(
-                name,
-                labels[dealt[name]],
-                answers[name],
-                oracle_gap_closed=asked[name].get("gap_closed"),
-                closable=asked[name].get("closable"),
-            )
-            for name in names
-        ]
-    )
+    dealt = _dealt(names, shuffle_seed)
+    cases = []
+    for name in names:
+        asked = (oracle or {}).get(dealt[name], {})
+        told = {"oracle_gap_closed": asked.get("gap_closed"), "closable": asked.get("closable")}
+        catalogue = index["software"].get("catalogue", ())
+        cases.append(case_of(name, labels[dealt[name]], answers[name], catalogue=catalogue, **told))
+    found = score(cases)
     key = read_key(key_path)
-    record = {
-        "schema_version": 1,
-        "set": {"seed": key["seed"], "n_cases": len(names), **key["options"], "is_claim": is_claim(key["seed"])},
-        "software": index["software"],
-        "answered_at": [index["started_at"], index["finished_at"]],
-        "scored_at": datetime.now(UTC).isoformat(timespec="seconds"),
-        "commitments_sha256": index["commitments_sha256"],
-        "answers_sha256": sha256_of((answers_dir or set_dir / "answers") / INDEX),
-        "shuffle_seed": shuffle_seed,
-        "probability_floor": PROBABILITY_FLOOR,
-        "score": found,
-    }
-    return found, plain(record)
+    return found, plain(
+        {
+            "schema_version": 1,
+            "set": {"seed": key["seed"], "n_cases": len(names), **key["options"], "is_claim": is_claim(key["seed"])},
+            "software": index["software"],
+            "answered_at": [index["started_at"], index["finished_at"]],
+            "scored_at": datetime.now(UTC).isoformat(timespec="seconds"),
+            "commitments_sha256": index["commitments_sha256"],
+            "answers_sha256": sha256_of((answers_dir or set_dir / "answers") / INDEX),
+            "shuffle_seed": shuffle_seed,
+            "probability_floor": PROBABILITY_FLOOR,
+            "score": found,
+        }
+    )
+
+
+def _dealt(names: list[str], shuffle_seed: int | None) -> dict[str, str]:
+    """Whose label each case gets: its own, unless they are shuffled."""
+    import numpy as np
+
+    order = range(len(names)) if shuffle_seed is None else np.random.default_rng(shuffle_seed).permutation(len(names))
+    return {name: names[k] for name, k in zip(names, order, strict=True)}
 
 
 def is_claim(seed: int) -> bool:
@@ -252,38 +272,19 @@ def is_claim(seed: int) -> bool:
 
 def as_text(found: Score) -> str:
     """Lay the score out for a terminal."""
-    from blindcheck.gap_score import ENOUGH
-
     rows = [[row.text, *_cells(row.value)] for row in found.rows]
     lines = [table([f"{found.n_cases} cases", "n", "share", "95 % interval"], rows), ""]
-    calibration = found.calibration
-    numbers = [
-        ["Brier score (0 best, 2 worst)", *_numbers(found.brier)],
-        ["log-loss / nats", *_numbers(found.log_loss)],
-        ["calibration error (ECE)", *_numbers(calibration.error)],
-    ]
-    if found.gap is None:
-        numbers.append(["gap_closed against the oracle", "-", "not computed", ""])
-    else:
-        numbers.append(["gap_closed: stated - oracle", *_numbers(found.gap.error)])
-        numbers.append(["gap_closed: |stated - oracle|", *_numbers(found.gap.absolute_error)])
-        numbers.append(["gap_closed: oracle inside the 95 % interval", *_cells(found.gap.coverage)])
-        right = [
-            ("gap_closed: median stated / median oracle, right claims", _numbers(found.gap.share_of_oracle)),
-            ("gap_closed: median stated / median closable, right claims", _numbers(found.gap.share_of_closable)),
-            (f"gap_closed: at least {ENOUGH:.0%} of the closable, right claims", _cells(found.gap.closes_enough)),
-        ]
-        numbers += [[text, *cells] for text, cells in right]
-    known = found.parameters
-    numbers.append(["parameter within its stated 95 % interval (1.96 std), right claims", *_cells(known.coverage)])
-    numbers.append(["parameter: median relative error, right claims", *_numbers(known.relative_error)])
-    lines.append(table(["", "n", "value", "95 % interval"], numbers))
-    if known.effects:
-        sizes = [[f"{one.effect}: {one.name}", *_cells(one.coverage), *_sizes(one)] for one in known.effects]
+    lines.append(table(["", "n", "value", "95 % interval"], _means(found)))
+    if found.parameters.effects:
+        sizes = [[f"{one.effect}: {one.name}", *_cells(one.coverage), *_sizes(one)] for one in found.parameters.effects]
         head = ["parameter within its interval", "n", "share", "95 % interval", "error", "stated std", "stated / true"]
         lines += ["", table(head, sizes), ""]
-    if calibration.error_by_chance is not None:
-        lines.append(f"(calibrated probabilities would give an ECE of {calibration.error_by_chance:.3f} by chance)")
+    if found.by_shift:
+        lines += ["", table(["kind of bench", "cases", *map(_words, BY_SHIFT), "ECE"], _by_shift(found)), ""]
+    if found.calibration.error_by_chance is not None:
+        lines.append(
+            f"(calibrated probabilities would give an ECE of {found.calibration.error_by_chance:.3f} by chance)"
+        )
     if found.chance_exact is not None:
         lines.append(f"exact, if the same answers were dealt at random: {found.chance_exact:.1%}")
     if found.time_median_s is not None:
@@ -295,6 +296,51 @@ def as_text(found: Score) -> str:
         for miss in found.worst[:5]
     ]
     return "\n".join(lines)
+
+
+def _means(found: Score) -> list[list[str]]:
+    """Rows of the table of means and medians."""
+    from sawbench.blindcheck.gap_score import ENOUGH
+
+    numbers = [
+        ["Brier score (0 best, 2 worst)", *_numbers(found.brier)],
+        ["log-loss / nats", *_numbers(found.log_loss)],
+        ["calibration error (ECE)", *_numbers(found.calibration.error)],
+    ]
+    if found.gap is None:
+        numbers.append(["gap_closed against the oracle", "-", "not computed", ""])
+    else:
+        numbers += [
+            ["gap_closed: stated - oracle", *_numbers(found.gap.error)],
+            ["gap_closed: |stated - oracle|", *_numbers(found.gap.absolute_error)],
+            ["gap_closed: oracle inside the 95 % interval", *_cells(found.gap.coverage)],
+            ["gap_closed: median stated / median oracle, right claims", *_numbers(found.gap.share_of_oracle)],
+            ["gap_closed: median stated / median closable, right claims", *_numbers(found.gap.share_of_closable)],
+            [f"gap_closed: at least {ENOUGH:.0%} of the closable, right claims", *_cells(found.gap.closes_enough)],
+        ]
+    known, runtime = found.parameters, found.runtime
+    return [
+        *numbers,
+        ["parameter within its stated 95 % interval (1.96 std), right claims", *_cells(known.coverage)],
+        ["parameter: median relative error, right claims", *_numbers(known.relative_error)],
+        ["runtime: median relative error of the model as configured, right claims", *_numbers(runtime.nominal)],
+        ["runtime: the same with parameters re-tuned", *_numbers(runtime.retuned)],
+        ["runtime: the same with the claimed effect", *_numbers(runtime.with_effect)],
+    ]
+
+
+def _by_shift(found: Score) -> list[list[str]]:
+    rows = []
+    for one in found.by_shift:
+        shares = {row.key: row.value for row in one.rows}
+        error = "-" if one.calibration_error is None else f"{one.calibration_error:.3f}"
+        counts = [f"{shares[key].hits}/{shares[key].n}" for key in BY_SHIFT]
+        rows.append([f"{one.shift}: {one.value}", str(one.n_cases), *counts, error])
+    return rows
+
+
+def _words(key: str) -> str:
+    return key.replace("_", " ")
 
 
 def _cells(value: Proportion) -> list[str]:
@@ -317,8 +363,8 @@ def _sizes(one: EffectParameter) -> list[str]:
 def _oracle(
     set_dir: Path, labels: Mapping[str, Mapping[str, Any]], key_path: Path, workers: int | None, n_cases: int | None
 ) -> dict[str, dict[str, float | None]]:
-    from commands.blind_oracle import oracle_gaps
-    from commands.source_identity import source_fingerprint
+    from sawbench.commands.blind_oracle import oracle_gaps
+    from sawbench.commands.source_identity import source_fingerprint
 
     # Beside the key, not in the set: which cases an oracle has a number for tells their labels.
     cache = key_path.with_name(key_path.name.removesuffix(".json") + ".oracle.json")

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from diagnosis.linear_problem import LinearProblem
+    from sawbench.diagnosis.inference.linear_problem import LinearProblem
 
 # A gap above the noise that is less than this share of the noise's energy cannot be closed by a measurable share.
 _LEAST_GAP: Final = 0.02
@@ -52,7 +52,7 @@ def oracle_gaps(
     dict of str to dict
         By case, what `ask` returns; a case in which the campaign shows nothing of the true effects is left out.
     """
-    from blindcheck.sealing import read_json, write_json
+    from sawbench.blindcheck.sealing import read_json, write_json
 
     known: dict[str, Any] = read_json(cache_path) if cache_path.exists() else {}
     found: dict[str, Any] = known["asked"] if known.get("source_sha256") == source_sha256 and "asked" in known else {}
@@ -92,11 +92,10 @@ def ask(case_dir: Path, truth: Mapping[str, Any]) -> dict[str, float | None] | N
         nature, see `closable_share`. None where the campaign cannot be diagnosed or shows nothing of one of them.
     """
     import numpy as np
-
-    from diagnosis.effects.catalogue import EFFECTS
-    from diagnosis.evidence import catalogue_columns, explain
-    from diagnosis.ladder import climb
-    from diagnosis.linear_problem import Marginal
+    from sawbench.diagnosis.answer.ladder import climb
+    from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
+    from sawbench.diagnosis.inference.linear_problem import Marginal
+    from sawbench.modeling.effects.catalogue import EFFECTS
 
     problem = _problem_of(case_dir)
     if problem is None:
@@ -137,14 +136,19 @@ def make_twin(truth: Mapping[str, Any], out_dir: Path) -> dict[str, Any]:
     dict
         The truth of the twin.
     """
-    from blindcheck.campaign import make_campaign
+    from dataclasses import asdict
 
-    options = {name: truth[name] for name in ("background", "parameters", "forms", "length", "rate_hz")}
-    return make_campaign(truth["seed"], out_dir, **options)
+    from sawbench.blindcheck.bench import Nature
+    from sawbench.blindcheck.campaign import make_campaign
+
+    return make_campaign(
+        truth["seed"], out_dir, background=truth["background"], parameters=truth["parameters"],
+        **asdict(Nature.of(truth)),
+    )  # fmt: skip
 
 
 def closable_share(hidden: tuple[float, float], bare: tuple[float, float]) -> float | None:
-    """Return the share of the gap that is gone where nature is made without the hidden effects.
+    """Return the share of the gap that is gone in a twin simulated without the hidden effects.
 
     The twin of a campaign has the same seed: the same machine, sensors, small background effects, wood and noise. What
     re-tuning leaves of it is not for the hidden effects to close.
@@ -172,12 +176,12 @@ def closable_share(hidden: tuple[float, float], bare: tuple[float, float]) -> fl
 
 def _problem_of(campaign_dir: Path) -> LinearProblem | None:
     """Import and reduce a campaign; None where it cannot be diagnosed."""
-    from bench.config import load_config
-    from bench.errors import SawbenchError
-    from diagnosis.campaign import reduce_campaign
-    from diagnosis.linear_problem import build_problem
-    from storage.importers import import_path
-    from storage.reader import read_recording
+    from sawbench.bench.config import load_config
+    from sawbench.bench.errors import SawbenchError
+    from sawbench.diagnosis.campaign import reduce_campaign
+    from sawbench.diagnosis.inference.linear_problem import build_problem
+    from sawbench.storage.importers import import_path
+    from sawbench.storage.reader import read_recording
 
     with tempfile.TemporaryDirectory(prefix="sawbench-oracle-") as folder:
         report = import_path(campaign_dir / "campaign.toml", Path(folder))

@@ -10,17 +10,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
-
-from bench.errors import InputError, UntrustedResult
-from commands.options import calibration_book_path, config_for, config_option, default_config_path, json_option
-from commands.tare import NEVER_S, read_resting
-from commands.terminal import emit, plain, table
+from sawbench.bench.errors import InputError, UntrustedResult
+from sawbench.commands.options import calibration_book_path, config_option, json_option
+from sawbench.commands.tare import NEVER_S, read_resting
+from sawbench.commands.terminal import emit, table
+from sawbench.inputs import config_for, default_config_path
+from sawbench.plain import plain
 
 if TYPE_CHECKING:
-    from acquisition.calibration import Calibration
-    from acquisition.calibration_fit import CalibrationPoint, StraightLine
-    from acquisition.resting_channel import RestingChannel
-    from bench.config import LoadedConfig
+    from sawbench.acquisition.calibration import Calibration
+    from sawbench.acquisition.calibration_fit import CalibrationPoint, StraightLine
+    from sawbench.acquisition.resting_channel import RestingChannel
+    from sawbench.bench.config import LoadedConfig
 
 STANDARD_GRAVITY_M_S2: Final = 9.80665
 
@@ -61,10 +62,10 @@ class Session:
 @click.option(
     "--seconds", type=click.FloatRange(0.5, 600.0), default=3.0, show_default=True, help="Average each point."
 )
-@click.option("--tolerance", type=click.FloatRange(0, min_open=True), help="Change that is let pass, channel's unit.")
+@click.option("--tolerance", type=click.FloatRange(0, min_open=True), help="Maximum allowed drift, channel's unit.")
 @click.option(
     "--largest-deviation", type=click.FloatRange(0, 1), default=0.01, show_default=True,
-    help="Nonlinearity and hysteresis that are let pass, share of the range.",
+    help="Maximum allowed nonlinearity and hysteresis, share of the range.",
 )  # fmt: skip
 @click.option("--operator", default="", help="Who does it.")
 @click.option("--note", default="", help="Kept with it: weights, certificate, temperature.")
@@ -95,14 +96,13 @@ def command(
     """Take known loads one after the other, fit a straight line, keep it for every later recording.
 
     Without --point and --from it asks for the values; with both, the table's points come first. Take zero and the
-    largest load too; up and then down again shows the hysteresis. What does not make sense is not kept, unless
+    largest load too; up and then down again shows the hysteresis. A doubtful calibration is not kept, unless
     --force is given.
     """
-    from acquisition.calibration_book import CalibrationBook, add_entry, build_calibrated, read_book
-    from acquisition.calibration_fit import fit_line, judge_line, read_points, require_sound
-    from acquisition.resting_channel import device_with
-    from bench.units import CHANNEL_BY_NAME
-    from commands.recording_session import check_devices
+    from sawbench.acquisition.calibration_book import CalibrationBook, add_entry, build_calibrated, read_book
+    from sawbench.acquisition.calibration_fit import fit_line, judge_line, read_points, require_sound
+    from sawbench.acquisition.resting_channel import device_with
+    from sawbench.commands.recording_session import check_devices
 
     if kilograms and channel != "force_n":
         raise InputError(f"--kilograms is for force_n, not {channel}", remedy="give the points in the channel's unit")
@@ -113,6 +113,7 @@ def command(
     book = read_book(path)
     devices, configured = build_calibrated(loaded.config, CalibrationBook())
     device = device_with(devices, channel)
+    unit = loaded.config.known_channels[channel].unit
     made = [e for e in book.in_force(device.name, channel) if e.kind == "calibration"]
     if made and not force:
         raise InputError(
@@ -123,7 +124,7 @@ def command(
     former = made[0].result if made else configured[device.name, channel]
     session = Session(
         loaded=loaded, config_path=config_path, channel=channel, seconds=seconds, tolerance=tolerance,
-        unit="kg" if kilograms else CHANNEL_BY_NAME[channel].unit, factor=gravity if kilograms else 1.0,
+        unit="kg" if kilograms else unit, factor=gravity if kilograms else 1.0,
         reference_std=reference_std, simulated=simulated, seed=seed,
     )  # fmt: skip
     points = [] if table_path is None else list(read_points(table_path))
@@ -138,14 +139,14 @@ def command(
     complaints = judge_line(line, former, largest_deviation=largest_deviation)
     where = f"{device.name} {channel}"
     if complaints and not force:
-        click.echo(describe(points, line, former, channel), err=True)
+        click.echo(describe(points, line, former, channel, unit), err=True)
     require_sound(complaints, where=where, force=force)
     entry = book_entry(
         points, line, former, configured[device.name, channel], device=device.name, channel=channel,
         seconds=seconds if is_read else None, instrument=instrument, operator=operator, note=note,
     )  # fmt: skip
     add_entry(path, entry)
-    text = f"{describe(points, line, former, channel)}\nkept in {path}"
+    text = f"{describe(points, line, former, channel, unit)}\nkept in {path}"
     emit(
         {"book": path, "complaints": complaints, "fit": line_rows(line), **entry.model_dump(mode="json")},
         text,
@@ -181,7 +182,7 @@ def take_points(
     SawbenchError
         If the instrument fails; the points taken until then are written to a table for `--from`.
     """
-    from acquisition.calibration_fit import CalibrationPoint
+    from sawbench.acquisition.calibration_fit import CalibrationPoint
 
     points, instrument = list(before), dict[str, str]()
     try:
@@ -209,8 +210,8 @@ def take_points(
 
 def _read_point(session: Session, reference: float, *, n_before: int) -> RestingChannel:
     """Read the channel under a load; at a real bench again and again until it rests or the operator gives up."""
-    from acquisition.calibration_book import CalibrationBook, build_calibrated
-    from commands.recording_session import simulated_bench
+    from sawbench.acquisition.calibration_book import CalibrationBook, build_calibrated
+    from sawbench.commands.recording_session import simulated_bench
 
     while True:
         bench = (
@@ -242,7 +243,7 @@ def _ask(text: str) -> str:
 
 def _keep_for_later(session: Session, points: list[CalibrationPoint]) -> None:
     """Write points to a table, so that loads that hung once need not be hung again."""
-    from acquisition.calibration_fit import write_points
+    from sawbench.acquisition.calibration_fit import write_points
 
     path = session.config_path.with_name(f"calibration-points-{session.channel}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.csv")
     write_points(path, points)
@@ -262,9 +263,9 @@ def book_entry(
     **facts: Any,
 ) -> Any:
     """Return the entry of the calibration book."""
-    from acquisition.calibration import Calibration
-    from acquisition.calibration_book import BookEntry
-    from storage.writer import software_version
+    from sawbench.acquisition.calibration import Calibration
+    from sawbench.acquisition.calibration_book import BookEntry
+    from sawbench.storage.writer import software_version
 
     result = Calibration(
         scale=line.gain,
@@ -290,12 +291,11 @@ def line_rows(line: StraightLine) -> dict[str, Any]:
     return {**plain(line), "zero_raw": line.zero_raw, "zero_std_raw": line.zero_std_raw}
 
 
-def describe(points: list[CalibrationPoint], line: StraightLine, former: Calibration, channel: str) -> str:
+def describe(points: list[CalibrationPoint], line: StraightLine, former: Calibration, channel: str, unit: str) -> str:
     """Points with residuals, then the line."""
-    from bench.units import CHANNEL_BY_NAME
-    from reporting.quantities import format_quantity
+    from sawbench.reporting.quantities import format_quantity
 
-    unit, raw_unit = CHANNEL_BY_NAME[channel].unit, former.raw_unit or "raw"
+    raw_unit = former.raw_unit or "raw"
     rows = [
         [f"{p.reference:g}", f"{p.raw:.7g}", f"{p.raw_std:.2g}" if p.raw_std else "-", f"{r:+.3g}"]
         for p, r in zip(points, line.residuals, strict=True)

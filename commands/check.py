@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
-
-from commands.options import calibration_book_path, config_for, config_option, default_config_path, json_option
-from commands.terminal import emit, stepper, table
+from sawbench.commands.options import calibration_book_path, config_option, json_option
+from sawbench.commands.terminal import emit, stepper, table
+from sawbench.inputs import config_for, default_config_path
 
 if TYPE_CHECKING:
-    from acquisition.preflight import ChannelCheck, Finding, Preflight
+    from sawbench.acquisition.preflight import ChannelCheck, Finding, Preflight
 
 # The simulated tool stays off, or is switched on at once.
 _NEVER_S: Final = 1e9
@@ -33,10 +33,10 @@ def command(
 
     The tool should be at rest, or say --running. Exit code 1 where something is not to be trusted.
     """
-    from acquisition.calibration_book import build_calibrated, read_book
-    from acquisition.device_probe import probe_devices
-    from acquisition.preflight import judge
-    from commands.recording_session import check_devices, simulated_bench
+    from sawbench.acquisition.calibration_book import build_calibrated, read_book
+    from sawbench.acquisition.device_probe import probe_devices
+    from sawbench.acquisition.preflight import judge
+    from sawbench.commands.recording_session import check_devices, simulated_bench
 
     config_path = config_path or default_config_path()
     loaded = config_for(None, config_path)

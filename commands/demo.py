@@ -7,22 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-
-from bench.errors import UntrustedResult
-from bench.recording import Trial
-from commands.options import (
-    config_for,
-    config_option,
-    default_config_path,
-    force_option,
-    json_option,
-    refuse_existing,
-)
-from commands.terminal import emit, has_display, plain
+from sawbench.bench.errors import UntrustedResult
+from sawbench.bench.recording import Trial
+from sawbench.commands.options import config_option, force_option, json_option, refuse_unwritable
+from sawbench.commands.terminal import emit, has_display
+from sawbench.inputs import config_for, default_config_path
+from sawbench.plain import plain
 
 if TYPE_CHECKING:
-    from commands.analysis import AnalysedTrial
-    from modeling.results import CuttingFit, RuntimePrediction
+    from sawbench.analysis import AnalysedTrial
+    from sawbench.modeling.results import CuttingFit, RuntimePrediction
 
 _TRIAL = "oak-demo"
 
@@ -73,12 +67,12 @@ def command(
     as_json: bool,
 ) -> int:
     """Simulated instruments on real ports -> record -> process -> k_Fc -> runtime -> report, in under a minute."""
-    from commands.analysis import fit_trial, load_and_process, runtime_of
+    from sawbench.analysis import fit_trial, load_and_process, runtime_of
 
     files = DemoFiles.in_folder(out_dir)
     for name in DemoFiles.__slots__:
         path = getattr(files, name)
-        refuse_existing(path, force=force)
+        refuse_unwritable(path, force=force, makes_folder=True)
         if name != "recording":
             path.unlink(missing_ok=True)
     out_dir.mkdir(parents=True, exist_ok=True)
@@ -100,8 +94,8 @@ def _say(text: str, as_json: bool) -> None:
 
 
 def _record(files: DemoFiles, *, seconds: float, seed: int, config_path: Path | None, show: bool, force: bool) -> None:
-    from commands.record import LiveCounters, live_view
-    from commands.recording_session import SessionOptions, record_trial, simulated_bench
+    from sawbench.commands.record import LiveCounters, live_view
+    from sawbench.commands.recording_session import SessionOptions, record_trial, simulated_bench
 
     path = config_path or default_config_path()
     loaded = config_for(None, path)
@@ -139,10 +133,10 @@ def _record(files: DemoFiles, *, seconds: float, seed: int, config_path: Path | 
 
 
 def _write(files: DemoFiles, trial: AnalysedTrial, fit: CuttingFit, runtime: RuntimePrediction) -> None:
-    from commands.model_setup import fitted_cycle
-    from reporting.trial_page import write_trial_page
-    from storage.results import write_processed
-    from visualization.replay import view_recording
+    from sawbench.analysis import fitted_cycle
+    from sawbench.reporting.trial_page import write_trial_page
+    from sawbench.storage.results import write_processed
+    from sawbench.visualization.replay import view_recording
 
     write_processed(trial.processed, files.processed)
     view_recording(trial.recording, save_path=files.view, spawn=False, processed=trial.processed)
@@ -170,7 +164,7 @@ def _as_json(files: DemoFiles, trial: AnalysedTrial, fit: CuttingFit, runtime: R
 
 
 def _as_text(files: DemoFiles, trial: AnalysedTrial, fit: CuttingFit, runtime: RuntimePrediction) -> str:
-    from reporting.quantities import format_quantity
+    from sawbench.reporting.quantities import format_quantity
 
     processed, period = trial.processed, trial.processed.period
     assert period is not None

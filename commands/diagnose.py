@@ -2,23 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import os
-import re
 from pathlib import Path
 from typing import Any
 
 import click
-
-from commands.options import (
-    config_for,
-    config_option,
-    find_recordings,
-    force_option,
-    json_option,
-    refuse_existing,
-)
-from commands.terminal import emit, plain, stepper, table
+from sawbench.commands.options import config_option, force_option, json_option, refuse_unwritable
+from sawbench.commands.terminal import emit, stepper, table
+from sawbench.inputs import find_recordings
 
 # Share of the progress bar, of 100, at which everything is read and at which the page is drawn.
 _OPENED, _DRAWING = 10, 95
@@ -35,51 +25,35 @@ _OPENED, _DRAWING = 10, 95
 @json_option
 def command(paths: tuple[Path, ...], config_path: Path | None, out_dir: Path, force: bool, as_json: bool) -> int:
     """Say where the model misses the measurement, which unmodelled effect causes it, and how far it closes."""
-    # The products of matrices here are small: threads of the linear algebra would cost more than they save.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from importlib.metadata import version
-
-    from diagnosis.gap_report import diagnose
-    from reporting.gap_page import write_gap_page
-    from storage.reader import read_recording, sha256_of
+    from sawbench.analysis import open_trial
+    from sawbench.gap import diagnose_trials
+    from sawbench.results import GapReport
 
     json_path, html_path = out_dir / "gap_report.json", out_dir / "gap_report.html"
-    for path in (json_path, html_path):
-        refuse_existing(path, force=force)
+    improved_path = out_dir / "improved_model.toml"
+    for path in (json_path, html_path, improved_path):
+        refuse_unwritable(path, force=force, makes_folder=True)
     files = find_recordings(paths)
     with stepper("diagnosing:") as step:
-        recordings, digests = [], {}
+        trials = []
         for number, path in enumerate(files):
-            recordings.append(read_recording(path))
-            digests[path.name] = sha256_of(path)
+            trials.append(open_trial(path, config_path))
             step(_OPENED * (number + 1) // len(files), 100, f"opening {path.name}")
-        loaded = config_for(recordings[0], config_path)
-        provenance = {
-            "recordings": digests,
-            "config_sha256": loaded.sha256,
-            "software": f"sawbench {version('sawbench')}",
-        }
-        report = plain(
-            diagnose(
-                recordings, loaded, provenance=provenance,
-                on_step=lambda done, total, what: step(_OPENED + (_DRAWING - _OPENED) * done // total, 100, what),
-            )
-        )  # fmt: skip
+        report = diagnose_trials(
+            trials,
+            on_step=lambda done, total, what: step(_OPENED + (_DRAWING - _OPENED) * done // total, 100, what),
+        )
         step(_DRAWING, 100, "drawing the page")
-        out_dir.mkdir(parents=True, exist_ok=True)
-        write_gap_page(html_path, report, overwrite=True)
-    json_path.write_text(_compact(json.dumps(report, indent=2, allow_nan=False)) + "\n", encoding="utf-8")
-    emit(report, _as_text(report, json_path, html_path), as_json=as_json)
+        GapReport(report=report).save(out_dir, overwrite=True)
+    lines = [_as_text(report), "", str(json_path), str(html_path)]
+    if report.get("improved_model"):
+        lines.append(f"{improved_path}: use it as in `sawbench runtime RECORDING --config {improved_path}`")
+    emit(report, "\n".join(lines), as_json=as_json)
     return 0
 
 
-def _compact(text: str) -> str:
-    """Write lists of numbers on one line; the rest stays one value a line."""
-    return re.sub(r"\[[\s\d.,eE+-]*\]", lambda found: re.sub(r"\s+", " ", found[0]), text)
-
-
-def _as_text(report: dict[str, Any], json_path: Path, html_path: Path) -> str:
-    from reporting.gap_page import verdict_sentence
+def _as_text(report: dict[str, Any]) -> str:
+    from sawbench.reporting.gap_page import verdict_sentence
 
     gap = report["gap"]
     lines = [verdict_sentence(report), "", table(("cause", "probability", "gap closed", "95 %"), _cause_rows(report))]
@@ -93,7 +67,7 @@ def _as_text(report: dict[str, Any], json_path: Path, html_path: Path) -> str:
         times = ", ".join(f"{name.replace('_', ' ')} {seconds:.0f} s" for name, seconds in gap["runtime_s"].items())
         lines += ["", f"battery runtime: {times}"]
     lines += ["", *(f"note: {text}" for text in report["warnings"])]
-    return "\n".join([*lines, f"next trial: {report['next_trial']}", "", str(json_path), str(html_path)])
+    return "\n".join([*lines, f"next trial: {report['next_trial']}"])
 
 
 def _cause_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:

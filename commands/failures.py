@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import click
-
-from bench.errors import SawbenchError
+from sawbench.bench.errors import SawbenchError
 
 
 class Failures:

@@ -6,13 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-
-from commands.failures import Failures
-from commands.options import config_option, find_recordings, json_option, recordings_argument
-from commands.terminal import emit, plain, progress, table
+from sawbench.commands.failures import Failures
+from sawbench.commands.options import config_option, json_option, recordings_argument
+from sawbench.commands.terminal import emit, progress, table
+from sawbench.inputs import find_recordings
+from sawbench.plain import plain
 
 if TYPE_CHECKING:
-    from modeling.results import CuttingFit
+    from sawbench.modeling.results import CuttingFit
 
 METHODS = ("current_and_force", "current", "force", "annealing")
 
@@ -27,7 +28,7 @@ METHODS = ("current_and_force", "current", "force", "annealing")
 @json_option
 def command(paths: tuple[Path, ...], config_path: Path | None, method: Any, as_json: bool) -> int:
     """Fit the linear cutting coefficient of each trial."""
-    from commands.analysis import fit_trial, load_and_process
+    from sawbench.analysis import fit_trial, load_and_process
 
     files = find_recordings(paths)
     fits: list[tuple[str, CuttingFit]] = []
@@ -45,7 +46,7 @@ def command(paths: tuple[Path, ...], config_path: Path | None, method: Any, as_j
 
 def describe(fits: list[tuple[str, CuttingFit]]) -> str:
     """One row a trial, then the remarks."""
-    from reporting.quantities import format_quantity
+    from sawbench.reporting.quantities import format_quantity
 
     rows = [
         [
@@ -60,4 +61,6 @@ def describe(fits: list[tuple[str, CuttingFit]]) -> str:
         for name, fit in fits
     ]
     remarks = [f"{name}: {text}" for name, fit in fits for text in (fit.identifiability, *fit.notes) if text]
-    return "\n".join([table(["trial", "k_Fc", "of it scatter", "method", "rmse", "rmse", "status"], rows), *remarks])
+    return "\n".join(
+        [table(["trial", "k_Fc", "statistical part", "method", "RMSE current", "RMSE force", "status"], rows), *remarks]
+    )

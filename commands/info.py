@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import click
+from sawbench.commands.options import json_option
+from sawbench.commands.terminal import emit, table
 
-from commands.options import json_option
-from commands.terminal import emit, table
+# How an import says in the provenance which column it took for a channel.
+COLUMN_OF: Final = "column of "
 
 if TYPE_CHECKING:
-    from bench.recording import Trial
-    from storage.reader import RecordingInfo
+    from sawbench.bench.recording import Trial
+    from sawbench.storage.reader import RecordingInfo
 
 
 @click.command(name="info", epilog="Example: sawbench info recordings/oak-01.mcap")
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
 @json_option
 def command(path: Path, as_json: bool) -> None:
     """Show settings, channels, rates, gaps and events of a recording, complete or not."""
-    from storage.reader import describe_recording
+    from sawbench.storage.reader import describe_recording
 
     info = describe_recording(path)
     emit(info, _as_text(info), as_json=as_json)
@@ -55,6 +57,7 @@ def _as_text(info: RecordingInfo) -> str:
         for c in info.channels
     ]
     lines.append(table(["channel", "samples", "rate Hz", "start s", "length s", "gaps", "missing"], rows))
+    lines += [f"{key.removeprefix(COLUMN_OF)} <- {words}" for key, words in info.provenance.items() if COLUMN_OF in key]
     for event in info.events:
         whose = "".join(f" {name}" for name in (event.device, event.channel) if name)
         lines.append(f"{event.time_s:9.3f} s  {event.kind}{whose}: {event.text}")

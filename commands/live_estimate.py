@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
-from bench.recording import Event, SampleBlock
+from sawbench.bench.recording import Event, SampleBlock
 
 if TYPE_CHECKING:
-    from bench.config import LoadedConfig
-    from bench.recording import Trial
-    from modeling.recursive import LiveEstimate
+    from sawbench.bench.config import LoadedConfig
+    from sawbench.bench.recording import Trial
+    from sawbench.modeling.recursive import LiveEstimate
 
 # Without any displacement for this long there will be no live k_Fc, s.
 _PATIENCE_S: Final = 2.0
@@ -47,7 +47,7 @@ class LiveCuttingEstimate:
         *,
         show: Callable[[float, LiveEstimate], object] | None = None,
     ) -> None:
-        from processing.live_strokes import LiveStrokeSplitter
+        from sawbench.processing.live_strokes import LiveStrokeSplitter
 
         self.latest: LiveEstimate | None = None
         self.n_changes = 0
@@ -65,11 +65,13 @@ class LiveCuttingEstimate:
 
     def _build(self, loaded: LoadedConfig, trial: Trial) -> None:
         """Make the tables before the recording starts: the first time compiles for a few seconds."""
-        from modeling.joint_fit import SensorPriors
-        from modeling.recursive import RecursiveCuttingEstimator
+        from sawbench.model_setup import refuse_effects
+        from sawbench.modeling.joint_fit import SensorPriors
+        from sawbench.modeling.recursive import RecursiveCuttingEstimator
 
         config = loaded.config
         try:
+            refuse_effects(loaded, "the live estimate")
             self._estimator = RecursiveCuttingEstimator(
                 plant=loaded.plant(),
                 battery=config.battery,
@@ -94,7 +96,7 @@ class LiveCuttingEstimate:
             self.problem = f"{type(error).__name__}: {error}"
 
     def _take(self, block: SampleBlock) -> None:
-        from modeling.recursive import StrokeSummary
+        from sawbench.modeling.recursive import StrokeSummary
 
         splitter = self._splitter
         strokes = splitter.update(block)
@@ -125,7 +127,7 @@ class LiveCuttingEstimate:
 
     def describe(self) -> str:
         """One line for the terminal; empty before the first stroke and where there is no estimate."""
-        from reporting.quantities import format_quantity
+        from sawbench.reporting.quantities import format_quantity
 
         latest = self.latest
         if latest is None:

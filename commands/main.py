@@ -10,8 +10,7 @@ from types import MappingProxyType
 from typing import Final, Never
 
 import click
-
-from bench.errors import SawbenchError
+from sawbench.bench.errors import SawbenchError
 
 # name -> (module with an attribute `command`, one line for the overview). Listed here, so that the overview
 # needs none of the modules.
@@ -22,12 +21,13 @@ SUBCOMMANDS: Final = MappingProxyType(
         "tare": "zero the load cell",
         "calibrate": "multi-point calibration of a channel, with its uncertainty",
         "record": "record one trial to MCAP",
-        "import": "turn campaign.toml, CSV, HDF5, MF4 or a candump log into MCAP",
+        "import": "turn campaign.toml, tables of other programs or a CAN log into MCAP",
         "info": "what is in a recording",
         "recover": "salvage a truncated or damaged recording",
         "process": "stroke period, folded cycle, quality",
         "fit": "cutting coefficient k_Fc with its uncertainty",
         "runtime": "battery runtime with its uncertainty",
+        "machines": "the parameter sets that come with the package",
         "simulate": "the electromechanical model alone",
         "compare": "material-comparison report",
         "diagnose": "the sim-to-real gap: where it lies, what causes it, how far it closes",
@@ -52,7 +52,7 @@ class LazyGroup(click.Group):
         del ctx
         if cmd_name not in SUBCOMMANDS:
             return None
-        module = importlib.import_module(f"commands.{_MODULE_OF.get(cmd_name, cmd_name)}")
+        module = importlib.import_module(f"sawbench.commands.{_MODULE_OF.get(cmd_name, cmd_name)}")
         return module.command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

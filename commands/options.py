@@ -1,23 +1,17 @@
-"""Options that several subcommands share, and how they find their configuration and recordings."""
+"""Options that several subcommands share."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import tempfile
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
-
-import bench
-from bench.errors import InputError
-
-if TYPE_CHECKING:
-    from bench.config import LoadedConfig
-    from bench.recording import Recording
+from sawbench.bench.errors import InputError
+from sawbench.inputs import shipped_config
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
-DEFAULT_CONFIG = Path("bench_config.toml")
-SHIPPED_CONFIG = Path(bench.__file__).with_name("default_config.toml")
 
 config_option: Decorator = click.option(
     "--config",
@@ -32,92 +26,23 @@ recordings_argument: Decorator = click.argument(
 )
 
 
-def find_recordings(paths: Iterable[Path]) -> list[Path]:
-    """Expand directories to the finished recordings in them, in the order of their names.
-
-    Parameters
-    ----------
-    paths : iterable of Path
-        Files, or directories that hold `.mcap` files.
-
-    Returns
-    -------
-    list of Path
-
-    Raises
-    ------
-    InputError
-        If a path does not exist or a directory holds no recording.
-    """
-    found: list[Path] = []
-    for path in paths:
-        if path.is_dir():
-            inside = sorted(path.glob("*.mcap"))
-            if not inside:
-                raise InputError(
-                    "holds no .mcap file",
-                    where=path,
-                    remedy="name the directory the recordings are in, or make some with `sawbench import`",
-                )
-            found += inside
-        elif path.exists():
-            found.append(path)
-        else:
-            raise InputError("no such file", where=path)
-    return list(dict.fromkeys(found))
-
-
-def config_for(recording: Recording | None, config_path: Path | None) -> LoadedConfig:
-    """Choose the configuration: `--config`, else the recording's own, else ./bench_config.toml, else the shipped one.
-
-    Parameters
-    ----------
-    recording : Recording, optional
-    config_path : Path, optional
-        What `--config` named.
-
-    Returns
-    -------
-    LoadedConfig
-    """
-    from bench.config import load_config, parse_config
-
-    if config_path is not None:
-        return load_config(config_path)
-    if recording is not None and recording.config_toml:
-        return parse_config(recording.config_toml, where=f"configuration inside {recording.path}")
-    return load_config(default_config_path())
-
-
-def default_config_path() -> Path:
-    """./bench_config.toml, else the one that ships with sawbench."""
-    if DEFAULT_CONFIG.exists():
-        return DEFAULT_CONFIG
-    click.echo(f"no {DEFAULT_CONFIG} here: using the one that ships with sawbench", err=True)
-    return SHIPPED_CONFIG
-
-
 def calibration_book_path(config_path: Path, *, simulated: bool) -> Path:
     """Place of the tares and calibrations that belong to a configuration."""
-    from acquisition.calibration_book import book_path
+    from sawbench.acquisition.calibration_book import book_path
 
-    return book_path(config_path, simulated=simulated, shipped=SHIPPED_CONFIG)
-
-
-def refuse_unwritable(path: Path, *, force: bool) -> None:
-    """Raise, before any work is done, if `path` exists without `--force` or its folder does not.
-
-    Raises
-    ------
-    InputError
-    """
-    refuse_existing(path, force=force)
-    if not path.parent.is_dir():
-        raise InputError("the folder does not exist", where=path, remedy=f"make {path.parent} first")
+    return book_path(config_path, simulated=simulated, shipped=shipped_config())
 
 
-def refuse_existing(path: Path, *, force: bool) -> None:
-    """Raise if `path` exists and `--force` was not given.
+def refuse_unwritable(path: Path, *, force: bool, makes_folder: bool = False) -> None:
+    """Raise, before any work is done, if a result cannot be written to `path`.
+
+    Parameters
+    ----------
+    path : Path
+    force : bool
+        Whether a file that exists may be replaced.
+    makes_folder : bool
+        Whether the command makes the folder where it is missing.
 
     Raises
     ------
@@ -125,3 +50,27 @@ def refuse_existing(path: Path, *, force: bool) -> None:
     """
     if path.exists() and not force:
         raise InputError("exists already", where=path, remedy="name another file, or overwrite with --force")
+    if not makes_folder and not path.parent.is_dir():
+        raise InputError("the folder does not exist", where=path, remedy=f"make {path.parent} first")
+    is_device = path.exists() and not path.is_file()
+    if not is_device:
+        refuse_unwritable_folder(path.parent)
+
+
+def refuse_unwritable_folder(folder: Path) -> None:
+    """Raise, before any work is done, if no file can be made in `folder`, or where the folder would be made.
+
+    Raises
+    ------
+    InputError
+    """
+    nearest = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    try:
+        with tempfile.TemporaryFile(dir=nearest):
+            pass
+    except OSError as error:
+        raise InputError(
+            f"cannot be written to: {error.strerror or error}",
+            where=folder,
+            remedy="name another folder, or allow writing there",
+        ) from error

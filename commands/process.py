@@ -6,20 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-
-from commands.failures import Failures
-from commands.options import (
-    config_option,
-    find_recordings,
-    force_option,
-    json_option,
-    recordings_argument,
-    refuse_existing,
-)
-from commands.terminal import emit, plain, progress, table
+from sawbench.commands.failures import Failures
+from sawbench.commands.options import config_option, force_option, json_option, recordings_argument, refuse_unwritable
+from sawbench.commands.terminal import emit, progress, table
+from sawbench.inputs import find_recordings
+from sawbench.plain import plain
 
 if TYPE_CHECKING:
-    from bench.processed import ProcessedTrial
+    from sawbench.bench.processed import ProcessedTrial
 
 SUMMARY_NAME = "summary.csv"
 
@@ -35,8 +29,8 @@ SUMMARY_NAME = "summary.csv"
 @json_option
 def command(paths: tuple[Path, ...], config_path: Path | None, out_dir: Path | None, force: bool, as_json: bool) -> int:
     """Find the stroke period, fold every channel onto one turn of the crank, judge the channels."""
-    from commands.analysis import load_and_process
-    from storage.results import append_summary_row, summary_row, write_processed
+    from sawbench.analysis import load_and_process
+    from sawbench.storage.results import append_summary_row, summary_row, write_processed
 
     files = find_recordings(paths)
     targets = {path: None if out_dir is None else out_dir / f"{path.stem}.h5" for path in files}
@@ -44,7 +38,7 @@ def command(paths: tuple[Path, ...], config_path: Path | None, out_dir: Path | N
         raise click.UsageError("two recordings have the same name; process them into different folders")
     for target in targets.values():
         if target is not None:
-            refuse_existing(target, force=force)
+            refuse_unwritable(target, force=force, makes_folder=True)
     results: list[ProcessedTrial] = []
     failures = Failures(len(files))
     for path in progress(files, "processing"):
@@ -75,7 +69,7 @@ def is_trusted(processed: ProcessedTrial) -> bool:
 
 def describe(results: list[ProcessedTrial]) -> str:
     """One row a trial, then what is to be said about each."""
-    from reporting.quantities import format_quantity
+    from sawbench.reporting.quantities import format_quantity
 
     rows, remarks = [], []
     for processed in results:

@@ -9,26 +9,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-
-from bench.errors import InputError
-from bench.recording import Trial
-from commands.options import (
-    calibration_book_path,
-    config_for,
-    config_option,
-    default_config_path,
-    force_option,
-    json_option,
-    refuse_existing,
-)
-from commands.terminal import emit
+from sawbench.bench.errors import InputError
+from sawbench.bench.recording import Trial
+from sawbench.commands.options import calibration_book_path, config_option, force_option, json_option, refuse_unwritable
+from sawbench.commands.terminal import emit
+from sawbench.inputs import config_for, default_config_path
 
 if TYPE_CHECKING:
-    from acquisition.recording_report import RecordingStatus, RecordingSummary
-    from bench.config import LoadedConfig
-    from commands.live_estimate import LiveCuttingEstimate
-    from modeling.recursive import LiveEstimate
-    from visualization.rerun_view import LiveView
+    from sawbench.acquisition.recording_report import RecordingStatus, RecordingSummary
+    from sawbench.bench.config import LoadedConfig
+    from sawbench.commands.live_estimate import LiveCuttingEstimate
+    from sawbench.modeling.recursive import LiveEstimate
+    from sawbench.visualization.rerun_view import LiveView
 
 
 @click.command(
@@ -78,7 +70,7 @@ def command(
     as_json: bool,
 ) -> int:
     """Record one trial. Lines typed meanwhile become notes in the recording; Ctrl-C finishes the file."""
-    from commands.recording_session import (
+    from sawbench.commands.recording_session import (
         NoteBook,
         SessionOptions,
         check_devices,
@@ -98,7 +90,7 @@ def command(
         )
     path = folder / f"{trial_id}.mcap"
     check_devices(loaded)
-    refuse_existing(path, force=force)
+    refuse_unwritable(path, force=force, makes_folder=True)
     duty = loaded.config.converter.default_duty if duty is None else duty
     trial = Trial(
         trial_id=trial_id,
@@ -149,14 +141,14 @@ def command(
         f"{path}\n{describe(summary)}\n{said}",
         as_json=as_json,
     )
-    return 0 if summary.is_complete else 1
+    return 1 if summary.losses or not summary.is_complete else 0
 
 
 def say_in_force(book_path: Path) -> None:
     """Tell the operator which tares and calibrations go into the recording, and how old they are."""
     from datetime import UTC, datetime
 
-    from acquisition.calibration_book import read_book, said_in_force
+    from sawbench.acquisition.calibration_book import read_book, said_in_force
 
     for line in said_in_force(read_book(book_path), datetime.now(UTC)):
         click.echo(line, err=True)
@@ -176,7 +168,7 @@ def live_view(trial: Trial, *, live: bool, rrd_path: Path | None, force: bool) -
     if not live and rrd_path is None:
         yield []
         return
-    from visualization.rerun_view import LiveView
+    from sawbench.visualization.rerun_view import LiveView
 
     view = LiveView(
         trial,
@@ -195,7 +187,7 @@ def live_view(trial: Trial, *, live: bool, rrd_path: Path | None, force: bool) -
 
 def live_estimate(loaded: LoadedConfig, trial: Trial, views: list[LiveView]) -> LiveCuttingEstimate:
     """Give the observer that estimates k_Fc once a stroke and shows it in the live views."""
-    from commands.live_estimate import LiveCuttingEstimate
+    from sawbench.commands.live_estimate import LiveCuttingEstimate
 
     def show(time_s: float, found: LiveEstimate) -> None:
         for view in views:
@@ -288,6 +280,7 @@ def summary_rows(summary: RecordingSummary) -> dict[str, Any]:
         "duration_s": summary.duration_s,
         "end_reason": summary.end_reason,
         "is_complete": summary.is_complete,
+        "losses": summary.losses,
         "channels": summary.channels,
         "devices": summary.devices,
     }
@@ -295,7 +288,7 @@ def summary_rows(summary: RecordingSummary) -> dict[str, Any]:
 
 def live_rows(estimate: LiveCuttingEstimate) -> dict[str, Any]:
     """The last live estimate as plain values, for JSON."""
-    from commands.terminal import plain
+    from sawbench.plain import plain
 
     return {
         **(plain(estimate.latest) or {}),
@@ -306,16 +299,19 @@ def live_rows(estimate: LiveCuttingEstimate) -> dict[str, Any]:
 
 def describe(summary: RecordingSummary) -> str:
     """The summary in words."""
-    from commands.terminal import table
+    from sawbench.commands.terminal import table
 
     rows = [
         [c.channel, str(c.n_samples), f"{c.rate_hz:.2f}", str(c.n_gaps), str(c.n_missing)] for c in summary.channels
     ]
-    lines = [f"{summary.duration_s:.3f} s recorded: {summary.end_reason}"]
+    lines = [f"samples until {summary.duration_s:.3f} s; ended because: {summary.end_reason}"]
     lines.append(table(["channel", "samples", "rate Hz", "gaps", "missing"], rows))
     lines += [
         f"{d.device}: {d.n_discarded_bytes} damaged bytes, {d.n_reconnects} reconnects"
         for d in summary.devices
         if d.n_discarded_bytes or d.n_reconnects
     ]
+    lines += [f"NOT to be trusted: {loss}" for loss in summary.losses]
+    if not summary.is_complete:
+        lines.append("NOT complete: an instrument was gone, or the recording was interrupted")
     return "\n".join(lines)

@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench.errors import ConfigError, DeviceError, InputError
-from bench.recording import Event, Trial
+from sawbench.bench.errors import ConfigError, DeviceError, InputError
+from sawbench.bench.recording import Event, Trial
 
 if TYPE_CHECKING:
-    from acquisition.recording_report import RecordingStatus, RecordingSummary
-    from bench.config import LoadedConfig
+    from sawbench.acquisition.recording_report import RecordingStatus, RecordingSummary
+    from sawbench.bench.config import LoadedConfig
 
 _START_TIMEOUT_S = 60.0
 
@@ -56,7 +56,7 @@ def check_devices(loaded: LoadedConfig) -> None:
     ConfigError
         If a `[devices.*]` table is wrong; names file and table.
     """
-    from acquisition.devices import build_devices
+    from sawbench.acquisition.devices import build_devices
 
     try:
         build_devices(loaded.config)
@@ -96,10 +96,10 @@ def record_trial(
     DeviceError
         If an instrument is missing, silent or wrong; then no file is left.
     """
-    from acquisition.calibration_book import CalibrationBook, build_calibrated, provenance, read_book
-    from acquisition.recorder import record
-    from acquisition.recording_report import RecordingStart
-    from storage.writer import RecordingWriter
+    from sawbench.acquisition.calibration_book import CalibrationBook, build_calibrated, provenance, read_book
+    from sawbench.acquisition.recorder import record
+    from sawbench.acquisition.recording_report import RecordingStart
+    from sawbench.storage.writer import RecordingWriter
 
     book = CalibrationBook() if options.calibration_book is None else read_book(options.calibration_book)
     devices, configured = build_calibrated(loaded.config, book, options.endpoints)
@@ -211,7 +211,7 @@ def simulated_bench(
     DeviceError
         If it ends for another reason before it announces its ports.
     """
-    call = [sys.executable, "-m", "commands.main", "simbench", "--config", str(config_path)]
+    call = [sys.executable, "-m", "sawbench.commands.main", "simbench", "--config", str(config_path)]
     call += ["--material", material, "--seed", str(seed), "--trigger-after", str(trigger_after_s)]
     call += [] if duty is None else ["--duty", str(duty)]
     call += [] if truth_path is None else ["--truth", str(truth_path)]

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-
-from commands.options import force_option, json_option
-from commands.terminal import emit
+from sawbench.commands.options import force_option, json_option
+from sawbench.commands.terminal import emit
 
 
 @click.command(name="recover", epilog="Example: sawbench recover recordings/oak-04.mcap.part --out oak-04.mcap")
@@ -22,7 +21,7 @@ from commands.terminal import emit
 @json_option
 def command(path: Path, out_path: Path | None, force: bool, as_json: bool) -> int:
     """Copy everything readable of FILE into a new recording; FILE itself is never changed."""
-    from storage.recover import recover_recording
+    from sawbench.storage.recover import recover_recording
 
     if out_path is None:
         stem = path.name.removesuffix(".part").removesuffix(".mcap")

@@ -6,14 +6,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-
-from bench.errors import UntrustedResult
-from commands.failures import Failures
-from commands.options import config_for, config_option, find_recordings, force_option, json_option
-from commands.terminal import emit, plain, progress
+from sawbench.bench.errors import UntrustedResult
+from sawbench.commands.failures import Failures
+from sawbench.commands.options import config_option, force_option, json_option
+from sawbench.commands.terminal import emit, progress
+from sawbench.inputs import config_for, find_recordings
+from sawbench.plain import plain
 
 if TYPE_CHECKING:
-    from modeling.results import RuntimePrediction
+    from sawbench.modeling.results import RuntimePrediction
 
 
 @click.command(
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
 )
 @force_option
 @json_option
+# click hands over every option by its name: as many parameters as options.
 def command(
     paths: tuple[Path, ...],
     config_path: Path | None,
@@ -58,8 +60,8 @@ def command(
     as_json: bool,
 ) -> int:
     """Predict how long the battery lasts if the tool goes on cutting as in each trial."""
-    from commands.analysis import fit_trial, load_and_process, predict, runtime_of
-    from commands.runtime_sweep import SweepChoice, sweep
+    from sawbench.analysis import fit_trial, load_and_process, predict, runtime_of
+    from sawbench.commands.runtime_sweep import SweepChoice, sweep
 
     if bool(paths) == (k_fc is not None):
         raise click.UsageError("name recordings, or give --k-fc, one of the two")
@@ -103,7 +105,7 @@ def command(
 
 def describe(name: str, result: RuntimePrediction) -> str:
     """The prediction in words."""
-    from reporting.quantities import format_quantity
+    from sawbench.reporting.quantities import format_quantity
 
     if result.status != "ok":
         return f"{name}: no runtime ({result.status.replace('_', ' ')})"

@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING
 
 import click
 import numpy as np
-
-from bench.errors import InputError
-from commands.options import refuse_existing
-from commands.terminal import emit, table
+from sawbench.bench.errors import InputError
+from sawbench.commands.options import refuse_unwritable
+from sawbench.commands.terminal import emit, table
 
 if TYPE_CHECKING:
-    from bench.config import LoadedConfig
-    from modeling.runtime import RuntimeSweep
+    from sawbench.bench.config import LoadedConfig
+    from sawbench.modeling.runtime import RuntimeSweep
 
 MOST_CASES = 20_000
 
@@ -37,10 +36,11 @@ def sweep(
     loaded: LoadedConfig, choice: SweepChoice, *, k_fc: float, duty: float | None, force: bool, as_json: bool
 ) -> int:
     """Run the sweep, print it, write what was asked for; 0 where any case has a runtime."""
-    from commands.model_setup import battery_of, parameters_of
-    from modeling.runtime import sweep_runtime
-    from reporting.runtime_sweep import FORMATS, sweep_rows, write_sweep_picture
+    from sawbench.model_setup import battery_of, parameters_of, refuse_effects
+    from sawbench.modeling.runtime import sweep_runtime
+    from sawbench.reporting.runtime_sweep import FORMATS, sweep_rows, write_sweep_picture
 
+    refuse_effects(loaded, "--sweep")
     if loaded.config.converter.mode == "held_voltage":
         raise InputError(
             "[converter] holds the motor's voltage, so there is no duty to sweep",
@@ -56,7 +56,7 @@ def sweep(
         raise click.UsageError(f"the sweep has more than {MOST_CASES} cases: ask for fewer values")
     for path in (choice.csv_path, choice.plot_path):
         if path is not None:
-            refuse_existing(path, force=force)
+            refuse_unwritable(path, force=force)
     if choice.plot_path is not None and choice.plot_path.suffix.lower() not in FORMATS:
         raise click.UsageError(f"--plot must end in {' or '.join(FORMATS)}, got {str(choice.plot_path)!r}")
     found = sweep_runtime(
@@ -81,7 +81,7 @@ def sweep(
 
 def describe(found: RuntimeSweep) -> str:
     """One table a capacity."""
-    from reporting.runtime_sweep import sweep_cells
+    from sawbench.reporting.runtime_sweep import sweep_cells
 
     parts = []
     for c, capacity_ah in enumerate(found.capacity_ah):

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-
-from commands.options import config_option, refuse_existing
+from sawbench.bench.units import CHANNEL_BY_NAME, Channel
+from sawbench.commands.options import config_option, refuse_unwritable
 
 if TYPE_CHECKING:
-    from bench.config import LoadedConfig
-    from blindcheck.settings import PlantSettings
+    from sawbench.bench.config import LoadedConfig
+    from sawbench.blindcheck.settings import PlantSettings
 
 # Which [plant] key of the configuration is which setting of the simulated plant: the same names.
 _PLANT_KEYS = (
@@ -58,19 +59,22 @@ def command(
     """
     import json
 
-    from acquisition.simulation.bench_server import run_bench
-    from acquisition.simulation.held_load import HeldLoad
-    from blindcheck.streaming import StreamingPlant
-    from commands.options import config_for
+    from sawbench.acquisition.simulation.bench_server import run_bench
+    from sawbench.acquisition.simulation.held_load import HeldLoad
+    from sawbench.blindcheck.streaming import StreamingPlant
+    from sawbench.inputs import config_for
 
     loaded = config_for(None, config_path)
+    if loaded.config.effects:
+        names = ", ".join(loaded.config.effects)
+        click.echo(f"{loaded.path}: the simulated bench has none of the [effects] {names}: they are left out", err=True)
     settings = true_settings(loaded, material=material, duty=duty, seed=seed)
     if truth_path is not None:
-        refuse_existing(truth_path, force=False)
+        refuse_unwritable(truth_path, force=False)
         truth_path.write_text(json.dumps(truth_of(settings), indent=2) + "\n")
     plant = StreamingPlant(settings)
     run_bench(
-        plant if load_text is None else HeldLoad(plant, *load_of(load_text)),
+        plant if load_text is None else HeldLoad(plant, *load_of(load_text, loaded.config.known_channels)),
         loaded.config,
         transport=transport,  # type: ignore[arg-type]
         trigger_after_s=trigger_after,
@@ -78,8 +82,8 @@ def command(
     )
 
 
-def load_of(text: str) -> tuple[str, float]:
-    """Read `CHANNEL=VALUE`.
+def load_of(text: str, channels: Mapping[str, Channel] = CHANNEL_BY_NAME) -> tuple[str, float]:
+    """Read `CHANNEL=VALUE`; `channels` are those of the bench.
 
     Raises
     ------
@@ -91,18 +95,15 @@ def load_of(text: str) -> tuple[str, float]:
     >>> load_of("force_n=50")
     ('force_n', 50.0)
     """
-    from bench.errors import InputError
-    from bench.units import CHANNEL_BY_NAME
+    from sawbench.bench.errors import InputError
 
     channel, _, value = text.partition("=")
     try:
         load = float(value)
     except ValueError:
         load = float("nan")
-    if channel not in CHANNEL_BY_NAME or not abs(load) < float("inf"):
-        raise InputError(
-            f"--load is {text!r}, expected CHANNEL=VALUE", remedy=f"channels are {', '.join(CHANNEL_BY_NAME)}"
-        )
+    if channel not in channels or not abs(load) < float("inf"):
+        raise InputError(f"--load is {text!r}, expected CHANNEL=VALUE", remedy=f"channels are {', '.join(channels)}")
     return channel, load
 
 
@@ -127,9 +128,8 @@ def true_settings(loaded: LoadedConfig, *, material: str, duty: float | None, se
         If there is no such material.
     """
     import numpy as np
-
-    from bench.errors import InputError
-    from blindcheck.settings import MATERIALS, PlantSettings
+    from sawbench.bench.errors import InputError
+    from sawbench.blindcheck.settings import MATERIALS, PlantSettings
 
     if material not in MATERIALS:
         raise InputError(
@@ -149,6 +149,7 @@ def true_settings(loaded: LoadedConfig, *, material: str, duty: float | None, se
         **drawn,
         **{key: getattr(battery, key) for key in _BATTERY_KEYS},
         gear_ratio=plant.gear_ratio,
+        rod_length_m=plant.rod_length_m if plant.mechanism == "slider_crank" else None,
         cutting_half=loaded.config.cutting.cutting_half,
         duty=loaded.config.converter.default_duty if duty is None else duty,
         seed=seed,

@@ -6,12 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import click
-
-from bench.errors import InputError
-from commands.options import config_for, config_option, force_option, json_option, refuse_unwritable
-from commands.terminal import emit
-
-_MOST_SAMPLES = 1e7
+from sawbench.commands.options import config_option, force_option, json_option, refuse_unwritable
+from sawbench.commands.terminal import emit
+from sawbench.inputs import config_for
 
 
 @click.command(name="simulate", epilog="Example: sawbench simulate --k-fc 240.29 --seconds 1 --out current.csv")
@@ -25,6 +22,7 @@ _MOST_SAMPLES = 1e7
 @click.option("--out", "out_path", type=click.Path(path_type=Path, dir_okay=False), help="CSV with every sample.")
 @force_option
 @json_option
+# click hands over every option by its name: as many parameters as options.
 def command(
     config_path: Path | None,
     k_fc: float,
@@ -38,22 +36,16 @@ def command(
     as_json: bool,
 ) -> int:
     """Run the model from rest and say what it does; the columns of the CSV are those of a trial table."""
-    from commands.model_setup import cutting_of, parameters_of, supply_of
-    from modeling.transient import InitialState, simulate
+    from sawbench.model_setup import simulated_run
+    from sawbench.modeling.transient import InitialState
 
     if out_path is not None:
         refuse_unwritable(out_path, force=force)
-    if seconds * rate_hz > _MOST_SAMPLES:
-        raise InputError(
-            f"{seconds:g} s at {rate_hz:g} Hz are {seconds * rate_hz:.2g} samples, at most {_MOST_SAMPLES:.0e} "
-            "are computed at once",
-            remedy="shorten --seconds or lower --rate",
-        )
     loaded = config_for(None, config_path)
-    run = simulate(
-        parameters_of(loaded),
-        supply=supply_of(loaded, duty),
-        cutting=cutting_of(loaded, k_fc),
+    run = simulated_run(
+        loaded,
+        k_fc_n_s_per_m=k_fc,
+        duty=duty,
         duration_s=seconds,
         rate_hz=rate_hz,
         initial=InitialState(crank_angle_rad=angle_rad, soc=soc),
@@ -67,9 +59,12 @@ def command(
         f"mean current    {found['mean_current_a']:.3f} A over the last half",
         f"stroke rate     {found['stroke_rate_hz']:.3f} Hz over the last half",
         f"peak force      {found['peak_force_n']:.1f} N",
-        f"energy          {run.energy.electrical_in_j:.2f} J in, {run.energy.cutting_j:.2f} J cutting,"
-        f" closes to {run.energy.closure_error:.1e}",
     ]
+    if run.energy is not None:
+        lines.append(
+            f"energy          {run.energy.electrical_in_j:.2f} J in, {run.energy.cutting_j:.2f} J cutting,"
+            f" closes to {run.energy.closure_error:.1e}"
+        )
     lines += [] if out_path is None else [f"samples         {out_path}"]
     emit(
         {**found, "status": run.status, "message": run.message, "energy": run.energy},
@@ -94,14 +89,6 @@ def _summary(run: Any) -> dict[str, float]:
 
 def _write_csv(run: Any, path: Path) -> None:
     import pandas as pd
+    from sawbench.model_setup import bench_channels
 
-    pd.DataFrame(
-        {
-            "time_s": run.time_s,
-            "force_n": run.force_n,
-            "displacement_mm": 1e3 * run.displacement_m,
-            "motor_current_a": run.motor_current_a,
-            "battery_voltage_v": run.battery_voltage_v,
-            "battery_current_a": run.battery_current_a,
-        }
-    ).to_csv(path, index=False, float_format="%.9g")
+    pd.DataFrame({"time_s": run.time_s, **bench_channels(run)}).to_csv(path, index=False, float_format="%.9g")

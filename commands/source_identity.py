@@ -7,9 +7,7 @@ import subprocess
 from pathlib import Path
 from typing import Any, Final
 
-import commands
-
-ROOT: Final = Path(commands.__file__).resolve().parents[1]
+ROOT: Final = Path(__file__).resolve().parents[1]
 _JUDGING: Final = (
     "bench",
     "storage",

@@ -8,19 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
-
-from commands.options import (
-    calibration_book_path,
-    config_for,
-    config_option,
-    default_config_path,
-    json_option,
-)
-from commands.terminal import emit, stepper
+from sawbench.commands.options import calibration_book_path, config_option, json_option
+from sawbench.commands.terminal import emit, stepper
+from sawbench.inputs import config_for, default_config_path
 
 if TYPE_CHECKING:
-    from acquisition.devices.device import Device
-    from acquisition.resting_channel import RestingChannel
+    from sawbench.acquisition.devices.device import Device
+    from sawbench.acquisition.resting_channel import RestingChannel
 
 NEVER_S: Final = 1e9
 
@@ -28,7 +22,7 @@ NEVER_S: Final = 1e9
 @click.command(name="tare", epilog="Example: sawbench tare --seconds 5 --operator Kim --note 'blade mounted'")
 @click.option("--channel", default="force_n", show_default=True, help="Channel to zero.")
 @click.option("--seconds", type=click.FloatRange(0.5, 600.0), default=5.0, show_default=True, help="Average over this.")
-@click.option("--tolerance", type=click.FloatRange(0, min_open=True), help="Change that is let pass, channel's unit.")
+@click.option("--tolerance", type=click.FloatRange(0, min_open=True), help="Maximum allowed drift, channel's unit.")
 @click.option("--operator", default="", help="Who does it.")
 @click.option("--note", default="", help="Kept with the tare.")
 @config_option
@@ -52,10 +46,10 @@ def command(
 
     Refused while the value moves or drifts. The former zeros stay in the calibration book.
     """
-    from acquisition.calibration_book import BookEntry, add_entry, build_calibrated, calibrations_of, read_book
-    from acquisition.resting_channel import tare
-    from commands.recording_session import check_devices, simulated_bench
-    from storage.writer import software_version
+    from sawbench.acquisition.calibration_book import BookEntry, add_entry, build_calibrated, calibrations_of, read_book
+    from sawbench.acquisition.resting_channel import tare
+    from sawbench.commands.recording_session import check_devices, simulated_bench
+    from sawbench.storage.writer import software_version
 
     config_path = config_path or default_config_path()
     loaded = config_for(None, config_path)
@@ -111,8 +105,8 @@ def read_resting(
     UntrustedResult
         If it does not rest, or the instrument has a fault.
     """
-    from acquisition.device_probe import probe_devices
-    from acquisition.resting_channel import device_with, resting_channel
+    from sawbench.acquisition.device_probe import probe_devices
+    from sawbench.acquisition.resting_channel import device_with, resting_channel
 
     device = device_with(devices, channel)
     tenths = round(10 * seconds)
@@ -125,7 +119,7 @@ def read_resting(
 
 def describe(resting: RestingChannel) -> str:
     """Offset with uncertainty, scatter, drift."""
-    from reporting.quantities import format_quantity
+    from sawbench.reporting.quantities import format_quantity
 
     found, unit = resting.found, resting.channel.unit
     return (

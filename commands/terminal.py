@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import json
-import math
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from datetime import datetime
-from pathlib import Path
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, TypeVar
 
 import click
+from sawbench.plain import plain
 
 T = TypeVar("T")
 
@@ -46,33 +43,6 @@ def emit(result: Any, text: str, *, as_json: bool) -> None:
     as_json : bool
     """
     click.echo(json.dumps(plain(result), indent=2, allow_nan=False) if as_json else text)
-
-
-def plain(value: Any) -> Any:  # noqa: PLR0911
-    """Turn a result into what JSON can say; a number that is not finite becomes null.
-
-    Examples
-    --------
-    >>> plain({"a": float("nan"), "b": Path("x")})
-    {'a': None, 'b': 'x'}
-    """
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, str | bool | int) or value is None:
-        return value
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Path):
-        return str(value)
-    if isinstance(value, datetime):
-        return value.isoformat()
-    if hasattr(value, "tolist"):
-        return plain(value.tolist())
-    if isinstance(value, Iterable):
-        return [plain(item) for item in value]
-    raise TypeError(f"cannot write {type(value).__name__} as JSON")
 
 
 def table(headers: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-
-from bench.errors import InputError, SawbenchError
-from commands.options import config_for, config_option, force_option, json_option
-from commands.terminal import emit, has_display
+from sawbench.bench.errors import InputError, SawbenchError
+from sawbench.commands.options import config_option, force_option, json_option
+from sawbench.commands.terminal import emit, has_display
+from sawbench.inputs import config_for
 
 
 @click.command(name="view", epilog="Example: sawbench view recordings/oak-01.mcap --rrd oak-01.rrd")
@@ -32,8 +32,8 @@ def command(
     as_json: bool,
 ) -> None:
     """Show a recording with the same layout as the live view."""
-    from storage.reader import read_recording, sha256_of
-    from visualization.replay import view_recording
+    from sawbench.storage.reader import read_recording, sha256_of
+    from sawbench.visualization.replay import view_recording
 
     if (no_view or png_path) and rrd_path is None:
         raise click.UsageError("--no-view and --screenshot need --rrd FILE")
@@ -49,7 +49,7 @@ def command(
         click.echo("there is no display here: the view is saved, no viewer is opened", err=True)
         shows = False
     try:
-        from processing.process import process_recording
+        from sawbench.processing.process import process_recording
 
         config = config_for(recording, config_path).config
         processed = process_recording(recording, config, source_sha256=sha256_of(path))
@@ -65,7 +65,7 @@ def command(
         overwrite=force,
     )
     if png_path is not None and rrd_path is not None:
-        from visualization.screenshot import take_screenshot
+        from sawbench.visualization.screenshot import take_screenshot
 
         take_screenshot(rrd_path, png_path)
     made = [item for item in (rrd_path, png_path) if item is not None]

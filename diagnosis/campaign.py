@@ -3,44 +3,37 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from sawbench.bench.config import LoadedConfig
+from sawbench.bench.errors import InputError
+from sawbench.bench.processed import ProcessedTrial
+from sawbench.bench.recording import Floats, Recording, Trial
+from sawbench.bench.units import DISPLACEMENT
+from sawbench.diagnosis.inference.off_stroke import OffStroke, off_stroke
+from sawbench.diagnosis.inference.stroke_series import StrokeSeries, stroke_series
+from sawbench.diagnosis.plants.jigsaw import Jigsaw
+from sawbench.diagnosis.plants.plant import Plant
+from sawbench.diagnosis.reduction import CHANNEL_OF_STATE, lock_to_angle, running_state, start_up_state
+from sawbench.diagnosis.screening import is_stock_stated, screen, summary
+from sawbench.diagnosis.signal_health import ChannelHealth, channel_health
+from sawbench.diagnosis.slow_states import SlowTrack, slow_tracks
+from sawbench.modeling.machines.known_effects import baseline_of
+from sawbench.modeling.parts.linear import coefficient
+from sawbench.modeling.residuals import Baseline, residuals
+from sawbench.modeling.state import TWO_PI, State, TrialSetting
 
-from bench.config import LoadedConfig
-from bench.errors import InputError
-from bench.processed import CrankAngle
-from bench.recording import Floats, Recording
-from bench.units import DISPLACEMENT
-from diagnosis.equations import Baseline, residuals
-from diagnosis.off_stroke import OffStroke, off_stroke
-from diagnosis.plants.jigsaw import Jigsaw
-from diagnosis.plants.plant import Plant
-from diagnosis.reduction import (
-    CHANNEL_OF_STATE,
-    MOVING_RAD_S,
-    first_motion_s,
-    lock_to_angle,
-    running_state,
-    start_up_state,
-    steady_part,
-)
-from diagnosis.screening import is_stock_stated, screen, summary
-from diagnosis.slow_states import SlowTrack, slow_tracks
-from diagnosis.state import TWO_PI, State, TrialSetting
-from diagnosis.stroke_ripple import restore_ripple
-from diagnosis.stroke_series import StrokeSeries, stroke_series
-
-# The spin-up and the settling of the stroke rate after it stay out of the running part.
-SETTLE_S = 0.8
 # Agreement of the phases of a trial's strokes (measured: above 0.97), and how far a trial's phase may lie from that
 # of the others (measured: 0.1 rad for the force, 0.4 rad for the current in air, at twice the usual effects).
 _LOCKED = 0.8
 _PHASE_SPREAD_RAD = MappingProxyType({"force": 0.6, "current": 1.0, "current in air": 1.0})
 _FOREIGN_SHARE = 0.3
+# Known effects of the cut and the coefficient that they scale with: each time some per cent of the last change is left.
+_REGRESSIONS = 6
 # Warn where dropouts cost more than this share of the strokes.
 _LOST_STROKES = 0.2
 
@@ -65,6 +58,8 @@ class Campaign:
         Hardness of every stroke of the cutting trials.
     off_stroke : tuple of OffStroke
         What every trial holds beside its strokes.
+    health : tuple of ChannelHealth
+        Of every channel of every trial.
     """
 
     plant: Plant
@@ -74,16 +69,12 @@ class Campaign:
     angle_is_assumed: bool = False
     strokes: tuple[StrokeSeries, ...] = ()
     off_stroke: tuple[OffStroke, ...] = ()
+    health: tuple[ChannelHealth, ...] = ()
 
     @property
     def baseline(self) -> Any:
         """Numbers of the plant's model, as its effects take them: a `Baseline` for the jigsaw."""
         return self.plant.model
-
-    @property
-    def operating_points(self) -> tuple[str, ...]:
-        """Names of the operating points, in order of their first trial."""
-        return tuple(dict.fromkeys(s.setting.operating_point for s in self.states))
 
 
 def reduce_campaign(
@@ -111,55 +102,80 @@ def reduce_campaign(
     InputError
         If no trial can be used, or if most of them hold the same mistake (`diagnosis.screening`).
     """
-    baseline = Baseline(
-        plant=loaded.plant(),
-        battery=loaded.config.battery,
-        cutting_sign=-1 if loaded.config.cutting.cutting_half == "pi_to_2pi" else 1,
-    )
+    baseline = baseline_of(loaded)
     ordered, warnings = screen(_in_order(recordings), baseline)
     if not any(DISPLACEMENT.name in recording.signals for recording in ordered):
-        return _without_displacement(ordered, baseline, warnings)
-    usable: list[Recording] = []
-    angles: list[CrankAngle] = []
-    ripples: dict[str, Floats] = {}
-    for number, recording in enumerate(ordered):
-        found, reason = _angle(recording, baseline)
-        if found is None:
-            warnings.append(f"{recording.trial.trial_id} left out: {reason}")
+        return _without_displacement(list(_processed(ordered, loaded)), baseline, warnings)
+    usable: list[ProcessedTrial] = []
+    for number, processed in enumerate(_processed(ordered, loaded)):
+        reason = _unusable(processed)
+        if reason:
+            warnings.append(f"{processed.trial.trial_id} left out: {reason}")
         else:
-            usable.append(recording)
-            angles.append(found[0])
-            ripples[recording.trial.trial_id] = found[1]
+            usable.append(processed)
         if on_trial is not None:
-            on_trial(number + 1, len(ordered), recording.trial.trial_id)
+            on_trial(number + 1, len(ordered), processed.trial.trial_id)
     if not usable:
         raise InputError(f"no trial can be diagnosed: {summary(warnings)}")
-    tracks = slow_tracks(usable, angles, stroke_m=2.0 * baseline.radius_m)
+    return campaign_of(usable, baseline, warnings)
+
+
+def campaign_of(trials: Sequence[ProcessedTrial], baseline: Baseline, warnings: list[str]) -> Campaign:
+    """Put processed trials on one grid, each with what it inherits from those before it.
+
+    Parameters
+    ----------
+    trials : sequence of ProcessedTrial
+        In their order, each with a crank angle from its displacement.
+    baseline : Baseline
+    warnings : list of str
+        What was said before; what is left out here is added.
+
+    Returns
+    -------
+    Campaign
+
+    Raises
+    ------
+    InputError
+        If no trial runs long enough, or the channels allow no balance equation.
+    """
+    tracks = slow_tracks(trials, stroke_m=2.0 * baseline.radius_m)
     states: list[State] = []
-    series: list[StrokeSeries | None] = []
-    beside: list[OffStroke | None] = []
-    for index, (recording, angle, track) in enumerate(zip(usable, angles, tracks, strict=True)):
-        moving_s = first_motion_s(angle)
-        steady_s = steady_part(angle, moving_s)
-        states += _states(baseline, recording, angle, track, index, moving_s, steady_s, warnings)
-        series.append(_strokes(baseline, recording, angle, steady_s))
-        beside.append(off_stroke(recording, angle, steady_s[0] + SETTLE_S, steady_s[1]))
-    states = [replace(state, ripple_std_rad=ripples[state.setting.label]) for state in states]
+    for index, (trial, track) in enumerate(zip(trials, tracks, strict=True)):
+        states += _states(baseline, trial, track, index, warnings)
     _refuse_foreign_angles(states, warnings)
     if not states:
         raise InputError(f"no trial runs long enough to be diagnosed: {summary(warnings)}")
     _refuse_without_equation(baseline, states)
     guesses = _with_guesses(baseline, states)
-    plant = Jigsaw(baseline=baseline)
-    kept = {state.setting.label for state in states}
+    labels = {state.setting.label for state in states}
+    kept = [trial for trial in trials if trial.trial.trial_id in labels]
+    series = [stroke_series(t, mechanism=baseline.mechanism, cutting_sign=baseline.cutting_sign) for t in kept]
+    beside = [off_stroke(trial) for trial in kept]
     return Campaign(
-        plant=plant,
+        plant=Jigsaw(baseline=baseline),
         states=tuple(states),
         k_guess_n_s_per_m=guesses,
         warnings=tuple(warnings),
-        strokes=tuple(s for s in series if s is not None and s.label in kept),
-        off_stroke=tuple(s for s in beside if s is not None and s.label in kept),
+        strokes=tuple(s for s in series if s is not None),
+        off_stroke=tuple(s for s in beside if s is not None),
+        health=tuple(one for trial in kept for one in channel_health(trial)),
     )
+
+
+def _processed(recordings: Sequence[Recording], loaded: LoadedConfig) -> Iterator[ProcessedTrial]:
+    from sawbench.processing.process import process_recording
+
+    for recording in recordings:
+        yield process_recording(recording, loaded.config)
+
+
+def _unusable(trial: ProcessedTrial) -> str:
+    """Why a trial cannot be laid over the crank angle; empty where it can."""
+    if DISPLACEMENT.name not in trial.channels:
+        return "it has no displacement, so neither crank angle nor speed is known"
+    return "" if trial.angle is not None and trial.angle.is_absolute else "its displacement shows no strokes"
 
 
 def _refuse_without_equation(baseline: Baseline, states: Sequence[State]) -> None:
@@ -176,95 +192,55 @@ def _in_order(recordings: Sequence[Recording]) -> list[Recording]:
     return list(recordings)
 
 
-def _angle(recording: Recording, baseline: Baseline) -> tuple[tuple[CrankAngle, Floats] | None, str]:
-    from processing.crank_angle import track_crank_angle
-
-    if recording.trial.duty is None:
-        return None, "its duty is not stated"
-    signal = recording.signals.get(DISPLACEMENT.name)
-    if signal is None:
-        return None, "it has no displacement, so neither crank angle nor speed is known"
-    stroke_m = signal.values * DISPLACEMENT.si_factor
-    angle = track_crank_angle(signal.time_s, stroke_m, nominal_radius_m=baseline.radius_m)
-    if angle is None:
-        return None, "its displacement shows no strokes"
-    return restore_ripple(angle, signal.time_s, stroke_m), ""
-
-
 def _states(
-    baseline: Baseline,
-    recording: Recording,
-    angle: CrankAngle,
-    track: SlowTrack,
-    index: int,
-    moving_s: float,
-    steady_s: tuple[float, float],
-    warnings: list[str],
+    baseline: Baseline, trial: ProcessedTrial, track: SlowTrack, index: int, warnings: list[str]
 ) -> list[State]:
-    trial = recording.trial
-    setting = _setting(recording, index, track)
-    start_s, end_s = steady_s
-    if start_s > moving_s or end_s < angle.time_s[-1]:
+    name, angle, steady = trial.trial.trial_id, trial.angle, trial.steady
+    assert angle is not None and steady is not None
+    setting = _setting(trial.trial, index, track)
+    if steady.start_s > steady.first_motion_s or steady.end_s < angle.time_s[-1]:
         warnings.append(
-            f"{trial.trial_id}: the blade stops or slows to less than two thirds of its speed; only"
-            f" {start_s:.2f} s to {end_s:.2f} s is used"
+            f"{name}: the blade stops or slows to less than two thirds of its speed; only"
+            f" {steady.start_s:.2f} s to {steady.end_s:.2f} s is used"
         )
-    running = running_state(recording, angle, setting, start_s + SETTLE_S, end_s)
+    running = running_state(trial, setting)
     if running is None:
-        warnings.append(f"{trial.trial_id} left out: it runs for less than two settled strokes")
+        warnings.append(f"{name} left out: it runs for less than two settled strokes")
         return []
-    for name, attribute in CHANNEL_OF_STATE.items():
-        if name in recording.signals and getattr(running, attribute) is None:
-            warnings.append(f"{trial.trial_id}: {name} left out: it is missing in most of the strokes")
-    strokes = float(np.diff(np.interp([start_s + SETTLE_S, end_s], angle.time_s, angle.angle_rad))[0]) / TWO_PI
+    for channel, attribute in CHANNEL_OF_STATE.items():
+        if channel in trial.channels and getattr(running, attribute) is None:
+            warnings.append(f"{name}: {channel} left out: it is missing in most of the strokes")
+    turned = np.interp([steady.settled_s, steady.end_s], angle.time_s, angle.angle_rad)
+    strokes = float(np.diff(turned)[0]) / TWO_PI
     if running.n_strokes.sum() < (1.0 - _LOST_STROKES) * strokes - 2.0 * running.n_strokes[0]:
-        warnings.append(f"{trial.trial_id}: dropouts leave {running.n_strokes.sum():.0f} of {strokes:.0f} strokes")
-    started_at_rest = moving_s > angle.time_s[0] or angle.speed_rad_s[0] < MOVING_RAD_S
-    start_up = start_up_state(recording, angle, setting, moving_s) if started_at_rest else None
-    found = []
-    for state in (running, start_up):
-        if state is not None:
-            found.append(_with_history(baseline, state, track))
-    return found
-
-
-def _strokes(
-    baseline: Baseline, recording: Recording, angle: CrankAngle, steady_s: tuple[float, float]
-) -> StrokeSeries | None:
-    return stroke_series(
-        recording,
-        angle,
-        cutting_sign=baseline.cutting_sign,
-        radius_m=baseline.radius_m,
-        start_s=steady_s[0] + SETTLE_S,
-        end_s=steady_s[1],
-    )
+        warnings.append(f"{name}: dropouts leave {running.n_strokes.sum():.0f} of {strokes:.0f} strokes")
+    start_up = start_up_state(trial, setting)
+    return [_with_history(baseline, state, track) for state in (running, start_up) if state is not None]
 
 
 def _with_history(baseline: Baseline, state: State, track: SlowTrack) -> State:
     """Return the state with what the trial inherited, and with the motor's voltage."""
-    slow = track.at(state.time_s[:, 0])
-    charge_used_as = slow.pop("charge_used_as")
+    time_s = state.time_s[:, 0]
+    charge_used_as = track.at(track.charge_used_as, time_s)
     return replace(
         state,
         charge_used_as=charge_used_as,
-        cut_distance_m=slow.pop("cut_distance_m"),
-        slow=slow,
+        cut_distance_m=track.at(track.cut_distance_m, time_s),
+        slow={memory: track.at(held, time_s) for memory, held in track.memories.items()},
         motor_voltage_v=_motor_voltage(baseline, state, charge_used_as),
     )
 
 
-def _setting(recording: Recording, index: int, track: SlowTrack) -> TrialSetting:
-    trial = recording.trial
+def _setting(trial: Trial, index: int, track: SlowTrack) -> TrialSetting:
     return TrialSetting(
         label=trial.trial_id,
         index=index,
         duty=trial.duty or 0.0,
         is_idle=trial.is_idle,
-        stock=_stock(recording),
+        stock=_stock(trial),
         feed_m_s=math.nan if trial.feed_mm_s is None else 1e-3 * trial.feed_mm_s,
         thickness_m=math.nan if trial.thickness_mm is None else 1e-3 * trial.thickness_mm,
-        operating_point=_operating_point(recording),
+        operating_point=_operating_point(trial),
         session_s=track.session_s,
     )
 
@@ -296,22 +272,25 @@ def _refuse_foreign_angles(states: list[State], warnings: list[str]) -> None:
     states[:] = [s for s in states if s.setting.label not in foreign]
 
 
-def _without_displacement(recordings: list[Recording], baseline: Baseline, warnings: list[str]) -> Campaign:
+def _without_displacement(trials: Sequence[ProcessedTrial], baseline: Baseline, warnings: list[str]) -> Campaign:
     """Means over whole strokes, whose rate is read from the ripple of force or current."""
-    from diagnosis.stroke_means import stroke_means
+    from sawbench.diagnosis.stroke_means import stroke_means
 
-    means = {r.trial.trial_id: stroke_means(r, baseline) for r in recordings}
+    means = {trial.trial.trial_id: stroke_means(trial, baseline) for trial in trials}
     for name, found in means.items():
         if found is None:
             warnings.append(f"{name} left out: neither force nor current shows a clear stroke rate")
-    usable = [r for r in recordings if means[r.trial.trial_id] is not None]
+    usable = [
+        (replace(trial, angle=found.angle), found)
+        for trial in trials
+        if (found := means[trial.trial.trial_id]) is not None
+    ]
     if not usable:
         raise InputError(f"no trial can be diagnosed without displacement: {summary(warnings)}")
-    angles = [means[r.trial.trial_id].angle for r in usable]  # type: ignore[union-attr]
-    tracks = slow_tracks(usable, angles, stroke_m=2.0 * baseline.radius_m)
+    tracks = slow_tracks([trial for trial, _ in usable], stroke_m=2.0 * baseline.radius_m)
     states = [
-        _with_history(baseline, means[r.trial.trial_id].state(_setting(r, index, track)), track)  # type: ignore[union-attr]
-        for index, (r, track) in enumerate(zip(usable, tracks, strict=True))
+        _with_history(baseline, found.state(_setting(trial.trial, index, track)), track)
+        for index, ((trial, found), track) in enumerate(zip(usable, tracks, strict=True))
     ]
     _refuse_without_equation(baseline, states)
     guesses = _with_guesses(baseline, states)
@@ -336,41 +315,52 @@ def _motor_voltage(baseline: Baseline, state: State, charge_used_as: Floats) -> 
     return np.broadcast_to(state.setting.duty * voltage_v, state.speed_rad_s.shape)
 
 
-def _stock(recording: Recording) -> str:
+def _stock(trial: Trial) -> str:
     """Trials of one stock share a cutting coefficient: only where it is stated what was cut."""
-    trial = recording.trial
     if trial.is_idle:
         return "air"
-    if not is_stock_stated(recording):
+    if not is_stock_stated(trial):
         return f"what {trial.trial_id} cut"
     return f"{trial.material}, {trial.thickness_mm} mm"
 
 
-def _operating_point(recording: Recording) -> str:
-    trial = recording.trial
+def _operating_point(trial: Trial) -> str:
     if trial.is_idle:
         return f"idle, duty {trial.duty:g}"
     return f"{trial.material}, {trial.thickness_mm} mm, feed {trial.feed_mm_s} mm/s, duty {trial.duty:g}"
 
 
 def _with_guesses(baseline: Baseline, states: list[State]) -> dict[str, float]:
-    """Regress k_Fc of each stock and write it, with the campaign's extremes, into the slow states."""
-    sums: dict[str, list[float]] = {}
+    """Regress k_Fc of each stock and write it, with the campaign's extremes, into the states.
+
+    Known effects of the cut are taken off the force; most scale with the coefficient, so it is found again with them.
+    """
     peak_n = top_a = 0.0
     for state in states:
         if state.kind == "running" and not state.setting.is_idle and state.force_n is not None:
-            speed = baseline.cutting_speed(state)
-            total = sums.setdefault(state.setting.stock, [0.0, 0.0])
-            total[0] += float(np.sum(state.force_n * speed))
-            total[1] += float(np.sum(speed * speed))
             peak_n = max(peak_n, float(state.force_n.mean(axis=0).max()))
         if state.kind == "start_up" and state.current_a is not None:
             top_a = max(top_a, float(state.current_a.max()))
-    guesses = {stock: max(up / max(down, 1e-12), 0.0) for stock, (up, down) in sums.items()}
-    for state in states:
-        k_guess = 0.0 if state.setting.is_idle else guesses.get(state.setting.stock, 0.0)
-        ones = np.ones_like(state.time_s)
-        state.slow["k_guess_n_s_per_m"] = k_guess * ones
-        state.slow["peak_force_n"] = peak_n * ones
-        state.slow["top_current_a"] = top_a * ones
+    states[:] = [replace(state, peak_force_n=peak_n, top_current_a=top_a) for state in states]
+    guesses: dict[str, float] = {}
+    for _ in range(_REGRESSIONS if baseline.known else 1):
+        guesses = _regressed(baseline, states)
+        states[:] = [
+            replace(state, k_guess_n_s_per_m=0.0 if state.setting.is_idle else guesses.get(state.setting.stock, 0.0))
+            for state in states
+        ]
     return guesses
+
+
+def _regressed(baseline: Baseline, states: Sequence[State]) -> dict[str, float]:
+    """Regress force on cutting speed, over all running trials of a stock."""
+    felt: dict[str, list[tuple[Floats, Floats]]] = {}
+    for state in states:
+        if state.kind == "running" and not state.setting.is_idle and state.force_n is not None:
+            force_n = state.force_n - baseline.known_signature(state).get("cutting", 0.0)
+            felt.setdefault(state.setting.stock, []).append((force_n, baseline.cutting_speed(state)))
+    found: dict[str, float] = {}
+    for stock, trials in felt.items():
+        force_n, speed_m_s = (np.concatenate(of) for of in zip(*trials, strict=True))
+        found[stock] = max(float(coefficient(force_n, speed_m_s)), 0.0)
+    return found

@@ -4,6 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
+from sawbench.bench.recording import Floats
+
+
+def log_mean_exp_rows(logs: Floats) -> Floats:
+    """`log_mean_exp` of every row, shape (k, n) -> (k,)."""
+    top = logs.max(axis=1)
+    return top + np.log(np.mean(np.exp(logs - top[:, None]), axis=1))
 
 
 def log_mean_exp(logs: ArrayLike) -> float:

@@ -1,8 +1,7 @@
 """Whether a trial's channels can be what they are called: swapped, in another unit, dead, mislabelled.
 
-Every check compares a `Reading` with the nominal model, with bounds far outside of what the effects of the
-catalogue do at twice their typical size (measured: docs/diagnosis-input-checks.md). Where one fails, the simple
-mistakes are tried in turn (two channels exchanged, a factor of a unit, a sign); the one that lets every check
+Every check compares a `Reading` with the nominal model, with the bounds of `bench.plausible`. Where one fails, the
+simple mistakes are tried in turn (two channels exchanged, a factor of a unit, a sign); the one that lets every check
 pass is named.
 """
 
@@ -14,10 +13,25 @@ from itertools import combinations
 from typing import Final, Literal
 
 import numpy as np
-
-from bench.recording import Trial
-from diagnosis.equations import Baseline
-from diagnosis.trial_reading import Reading, Track, read_trial
+from sawbench.bench.plausible import (
+    BATTERY_VOLTAGE,
+    BLADE_POWER,
+    CONVERTER,
+    CONVERTER_A,
+    IDLE_POWER_SHARE,
+    IDLE_POWER_W,
+    LEAST_CURRENT,
+    LENGTH_UNITS,
+    MOTOR_VOLTAGE,
+    STROKE_RATE,
+    TOP_CURRENT,
+    TRAVEL,
+    VOLTAGE_RIPPLE,
+    is_outside,
+)
+from sawbench.bench.recording import Trial
+from sawbench.diagnosis.trial_reading import Reading, Track, read_trial
+from sawbench.modeling.residuals import Baseline
 
 Kind = Literal[
     "travel", "stroke rate", "battery voltage", "motor voltage", "start-up", "no load", "converter", "no cut",
@@ -26,18 +40,6 @@ Kind = Literal[
 # One check: what it is, whether it failed, and what was seen and expected.
 Outcome = tuple[Kind, bool, str]
 MIN_STROKES: Final = 3
-# Bounds of measured over nominal.
-_TRAVEL = (0.85, 1.2)
-_VOLTAGE = (0.75, 1.25)
-_STROKE_RATE = (0.2, 1.25)
-_VOLTAGE_RIPPLE = 0.04
-_MOTOR_VOLTAGE = (0.58, 1.35)
-_TOP_CURRENT = 2.0
-_CONVERTER, _CONVERTER_A = (0.6, 1.55), 0.15
-# Of the current that the nominal damping of the motor asks for.
-_LEAST_CURRENT = 0.2
-_BLADE_POWER = (0.3, 1.5)
-_IDLE_POWER_SHARE, _IDLE_POWER_W = 0.3, 1.5
 # A cut that takes less shaft power than this says nothing of the force.
 _CLEAR_CUT_W = 2.0
 _OTHER_HALF = 0.4
@@ -47,10 +49,7 @@ Mistake = tuple[str, tuple[str, ...], str, dict[str, Track]]
 _UNITS: Final[tuple[tuple[tuple[str, ...], str, float], ...]] = (
     (("time_s",), "ms", 1e-3),
     (("time_s",), "us", 1e-6),
-    (("displacement_mm",), "m", 1e3),
-    (("displacement_mm",), "cm", 10.0),
-    (("displacement_mm",), "inches", 25.4),
-    (("displacement_mm",), "um", 1e-3),
+    *((("displacement_mm",), unit, factor) for unit, factor in LENGTH_UNITS),
     (("battery_voltage_v",), "mV", 1e-3),
     (("motor_current_a",), "mA", 1e-3),
     (("battery_current_a",), "mA", 1e-3),
@@ -185,10 +184,6 @@ def explain_faults(
     )  # fmt: skip
 
 
-def _outside(value: float, bounds: tuple[float, float]) -> bool:
-    return not bounds[0] <= value <= bounds[1]
-
-
 def _drive_v(baseline: Baseline, trial: Trial, reading: Reading) -> float | None:
     nominal = None if baseline.battery is None else baseline.battery.nominal_voltage_v
     voltage = reading.battery_voltage_v if nominal is None else nominal
@@ -198,7 +193,9 @@ def _drive_v(baseline: Baseline, trial: Trial, reading: Reading) -> float | None
 def _motion_checks(baseline: Baseline, trial: Trial, reading: Reading) -> Iterator[Outcome]:
     if baseline.battery is not None and reading.battery_voltage_v is not None and reading.voltage_ripple is not None:
         nominal = baseline.battery.nominal_voltage_v
-        off = _outside(reading.battery_voltage_v / nominal, _VOLTAGE) or reading.voltage_ripple > _VOLTAGE_RIPPLE
+        off = (
+            is_outside(reading.battery_voltage_v / nominal, BATTERY_VOLTAGE) or reading.voltage_ripple > VOLTAGE_RIPPLE
+        )
         seen = (
             f"battery_voltage_v is {reading.battery_voltage_v:.3g} V with {100.0 * reading.voltage_ripple:.0f} % ripple"
         )
@@ -208,15 +205,15 @@ def _motion_checks(baseline: Baseline, trial: Trial, reading: Reading) -> Iterat
     nominal_m = 2.0 * baseline.radius_m
     seen = f"displacement_mm travels {1e3 * reading.travel_m:.4g} mm, the crank {1e3 * nominal_m:.4g} mm"
     # A blade that makes no strokes may travel less, never more.
-    least = _TRAVEL[0] if reading.n_strokes >= MIN_STROKES else 0.0
-    yield "travel", _outside(reading.travel_m / nominal_m, (least, _TRAVEL[1])), seen
+    least = TRAVEL[0] if reading.n_strokes >= MIN_STROKES else 0.0
+    yield "travel", is_outside(reading.travel_m / nominal_m, (least, TRAVEL[1])), seen
     if reading.n_strokes < MIN_STROKES or reading.rate_hz is None:
         return
     drive_v = _drive_v(baseline, trial, reading)
     if drive_v is not None:
         free_hz = drive_v / (baseline.plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * 2.0 * np.pi)
         seen = f"{reading.rate_hz:.3g} strokes/s; without load at duty {trial.duty:g} it is {free_hz:.3g}"
-        yield "stroke rate", _outside(reading.rate_hz / free_hz, _STROKE_RATE), seen
+        yield "stroke rate", is_outside(reading.rate_hz / free_hz, STROKE_RATE), seen
 
 
 def _current_checks(baseline: Baseline, trial: Trial, reading: Reading) -> Iterator[Outcome]:
@@ -227,18 +224,18 @@ def _current_checks(baseline: Baseline, trial: Trial, reading: Reading) -> Itera
     if drive_v is not None and reading.top_current_a is not None:
         stall_a = drive_v / plant.resistance_ohm.nominal
         seen = f"motor_current_a reaches {reading.top_current_a:.4g} A, the blocked motor draws {stall_a:.3g} A"
-        yield "start-up", reading.top_current_a > _TOP_CURRENT * stall_a, seen
+        yield "start-up", reading.top_current_a > TOP_CURRENT * stall_a, seen
     if drive_v is not None and reading.rate_hz is not None and reading.n_strokes >= MIN_STROKES:
         speed = 2.0 * np.pi * reading.rate_hz * baseline.gear
         asked_v = plant.resistance_ohm.nominal * motor + plant.back_emf_constant_v_s_per_rad.nominal * speed
         seen = f"current and speed ask for {asked_v:.3g} V at the motor, duty times battery gives {drive_v:.3g} V"
-        yield "motor voltage", _outside(asked_v / drive_v, _MOTOR_VOLTAGE), seen
+        yield "motor voltage", is_outside(asked_v / drive_v, MOTOR_VOLTAGE), seen
         least_a = plant.motor_damping_n_m_s_per_rad.nominal * speed / plant.torque_constant_n_m_per_a.nominal
         seen = f"motor_current_a is {motor:.3g} A, the damping of the motor alone asks for {least_a:.3g} A"
-        yield "no load", motor < _LEAST_CURRENT * least_a, seen
+        yield "no load", motor < LEAST_CURRENT * least_a, seen
     if reading.battery_current_a is not None:
-        low, high = sorted(share * duty * motor for share in _CONVERTER)
-        off = not low - _CONVERTER_A <= reading.battery_current_a <= high + _CONVERTER_A or motor < -_CONVERTER_A
+        low, high = sorted(share * duty * motor for share in CONVERTER)
+        off = not low - CONVERTER_A <= reading.battery_current_a <= high + CONVERTER_A or motor < -CONVERTER_A
         seen = f"battery_current_a is {reading.battery_current_a:.3g} A, duty times motor_current_a"
         yield "converter", off, f"{seen} ({duty:g} * {motor:.3g} A) is {duty * motor:.3g} A"
 
@@ -267,13 +264,13 @@ def _power_checks(baseline: Baseline, trial: Trial, reading: Reading, idle_a: fl
         yield "blade power", drives, f"the force drives the blade with {-at_blade:.3g} W"
     elif trial.is_idle:
         seen = f"the trial is said to run in air, but the force takes {at_blade:.3g} W of the motor's {shaft:.3g} W"
-        yield "blade power", abs(at_blade) > _IDLE_POWER_SHARE * abs(shaft) + _IDLE_POWER_W, seen
+        yield "blade power", abs(at_blade) > IDLE_POWER_SHARE * abs(shaft) + IDLE_POWER_W, seen
     else:
         seen = f"force along the displacement takes {at_blade:.3g} W, the motor current stands for {shaft:.3g} W"
         if shaft <= _CLEAR_CUT_W or trial.material is None:
-            yield "no cut", abs(at_blade) > max(4.0 * _CLEAR_CUT_W, _BLADE_POWER[1] * shaft), seen
+            yield "no cut", abs(at_blade) > max(4.0 * _CLEAR_CUT_W, BLADE_POWER[1] * shaft), seen
         else:
-            yield "blade power", _outside(at_blade / shaft, _BLADE_POWER), seen
+            yield "blade power", is_outside(at_blade / shaft, BLADE_POWER), seen
 
 
 def _simple_mistakes(baseline: Baseline, trial: Trial, tracks: Mapping[str, Track]) -> Iterator[Mistake]:

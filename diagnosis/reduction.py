@@ -1,27 +1,27 @@
-"""From one recording to its `State`s: strokes averaged over the crank angle, and the start-up over time."""
+"""From one processed trial to its `State`s: strokes averaged over the crank angle, and the start-up over time."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-
-from bench.processed import CrankAngle
-from bench.recording import Floats, Recording
-from bench.units import CHANNEL_BY_NAME, DISPLACEMENT
-from diagnosis.state import TWO_PI, State, TrialSetting
+from sawbench.bench.processed import CrankAngle, ProcessedTrial
+from sawbench.bench.recording import Floats, Signal
+from sawbench.bench.units import CHANNEL_BY_NAME, DISPLACEMENT
+from sawbench.modeling.parts.mechanism import Mechanism
+from sawbench.modeling.state import START_UP_STEP_S, TWO_PI, State, TrialSetting, angle_derivative
+from sawbench.processing.binning import AngleGrid, time_cell_means
+from sawbench.processing.settled import MOVING_RAD_S
 
 N_POINTS = 128
 N_HARMONICS = 40
 MIN_SAMPLES_PER_BIN = 1.5
 _MIN_COVERAGE = 0.5
-# A crank that is slower stands.
-MOVING_RAD_S = 2.0
 START_UP_S = 0.4
-START_UP_STEP_S = 1e-3
 # Channels of a recording and where they stand in a state.
 CHANNEL_OF_STATE: Final = MappingProxyType(
     {
@@ -31,10 +31,6 @@ CHANNEL_OF_STATE: Final = MappingProxyType(
         "battery_current_a": "battery_current_a",
     }
 )
-# Turns this much longer than usual are no running strokes; two more before them belong to the stop.
-_SLOW_TURN = 1.5
-_STOPPING_TURNS = 2
-_SPIN_UP_S = 0.8
 # A harmonic counts in a signature as far as its power is above that many times its own variance.
 _NOISE_MARGIN = 3.0
 _MIN_ROWS_TO_SHRINK = 4
@@ -44,41 +40,14 @@ _SPIKE = 0.1
 _LEAST_SWING_N = 3.0
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Grid:
-    """Which sample belongs to which unit and angle bin.
-
-    Attributes
-    ----------
-    first_turn : int
-        Turn number at which the first unit starts.
-    turns_per_unit : int
-    n_units : int
-    """
-
-    first_turn: int
-    turns_per_unit: int
-    n_units: int
-
-    def place(self, angle_rad: Floats, n_points: int = N_POINTS) -> np.ndarray:
-        """Flat index unit * n_points + bin of each sample, -1 outside."""
-        turns = angle_rad / TWO_PI - self.first_turn
-        unit = np.floor(turns / self.turns_per_unit).astype(np.int64)
-        part = turns - np.floor(turns)
-        cell = np.minimum((part * n_points).astype(np.int64), n_points - 1)
-        flat = unit * n_points + cell
-        flat[(unit < 0) | (unit >= self.n_units)] = -1
-        return flat
-
-
 def lay_grid(
     angle: CrankAngle, start_s: float, end_s: float, slowest_rate_hz: float, *, target_units: int = 16
-) -> Grid | None:
+) -> AngleGrid | None:
     """Choose units of whole turns between two times, long enough to fill every bin.
 
     Returns
     -------
-    Grid or None
+    AngleGrid or None
         None where there are not two complete turns.
     """
     inside = (angle.time_s >= start_s) & (angle.time_s <= end_s)
@@ -92,24 +61,20 @@ def lay_grid(
     period_s = (angle.time_s[inside][-1] - angle.time_s[inside][0]) / (turns[-1] - turns[0])
     needed = int(np.ceil(MIN_SAMPLES_PER_BIN * N_POINTS / max(slowest_rate_hz * period_s, 1e-9)))
     per_unit = min(max(needed, n_turns // target_units, 1), n_turns)
-    return Grid(first_turn=first, turns_per_unit=per_unit, n_units=n_turns // per_unit)
+    return AngleGrid(first_turn=first, n_rows=n_turns // per_unit, n_bins=N_POINTS, turns_per_row=per_unit)
 
 
-def fold(values: Floats, flat: np.ndarray, n_units: int, n_points: int = N_POINTS) -> Floats:
-    """Mean of the samples in each bin, band-limited to `N_HARMONICS`, shape (n_units, n_points).
+def fold(grid: AngleGrid, placed: NDArray[np.int64], values: Floats) -> Floats:
+    """Mean of the samples in each cell, band-limited to `N_HARMONICS`, shape (n_units, n_points).
 
-    The droop of the bin average is undone. Empty bins are interpolated over the turn.
+    The droop of the bin average is undone. Empty cells are interpolated over the turn.
     """
-    keep = flat >= 0
-    size = n_units * n_points
-    count = np.bincount(flat[keep], minlength=size).reshape(n_units, n_points)
-    total = np.bincount(flat[keep], weights=values[keep], minlength=size).reshape(n_units, n_points)
-    mean = total / np.maximum(count, 1)
-    for unit in np.flatnonzero((count == 0).any(axis=1)):
-        filled = np.flatnonzero(count[unit])
+    mean, cells = grid.means(placed, values), np.arange(grid.n_bins)
+    for unit in np.flatnonzero(np.isnan(mean).any(axis=1)):
+        filled = np.flatnonzero(~np.isnan(mean[unit]))
         if len(filled) >= 2:
-            mean[unit] = np.interp(np.arange(n_points), filled, mean[unit][filled], period=n_points)
-    return band_limit(mean)
+            mean[unit] = np.interp(cells, filled, mean[unit][filled], period=grid.n_bins)
+    return band_limit(np.nan_to_num(mean))
 
 
 def band_limit(waves: Floats, n_harmonics: int = N_HARMONICS) -> Floats:
@@ -122,7 +87,7 @@ def band_limit(waves: Floats, n_harmonics: int = N_HARMONICS) -> Floats:
     return np.fft.irfft(spectrum, n_points, axis=-1)
 
 
-def smooth_state(state: State, blocks: Floats, *, radius_m: float, n_harmonics: int = 5) -> State:
+def smooth_state(state: State, blocks: Floats, *, mechanism: Mechanism, n_harmonics: int = 5) -> State:
     """State to compute signatures from: averaged over the units, the crank's motion limited to a few harmonics.
 
     A residual and a signature that share the same noise would shrink every parameter of the equation they stand
@@ -133,8 +98,8 @@ def smooth_state(state: State, blocks: Floats, *, radius_m: float, n_harmonics: 
     state : State
     blocks : ndarray, shape (n_blocks, n_units)
         Averages units into time blocks; only the slow states differ from block to block.
-    radius_m : float
-        Of the crank: what the speed loses in harmonics, the blade's velocity keeps.
+    mechanism : Mechanism
+        What the speed loses in harmonics, the blade's velocity keeps.
     n_harmonics : int
 
     Returns
@@ -160,7 +125,7 @@ def smooth_state(state: State, blocks: Floats, *, radius_m: float, n_harmonics: 
     if state.blade_excess_m_s is not None and len(state.speed_rad_s) < _MIN_ROWS_TO_SHRINK:
         changes["blade_excess_m_s"] = None
     elif state.blade_excess_m_s is not None:
-        beyond = (state.speed_rad_s - speed[:1]) * radius_m * np.sin(state.angle_rad) + state.blade_excess_m_s
+        beyond = (state.speed_rad_s - speed[:1]) * mechanism.lever(state.angle_rad) + state.blade_excess_m_s
         changes["blade_excess_m_s"] = mean(beyond, N_HARMONICS)
     for name in ("current_a", "current_rate_a_s", "battery_current_a"):
         changes[name] = mean(getattr(state, name), 2 * n_harmonics)
@@ -187,55 +152,6 @@ def _signal_share(spectra: NDArray[np.complex128]) -> Floats:
     share = np.clip(1.0 - _NOISE_MARGIN * variance / power, 0.0, 1.0)
     share[0] = 1.0
     return share
-
-
-def angle_derivative(waves: Floats) -> Floats:
-    """Derivative of periodic rows with respect to the crank angle."""
-    n_points = waves.shape[-1]
-    spectrum = np.fft.rfft(waves, axis=-1)
-    spectrum *= 1j * np.arange(spectrum.shape[-1])
-    return np.fft.irfft(spectrum, n_points, axis=-1)
-
-
-def first_motion_s(angle: CrankAngle) -> float:
-    """Time at which the crank begins to turn; the first sample where it turns all along."""
-    return float(angle.time_s[np.argmax(angle.speed_rad_s > MOVING_RAD_S)])
-
-
-def steady_part(angle: CrankAngle, moving_s: float) -> tuple[float, float]:
-    """Longest stretch in which the blade neither stands nor spins down.
-
-    Parameters
-    ----------
-    angle : CrankAngle
-    moving_s : float
-        Time of the first motion.
-
-    Returns
-    -------
-    start_s, end_s : float
-        `moving_s` and the end of the record where nothing interrupts the trial.
-    """
-    turns = np.arange(np.ceil(angle.angle_rad[0] / TWO_PI), np.floor(angle.angle_rad[-1] / TWO_PI) + 1)
-    ends_s = np.interp(TWO_PI * turns, angle.angle_rad, angle.time_s)
-    ends_s = ends_s[ends_s >= moving_s]
-    last_s = float(angle.time_s[-1])
-    if len(ends_s) < 3:
-        return moving_s, last_s
-    usual_s = float(np.median(np.diff(ends_s)))
-    # The spin-up is no stop; a record may end within a turn.
-    edges_s = np.concatenate([[moving_s], ends_s, [last_s]])
-    slow = np.diff(edges_s) > _SLOW_TURN * usual_s
-    slow &= edges_s[1:] > moving_s + _SPIN_UP_S
-    best, start, length = (0, len(slow)), 0, -1
-    for stop in [*np.flatnonzero(slow).tolist(), len(slow)]:
-        if stop - start > length:
-            length, best = stop - start, (start, stop)
-        start = stop + 1
-    first, last = best
-    if last < len(slow):
-        last = max(last - _STOPPING_TURNS, first)
-    return float(edges_s[first]), float(edges_s[last])
 
 
 def lock_to_angle(state: State) -> tuple[str, complex] | None:
@@ -270,77 +186,76 @@ def lock_to_angle(state: State) -> tuple[str, complex] | None:
     return (name, complex(parts.sum() / size)) if size > 0 else None
 
 
-def running_state(
-    recording: Recording, angle: CrankAngle, setting: TrialSetting, start_s: float, end_s: float
-) -> State | None:
-    """Average the running strokes of a trial in units of a few turns.
+def running_state(trial: ProcessedTrial, setting: TrialSetting) -> State | None:
+    """Average the settled strokes of a trial in units of a few turns.
 
     Parameters
     ----------
-    recording : Recording
-    angle : CrankAngle
+    trial : ProcessedTrial
+        With a crank angle.
     setting : TrialSetting
-    start_s, end_s : float
-        The settled part of the trial.
 
     Returns
     -------
     State or None
         None where fewer than two turns are complete. Slow states are still zero.
     """
-    present = {n: recording.signals[n] for n in CHANNEL_OF_STATE if n in recording.signals}
+    angle, steady = trial.angle, trial.steady
+    assert angle is not None and steady is not None
+    present = _state_channels(trial)
     slowest = min([s.rate_hz for s in present.values()], default=0.0)
-    grid = lay_grid(angle, start_s, end_s, slowest)
+    grid = lay_grid(angle, steady.settled_s, steady.end_s, slowest)
     if grid is None:
         return None
-    flat = grid.place(angle.angle_rad)
-    is_covered = _coverage(flat, grid.n_units) > _MIN_COVERAGE
+    tracked = grid.place(angle.angle_rad)
+    is_covered = grid.coverage(tracked) > _MIN_COVERAGE
     placed = {}
     for name, signal in present.items():
-        at_samples = grid.place(np.interp(signal.time_s, angle.time_s, angle.angle_rad))
+        at_samples = grid.place_samples(angle.time_s, angle.angle_rad, signal.time_s)
         at_samples[_in_gap(signal.time_s, angle.time_s, np.pi / (2.0 * np.median(angle.speed_rad_s)))] = -1
-        has_samples = _coverage(at_samples, grid.n_units) > _MIN_COVERAGE
+        has_samples = grid.coverage(at_samples) > _MIN_COVERAGE
         # A channel that is mostly away is missing; one that drops out now and then costs the strokes it misses.
         if 2 * (has_samples & is_covered).sum() > is_covered.sum():
             placed[name] = at_samples
             is_covered &= has_samples
-    if is_covered.sum() < 2 <= grid.n_units or not is_covered.any():
+    if is_covered.sum() < 2 <= grid.n_rows or not is_covered.any():
         return None
     # The mean over angle of 1/speed is the time a turn takes: fold the slowness, not the speed.
-    speed = 1.0 / fold(1.0 / np.maximum(angle.speed_rad_s, 1e-3), flat, grid.n_units)[is_covered]
+    speed = 1.0 / fold(grid, tracked, 1.0 / np.maximum(angle.speed_rad_s, 1e-3))[is_covered]
     waves = {
-        name: fold(present[name].values * CHANNEL_BY_NAME[name].si_factor, at_samples, grid.n_units)[is_covered]
+        name: fold(grid, at_samples, present[name].values * CHANNEL_BY_NAME[name].si_factor)[is_covered]
         for name, at_samples in placed.items()
     }
-    points = (np.arange(N_POINTS) + 0.5) * TWO_PI / N_POINTS
-    turns = grid.first_turn + (np.flatnonzero(is_covered) + 0.5) * grid.turns_per_unit
+    turns = grid.first_turn + (np.flatnonzero(is_covered) + 0.5) * grid.turns_per_row
     middle_s = np.interp(turns * TWO_PI, angle.angle_rad, angle.time_s)[:, None]
     state = _assemble(
-        "running", setting, np.broadcast_to(points, speed.shape), speed, speed * angle_derivative(speed), waves,
-        {name: speed * angle_derivative(wave) for name, wave in waves.items()},
-        middle_s, np.full(len(speed), float(grid.turns_per_unit)),
+        "running", setting, (np.broadcast_to(grid.middles_rad, speed.shape), speed, speed * angle_derivative(speed)),
+        waves, {name: speed * angle_derivative(wave) for name, wave in waves.items()}, middle_s,
     )  # fmt: skip
-    missed = _missed_stroke(recording, angle, grid)
-    return state if missed is None else replace(state, blade_excess_m_s=speed * angle_derivative(missed[is_covered]))
+    missed = _missed_stroke(trial, angle, grid)
+    return replace(
+        state,
+        n_strokes=np.full(len(speed), float(grid.turns_per_row)),
+        ripple_std_rad=angle.ripple_std_rad,
+        blade_excess_m_s=None if missed is None else speed * angle_derivative(missed[is_covered]),
+    )
 
 
-def _missed_stroke(recording: Recording, angle: CrankAngle, grid: Grid) -> Floats | None:
+def _state_channels(trial: ProcessedTrial) -> Mapping[str, Signal]:
+    return {name: trial.channels[name] for name in CHANNEL_OF_STATE if name in trial.channels}
+
+
+def _missed_stroke(trial: ProcessedTrial, angle: CrankAngle, grid: AngleGrid) -> Floats | None:
     """What the displacement goes beyond that of the tracked angle, m, shape (n_units, n_points)."""
-    signal = recording.signals.get(DISPLACEMENT.name)
+    signal = trial.channels.get(DISPLACEMENT.name)
     if signal is None:
         return None
     turned = np.interp(signal.time_s, angle.time_s, angle.angle_rad)
-    beyond = DISPLACEMENT.si_factor * signal.values - angle.radius_m * (1.0 - np.cos(turned))
+    crank = Mechanism(radius_m=angle.radius_m, rod_length_m=angle.rod_length_m)
+    beyond = DISPLACEMENT.si_factor * signal.values - crank.displacement(turned)
     at_samples = grid.place(turned)
     at_samples[np.abs(beyond) > _SPIKE * angle.radius_m] = -1
-    return fold(beyond, at_samples, grid.n_units)
-
-
-def _coverage(flat: np.ndarray, n_units: int) -> Floats:
-    """Share of the angle bins of each unit that hold a sample, shape (n_units,)."""
-    filled = np.zeros(n_units * N_POINTS)
-    filled[flat[flat >= 0]] = 1.0
-    return filled.reshape(n_units, N_POINTS).mean(axis=1)
+    return fold(grid, at_samples, beyond)
 
 
 def _in_gap(time_s: Floats, angle_time_s: Floats, longest_s: float) -> np.ndarray:
@@ -349,10 +264,14 @@ def _in_gap(time_s: Floats, angle_time_s: Floats, longest_s: float) -> np.ndarra
     return angle_time_s[after] - angle_time_s[after - 1] > longest_s
 
 
-def start_up_state(recording: Recording, angle: CrankAngle, setting: TrialSetting, start_s: float) -> State | None:
+def start_up_state(trial: ProcessedTrial, setting: TrialSetting) -> State | None:
     """Signals of the spin-up on a 1 ms grid, shape (1, n_times), or None where it was not recorded."""
-    present = {n: recording.signals[n] for n in CHANNEL_OF_STATE if n in recording.signals}
-    if "motor_current_a" not in present or start_s + START_UP_S > angle.time_s[-1]:
+    angle, steady = trial.angle, trial.steady
+    assert angle is not None and steady is not None
+    start_s = steady.first_motion_s
+    present = _state_channels(trial)
+    starts_at_rest = start_s > angle.time_s[0] or angle.speed_rad_s[0] < MOVING_RAD_S
+    if not starts_at_rest or "motor_current_a" not in present or start_s + START_UP_S > angle.time_s[-1]:
         return None
     edges = start_s + np.arange(0.0, START_UP_S + START_UP_STEP_S / 2, START_UP_STEP_S)
     middle = 0.5 * (edges[1:] + edges[:-1])
@@ -365,49 +284,42 @@ def start_up_state(recording: Recording, angle: CrankAngle, setting: TrialSettin
     }  # fmt: skip
     if "motor_current_a" not in present:
         return None
-    waves = {n: bin_means(s.time_s, s.values, edges)[None, :] for n, s in present.items()}
+    waves = {n: time_cell_means(s.time_s, s.values, edges)[None, :] for n, s in present.items()}
     crank = np.interp(middle, angle.time_s, angle.angle_rad)[None, :]
-    speed = bin_means(angle.time_s, angle.speed_rad_s, edges)[None, :]
-    rate = {n: np.gradient(w, START_UP_STEP_S, axis=1) for n, w in waves.items()}
-    return _assemble(
-        "start_up", setting, crank, speed, np.gradient(speed, START_UP_STEP_S, axis=1), waves, rate,
-        np.array([[start_s]]), np.ones(1),
-    )  # fmt: skip
+    speed = time_cell_means(angle.time_s, angle.speed_rad_s, edges)[None, :]
+    rates = {n: np.gradient(w, START_UP_STEP_S, axis=1) for n, w in waves.items()}
+    motion = (crank, speed, np.gradient(speed, START_UP_STEP_S, axis=1))
+    state = _assemble("start_up", setting, motion, waves, rates, np.array([[start_s]]))
+    return replace(state, ripple_std_rad=angle.ripple_std_rad)
 
 
-def bin_means(time_s: Floats, values: Floats, edges: Floats) -> Floats:
-    """Mean between neighbouring edges of the line through the samples, shape (len(edges) - 1,).
-
-    With about one sample a cell, the mean of the samples alone would be that of another time.
-    """
-    before, after = min(time_s[0], edges[0]) - 1e-9, max(time_s[-1], edges[-1]) + 1e-9
-    t = np.concatenate([[before], time_s, [after]])
-    v = np.concatenate([values[:1], values, values[-1:]])
-    area = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
-    k = np.clip(np.searchsorted(t, edges, side="right") - 1, 0, len(t) - 2)
-    into = edges - t[k]
-    slope = (v[k + 1] - v[k]) / np.maximum(t[k + 1] - t[k], 1e-12)
-    return np.diff(area[k] + (v[k] + 0.5 * slope * into) * into) / np.diff(edges)
-
-
-def _assemble(kind, setting, angle_rad, speed, acceleration, waves, rates, time_s, n_strokes) -> State:
+def _assemble(
+    kind: Literal["running", "start_up"],
+    setting: TrialSetting,
+    motion: tuple[Floats, Floats, Floats],
+    waves: Mapping[str, Floats],
+    rates: Mapping[str, Floats],
+    time_s: Floats,
+) -> State:
+    """State of one stroke a row; `motion` is angle, speed and acceleration, `waves` and `rates` are by channel."""
     voltage = waves.get("battery_voltage_v")
+    angle_rad, speed_rad_s, acceleration_rad_s2 = motion
     nothing = np.zeros_like(time_s)
     return State(
         kind=kind,
         setting=setting,
         angle_rad=np.asarray(angle_rad),
-        speed_rad_s=speed,
-        acceleration_rad_s2=acceleration,
+        speed_rad_s=speed_rad_s,
+        acceleration_rad_s2=acceleration_rad_s2,
         current_a=waves.get("motor_current_a"),
         current_rate_a_s=rates.get("motor_current_a"),
         force_n=waves.get("force_n"),
         force_rate_n_s=rates.get("force_n"),
         battery_voltage_v=voltage,
         battery_current_a=waves.get("battery_current_a"),
-        motor_voltage_v=np.full(speed.shape, np.nan) if voltage is None else setting.duty * voltage,
+        motor_voltage_v=np.full(speed_rad_s.shape, np.nan) if voltage is None else setting.duty * voltage,
         time_s=time_s,
         cut_distance_m=nothing,
         charge_used_as=nothing,
-        n_strokes=n_strokes,
+        n_strokes=np.ones(len(time_s)),
     )

@@ -8,13 +8,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-
-from bench.errors import InputError
-from bench.recording import Floats, Recording, Signal
-from bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, DISPLACEMENT, FORCE
-from diagnosis.equations import Baseline
-from diagnosis.plausibility import MIN_STROKES, Suspicion, check, cutting_power_w, explain_faults
-from diagnosis.trial_reading import Reading, read_trial, tracks_of
+from sawbench.bench.errors import InputError
+from sawbench.bench.recording import Floats, Recording, Signal, Trial
+from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, DISPLACEMENT, FORCE
+from sawbench.diagnosis.plausibility import MIN_STROKES, Suspicion, check, cutting_power_w, explain_faults
+from sawbench.diagnosis.trial_reading import Reading, read_trial, tracks_of
+from sawbench.modeling.residuals import Baseline
 
 _SATURATED_RUN = 8
 _SATURATED_SHARE = 0.005
@@ -88,7 +87,7 @@ def _notes_on_order(recordings: Sequence[Recording]) -> list[str]:
             notes.append(f"{name} is not stated for {_some(nameless)}: taken as one more {name}, new at first")
     if len({r.config_toml for r in recordings if r.config_toml}) > 1:
         notes.append("the recordings were made with different configurations; all are compared with the one given")
-    vague = [r.trial.trial_id for r in recordings if not is_stock_stated(r)]
+    vague = [r.trial.trial_id for r in recordings if not is_stock_stated(r.trial)]
     if vague:
         notes.append(
             f"workpiece, thickness or feed is not stated for {_some(vague)}: each is given a cutting coefficient of its"
@@ -97,9 +96,8 @@ def _notes_on_order(recordings: Sequence[Recording]) -> list[str]:
     return notes
 
 
-def is_stock_stated(recording: Recording) -> bool:
+def is_stock_stated(trial: Trial) -> bool:
     """Whether it is known what was cut, and how: trials of the same statement then share a cutting coefficient."""
-    trial = recording.trial
     return trial.is_idle or None not in (trial.material, trial.thickness_mm, trial.feed_mm_s)
 
 

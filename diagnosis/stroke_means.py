@@ -10,15 +10,15 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from sawbench.bench.processed import CrankAngle, ProcessedTrial
+from sawbench.bench.recording import Floats, Signal
+from sawbench.bench.units import CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
+from sawbench.diagnosis.reduction import CHANNEL_OF_STATE, N_POINTS
+from sawbench.modeling.residuals import Baseline
+from sawbench.modeling.state import TWO_PI, State, TrialSetting
+from sawbench.processing.binning import time_cell_means
+from sawbench.processing.settled import SETTLE_S
 
-from bench.processed import CrankAngle
-from bench.recording import Floats, Recording, Signal
-from bench.units import CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
-from diagnosis.equations import Baseline
-from diagnosis.reduction import CHANNEL_OF_STATE, N_POINTS, bin_means
-from diagnosis.state import TWO_PI, State, TrialSetting
-
-_SETTLE_S = 1.0
 _STROKES_A_UNIT = 8
 _MIN_UNITS = 2
 # Where to look for the stroke rate, as a share of the one that voltage and current ask for.
@@ -77,12 +77,12 @@ class StrokeMeans:
         )
 
 
-def stroke_means(recording: Recording, baseline: Baseline) -> StrokeMeans | None:
+def stroke_means(trial: ProcessedTrial, baseline: Baseline) -> StrokeMeans | None:
     """Average a trial without displacement over whole strokes.
 
     Parameters
     ----------
-    recording : Recording
+    trial : ProcessedTrial
     baseline : Baseline
         Its nominal constants say where the stroke rate must lie.
 
@@ -92,38 +92,38 @@ def stroke_means(recording: Recording, baseline: Baseline) -> StrokeMeans | None
         None where no channel shows a clear stroke rate. Bias: the rate is wrong where another line lies within
         0.7 to 1.2 of the expected one and is stronger.
     """
-    names = (MOTOR_CURRENT.name,) if recording.trial.is_idle else (FORCE.name, MOTOR_CURRENT.name)
+    names = (MOTOR_CURRENT.name,) if trial.trial.is_idle else (FORCE.name, MOTOR_CURRENT.name)
     for name in names:
-        signal = recording.signals.get(name)
-        if signal is None or signal.duration_s < 2.0 * _SETTLE_S:
+        signal = trial.channels.get(name)
+        if signal is None or signal.duration_s < 2.0 * SETTLE_S:
             continue
-        found = _rates(signal, _expected_rate_hz(recording, baseline))
+        found = _rates(signal, _expected_rate_hz(trial, baseline))
         if found is not None:
             edges_s, rate_hz = found
-            names = [n for n in CHANNEL_OF_STATE if _covers(recording, n, edges_s)]
+            names = [n for n in CHANNEL_OF_STATE if _covers(trial, n, edges_s)]
             return StrokeMeans(
                 edges_s=edges_s,
                 rate_hz=rate_hz,
-                means={n: _means(recording.signals[n], edges_s) for n in names},
+                means={n: _means(trial.channels[n], edges_s) for n in names},
                 angle=_uniform(signal, edges_s, rate_hz),
             )  # fmt: skip
     return None
 
 
-def _expected_rate_hz(recording: Recording, baseline: Baseline) -> float:
+def _expected_rate_hz(trial: ProcessedTrial, baseline: Baseline) -> float:
     """Rate at which voltage less resistive drop is the back-EMF."""
     plant = baseline.plant
-    voltage, current = recording.signals.get("battery_voltage_v"), recording.signals.get(MOTOR_CURRENT.name)
+    voltage, current = trial.channels.get("battery_voltage_v"), trial.channels.get(MOTOR_CURRENT.name)
     nominal = 18.0 if baseline.battery is None else baseline.battery.nominal_voltage_v
     battery_v = nominal if voltage is None else float(np.median(voltage.values))
     drop_v = 0.0 if current is None else plant.resistance_ohm.nominal * float(np.median(current.values))
-    emf_v = max((recording.trial.duty or 0.0) * battery_v - drop_v, 0.1)
+    emf_v = max((trial.trial.duty or 0.0) * battery_v - drop_v, 0.1)
     return emf_v / (plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * TWO_PI)
 
 
 def _rates(signal: Signal, expected_hz: float) -> tuple[Floats, Floats] | None:
     """Edges of units of about `_STROKES_A_UNIT` strokes and the rate in each, from the phase of the strongest line."""
-    start_s, end_s = float(signal.time_s[0]) + _SETTLE_S, float(signal.time_s[-1])
+    start_s, end_s = float(signal.time_s[0]) + SETTLE_S, float(signal.time_s[-1])
     step_s = 1.0 / max(signal.rate_hz, 20.0 * expected_hz)
     time_s = np.arange(start_s, end_s, step_s)
     wave = np.interp(time_s, signal.time_s, signal.values)
@@ -154,9 +154,9 @@ def _rates(signal: Signal, expected_hz: float) -> tuple[Floats, Floats] | None:
     return edges_s, (line_hz + slope / TWO_PI) / order
 
 
-def _covers(recording: Recording, name: str, edges_s: Floats) -> bool:
+def _covers(trial: ProcessedTrial, name: str, edges_s: Floats) -> bool:
     """Whether a channel holds samples in every unit; the force has no use without the angle."""
-    signal = recording.signals.get(name)
+    signal = trial.channels.get(name)
     if signal is None or name == FORCE.name:
         return False
     cells = [np.searchsorted(signal.time_s, edge) for edge in edges_s]
@@ -164,7 +164,7 @@ def _covers(recording: Recording, name: str, edges_s: Floats) -> bool:
 
 
 def _means(signal: Signal, edges_s: Floats) -> Floats:
-    return CHANNEL_BY_NAME[signal.channel].si_factor * bin_means(signal.time_s, signal.values, edges_s)
+    return CHANNEL_BY_NAME[signal.channel].si_factor * time_cell_means(signal.time_s, signal.values, edges_s)
 
 
 def _uniform(signal: Signal, edges_s: Floats, rate_hz: Floats) -> CrankAngle:

@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-
-from bench.recording import Floats, Recording
-from bench.units import CHANNEL_BY_NAME, DISPLACEMENT, FORCE
+from sawbench.bench.recording import Floats, Recording
+from sawbench.bench.units import CHANNEL_BY_NAME, DISPLACEMENT, FORCE
 
 # One signal: times in s and values in the unit of its channel.
 Track = tuple[Floats, Floats]

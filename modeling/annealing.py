@@ -17,17 +17,16 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-from bench.config import BatteryConfig, ConverterConfig, PlantConfig
-from bench.errors import InputError
-from modeling.cycle_observation import FeatureModel, drive_of, observe
-from modeling.measured_cycles import MeasuredCycles
-from modeling.parameters import JigsawParameters
-from modeling.periodic_cycle import PLANT_NAMES, CuttingHalf
-from modeling.results import CuttingFit, FitStatus
-from modeling.supplies import Supply
-from modeling.trace_fit import APPENDIX_B_BOUNDS, APPENDIX_B_START, current_trace
-from modeling.transient import AT_REST, InitialState
+from sawbench.bench.config import BatteryConfig, ConverterConfig, PlantConfig
+from sawbench.bench.errors import InputError
+from sawbench.modeling.cycle_observation import FeatureModel, TrialObservation, drive_of, observe
+from sawbench.modeling.measured_cycles import MeasuredCycles
+from sawbench.modeling.parameters import JigsawParameters
+from sawbench.modeling.periodic_cycle import PLANT_NAMES, CuttingHalf
+from sawbench.modeling.results import CuttingFit, FitStatus
+from sawbench.modeling.supplies import Supply
+from sawbench.modeling.trace_fit import APPENDIX_B_BOUNDS, APPENDIX_B_START, current_trace
+from sawbench.modeling.transient import AT_REST, InitialState
 
 Floats = NDArray[np.float64]
 
@@ -37,6 +36,8 @@ REANNEAL_EVERY: Final = 100
 STALL_ITERATIONS: Final = 500
 STALL_TOLERANCE: Final = 1e-6
 MOST_EVALUATIONS: Final = 3000
+# Strokes between which the stroke of any k_Fc is interpolated.
+N_GRID: Final = 256
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -178,8 +179,8 @@ def anneal_cycles(
 ) -> CuttingFit:
     """Anneal k_Fc on the current of measured strokes, the plant at its nominal values.
 
-    The squared error is that of the mean stroke over the crank angle. The uncertainty is that of the
-    least-squares fit on the current: annealing itself has none.
+    The squared error is that of the mean stroke over the crank angle, the model's stroke interpolated between a grid of
+    k_Fc. The uncertainty is that of the least-squares fit on the current: annealing itself has none.
 
     Returns
     -------
@@ -190,27 +191,10 @@ def anneal_cycles(
     InputError
         If the current or the supply is not known.
     """
-    from modeling.joint_fit import fit_jointly
+    from sawbench.modeling.joint_fit import fit_jointly
 
     observation = observe(cycles, "current", drive_of(cycles, battery, converter))
-    model = FeatureModel(
-        gear_ratio=plant.gear_ratio,
-        cutting_half=cutting_half,
-        rod_length_m=plant.rod_length_m if plant.mechanism == "slider_crank" else None,
-        crank_radius_m=plant.crank_radius_m.nominal,
-    )
-    values = {name: np.array([getattr(plant, name).nominal]) for name in PLANT_NAMES}
-    values |= {name: np.array([1.0]) for name in ("current_gain", "force_gain", "voltage_gain")}
-    values |= {"angle_zero_rad": np.array([0.0]), "force_offset_n": np.array([0.0])}
-    is_current = observation.channel == 0
-    stall_cost = float(np.sum(observation.data[is_current] ** 2)) * 1e6
-
-    def cost(k_fc: float) -> float:
-        features, is_valid = model.predict(values | {"k_fc_n_s_per_m": np.array([k_fc])}, observation)
-        if not is_valid[0]:
-            return stall_cost
-        return float(np.sum((features[0] - observation.data)[is_current] ** 2))
-
+    cost = _stroke_cost(cycles, observation, plant, cutting_half, bounds)
     start = min(max(APPENDIX_B_START, bounds[0]), bounds[1])
     found = anneal(cost, bounds=bounds, start=start)
     joint = fit_jointly(
@@ -234,9 +218,49 @@ def anneal_cycles(
         status=status,
         rmse_a=float(np.sqrt(found.cost / observation.n_bins)),
         rmse_n=None,
-        n_simulations=found.n_evaluations + joint.n_simulations,
+        n_simulations=N_GRID + joint.n_simulations,
         identifiability=(
             "annealing moves k_Fc alone and takes the plant constants as they are: their errors go into k_Fc"
         ),
         notes=("the uncertainty is that of the least-squares fit on the current",),
     )
+
+
+def _stroke_cost(
+    cycles: MeasuredCycles,
+    observation: TrialObservation,
+    plant: PlantConfig,
+    cutting_half: CuttingHalf,
+    bounds: tuple[float, float],
+) -> Callable[[float], float]:
+    """Squared error of the mean stroke's current over k_Fc, the model's interpolated between a grid of them."""
+    from scipy.interpolate import CubicSpline
+
+    model = FeatureModel(
+        gear_ratio=plant.gear_ratio,
+        cutting_half=cutting_half,
+        rod_length_m=plant.rod_length_m if plant.mechanism == "slider_crank" else None,
+        crank_radius_m=plant.crank_radius_m.nominal,
+    )
+    values = {name: np.array([getattr(plant, name).nominal]) for name in PLANT_NAMES}
+    values |= {name: np.array([1.0]) for name in ("current_gain", "force_gain", "voltage_gain")}
+    values |= {"angle_zero_rad": np.array([0.0]), "force_offset_n": np.array([0.0])}
+    is_current = observation.channel == 0
+    grid = np.linspace(*bounds, N_GRID)
+    rows = {name: np.repeat(value, N_GRID) for name, value in values.items()} | {"k_fc_n_s_per_m": grid}
+    features, is_valid = model.predict(rows, observation)
+    stall_cost = float(np.sum(observation.data[is_current] ** 2)) * 1e6
+    # Beyond the last k_Fc that the motor still turns there is nothing to interpolate.
+    n_valid = N_GRID if is_valid.all() else int(np.argmin(is_valid))
+    if n_valid < 4:
+        raise InputError(
+            f"the model stalls at k_Fc = {grid[n_valid]:.0f} N*s/m", where=cycles.label, remedy="lower the bounds"
+        )
+    curve = CubicSpline(grid[:n_valid], features[:n_valid, is_current])
+
+    def cost(k_fc: float) -> float:
+        if k_fc > grid[n_valid - 1]:
+            return stall_cost
+        return float(np.sum((curve(k_fc) - observation.data[is_current]) ** 2))
+
+    return cost

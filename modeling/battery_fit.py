@@ -17,8 +17,8 @@ from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-from bench.errors import InputError
+from sawbench.bench.errors import InputError
+from sawbench.modeling.parts.eq16 import voltage
 
 Floats = NDArray[np.float64]
 BatteryModel = Literal["eq16", "eq16_free", "eq16_free_r", "ocv_r"]
@@ -127,8 +127,7 @@ class BatteryFit:
 
 
 def _eq16(charge_a_s: Floats, nominal_voltage_v: float, beta: float, capacity_a_s: float) -> Floats:
-    soc = np.clip(1.0 - charge_a_s / capacity_a_s, 0.0, 1.0)
-    return nominal_voltage_v * soc / (1.0 - beta * (1.0 - soc))
+    return voltage.py_func(nominal_voltage_v, beta, np.minimum(1.0 - charge_a_s / capacity_a_s, 1.0))[0]
 
 
 def fit_battery(

@@ -10,12 +10,12 @@ from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-
-from bench.config import BatteryConfig, ConverterConfig
-from bench.errors import InputError
-from modeling.cycle_statistics import FEWEST_STROKES, fourier_basis
-from modeling.measured_cycles import TWO_PI, MeasuredCycles
-from modeling.periodic_cycle import COLUMNS, N_STEPS, CuttingHalf, periodic_cycles
+from sawbench.bench.config import BatteryConfig, ConverterConfig
+from sawbench.bench.errors import InputError
+from sawbench.modeling.cycle_statistics import FEWEST_STROKES, fourier_basis
+from sawbench.modeling.measured_cycles import TWO_PI, MeasuredCycles
+from sawbench.modeling.parts.mechanism import Mechanism
+from sawbench.modeling.periodic_cycle import COLUMNS, N_STEPS, CuttingHalf, periodic_cycles
 
 Floats = NDArray[np.float64]
 FitMethod = Literal["current_and_force", "current", "force", "annealing"]
@@ -239,10 +239,9 @@ class FeatureModel:
         """Map crank speed at the nodes to force features per k_Fc * r_c, the kinks resolved."""
         n_fine = FINE_PER_STEP * N_STEPS
         angle = np.arange(n_fine) * TWO_PI / n_fine
-        lever = np.sin(angle)
-        if self.rod_length_m is not None:
-            ratio = self.crank_radius_m / self.rod_length_m
-            lever = lever * (1.0 + ratio * np.cos(angle) / np.sqrt(1.0 - (ratio * np.sin(angle)) ** 2))
+        lever = (
+            Mechanism(radius_m=self.crank_radius_m, rod_length_m=self.rod_length_m).lever(angle) / self.crank_radius_m
+        )
         cuts = np.sin(angle) < 0 if self.cutting_half == "pi_to_2pi" else np.sin(angle) > 0
         spectrum = np.fft.rfft(np.eye(N_STEPS), axis=1)
         finer = np.fft.irfft(spectrum, n=n_fine, axis=1) * FINE_PER_STEP

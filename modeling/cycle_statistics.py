@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-from bench.errors import InputError
+from sawbench.bench.errors import InputError
 
 Floats = NDArray[np.float64]
 FEWEST_STROKES = 4

@@ -7,7 +7,7 @@ model. The speed is the derivative of the angle's polynomial.
 
 from __future__ import annotations
 
-from modeling.compilation import kernel
+from sawbench.modeling.compilation import kernel
 
 
 @kernel()

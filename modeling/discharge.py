@@ -2,28 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-
-from bench.errors import InputError
-from modeling import averaging_kernel as averaging
-from modeling import discharge_kernel as strokes
-from modeling import slots
-from modeling.parameters import JigsawParameters
-from modeling.steady_state import model_vector, periodic_vector
-from modeling.supplies import FixedDuty, FixedVoltage, HeldVoltage
-from modeling.transient import AT_REST, Cutting, InitialState, steps_for
-from modeling.validation import positive
+from sawbench.bench.errors import InputError
+from sawbench.modeling import averaging_kernel as averaging
+from sawbench.modeling import discharge_kernel as strokes
+from sawbench.modeling import signals, slots
+from sawbench.modeling.compilation import interpreted
+from sawbench.modeling.parameters import JigsawParameters
+from sawbench.modeling.steady_state import periodic_vector
+from sawbench.modeling.supplies import FixedDuty, FixedVoltage, HeldVoltage
+from sawbench.modeling.transient import AT_REST, Cutting, InitialState, model_vector, steps_for
+from sawbench.modeling.validation import positive
 
 Floats = NDArray[np.float64]
 DischargeMethod = Literal["multi_scale", "brute_force"]
 DischargeStatus = Literal["ok", "stalled", "cannot_start", "never_reached"]
 EndedBy = Literal["soc", "voltage", "stall", "time"]
+Settings = tuple[int, float, float, float]  # steps a turn, tolerance of the start-up, cut-off charge and voltage
 N_STEPS = 10
 N_NODES = 8
 MOST_NODES = 64
@@ -95,8 +96,9 @@ def discharge(
     cutoff_voltage_v: float | None = None,
     initial: InitialState = AT_REST,
     method: DischargeMethod = "multi_scale",
-    effects: Mapping[str, float] | None = None,
     steps_per_turn: int | None = None,
+    target: float = TARGET,
+    compiles: bool = True,
 ) -> Discharge:
     """Run the battery down.
 
@@ -113,10 +115,12 @@ def discharge(
     initial : InitialState
     method : {"multi_scale", "brute_force"}
         Averaging over periodic strokes (3e-6 of brute force, a hundred times faster), or every stroke.
-    effects : mapping of slot name to value, optional
-        As in `simulate`.
     steps_per_turn : int, optional
         Default: 10 for a linear force (4e-7 of the runtime), a step an interval for a measured one.
+    target : float
+        Relative error of the quadrature above which more states of charge are taken; inf takes the fewest.
+    compiles : bool
+        False has the averaging interpreted: some 20 ms in place of 0.1 ms, without the seconds to compile it once.
 
     Returns
     -------
@@ -124,8 +128,8 @@ def discharge(
 
     Examples
     --------
-    >>> from modeling.parameter_sets import paper_jigsaw as paper
-    >>> from modeling.supplies import HeldVoltage
+    >>> from sawbench.modeling.machines import paper_jigsaw as paper
+    >>> from sawbench.modeling.supplies import HeldVoltage
     >>> held = HeldVoltage(voltage_v=paper.MOTOR_VOLTAGE_V, battery=paper.BATTERY)
     >>> round(discharge(paper.PARAMETERS, supply=held, cutting=paper.CUTTING).runtime_s, 1)
     927.4
@@ -138,135 +142,42 @@ def discharge(
         raise InputError(f"cutoff_soc {cutoff_soc} must be below the initial soc {initial.soc}")
     if cutoff_voltage_v is not None:
         positive("cutoff_voltage_v", cutoff_voltage_v, "V")
-    vector, spline, ocv, has_effects = model_vector(parameters, supply, cutting, effects)
+    vector, spline, ocv = model_vector(parameters, supply, cutting)
     volts = -1.0 if cutoff_voltage_v is None else float(cutoff_voltage_v)
     n_steps = steps_for(spline, N_STEPS) if steps_per_turn is None else steps_per_turn
-    if has_effects or not initial.is_baseline:
-        return _with_effects(vector, spline, ocv, initial, cutoff_soc, volts, method, n_steps)
     start = initial.to_state(parameters.gear_ratio)
-    return discharge_vector(vector, spline, ocv, start, cutoff_soc, volts, method, n_steps)
-
-
-def _with_effects(
-    vector: Floats,
-    spline: Floats,
-    ocv: Floats,
-    initial: InitialState,
-    cutoff_soc: float,
-    volts: float,
-    method: DischargeMethod,
-    n_steps: int,
-) -> Discharge:
-    from modeling import effect_discharge as slow
-
-    if method == "multi_scale":
-        done = slow.averaged(vector, spline, ocv, initial, cutoff_soc, volts, n_steps)
-    else:
-        done = slow.brute_force(vector, spline, ocv, initial, cutoff_soc, volts)
-    runtime, motor, battery, ended, error, rows = done
-    ended_by: EndedBy = "stall" if ended in ("stall", "cannot_start") else ended  # type: ignore[assignment]
-    status, message = _EFFECT_ENDINGS[ended]
-    return Discharge(
-        runtime_s=float(runtime),
-        mean_battery_current_a=float(battery / runtime) if runtime > 0 else 0.0,
-        mean_motor_current_a=float(motor / runtime) if runtime > 0 else 0.0,
-        n_strokes=float(np.trapezoid(rows[:, 5], rows[:, 0])) if len(rows) > 1 else 0.0,
-        ended_by=ended_by,
-        status=status,
-        message=message,
-        numerical_error_s=float(error),
-        _make_curves=partial(_stroke_curves, rows),
+    settings = (n_steps, START_TOLERANCE, float(cutoff_soc), volts)
+    done = (
+        _averaged(vector, spline, ocv, start, settings, target=target, compiles=compiles)
+        if method == "multi_scale"
+        else None
     )
-
-
-def discharge_vector(
-    vector: Floats,
-    spline: Floats,
-    ocv: Floats,
-    start: Floats,
-    cutoff_soc: float,
-    cutoff_voltage_v: float,
-    method: DischargeMethod = "multi_scale",
-    steps_per_turn: int = N_STEPS,
-) -> Discharge:
-    """Run down a parameter vector; `start` is (current, crank speed, crank angle, soc). No checks."""
-    if method == "multi_scale":
-        done = _averaged(vector, spline, ocv, start, cutoff_soc, cutoff_voltage_v, steps_per_turn)
-        if done is not None:
-            return done
-    return _brute(vector, spline, ocv, start, cutoff_soc, cutoff_voltage_v, steps_per_turn)
-
-
-def runtime_batch(
-    vectors: Floats,
-    *,
-    cutoff_soc: float = 0.2,
-    cutoff_voltage_v: float | None = None,
-    spline: Floats | None = None,
-    ocv: Floats | None = None,
-    steps_per_turn: int | None = None,
-) -> Floats:
-    """Runtime from full and at rest of many parameter vectors on all cores, shape (n_cases,), s.
-
-    NaN where a discharge cannot be averaged (a stall on the way): run `discharge` on that case.
-    """
-    from modeling.transient import NO_TABLE
-
-    rows = np.ascontiguousarray(vectors, dtype=np.float64)
-    if rows.ndim != 2 or rows.shape[1] != slots.N_SLOTS:
-        raise InputError(f"vectors needs shape (n_cases, {slots.N_SLOTS}), got {rows.shape}")
-    volts = -1.0 if cutoff_voltage_v is None else float(cutoff_voltage_v)
-    runtimes = np.empty(len(rows))
-    nodes, weights = _gauss(2 * N_NODES)
-    averaging.runtimes(
-        rows,
-        NO_TABLE if spline is None else spline,
-        NO_TABLE if ocv is None else ocv,
-        steps_for(spline, N_STEPS) if steps_per_turn is None else steps_per_turn,
-        START_TOLERANCE,
-        cutoff_soc,
-        volts,
-        nodes,
-        weights,
-        runtimes,
-    )
-    return runtimes
+    return _brute(vector, spline, ocv, start, settings) if done is None else done
 
 
 @lru_cache(maxsize=16)
-def _gauss(n: int) -> tuple[Floats, Floats]:
+def _gauss(n: int) -> Floats:
+    """Gauss-Legendre nodes, descending, and their weights, shape (2, n)."""
     nodes, weights = np.polynomial.legendre.leggauss(n)
-    return np.ascontiguousarray(nodes[::-1]), np.ascontiguousarray(weights[::-1])
+    return np.array([nodes[::-1], weights[::-1]])
 
 
 def _averaged(
-    vector: Floats, spline: Floats, ocv: Floats, start: Floats, cutoff_soc: float, volts: float, n_steps: int
+    vector: Floats, spline: Floats, ocv: Floats, start: Floats, settings: Settings, *, target: float, compiles: bool
 ) -> Discharge | None:
+    run, parameters = averaging.discharge_averaged, vector
+    if not compiles:
+        run, parameters = interpreted(run), vector.tolist()  # numbers of Python are faster than those of numpy
     n_nodes = N_NODES
     while True:
-        nodes, weights = _gauss(n_nodes)
-        table = np.zeros((n_nodes, averaging.N_COLUMNS))
-        result = np.zeros(averaging.N_RESULT)
-        code = averaging.discharge_averaged(
-            vector,
-            spline,
-            ocv,
-            start,
-            n_steps,
-            START_TOLERANCE,
-            cutoff_soc,
-            volts,
-            nodes,
-            weights,
-            table,
-            result,
-        )
+        table, result = np.zeros((n_nodes, averaging.N_COLUMNS)), np.zeros(averaging.N_RESULT)
+        code = run(parameters, spline, ocv, start, settings, _gauss(n_nodes), table, result)
         if code not in (strokes.BY_SOC, strokes.BY_VOLTAGE):
             return None
         span = result[averaging.START_SOC] - result[averaging.END_SOC]
-        error = _quadrature_error(table[:, averaging.PERIOD] / table[:, averaging.SHARE], span)
+        error = quadrature_error(table[:, averaging.PERIOD] / table[:, averaging.SHARE], span)
         runtime = float(result[averaging.RUNTIME])
-        if error <= TARGET * runtime or 2 * n_nodes > MOST_NODES:
+        if error <= target * runtime or 2 * n_nodes > MOST_NODES:
             break
         n_nodes *= 2
     # Calibrated on the step error of the mean current: local error 1e-5 goes with 3e-7.
@@ -282,7 +193,7 @@ def _averaged(
         status="ok",
         message="reached the cut-off",
         numerical_error_s=float(error),
-        _make_curves=partial(_curves, vector, ocv, nodes, table, result),
+        _make_curves=partial(_curves, vector, ocv, table, result),
     )
 
 
@@ -294,7 +205,7 @@ def _to_legendre(n: int) -> Floats:
     return (vander * weights[:, None]).T * ((2 * np.arange(n) + 1) / 2)[:, None]
 
 
-def _quadrature_error(values: Floats, span: float) -> float:
+def quadrature_error(values: Floats, span: float) -> float:
     """Error of a Gauss rule from the decay of the Legendre coefficients of its integrand."""
     n = len(values)
     coefficients = np.abs(_to_legendre(n) @ values)
@@ -305,13 +216,13 @@ def _quadrature_error(values: Floats, span: float) -> float:
     return float(span * late * ratio**n + 1e-15 * span * coefficients[0])
 
 
-def _curves(vector: Floats, ocv: Floats, nodes: Floats, table: Floats, result: Floats) -> DischargeCurves:
+def _curves(vector: Floats, ocv: Floats, table: Floats, result: Floats) -> DischargeCurves:
     """Interpolate the node table to states of charge that fall from the start to the end."""
     series = np.polynomial.legendre
     soc = np.linspace(result[averaging.START_SOC], result[averaging.END_SOC], N_CURVE_POINTS)
     span = soc[0] - soc[-1]
     at = 2.0 * (soc - soc[-1]) / span - 1.0
-    transform = _to_legendre(len(nodes))
+    transform = _to_legendre(len(table))
 
     def at_soc(values: Floats) -> Floats:
         return series.legval(at, transform @ values)
@@ -319,7 +230,7 @@ def _curves(vector: Floats, ocv: Floats, nodes: Floats, table: Floats, result: F
     period, share = table[:, averaging.PERIOD], table[:, averaging.SHARE]
     grown = series.legint(transform @ (period / share)) * 0.5 * span
     battery = at_soc(table[:, averaging.BATTERY])
-    at_rest = np.array([averaging.open_circuit_at(vector, ocv, s) for s in soc])
+    at_rest = signals.open_circuit_voltage(vector, ocv, soc)
     return DischargeCurves(
         time_s=result[averaging.START_TIME] + series.legval(1.0, grown) - series.legval(at, grown),
         soc=soc,
@@ -341,13 +252,10 @@ def _stroke_curves(rows: Floats) -> DischargeCurves:
     )
 
 
-def _brute(
-    vector: Floats, spline: Floats, ocv: Floats, start: Floats, cutoff_soc: float, volts: float, n_steps: int
-) -> Discharge:
+def _brute(vector: Floats, spline: Floats, ocv: Floats, start: Floats, settings: Settings) -> Discharge:
+    n_steps, _, cutoff_soc, _ = settings
     rows = np.empty((400_000, strokes.N_CURVES))
-    time, motor, battery, n_strokes, n_rows, code = strokes.brute_force(
-        vector, spline, ocv, start, n_steps, START_TOLERANCE, cutoff_soc, volts, rows
-    )
+    time, motor, battery, n_strokes, n_rows, code = strokes.brute_force(vector, spline, ocv, start, settings, rows)
     curves = rows[:n_rows].copy()
     middle = 0.5 * (start[3] + cutoff_soc)
     coarse = periodic_vector(vector, spline, ocv, soc=middle, steps_per_turn=n_steps, tolerance=np.inf)
@@ -381,11 +289,4 @@ _ENDINGS: dict[int, tuple[EndedBy, DischargeStatus, str]] = {
     ),
     strokes.BY_LIMIT: ("time", "never_reached", "the cut-off was not reached in 1e7 s"),
     strokes.FAILED: ("time", "never_reached", "the start-up did not converge"),
-}
-_EFFECT_ENDINGS: dict[str, tuple[DischargeStatus, str]] = {
-    "soc": _ENDINGS[strokes.BY_SOC][1:],
-    "voltage": _ENDINGS[strokes.BY_VOLTAGE][1:],
-    "stall": _ENDINGS[strokes.BY_STALL][1:],
-    "cannot_start": ("cannot_start", CANNOT_START),
-    "time": _ENDINGS[strokes.BY_LIMIT][1:],
 }

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from bench.config import BatteryConfig, ConverterConfig, PlantConfig, Uncertain
-from bench.errors import InputError
-from modeling.cycle_observation import FitMethod
-from modeling.force_fit import fit_force
-from modeling.joint_fit import DEFAULT_BOUNDS, K_FC, JointFit, SensorPriors, fit_jointly
-from modeling.measured_cycles import MeasuredCycles
-from modeling.periodic_cycle import PLANT_NAMES, CuttingHalf
-from modeling.results import CuttingFit, FitStatus
+from sawbench.bench.config import BatteryConfig, ConverterConfig, PlantConfig, Uncertain
+from sawbench.bench.errors import InputError
+from sawbench.modeling.cycle_observation import FitMethod
+from sawbench.modeling.force_fit import fit_force
+from sawbench.modeling.joint_fit import DEFAULT_BOUNDS, K_FC, JointFit, SensorPriors, fit_jointly
+from sawbench.modeling.measured_cycles import MeasuredCycles
+from sawbench.modeling.periodic_cycle import PLANT_NAMES, CuttingHalf
+from sawbench.modeling.results import CuttingFit, FitStatus
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -96,7 +96,7 @@ def fit_cutting_coefficient(
     if method == "force":
         return _force_only(cycles, plant, sensors, cutting_half, bounds)
     if method == "annealing":
-        from modeling.annealing import anneal_cycles
+        from sawbench.modeling.annealing import anneal_cycles
 
         return anneal_cycles(
             cycles,

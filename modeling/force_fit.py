@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from bench.config import PlantConfig
-from bench.errors import InputError
-from modeling.cycle_statistics import FEWEST_STROKES, std_of_mean
-from modeling.measured_cycles import MeasuredCycles
-from modeling.periodic_cycle import CuttingHalf
+from sawbench.bench.config import PlantConfig
+from sawbench.bench.errors import InputError
+from sawbench.modeling.cycle_statistics import FEWEST_STROKES, std_of_mean
+from sawbench.modeling.measured_cycles import MeasuredCycles
+from sawbench.modeling.parts.linear import CuttingHalf, coefficient, sign_of
+from sawbench.modeling.parts.mechanism import Mechanism
 
 Floats = NDArray[np.float64]
 
@@ -66,6 +66,41 @@ def fit_force(cycles: MeasuredCycles, *, plant: PlantConfig, cutting_half: Cutti
     InputError
         If there is no force, or the strokes are too few.
     """
+    _check(cycles)
+    lever_m = Mechanism.of(plant).lever(cycles.angle_rad)
+    cuts = sign_of(cutting_half) * lever_m > 0
+    speed = cycles.crank_speed_rad_s
+    if speed is None:
+        speed = np.repeat((2.0 * np.pi / cycles.period_s)[:, None], cycles.n_bins, axis=1)
+    blade_m_s = speed * np.abs(lever_m) * cuts
+    assert cycles.force_n is not None
+    present = np.isfinite(cycles.force_n) & np.isfinite(blade_m_s)
+    force = np.where(present, cycles.force_n, 0.0)
+    blade_m_s = np.where(present, blade_m_s, 0.0)
+    at_rest = present & ~cuts
+    if not at_rest.any() or not blade_m_s.any():
+        raise InputError("force_n is empty on one half of the stroke", where=cycles.label)
+    offset_n = float(force[at_rest].mean())
+    k_fc = float(coefficient(force - offset_n, blade_m_s))
+    per_stroke = coefficient(force - offset_n, blade_m_s, axis=1)
+    square = (blade_m_s**2).sum(axis=1)
+    offset_share = blade_m_s.sum(axis=1).mean() / square.mean()
+    offsets = np.where(at_rest, force - offset_n, 0.0).sum(axis=1) / at_rest.sum(axis=1).mean()
+    influence = (per_stroke - k_fc) * square / square.mean() - offset_share * offsets
+    mean_misfit = np.where(present, force - offset_n - k_fc * blade_m_s, 0.0).sum(axis=0) / np.maximum(
+        present.sum(axis=0), 1
+    )
+    return ForceFit(
+        k_fc_n_s_per_m=k_fc,
+        statistical_std_n_s_per_m=std_of_mean(influence)[0],
+        offset_n=offset_n,
+        per_stroke_n_s_per_m=per_stroke,
+        rmse_n=float(np.sqrt(np.mean(mean_misfit**2))),
+        uses_mean_speed=cycles.crank_speed_rad_s is None,
+    )
+
+
+def _check(cycles: MeasuredCycles) -> None:
     if cycles.force_n is None:
         raise InputError(
             "method 'force' needs force_n, which this trial does not have",
@@ -76,43 +111,3 @@ def fit_force(cycles: MeasuredCycles, *, plant: PlantConfig, cutting_half: Cutti
         raise InputError(
             f"{cycles.n_cycles} complete strokes are too few, {FEWEST_STROKES} are needed", where=cycles.label
         )
-    lever_m, cuts = blade_lever(cycles.angle_rad, plant, cutting_half)
-    speed = cycles.crank_speed_rad_s
-    if speed is None:
-        speed = np.repeat((2.0 * np.pi / cycles.period_s)[:, None], cycles.n_bins, axis=1)
-    blade_m_s = speed * np.abs(lever_m) * cuts
-    present = np.isfinite(cycles.force_n) & np.isfinite(blade_m_s)
-    force = np.where(present, cycles.force_n, 0.0)
-    blade_m_s = np.where(present, blade_m_s, 0.0)
-    at_rest = present & ~cuts
-    if not at_rest.any() or not blade_m_s.any():
-        raise InputError("force_n is empty on one half of the stroke", where=cycles.label)
-    offset_n = float(force[at_rest].mean())
-    power = (blade_m_s * (force - offset_n)).sum(axis=1)
-    square = (blade_m_s**2).sum(axis=1)
-    k_fc = float(power.sum() / square.sum())
-    offset_share = blade_m_s.sum(axis=1).mean() / square.mean()
-    offsets = np.where(at_rest, force - offset_n, 0.0).sum(axis=1) / at_rest.sum(axis=1).mean()
-    influence = (power - k_fc * square) / square.mean() - offset_share * offsets
-    mean_misfit = np.where(present, force - offset_n - k_fc * blade_m_s, 0.0).sum(axis=0) / np.maximum(
-        present.sum(axis=0), 1
-    )
-    return ForceFit(
-        k_fc_n_s_per_m=k_fc,
-        statistical_std_n_s_per_m=std_of_mean(influence)[0],
-        offset_n=offset_n,
-        per_stroke_n_s_per_m=power / np.maximum(square, 1e-300),
-        rmse_n=float(np.sqrt(np.mean(mean_misfit**2))),
-        uses_mean_speed=cycles.crank_speed_rad_s is None,
-    )
-
-
-def blade_lever(angle_rad: Floats, plant: PlantConfig, cutting_half: CuttingHalf) -> tuple[Floats, NDArray[np.bool_]]:
-    """Blade speed per crank speed, m/rad, and where the blade cuts."""
-    sine, cosine = np.sin(angle_rad), np.cos(angle_rad)
-    radius_m = plant.crank_radius_m.nominal
-    lever = radius_m * sine
-    if plant.mechanism == "slider_crank" and plant.rod_length_m is not None:
-        ratio = radius_m / plant.rod_length_m
-        lever = lever * (1.0 + ratio * cosine / np.sqrt(1.0 - (ratio * sine) ** 2))
-    return lever, (sine < 0) if cutting_half == "pi_to_2pi" else (sine > 0)

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
-
-from bench.config import BatteryConfig, ConverterConfig, PlantConfig
-from bench.errors import InputError
-from modeling.cycle_observation import (
+from sawbench.bench.config import BatteryConfig, ConverterConfig, PlantConfig
+from sawbench.bench.errors import InputError
+from sawbench.modeling.cycle_observation import (
     SENSOR_NAMES,
     Drive,
     FeatureModel,
@@ -20,11 +19,11 @@ from modeling.cycle_observation import (
     drive_of,
     observe,
 )
-from modeling.cycle_statistics import std_of_mean
-from modeling.map_estimate import Estimate, Parameters, most_probable
-from modeling.measured_cycles import MeasuredCycles
-from modeling.periodic_cycle import PLANT_NAMES, CuttingHalf
-from modeling.results import ParameterEstimates
+from sawbench.modeling.cycle_statistics import std_of_mean
+from sawbench.modeling.map_estimate import Estimate, Parameters, most_probable
+from sawbench.modeling.measured_cycles import MeasuredCycles
+from sawbench.modeling.periodic_cycle import PLANT_NAMES, CuttingHalf
+from sawbench.modeling.results import ParameterEstimates
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -222,7 +221,7 @@ def _parameters(
     """Everything uncertain, with its prior; what is exactly known is left out."""
     rows: list[tuple[str, float, float, float, float]] = []
     for trial, cycles in enumerate(trials):
-        start = _first_guess(cycles, plant, method)
+        start = first_guess(cycles, plant, method)
         rows.append((f"{K_FC}[{trial}]", float(np.clip(start, *bounds)), np.inf, *bounds))
     for name in PLANT_NAMES:
         value = getattr(plant, name)
@@ -248,7 +247,7 @@ def _parameters(
     )
 
 
-def _first_guess(cycles: MeasuredCycles, plant: PlantConfig, method: FitMethod) -> float:
+def first_guess(cycles: MeasuredCycles, plant: PlantConfig, method: FitMethod) -> float:
     """k_Fc from the mean power: what drives the crank on average is what damping and cutting take."""
     speed = cycles.mean_speed_rad_s
     radius = plant.crank_radius_m.nominal

@@ -1,62 +1,95 @@
-"""The equations of the baseline machine as the kernels see them, in crank coordinates.
+"""The machine as the kernels see it, in crank coordinates: its parts put together.
 
-With the crank angle a, the crank speed W = da/dt, the gear ratio G, g(a) = dy/da and g'(a):
+With the crank angle a, the crank speed W = da/dt, the gear ratio G and the lever g(a) = dy/da:
 
-    L di/dt = e - R_x i - k_e G W                                         (Eq. 12)
-    J(a) dW/dt = G k_m i - b G^2 W - T_c(a, W) - m_a g g' W^2             (Eq. 13 times G)
-    J(a) = G^2 J_m + J_c + m_a g^2                                        (Eq. 6 times G^2)
-    T_c = k_Fc g^2 W on the cutting half, or F(a) s g                     (Eq. 9)
+    L di/dt = e - R_x i - k_e G W                                  (Eq. 12, `parts.dc_motor`)
+    J(a) dW/dt = G k_m i - d(a) W - T(a) - m_a g g' W^2             (Eq. 13 times G, `parts.crank`)
 
-e and R_x gather the supply, so that the battery's own resistance is solved, not iterated:
-a fixed duty d gives e = d E - (1 - d) V_f and R_x = R + d^2 R_b / eta.
+d(a) gathers the motor's damping and the linear cutting force, T(a) a measured one. e and R_x gather the supply, so that
+the battery's own resistance is solved, not iterated: a fixed duty d gives R_x = R + d^2 R_b / eta.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-from modeling import slots
-from modeling.compilation import kernel
-from modeling.mechanisms import scotch_yoke, slider_crank
+import numpy as np
+from sawbench.modeling import slots
+from sawbench.modeling.compilation import kernel
+from sawbench.modeling.dormand_prince import FRACTIONS
+from sawbench.modeling.parts import converter, crank, eq16, linear, measured, ocv_table, scotch_yoke, slider_crank
 
 TWO_PI = 2.0 * math.pi
 
 
+class Machine(NamedTuple):
+    """What every evaluation needs of a parameter vector, SI units, at the crank."""
+
+    resistance: float  # R_x
+    per_inductance: float
+    back_emf: float  # k_e G
+    torque_constant: float  # k_m G
+    damping: float  # b G^2
+    rotating_inertia: float
+    mass: float
+    radius: float
+    rod: float  # 0: Scotch yoke
+    gear: float
+    k_fc: float
+    force_scale: float
+    cutting_sign: float
+    mode: float
+    duty: float
+    voltage: float
+    forward_voltage: float
+    current_share: float  # battery current per motor current at the fixed duty, or at a duty of 1
+    nominal_voltage: float
+    beta: float
+    capacity_ratio: float
+    battery_resistance: float
+    sag_resistance: float  # of the battery, per ampere of duty times motor current
+    source_resistance: float  # part of R_x that is the battery's
+    per_capacity: float
+
+
 @kernel()
 def machine(p):
-    """Gather what every evaluation needs from a parameter vector, as one tuple of 20 floats."""
-    duty = p[slots.DUTY]
-    below = 1.0 / p[slots.EFFICIENCY]
-    drop = p[slots.DIODE]
-    gear = p[slots.GEAR]
-    extra = 0.0
-    share = below  # of the motor current, or of duty times motor current, that the battery gives
+    """Gather a parameter vector."""
+    gear, duty, efficiency = p[slots.GEAR], p[slots.DUTY], p[slots.EFFICIENCY]
+    share = converter.battery_current(1.0, 1.0, efficiency)
+    source_resistance = 0.0
     if p[slots.MODE] == slots.FIXED_DUTY:
-        extra = duty * duty * p[slots.BATTERY_RESISTANCE] * below
-        share = duty * below
+        share = converter.battery_current(duty, 1.0, efficiency)
+        source_resistance = duty * share * p[slots.BATTERY_RESISTANCE]
     elif p[slots.MODE] == slots.FIXED_VOLTAGE:
         share = 0.0
-    return (
-        p[slots.RESISTANCE] + extra,  # 0: R_x
-        1.0 / p[slots.INDUCTANCE],  # 1
-        p[slots.BACK_EMF] * gear,  # 2
-        p[slots.TORQUE_CONSTANT] * gear,  # 3
-        p[slots.DAMPING] * gear * gear,  # 4
-        p[slots.ROTOR_INERTIA] * gear * gear + p[slots.YOKE_INERTIA],  # 5
-        p[slots.MASS],  # 6
-        p[slots.MODE],  # 7
-        duty,  # 8
-        p[slots.VOLTAGE],  # 9
-        p[slots.NOMINAL_VOLTAGE],  # 10
-        p[slots.BETA],  # 11
-        p[slots.CAPACITY_RATIO],  # 12
-        p[slots.BATTERY_RESISTANCE] * below,  # 13: per ampere of duty * motor current
-        drop,  # 14
-        share,  # 15
-        1.0 / p[slots.CAPACITY],  # 16
-        extra,  # 17
-        p[slots.SAG],  # 18
-        p[slots.BRUSH_OFFSET],  # 19
+    return Machine(
+        p[slots.RESISTANCE] + source_resistance,
+        1.0 / p[slots.INDUCTANCE],
+        p[slots.BACK_EMF] * gear,
+        p[slots.TORQUE_CONSTANT] * gear,
+        p[slots.DAMPING] * gear * gear,
+        crank.rotating_inertia(p[slots.ROTOR_INERTIA], p[slots.YOKE_INERTIA], gear),
+        p[slots.MASS],
+        p[slots.RADIUS],
+        p[slots.ROD],
+        gear,
+        p[slots.K_FC],
+        p[slots.FORCE_SCALE],
+        p[slots.CUTTING_SIGN],
+        p[slots.MODE],
+        duty,
+        p[slots.VOLTAGE],
+        p[slots.DIODE],
+        share,
+        p[slots.NOMINAL_VOLTAGE],
+        p[slots.BETA],
+        p[slots.CAPACITY_RATIO],
+        p[slots.BATTERY_RESISTANCE],
+        p[slots.BATTERY_RESISTANCE] / efficiency,
+        source_resistance,
+        1.0 / p[slots.CAPACITY],
     )
 
 
@@ -64,19 +97,13 @@ def machine(p):
 def open_circuit(m, ocv, soc):
     """Open-circuit voltage of the battery, its first and half its second derivative over the charge, V.
 
-    From the table `ocv`, shape (n, 4): cubic pieces on equal parts of [0, 1], where it has rows; else Eq. 16.
+    From the table `ocv`, shape (n, 4), where it has rows; else Eq. 16.
     """
-    n_pieces = len(ocv)
-    if n_pieces > 0:
-        place = max(min(int(soc * n_pieces), n_pieces - 1), 0)
-        u = soc - place / n_pieces
-        c = ocv[place]
-        value = c[0] + u * (c[1] + u * (c[2] + u * c[3]))
-        return value - m[18], c[1] + u * (2.0 * c[2] + 3.0 * u * c[3]), c[2] + 3.0 * u * c[3]
-    filled = max(1.0 - (1.0 - soc) * m[12], 0.0)
-    below = 1.0 / (1.0 - m[11] * (1.0 - filled))
-    slope = m[10] * (1.0 - m[11]) * below * below * m[12]
-    return m[10] * filled * below - m[18], slope, -slope * m[11] * below * m[12]
+    if len(ocv) > 0:
+        return ocv_table.voltage(ocv, soc)
+    ratio = m.capacity_ratio
+    value, slope, bend = eq16.voltage(m.nominal_voltage, m.beta, 1.0 - (1.0 - soc) * ratio)
+    return value, slope * ratio, bend * ratio * ratio
 
 
 @kernel()
@@ -86,53 +113,43 @@ def drive(m, ocv, soc):
     Of the voltage e for a fixed voltage or duty, of the open-circuit voltage for a held voltage. Within one
     step the three terms are exact to rounding, and save a division in every stage.
     """
-    if m[7] == slots.FIXED_VOLTAGE:
-        return m[9] - m[19], 0.0, 0.0
+    if m.mode == slots.FIXED_VOLTAGE:
+        return m.voltage, 0.0, 0.0
     value, first, second = open_circuit(m, ocv, soc)
-    if m[7] == slots.FIXED_DUTY:
-        return m[8] * (value + m[14]) - m[14] - m[19], m[8] * first, m[8] * second
+    if m.mode == slots.FIXED_DUTY:
+        return converter.motor_voltage(m.duty, value, m.forward_voltage), m.duty * first, m.duty * second
     return value, first, second
 
 
 @kernel()
 def source(m, curve, away, current):
-    """Voltage e of Eq. 12 and battery current, V and A, at a charge `away` from where `curve` is `drive`.
-
-    For a held voltage U the duty solves d (E + V_f - R_b d i / eta) = U + V_f; where it would pass 1 the
-    converter is fully on.
-    """
+    """Voltage e of Eq. 12 and battery current, V and A, at a charge `away` from where `curve` is `drive`."""
     value = curve[0] + away * (curve[1] + away * curve[2])
-    if m[7] != slots.HELD_VOLTAGE:
-        return value, m[15] * current
-    sag = m[13] * current
-    wanted = m[9] + m[14]
-    head = value + m[14]
-    square = head * head - 4.0 * sag * wanted
-    if square >= 0.0:
-        duty = 2.0 * wanted / (head + math.sqrt(square))
-        if 0.0 <= duty <= 1.0:
-            return m[9] - m[19], duty * current * m[15]
-    return value - sag - m[19], current * m[15]
+    if m.mode != slots.HELD_VOLTAGE:
+        return value, m.current_share * current
+    sag = m.sag_resistance * current
+    duty = converter.holding_duty(value, sag, m.voltage, m.forward_voltage)
+    return m.voltage if duty < 1.0 else value - sag, duty * current * m.current_share
 
 
 @kernel()
 def source_slopes(m, curve, current):
     """`source` at the place of `curve`, and the derivatives of e and battery current by the motor current."""
     e, battery_current = source(m, curve, 0.0, current)
-    if m[7] != slots.HELD_VOLTAGE:
-        return e, battery_current, 0.0, m[15]
-    if e != m[9] - m[19]:
-        return e, battery_current, -m[13], m[15]
-    head = curve[0] + m[14]
-    root = math.sqrt(head * head - 4.0 * m[13] * current * (m[9] + m[14]))
-    duty = 2.0 * (m[9] + m[14]) / (head + root)
-    return e, battery_current, 0.0, (duty + current * m[13] * duty * duty / root) * m[15]
+    if m.mode != slots.HELD_VOLTAGE:
+        return e, battery_current, 0.0, m.current_share
+    if e != m.voltage:
+        return e, battery_current, -m.sag_resistance, m.current_share
+    sag = m.sag_resistance * current
+    duty = converter.holding_duty(curve[0], sag, m.voltage, m.forward_voltage)
+    bend = m.sag_resistance * duty * duty / (curve[0] + m.forward_voltage - 2.0 * sag * duty)
+    return e, battery_current, 0.0, (duty + current * bend) * m.current_share
 
 
 @kernel()
 def source_rate(m, curve, away, soc_rate):
     """de/dt of Eq. 12, V/s; arguments as in `source`."""
-    if m[7] == slots.HELD_VOLTAGE:
+    if m.mode == slots.HELD_VOLTAGE:
         return 0.0
     return (curve[1] + 2.0 * away * curve[2]) * soc_rate
 
@@ -174,75 +191,56 @@ def sine_cosine(half_turn):
 
 
 @kernel()
-def cutter(p):
-    """Gather mechanism and cutting force: radius, rod, k_Fc, force scale, sign of the cutting half."""
-    return p[slots.RADIUS], p[slots.ROD], p[slots.K_FC], p[slots.FORCE_SCALE], p[slots.CUTTING_SIGN]
+def levers(m, sine, cosine):
+    """Lever g of the mechanism and its slope g', m."""
+    if m.rod > 0.0:
+        return slider_crank.lever(sine, cosine, m.radius, m.rod)
+    return scotch_yoke.lever(sine, cosine, m.radius)
 
 
 @kernel()
-def levers(c, sine, cosine):
-    """G and g' of the mechanism, m; `c` is `cutter`."""
-    if c[1] > 0.0:
-        return slider_crank.lever(sine, cosine, c[0], c[1])
-    return scotch_yoke.lever(sine, cosine, c[0])
-
-
-@kernel()
-def spline_force(spline, turn):
-    """Force of a measured table at an angle in [0, 2*pi), N; `spline` as MeasuredForce.spline gives it."""
-    n_nodes = len(spline)
-    if n_nodes == 0:
-        return 0.0
-    width = TWO_PI / n_nodes
-    place = int(turn / width)
-    place = max(min(place, n_nodes - 1), 0)
-    u = turn - place * width
-    return spline[place, 0] + u * (spline[place, 1] + u * (spline[place, 2] + u * spline[place, 3]))
-
-
-@kernel()
-def load_at(c, m, spline, sine, cosine, turn, is_cutting):
+def load_at(m, spline, sine, cosine, turn, is_cutting):
     """Return what the mechanical equation needs: 1/J, m g g', torque per speed, torque free of speed."""
-    g, slope = levers(c, sine, cosine)
-    per_speed = m[4]
+    g, slope = levers(m, sine, cosine)
+    drag = m.damping
     constant = 0.0
     if is_cutting:
-        per_speed += c[2] * g * g
-    if c[3] != 0.0:
-        constant = c[3] * spline_force(spline, turn) * c[4] * g
-    return 1.0 / (m[5] + m[6] * g * g), m[6] * g * slope, per_speed, constant
+        drag = drag + g * linear.force(m.k_fc, g)
+    if m.force_scale != 0.0:
+        constant = m.force_scale * measured.spline_force(spline, turn) * m.cutting_sign * g
+    inverse_inertia = 1.0 / crank.inertia(m.rotating_inertia, m.mass, g)
+    return inverse_inertia, crank.swing(m.mass, g, slope), drag, constant
 
 
 @kernel()
-def load(c, m, spline, is_second, part, is_cutting):
+def load(m, spline, is_second, part, is_cutting):
     """`load_at` at `part` rad (0..pi) after the first or second dead centre of a turn."""
     sine, cosine = sine_cosine(part)
     if is_second:
-        return load_at(c, m, spline, -sine, -cosine, part + math.pi, is_cutting)
-    return load_at(c, m, spline, sine, cosine, part, is_cutting)
+        return load_at(m, spline, -sine, -cosine, part + math.pi, is_cutting)
+    return load_at(m, spline, sine, cosine, part, is_cutting)
 
 
 @kernel()
-def fill_tables(p, m, spline, n_steps, fractions, tables):
-    """Fill `tables`, shape (n_steps, n_stages, 4), with `load_at` at the stages of equal steps from angle 0.
+def load_tables(m, spline, n_steps):
+    """`load_at` at the stages of equal steps from angle 0, shape (n_steps, n_stages, 4).
 
     Each angle is the sum of a step's and a stage's, so that their sines and cosines are few.
     """
-    c = cutter(p)
+    tables = np.empty((n_steps, len(FRACTIONS), 4))
     step = TWO_PI / n_steps
     half = n_steps // 2
-    cuts_first = c[4] > 0.0
-    for s in range(len(fractions)):
-        stage_sine, stage_cosine = sine_cosine(fractions[s] * step)
-        for n in range(half):
-            tables[n, s, 0], tables[n, s, 1] = stage_sine, stage_cosine
-    for n in range(half):
-        step_sine, step_cosine = sine_cosine(n * step)
-        for s in range(len(fractions)):
-            low, high = tables[n, s], tables[n + half, s]
-            sine = step_sine * low[1] + step_cosine * low[0]
-            cosine = step_cosine * low[1] - step_sine * low[0]
-            angle = (n + fractions[s]) * step
-            low[0], low[1], low[2], low[3] = load_at(c, m, spline, sine, cosine, angle, cuts_first)
-            angle += math.pi
-            high[0], high[1], high[2], high[3] = load_at(c, m, spline, -sine, -cosine, angle, not cuts_first)
+    cuts_first = m.cutting_sign > 0.0
+    for s in range(len(FRACTIONS)):
+        stage_sine, stage_cosine = sine_cosine(FRACTIONS[s] * step)
+        for n in range(n_steps):
+            is_second = n >= half
+            step_sine, step_cosine = sine_cosine((n - half if is_second else n) * step)
+            sine = step_sine * stage_cosine + step_cosine * stage_sine
+            cosine = step_cosine * stage_cosine - step_sine * stage_sine
+            sign = -1.0 if is_second else 1.0
+            angle = (n + FRACTIONS[s]) * step
+            row = tables[n, s]
+            is_cutting = is_second != cuts_first
+            row[0], row[1], row[2], row[3] = load_at(m, spline, sign * sine, sign * cosine, angle, is_cutting)
+    return tables

@@ -6,15 +6,14 @@ import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from bench.errors import InputError
-from modeling import slots
-from modeling.validation import not_negative, positive
+from sawbench.bench.errors import InputError
+from sawbench.modeling import slots
+from sawbench.modeling.validation import not_negative, positive
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-    from bench.config import PlantConfig
+    from sawbench.bench.config import PlantConfig
 
 Mechanism = Literal["scotch_yoke", "slider_crank"]
 MECHANISMS = ("scotch_yoke", "slider_crank")

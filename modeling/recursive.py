@@ -18,12 +18,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-
-from bench.config import BatteryConfig, ConverterConfig, PlantConfig
-from bench.errors import InputError
-from modeling.joint_fit import SensorPriors
-from modeling.periodic_cycle import CuttingHalf
-from modeling.stroke_tables import StrokeTables, stroke_tables
+from sawbench.bench.config import BatteryConfig, ConverterConfig, PlantConfig
+from sawbench.bench.errors import InputError
+from sawbench.modeling.joint_fit import SensorPriors
+from sawbench.modeling.periodic_cycle import CuttingHalf
+from sawbench.modeling.stroke_tables import StrokeTables, stroke_tables
 
 # Cumulative sum: slack and threshold in standard deviations of a stroke, innovations clipped so that one
 # knot in the wood does not look like another material.
@@ -106,7 +105,7 @@ class RecursiveCuttingEstimator:
 
     Examples
     --------
-    >>> from bench.config import PlantConfig
+    >>> from sawbench.bench.config import PlantConfig
     >>> plant = PlantConfig(
     ...     resistance_ohm=0.176, inductance_h=0.00321, back_emf_constant_v_s_per_rad=0.007383,
     ...     torque_constant_n_m_per_a=0.005632, rotor_inertia_kg_m2=2.4e-5, yoke_inertia_kg_m2=2.38e-5,
@@ -337,7 +336,7 @@ def summarize_strokes(cycles: object) -> list[StrokeSummary]:
     -------
     list of StrokeSummary
     """
-    from modeling.measured_cycles import MeasuredCycles
+    from sawbench.modeling.measured_cycles import MeasuredCycles
 
     if not isinstance(cycles, MeasuredCycles):
         raise InputError(f"needs MeasuredCycles, got {type(cycles).__name__}")

@@ -6,20 +6,24 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-
-from bench.config import PlantConfig
-from bench.errors import InputError
-from modeling.cutting_forces.linear import CuttingHalf, LinearCutting
-from modeling.discharge import Discharge, discharge
-from modeling.parameters import JigsawParameters
-from modeling.periodic_cycle import PLANT_NAMES
-from modeling.results import ParameterEstimates, RuntimePrediction
-from modeling.supplies import FixedDuty, HeldVoltage
-from modeling.transient import InitialState
+from sawbench.bench.config import PlantConfig, Uncertain
+from sawbench.bench.errors import InputError
+from sawbench.modeling.discharge import Discharge, discharge
+from sawbench.modeling.effect_discharge import N_NODES, discharge_with_effects
+from sawbench.modeling.effects.known import KnownEffect
+from sawbench.modeling.operating_point import OperatingPoint, periodic_stroke
+from sawbench.modeling.parameters import JigsawParameters
+from sawbench.modeling.parts.linear import CuttingHalf, LinearCutting
+from sawbench.modeling.periodic_cycle import PLANT_NAMES
+from sawbench.modeling.residuals import Baseline
+from sawbench.modeling.results import ParameterEstimates, RuntimePrediction
+from sawbench.modeling.supplies import FixedDuty, HeldVoltage
+from sawbench.modeling.transient import InitialState
 
 Floats = NDArray[np.float64]
 BatterySupply = FixedDuty | HeldVoltage
@@ -27,8 +31,14 @@ BatterySupply = FixedDuty | HeldVoltage
 K_FC: Final = "k_fc_n_s_per_m"
 # Finite differences over this share of a standard deviation.
 STEP_SHARE: Final = 0.5
-# Finer than the discharge's default: the start-up at a high k_Fc needs it, and it costs a millisecond.
+# Finer than the discharge's default: the start-up at a high k_Fc needs it.
 STEPS_PER_TURN: Final = 32
+# Of the runs whose difference is a derivative: what few steps and nodes miss is the same in both.
+SLOPE_STEPS_PER_TURN: Final = 16
+# States of charge at which strokes with effects are solved for a derivative.
+SLOPE_NODES: Final = 3
+# A sweep of more cells than this is worth compiling; below, the interpreter is through first.
+MOST_INTERPRETED: Final = 300
 
 
 def predict_runtime(
@@ -87,7 +97,7 @@ def predict_runtime(
     if estimates is not None:
         centre, covariance = _joint(centre, estimates)
 
-    def run(changes: Mapping[str, float]) -> Discharge:
+    def run(changes: Mapping[str, float], **accuracy: Any) -> Discharge:
         values = centre | dict(changes)
         return discharge(
             parameters.replace(**{name: values[name] for name in PLANT_NAMES}),
@@ -96,12 +106,91 @@ def predict_runtime(
             cutoff_soc=cutoff_soc,
             cutoff_voltage_v=cutoff_voltage_v,
             initial=InitialState(soc=start_soc),
-            steps_per_turn=STEPS_PER_TURN,
+            compiles=False,
+            **accuracy,
         )
 
-    nominal = run({})
     usable_a_s = 3600.0 * supply.battery.capacity_ah * (start_soc - cutoff_soc)
     appendix_a_s = _appendix_a(usable_a_s, measured_mean_battery_current_a)
+    nominal = run({}, steps_per_turn=STEPS_PER_TURN)
+    quick = partial(run, steps_per_turn=SLOPE_STEPS_PER_TURN, target=math.inf)
+    return _with_uncertainty(nominal, quick, centre, covariance, appendix_a_s)
+
+
+def predict_runtime_with_effects(
+    baseline: Baseline,
+    point: OperatingPoint,
+    *,
+    k_fc_std: float = 0.0,
+    estimates: ParameterEstimates | None = None,
+    measured_mean_battery_current_a: float | None = None,
+) -> RuntimePrediction:
+    """Predict the runtime of a saw with known effects, their uncertainty among those of the plant.
+
+    Parameters
+    ----------
+    baseline : Baseline
+        With a battery, whose cut-offs end the run.
+    point : OperatingPoint
+        At the start.
+    k_fc_std : float
+        Standard uncertainty of its cutting coefficient, N*s/m.
+    estimates : ParameterEstimates, optional
+        As in `predict_runtime`; magnitudes of effects may be among them.
+    measured_mean_battery_current_a : float, optional
+
+    Returns
+    -------
+    RuntimePrediction
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range, or an effect cannot be predicted without a campaign.
+    """
+    battery = baseline.battery
+    if battery is None:
+        raise InputError("a runtime needs a battery", remedy="fill in [battery]")
+    plant = baseline.plant
+    sizes = {known.name: known for known in baseline.known if isinstance(known, KnownEffect)}
+    centre = {name: getattr(plant, name).nominal for name in PLANT_NAMES}
+    centre |= {K_FC: point.k_fc_n_s_per_m, **{name: known.value for name, known in sizes.items()}}
+    covariance = _independent(plant, k_fc_std)
+    if estimates is not None:
+        centre, covariance = _joint(centre, estimates)
+    for name, known in sizes.items():
+        covariance.setdefault((name, name), known.std**2)
+    near = periodic_stroke(baseline, point)
+
+    def run(changes: Mapping[str, float], n_nodes: int = SLOPE_NODES) -> Discharge:
+        values = centre | dict(changes)
+        changed = {name: Uncertain(nominal=values[name]) for name in PLANT_NAMES}
+        return discharge_with_effects(
+            dataclasses.replace(
+                baseline,
+                plant=plant.model_copy(update=changed),
+                known=tuple(known.at(values[name]) for name, known in sizes.items()),
+            ),
+            dataclasses.replace(point, k_fc_n_s_per_m=values[K_FC]),
+            cutoff_soc=battery.cutoff_soc,
+            cutoff_voltage_v=battery.cutoff_voltage_v,
+            n_nodes=n_nodes,
+            start=near if near.is_settled else None,
+        )
+
+    usable_a_s = 3600.0 * battery.capacity_ah * (1.0 - battery.cutoff_soc) - point.charge_used_as
+    appendix_a_s = _appendix_a(usable_a_s, measured_mean_battery_current_a)
+    return _with_uncertainty(run({}, N_NODES), run, centre, covariance, appendix_a_s)
+
+
+def _with_uncertainty(
+    nominal: Discharge,
+    run: Callable[[Mapping[str, float]], Discharge],
+    centre: Mapping[str, float],
+    covariance: Mapping[tuple[str, str], float],
+    appendix_a_s: float | None,
+) -> RuntimePrediction:
+    """Carry the covariance of the parameters to the runtime, by differences of runs."""
     if nominal.status != "ok":
         return _prediction(nominal, 0.0, {}, appendix_a_s)
     names = [name for name in centre if covariance.get((name, name), 0.0) > 0.0]
@@ -242,6 +331,7 @@ def sweep_runtime(
             cutoff_soc=cutoff_soc,
             cutoff_voltage_v=cutoff_voltage_v,
             steps_per_turn=STEPS_PER_TURN,
+            compiles=status.size > MOST_INTERPRETED,
         )
         status[place] = found.status
         if found.status == "ok":

@@ -7,10 +7,10 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-
-from bench.config import BatteryConfig, ConverterConfig, PlantConfig
-from bench.errors import InputError
-from modeling.periodic_cycle import COLUMNS, PLANT_NAMES, CuttingHalf, periodic_cycles
+from sawbench.bench.config import BatteryConfig, ConverterConfig, PlantConfig
+from sawbench.bench.errors import InputError
+from sawbench.modeling.parts.eq16 import voltage
+from sawbench.modeling.periodic_cycle import COLUMNS, PLANT_NAMES, CuttingHalf, periodic_cycles
 
 Floats = NDArray[np.float64]
 K_GRID: Final = np.concatenate([[0.0], np.geomspace(10.0, 2000.0, 40)])
@@ -155,7 +155,7 @@ def _supply(
         soc, open_v, resistance_ohm = None, np.array([9.0]), 0.0
     else:
         soc = np.linspace(battery.cutoff_soc, 1.0, N_SOC)
-        open_v = battery.nominal_voltage_v * soc / (1.0 - battery.beta * (1.0 - soc))
+        open_v = voltage.py_func(battery.nominal_voltage_v, battery.beta, soc)[0]
         resistance_ohm = battery.internal_resistance_ohm
     if held_v is not None:
         return soc, open_v, np.full_like(open_v, held_v), 0.0

@@ -7,10 +7,9 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-
-from modeling import slots
-from modeling.converters.averaged import AveragedConverter
-from modeling.validation import fraction, not_negative, positive
+from sawbench.modeling import slots
+from sawbench.modeling.parts.converter import Converter
+from sawbench.modeling.validation import fraction, not_negative, positive
 
 
 class Battery(Protocol):
@@ -31,14 +30,6 @@ class Battery(Protocol):
 
     def fill(self, vector: NDArray[np.float64]) -> None:
         """Write the battery's slots into a parameter vector, in place."""
-        ...
-
-
-class Converter(Protocol):
-    """What a supply needs of a converter."""
-
-    def fill(self, vector: NDArray[np.float64]) -> None:
-        """Write the converter's slots into a parameter vector, in place."""
         ...
 
 
@@ -85,7 +76,7 @@ class FixedDuty:
 
     duty: float
     battery: Battery
-    converter: Converter = field(default_factory=AveragedConverter)
+    converter: Converter = field(default_factory=Converter)
 
     def __post_init__(self) -> None:
         fraction("duty", self.duty)
@@ -115,7 +106,7 @@ class HeldVoltage:
 
     voltage_v: float
     battery: Battery
-    converter: Converter = field(default_factory=AveragedConverter)
+    converter: Converter = field(default_factory=Converter)
 
     def __post_init__(self) -> None:
         positive("voltage_v", self.voltage_v, "V")

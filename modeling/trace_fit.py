@@ -13,14 +13,13 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-from bench.errors import InputError
-from modeling import slots
-from modeling.cutting_forces.linear import CuttingHalf, LinearCutting
-from modeling.parameters import JigsawParameters
-from modeling.results import FitStatus
-from modeling.supplies import Supply
-from modeling.transient import AT_REST, NO_TABLE, InitialState, run_vector
+from sawbench.bench.errors import InputError
+from sawbench.modeling import slots
+from sawbench.modeling.parameters import JigsawParameters
+from sawbench.modeling.parts.linear import CuttingHalf, LinearCutting
+from sawbench.modeling.results import FitStatus
+from sawbench.modeling.supplies import Supply
+from sawbench.modeling.transient import AT_REST, NO_TABLE, InitialState, run_vector
 
 Floats = NDArray[np.float64]
 

@@ -7,11 +7,10 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-
-from bench.errors import InputError
-from modeling import baseline_kernel as kernel
-from modeling import output_kernel, slots
-from modeling.validation import finite, not_negative
+from sawbench.bench.errors import InputError
+from sawbench.modeling import signals, slots
+from sawbench.modeling import transient_kernel as kernel
+from sawbench.modeling.validation import finite, not_negative
 
 Floats = NDArray[np.float64]
 TransientStatus = Literal["ok", "stalled", "battery_empty", "not_converged"]
@@ -31,25 +30,12 @@ class InitialState:
         Motor current.
     soc : float
         State of charge, 0..1.
-    blade_force_n : float
-        Force stored in the blade, with blade_compliance_m_per_n.
-    winding_temperature_rise_k : float
-        Above the temperature that resistance and constants are stated for.
-    rc_voltage_v, polarization_v : float
-        Across the battery's RC element, and across that of the polarization effect.
-    cut_distance_m : float
-        That the blade has cut before, for wear_per_m.
     """
 
     crank_angle_rad: float = 0.0
     motor_speed_rad_s: float = 0.0
     current_a: float = 0.0
     soc: float = 1.0
-    blade_force_n: float = 0.0
-    winding_temperature_rise_k: float = 0.0
-    rc_voltage_v: float = 0.0
-    polarization_v: float = 0.0
-    cut_distance_m: float = 0.0
 
     def __post_init__(self) -> None:
         finite("crank_angle_rad", self.crank_angle_rad, "rad")
@@ -58,32 +44,13 @@ class InitialState:
         finite("soc", self.soc, "")
         if not 0 <= self.soc <= 1:
             raise InputError(f"soc must be in [0, 1], got {self.soc!r}")
-        for name, unit in _SLOW_UNITS:
-            finite(name, getattr(self, name), unit)
-
-    @property
-    def is_baseline(self) -> bool:
-        """Whether the quantities that only effects know are all 0."""
-        return self is AT_REST or not any(getattr(self, name) for name, _ in _SLOW_UNITS)
 
     def to_state(self, gear_ratio: float) -> Floats:
-        """Return current, crank speed, crank angle, charge and the slow quantities, shape (9,)."""
-        if self is AT_REST:
-            return _REST.copy()
-        fast = (self.current_a, self.motor_speed_rad_s / gear_ratio, self.crank_angle_rad, self.soc)
-        return np.array([*fast, *(getattr(self, name) for name, _ in _SLOW_UNITS)])
+        """Return current, crank speed, crank angle and charge, shape (4,)."""
+        return np.array([self.current_a, self.motor_speed_rad_s / gear_ratio, self.crank_angle_rad, self.soc])
 
-
-_SLOW_UNITS = (
-    ("blade_force_n", "N"),
-    ("winding_temperature_rise_k", "K"),
-    ("rc_voltage_v", "V"),
-    ("polarization_v", "V"),
-    ("cut_distance_m", "m"),
-)
 
 AT_REST = InitialState()
-_REST = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -133,8 +100,6 @@ class EnergyBalance:
         Integral of cutting force times blade speed.
     conversion_j : float
         Integral of (k_e - k_m) i omega: 0 for an ideal motor; the paper's constants differ.
-    other_j : float
-        Friction, windage, rubbing, eccentricity and brushes, where effects are on.
     stored_j : float
         Change of magnetic and kinetic energy.
     closure_error : float
@@ -146,7 +111,6 @@ class EnergyBalance:
     damping_j: float
     cutting_j: float
     conversion_j: float
-    other_j: float
     stored_j: float
     closure_error: float
 
@@ -174,10 +138,8 @@ class Trajectory:
         Battery table, no rows where there is none.
     record : ndarray
         Integrals, end state and counts of the kernel; see `energy`, `error_estimate`.
-    start : ndarray, shape (9,)
+    start : ndarray, shape (4,)
         State at time 0.
-    seen : ndarray, shape (5, n), or None
-        Force, displacement and voltages as a run with effects leaves them.
     """
 
     time_s: Floats
@@ -192,7 +154,6 @@ class Trajectory:
     ocv: Floats
     record: Floats = field(repr=False)
     start: Floats = field(repr=False)
-    seen: Floats | None = field(default=None, repr=False)
 
     @property
     def motor_angle_rad(self) -> Floats:
@@ -244,46 +205,29 @@ class Trajectory:
         """The energy balance up to the last sample."""
         return _energy(self.vector, self.record, self.start)
 
-    def _blade(self) -> Floats:
-        if self.seen is not None:
-            velocity = output_kernel.play_velocity(self.vector, self.crank_angle_rad, self.motor_speed_rad_s)
-            return np.array([self.seen[1], velocity, self.seen[0]])
-        return output_kernel.blade(self.vector, self.spline, self.crank_angle_rad, self.motor_speed_rad_s)
+    def _blade(self) -> tuple[Floats, Floats, Floats]:
+        return signals.blade(self.vector, self.spline, self.crank_angle_rad, self.motor_speed_rad_s)
 
-    def _electric(self) -> Floats:
-        if self.seen is not None:
-            return self.seen[2:5]
-        return output_kernel.electric(self.vector, self.ocv, self.motor_current_a, self.soc)
+    def _electric(self) -> tuple[Floats, Floats, Floats]:
+        return signals.electric(self.vector, self.ocv, self.motor_current_a, self.soc)
 
 
 def _energy(p: Floats, record: Floats, start: Floats) -> EnergyBalance:
     gear = p[slots.GEAR]
     end = record[kernel.END_CURRENT : kernel.END_ANGLE + 1]
-    stored = output_kernel.stored_energy(p, end[0], end[1], end[2])
-    stored -= output_kernel.stored_energy(p, start[0], start[1], start[2])
-    supplied = record[kernel.E_SUPPLIED]
-    if len(record) > kernel.N_RECORD:  # a run with effects keeps the terms themselves
-        copper, conversion, damping, cut, other = (
-            record[1],
-            record[2],
-            record[3],
-            record[4],
-            record[kernel.N_RECORD],
-        )
-    else:
-        copper = p[slots.RESISTANCE] * record[kernel.E_COPPER]
-        damping = p[slots.DAMPING] * gear * gear * record[kernel.E_DAMPED]
-        conversion = (p[slots.BACK_EMF] - p[slots.TORQUE_CONSTANT]) * gear * record[kernel.E_CONVERTED]
-        cut, other = record[kernel.E_CUT], 0.0
-    missing = supplied - copper - damping - conversion - cut - other - stored
-    largest = max(abs(supplied), copper, damping, abs(cut), abs(other), abs(stored), 1e-30)
+    stored = signals.stored_energy(p, end[0], end[1], end[2]) - signals.stored_energy(p, start[0], start[1], start[2])
+    supplied, cut = record[kernel.E_SUPPLIED], record[kernel.E_CUT]
+    copper = p[slots.RESISTANCE] * record[kernel.E_COPPER]
+    damping = p[slots.DAMPING] * gear * gear * record[kernel.E_DAMPED]
+    conversion = (p[slots.BACK_EMF] - p[slots.TORQUE_CONSTANT]) * gear * record[kernel.E_CONVERTED]
+    missing = supplied - copper - damping - conversion - cut - stored
+    largest = max(abs(supplied), copper, damping, abs(cut), abs(stored), 1e-30)
     return EnergyBalance(
         electrical_in_j=float(supplied),
         copper_j=float(copper),
         damping_j=float(damping),
         cutting_j=float(cut),
         conversion_j=float(conversion),
-        other_j=float(other),
         stored_j=float(stored),
         closure_error=float(missing / largest),
     )

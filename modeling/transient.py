@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
-
-from bench.errors import InputError
-from modeling import baseline_kernel as kernel
-from modeling import slots
-from modeling.parameters import JigsawParameters
-from modeling.supplies import Supply
-from modeling.trajectory import (
+from sawbench.bench.errors import InputError
+from sawbench.modeling import slots
+from sawbench.modeling import transient_kernel as kernel
+from sawbench.modeling.parameters import JigsawParameters
+from sawbench.modeling.supplies import Supply
+from sawbench.modeling.trajectory import (
     AT_REST,
     DEFAULT_METHOD,
     Floats,
@@ -23,7 +21,7 @@ from modeling.trajectory import (
     Trajectory,
     TransientStatus,
 )
-from modeling.validation import positive
+from sawbench.modeling.validation import positive
 
 NO_TABLE: Floats = np.zeros((0, 4))
 
@@ -55,7 +53,6 @@ def simulate(
     rate_hz: float = 1000.0,
     time_s: ArrayLike | None = None,
     initial: InitialState = AT_REST,
-    effects: Mapping[str, float] | None = None,
     method: Method = DEFAULT_METHOD,
 ) -> Trajectory:
     """Simulate the machine over time (Eqs. 1 to 13).
@@ -71,8 +68,6 @@ def simulate(
     time_s : array_like, shape (n,), optional
         Sample times instead of duration and rate, increasing, from 0 on, s.
     initial : InitialState
-    effects : mapping of slot name to value, optional
-        Unmodelled effects, names and units as in `modeling.slots`.
     method : Method
 
     Returns
@@ -86,22 +81,25 @@ def simulate(
 
     Examples
     --------
-    >>> from modeling.parameter_sets import paper_jigsaw as paper
-    >>> from modeling.supplies import FixedVoltage
+    >>> from sawbench.modeling.machines import paper_jigsaw as paper
+    >>> from sawbench.modeling.supplies import FixedVoltage
     >>> run = simulate(paper.PARAMETERS, supply=FixedVoltage(voltage_v=paper.MOTOR_VOLTAGE_V),
     ...                cutting=paper.CUTTING, duration_s=1.0)
     >>> run.status, round(float(run.motor_current_a.max()), 2)
     ('ok', 34.73)
     """
     times = sample_times(duration_s, rate_hz, time_s)
+    vector, spline, ocv = model_vector(parameters, supply, cutting)
+    return run_vector(vector, spline, ocv, times, initial, method=method)
+
+
+def model_vector(parameters: JigsawParameters, supply: Supply, cutting: Cutting) -> tuple[Floats, Floats, Floats]:
+    """Return the parameter vector, the force spline and the battery table."""
     vector = parameters.to_vector()
     supply.fill(vector)
     cutting.fill(vector)
     spline = cutting.spline()
-    slots.set_effects(vector, effects)
-    return run_vector(
-        vector, NO_TABLE if spline is None else spline, battery_table(supply), times, initial, method=method
-    )
+    return vector, NO_TABLE if spline is None else spline, battery_table(supply)
 
 
 def run_vector(
@@ -116,16 +114,10 @@ def run_vector(
     """Simulate a parameter vector; see `simulate`. No checks."""
     start = initial.to_state(vector[slots.GEAR])
     out = np.empty((4, len(time_s)))
-    seen = None
-    if slots.needs_extended(vector) or not initial.is_baseline:
-        from modeling.extended_transient import run_extended
-
-        code, record, seen = run_extended(vector, spline, ocv, time_s, start, method.time_tolerance, out)
-    else:
-        record = np.empty(kernel.N_RECORD)
-        tolerances = (method.angle_tolerance, method.time_tolerance)
-        n_steps = method.steps_per_turn if len(spline) == 0 else max(method.steps_per_turn, steps_for(spline, 16))
-        code = kernel.simulate_baseline(vector, spline, ocv, time_s, start, n_steps, tolerances, out, record)
+    record = np.empty(kernel.N_RECORD)
+    tolerances = (method.angle_tolerance, method.time_tolerance)
+    n_steps = method.steps_per_turn if len(spline) == 0 else max(method.steps_per_turn, steps_for(spline, 16))
+    code = kernel.simulate_transient(vector, spline, ocv, time_s, start, n_steps, tolerances, out, record)
     status, message = _STATUS[code]
     return Trajectory(
         time_s=time_s,
@@ -140,7 +132,6 @@ def run_vector(
         ocv=ocv,
         record=record,
         start=start,
-        seen=seen,
     )
 
 

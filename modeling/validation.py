@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from bench.errors import InputError
+from sawbench.bench.errors import InputError
 
 
 def finite(name: str, value: float, unit: str) -> None:
@@ -20,7 +20,7 @@ def positive(name: str, value: float, unit: str) -> None:
     --------
     >>> positive("inductance_h", -1.0, "H")
     Traceback (most recent call last):
-    bench.errors.InputError: inductance_h must be greater than 0, got -1.0 H
+    sawbench.bench.errors.InputError: inductance_h must be greater than 0, got -1.0 H
     """
     finite(name, value, unit)
     if value <= 0:

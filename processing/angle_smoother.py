@@ -9,66 +9,43 @@ dx/dangle = 0) does no harm.
 
 from __future__ import annotations
 
-from math import cos, inf, isfinite, log, sin, sqrt
+from math import log
 
 import numpy as np
 from numba import njit
+from sawbench.bench.recording import Floats
+from sawbench.modeling.parts.mechanism import Mechanism
 
 
-@njit(cache=True, nogil=True)
-def plunger_position(angle_rad, radius_m, rod_length_m):
-    """Displacement from the near dead centre and its derivative by the angle; rod 0 = Scotch yoke.
+def linearise(mechanism: Mechanism, about_rad: Floats, above_m: Floats, variance_m2: Floats) -> tuple[Floats, Floats]:
+    """Measurement rows of the smoother: slope * angle = target.
 
     Parameters
     ----------
-    angle_rad, radius_m, rod_length_m : float
+    mechanism : Mechanism
+    about_rad : ndarray, shape (n,)
+        Trajectory to linearise about.
+    above_m : ndarray, shape (n,)
+        Measured displacement above the dead centre at angle 0.
+    variance_m2 : ndarray, shape (n,)
+        Of the noise; infinite marks a sample to be left out.
 
     Returns
     -------
-    displacement_m, derivative_m_per_rad : float
-    """
-    s, c = sin(angle_rad), cos(angle_rad)
-    if rod_length_m <= 0.0:
-        return radius_m * (1.0 - c), radius_m * s
-    root = sqrt(rod_length_m**2 - (radius_m * s) ** 2)
-    return (
-        radius_m * (1.0 - c) + rod_length_m - root,
-        radius_m * s + radius_m**2 * s * c / root,
-    )
-
-
-@njit(cache=True, nogil=True)
-def linearise(lin_angle, y, offset, radius, rod_length, variance, slope, target):
-    """Write measurement rows: slope * angle = target; slope 0 where the sample is left out.
-
-    Parameters
-    ----------
-    lin_angle : ndarray, shape (n,), rad
-        Trajectory to linearise about.
-    y : ndarray, shape (n,), m
-    offset, radius : ndarray, shape (n,), m
-    rod_length : float
-        m; 0 for a Scotch yoke.
-    variance : ndarray, shape (n,), m^2
-        Of the noise; infinite marks a sample to be left out.
     slope, target : ndarray, shape (n,)
-        Written: m/rad and m.
+        m/rad and m; both 0 where the sample is left out.
     """
-    for k in range(len(y)):
-        x, dx = plunger_position(lin_angle[k], radius[k], rod_length)
-        if not isfinite(variance[k]):
-            slope[k] = 0.0
-            target[k] = 0.0
-        else:
-            slope[k] = dx
-            target[k] = y[k] - offset[k] - x + dx * lin_angle[k]
+    displacement_m, lever_m = mechanism.position(about_rad)
+    is_used = np.isfinite(variance_m2)
+    return np.where(is_used, lever_m, 0.0), np.where(is_used, above_m - displacement_m + lever_m * about_rad, 0.0)
 
 
 @njit(cache=True, nogil=True)
 def smooth(time, slope, target, variance, is_rest, start, start_std, jerk_density, rest_std, out):
     """One forward and one backward pass over linear measurements of the angle.
 
-    Every second sample at rest measures "speed is 0" instead of the displacement.
+    Every second sample at rest measures "speed is 0" instead of the displacement. The filter step is written out
+    for its three states, and all that it reads comes as arrays and numbers: it is compiled, and called most.
 
     Parameters
     ----------
@@ -189,26 +166,3 @@ def _backward(time, predicted, innovation, out):
             m02 * p[3] + m12 * p[4] + m22 * p[5],
         )
         out[k, 2] = max(p[3] - (p[3] * t0 + p[4] * t1 + p[5] * t2), 0.0)
-
-
-@njit(cache=True, nogil=True)
-def robust_variance(y, angle, offset, radius, rod_length, noise_std, limit, variance):
-    """Write the variance of every sample: that of the noise, or infinite for an outlier.
-
-    Parameters
-    ----------
-    y, angle, offset, radius : ndarray, shape (n,)
-        m, rad, m, m.
-    rod_length : float
-        m; 0 for a Scotch yoke.
-    noise_std : float
-        m.
-    limit : float
-        Residuals beyond `limit * noise_std` are outliers.
-    variance : ndarray, shape (n,)
-        Written, m^2.
-    """
-    for k in range(len(y)):
-        x, _ = plunger_position(angle[k], radius[k], rod_length)
-        is_outlier = abs(y[k] - offset[k] - x) > limit * noise_std
-        variance[k] = inf if is_outlier else noise_std * noise_std

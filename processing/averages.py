@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-
-from bench.recording import Floats
-from processing.folding import Cycles
+from sawbench.bench.recording import Floats
+from sawbench.processing.folding import Cycles
 
 
 def cycle_averages(time_s: Floats, values: Floats, cycles: Cycles) -> tuple[float, float]:

@@ -1,11 +1,10 @@
 """Crank angle and speed over time, from the plunger's displacement.
 
-1. The displacement is unfolded at its turning points: y = c + x(angle), angle always forward. 2. Offset and
-radius come from the dead centres themselves, so a wrong nominal radius or a sensor centred on zero
-   does no harm.
+1. The displacement is unfolded at its turning points: y = c + x(angle), angle always forward.
+2. Offset and radius come from the dead centres themselves, so a wrong nominal radius or a sensor centred on
+   zero does no harm.
 3. An iterated Kalman smoother (`angle_smoother`) finds the most probable smooth trajectory through all
-samples;
-   the strength of the jerk is chosen by likelihood, the noise by the residuals, outliers are left out.
+   samples; the strength of the jerk is chosen by likelihood, the noise by the residuals, outliers are left out.
 """
 
 from __future__ import annotations
@@ -15,12 +14,12 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-
-from bench.processed import CrankAngle
-from bench.recording import Floats
-from processing.angle_smoother import linearise, robust_variance, smooth
-from processing.noise import robust_range, white_noise_std
-from processing.stroke_extremes import Travel, Turns, estimate_travel, find_rest, find_turns, moving_mean
+from sawbench.bench.processed import CrankAngle
+from sawbench.bench.recording import Floats
+from sawbench.modeling.parts.mechanism import Mechanism
+from sawbench.processing.angle_smoother import linearise, smooth
+from sawbench.processing.noise import robust_range, white_noise_std
+from sawbench.processing.stroke_extremes import Travel, Turns, estimate_travel, find_rest, find_turns, moving_mean
 
 _KNOTS_A_STROKE = 128
 _CHUNK = 1 << 17
@@ -42,7 +41,7 @@ class _Unfolded:
     is_rest: NDArray[np.bool_]
     is_averaged: NDArray[np.bool_]  # crude angle precise enough to linearise about near a dead centre
     travel: Travel
-    rod_length_m: float
+    mechanism: Mechanism  # of the measured radius
     speed_scale_rad_s: float
     noise_std_m: float
 
@@ -51,8 +50,7 @@ def track_crank_angle(
     time_s: Floats,
     displacement_m: Floats,
     *,
-    nominal_radius_m: float | None = None,
-    rod_length_m: float | None = None,
+    mechanism: Mechanism | None = None,
     source: str = "displacement_mm",
 ) -> CrankAngle | None:
     """Crank angle, speed and their uncertainty from the displacement of the plunger.
@@ -63,10 +61,8 @@ def track_crank_angle(
         Strictly increasing; may jitter and have gaps.
     displacement_m : ndarray, shape (n,), m
         c + r (1 - cos angle), any c; noise, drift of c and r, and outliers allowed.
-    nominal_radius_m : float, optional
-        Used only where the trial holds no complete stroke.
-    rod_length_m : float, optional
-        Connecting rod of a slider-crank; a Scotch yoke without it.
+    mechanism : Mechanism, optional
+        Nominal; its radius is used only where the trial holds no complete stroke. A Scotch yoke without it.
     source : str
         Channel name for the result.
 
@@ -91,9 +87,7 @@ def track_crank_angle(
     """
     if len(time_s) < 16:
         return None
-    unfolded = _unfold(
-        np.asarray(time_s, float), np.asarray(displacement_m, float), nominal_radius_m, rod_length_m or 0.0
-    )
+    unfolded = _unfold(np.asarray(time_s, float), np.asarray(displacement_m, float), mechanism)
     if unfolded is None:
         return None
     jerk_density, unfolded = _choose_settings(unfolded)
@@ -109,6 +103,7 @@ def track_crank_angle(
         radius_m=float(np.percentile(unfolded.travel.radius_m, 75.0)),
         source=source,
         is_absolute=True,
+        rod_length_m=unfolded.mechanism.rod_length_m,
     )
 
 
@@ -120,7 +115,7 @@ def _doubt_of_stroke(travel: Travel) -> Floats:
     return np.where(deviation > _VARYING_STROKE, 4.0 * deviation, 0.0)
 
 
-def _unfold(time: Floats, y: Floats, nominal_radius: float | None, rod_length: float) -> _Unfolded | None:
+def _unfold(time: Floats, y: Floats, nominal: Mechanism | None) -> _Unfolded | None:
     noise = white_noise_std(y)
     turns = _turns_of(y, noise, width=1, drop_spikes=True)
     if turns is None or np.median(np.diff(turns.index)) <= 24:  # a median of five would eat such short strokes
@@ -139,10 +134,11 @@ def _unfold(time: Floats, y: Floats, nominal_radius: float | None, rod_length: f
     turns = _turns_of(y, noise, width, drop_spikes=half_turn_s > 24 * step)
     if turns is None:
         return None
-    travel = estimate_travel(time, y, turns, nominal_radius)
+    travel = estimate_travel(time, y, turns, None if nominal is None else float(nominal.radius_m))
+    mechanism = Mechanism(radius_m=travel.radius_m, rod_length_m=None if nominal is None else nominal.rod_length_m)
     calm_width = max(int(half_turn_s / step / 8), 1)
     tolerance = max(8.0 * noise / np.sqrt(calm_width), 4e-3 * float(np.mean(travel.radius_m)))
-    angle = _angle_between_turns(y, turns, travel, rod_length)
+    angle = _angle_between_turns(y - travel.offset_m, turns, mechanism)
     is_rest = find_rest(moving_mean(y, calm_width), int(half_turn_s / step), tolerance)
     speed = np.pi / half_turn_s
     return _Unfolded(
@@ -152,7 +148,7 @@ def _unfold(time: Floats, y: Floats, nominal_radius: float | None, rod_length: f
         is_rest=is_rest,
         is_averaged=np.zeros(len(y), dtype=bool),
         travel=travel,
-        rod_length_m=rod_length,
+        mechanism=mechanism,
         speed_scale_rad_s=speed,
         noise_std_m=noise,
     )
@@ -196,17 +192,10 @@ def _block_means(time: Floats, y: Floats, block: int, step: float) -> tuple[Floa
     return np.add.reduceat(time, starts) / counts, np.add.reduceat(y, starts) / counts
 
 
-def _angle_between_turns(y: Floats, turns: Turns, travel: Travel, rod_length: float) -> Floats:
+def _angle_between_turns(above_m: Floats, turns: Turns, mechanism: Mechanism) -> Floats:
     """Unwrapped angle by inverting the mechanism between neighbouring dead centres."""
-    x = np.clip(y - travel.offset_m, 0.0, 2.0 * travel.radius_m)
-    r = travel.radius_m
-    if rod_length > 0:
-        reach = r + rod_length - x
-        cosine = (r**2 + reach**2 - rod_length**2) / (2 * r * reach)
-    else:
-        cosine = 1.0 - x / r
-    within = np.arccos(np.clip(cosine, -1.0, 1.0))
-    passed = np.searchsorted(turns.index, np.arange(len(y)), side="right")
+    within = mechanism.half_turn(above_m)
+    passed = np.searchsorted(turns.index, np.arange(len(above_m)), side="right")
     first_top = bool(turns.is_top[0])
     half_turns = passed + (0 if first_top else 1)  # rising in even, falling in odd half turns
     angle = np.where(half_turns % 2 == 0, within, 2 * np.pi - within) + 2 * np.pi * (half_turns // 2)
@@ -253,21 +242,18 @@ def _part(u: _Unfolded, part: slice) -> _Unfolded:
         is_rest=u.is_rest[part],
         is_averaged=u.is_averaged[part],
         travel=travel,
+        mechanism=replace(u.mechanism, radius_m=travel.radius_m),
     )
 
 
 def _residual(u: _Unfolded, angle: Floats) -> Floats:
-    r, length = u.travel.radius_m, u.rod_length_m
-    x = r * (1 - np.cos(angle))
-    if length > 0:
-        x = x + length - np.sqrt(length**2 - (r * np.sin(angle)) ** 2)
-    return u.displacement_m - u.travel.offset_m - x
+    return u.displacement_m - u.travel.offset_m - u.mechanism.displacement(angle)
 
 
 def _run(u: _Unfolded, jerk_density: float, n_passes: int) -> tuple[Floats, float]:
     """Iterate the smoother; the first pass leaves out what lies near the dead centres."""
     n = len(u.time_s)
-    slope, target, out = np.empty(n), np.empty(n), np.empty((n, 3))
+    above_m, out = u.displacement_m - u.travel.offset_m, np.empty((n, 3))
     is_usable = u.is_averaged | (np.abs(np.sin(u.angle_rad)) > _FIRST_PASS_SLOPE)
     variance = np.where(is_usable, u.noise_std_m**2, np.inf)
     speed = u.speed_scale_rad_s
@@ -276,10 +262,7 @@ def _run(u: _Unfolded, jerk_density: float, n_passes: int) -> tuple[Floats, floa
     angle = u.angle_rad
     likelihood = 0.0
     for step in range(n_passes):
-        linearise(
-            angle, u.displacement_m, u.travel.offset_m, u.travel.radius_m, u.rod_length_m,
-            variance, slope, target,
-        )  # fmt: skip
+        slope, target = linearise(u.mechanism, angle, above_m, variance)
         likelihood = smooth(
             u.time_s, slope, target, variance, u.is_rest, start, start_std, jerk_density,
             _REST_SPEED_SHARE * speed, out,
@@ -288,10 +271,8 @@ def _run(u: _Unfolded, jerk_density: float, n_passes: int) -> tuple[Floats, floa
         if step == 0:
             variance[:] = u.noise_std_m**2
         else:
-            robust_variance(
-                u.displacement_m, angle, u.travel.offset_m, u.travel.radius_m, u.rod_length_m,
-                u.noise_std_m, _OUTLIER_STDS, variance,
-            )  # fmt: skip
+            is_outlier = np.abs(above_m - u.mechanism.displacement(angle)) > _OUTLIER_STDS * u.noise_std_m
+            variance = np.where(is_outlier, np.inf, u.noise_std_m**2)
     n_outliers = int(np.sum(np.isinf(variance)))
     return out, likelihood - 0.5 * n_outliers * (2 * np.log(u.noise_std_m) + _OUTLIER_STDS**2)
 

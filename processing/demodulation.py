@@ -13,9 +13,8 @@ from math import cos, pi, sin
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-
-from bench.processed import CrankAngle
-from bench.recording import Floats
+from sawbench.bench.processed import CrankAngle
+from sawbench.bench.recording import Floats
 
 _BLOCKS_A_CYCLE = 8
 _WINDOW_CYCLES = 4

@@ -15,12 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-
-from bench.folded import FoldedCycle
-from bench.recording import Floats
+from sawbench.bench.folded import FoldedCycle
+from sawbench.bench.recording import Floats
 
 _LINEAR_FROM_SAMPLES = 400
 _CHANNELS_AT_ONCE = 2  # more evict each other from the first-level cache
+_CYCLES_AT_ONCE = 2048  # of few samples each: keeps the memory small
 _STRIDE = 8  # bins from one exact position to the next; a parabola leads through those between
 
 
@@ -80,13 +80,13 @@ def find_cycles(time_s: Floats, angle_rad: Floats, windows: Sequence[tuple[float
 
 
 @njit(cache=True, nogil=True)
-def _inverse(axis, goals, k, out):
-    """Fractional indices at which the increasing `axis` takes the increasing `goals`; returns the last index.
+def _inverse(axis, goals, out):
+    """Fractional indices at which the increasing `axis` takes the increasing `goals`.
 
     Each search starts where the one before suggests: as many samples further as that one was.
     """
     last = len(axis) - 2
-    stride = 0
+    k = stride = 0
     for b in range(len(goals)):
         goal, before = goals[b], k
         k = min(k + stride, last)
@@ -98,12 +98,15 @@ def _inverse(axis, goals, k, out):
             k += 1
             steps += 1
         if steps == 64:
-            k = min(max(np.searchsorted(axis, goal, side="right") - 1, 0), last)
-        stride = max(k - before, 0) if b > 0 else 0
+            low, high = 0, last
+            while low < high:
+                middle = (low + high + 1) // 2
+                low, high = (middle, high) if axis[middle] <= goal else (low, middle - 1)
+            k = low
+        stride = max(k - before, 0)
         rise = axis[k + 1] - axis[k]
         part = (goal - axis[k]) / rise if rise > 0.0 else 0.0
         out[b] = k + min(max(part, 0.0), 1.0)
-    return k
 
 
 @njit(cache=True, nogil=True)
@@ -122,71 +125,61 @@ def _spread(knots, last, index, part):
             part[j * _STRIDE + i] = position - k
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"})
-def _add_linear(values, index, part, centre, total, square):
-    one = np.uint64(1)
-    for b in range(len(index)):
-        k = index[b]
-        low = values[k]
-        d = low + part[b] * (values[k + one] - low) - centre
-        total[b] += d
-        square[b] += d * d
+def _knots(angle_time_s: Floats, angle_rad: Floats, time_s: Floats, turns: NDArray[np.int64], n_bins: int) -> Floats:
+    """Fractional sample positions of every `_STRIDE`-th bin centre of every turn, shape (turns, knots)."""
+    n_knots = -(-n_bins // _STRIDE) + 1
+    within = (0.5 + _STRIDE * np.arange(n_knots)) / n_bins
+    goals = (2.0 * np.pi * (turns[:, None] + within)).ravel()
+    knots = np.empty(len(goals))
+    _inverse(angle_rad, goals, knots)
+    if angle_time_s is not time_s:
+        k = np.minimum(knots.astype(np.int64), len(angle_time_s) - 2)
+        _inverse(time_s, angle_time_s[k] + (knots - k) * (angle_time_s[k + 1] - angle_time_s[k]), knots)
+    return knots.reshape(len(turns), n_knots)
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"})
-def _add_cubic(values, index, part, centre, total, square):
-    for b in range(len(index)):
-        d = _cubic(values, int(index[b]), part[b]) - centre
-        total[b] += d
-        square[b] += d * d
-
-
-@njit(cache=True, nogil=True)
-def _cubic(values, k, u):
-    """Four-point Lagrange interpolation between samples k and k + 1; linear at the ends."""
-    if k < 1 or k > len(values) - 3:
-        return values[k] + u * (values[k + 1] - values[k])
-    a, b, c, d = values[k - 1], values[k], values[k + 1], values[k + 2]
-    return (
-        b
-        + u * (-a / 3.0 - 0.5 * b + c - d / 6.0)
-        + u * u * (0.5 * a - b + 0.5 * c)
-        + u * u * u * (-a / 6.0 + 0.5 * b - 0.5 * c + d / 6.0)
-    )
-
-
-@njit(cache=True, nogil=True)
-def _knots(angle_time, angle, time, same_time, turns, n_bins, knots):
-    """Fractional sample positions of every `_STRIDE`-th bin centre of every turn."""
-    goals = np.empty(knots.shape[1])
-    step = 2.0 * np.pi * _STRIDE / n_bins
-    k_angle = k_time = 0
-    for row in range(len(turns)):
-        start = (turns[row] + 0.5 / n_bins) * 2.0 * np.pi
-        for j in range(len(goals)):
-            goals[j] = start + j * step
-        k_angle = _inverse(angle, goals, k_angle, knots[row])
-        if same_time:
-            continue
-        for j in range(len(goals)):
-            k = min(int(knots[row, j]), len(angle_time) - 2)
-            goals[j] = angle_time[k] + (knots[row, j] - k) * (angle_time[k + 1] - angle_time[k])
-        k_time = _inverse(time, goals, k_time, knots[row])
-
-
-@njit(cache=True, nogil=True)
-def _fold(knots, values, is_linear, centre, total, square):
+def _fold_linear(knots, values, centre, total, square):
     """Add up `values` (channels x samples) over the cycles of `knots`, about a `centre` per channel."""
     n_bins = total.shape[1]
     index, part = np.empty(n_bins, np.uint64), np.empty(n_bins)
-    last = values.shape[1] - 1.000001
+    last, one = values.shape[1] - 1.000001, np.uint64(1)
     for row in range(len(knots)):
         _spread(knots[row], last, index, part)
         for c in range(len(values)):
-            if is_linear:
-                _add_linear(values[c], index, part, centre[c], total[c], square[c])
-            else:
-                _add_cubic(values[c], index, part, centre[c], total[c], square[c])
+            of, middle, sums, squares = values[c], centre[c], total[c], square[c]
+            for b in range(n_bins):
+                k = index[b]
+                low = of[k]
+                d = low + part[b] * (of[k + one] - low) - middle
+                sums[b] += d
+                squares[b] += d * d
+
+
+def _fold_cubic(at: Floats, values: Floats, centre: Floats, total: Floats, square: Floats) -> None:
+    """As `_fold_linear`, through four points, for few samples a stroke; `at` is the position of every bin centre."""
+    for c in range(len(values)):
+        d = _cubic(at, values[c]) - centre[c]
+        total[c] += d.sum(axis=0)
+        square[c] += (d * d).sum(axis=0)
+
+
+def _cubic(at: Floats, values: Floats) -> Floats:
+    """Value at fractional sample positions: the cubic through the four samples around each, shape of `at`."""
+    k = np.clip(at.astype(np.int64), 1, max(len(values) - 3, 1))
+    u = at - k
+    a, b, c, d = (values[np.clip(k + i, 0, len(values) - 1)] for i in (-1, 0, 1, 2))
+    slope = -a / 3.0 - 0.5 * b + c - d / 6.0
+    return b + u * (slope + u * (0.5 * (a + c) - b + u * ((d - a) / 6.0 + 0.5 * (b - c))))
+
+
+def _positions(
+    angle_time_s: Floats, angle_rad: Floats, time_s: Floats, turns: NDArray[np.int64], at_rad: Floats
+) -> Floats:
+    """Fractional sample positions of angles within every turn, shape (turns, angles)."""
+    goals = (2.0 * np.pi * turns[:, None] + at_rad).ravel()
+    at = np.interp(np.interp(goals, angle_rad, angle_time_s), time_s, np.arange(len(time_s)))
+    return at.reshape(len(turns), len(at_rad))
 
 
 def fold_channels(
@@ -225,54 +218,31 @@ def fold_channels(
     >>> bool(abs(mean[0, 0] - np.cos(np.pi / 8)) < 1e-5)
     True
     """
-    channels = len(values)
     n_cycles = len(turns)
-    same_time = angle_time_s is time_s
-    covered = np.interp(np.array([turns[0], turns[-1] + 1]) * 2 * np.pi, angle_rad, angle_time_s)
-    span = np.searchsorted(time_s, covered)
+    ends_rad = 2.0 * np.pi * np.array([turns[0], turns[-1] + 1])
+    span = np.searchsorted(time_s, np.interp(ends_rad, angle_rad, angle_time_s))
     is_linear = (span[1] - span[0]) / max(int(turns[-1] - turns[0]) + 1, 1) >= _LINEAR_FROM_SAMPLES
     values = np.ascontiguousarray(values)
     centre = values[:, span[0] : max(span[1], span[0] + 1) : max((span[1] - span[0]) // 1000, 1)].mean(axis=1)
 
-    def part(chosen: NDArray[np.int64]) -> tuple[Floats, Floats]:
-        total, square = np.zeros((2, channels, n_bins))
-        knots = np.empty((len(chosen), -(-n_bins // _STRIDE) + 1))
-        _knots(angle_time_s, angle_rad, time_s, same_time, chosen, n_bins, knots)
-        for c in range(0, channels, _CHANNELS_AT_ONCE):
+    def sums(chosen: NDArray[np.int64]) -> Floats:
+        total, square = both = np.zeros((2, len(values), n_bins))
+        if not is_linear:
+            for few in np.array_split(chosen, -(-len(chosen) // _CYCLES_AT_ONCE)):
+                at = _positions(angle_time_s, angle_rad, time_s, few, bin_centres(n_bins))
+                _fold_cubic(at, values, centre, total, square)
+            return both
+        knots = _knots(angle_time_s, angle_rad, time_s, chosen, n_bins)
+        for c in range(0, len(values), _CHANNELS_AT_ONCE):
             some = slice(c, c + _CHANNELS_AT_ONCE)
-            _fold(knots, values[some], is_linear, centre[some], total[some], square[some])
-        return total, square
+            _fold_linear(knots, values[some], centre[some], total[some], square[some])
+        return both
 
     shares = np.array_split(turns, min(n_threads, n_cycles))
-    if len(shares) == 1:
-        sums = [part(turns)]
-    else:
-        with ThreadPoolExecutor(len(shares)) as pool:
-            sums = list(pool.map(part, shares))
-    total = np.sum([s[0] for s in sums], axis=0)
-    square = np.sum([s[1] for s in sums], axis=0)
+    with ThreadPoolExecutor(len(shares)) as pool:
+        total, square = np.sum(list(pool.map(sums, shares)), axis=0)
     shift = total / n_cycles
-    variance = np.maximum(square - n_cycles * shift**2, 0.0) / max(n_cycles - 1, 1)
-    return centre[:, None] + shift, np.sqrt(variance)
-
-
-@njit(cache=True, nogil=True)
-def _resample(angle_time, angle, time, values, turns, at_rad, out):
-    """Value of one channel at the angles `at_rad` (increasing, within a turn) of every turn."""
-    goals, position = np.empty(len(at_rad)), np.empty(len(at_rad))
-    k_angle = k_time = 0
-    for row, turn in enumerate(turns):
-        for b in range(len(at_rad)):
-            goals[b] = turn * 2.0 * np.pi + at_rad[b]
-        k_angle = _inverse(angle, goals, k_angle, position)
-        for b in range(len(at_rad)):
-            k = int(position[b])
-            k = min(k, len(angle_time) - 2)
-            goals[b] = angle_time[k] + (position[b] - k) * (angle_time[k + 1] - angle_time[k])
-        k_time = _inverse(time, goals, k_time, position)
-        for b in range(len(at_rad)):
-            k = min(int(position[b]), len(values) - 2)
-            out[row, b] = _cubic(values, k, position[b] - k)
+    return centre[:, None] + shift, np.sqrt(np.maximum(square - n_cycles * shift**2, 0.0) / max(n_cycles - 1, 1))
 
 
 def resample_cycles(
@@ -297,9 +267,12 @@ def resample_cycles(
     -------
     ndarray, shape (k, b)
     """
-    out = np.empty((len(turns), len(at_rad)))
-    _resample(angle_time_s, angle_rad, time_s, values, turns, at_rad, out)
-    return out
+    return _cubic(_positions(angle_time_s, angle_rad, time_s, turns, at_rad), values)
+
+
+def bin_centres(n_bins: int) -> Floats:
+    """Middles of the bins of a turn, rad, shape (n_bins,)."""
+    return np.asarray((np.arange(n_bins) + 0.5) * (2 * np.pi / n_bins), dtype=np.float64)
 
 
 def fold_signals(
@@ -334,7 +307,6 @@ def fold_signals(
                 break
         else:
             groups.append([name])
-    centres = np.asarray((np.arange(n_bins) + 0.5) * (2 * np.pi / n_bins), dtype=np.float64)
     folded = {}
     for group in groups:
         turns = cycles[group[0]].index
@@ -348,7 +320,7 @@ def fold_signals(
             folded[name] = FoldedCycle(
                 channel=name,
                 unit=signals[name][0],
-                angle_rad=centres.copy(),
+                angle_rad=bin_centres(n_bins),
                 mean=mean[row],
                 std=std[row],
                 count=np.full(n_bins, len(turns), dtype=np.int64),

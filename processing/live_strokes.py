@@ -12,10 +12,9 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
-
-from bench.errors import InputError
-from bench.recording import Floats, SampleBlock
-from bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, DISPLACEMENT, FORCE, MOTOR_CURRENT
+from sawbench.bench.errors import InputError
+from sawbench.bench.recording import Floats, SampleBlock
+from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, DISPLACEMENT, FORCE, MOTOR_CURRENT
 
 MEANS: Final = (FORCE.name, MOTOR_CURRENT.name, BATTERY_VOLTAGE.name, BATTERY_CURRENT.name)
 # Share of the stroke, from the bottom, that the parabola is laid through.

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-
-from bench.recording import Floats
+from sawbench.bench.recording import Floats
 
 
 def white_noise_std(values: Floats) -> float:

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from bench.folded import FoldedCycle
-from bench.recording import Floats
-from processing.folding import resample_cycles
+from sawbench.bench.folded import FoldedCycle
+from sawbench.bench.recording import Floats
+from sawbench.processing.folding import resample_cycles
 
 _WINDOW_SHARE = 0.85
 _DEGREE = 4

@@ -12,12 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-
-from bench.processed import Confidence, CrankAngle, PeriodCandidate, PeriodEstimate
-from bench.recording import Floats
-from processing.folding import Cycles
-from processing.peak_force import standard_error
-from processing.spectrum import Line, Spectrum, find_lines, power_near
+from sawbench.bench.processed import Confidence, CrankAngle, PeriodCandidate, PeriodEstimate
+from sawbench.bench.recording import Floats
+from sawbench.processing.folding import Cycles
+from sawbench.processing.peak_force import standard_error
+from sawbench.processing.spectrum import Line, Spectrum, find_lines, power_near
 
 _MIN_PROMINENCE = 40.0
 _RIVAL_SHARE = 0.02
@@ -65,7 +64,7 @@ def find_stroke_line(spectrum: Spectrum, channel: str, min_rate_hz: float, max_r
     Returns
     -------
     StrokeLine or None
-        None where no line stands out of the noise by a factor of 40 in power, or where the stretch holds
+        None where no line exceeds the noise by a factor of 40 in power, or where the stretch holds
         fewer than two cycles of it.
 
     Notes

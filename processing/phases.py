@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-
-from bench.processed import CrankAngle, Phase, PhaseKind
-from bench.recording import Floats
+from sawbench.bench.processed import CrankAngle, Phase, PhaseKind
+from sawbench.bench.recording import Floats
 
 _STILL_SHARE = 0.05
 _MOVES_SHARE = 0.12

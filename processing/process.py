@@ -5,29 +5,33 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-
-from bench.config import BenchConfig
-from bench.folded import FoldedCycle
-from bench.processed import (
+from sawbench.bench.config import BenchConfig
+from sawbench.bench.folded import FoldedCycle
+from sawbench.bench.processed import (
     ChannelQuality,
     CrankAngle,
     PeriodEstimate,
     Phase,
     ProcessedTrial,
     RemovedForce,
+    SteadyPart,
     TrialStatus,
 )
-from bench.recording import Recording, Trial
-from processing.averages import cycle_averages
-from processing.crank_angle import track_crank_angle
-from processing.demodulation import angle_from_line
-from processing.folding import Cycles, find_cycles, fold_signals
-from processing.peak_force import PeakForce, estimate_peak_force
-from processing.period import StrokeLine, find_stroke_line, from_displacement, from_line, line_noise_power
-from processing.phases import find_phases, stalled_from_start
-from processing.quality import CleanChannel, clean_channel, plausibility_problems
-from processing.return_stroke import zero_return_stroke
-from processing.spectrum import power_spectrum, steady_stretch
+from sawbench.bench.recording import Recording, Signal, Trial
+from sawbench.bench.units import DISPLACEMENT
+from sawbench.modeling.parts.mechanism import Mechanism
+from sawbench.processing.averages import cycle_averages
+from sawbench.processing.crank_angle import track_crank_angle
+from sawbench.processing.demodulation import angle_from_line
+from sawbench.processing.folding import Cycles, find_cycles, fold_signals
+from sawbench.processing.peak_force import PeakForce, estimate_peak_force
+from sawbench.processing.period import StrokeLine, find_stroke_line, from_displacement, from_line, line_noise_power
+from sawbench.processing.phases import find_phases, stalled_from_start
+from sawbench.processing.quality import CleanChannel, clean_channel, plausibility_problems
+from sawbench.processing.return_stroke import zero_return_stroke
+from sawbench.processing.settled import find_steady_part
+from sawbench.processing.spectrum import power_spectrum, steady_stretch
+from sawbench.processing.stroke_ripple import restore_ripple
 
 _FORCE, _DISPLACEMENT, _CURRENT = "force_n", "displacement_mm", "motor_current_a"
 _LINE_CHANNELS = (_FORCE, _CURRENT, "battery_current_a", "battery_voltage_v")
@@ -48,6 +52,7 @@ class _Motion:
     cycles: Cycles | None
     period: PeriodEstimate | None
     warnings: tuple[str, ...]
+    steady: SteadyPart | None = None
 
 
 def process_recording(recording: Recording, config: BenchConfig, *, source_sha256: str = "") -> ProcessedTrial:
@@ -70,7 +75,7 @@ def process_recording(recording: Recording, config: BenchConfig, *, source_sha25
 
     Examples
     --------
-    >>> from bench.recording import Signal
+    >>> from sawbench.bench.recording import Signal
     >>> t = np.arange(0, 2, 1e-3)
     >>> y = 10 * (1 - np.cos(2 * np.pi * 15 * t))
     >>> stroke = Signal(channel="displacement_mm", unit="mm", time_s=t, values=y)
@@ -80,15 +85,7 @@ def process_recording(recording: Recording, config: BenchConfig, *, source_sha25
     15.000 Hz, high
     """
     channels = {name: clean_channel(signal) for name, signal in recording.signals.items() if len(signal.values)}
-    suspicions = plausibility_problems(channels, config, recording.trial.duty)
-    quality = tuple(
-        replace(
-            c.quality,
-            problems=c.quality.problems + suspicions.get(name, ()),
-            doubts=c.quality.doubts + suspicions.get(name, ()),
-        )
-        for name, c in channels.items()
-    )
+    quality = _judged(channels, config, recording.trial)
     motion = _find_motion(channels, config)
     status = _status_without_cutting(channels, config, recording.trial, motion)
     base = ProcessedTrial(
@@ -97,6 +94,8 @@ def process_recording(recording: Recording, config: BenchConfig, *, source_sha25
         period=motion.period,
         angle=motion.angle,
         phases=motion.phases,
+        steady=motion.steady,
+        channels={name: _without_spikes(recording.signals[name], channel) for name, channel in channels.items()},
         folded={},
         cutting_force=None,
         removed=None,
@@ -110,6 +109,25 @@ def process_recording(recording: Recording, config: BenchConfig, *, source_sha25
     if motion.angle is None or motion.cycles is None or not len(motion.cycles.index):
         return base
     return _with_cycles(base, channels, config, motion.angle, motion.cycles)
+
+
+def _judged(channels: Channels, config: BenchConfig, trial: Trial) -> tuple[ChannelQuality, ...]:
+    """Health of every channel, and whether its values can be those of this bench."""
+    suspicions = plausibility_problems(channels, config, trial.duty)
+    return tuple(
+        replace(
+            channel.quality,
+            problems=channel.quality.problems + suspicions.get(name, ()),
+            doubts=channel.quality.doubts + suspicions.get(name, ()),
+        )
+        for name, channel in channels.items()
+    )
+
+
+def _without_spikes(signal: Signal, clean: CleanChannel) -> Signal:
+    if len(clean.values) == len(signal.values):
+        return signal
+    return replace(signal, time_s=clean.time_s, values=clean.values, raw=None)
 
 
 def _find_motion(channels: Channels, config: BenchConfig) -> _Motion:
@@ -126,57 +144,70 @@ def _find_motion(channels: Channels, config: BenchConfig) -> _Motion:
         if name in channels and (line := _stroke_line(channels[name], band)) is not None
     }
     if not lines:
-        warnings += ("no channel holds a periodic part that stands out of its noise",)
+        warnings += ("no channel holds a significant periodic part",)
         return _Motion(angle=None, phases=(), cycles=None, period=None, warnings=warnings)
     chosen, *others = lines.values()
     channel = channels[chosen.channel]
-    cutting_middle = 1.5 * np.pi if config.cutting.cutting_half == "pi_to_2pi" else 0.5 * np.pi
     angle = angle_from_line(
         channel.time_s,
         channel.values,
         chosen.rate_hz * chosen.order,
         order=chosen.order,
-        peak_at_rad=cutting_middle * chosen.order,
+        peak_at_rad=_fastest_cut_rad(config) * chosen.order,
         noise_power=line_noise_power(chosen, _WINDOW_CYCLES, channel.values),
         source=chosen.channel,
     )
     warnings += (
         f"no displacement: the crank angle comes from the phase of {chosen.channel}, its zero assumed so "
-        "that this channel peaks in the middle of the cutting half",
+        "that this channel peaks where the blade cuts fastest",
     )
     phases, stretches, cycles, more = _phases_and_cycles(angle, channels, channel.holes)
     period = from_line(angle, stretches, cycles, chosen, others, band)
-    return _Motion(angle=angle, phases=phases, cycles=cycles, period=period, warnings=warnings + more)
+    return _Motion(
+        angle=angle, phases=phases, cycles=cycles, period=period, warnings=warnings + more,
+        steady=find_steady_part(angle),
+    )  # fmt: skip
+
+
+def _fastest_cut_rad(config: BenchConfig) -> float:
+    """Crank angle on the cutting half at which the blade is fastest for the crank's speed; of a yoke its middle."""
+    within_rad = 0.5 * np.pi
+    if config.plant is not None:
+        half_turn = np.linspace(0.0, np.pi, 1801)
+        within_rad = float(half_turn[np.argmax(Mechanism.of(config.plant).lever(half_turn))])
+    return 2.0 * np.pi - within_rad if config.cutting.cutting_half == "pi_to_2pi" else within_rad
 
 
 def _motion_from_displacement(displacement: CleanChannel, channels: Channels, config: BenchConfig) -> _Motion:
     plant = config.plant
-    rod = plant.rod_length_m if plant is not None and plant.mechanism == "slider_crank" else None
     angle = track_crank_angle(
         displacement.time_s,
-        1e-3 * displacement.values,
-        nominal_radius_m=None if plant is None else plant.crank_radius_m.nominal,
-        rod_length_m=rod,
+        DISPLACEMENT.si_factor * displacement.values,
+        mechanism=None if plant is None else Mechanism.of(plant),
     )
     time = displacement.time_s
     if angle is None:
         rest = Phase(kind="rest", start_s=float(time[0]), end_s=float(time[-1]))
         warning = "the displacement holds no complete stroke"
         return _Motion(angle=None, phases=(rest,), cycles=None, period=None, warnings=(warning,))
+    steady = find_steady_part(angle)
+    angle = restore_ripple(angle, steady, time, DISPLACEMENT.si_factor * displacement.values)
     phases, stretches, cycles, warnings = _phases_and_cycles(angle, channels, displacement.holes)
     band = (config.analysis.min_stroke_rate_hz, config.analysis.max_stroke_rate_hz)
     line = _stroke_line(_longest(displacement, stretches), band) if stretches else None
     is_clipped = displacement.quality.n_clipped > _CLIPPED_SHARE * displacement.quality.n_samples
     doubt = "the displacement is clipped" if is_clipped else (warnings[0] if warnings else "")
     period = from_displacement(angle, stretches, cycles, line, band, doubt)
-    if plant is not None:
+    if plant is None:
+        warnings += ("the configuration has no [plant]: the mechanism is taken as a Scotch yoke",)
+    else:
         nominal = plant.crank_radius_m
         if abs(angle.radius_m - nominal.nominal) > max(5 * nominal.std, 0.01 * nominal.nominal):
             warnings += (
                 f"the stroke measures a crank radius of {1e3 * angle.radius_m:.4g} mm, configured are "
                 f"{1e3 * nominal.nominal:.4g} mm; the measured one is used for the angle",
             )
-    return _Motion(angle=angle, phases=phases, cycles=cycles, period=period, warnings=warnings)
+    return _Motion(angle=angle, phases=phases, cycles=cycles, period=period, warnings=warnings, steady=steady)
 
 
 def _longest(channel: CleanChannel, stretches: Stretches) -> CleanChannel:

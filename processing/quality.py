@@ -8,12 +8,12 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-
-from bench.config import BenchConfig
-from bench.processed import ChannelQuality
-from bench.recording import Floats, Signal
-from bench.units import CHANNEL_BY_NAME
-from processing.noise import robust_range, white_noise_std
+from sawbench.bench.config import BenchConfig
+from sawbench.bench.plausible import BATTERY_VOLTAGE, LENGTH_UNITS, TRAVEL, is_outside, most_battery_current_a
+from sawbench.bench.processed import ChannelQuality
+from sawbench.bench.recording import Floats, Signal
+from sawbench.bench.units import CHANNEL_BY_NAME
+from sawbench.processing.noise import robust_range, white_noise_std
 
 _GAP_PERIODS = 2.5
 _SPIKE_NOISE_STDS = 12.0
@@ -68,7 +68,7 @@ def clean_channel(signal: Signal) -> CleanChannel:
 
     Examples
     --------
-    >>> from bench.recording import Signal
+    >>> from sawbench.bench.recording import Signal
     >>> t = np.arange(1000) * 1e-3
     >>> y = np.sin(20 * t)
     >>> y[500] = 40.0
@@ -247,14 +247,13 @@ def _check_displacement(channels: Mapping[str, CleanChannel], config: BenchConfi
     if travel <= 20 * channel.noise_std:
         return
     ratio = travel / expected
-    units = {1e-3: "metres", 0.1: "centimetres", 1 / 25.4: "inches", 1e3: "micrometres"}
-    for factor, unit in units.items():
-        if abs(ratio / factor - 1) < 0.15:
+    for unit, factor in LENGTH_UNITS:
+        if not is_outside(ratio * factor, TRAVEL):
             found.setdefault("displacement_mm", []).append(
-                f"travels {travel:.4g} where {expected:.4g} mm are expected: probably {unit}"
+                f"travels {travel:.4g} where {expected:.4g} mm are expected: probably in {unit}"
             )
             return
-    if ratio > 1.1:
+    if ratio > TRAVEL[1]:
         found.setdefault("displacement_mm", []).append(
             f"travels {travel:.4g} mm where the configured crank allows {expected:.4g} mm: wrong radius, "
             "sensor gain or a swapped channel"
@@ -284,7 +283,7 @@ def _check_supply(
     voltage = channels.get("battery_voltage_v")
     if voltage is not None and config.battery is not None and len(voltage.values):
         level, nominal = float(np.median(voltage.values)), config.battery.nominal_voltage_v
-        if not 0.4 < level / nominal < 1.4:
+        if is_outside(level / nominal, BATTERY_VOLTAGE):
             found.setdefault("battery_voltage_v", []).append(
                 f"sits at {level:.4g} V, the battery is one of {nominal:g} V: other unit or swapped channel"
             )
@@ -293,7 +292,7 @@ def _check_supply(
         return
     of_motor, of_battery = float(np.mean(motor.values)), float(np.mean(battery.values))
     noise = 5 * (motor.noise_std + battery.noise_std) / np.sqrt(min(len(motor.values), len(battery.values)))
-    if duty is not None and duty < 0.9 and of_battery > 1.05 * of_motor + noise:
+    if duty is not None and of_battery > max(of_motor + noise, most_battery_current_a(duty, of_motor)):
         found.setdefault("battery_current_a", []).append(
             f"its mean of {of_battery:.4g} A exceeds the motor's {of_motor:.4g} A at a duty of {duty:g}: "
             "motor and battery current are probably swapped"

@@ -6,9 +6,8 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-
-from bench.folded import FoldedCycle
-from bench.processed import RemovedForce
+from sawbench.bench.folded import FoldedCycle
+from sawbench.bench.processed import RemovedForce
 
 CuttingHalf = Literal["zero_to_pi", "pi_to_2pi"]
 

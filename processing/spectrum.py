@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from bench.recording import Floats
+from sawbench.bench.recording import Floats
 
 _MAX_SAMPLES = 1 << 20
 _SEGMENT_CYCLES = 8.0

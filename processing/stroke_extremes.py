@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-
-from bench.recording import Floats
-from processing.noise import robust_range
+from sawbench.bench.recording import Floats
+from sawbench.processing.noise import robust_range
 
 _FIT_HALF_WIDTH = 0.11  # of a period: 0.7 rad each side of the dead centre
 _FITTED_TURNS = 400
@@ -36,7 +35,7 @@ class Turns:
 
 @njit(cache=True, nogil=True)
 def _zigzag(y, threshold, index, is_top):
-    """Alternating extremes that stand out by `threshold`; returns their number."""
+    """Alternating extremes that differ by `threshold`; returns their number."""
     count = 0
     low, high = 0, 0
     direction = 0
@@ -89,7 +88,7 @@ def moving_mean(values: Floats, width: int) -> Floats:
 def find_turns(displacement_m: Floats, noise_std_m: float) -> Turns:
     """Find the dead centres the plunger passed.
 
-    A turn must stand out by 30 % of the travel, except the first and the last one, where the crank may have
+    A turn must differ by 30 % of the travel, except the first and the last one, where the crank may have
     started or stopped just beside a dead centre: there 6 noise standard deviations suffice.
 
     Parameters
@@ -223,18 +222,37 @@ def _fit_turns(time_s: Floats, y: Floats, turns: Turns) -> tuple[NDArray[np.int6
         # Neighbours in pairs, one top and one bottom: every k-th turn could be all of one kind.
         pairs = np.linspace(0, len(usable) // 2 - 1, _FITTED_TURNS // 2).astype(np.int64)
         usable = usable[np.stack([2 * pairs, 2 * pairs + 1], axis=1).ravel()]
-    value = np.empty(len(usable))
-    for k, turn in enumerate(usable):
-        part = slice(first[turn], last[turn])
-        u = (time_s[part] - time_s[index[turn]]) / width
-        curve = np.polynomial.polynomial.polyfit(u, y[part], 4)
-        off = np.abs(y[part] - np.polynomial.polynomial.polyval(u, curve))
-        is_good = off <= _OUTLIER_MADS * np.median(off)
-        if not is_good.all() and is_good.sum() >= 8:
-            curve = np.polynomial.polynomial.polyfit(u[is_good], y[part][is_good], 4)
-        dense = np.polynomial.polynomial.polyval(np.linspace(-0.5, 0.5, 201), curve)
-        value[k] = dense.max() if is_top[turn] else dense.min()
-    return index[usable], value, is_top[usable]
+    index, is_top = index[usable], is_top[usable]
+    if not len(usable):
+        return index, np.empty(0), is_top
+    at = first[usable, None] + np.arange((last - first)[usable].max())
+    is_within = at < last[usable, None]
+    at = np.minimum(at, len(y) - 1)
+    u = (time_s[at] - time_s[index, None]) / width
+    curves = _robust_quartics(u, y[at], is_within)
+    dense = curves @ np.vander(np.linspace(-0.5, 0.5, 201), 5, increasing=True).T
+    return index, np.where(is_top, dense.max(axis=1), dense.min(axis=1)), is_top
+
+
+def _robust_quartics(u: Floats, values: Floats, is_within: NDArray[np.bool_]) -> Floats:
+    """Coefficients of a polynomial of 4th order a row, once more without outliers; all of shape (n_rows, ...)."""
+    powers = u[:, :, None] ** np.arange(5)
+
+    def fit(rows: NDArray[np.int64], is_used: NDArray[np.bool_]) -> Floats:
+        weighted = np.swapaxes(powers[rows] * is_used[:, :, None], 1, 2)
+        solved = np.linalg.solve(weighted @ powers[rows], weighted @ values[rows, :, None])
+        return np.asarray(solved[:, :, 0], dtype=np.float64)
+
+    curves = fit(np.arange(len(u)), is_within)
+    off = np.where(is_within, np.abs(values - (powers @ curves[:, :, None])[:, :, 0]), np.inf)
+    n, row = is_within.sum(axis=1), np.arange(len(u))
+    ordered = np.sort(off, axis=1)
+    median = 0.5 * (ordered[row, (n - 1) // 2] + ordered[row, n // 2])
+    is_good = off <= _OUTLIER_MADS * median[:, None]
+    again = np.flatnonzero((is_good.sum(axis=1) < n) & (is_good.sum(axis=1) >= 8))
+    if len(again):
+        curves[again] = fit(again, is_good[again])
+    return curves
 
 
 def _follow_turns(y: Floats, turns: Turns, *, radius_std_m: float) -> Travel:

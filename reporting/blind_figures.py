@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-
-from reporting.figures import INK, QUIET, SERIES_COLOURS, WIDTH_IN, figure_style
-from reporting.html import Picture, figure_to_svg
+from sawbench.reporting.figures import INK, QUIET, SERIES_COLOURS, WIDTH_IN, figure_style
+from sawbench.reporting.html import Picture, figure_to_svg
 
 _CHARACTER_IN = 0.062
 _OUTCOMES = (
@@ -61,8 +60,7 @@ def confusion_picture(table: Mapping[str, Any], *, name: str, title: str, captio
                 )
             elif rows[i] == columns[j]:
                 axes.add_patch(Rectangle((j - 0.5, i - 0.5), 1, 1, facecolor="none", edgecolor=QUIET, linewidth=0.5))
-        axes.set_xlim(-0.5, len(columns) - 0.5)
-        axes.set_ylim(len(rows) - 0.5, -0.5)
+        axes.set(xlim=(-0.5, len(columns) - 0.5), ylim=(len(rows) - 0.5, -0.5))
         axes.xaxis.tick_top()
         axes.set_xticks(
             range(len(columns)),

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from reporting.blind_figures import calibration_picture, confusion_picture, severity_picture, time_picture
-from reporting.html import render, write_page
+from sawbench.reporting.blind_figures import calibration_picture, confusion_picture, severity_picture, time_picture
+from sawbench.reporting.html import render, write_page
 
 _HEADLINES: Final = (
     ("declared_exact", "exact, of what it declares"),
@@ -20,9 +20,21 @@ _HEADLINES: Final = (
 _SECTIONS: Final = (
     ("Single effects of typical severity", ("exact", "group", "top_three", "declared")),
     ("Where an effect is declared", ("declared_exact", "declared_group", "declared_top_three", "claims_exact")),
-    ("Nothing unmodelled", ("false_alarms", "none", "parameters", "parameters_lenient")),
+    ("Nothing unmodelled", ("false_alarms", "false_alarms_spoilt", "none", "parameters", "parameters_lenient")),
     ("Outside the catalogue", ("unknown", "unknown_formless", "unknown_wrongly")),
     ("Two effects", ("pair_both", "pair_group", "pair_one", "typical_pair_both")),
+    ("What a report says beside the name", ("where", "coherent")),
+)
+# Columns of the table of kinds of benches.
+_BY_SHIFT: Final = (
+    ("declared", "declared"),
+    ("declared_exact", "exact of these"),
+    ("claims_exact", "exact of all claims"),
+    ("false_alarms", "false alarms"),
+    ("unknown", "unknown"),
+    ("typical_pair_both", "both of two"),
+    ("where", "place right"),
+    ("coherent", "agrees with itself"),
 )
 
 
@@ -60,6 +72,8 @@ def write_blind_page(path: str | Path, record: Mapping[str, Any], *, overwrite: 
         "numbers": _numbers(score),
         "gap_rows": _gap_rows(score["gap"]),
         "parameter_rows": _parameter_rows(score["parameters"]),
+        "shift_columns": [label for _, label in _BY_SHIFT],
+        "shift_rows": _shift_rows(score["by_shift"]),
         "confusion": confusion_picture(
             score["confusion"],
             name="confusion",
@@ -125,6 +139,14 @@ def _numbers(score: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
             ("Gap closed: median stated over median of what can be closed, right claims", gap["share_of_closable"])
         )
     rows.append(("Parameter of the effect: median relative error, right claims", score["parameters"]["relative_error"]))
+    rows += [
+        (f"Runtime: median relative error {model}, right claims", score["runtime"][key])
+        for key, model in (
+            ("nominal", "of the model as configured"),
+            ("retuned", "with parameters re-tuned"),
+            ("with_effect", "with the claimed effect"),
+        )
+    ]
     said = [(label, str(value["n"]), *_value_words(value)) for label, value in rows]
     return [*said, ("Gap closed against the oracle", "", "not computed", "")] if gap is None else said
 
@@ -148,6 +170,23 @@ def _parameter_rows(known: Mapping[str, Any]) -> list[tuple[str, ...]]:
         sizes = (_percent(one["relative_error"]["value"]), _percent(one["stated_rel_std"]), f"{one['ratio']:.3f}")
         rows.append((name, *share_words(one["coverage"]), *sizes))
     return rows
+
+
+def _shift_rows(by_shift: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    """Rows of the table of kinds of benches: kind, cases, shares with their counts, calibration error."""
+    found = []
+    for one in by_shift:
+        shares = {row["key"]: row["value"] for row in one["rows"]}
+        cells = [_share_and_count(shares[key]) for key, _ in _BY_SHIFT]
+        error = one["calibration_error"]
+        found.append(
+            (f"{one['shift']}: {one['value']}", str(one["n_cases"]), *cells, "" if error is None else f"{error:.3f}")
+        )
+    return found
+
+
+def _share_and_count(value: Mapping[str, Any]) -> str:
+    return "" if value["share"] is None else f"{100 * value['share']:.0f} % ({value['hits']}/{value['n']})"
 
 
 def _percent(share: float) -> str:

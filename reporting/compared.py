@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from bench.processed import ProcessedTrial
-from bench.units import BATTERY_CURRENT, MOTOR_CURRENT
-from modeling.results import CuttingFit, RuntimePrediction
-from reporting.quantities import format_quantity
-from reporting.repetitions import Difference, Estimate, GroupMean, compare_groups, group_mean
+from sawbench.bench.processed import ProcessedTrial
+from sawbench.bench.units import BATTERY_CURRENT, MOTOR_CURRENT
+from sawbench.modeling.results import CuttingFit, RuntimePrediction
+from sawbench.reporting.quantities import format_quantity
+from sawbench.reporting.repetitions import Difference, Estimate, GroupMean, compare_groups, group_mean
 
 if TYPE_CHECKING:
     import pandas

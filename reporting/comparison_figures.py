@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-
-from bench.folded import FoldedCycle
-from bench.recording import Floats
-from reporting.compared import QUANTITIES, Series
-from reporting.figures import (
+from sawbench.bench.folded import FoldedCycle
+from sawbench.bench.recording import Floats
+from sawbench.reporting.compared import QUANTITIES, Series
+from sawbench.reporting.figures import (
     INK,
     SERIES_COLOURS,
     SERIES_DASHES,
@@ -19,8 +18,8 @@ from reporting.figures import (
     crank_axis,
     figure_style,
 )
-from reporting.html import Picture, figure_to_svg
-from reporting.quantities import format_number
+from sawbench.reporting.html import Picture, figure_to_svg
+from sawbench.reporting.quantities import format_number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

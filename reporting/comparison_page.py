@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from reporting.compared import (
+from sawbench.reporting.compared import (
     QUANTITIES,
     ComparedTrial,
     Comparison,
@@ -17,10 +17,10 @@ from reporting.compared import (
     compare,
     estimates_of,
 )
-from reporting.comparison_figures import cycles_picture, dots_picture
-from reporting.html import render, write_page
-from reporting.quantities import decimals_of, format_interval, format_quantity, format_to
-from reporting.repetitions import Difference, Estimate, GroupMean
+from sawbench.reporting.comparison_figures import cycles_picture, dots_picture
+from sawbench.reporting.html import render, write_page
+from sawbench.reporting.quantities import decimals_of, format_interval, format_quantity, format_to
+from sawbench.reporting.repetitions import Difference, Estimate, GroupMean
 
 FORMULA: Final = (
     "mean = Σ xᵢ / n\nu²   = max(s², mean(aᵢ²)) / n + mean(bᵢ)²\nh²   = t² · max(s², mean(aᵢ²)) / n + 1.96² · mean(bᵢ)²"

@@ -7,8 +7,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-
-from bench.recording import Floats
+from sawbench.bench.recording import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

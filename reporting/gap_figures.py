@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-
-from reporting.figures import CHANNEL_COLOURS, INK, QUIET, WIDTH_IN, figure_style
-from reporting.html import Picture, figure_to_svg
+from sawbench.reporting.figures import CHANNEL_COLOURS, INK, QUIET, WIDTH_IN, figure_style
+from sawbench.reporting.html import Picture, figure_to_svg
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -95,7 +94,7 @@ def strokes_picture(strokes: Sequence[Mapping[str, Any]], after: str, after_word
     return Picture(
         svg=svg,
         caption="The mean stroke of a trial, measured and simulated. The simulation was fitted to other operating"
-        " points only; how hard the piece of wood is was fitted to its own force. In each panel: how far the model"
+        " points only, the cutting coefficient of the workpiece to its own force. In each panel: how far the model"
         " is off before and after (root mean square).",
     )
 
@@ -170,7 +169,7 @@ def ladder_picture(by_channel: Mapping[str, Mapping[str, Any]], rungs: Sequence[
 
 
 def map_picture(found: Mapping[str, Any], order: Sequence[str]) -> Picture | None:
-    """Show what re-tuned parameters leave over crank angle and operating point, one panel an equation.
+    """Show the gap of the model as configured over crank angle and operating point, one panel an equation.
 
     Parameters
     ----------
@@ -220,13 +219,14 @@ def map_picture(found: Mapping[str, Any], order: Sequence[str]) -> Picture | Non
         )  # fmt: skip
     return Picture(
         svg=svg,
-        caption="What re-tuned parameters leave of each balance equation: one line an operating point, crank angle to"
-        " the right. White is no gap; red means measured above, blue below the model.",
+        caption="What the model as configured, its parameters within their stated uncertainty, leaves of each balance"
+        " equation: one line an operating point, crank angle to the right. White is no gap; red means measured above,"
+        " blue below the model.",
     )
 
 
 def alike_rows(alike: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Rows of the table of causes that look alike: cosine of their signatures, percent."""
+    """Rows of the table of confounded causes: cosine of their signatures, percent."""
     names = alike["effects"]
     return [
         {"effect": name, "values": [round(100 * abs(value)) for value in row]}

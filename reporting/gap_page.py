@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from reporting.cause_words import name_of, what_happens, what_to_do
-from reporting.gap_figures import (
+from sawbench.reporting.cause_words import name_of, what_happens, what_to_do
+from sawbench.reporting.gap_figures import (
     CHANNEL_WORDS,
     EQUATION_WORDS,
     alike_rows,
@@ -16,13 +16,15 @@ from reporting.gap_figures import (
     point_words,
     strokes_picture,
 )
-from reporting.html import render, software_version, write_page
-from reporting.standing_out_figure import standing_out_picture, standing_out_sentence, stands_out
+from sawbench.reporting.html import render, software_version, write_page
+from sawbench.reporting.quantities import format_number
+from sawbench.reporting.standing_out_figure import standing_out_picture, standing_out_sentence, stands_out
 
 _SURE: Final = 0.8
 _RAD_TO_DEG: Final = 57.29577951308232
 # Shorter times are given in milliseconds.
 _LEAST_S: Final = 0.1
+_LARGE: Final = 1e6
 _SUFFIX: Final = {
     "N": "_n", "N*m": "_n_m", "K/W": "_k_per_w", "Ohm": "_ohm", "s": "_s", "m": "_m", "N/m": "_n_per_m",
     "N*s/m": "_n_s_per_m", "Hz": "_hz", "V": "_v",
@@ -69,8 +71,8 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         "to_do": _to_do(report),
         "tiles": _tiles(report),
         "strokes": strokes_picture(detail["strokes"], after, after_words) if detail.get("strokes") else None,
-        "ladder": ladder_picture(report["gap"]["by_channel"], _rungs(report["verdict"])),
-        "gap_rungs": _rungs(report["verdict"]),
+        "ladder": ladder_picture(report["gap"]["by_channel"], rungs_of(report["verdict"])),
+        "gap_rungs": rungs_of(report["verdict"]),
         "map": map_picture(detail["map"], _equations(report, detail))
         if detail.get("map") and report["where"]
         else None,
@@ -85,6 +87,7 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         ],
         "log_evidence": [(name_of(n), value) for n, value in detail.get("log_evidence", {}).items()],
         "alike": alike_rows(detail["alike"]) if detail.get("alike") else [],
+        "signals": [(CHANNEL_WORDS.get(s["channel"], s["channel"]), s["words"]) for s in report.get("signals", [])],
         "channel_words": CHANNEL_WORDS,
         "warnings": [text for text in report["warnings"] if text != detail.get("resembles")],
         "report": report,
@@ -99,26 +102,23 @@ def verdict_sentence(report: Mapping[str, Any]) -> str:
     Examples
     --------
     >>> verdict_sentence({"verdict": "no_gap", "causes": [], "probabilities": {"no_gap": 0.9}})
-    'The model explains the measurement; nothing is left beyond noise (90 % sure).'
+    'No gap: the model explains the measurements within their noise (90 %).'
     """
     verdict, probability = report["verdict"], report["probabilities"]
     if verdict == "no_gap":
-        return (
-            "The model explains the measurement; nothing is left beyond noise"
-            f" ({_percent(probability['no_gap'])} sure)."
-        )
+        return f"No gap: the model explains the measurements within their noise ({_percent(probability['no_gap'])})."
     if verdict == "parameters":
         return (
-            "The model is of the right form, but some of its numbers are off by more than their stated uncertainty"
-            f" ({_percent(probability['parameters'])} sure)."
+            "The form of the model is right, but some of its parameters are off by more than their stated uncertainty"
+            f" ({_percent(probability['parameters'])})."
         )
     if verdict == "unknown":
-        return f"There is a gap, and no known cause explains it ({_percent(probability['unknown'])} sure)."
+        return f"There is a gap, and no known cause explains it ({_percent(probability['unknown'])})."
     cause = report["causes"][0]
-    happens = ", and ".join(what_happens(name) for name in cause["effects"])
-    sure = cause["probability"] >= _SURE
-    start = "The model leaves out that" if sure else "Most likely, but not surely, the model leaves out that"
-    return f"{start} {happens} ({_percent(cause['probability'])} sure)."
+    names = f"{' and '.join(name_of(name) for name in cause['effects'])} ({_percent(cause['probability'])})"
+    start = "Most probable cause" if cause["probability"] >= _SURE else "Most probable cause, not certain"
+    magnitudes = [_magnitude(name, parameter) for name, parameter in cause["parameters"].items()]
+    return f"{start}: {', '.join([names, *magnitudes])}. {_explained(cause)}"
 
 
 def _has_cause(report: Mapping[str, Any]) -> bool:
@@ -143,37 +143,34 @@ def _meaning(report: Mapping[str, Any]) -> list[str]:
     verdict, said = report["verdict"], []
     if verdict == "no_gap":
         said.append(
-            "What the model misses is no larger than what strokes and repeats differ by, or than the stated"
-            " uncertainty of its parameters allows."
+            "The residual is within the repeatability of the measurements and the stated uncertainty of the parameters."
         )
     elif verdict == "parameters":
         said += [f"Farthest off: {text}." for text in [_shifted(report)] if text]
     elif verdict == "unknown":
         resembles = report["detail"].get("resembles", "")
         if resembles:
-            said.append(f"It looks most like this: {resembles}.")
+            said.append(f"Closest description: {resembles}.")
         said += [_place_sentence(spot) for spot in _of_the_strokes(report)[:2]]
         said.append("Re-tuning the model to it would hide the gap, not explain it.")
     else:
         cause = report["causes"][0]
-        said.append(_closing(cause))
-        sizes = [_strength(name, p) for name, p in cause["parameters"].items()]
-        said.append(f"Its size: {'; '.join(sizes)}.")
+        said += [f"{words[0].upper()}{words[1:]}." for words in map(what_happens, cause["effects"])]
         if cause["indistinguishable_from"]:
             names = ", ".join(name_of(n) for n in cause["indistinguishable_from"])
-            said.append(f"This campaign cannot tell it from: {names}.")
+            said.append(f"In this campaign it is indistinguishable from: {names}.")
         said += [_place_sentence(spot) for spot in _of_the_strokes(report)[:1]]
     said += _runtime_sentence(report)
     return said
 
 
-def _closing(cause: Mapping[str, Any]) -> str:
+def _explained(cause: Mapping[str, Any]) -> str:
     low, high = cause["gap_closed_ci95"]
     if (low, high) == (-1.0, 1.0) and cause["gap_closed"] == 0.0:
-        return "Re-tuned parameters leave too little of the gap to say how far it closes."
+        return "With re-tuned parameters the remaining error is too small to say how much of it the cause explains."
     return (
-        f"Counted in, it closes {round(100 * cause['gap_closed'])} % ({round(100 * low)} to {round(100 * high)} %)"
-        " of the gap that re-tuned parameters leave, at operating points it was not fitted to."
+        f"Adding it explains {round(100 * cause['gap_closed'])} % ({round(100 * low)} to {round(100 * high)} %)"
+        " of the remaining error at withheld operating points."
     )
 
 
@@ -191,11 +188,12 @@ def _runtime_sentence(report: Mapping[str, Any]) -> list[str]:
 
 
 def _duration(seconds: float) -> str:
-    return f"{int(seconds // 60)} min {seconds % 60:02.0f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest:02d} s"
 
 
 def _of_the_strokes(report: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Places without the lines that no stroke holds."""
+    """Places without the lines that are asynchronous with the stroke."""
     return [spot for spot in report["where"] if not _is_line(spot)]
 
 
@@ -232,7 +230,7 @@ def _to_do(report: Mapping[str, Any]) -> list[str]:
         return ["Use the model as it is.", f"To be surer still, next trial: {report['next_trial']}."]
     steps = []
     if verdict == "parameters":
-        steps.append("Write the re-tuned numbers (table below) into the configuration, and check them on a new trial.")
+        steps.append("Check the re-tuned numbers (table below) on a new trial.")
     elif verdict == "unknown":
         lines = [_spot_angles(spot) for spot in report["where"] if _is_line(spot)]
         steps += [f"Look for what turns or switches {line}." for line in lines]
@@ -242,6 +240,11 @@ def _to_do(report: Mapping[str, Any]) -> list[str]:
         steps += [
             f"{words[0].upper()}{words[1:]}." for words in map(what_to_do, report["causes"][0]["effects"]) if words
         ]
+    if report.get("improved_model"):
+        steps.append(
+            "Until then predict with what was found, as it stands beside this page: `sawbench runtime RECORDING"
+            " --config improved_model.toml`; every command takes it."
+        )
     return [*steps, f"Next trial: {report['next_trial']}."]
 
 
@@ -271,7 +274,8 @@ def _tiles(report: Mapping[str, Any]) -> list[dict[str, str]]:
     return tiles
 
 
-def _rungs(verdict: str) -> list[tuple[str, str]]:
+def rungs_of(verdict: str) -> list[tuple[str, str]]:
+    """Models of the ladder that a verdict has, with their names on the page."""
     cause = {"effect": "with the cause", "effects": "with the causes", "unknown": "with the best known cause"}
     middle = [("with_effect", cause[verdict])] if verdict in cause else []
     return [("nominal", "as configured"), ("retuned", "re-tuned"), *middle, ("noise_floor", "noise")]
@@ -284,13 +288,13 @@ def _equations(report: Mapping[str, Any], detail: Mapping[str, Any]) -> list[str
 
 
 def _standing_out_words(report: Mapping[str, Any], detail: Mapping[str, Any]) -> str:
-    """One sentence on the places; where a cause was named without any, why that is no contradiction."""
+    """One sentence on the significant regions; where a cause was named without any, why that is no contradiction."""
     found = detail.get("standing_out")
     if not found:
         return ""
     said = standing_out_sentence(found)
     if found["n_found"] == 0 and _has_cause(report):
-        said += " The cause was recognised by its pattern over all places together."
+        said += " The cause was recognised by its pattern over all regions together."
     return said
 
 
@@ -299,7 +303,7 @@ def _spot(spot: Mapping[str, Any], found: Mapping[str, Any] | None) -> dict[str,
         "is_quiet": not _is_line(spot) and found is not None and not stands_out(spot, found),
         "equation": EQUATION_WORDS.get(spot["equation"], spot["equation"]),
         "channel": CHANNEL_WORDS.get(spot["channel"], spot["channel"]),
-        "share": "beside the strokes" if _is_line(spot) else _percent(spot["share"]),
+        "share": "asynchronous" if _is_line(spot) else _percent(spot["share"]),
         "angles": _spot_angles(spot),
         "grows_with": ", ".join(spot["grows_with"]) or "nothing seen",
     }
@@ -322,12 +326,12 @@ def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
         "probability": _percent(cause["probability"]),
         "closed": f"{round(100 * cause['gap_closed'])} %",
         "interval": "cannot be said" if (low, high) == (-1.0, 1.0) else f"{round(100 * low)} to {round(100 * high)} %",
-        "strengths": [_strength(name, p) for name, p in cause["parameters"].items()],
+        "strengths": [_magnitude(name, p) for name, p in cause["parameters"].items()],
         "alike": ", ".join(name_of(name) for name in cause["indistinguishable_from"]) or "none",
     }
 
 
-def _strength(name: str, parameter: Mapping[str, Any]) -> str:
+def _magnitude(name: str, parameter: Mapping[str, Any]) -> str:
     unit = parameter["unit"]
     words = name_of(name.removesuffix(_SUFFIX.get(unit, "")))
     value, std = parameter["value"], parameter["std"]
@@ -338,6 +342,8 @@ def _strength(name: str, parameter: Mapping[str, Any]) -> str:
 
 
 def _plainly(value: float, digits: int) -> str:
-    """Write a number to so many digits, without a power of ten where it is large."""
+    """Write a number to so many digits; a power of ten only from a million on."""
     text = f"{value:.{digits}g}"
-    return f"{value:.0f}" if "e+" in text else text
+    if "e+" not in text:
+        return text
+    return f"{value:.0f}" if abs(value) < _LARGE else format_number(value, digits=digits)

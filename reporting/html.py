@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from bench.errors import InputError
+from sawbench.bench.errors import InputError
 
 if TYPE_CHECKING:
     from jinja2 import Environment

@@ -6,15 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-
-from bench.errors import InputError
-from reporting.figures import INK, QUIET, SERIES_COLOURS, SERIES_DASHES, SERIES_MARKERS, figure_style
+from sawbench.bench.errors import InputError
+from sawbench.reporting.figures import INK, QUIET, SERIES_COLOURS, SERIES_DASHES, SERIES_MARKERS, figure_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from modeling.runtime import RuntimeSweep
+    from sawbench.modeling.runtime import RuntimeSweep
 
 FORMATS: Final = (".svg", ".png")
 WORDS: Final = {

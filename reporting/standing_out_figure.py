@@ -1,4 +1,4 @@
-"""Which places of the gap stand out, for the gap page: a sentence and a figure in which the others are grey."""
+"""Significant regions of the gap, for the gap page: a sentence, and a figure in which the others are grey."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-
-from reporting.figures import QUIET, WIDTH_IN, figure_style
-from reporting.gap_figures import EQUATION_WORDS, point_words
-from reporting.html import Picture, figure_to_svg
+from sawbench.reporting.figures import QUIET, WIDTH_IN, figure_style
+from sawbench.reporting.gap_figures import EQUATION_WORDS, point_words
+from sawbench.reporting.html import Picture, figure_to_svg
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +25,7 @@ _LEVELS: Final = (1, 3, 10, 30, 100, 300, 1000)
 
 
 def standing_out_sentence(found: Mapping[str, Any]) -> str:
-    """How many of the places stand out, and in which equations.
+    """How many regions are significant, and in which equations.
 
     Parameters
     ----------
@@ -36,21 +35,19 @@ def standing_out_sentence(found: Mapping[str, Any]) -> str:
     Examples
     --------
     >>> standing_out_sentence({"n_cells": 262, "n_found": 0, "false_discovery_rate": 0.05, "found_in": []})
-    'Of 262 places, none stands out from what noise, mistuned parameters and a little of every known effect could give.'
+    'No region is significant: 0 of 262, false discovery rate 5 %.'
     """
-    cause = "from what noise, mistuned parameters and a little of every known effect could give"
+    rate = f"false discovery rate {100 * found['false_discovery_rate']:.0f} %"
     if not found["n_found"]:
-        return f"Of {found['n_cells']} places, none stands out {cause}."
+        return f"No region is significant: 0 of {found['n_cells']}, {rate}."
     places = [str(entry["equation"]) for entry in found["found_in"]]
     names = ", ".join(dict.fromkeys(EQUATION_WORDS.get(place, place) for place in places))
-    return (
-        f"Of {found['n_cells']} places, {found['n_found']} stand{'s' if found['n_found'] == 1 else ''} out {cause}"
-        f" ({names}); at most {100 * found['false_discovery_rate']:.0f} % of such finds are expected to be chance."
-    )
+    are = "region is" if found["n_found"] == 1 else "regions are"
+    return f"{found['n_found']} of {found['n_cells']} {are} significant, {rate}: {names}."
 
 
 def stands_out(spot: Mapping[str, Any], found: Mapping[str, Any]) -> bool:
-    """Whether a place stands out of the equation behind an entry of `where`; a sensor's error goes by its channel."""
+    """Whether the equation of an entry of `where` has a significant region; a sensor's error goes by its channel."""
     return any(
         entry["channel"] == spot["channel"] and spot["equation"] in ("sensing", entry["equation"])
         for entry in found["found_in"]
@@ -58,7 +55,7 @@ def stands_out(spot: Mapping[str, Any], found: Mapping[str, Any]) -> bool:
 
 
 def standing_out_picture(found: Mapping[str, Any]) -> Picture | None:
-    """Draw every place, in colour where it stands out.
+    """Draw every region, in colour where it is significant.
 
     Parameters
     ----------
@@ -68,7 +65,7 @@ def standing_out_picture(found: Mapping[str, Any]) -> Picture | None:
     Returns
     -------
     Picture or None
-        None where there is no place.
+        None where there is no region.
     """
     partitions = {name: found["partitions"][name] for name in _PANELS if name in found["partitions"]}
     if not partitions:
@@ -91,14 +88,14 @@ def standing_out_picture(found: Mapping[str, Any]) -> Picture | None:
         scale = ScalarMappable(norm=norm, cmap="viridis_r")
         bar = figure.colorbar(scale, ax=list(panels.values()), pad=0.01, aspect=40)
         bar.ax.set_yticks(_LEVELS, [str(level) for level in _LEVELS], fontsize=8.0)
-        bar.set_label("misfit over what is expected without a gap", fontsize=8.5)
+        bar.set_label("misfit relative to its expectation without a gap", fontsize=8.5)
         svg = figure_to_svg(
-            figure, name="standing-out", title="Which places stand out", description=standing_out_sentence(found)
+            figure, name="standing-out", title="Significant regions", description=standing_out_sentence(found)
         )
     return Picture(
         svg=svg,
-        caption="What re-tuned parameters leave of each balance equation, by place. Grey: does not stand out. Colour:"
-        " stands out, and by how much. White: not compared. Places overlap: the same gap is cut in several ways.",
+        caption="Residual of each balance equation with re-tuned parameters, by region. Grey: not significant. Colour:"
+        " significant, by how much. White: not compared. Regions overlap: the same gap is divided in several ways.",
     )
 
 

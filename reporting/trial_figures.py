@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-
-from bench.folded import FoldedCycle
-from bench.processed import ProcessedTrial
-from bench.recording import Floats, Recording, Signal
-from bench.units import CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
-from reporting.figures import (
+from sawbench.bench.folded import FoldedCycle
+from sawbench.bench.processed import Phase, ProcessedTrial
+from sawbench.bench.recording import Floats, Recording, Signal
+from sawbench.bench.units import CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
+from sawbench.reporting.figures import (
     CHANNEL_COLOURS,
     FORCE_COLOUR,
     INK,
@@ -22,22 +21,22 @@ from reporting.figures import (
     figure_style,
     thin_out,
 )
-from reporting.html import Picture, figure_to_svg
-from reporting.quantities import format_number, format_quantity
+from sawbench.reporting.html import Picture, figure_to_svg
+from sawbench.reporting.quantities import format_number, format_quantity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-def signals_picture(recording: Recording, processed: ProcessedTrial, *, seconds: float) -> Picture | None:
+def signals_picture(recording: Recording, phases: Sequence[Phase] = (), *, seconds: float) -> Picture | None:
     """Draw the start of every channel over time, gaps left open.
 
     Parameters
     ----------
     recording : Recording
-    processed : ProcessedTrial
-        Its phases are marked.
+    phases : sequence of Phase
+        Those that are not running are marked.
     seconds : float
         How much of the trial, from its start.
 
@@ -57,9 +56,9 @@ def signals_picture(recording: Recording, processed: ProcessedTrial, *, seconds:
     if not shown:
         return None
     last_s = min(last_s, max(part[0][-1] for part in shown.values()))
-    figure = _signal_panels(recording, processed, shown, first_s, last_s)
+    figure = _signal_panels(recording, phases, shown, first_s, last_s)
     names = [CHANNEL_BY_NAME[n].label if n in CHANNEL_BY_NAME else n for n in shown]
-    kinds = sorted({p.kind.replace("_", "-") for p in processed.phases if p.kind != "running" and p.start_s < last_s})
+    kinds = sorted({p.kind.replace("_", "-") for p in phases if p.kind != "running" and p.start_s < last_s})
     grey = f" Grey: {' and '.join(kinds)}." if kinds else ""
     svg = figure_to_svg(
         figure,
@@ -73,7 +72,7 @@ def signals_picture(recording: Recording, processed: ProcessedTrial, *, seconds:
 
 def _signal_panels(
     recording: Recording,
-    processed: ProcessedTrial,
+    phases: Sequence[Phase],
     shown: Mapping[str, tuple[Floats, Floats]],
     first_s: float,
     last_s: float,
@@ -91,7 +90,7 @@ def _signal_panels(
             axis.set_title(channel.label.capitalize() if channel else name, fontsize=9.5, color=INK, pad=3)
             axis.margins(y=0.12)
             axis.yaxis.set_major_locator(_few_ticks())
-            for phase in processed.phases:
+            for phase in phases:
                 if phase.kind != "running":
                     axis.axvspan(max(phase.start_s, first_s), min(phase.end_s, last_s), color="#eceff1", linewidth=0)
         axes[-1].set_xlim(first_s, last_s)

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from bench.processed import ChannelQuality, ProcessedTrial
-from bench.recording import Floats, Recording
-from bench.units import BATTERY_CURRENT, CHANNEL_BY_NAME, MOTOR_CURRENT
-from modeling.results import CuttingFit, RuntimePrediction
-from reporting.compared import FIT_STATUS_WORDS, RUNTIME_STATUS_WORDS
-from reporting.html import Picture, link_to, render, software_version, write_page
-from reporting.quantities import format_duration, format_number, format_quantity
-from reporting.trial_figures import cycle_picture, signals_picture
+from sawbench.bench.processed import ChannelQuality, ProcessedTrial
+from sawbench.bench.recording import Floats, Recording
+from sawbench.bench.units import BATTERY_CURRENT, CHANNEL_BY_NAME, MOTOR_CURRENT
+from sawbench.modeling.results import CuttingFit, RuntimePrediction
+from sawbench.reporting.compared import FIT_STATUS_WORDS, RUNTIME_STATUS_WORDS
+from sawbench.reporting.html import Picture, link_to, render, software_version, write_page
+from sawbench.reporting.quantities import format_duration, format_number, format_quantity
+from sawbench.reporting.trial_figures import cycle_picture, signals_picture
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -249,7 +249,7 @@ def _sections(
     if cycle is not None:
         texts = () if processed.removed is None else (_removed_words(processed),)
         found.append(Section(heading="One stroke", pictures=(cycle,), texts=texts))
-    signals = None if recording is None else signals_picture(recording, processed, seconds=preview_s)
+    signals = None if recording is None else signals_picture(recording, processed.phases, seconds=preview_s)
     if signals is not None:
         found.append(Section(heading="Signals over time", pictures=(signals,)))
     if processed.period is not None:

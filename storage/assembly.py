@@ -7,8 +7,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-
-from bench.recording import Event, Floats, Gap, SampleBlock, Signal
+from sawbench.bench.recording import Event, Floats, Gap, SampleBlock, Signal
 
 # An interval is a jump where it exceeds the usual ones, their spread, and its neighbours by these factors.
 _JUMP_FACTOR: Final = 1.6
@@ -61,7 +60,7 @@ def join_blocks(blocks: Sequence[SampleBlock], events: Sequence[Event]) -> tuple
     Returns
     -------
     signal : Signal
-        A jump of the sample index, or of the time, is a gap.
+        A jump of the sample index, or of the time, is a gap, and so is what an event says is missing at the end.
     warnings : list of Event
     """
     first = blocks[0]
@@ -113,8 +112,6 @@ def _gaps(
     block: SampleBlock, time_s: Floats, missing: dict[int, int | None], events: Sequence[Event]
 ) -> tuple[Gap, ...]:
     jumps: dict[int, int | None] = dict.fromkeys(find_time_jumps(time_s).tolist()) | missing
-    if not jumps:
-        return ()
     step = np.diff(time_s)
     nominal_s = float(np.median(step)) if len(step) else 0.0
     told = [
@@ -143,7 +140,18 @@ def _gaps(
                 reason=_told_reason(told, start_s, end_s) or reason,
             )
         )
-    return tuple(gaps)
+    return (*gaps, *_gap_at_end(block.channel, float(time_s[-1]), nominal_s, told))
+
+
+def _gap_at_end(channel: str, last_s: float, nominal_s: float, told: Sequence[Event]) -> list[Gap]:
+    """What a gap event of the channel says is missing behind its last sample."""
+    ends = [e for e in told if e.kind == "gap" and e.channel == channel and e.end_s is not None]
+    ends = [e for e in ends if abs(e.time_s - last_s) <= 1.5 * nominal_s and e.end_s > last_s + 1.5 * nominal_s]
+    return [
+        Gap(start_s=last_s, end_s=e.end_s, n_missing=round((e.end_s - last_s) / nominal_s), reason=e.text)
+        for e in ends[-1:]
+        if e.end_s is not None
+    ]
 
 
 def _told_reason(told: Sequence[Event], start_s: float, end_s: float) -> str:

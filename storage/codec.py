@@ -12,10 +12,9 @@ from google.protobuf.descriptor import FileDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
-
-from bench.errors import InputError
-from bench.recording import Event, Floats, SampleBlock, Trial
-from storage.schemas import event_pb2, preview_pb2, sample_block_pb2
+from sawbench.bench.errors import InputError
+from sawbench.bench.recording import Event, Floats, SampleBlock, Trial
+from sawbench.storage.schemas import event_pb2, preview_pb2, sample_block_pb2
 
 PROFILE: Final = "sawbench"
 FORMAT_VERSION: Final = 1

@@ -33,8 +33,7 @@ from mcap.records import (
     Statistics,
 )
 from mcap.stream_reader import CRCValidationError, breakup_chunk
-
-from bench.errors import RecordingError
+from sawbench.bench.errors import RecordingError
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 _FRAME: Final = struct.Struct("<BQ")
@@ -59,6 +58,9 @@ _NOT_READ: Final = {
 }
 _FIRST_PRIVATE_OPCODE: Final = 0x80
 _FOOTER_LENGTH: Final = 20
+# Chunks that claim to unpack to more than this, on top of a ratio that no signal reaches, are not unpacked.
+_UNPACKED_ALLOWANCE: Final = 8 << 20
+_LARGEST_RATIO: Final = 100
 # The compression of a chunk sits at a fixed place in it; "zstd" is what sawbench writes.
 _CHUNK_MARK: Final = struct.pack("<I4s", 4, b"zstd")
 _BROKEN: Final = (
@@ -113,11 +115,14 @@ class Scan:
         Whether the file has its end record.
     n_chunks : int
         Chunks that were read whole.
+    n_unpacked : int
+        Bytes that they held.
     """
 
     damages: list[Damage] = field(default_factory=list)
     is_finished: bool = False
     n_chunks: int = 0
+    n_unpacked: int = 0
 
 
 def read_records(path: Path, scan: Scan) -> Iterator[McapRecord]:
@@ -172,7 +177,7 @@ def _scan_records(content: mmap.mmap, scan: Scan) -> Iterator[McapRecord]:
         stream = ReadDataStream(BytesIO(content[start:end]))
         try:
             record = _parse(opcode, stream, end - start)
-            records = breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
+            records = _unpack(record, end, scan) if isinstance(record, Chunk) else [record]
         except _BROKEN as error:
             broken_chunk = _broken_record(content, opcode, start, end, error)
             scan.damages.append(broken_chunk)
@@ -180,7 +185,6 @@ def _scan_records(content: mmap.mmap, scan: Scan) -> Iterator[McapRecord]:
             offset = end if is_framed else _skip_to_next_chunk(content, offset, start, scan)
             continue
         if isinstance(record, Chunk):
-            scan.n_chunks += 1
             broken_chunk = None
             offset = start + stream.count  # where a damaged length disagrees, the checksum vouches for this
         elif stream.count == end - start:
@@ -195,8 +199,29 @@ def _scan_records(content: mmap.mmap, scan: Scan) -> Iterator[McapRecord]:
             _check_data_section(content, start - _FRAME.size, record, scan)
         elif not is_in_summary or isinstance(record, Statistics):
             yield from records
-    if not scan.is_finished:
-        _note_missing_end(scan, size)
+    _check_end(scan, offset, size)
+
+
+def _unpack(chunk: Chunk, n_read: int, scan: Scan) -> list[McapRecord]:
+    """Records of a chunk, unless it claims more bytes than the file can honestly hold up to here.
+
+    Raises
+    ------
+    McapError
+        If it does.
+    """
+    claimed = chunk.uncompressed_size
+    if chunk.compression == "zstd":
+        claimed = max(claimed, zstandard.frame_content_size(chunk.data))
+    if scan.n_unpacked + claimed > _UNPACKED_ALLOWANCE + _LARGEST_RATIO * n_read:
+        raise McapError(f"claims to unpack to {claimed} bytes")
+    records = breakup_chunk(chunk, validate_crc=True)
+    scan.n_chunks += 1
+    scan.n_unpacked += chunk.uncompressed_size
+    if not chunk.uncompressed_crc:
+        what = f"a chunk of {len(chunk.data)} bytes has no checksum: its samples cannot be vouched for"
+        scan.damages.append(Damage(offset=n_read, n_bytes=0, what=what, is_chunk=False))
+    return records
 
 
 def _parse(opcode: int, stream: ReadDataStream, length: int) -> McapRecord:
@@ -272,11 +297,18 @@ def _check_data_section(content: mmap.mmap, end: int, data_end: DataEnd, scan: S
     with memoryview(content) as view, view[:end] as section:
         is_whole = zlib.crc32(section) == data_end.data_section_crc
     if not is_whole:
-        what = "a byte outside the chunks (settings or index) is damaged; the samples are whole"
+        what = (
+            "the file differs from its checksum though each chunk fits its own: settings or index are damaged, or "
+            "chunks were exchanged; the samples cannot be vouched for"
+        )
         scan.damages.append(Damage(offset=0, n_bytes=0, what=what, is_chunk=False))
 
 
-def _note_missing_end(scan: Scan, size: int) -> None:
-    if not any(damage.is_tail for damage in scan.damages):
+def _check_end(scan: Scan, offset: int, size: int) -> None:
+    n_behind = size - offset - len(MAGIC)
+    if scan.is_finished and n_behind > 0:
+        what = f"{n_behind} bytes behind the end of the recording are not read: another file was appended"
+        scan.damages.append(Damage(offset=offset, n_bytes=n_behind, what=what, is_chunk=False))
+    elif not scan.is_finished and not any(damage.is_tail for damage in scan.damages):
         what = "the end record is missing: the program that wrote it was stopped"
         scan.damages.append(Damage(offset=size, n_bytes=0, what=what, is_tail=True))

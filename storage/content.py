@@ -8,10 +8,9 @@ from pathlib import Path
 
 from google.protobuf.message import DecodeError
 from mcap.records import Channel, Header, McapRecord, Message, Metadata, Schema
-
-from bench.errors import InputError, RecordingError
-from bench.recording import Event, SampleBlock, Trial
-from storage.codec import (
+from sawbench.bench.errors import InputError, RecordingError
+from sawbench.bench.recording import Event, SampleBlock, Trial
+from sawbench.storage.codec import (
     MESSAGE_TYPES,
     PROFILE,
     decode_block,
@@ -19,7 +18,7 @@ from storage.codec import (
     epoch_ns,
     trial_from_metadata,
 )
-from storage.container import Damage, Scan, read_records
+from sawbench.storage.container import Damage, Scan, read_records
 
 
 @dataclass(kw_only=True, slots=True)

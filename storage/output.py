@@ -6,7 +6,7 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-from bench.errors import RecordingError
+from sawbench.bench.errors import RecordingError
 
 
 class PartFile:

@@ -6,8 +6,7 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-
-from bench.recording import Floats
+from sawbench.bench.recording import Floats
 
 
 class PreviewBuilder:

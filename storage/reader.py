@@ -9,13 +9,12 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-
-from bench.errors import RecordingError
-from bench.recording import Event, Floats, Gap, Recording, SampleBlock, Signal, Trial
-from storage.assembly import join_blocks
-from storage.codec import is_equally_spaced
-from storage.content import Content, damage_events, iter_samples, require_sawbench
-from storage.writer import RecordingWriter
+from sawbench.bench.errors import RecordingError
+from sawbench.bench.recording import Event, Floats, Gap, Recording, SampleBlock, Signal, Trial
+from sawbench.storage.assembly import join_blocks
+from sawbench.storage.codec import is_equally_spaced
+from sawbench.storage.content import Content, damage_events, iter_samples, require_sawbench
+from sawbench.storage.writer import RecordingWriter
 
 _SAMPLES_PER_BLOCK = 2000
 
@@ -196,7 +195,8 @@ def describe_recording(path: str | Path) -> RecordingInfo:
     recording = _read(content)
     starts = [signal.time_s[0] for signal in recording.signals.values()]
     ends = [signal.time_s[-1] for signal in recording.signals.values()]
-    is_whole = content.scan.is_finished and not content.scan.damages
+    # Other programs may leave checksums out, as the format allows; a recording of sawbench has them all.
+    is_whole = content.scan.is_finished and not any(damage.n_bytes for damage in content.scan.damages)
     return RecordingInfo(
         path=str(path),
         size_bytes=content.path.stat().st_size,

@@ -8,13 +8,12 @@ from typing import Final
 
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
 from mcap.writer import LIBRARY_IDENTIFIER, Writer
-
-from bench.errors import RecordingError
-from storage.codec import EVENT_TOPIC, MESSAGE_TYPES, PROFILE, encode_event, log_time_ns, schema_data
-from storage.container import Scan, read_records
-from storage.content import Content, damage_events, take_record
-from storage.output import PartFile
-from storage.writer import software_version
+from sawbench.bench.errors import RecordingError
+from sawbench.storage.codec import EVENT_TOPIC, MESSAGE_TYPES, PROFILE, encode_event, log_time_ns, schema_data
+from sawbench.storage.container import Scan, read_records
+from sawbench.storage.content import Content, damage_events, take_record
+from sawbench.storage.output import PartFile
+from sawbench.storage.writer import software_version
 
 _NS: Final = 1_000_000_000
 

@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-
-from bench.errors import InputError
-from bench.folded import FoldedCycle
-from bench.processed import (
+from sawbench.bench.errors import InputError
+from sawbench.bench.folded import FoldedCycle
+from sawbench.bench.processed import (
     ChannelQuality,
     CrankAngle,
     PeriodCandidate,
@@ -22,9 +21,10 @@ from bench.processed import (
     Phase,
     ProcessedTrial,
     RemovedForce,
+    SteadyPart,
 )
-from bench.units import CHANNEL_BY_NAME, CHANNELS
-from storage.codec import trial_from_metadata, trial_to_metadata
+from sawbench.bench.units import CHANNEL_BY_NAME, CHANNELS
+from sawbench.storage.codec import trial_from_metadata, trial_to_metadata
 
 _FORMAT: Final = "sawbench processed trial"
 _FORMAT_VERSION: Final = 1
@@ -33,7 +33,9 @@ _ANGLE_UNITS: Final = {
     "angle_rad": "rad",
     "speed_rad_s": "rad/s",
     "angle_std_rad": "rad",
+    "ripple_std_rad": "rad",
 }
+_ANGLE_NUMBERS: Final = ("radius_m", "source", "is_absolute", "rod_length_m")
 Attributes = Mapping[str, Any]
 
 
@@ -78,6 +80,8 @@ def write_processed(processed: ProcessedTrial, path: str | Path, overwrite: bool
         _put_period(store, processed.period)
         _put_angle(store, processed.angle)
         _put_rows(store.create_group("phases"), processed.phases, ("kind", "start_s", "end_s"))
+        if processed.steady is not None:
+            _put_rows(store.create_group("steady"), (processed.steady,), SteadyPart.__slots__)
         for folded in processed.folded.values():
             _put_folded(store.require_group("folded").create_group(folded.channel), folded)
         if processed.cutting_force is not None:
@@ -120,9 +124,10 @@ def _put_angle(store: Any, angle: CrankAngle | None) -> None:
     if angle is None:
         return
     group = store.create_group("angle")
-    _put(group, {name: getattr(angle, name) for name in ("radius_m", "source", "is_absolute")})
+    _put(group, {name: getattr(angle, name) for name in _ANGLE_NUMBERS})
     for name, unit in _ANGLE_UNITS.items():
-        _put_array(group, name, getattr(angle, name), unit)
+        if len(getattr(angle, name)):
+            _put_array(group, name, getattr(angle, name), unit)
 
 
 def _put_folded(group: Any, folded: FoldedCycle) -> None:
@@ -176,6 +181,7 @@ def _read_trial(store: Any) -> ProcessedTrial:
     order = {name: position for position, name in enumerate(CHANNEL_BY_NAME)}
     folded.sort(key=lambda cycle: order.get(cycle.channel, len(order)))
     removed = _get_rows(store["removed"], RemovedForce) if "removed" in store else ()
+    steady = _get_rows(store["steady"], SteadyPart) if "steady" in store else ()
     return ProcessedTrial(
         trial=trial_from_metadata(_python(store["trial"].attrs)),
         status=attributes["status"],
@@ -185,6 +191,7 @@ def _read_trial(store: Any) -> ProcessedTrial:
         folded={cycle.channel: cycle for cycle in folded},
         cutting_force=_get_folded(store["cutting_force"]) if "cutting_force" in store else None,
         removed=removed[0] if removed else None,
+        steady=steady[0] if steady else None,
         peak_force_n=attributes.get("peak_force_n"),
         peak_force_std_n=attributes.get("peak_force_std_n"),
         mean_values=_python(store["mean_values"].attrs),
@@ -222,7 +229,7 @@ def _get_angle(store: Any) -> CrankAngle | None:
     if "angle" not in store:
         return None
     group = store["angle"]
-    return CrankAngle(**_python(group.attrs), **{name: group[name][()] for name in _ANGLE_UNITS})
+    return CrankAngle(**_python(group.attrs), **{name: group[name][()] for name in _ANGLE_UNITS if name in group})
 
 
 def _get_folded(group: Any) -> FoldedCycle:

@@ -15,10 +15,9 @@ from typing import Final
 
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
-
-from bench.errors import InputError, RecordingError
-from bench.recording import Event, SampleBlock, Trial
-from storage.codec import (
+from sawbench.bench.errors import InputError, RecordingError
+from sawbench.bench.recording import Event, SampleBlock, Trial
+from sawbench.storage.codec import (
     EVENT_TOPIC,
     PREVIEW_TOPIC,
     PROFILE,
@@ -31,8 +30,8 @@ from storage.codec import (
     schema_data,
     trial_to_metadata,
 )
-from storage.output import Output
-from storage.preview import PreviewBuilder
+from sawbench.storage.output import Output
+from sawbench.storage.preview import PreviewBuilder
 
 MAX_PREVIEW_RATE_HZ: Final = 100.0
 NO_START_TIME: Final = "nobody said when the trial started; log times count from 1970-01-01"

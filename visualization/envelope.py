@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-
-from bench.recording import Floats
+from sawbench.bench.recording import Floats
 
 
 def envelope_indices(time_s: Floats, values: Floats, *, max_rate_hz: float) -> NDArray[np.int64]:

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from bench.processed import ProcessedTrial
-from bench.recording import Event, Trial
-from bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, DISPLACEMENT, FORCE, MOTOR_CURRENT
-from visualization.sdk import TimelineColumn, rr, rrb
+from sawbench.bench.processed import ProcessedTrial
+from sawbench.bench.recording import Event, Trial
+from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, DISPLACEMENT, FORCE, MOTOR_CURRENT
+from sawbench.visualization.sdk import TimelineColumn, rr, rrb
 
 TIMELINE: Final = "time"
 STROKE_RATE_PATH: Final = "signals/stroke_rate_hz"

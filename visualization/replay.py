@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-
-from bench.processed import ProcessedTrial
-from bench.recording import Floats, Recording, Signal
-from bench.units import DISPLACEMENT, FORCE
-from visualization.layout import (
+from sawbench.bench.processed import ProcessedTrial
+from sawbench.bench.recording import Floats, Recording, Signal
+from sawbench.bench.units import DISPLACEMENT, FORCE
+from sawbench.visualization.layout import (
     CYCLE_PATH,
     STROKE_RATE_PATH,
     log_event,
@@ -20,10 +19,10 @@ from visualization.layout import (
     make_blueprint,
     series_of,
 )
-from visualization.rerun_view import open_rrd, send_samples
-from visualization.sdk import rr
-from visualization.stroke_rate import LiveStrokeRate
-from visualization.viewer import ViewerProcess
+from sawbench.visualization.rerun_view import open_rrd, send_samples
+from sawbench.visualization.sdk import rr
+from sawbench.visualization.stroke_rate import LiveStrokeRate
+from sawbench.visualization.viewer import ViewerProcess
 
 _REMOVED_COLOUR: Final = (120, 120, 120)
 _N_BARS: Final = 90

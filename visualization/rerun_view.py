@@ -17,12 +17,11 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-
-from bench.errors import InputError
-from bench.recording import Event, Floats, SampleBlock, Trial
-from bench.units import DISPLACEMENT
-from visualization.envelope import envelope_indices
-from visualization.layout import (
+from sawbench.bench.errors import InputError
+from sawbench.bench.recording import Event, Floats, SampleBlock, Trial
+from sawbench.bench.units import DISPLACEMENT
+from sawbench.visualization.envelope import envelope_indices
+from sawbench.visualization.layout import (
     K_FC,
     REMAINING,
     STROKE_RATE_PATH,
@@ -34,9 +33,9 @@ from visualization.layout import (
     make_blueprint,
     series_of,
 )
-from visualization.sdk import rr
-from visualization.stroke_rate import LiveStrokeRate
-from visualization.viewer import LOOPBACK, ViewerProcess, free_port
+from sawbench.visualization.sdk import rr
+from sawbench.visualization.stroke_rate import LiveStrokeRate
+from sawbench.visualization.viewer import LOOPBACK, ViewerProcess, free_port
 
 Show = Literal["spawn", "serve", "none"]
 _Item = SampleBlock | Event | tuple[float, float] | tuple[float, float, float, float]

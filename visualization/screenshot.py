@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from bench.errors import UntrustedResult
-from visualization.sdk import rr
-from visualization.viewer import ViewerProcess
+from sawbench.bench.errors import UntrustedResult
+from sawbench.visualization.sdk import rr
+from sawbench.visualization.viewer import ViewerProcess
 
 
 def take_screenshot(

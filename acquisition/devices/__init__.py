@@ -1,37 +1,91 @@
-"""Instruments: one file each, listed in `DRIVERS`, built from the `[devices.*]` tables."""
+"""Instruments: one file and one row of `INSTRUMENTS` each, built from the `[devices.*]` tables.
+
+A package of a laboratory adds an instrument without touching this one: it announces, in its `pyproject.toml`,
+
+    [project.entry-points."sawbench.instruments"]
+    my_cell = "my_package.my_cell:INSTRUMENT"
+
+where `INSTRUMENT` is a `devices.instrument.Instrument`.
+"""
 
 from __future__ import annotations
 
 import difflib
-import importlib
 import time
 from collections.abc import Callable, Mapping
+from importlib.metadata import EntryPoint, entry_points
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
-from bench.errors import ConfigError
+from sawbench.bench.errors import ConfigError
+from sawbench.bench.units import CHANNEL_BY_NAME
 
 if TYPE_CHECKING:
-    from acquisition.devices.device import Device
-    from bench.config import BenchConfig
+    from sawbench.acquisition.devices.device import Device
+    from sawbench.acquisition.devices.instrument import Instrument
+    from sawbench.bench.config import BenchConfig
+    from sawbench.bench.units import Channel
 
-# driver -> module and class. Imported only when a configuration names it.
-DRIVERS: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
+# driver -> where its `Instrument` is. Imported only when a configuration names it.
+INSTRUMENTS: Final[Mapping[str, str]] = MappingProxyType(
     {
-        "gsv8": ("acquisition.devices.gsv8", "Gsv8"),
-        "dbc_can": ("acquisition.devices.dbc_can", "DbcCan"),
-        "msc7xxx": ("acquisition.devices.msc7xxx", "Msc7xxx"),
+        "gsv8": "sawbench.acquisition.devices.gsv8:INSTRUMENT",
+        "gsv3": "sawbench.acquisition.devices.gsv3:INSTRUMENT",
+        "dbc_can": "sawbench.acquisition.devices.dbc_can:INSTRUMENT",
+        "msc7xxx": "sawbench.acquisition.devices.msc7xxx:INSTRUMENT",
     }
 )
+ENTRY_POINT_GROUP: Final = "sawbench.instruments"
 
 
-def device_class(driver: str) -> Any:
-    """Import the class of `driver`, a key of `DRIVERS`."""
-    module, name = DRIVERS[driver]
-    return getattr(importlib.import_module(module), name)
+def load_instrument(driver: str) -> Instrument:
+    """Import the instrument of `driver`: a row of `INSTRUMENTS`, else an entry point of another package.
+
+    Raises
+    ------
+    ConfigError
+        If there is none, two packages announce it, or what is announced cannot be imported or is no instrument.
+    """
+    from sawbench.acquisition.devices.instrument import Instrument
+
+    if driver in INSTRUMENTS:
+        found = EntryPoint(name=driver, value=INSTRUMENTS[driver], group=ENTRY_POINT_GROUP)
+    else:
+        announced = entry_points(group=ENTRY_POINT_GROUP)
+        matching = list(announced.select(name=driver))
+        if len(matching) != 1:
+            raise _no_single(driver, matching, [*INSTRUMENTS, *sorted(announced.names - INSTRUMENTS.keys())])
+        found = matching[0]
+    try:
+        instrument = found.load()
+    except (ImportError, AttributeError) as error:
+        raise ConfigError(
+            f"driver {driver!r} ({found.value}) cannot be imported: {error}",
+            remedy="install its package again, or ask who wrote it",
+        ) from error
+    if not isinstance(instrument, Instrument):
+        raise ConfigError(f"driver {driver!r}: {found.value} is no Instrument but a {type(instrument).__name__}")
+    return instrument
 
 
-def validate_table(name: str, table: Mapping[str, Any], *, endpoint: str | None = None) -> tuple[str, Any]:
+def _no_single(driver: str, matching: list[EntryPoint], known: list[str]) -> ConfigError:
+    if matching:
+        return ConfigError(
+            f"driver {driver!r} is announced twice: {', '.join(point.value for point in matching)}",
+            remedy="uninstall one of the two packages",
+        )
+    close = difflib.get_close_matches(driver, known, n=1, cutoff=0.4)
+    hint = f"did you mean {close[0]!r}?" if close else f"drivers are {', '.join(known)}"
+    return ConfigError(f"unknown driver {driver!r}", remedy=hint)
+
+
+def validate_table(
+    name: str,
+    table: Mapping[str, Any],
+    *,
+    channels: Mapping[str, Channel] = CHANNEL_BY_NAME,
+    endpoint: str | None = None,
+) -> tuple[Instrument, Any]:
     """Check one `[devices.NAME]` table.
 
     Parameters
@@ -39,14 +93,16 @@ def validate_table(name: str, table: Mapping[str, Any], *, endpoint: str | None 
     name : str
     table : mapping
         As read from the configuration.
+    channels : mapping of str to Channel
+        That the table may name.
     endpoint : str, optional
         Replaces `port`.
 
     Returns
     -------
-    driver : str
+    instrument : Instrument
     settings : pydantic model
-        Of that driver.
+        Of that instrument.
 
     Raises
     ------
@@ -54,22 +110,21 @@ def validate_table(name: str, table: Mapping[str, Any], *, endpoint: str | None 
         If the driver is unknown or a key is missing, unknown or out of range.
     """
     from pydantic import ValidationError
-
-    from bench.config import describe_validation
+    from sawbench.bench.config import describe_validation
 
     where = f"[devices.{name}]"
     driver = table.get("driver")
-    if not isinstance(driver, str) or driver not in DRIVERS:
-        close = difflib.get_close_matches(str(driver), DRIVERS, n=1, cutoff=0.4)
-        hint = f"did you mean {close[0]!r}?" if close else f"drivers are {', '.join(DRIVERS)}"
-        what = "has no key driver" if driver is None else f"unknown driver {driver!r}"
-        raise ConfigError(what, where=where, remedy=hint)
-    given = dict(table) if endpoint is None else {**table, "port": endpoint}
-    model = device_class(driver).Settings
+    if not isinstance(driver, str):
+        raise ConfigError("has no key driver", where=where, remedy=f"drivers are {', '.join(INSTRUMENTS)}")
     try:
-        return driver, model.model_validate(given)
+        instrument = load_instrument(driver)
+    except ConfigError as error:
+        raise ConfigError(error.what, where=where, remedy=error.remedy) from error
+    given = dict(table) if endpoint is None else {**table, "port": endpoint}
+    try:
+        return instrument, instrument.settings.model_validate(given, context={"channels": channels})
     except ValidationError as error:
-        raise ConfigError(describe_validation(error, model), where=where) from error
+        raise ConfigError(describe_validation(error, instrument.settings), where=where) from error
 
 
 def build_devices(
@@ -102,7 +157,7 @@ def build_devices(
 
     Examples
     --------
-    >>> from bench.config import parse_config
+    >>> from sawbench.bench.config import parse_config
     >>> text = "[devices.cell]\ndriver = 'gsv8'\nport = 'COM3'\n[devices.cell.channels.force_n]\ninput=1"
     >>> build_devices(parse_config(text).config)[0].streams[0].rate_hz
     6000.0
@@ -121,9 +176,8 @@ def build_devices(
     for name, table in config.devices.items():
         if only and name not in only:
             continue
-        driver, settings = validate_table(name, table, endpoint=endpoints.get(name))
-        module = importlib.import_module(DRIVERS[driver][0])
-        device = module.make(name, settings, clock)
+        instrument, settings = validate_table(name, table, channels=config.known_channels, endpoint=endpoints.get(name))
+        device = instrument.make(name, settings, clock)
         for channel in (c.name for stream in device.streams for c in stream.channels):
             if channel in giver:
                 raise ConfigError(

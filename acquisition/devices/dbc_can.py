@@ -7,27 +7,26 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BaseModel, Field
-
-from acquisition.calibration import Calibration
-from acquisition.can_signals import find_signal, frame_mask, load_dbc, needed_length, raw_signal
-from acquisition.devices.device import STRICT, Chunk, Stream, StreamChannel, known_channel
-from acquisition.transports.can_batch import CanBatch
-from acquisition.transports.can_bus import make_can_source
-from bench.errors import ConfigError
-from bench.units import CHANNEL_BY_NAME
+from pydantic import BaseModel, Field
+from sawbench.acquisition.calibration import Calibration
+from sawbench.acquisition.can_signals import find_signal, frame_mask, load_dbc, needed_length, raw_signal
+from sawbench.acquisition.devices.dbc_can_emulator import CanEmulator, EmulatedMessage
+from sawbench.acquisition.devices.device import STRICT, BenchChannel, Chunk, Stream, StreamChannel
+from sawbench.acquisition.devices.instrument import Instrument
+from sawbench.acquisition.sample_counter import SampleCounter
+from sawbench.acquisition.simulation.plant_stream import PlantStream
+from sawbench.acquisition.transports.can_batch import CanBatch
+from sawbench.acquisition.transports.can_bus import make_can_source
+from sawbench.bench.errors import ConfigError
+from sawbench.bench.units import Channel
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
     from cantools.database.can.signal import Signal as DbcSignal
-
-# A counter that jumps by more than this share of its range was restarted, not overrun.
-_RESTART_SHARE: Final = 0.5
-ChannelName = Annotated[str, AfterValidator(known_channel)]
 
 
 class DbcCanSettings(BaseModel):
@@ -45,15 +44,15 @@ class DbcCanSettings(BaseModel):
         Of the adapter's serial port, bit/s (slcan only).
     dbc : str
         DBC file; scaling, unit and range of the signals come from it.
-    signals : mapping of str to str
+    signals : mapping of Channel to str
         Bench channel -> `Message.Signal`.
     counter : str
         Signal that counts samples, looked for in each message used; "" if there is none.
     rate_hz : mapping of str to float
         Message -> rate, where the DBC states no cycle time.
-    calibration : mapping of str to Calibration
+    calibration : mapping of Channel to Calibration
         Bench channel -> correction of the DBC's physical value; usually not needed.
-    noise_std : mapping of str to float
+    noise_std : mapping of Channel to float
         Bench channel -> noise to expect at rest (1 std), in the channel's unit; `sawbench check` compares with it.
     """
 
@@ -64,11 +63,11 @@ class DbcCanSettings(BaseModel):
     bitrate: int = Field(default=500_000, gt=0)
     baud_rate: int = Field(default=115200, gt=0)
     dbc: str = "jigsaw_bench.dbc"
-    signals: dict[ChannelName, str] = Field(min_length=1)
+    signals: dict[BenchChannel, str] = Field(min_length=1)
     counter: str = "SampleCounter"
     rate_hz: dict[str, Annotated[float, Field(gt=0)]] = Field(default_factory=dict)
-    calibration: dict[ChannelName, Calibration] = Field(default_factory=dict)
-    noise_std: dict[ChannelName, Annotated[float, Field(gt=0)]] = Field(default_factory=dict)
+    calibration: dict[BenchChannel, Calibration] = Field(default_factory=dict)
+    noise_std: dict[BenchChannel, Annotated[float, Field(gt=0)]] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -105,7 +104,7 @@ def message_layouts(name: str, settings: DbcCanSettings) -> tuple[MessageLayout,
     """
     where = f"[devices.{name}]"
     database = load_dbc(settings.dbc)
-    by_message: dict[str, tuple[Message, list[tuple[str, DbcSignal]]]] = {}
+    by_message: dict[str, tuple[Message, list[tuple[Channel, DbcSignal]]]] = {}
     for channel, path in settings.signals.items():
         message, signal = find_signal(database, path, where=where)
         by_message.setdefault(message.name, (message, []))[1].append((channel, signal))
@@ -125,7 +124,7 @@ def _check_counter(where: str, settings: DbcCanSettings, messages: list[Message]
 
 
 def _layout(
-    where: str, settings: DbcCanSettings, message: Message, pairs: list[tuple[str, DbcSignal]]
+    where: str, settings: DbcCanSettings, message: Message, pairs: list[tuple[Channel, DbcSignal]]
 ) -> MessageLayout:
     rate_hz = settings.rate_hz.get(message.name) or (1000.0 / message.cycle_time if message.cycle_time else 0.0)
     if not rate_hz:
@@ -150,23 +149,22 @@ def _layout(
     )
 
 
-def _channel(where: str, channel: str, signal: DbcSignal, settings: DbcCanSettings) -> StreamChannel:
-    unit = CHANNEL_BY_NAME[channel].unit
+def _channel(where: str, channel: Channel, signal: DbcSignal, settings: DbcCanSettings) -> StreamChannel:
     calibration = settings.calibration.get(channel)
     if calibration is None:
-        if signal.unit and signal.unit != unit:
+        if signal.unit and signal.unit != channel.unit:
             raise ConfigError(
-                f"{signal.name} is in {signal.unit!r}, but {channel} is in {unit!r}",
+                f"{signal.name} is in {signal.unit!r}, but {channel.name} is in {channel.unit!r}",
                 where=where,
-                remedy=f"add [devices.….calibration.{channel}] with the factor between them",
+                remedy=f"add [devices.….calibration.{channel.name}] with the factor between them",
             )
-        calibration = Calibration(raw_unit=unit, source=f"scale and offset of {signal.name} in {settings.dbc}")
+        calibration = Calibration(raw_unit=channel.unit, source=f"scale and offset of {signal.name} in {settings.dbc}")
     has_range = signal.minimum is not None and signal.maximum is not None and signal.minimum < signal.maximum
     ends = np.array([signal.minimum, signal.maximum]) if has_range else np.array([-1e12, 1e12])
     low, high = sorted(float(v) for v in calibration.apply(ends))
     return StreamChannel(
-        name=channel,
-        unit=unit,
+        name=channel.name,
+        unit=channel.unit,
         calibration=calibration,
         valid_range=(low, high),
         noise_std=settings.noise_std.get(channel),
@@ -186,8 +184,6 @@ class DbcCan:
         Monotonic seconds.
     """
 
-    Settings = DbcCanSettings
-
     def __init__(self, name: str, settings: DbcCanSettings, *, clock: Callable[[], float] = time.monotonic) -> None:
         self.name = name
         self.port = settings.port
@@ -201,7 +197,9 @@ class DbcCan:
             baud_rate=settings.baud_rate,
             clock=clock,
         )
-        self._last_count: dict[str, int] = {}
+        self._counters: dict[str, SampleCounter] = {}
+        # Frames whose counter jumps, until the next one tells why.
+        self._waiting: dict[str, tuple[NDArray[np.uint8], NDArray[np.float64]]] = {}
         self._n_other_frames = 0
         self._n_short_frames = 0
 
@@ -223,7 +221,8 @@ class DbcCan:
     def open(self) -> None:
         """Open the bus; see `Device.open`."""
         _ = self.layouts
-        self._last_count.clear()
+        self._counters.clear()
+        self._waiting.clear()
         self._bus.open()
 
     def start(self) -> None:
@@ -265,20 +264,25 @@ class DbcCan:
     def _chunks_of(
         self, layout: MessageLayout, payload: NDArray[np.uint8], arrival_s: NDArray[np.float64]
     ) -> list[Chunk]:
-        columns = [
-            raw_signal(signal, payload) * float(signal.scale) + float(signal.offset) for signal in layout.signals
-        ]
-        raw = np.stack(columns, axis=1)
         if layout.counter is None:
-            return [Chunk(stream=layout.stream.name, raw=raw, arrival_s=arrival_s)]
-        counts = raw_signal(layout.counter, payload).astype(np.int64)
-        keep, n_lost, is_exact = self._lost_before(layout, counts)
-        raw, arrival_s, n_lost, is_exact = raw[keep], arrival_s[keep], n_lost[keep], is_exact[keep]
+            return [Chunk(stream=layout.stream.name, raw=_physical(layout, payload), arrival_s=arrival_s)]
+        name = layout.stream.name
+        if name in self._waiting:
+            before, before_s = self._waiting.pop(name)
+            payload, arrival_s = np.concatenate((before, payload)), np.concatenate((before_s, arrival_s))
+        if name not in self._counters:
+            self._counters[name] = SampleCounter(n_bits=layout.counter.length, rate_hz=layout.stream.rate_hz)
+        counted = self._counters[name].take(raw_signal(layout.counter, payload).astype(np.int64), arrival_s)
+        if counted.n_ready < len(payload):
+            self._waiting[name] = payload[counted.n_ready :], arrival_s[counted.n_ready :]
+        kept = np.flatnonzero(counted.keep)
+        raw, arrival_s = _physical(layout, payload[kept]), arrival_s[kept]
+        n_lost, is_exact = counted.n_lost[kept], counted.is_exact[kept]
         starts = np.flatnonzero((n_lost > 0) | ~is_exact)
-        edges = sorted({0, *starts.tolist(), len(raw)})
+        edges = sorted({0, *starts.tolist(), len(raw)}) if len(raw) else []
         return [
             Chunk(
-                stream=layout.stream.name,
+                stream=name,
                 raw=raw[a:b],
                 arrival_s=arrival_s[a:b],
                 n_lost=int(n_lost[a]),
@@ -287,24 +291,50 @@ class DbcCan:
             for a, b in pairwise(edges)
         ]
 
-    def _lost_before(
-        self, layout: MessageLayout, counts: NDArray[np.int64]
-    ) -> tuple[NDArray[np.bool_], NDArray[np.int64], NDArray[np.bool_]]:
-        """For each frame: keep it (not a repeat), samples lost before it, and whether that was counted."""
-        assert layout.counter is not None
-        modulus = 1 << layout.counter.length
-        last = self._last_count.get(layout.stream.name)
-        before = np.concatenate(([counts[0] - 1 if last is None else last], counts[:-1]))
-        step = (counts - before) % modulus
-        keep = step != 0
-        restarted = step > _RESTART_SHARE * modulus
-        n_lost = np.where(restarted | ~keep, 0, step - 1)
-        self._last_count[layout.stream.name] = int(counts[-1])
-        return keep, n_lost, ~restarted
+
+def _physical(layout: MessageLayout, payload: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Values of a message as the DBC scales them, shape (n, n_channels)."""
+    columns = [raw_signal(s, payload) * float(s.scale) + float(s.offset) for s in layout.signals]
+    return np.stack(columns, axis=1)
 
 
-def make(name: str, settings: Any, clock: Callable[[], float]) -> DbcCan:
+def make(name: str, settings: DbcCanSettings, clock: Callable[[], float]) -> DbcCan:
     """Build the device of one validated table and resolve its DBC, so that a wrong signal shows at once."""
     device = DbcCan(name, settings, clock=clock)
     _ = device.layouts
     return device
+
+
+def emulate(name: str, settings: DbcCanSettings, plant: PlantStream, clock_error_ppm: float) -> CanEmulator:
+    """Build an slcan adapter with the nodes of one validated table behind it.
+
+    Raises
+    ------
+    ConfigError
+        If the interface is another one.
+    """
+    if settings.interface != "slcan":
+        raise ConfigError(
+            f"interface {settings.interface!r} cannot be emulated",
+            where=f"[devices.{name}]",
+            remedy='set interface = "slcan" for the simulated bench',
+        )
+    database = load_dbc(settings.dbc)
+    messages = tuple(
+        EmulatedMessage(
+            message=database.get_message_by_name(layout.stream.name),
+            channels={s.name: c.name for s, c in zip(layout.signals, layout.stream.channels, strict=True)},
+            counter=settings.counter if layout.counter is not None else "",
+            rate_hz=layout.stream.rate_hz,
+        )
+        for layout in message_layouts(name, settings)
+    )
+    return CanEmulator(plant, messages, bitrate=settings.bitrate, clock_error_ppm=clock_error_ppm)
+
+
+INSTRUMENT: Final = Instrument(
+    settings=DbcCanSettings,
+    make=make,
+    emulate=emulate,
+    example={"signals": {"motor_current_a": "MotorStatus.MotorCurrent"}},
+)

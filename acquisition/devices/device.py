@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
-
-from acquisition.calibration import Calibration
-from bench.units import CHANNEL_BY_NAME
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
+from sawbench.acquisition.calibration import Calibration
+from sawbench.bench.units import CHANNEL_BY_NAME, Channel
 
 STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -124,7 +123,7 @@ class Device(Protocol):
         ...
 
     def describe(self) -> dict[str, str]:
-        """Facts for the record: model, firmware, rates, where its times come from."""
+        """Facts for the record: model, firmware, rates, where its times come from; `serial_number` where it has one."""
         ...
 
 
@@ -149,20 +148,27 @@ class ChannelTable(BaseModel):
     raw_range: tuple[float, float] = (-1e9, 1e9)
     noise_std: float | None = Field(default=None, gt=0)
 
-    def stream_channel(self, name: str) -> StreamChannel:
-        """Return the channel `name` with the range that `raw_range` maps to."""
+    def stream_channel(self, channel: Channel) -> StreamChannel:
+        """Return `channel` with the range that `raw_range` maps to."""
         ends = sorted(float(v) for v in self.calibration.apply(np.array(self.raw_range)))
         return StreamChannel(
-            name=name,
-            unit=CHANNEL_BY_NAME[name].unit,
+            name=channel.name,
+            unit=channel.unit,
             calibration=self.calibration,
             valid_range=(ends[0], ends[1]),
             noise_std=self.noise_std,
         )
 
 
-def known_channel(name: str) -> str:
-    """Return `name` if it is a channel of `bench.units`, for use as a validator."""
-    if name not in CHANNEL_BY_NAME:
-        raise ValueError(f"unknown channel {name!r}; channels are {', '.join(CHANNEL_BY_NAME)}")
-    return name
+def _known_channel(name: Any, info: ValidationInfo) -> Any:
+    """Turn a name into the channel of the bench; the context names those declared beyond `bench.units`."""
+    known = (info.context or {}).get("channels", CHANNEL_BY_NAME)
+    if not isinstance(name, str) or name not in known:
+        raise ValueError(
+            f"unknown channel {name!r}; channels are {', '.join(known)}; declare a further one as [channels.{name}]"
+        )
+    return known[name]
+
+
+# A key of a settings table: written as the channel's name, read as the channel with its unit.
+BenchChannel = Annotated[Channel, BeforeValidator(_known_channel)]

@@ -9,18 +9,22 @@ from __future__ import annotations
 import struct
 import time
 from collections.abc import Callable
-from typing import Annotated, Any, Final
+from typing import Final
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, Field, model_validator
-
-from acquisition.devices.device import STRICT, ChannelTable, Chunk, Stream, known_channel
-from acquisition.devices.gsv8_frames import ERROR_TEXT, Answer, DataType, Gsv8Framer, request
-from acquisition.transports.serial_port import SerialPort
-from bench.errors import DeviceError, NoAnswerError
+from pydantic import BaseModel, Field, model_validator
+from sawbench.acquisition.devices.device import STRICT, BenchChannel, ChannelTable, Chunk, Stream
+from sawbench.acquisition.devices.gsv8_emulator import Gsv8Emulator
+from sawbench.acquisition.devices.gsv8_frames import ERROR_TEXT, Answer, DataType, Gsv8Framer, request
+from sawbench.acquisition.devices.instrument import Instrument
+from sawbench.acquisition.simulation.plant_stream import PlantStream
+from sawbench.acquisition.simulation.sensor import EmulatedSensor
+from sawbench.acquisition.transports.serial_port import SerialPort
+from sawbench.bench.errors import DeviceError, NoAnswerError
 
 GET_INTERFACE: Final = 0x01
 SET_ZERO: Final = 0x0C
+GET_SERIAL_NUMBER: Final = 0x1F
 STOP_TRANSMISSION: Final = 0x23
 START_TRANSMISSION: Final = 0x24
 GET_FIRMWARE_VERSION: Final = 0x2B
@@ -41,7 +45,7 @@ class Gsv8Settings(BaseModel):
         Serial port or pyserial URL.
     rate_hz : float
         Frames per second that the amplifier is set to: GSV-8 up to 48 kHz.
-    channels : mapping of str to ChannelTable
+    channels : mapping of Channel to ChannelTable
         Bench channel -> input of the amplifier (from 1), calibration, raw range.
     baud_rate : int
         Bit/s; a frame of one float needs 80 bit, so 115200 Bd carry 1.4 kHz. Of no effect over USB.
@@ -53,7 +57,7 @@ class Gsv8Settings(BaseModel):
     driver: str = "gsv8"
     port: str
     rate_hz: float = Field(default=6000.0, gt=0, le=48000)
-    channels: dict[Annotated[str, AfterValidator(known_channel)], ChannelTable] = Field(min_length=1)
+    channels: dict[BenchChannel, ChannelTable] = Field(min_length=1)
     baud_rate: int = Field(default=115200, gt=0)
     integer_full_scale: float = Field(default=2.1, gt=0)
 
@@ -79,8 +83,6 @@ class Gsv8:
         Monotonic seconds; stamps the arrival of samples.
     """
 
-    Settings = Gsv8Settings
-
     def __init__(self, name: str, settings: Gsv8Settings, *, clock: Callable[[], float] = time.monotonic) -> None:
         self.name = name
         self.port = settings.port
@@ -96,7 +98,7 @@ class Gsv8:
     @property
     def streams(self) -> tuple[Stream, ...]:
         """One stream: all configured channels at the frame rate."""
-        channels = tuple(table.stream_channel(name) for name, table in self._settings.channels.items())
+        channels = tuple(table.stream_channel(channel) for channel, table in self._settings.channels.items())
         return (Stream(name=STREAM, rate_hz=self._rate_hz, channels=channels),)
 
     @property
@@ -130,6 +132,7 @@ class Gsv8:
             "firmware": firmware.hex(" "),
             "frame": f"{n_values} x {data_type}",
             "rate_hz": f"{self._rate_hz:g}",
+            "serial_number": str(int.from_bytes(self._ask(GET_SERIAL_NUMBER).payload[:4], "big")),
         }
 
     def start(self) -> None:
@@ -173,7 +176,8 @@ class Gsv8:
         DeviceError
             If the amplifier refuses.
         """
-        self._ask(SET_ZERO, bytes([self._settings.channels[channel].input]))
+        (table,) = (t for c, t in self._settings.channels.items() if c.name == channel)
+        self._ask(SET_ZERO, bytes([table.input]))
 
     def describe(self) -> dict[str, str]:
         """Model, firmware, frame layout, rate, overloads."""
@@ -228,6 +232,15 @@ class Gsv8:
         return DeviceError(what, where=self._where, remedy=remedy)
 
 
-def make(name: str, settings: Any, clock: Callable[[], float]) -> Gsv8:
-    """Build the device of one validated table."""
-    return Gsv8(name, settings, clock=clock)
+def emulate(_name: str, settings: Gsv8Settings, plant: PlantStream, clock_error_ppm: float) -> Gsv8Emulator:
+    """Build the amplifier of one validated table, seen from the other side."""
+    sensors = tuple(EmulatedSensor.of(channel, table) for channel, table in settings.channels.items())
+    return Gsv8Emulator(plant, sensors, rate_hz=settings.rate_hz, clock_error_ppm=clock_error_ppm)
+
+
+INSTRUMENT: Final = Instrument(
+    settings=Gsv8Settings,
+    make=lambda name, settings, clock: Gsv8(name, settings, clock=clock),
+    emulate=emulate,
+    example={"channels": {"force_n": {"input": 2, "raw_range": [-3.5, 3.5], "calibration": {"scale": 250.0}}}},
+)

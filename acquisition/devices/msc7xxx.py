@@ -9,15 +9,17 @@ from __future__ import annotations
 import struct
 import time
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
-
-from acquisition.devices.device import STRICT, ChannelTable, Chunk, Stream
-from acquisition.transports.serial_port import SerialPort
-from bench.errors import NoAnswerError
-from bench.units import CHANNEL_BY_NAME
+from sawbench.acquisition.devices.device import STRICT, BenchChannel, ChannelTable, Chunk, Stream
+from sawbench.acquisition.devices.instrument import Instrument
+from sawbench.acquisition.devices.msc7xxx_emulator import Msc7xxxEmulator
+from sawbench.acquisition.simulation.plant_stream import PlantStream
+from sawbench.acquisition.simulation.sensor import EmulatedSensor
+from sawbench.acquisition.transports.serial_port import SerialPort
+from sawbench.bench.errors import NoAnswerError
 
 _SHORT_START: Final = 0x10
 _LONG_START: Final = 0x68
@@ -122,7 +124,7 @@ class Msc7xxxSettings(BaseModel):
         Serial port or pyserial URL.
     address : int
         Of the controller on the RS485 bus.
-    channels : mapping of str to ChannelTable
+    channels : mapping of Channel to ChannelTable
         One channel; its raw value is the sensor voltage, V.
     baud_rate : int
         Bit/s, 8E1.
@@ -132,16 +134,14 @@ class Msc7xxxSettings(BaseModel):
     driver: str = "msc7xxx"
     port: str
     address: int = Field(default=0x7E, ge=0, le=0xFF)
-    channels: dict[str, ChannelTable] = Field(min_length=1, max_length=1)
+    channels: dict[BenchChannel, ChannelTable] = Field(min_length=1, max_length=1)
     baud_rate: int = Field(default=256_000, gt=0)
 
     @model_validator(mode="after")
-    def _channel_is_known(self) -> Msc7xxxSettings:
-        for name, table in self.channels.items():
-            if name not in CHANNEL_BY_NAME:
-                raise ValueError(f"unknown channel {name!r}; channels are {', '.join(CHANNEL_BY_NAME)}")
+    def _has_one_input(self) -> Msc7xxxSettings:
+        for channel, table in self.channels.items():
             if table.input != 1:
-                raise ValueError(f"{name}: the controller has one input, got input {table.input}")
+                raise ValueError(f"{channel.name}: the controller has one input, got input {table.input}")
         return self
 
 
@@ -156,8 +156,6 @@ class Msc7xxx:
         Monotonic seconds.
     """
 
-    Settings = Msc7xxxSettings
-
     def __init__(self, name: str, settings: Msc7xxxSettings, *, clock: Callable[[], float] = time.monotonic) -> None:
         self.name = name
         self.port = settings.port
@@ -169,7 +167,7 @@ class Msc7xxx:
     @property
     def streams(self) -> tuple[Stream, ...]:
         """One polled stream: every sample carries its own time."""
-        channels = tuple(table.stream_channel(name) for name, table in self._settings.channels.items())
+        channels = tuple(table.stream_channel(channel) for channel, table in self._settings.channels.items())
         return (Stream(name=STREAM, rate_hz=0.0, channels=channels),)
 
     @property
@@ -223,6 +221,15 @@ class Msc7xxx:
         }
 
 
-def make(name: str, settings: Any, clock: Callable[[], float]) -> Msc7xxx:
-    """Build the device of one validated table."""
-    return Msc7xxx(name, settings, clock=clock)
+def emulate(_name: str, settings: Msc7xxxSettings, plant: PlantStream, _clock_error_ppm: float) -> Msc7xxxEmulator:
+    """Build the controller of one validated table, seen from the other side; it has no sample clock."""
+    ((channel, table),) = settings.channels.items()
+    return Msc7xxxEmulator(plant, EmulatedSensor.of(channel, table), address=settings.address)
+
+
+INSTRUMENT: Final = Instrument(
+    settings=Msc7xxxSettings,
+    make=lambda name, settings, clock: Msc7xxx(name, settings, clock=clock),
+    emulate=emulate,
+    example={"channels": {"displacement_mm": {"input": 1, "raw_range": [-10, 10], "calibration": {"scale": 2.5}}}},
+)

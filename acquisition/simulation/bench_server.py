@@ -13,30 +13,26 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal, TextIO
+from typing import Final, Literal, TextIO
 
-from acquisition.calibration import Calibration
-from acquisition.devices import validate_table
-from acquisition.simulation.can_emulator import CanEmulator, EmulatedMessage
-from acquisition.simulation.endpoints import Endpoint, PtyEndpoint, TcpEndpoint
-from acquisition.simulation.faults import Fault, FaultySender
-from acquisition.simulation.gsv8_emulator import EmulatedInput, Gsv8Emulator
-from acquisition.simulation.msc7xxx_emulator import Msc7xxxEmulator
-from acquisition.simulation.plant_stream import Instrument, PlantStream
-from bench.config import BenchConfig
-from bench.errors import ConfigError, InputError
+from sawbench.acquisition.devices import validate_table
+from sawbench.acquisition.simulation.declared_channels import DeclaredChannels
+from sawbench.acquisition.simulation.endpoints import Endpoint, PtyEndpoint, TcpEndpoint
+from sawbench.acquisition.simulation.faults import Fault, FaultySender
+from sawbench.acquisition.simulation.plant_stream import EmulatedInstrument, PlantStream
+from sawbench.bench.config import BenchConfig
+from sawbench.bench.errors import ConfigError, InputError
 
 TransportKind = Literal["auto", "pty", "tcp"]
 # No multiple of a sample period: the newest sample is then sometimes sent at once, as the clock estimate
 # needs.
 _TICK_S: Final = 0.0047
-_CONVERTER_STEPS: Final = 1 << 24
 
 
 @dataclass(kw_only=True, slots=True)
 class _Place:
     name: str
-    instrument: Instrument
+    instrument: EmulatedInstrument
     endpoint: Endpoint
     sender: FaultySender
     is_plugged: bool = True
@@ -48,7 +44,7 @@ class SimulatedBench:
     Parameters
     ----------
     plant : PlantStream
-    instruments : mapping of str to Instrument
+    instruments : mapping of str to EmulatedInstrument
     endpoints : mapping of str to Endpoint
         Same names.
     faults : tuple of Fault
@@ -59,7 +55,7 @@ class SimulatedBench:
     def __init__(
         self,
         plant: PlantStream,
-        instruments: Mapping[str, Instrument],
+        instruments: Mapping[str, EmulatedInstrument],
         endpoints: Mapping[str, Endpoint],
         *,
         faults: tuple[Fault, ...] = (),
@@ -71,6 +67,7 @@ class SimulatedBench:
         self._plant = plant
         self._trigger_after_s = trigger_after_s
         self._is_triggered = False
+        self._n_steps = 0
         self._all_stream_since_s: float | None = None
         self._places = [
             _Place(
@@ -101,10 +98,16 @@ class SimulatedBench:
         if since_s >= self._trigger_after_s and not self._is_triggered:
             self._is_triggered = True
             self._plant.trigger(now_s)
-        for place in self._places:
-            self._step_place(place, now_s, since_s)
+        # All is made before any is sent, and each is sent first in its turn: no instrument's smallest latency may hold
+        # the time that another one takes, here or in the host's threads.
+        due = [(place, self._due(place, now_s, since_s)) for place in self._places]
+        self._n_steps += 1
+        first = self._n_steps % len(due)
+        for place, streamed in due[first:] + due[:first]:
+            place.endpoint.write(streamed)
 
-    def _step_place(self, place: _Place, now_s: float, since_s: float) -> None:
+    def _due(self, place: _Place, now_s: float, since_s: float) -> bytes:
+        """Plug or unplug, answer commands, and return what the instrument streams until `now_s`."""
         is_out = place.sender.is_unplugged(since_s)
         if is_out == place.is_plugged:
             if is_out:
@@ -114,7 +117,7 @@ class SimulatedBench:
                 place.endpoint.plug()
             place.is_plugged = not is_out
         if is_out:
-            return
+            return b""
         commands = place.endpoint.read()
         if commands:
             was_streaming = place.instrument.is_streaming
@@ -123,12 +126,12 @@ class SimulatedBench:
                 # Samples still waiting belong to a measurement that was stopped.
                 place.endpoint.drop_backlog()
             place.endpoint.write(answers)
-        place.endpoint.write(place.sender.through(place.instrument.advance(now_s), since_s))
+        return place.sender.through(place.instrument.advance(now_s), since_s)
 
 
 def make_instruments(
     plant: PlantStream, config: BenchConfig, *, clock_error_ppm: Mapping[str, float] | None = None
-) -> dict[str, Instrument]:
+) -> dict[str, EmulatedInstrument]:
     """Emulate every device of the configuration.
 
     Parameters
@@ -140,7 +143,7 @@ def make_instruments(
 
     Returns
     -------
-    dict of str to Instrument
+    dict of str to EmulatedInstrument
 
     Raises
     ------
@@ -150,64 +153,14 @@ def make_instruments(
     if not config.devices:
         raise ConfigError("the configuration has no [devices.*] table, so there is nothing to emulate")
     errors = clock_error_ppm or {}
-    makers: dict[str, Callable[[str, Any, float], Instrument]] = {
-        "gsv8": lambda _, s, ppm: Gsv8Emulator(plant, _inputs(s), rate_hz=s.rate_hz, clock_error_ppm=ppm),
-        "msc7xxx": lambda _, s, ppm: Msc7xxxEmulator(plant, _inputs(s)[0], address=s.address),
-        "dbc_can": lambda name, s, ppm: CanEmulator(plant, _messages(name, s), bitrate=s.bitrate, clock_error_ppm=ppm),
-    }
+    sensed = DeclaredChannels(plant, config.known_channels)
     instruments = {}
     for name, table in config.devices.items():
-        driver, settings = validate_table(name, table)
-        if driver not in makers:
-            raise ConfigError(f"driver {driver!r} has no emulator", where=f"[devices.{name}]")
-        instruments[name] = makers[driver](name, settings, errors.get(name, 0.0))
+        instrument, settings = validate_table(name, table, channels=config.known_channels)
+        if instrument.emulate is None:
+            raise ConfigError(f"driver {table['driver']!r} has no emulator", where=f"[devices.{name}]")
+        instruments[name] = instrument.emulate(name, settings, sensed, errors.get(name, 0.0))
     return instruments
-
-
-def _inputs(settings: Any) -> tuple[EmulatedInput, ...]:
-    inputs = []
-    for channel, table in settings.channels.items():
-        calibration: Calibration = table.calibration
-        if calibration.polynomial is not None:
-            raise ConfigError(f"{channel} has a polynomial calibration, which cannot be emulated")
-        low, high = table.raw_range
-        quantum = (high - low) / _CONVERTER_STEPS if high - low < 1e6 else 0.0
-        inputs.append(
-            EmulatedInput(
-                channel=channel,
-                input=table.input,
-                scale=calibration.scale,
-                offset=calibration.offset,
-                zero_raw=calibration.zero_raw,
-                quantum=quantum,
-            )
-        )
-    return tuple(inputs)
-
-
-def _messages(name: str, settings: Any) -> tuple[EmulatedMessage, ...]:
-    from acquisition.can_signals import load_dbc
-    from acquisition.devices.dbc_can import message_layouts
-
-    if settings.interface != "slcan":
-        raise ConfigError(
-            f"interface {settings.interface!r} cannot be emulated",
-            where=f"[devices.{name}]",
-            remedy='set interface = "slcan" for the simulated bench',
-        )
-    database = load_dbc(settings.dbc)
-    messages = []
-    for layout in message_layouts(name, settings):
-        pairs = zip(layout.signals, layout.stream.channels, strict=True)
-        messages.append(
-            EmulatedMessage(
-                message=database.get_message_by_name(layout.stream.name),
-                channels={signal.name: channel.name for signal, channel in pairs},
-                counter=settings.counter if layout.counter is not None else "",
-                rate_hz=layout.stream.rate_hz,
-            )
-        )
-    return tuple(messages)
 
 
 def run_bench(

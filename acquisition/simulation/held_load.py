@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-
-from acquisition.simulation.plant_stream import PlantStream
+from sawbench.acquisition.simulation.plant_stream import PlantStream
 
 
 class HeldLoad:

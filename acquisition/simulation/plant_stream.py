@@ -32,7 +32,7 @@ class PlantStream(Protocol):
         ...
 
 
-class Instrument(Protocol):
+class EmulatedInstrument(Protocol):
     """An emulated instrument: commands in, frames out, no ports and no clock of its own."""
 
     @property

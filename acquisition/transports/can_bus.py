@@ -10,9 +10,9 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final, Protocol
 
-from acquisition.transports.can_batch import CanBatch, ParsedFrame
-from acquisition.transports.slcan import SlcanBus
-from bench.errors import DeviceError
+from sawbench.acquisition.transports.can_batch import CanBatch, ParsedFrame
+from sawbench.acquisition.transports.slcan import SlcanBus
+from sawbench.bench.errors import DeviceError
 
 if TYPE_CHECKING:
     import can

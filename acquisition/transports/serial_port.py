@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import errno
+from pathlib import Path
 from typing import Any, Final
 
 import serial
+from sawbench.bench.errors import DeviceError
 from serial.tools import list_ports
-
-from bench.errors import DeviceError
 
 _WAIT_S: Final = 0.1
 # A socket cannot say how much is waiting, so it is read for a fixed short time instead.
@@ -56,7 +56,8 @@ class SerialPort:
             self._port = serial.serial_for_url(
                 self.url,
                 baudrate=self._baud_rate,
-                parity=self._parity,
+                # A pseudo-terminal has no parity, and the system refuses to set one a second time.
+                parity="N" if _is_pseudo_terminal(self.url) else self._parity,
                 timeout=wait_s,
                 write_timeout=1.0,
                 **options,
@@ -149,3 +150,7 @@ class SerialPort:
                 remedy=f"plug the instrument in, or correct `port` in [devices.{self._device}]",
             )
         return DeviceError(f"cannot be opened: {text}", where=where, remedy="check the settings of the port")
+
+
+def _is_pseudo_terminal(url: str) -> bool:
+    return "://" not in url and Path(url).resolve().parent == Path("/dev/pts")

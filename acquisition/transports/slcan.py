@@ -11,9 +11,9 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from acquisition.transports.can_batch import CanBatch, ParsedFrame
-from acquisition.transports.serial_port import SerialPort
-from bench.errors import ConfigError, DeviceError
+from sawbench.acquisition.transports.can_batch import CanBatch, ParsedFrame
+from sawbench.acquisition.transports.serial_port import SerialPort
+from sawbench.bench.errors import ConfigError, DeviceError
 
 BITRATE_COMMANDS: Final = {
     10_000: b"S0",

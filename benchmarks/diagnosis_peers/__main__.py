@@ -18,7 +18,7 @@ for _name in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one step; returns the exit code."""
-    from bench.errors import InputError
+    from sawbench.bench.errors import InputError
 
     given = _parser().parse_args(arguments)
     try:
@@ -118,10 +118,11 @@ def _answer(given: argparse.Namespace) -> int:
 
 
 def _isolability(given: argparse.Namespace) -> int:
+    from sawbench.blindcheck.sealing import COMMITMENTS, read_json, write_json
+
     from benchmarks.diagnosis_peers.cases import peers_dir
     from benchmarks.diagnosis_peers.isolability import computed_isolability, isolability_rows, structural_isolability
     from benchmarks.diagnosis_peers.reduction import read_campaign, reduce
-    from blindcheck.sealing import COMMITMENTS, read_json, write_json
 
     names = sorted(read_json(given.set / COMMITMENTS)["cases"])[: given.cases]
     found = [computed_isolability(reduce(*read_campaign(given.set / name)).problem) for name in names]
@@ -134,10 +135,11 @@ def _isolability(given: argparse.Namespace) -> int:
 
 
 def _score(given: argparse.Namespace) -> int:
+    from sawbench.blindcheck.sealing import read_json
+
     from benchmarks.diagnosis_peers.cases import peers_dir
     from benchmarks.diagnosis_peers.page import page
     from benchmarks.diagnosis_peers.table import score_set, table
-    from blindcheck.sealing import read_json
 
     scores, about = score_set(given.set, given.key, answers_dir=given.answers, n_cases=given.cases)
     print(table(scores))

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from itertools import combinations, product
 
 import numpy as np
+from sawbench.bench.recording import Floats
 
-from bench.recording import Floats
 from benchmarks.diagnosis_peers.hypotheses import EFFECTS, PRIOR, log_prior, normalised, pair_name
 from benchmarks.diagnosis_peers.terms import ABSORBED, NAMELESS, SPREAD, STOCK, Terms
 

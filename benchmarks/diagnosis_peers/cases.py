@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from sawbench.bench.errors import InputError
+from sawbench.bench.recording import Floats
+from sawbench.blindcheck.answering import refuse_key_inside
+from sawbench.blindcheck.sealing import COMMITMENTS, draw_cases, read_json, write_json
 
-from bench.errors import InputError
-from bench.recording import Floats
 from benchmarks.diagnosis_peers.hypotheses import label_of
 from benchmarks.diagnosis_peers.reduction import read_campaign, reduce
 from benchmarks.diagnosis_peers.terms import Terms, terms_of
 from benchmarks.diagnosis_peers.vector import feature_vector
-from blindcheck.answering import refuse_key_inside
-from blindcheck.sealing import COMMITMENTS, draw_cases, read_json, write_json
 
 LAST_DEVELOPMENT_SEED = 999
 LABELS = "labels.json"
@@ -192,7 +192,7 @@ def develop(
     InputError
         If the seed is one of a claim.
     """
-    from blindcheck.campaign import make_campaign
+    from sawbench.blindcheck.campaign import make_campaign
 
     if not 1 <= seed <= LAST_DEVELOPMENT_SEED:
         raise InputError(f"seed is {seed}, allowed for training is 1 to {LAST_DEVELOPMENT_SEED}")

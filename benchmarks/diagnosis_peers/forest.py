@@ -8,8 +8,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from sawbench.bench.recording import Floats
 
-from bench.recording import Floats
 from benchmarks.diagnosis_peers.hypotheses import CLASSES, spread_pairs
 
 _GRID: tuple[tuple[int, Any], ...] = tuple(product((1, 3), ("sqrt", 0.1, 0.3)))

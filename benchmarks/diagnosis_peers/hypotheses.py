@@ -8,13 +8,11 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-
-from bench.recording import Floats
-from blindcheck.effects.table import CATALOGUE
-from diagnosis.weighing import AND, VERDICTS
+from sawbench.bench.recording import Floats
+from sawbench.blindcheck.effects.table import CATALOGUE
+from sawbench.diagnosis.inference.hypothesis import AND, OTHERS
 
 EFFECTS = tuple(CATALOGUE)
-OTHERS = VERDICTS
 PAIR = "pair"
 CLASSES = (*EFFECTS, *OTHERS, PAIR)
 # Shares of the kinds in a set, as docs/blind_check.md states them; every peer may know them.

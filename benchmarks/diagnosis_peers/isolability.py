@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.evidence import Column, catalogue_columns
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
 
-from bench.recording import Floats
 from benchmarks.diagnosis_peers.hypotheses import EFFECTS
-from diagnosis.evidence import Column, catalogue_columns
-from diagnosis.linear_problem import LinearProblem
 
 # Equations of the jigsaw: variables, and the effects that add a term to them.
 _UNKNOWN = ("i", "di", "w", "dw", "phi", "dphi", "force", "vb", "ib", "q", "dq", "flux")

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from sawbench.bench.recording import Floats
 
-from bench.recording import Floats
 from benchmarks.diagnosis_peers.forest import log_loss, sharpened
 from benchmarks.diagnosis_peers.hypotheses import CLASSES, spread_pairs
 

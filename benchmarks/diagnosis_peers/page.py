@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from sawbench.blindcheck.scoring import Score
+
 from benchmarks.diagnosis_peers.table import table
 from benchmarks.diagnosis_peers.training import PEERS
-from blindcheck.scoring import Score
 
 _TOP = """# Peers: other ways to name the effect
 

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-
-from bench.config import LoadedConfig
-from bench.errors import InputError
-from bench.recording import Floats, Recording
-from diagnosis.campaign import reduce_campaign
-from diagnosis.features import START_UP_EDGES_S
-from diagnosis.linear_problem import LinearProblem, Part, build_problem
+from sawbench.bench.config import LoadedConfig
+from sawbench.bench.errors import InputError
+from sawbench.bench.recording import Floats, Recording
+from sawbench.diagnosis.campaign import reduce_campaign
+from sawbench.diagnosis.inference.features import START_UP_EDGES_S
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part, build_problem
 
 TWO_PI = 2.0 * np.pi
 # Second differences of white noise have six times its variance; 1.4826 turns a median deviation into a std.
@@ -51,8 +50,8 @@ def read_campaign(case_dir: Path) -> tuple[list[Recording], LoadedConfig]:
     InputError
         If a table is missing or wrong, or no configuration is named.
     """
-    from storage.importers.campaign import load_campaign
-    from storage.importers.dispatch import read_signals
+    from sawbench.storage.importers.campaign import load_campaign
+    from sawbench.storage.importers.dispatch import read_table
 
     campaign, config = load_campaign(case_dir / "campaign.toml")
     if config is None:
@@ -60,8 +59,8 @@ def read_campaign(case_dir: Path) -> tuple[list[Recording], LoadedConfig]:
     found = []
     for entry in campaign.trial:
         trial = entry.trial()
-        signals, _ = read_signals(case_dir / entry.file, is_idle=trial.is_idle)
-        found.append(Recording(trial=trial, signals=signals))
+        content = read_table(case_dir / entry.file, is_idle=trial.is_idle)
+        found.append(Recording(trial=trial, signals=content.signals))
     return found, config
 
 

@@ -11,8 +11,8 @@ from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
+from sawbench.bench.recording import Floats
 
-from bench.recording import Floats
 from benchmarks.diagnosis_peers.bic import effect_columns
 from benchmarks.diagnosis_peers.hypotheses import log_prior, normalised, pair_name
 from benchmarks.diagnosis_peers.terms import NAMELESS, SPREAD, STOCK, Terms

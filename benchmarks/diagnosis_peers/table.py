@@ -10,14 +10,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.errors import InputError
+from sawbench.bench.errors import InputError
+from sawbench.blindcheck.answering import INDEX, read_answers, refuse_key_inside
+from sawbench.blindcheck.scored_case import Case, case_of
+from sawbench.blindcheck.scoring import Score, score
+from sawbench.blindcheck.sealing import COMMITMENTS, read_json, read_key, verify, write_json
+
 from benchmarks.diagnosis_peers.cases import Progress, load, peers_dir
 from benchmarks.diagnosis_peers.hypotheses import answer_of, case_arguments
 from benchmarks.diagnosis_peers.training import PEERS, trained, uses_terms
-from blindcheck.answering import INDEX, read_answers, refuse_key_inside
-from blindcheck.scored_case import Case, case_of
-from blindcheck.scoring import Score, score
-from blindcheck.sealing import COMMITMENTS, read_json, read_key, verify, write_json
 
 OURS = "this diagnosis"
 
@@ -100,7 +101,7 @@ def score_set(
     InputError
         If the seal is broken or nobody has answered.
     """
-    from commands.source_identity import software_identity
+    from sawbench.commands.source_identity import software_identity
 
     set_dir = Path(set_dir)
     sealed = verify(set_dir, key_path)

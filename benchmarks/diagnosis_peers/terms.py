@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.evidence import catalogue_columns
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
+from sawbench.modeling.residuals import Equation
 
-from bench.recording import Floats
 from benchmarks.diagnosis_peers.reduction import Reduced, naive_std, physical, retuned
-from diagnosis.equations import Equation
-from diagnosis.evidence import catalogue_columns
-from diagnosis.linear_problem import LinearProblem, Part
 
 _N_HARMONICS = 2
 SPREAD = "k_fc spread of "

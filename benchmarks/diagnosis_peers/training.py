@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from sawbench.bench.errors import InputError
+from sawbench.bench.recording import Floats
+from sawbench.blindcheck.scored_case import Case
 
-from bench.errors import InputError
-from bench.recording import Floats
 from benchmarks.diagnosis_peers.bic import SETTINGS as BIC_SETTINGS
 from benchmarks.diagnosis_peers.bic import BicSettings, bic_probabilities
 from benchmarks.diagnosis_peers.cases import CaseFeatures, development_cases
@@ -28,7 +29,6 @@ from benchmarks.diagnosis_peers.sparse import (
     votes,
 )
 from benchmarks.diagnosis_peers.sparse import SETTINGS as SPARSE_SETTINGS
-from blindcheck.scored_case import Case
 
 PEERS: Mapping[str, str] = {
     "bic": "plain BIC",

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import Counter
 
 import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
+from sawbench.modeling.state import TrialSetting
 
-from bench.recording import Floats
 from benchmarks.diagnosis_peers.reduction import Reduced, physical, retuned
-from diagnosis.linear_problem import LinearProblem, Part
-from diagnosis.state import TrialSetting
 
 POINTS = ("idle low", "idle middle", "idle high", "cut low", "cut middle", "cut high", "other feed", "other stock")
 _TINY = 1e-12
@@ -77,7 +77,7 @@ def _scaled(part: Part, features: Floats) -> Floats:
     out = features.copy()
     place = part.layout.slices.get("cutting")
     if place is not None:
-        out[:, place] *= 100.0 / max(float(part.state.slow["peak_force_n"].max()), _TINY)
+        out[:, place] *= 100.0 / max(part.state.peak_force_n, _TINY)
     return out
 
 

@@ -23,6 +23,8 @@ class Setting:
         Of the campaign.
     peak_force_n : float
         Peak cutting force at the middle duty without any effect.
+    usual_limit_a : float
+        Motor current at which an electronic limiter of typical size acts.
     forms : {"own", "plain"}
         "own": the functional forms of this package; "plain": textbook forms, for the check that leaves the
         forms of nature out.
@@ -30,6 +32,7 @@ class Setting:
 
     seed: int
     peak_force_n: float
+    usual_limit_a: float = 21.0
     forms: Forms = "own"
 
     def rng(self, effect_id: str) -> np.random.Generator:

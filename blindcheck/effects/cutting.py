@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-
-from blindcheck.effects.change import Change, Setting
+from sawbench.blindcheck.effects.change import Change, Setting
 
 
 def blade_compliance(severity: float, setting: Setting) -> Change:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-
-from blindcheck.effects.change import Change, Setting
+from sawbench.blindcheck.effects.change import Change, Setting
 
 
 def guide_friction(severity: float, setting: Setting) -> Change:
@@ -84,3 +83,20 @@ def magnet_weakening(severity: float, setting: Setting) -> Change:
     """
     del setting
     return Change(plant={"magnet_per_k": 1.8e-3 * severity})
+
+
+def cogging_torque(severity: float, setting: Setting) -> Change:
+    """Let the rotor's teeth snap to the magnets, as often a turn of the motor as it has slots.
+
+    tau = a (sin(u) + q sin(2 u)) / sqrt(1 + q^2), u = slots phi_motor + psi; slots 5, 7, 9 or 12; a = 8 mN m, q = 0.25
+    (0 of the textbook form).
+    """
+    rng = setting.rng("cogging_torque")
+    return Change(
+        plant={"cogging_torque": 0.008 * severity},
+        shape={
+            "cogging_slots": float(rng.choice([5, 7, 9, 12])),
+            "cogging_phase": float(rng.uniform(0.0, 2.0 * np.pi)),
+            "cogging_second": 0.25 if setting.forms == "own" else 0.0,
+        },
+    )

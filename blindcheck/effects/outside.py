@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from blindcheck.effects.change import Change, Setting
+from sawbench.blindcheck.effects.change import Change, Setting
 
 
 def hand_sway(severity: float, setting: Setting) -> Change:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from blindcheck.effects.change import Change, Setting
+from sawbench.blindcheck.effects.change import Change, Setting
 
 
 def brush_voltage_drop(severity: float, setting: Setting) -> Change:
@@ -36,10 +36,9 @@ def current_limit(severity: float, setting: Setting) -> Change:
     """Pull the duty back above i_max by a PI controller.
 
     With e = i - i_max: duty - 0.03 e - p, p' = 1.5 e, decaying with 1/8 s below; i_max = 21 A /
-    sqrt(severity).
+    sqrt(severity), or as far below the start-up peak of another tool.
     """
-    del setting
-    return Change(shape={"limit_a": 21.0 * severity**-0.5})
+    return Change(shape={"limit_a": setting.usual_limit_a * severity**-0.5})
 
 
 def battery_internal_resistance(severity: float, setting: Setting) -> Change:

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-
-from bench.recording import Floats, Signal
-from diagnosis.state import TWO_PI, State, TrialSetting
+from sawbench.bench.recording import Floats, Signal
+from sawbench.modeling.machines.linear_axis import AxisState
+from sawbench.modeling.state import TWO_PI, TrialSetting
 
 N_POINTS = 128
 N_HARMONICS = 40
@@ -23,23 +23,6 @@ _CYCLE_SHARE = 0.98
 _LARGEST_DEVIATION = 0.1
 _RATE_HARMONICS = 3
 _EXPLAINED_SHARE = 0.8
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class AxisState(State):
-    """Measured cycles of an axis; `angle_rad` is the phase, `speed_rad_s` the phase rate.
-
-    Attributes
-    ----------
-    position_m, velocity_m_s, acceleration_m_s2 : ndarray, shape (n_units, n_points)
-    drive_n : ndarray, shape (n_units, n_points)
-        Force of the drive, at its nominal force constant.
-    """
-
-    position_m: Floats
-    velocity_m_s: Floats
-    acceleration_m_s2: Floats
-    drive_n: Floats
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

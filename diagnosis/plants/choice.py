@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Final
 
-from bench.config import LoadedConfig
-from bench.recording import Recording
-from diagnosis.campaign import Campaign, reduce_campaign
-from diagnosis.plants.linear_axis import reduce_axis
+from sawbench.bench.config import LoadedConfig
+from sawbench.bench.recording import Recording
+from sawbench.diagnosis.campaign import Campaign, reduce_campaign
+from sawbench.diagnosis.plants.linear_axis import reduce_axis
+from sawbench.modeling.machines.table import machine_of
+
+_REDUCE: Final = {"crank": reduce_campaign, "linear_axis": reduce_axis}
 
 
 def reduce_recordings(
@@ -22,7 +26,7 @@ def reduce_recordings(
     ----------
     recordings : sequence of Recording
     loaded : LoadedConfig
-        With a `[linear_axis]` table the plant is a linear axis, else the jigsaw of `[plant]`.
+        Of a machine in `modeling.machines.table`.
     on_trial : callable, optional
         (done, total, name).
 
@@ -32,9 +36,10 @@ def reduce_recordings(
 
     Raises
     ------
+    ConfigError
+        If it describes no machine.
     InputError
         If no trial can be diagnosed.
     """
-    if loaded.config.linear_axis is not None:
-        return reduce_axis(recordings, loaded, on_trial=on_trial)
-    return reduce_campaign(recordings, loaded, on_trial=on_trial)
+    machine = machine_of(loaded.config, path=loaded.path)
+    return _REDUCE[machine.frame](recordings, loaded, on_trial=on_trial)

@@ -1,4 +1,4 @@
-"""The jigsaw: battery, converter, DC motor, gear, Scotch yoke, blade in wood."""
+"""Diagnosis of a saw, whatever its mechanism: noise floors, uncertainties, harmonics and next trial."""
 
 from __future__ import annotations
 
@@ -7,17 +7,20 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-
-from bench.recording import Floats
-from diagnosis.beyond_catalogue import BEYOND_CATALOGUE
-from diagnosis.effects.catalogue import EFFECTS
-from diagnosis.effects.effect import Effect, Place
-from diagnosis.equations import UNITS, Baseline, Equation, Signature, residuals
-from diagnosis.features import HARMONICS, N_BLOCKS, START_UP_EDGES_S, Layout
-from diagnosis.nuisances import Nuisance, nuisances_of
-from diagnosis.plants.plant import EquationForm
-from diagnosis.reduction import smooth_state
-from diagnosis.state import State
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.beyond_catalogue import BEYOND_CATALOGUE
+from sawbench.diagnosis.inference.features import HARMONICS, N_BLOCKS, START_UP_EDGES_S, Layout
+from sawbench.diagnosis.inference.nuisances import Nuisance, force_offset, nuisances_of, of_known
+from sawbench.diagnosis.inference.zero_wander import ZeroWander, zero_readings, zero_wander
+from sawbench.diagnosis.plants.plant import EquationForm
+from sawbench.diagnosis.reduction import smooth_state
+from sawbench.modeling.effects.effect import Effect, Place
+from sawbench.modeling.effects.known import KnownEffect
+from sawbench.modeling.machines.machine import Machine
+from sawbench.modeling.machines.table import saw_of
+from sawbench.modeling.parts.linear import coefficient
+from sawbench.modeling.residuals import UNITS, Baseline, Equation, Signature, bare_residuals
+from sawbench.modeling.state import State
 
 # Model error that no repetition shows: what a tracked speed, a band-limited current and a linear residual leave.
 # Standard deviation of a feature in the unit of its equation, and its growth with each harmonic or, for the
@@ -53,7 +56,7 @@ _STATE_OF: Final = (
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Jigsaw:
-    """The jigsaw of the paper as a plant; see `diagnosis.plants.plant.Plant`.
+    """A saw as a plant; see `diagnosis.plants.plant.Plant`.
 
     Attributes
     ----------
@@ -61,12 +64,24 @@ class Jigsaw:
     """
 
     baseline: Baseline
-    name = "jigsaw"
-    states = ("crank angle", "crank speed", "motor current", "charge used")
-    inputs = ("displacement_mm", *(channel for channel, _ in _STATE_OF))
     scale_rel_std = 0.0
-    effects: tuple[Effect, ...] = EFFECTS
     beyond_catalogue: tuple[Effect, ...] = BEYOND_CATALOGUE
+
+    @property
+    def machine(self) -> Machine:
+        """What it is made of."""
+        return saw_of(self.baseline.plant, self.baseline.battery)
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Those whose parts it has, but for the known ones."""
+        known = {one.effect.name for one in self.known}
+        return tuple(e for e in self.machine.effects(self.baseline) if e.name not in known)
+
+    @property
+    def known(self) -> tuple[KnownEffect, ...]:
+        """Those that the model holds."""
+        return self.baseline.known
 
     @property
     def model(self) -> Baseline:
@@ -92,12 +107,12 @@ class Jigsaw:
         }
 
     def residuals(self, state: State) -> Signature:
-        """See `diagnosis.equations.residuals`."""
-        return residuals(self.baseline, state)
+        """See `modeling.residuals.bare_residuals`."""
+        return bare_residuals(self.baseline, state)
 
     def smooth(self, state: State, blocks: Floats) -> State:
         """See `diagnosis.reduction.smooth_state`."""
-        return smooth_state(state, blocks, radius_m=self.baseline.radius_m)
+        return smooth_state(state, blocks, mechanism=self.baseline.mechanism)
 
     def model_error(self, layout: Layout, state: State) -> Floats:
         """Covariance of what no repetition shows, shape (layout.size, layout.size): a floor at each harmonic."""
@@ -114,7 +129,7 @@ class Jigsaw:
                 if equation == "electrical":
                     floor[part.start] = _MEAN_VOLTAGE_FLOOR_V
                 if equation == "cutting" and not state.setting.is_idle:
-                    peak_n = float(state.slow["peak_force_n"].max())
+                    peak_n = state.peak_force_n
                     floor[part] = np.hypot(floor[part], _FORCE_SHARE * peak_n / (1.0 + (order / _FORCE_HARMONIC) ** 2))
                 if equation in ("electrical", "mechanical"):
                     floor[part] = np.hypot(floor[part], self._ripple_error(equation, order, state))
@@ -131,13 +146,14 @@ class Jigsaw:
         faster = order * float(state.speed_rad_s.mean())
         if equation == "electrical":
             return plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * faster * std
-        swung = plant.yoke_inertia_kg_m2.nominal + 0.5 * plant.reciprocating_mass_kg.nominal * baseline.radius_m**2
+        lever_m = baseline.mechanism.lever(state.angle_rad[0])
+        swung = plant.yoke_inertia_kg_m2.nominal + plant.reciprocating_mass_kg.nominal * np.mean(lever_m**2)
         inertia = plant.rotor_inertia_kg_m2.nominal * baseline.gear + swung / baseline.gear
         return inertia * faster**2 * std
 
     def nuisances(self) -> tuple[Nuisance, ...]:
-        """See `diagnosis.nuisances.nuisances_of`."""
-        return nuisances_of(self.baseline)
+        """See `diagnosis.inference.nuisances.nuisances_of`."""
+        return (*nuisances_of(self.baseline), *map(of_known, self.known))
 
     def trial_nuisances(self, states: Sequence[State]) -> tuple[Nuisance, ...]:
         """How hard each stock is, and how much harder each trial's piece of it."""
@@ -147,6 +163,14 @@ class Jigsaw:
         labels = dict.fromkeys(s.setting.label for s in cut)
         std = _spread_std(self.baseline, felt)
         return (*(_stock(name) for name in stocks), *(_spread(name, std) for name in labels))
+
+    def zero_wander(self, states: Sequence[State]) -> ZeroWander | None:
+        """From the return strokes; see `diagnosis.inference.zero_wander`."""
+        return zero_wander(zero_readings(self.baseline, states))
+
+    def zero_signature(self, state: State) -> Signature:
+        """The same at all angles, and in the load torque."""
+        return force_offset(self.baseline, state)
 
     def weaknesses(self, states: Sequence[State]) -> list[str]:
         """Name the trials that lack a channel."""
@@ -183,9 +207,9 @@ def _spread_std(baseline: Baseline, felt: Sequence[State]) -> float:
     """How much one piece of a stock differs from the next: from repeats, drawn towards what woods usually do."""
     hardness: dict[str, list[float]] = {}
     for state in felt:
-        speed = baseline.cutting_speed(state)
         assert state.force_n is not None
-        k = float(np.sum(state.force_n * speed) / max(float(np.sum(speed * speed)), 1e-12))
+        force_n = state.force_n - baseline.known_signature(state).get("cutting", 0.0)
+        k = float(coefficient(force_n, baseline.cutting_speed(state)))
         if k > 0:
             hardness.setdefault(state.setting.operating_point, []).append(float(np.log(k)))
     squares, degrees = TRIAL_SPREAD_STD**2 * _SPREAD_DEGREES, _SPREAD_DEGREES

@@ -1,33 +1,28 @@
-"""A linear drive axis: a motor's force moves a mass on a guide with viscous friction, against a measured load.
-
-    mechanical   r = F_drive - m a - b v - F_load        N
-
-F_drive is a measured force, or a measured current times a force constant. x, v and a come from the measured
-displacement; F_load is measured, or absent. Positive drive and displacement point the same way, the load
-against them. The axis moves to and fro at a constant rate in each trial. Friction is not in the baseline but
-for its viscous part, so what a real guide does is in the gap.
-"""
+"""Diagnosis of a linear axis (`modeling.machines.linear_axis`): its campaign, uncertainties and next trial."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-
-from bench.config import LinearAxisConfig, LoadedConfig
-from bench.errors import ConfigError, InputError
-from bench.recording import Floats, Recording
-from bench.units import DISPLACEMENT
-from diagnosis.campaign import Campaign
-from diagnosis.effects.effect import Effect
-from diagnosis.equations import Equation, Signature
-from diagnosis.features import Layout
-from diagnosis.nuisances import Nuisance
-from diagnosis.plants.axis_effects import axis_effects
-from diagnosis.plants.axis_motion import AxisState, average, axis_state, find_cycles
-from diagnosis.plants.plant import EquationForm
-from diagnosis.state import State, TrialSetting
+from sawbench.bench.config import LinearAxisConfig, LoadedConfig
+from sawbench.bench.errors import ConfigError, InputError
+from sawbench.bench.recording import Floats, Recording
+from sawbench.bench.units import DISPLACEMENT
+from sawbench.diagnosis.campaign import Campaign
+from sawbench.diagnosis.inference.features import Layout
+from sawbench.diagnosis.inference.nuisances import Nuisance, of_known
+from sawbench.diagnosis.plants.axis_motion import average, axis_state, find_cycles
+from sawbench.diagnosis.plants.plant import EquationForm
+from sawbench.modeling.effects.effect import Effect
+from sawbench.modeling.effects.known import KnownEffect
+from sawbench.modeling.machines.known_effects import known_effects
+from sawbench.modeling.machines.linear_axis import AxisBaseline, AxisState, as_axis, bare_residuals, residuals
+from sawbench.modeling.machines.machine import Machine
+from sawbench.modeling.machines.table import axis_of
+from sawbench.modeling.residuals import Equation, Signature
+from sawbench.modeling.state import State, TrialSetting
 
 N_HARMONICS = 32
 # Shares of the force scale: what a zero may be off, and what the model of a real axis misses anyway.
@@ -43,32 +38,24 @@ _STANDSTILL_SHARE = 0.2
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LinearAxis:
-    """The axis as a plant (see `diagnosis.plants.plant.Plant`) and as the model its effects are given.
+    """The axis as a plant; see `diagnosis.plants.plant.Plant`.
 
     Attributes
     ----------
-    config : LinearAxisConfig
-    force_scale_n, stroke_m, top_speed_m_s : float
-        Largest force of the drive, travel and speed in the campaign: what "typical" sizes are shares of.
+    model : AxisBaseline
     """
 
-    config: LinearAxisConfig
-    force_scale_n: float
-    stroke_m: float
-    top_speed_m_s: float
-    name = "linear_axis"
-    states = ("position", "velocity")
+    model: AxisBaseline
 
     @property
-    def inputs(self) -> tuple[str, ...]:
-        """Displacement, drive and, where there is one, load."""
-        load = self.config.load_channel
-        return (DISPLACEMENT.name, self.config.drive_channel, *(() if load is None else (load,)))
+    def config(self) -> LinearAxisConfig:
+        """Its `[linear_axis]` table."""
+        return self.model.config
 
     @property
-    def model(self) -> LinearAxis:
-        """Itself."""
-        return self
+    def machine(self) -> Machine:
+        """What it is made of."""
+        return axis_of(self.config)
 
     @property
     def equations(self) -> Mapping[Equation, EquationForm]:
@@ -86,8 +73,14 @@ class LinearAxis:
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """See `diagnosis.plants.axis_effects`."""
-        return axis_effects(self.force_scale_n, self.stroke_m)
+        """Those whose parts it has, in sizes of this campaign, but for the known ones."""
+        known = {one.effect.name for one in self.known}
+        return tuple(e for e in self.machine.effects(self.model) if e.name not in known)
+
+    @property
+    def known(self) -> tuple[KnownEffect, ...]:
+        """Those that the model holds."""
+        return self.model.known
 
     @property
     def beyond_catalogue(self) -> tuple[Effect, ...]:
@@ -100,20 +93,9 @@ class LinearAxis:
         constant = self.config.force_constant_n_per_a
         return self.config.drive_gain_rel_std if constant is None else constant.rel_std
 
-    def evaluable_equations(self, state: State) -> frozenset[Equation]:
-        """Every trial that was not left out has the balance of forces."""
-        return frozenset(("mechanical",)) if isinstance(state, AxisState) else frozenset()
-
     def residuals(self, state: State) -> Signature:
-        """Balance of forces, N, shape of the state."""
-        axis = as_axis(state)
-        return {"mechanical": axis.drive_n - self.required_force(axis)}
-
-    def required_force(self, state: AxisState) -> Floats:
-        """Force that the measured motion and load ask for in the baseline, N."""
-        mass, damping = self.config.moving_mass_kg.nominal, self.config.viscous_damping_n_s_per_m.nominal
-        load = 0.0 if state.force_n is None else state.force_n
-        return mass * state.acceleration_m_s2 + damping * state.velocity_m_s + load
+        """See `modeling.machines.linear_axis.bare_residuals`."""
+        return bare_residuals(self.model, state)
 
     def smooth(self, state: State, blocks: Floats) -> State:
         """Units averaged into blocks; the motion is a short Fourier series already."""
@@ -121,8 +103,8 @@ class LinearAxis:
 
     def model_error(self, layout: Layout, state: State) -> Floats:
         """Covariance, N^2: a floor at every harmonic, a share of the gap itself, and anything at standstill."""
-        floor_n = self.config.model_floor_n or _FLOOR_SHARE * self.force_scale_n
-        gap = layout.place(self.residuals(state), len(state.angle_rad)).mean(axis=0)
+        floor_n = self.config.model_floor_n or _FLOOR_SHARE * self.model.force_scale_n
+        gap = layout.place(residuals(self.model, state), len(state.angle_rad)).mean(axis=0)
         n = (layout.size - 1) // 2
         order = np.concatenate([[0.0], np.arange(1.0, n + 1), np.arange(1.0, n + 1)])
         shape = 1.0 / (1.0 + order / _FORM_HARMONIC)
@@ -135,7 +117,7 @@ class LinearAxis:
     def nuisances(self) -> tuple[Nuisance, ...]:
         """Mass, damping, force constant or gain of the drive, gain of the load, zero of the forces."""
         config = self.config
-        offset = _OFFSET_SHARE * self.force_scale_n
+        offset = _OFFSET_SHARE * self.model.force_scale_n
         zeros = [offset if config.drive_offset_std_n is None else config.drive_offset_std_n]
         if config.load_channel is not None:
             zeros.append(offset if config.load_offset_std_n is None else config.load_offset_std_n)
@@ -150,14 +132,23 @@ class LinearAxis:
         ]
         if config.load_channel is not None:
             found.append(_sensor("load_gain", config.load_gain_rel_std, _load_gain))
-        return tuple(n for n in found if n.std > 0)
+        return tuple(n for n in (*found, *map(of_known, self.known)) if n.std > 0)
 
     def trial_nuisances(self, states: Sequence[State]) -> tuple[Nuisance, ...]:
         """Constant force of each load that is not measured (a weight, a brake): no part of the axis."""
         if self.config.load_channel is not None:
             return ()
         loads = dict.fromkeys(s.setting.stock for s in states if not s.setting.is_idle)
-        return tuple(_constant_load(name, self.force_scale_n) for name in loads)
+        return tuple(_constant_load(name, self.model.force_scale_n) for name in loads)
+
+    def zero_wander(self, states: Sequence[State]) -> None:
+        """An axis never moves without its load: no part of the cycle reads the zero."""
+        return
+
+    def zero_signature(self, state: State) -> Signature:
+        """Nothing: see `zero_wander`."""
+        del state
+        return {}
 
     def weaknesses(self, states: Sequence[State]) -> list[str]:
         """Say that friction and load are one where the load is not measured."""
@@ -177,47 +168,35 @@ class LinearAxis:
         return None
 
 
-def as_axis(state: State) -> AxisState:
-    """Narrow a state to that of an axis.
-
-    Raises
-    ------
-    TypeError
-    """
-    if not isinstance(state, AxisState):
-        raise TypeError(f"a linear axis needs an AxisState, got {type(state).__name__}")
-    return state
-
-
-def _acceleration(_: LinearAxis, state: State) -> Signature:
+def _acceleration(_: AxisBaseline, state: State) -> Signature:
     return {"mechanical": as_axis(state).acceleration_m_s2}
 
 
-def _velocity(_: LinearAxis, state: State) -> Signature:
+def _velocity(_: AxisBaseline, state: State) -> Signature:
     return {"mechanical": as_axis(state).velocity_m_s}
 
 
-def _asked_force(axis: LinearAxis, state: State) -> Signature:
+def _asked_force(axis: AxisBaseline, state: State) -> Signature:
     """Force that motion and load ask for, not the measured one: as for the torque constant of the jigsaw."""
     return {"mechanical": -axis.required_force(as_axis(state))}
 
 
-def _asked_current(axis: LinearAxis, state: State) -> Signature:
+def _asked_current(axis: AxisBaseline, state: State) -> Signature:
     constant = axis.config.force_constant_n_per_a
     assert constant is not None
     return {"mechanical": -axis.required_force(as_axis(state)) / constant.nominal}
 
 
-def _ones(_: LinearAxis, state: State) -> Signature:
+def _ones(_: AxisBaseline, state: State) -> Signature:
     return {"mechanical": np.ones_like(state.angle_rad)}
 
 
-def _load_gain(_: LinearAxis, state: State) -> Signature:
+def _load_gain(_: AxisBaseline, state: State) -> Signature:
     return {} if state.force_n is None else {"mechanical": -state.force_n}
 
 
 def _constant_load(load: str, std_n: float) -> Nuisance:
-    def signature(_: LinearAxis, state: State) -> Signature:
+    def signature(_: AxisBaseline, state: State) -> Signature:
         return {"mechanical": np.ones_like(state.angle_rad)} if state.setting.stock == load else {}
 
     return _sensor(f"constant force of {load}", std_n, signature)
@@ -275,12 +254,14 @@ def reduce_axis(
     if not states:
         raise InputError(f"no trial can be diagnosed: {'; '.join(warnings)}")
     _refuse_wrong_sign(states, config)
-    axis = LinearAxis(
+    baseline = AxisBaseline(
         config=config,
         force_scale_n=float(np.sqrt(2.0) * max(np.std(s.drive_n) for s in states)),
         stroke_m=max(float(np.ptp(s.position_m)) for s in states),
         top_speed_m_s=max(float(np.abs(s.velocity_m_s).max()) for s in states),
     )
+    known = known_effects(loaded.config, path=loaded.path, model=baseline)
+    axis = LinearAxis(model=replace(baseline, known=known))
     return Campaign(plant=axis, states=tuple(states), k_guess_n_s_per_m={}, warnings=tuple(warnings))
 
 

@@ -2,7 +2,8 @@
 
 A plant is a set of balance equations that are evaluated on measured signals. What does not cancel is the gap;
 what may merely be mistuned (`nuisances`) and what may be missing (`effects`) are both stated as changes of
-these residuals. A further machine is one file beside `jigsaw.py` and `linear_axis.py`, and a row in `choice.py`.
+these residuals. What the machine is made of, its equations and its effects stand in `modeling.machines`; here is what
+inference needs besides.
 """
 
 from __future__ import annotations
@@ -11,14 +12,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
-from bench.recording import Floats
-from diagnosis.equations import Equation, Signature
-from diagnosis.state import State
+from sawbench.bench.recording import Floats
+from sawbench.modeling.residuals import Equation, Signature
+from sawbench.modeling.state import State
 
 if TYPE_CHECKING:
-    from diagnosis.effects.effect import Effect, Place
-    from diagnosis.features import Layout
-    from diagnosis.nuisances import Nuisance
+    from sawbench.diagnosis.inference.features import Layout
+    from sawbench.diagnosis.inference.nuisances import Nuisance
+    from sawbench.diagnosis.inference.zero_wander import ZeroWander
+    from sawbench.modeling.effects.effect import Effect, Place
+    from sawbench.modeling.effects.known import KnownEffect
+    from sawbench.modeling.machines.machine import Machine
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -54,15 +58,16 @@ class Plant(Protocol):
 
     Attributes
     ----------
-    name : str
-    states, inputs : tuple of str
-        What moves or is stored, and which channels enter the equations.
+    machine : Machine
+        What it is made of.
     model : object
         Handed to the signatures of effects and nuisances: the numbers of the baseline.
     equations : mapping of Equation to EquationForm
         In the order in which they stand in a feature vector.
+    known : tuple of KnownEffect
+        Effects that belong to this machine's model already.
     effects : tuple of Effect
-        What may be missing from this machine's model.
+        What may be missing from it.
     beyond_catalogue : tuple of Effect
         Forms that count as "unknown" where they win.
     scale_rel_std : float
@@ -70,18 +75,8 @@ class Plant(Protocol):
     """
 
     @property
-    def name(self) -> str:
-        """Of the machine."""
-        ...
-
-    @property
-    def states(self) -> tuple[str, ...]:
-        """What moves or is stored."""
-        ...
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """Channels that enter the equations."""
+    def machine(self) -> Machine:
+        """What it is made of."""
         ...
 
     @property
@@ -100,6 +95,11 @@ class Plant(Protocol):
         ...
 
     @property
+    def known(self) -> tuple[KnownEffect, ...]:
+        """What the model holds beside its equations."""
+        ...
+
+    @property
     def beyond_catalogue(self) -> tuple[Effect, ...]:
         """Forms of causes that nobody claims."""
         ...
@@ -110,7 +110,10 @@ class Plant(Protocol):
         ...
 
     def residuals(self, state: State) -> Signature:
-        """Evaluate every equation that the measured channels allow, shape of the state, in the equation's unit."""
+        """Evaluate every equation that the measured channels allow, shape of the state, in the equation's unit.
+
+        Without what known effects make of it, which is taken off as a signature, free of the noise of single units.
+        """
         ...
 
     def smooth(self, state: State, blocks: Floats) -> State:
@@ -127,6 +130,14 @@ class Plant(Protocol):
 
     def trial_nuisances(self, states: Sequence[State]) -> tuple[Nuisance, ...]:
         """List what differs from stock to stock or trial to trial without being a gap."""
+        ...
+
+    def zero_wander(self, states: Sequence[State]) -> ZeroWander | None:
+        """How far the zero of the force wanders; None where the states cannot tell."""
+        ...
+
+    def zero_signature(self, state: State) -> Signature:
+        """Change of the residuals for one newton more on the zero of the force."""
         ...
 
     def weaknesses(self, states: Sequence[State]) -> list[str]:

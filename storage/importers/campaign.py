@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import tomllib
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,12 +15,13 @@ from pydantic import (
     ValidationError,
     field_validator,
 )
+from sawbench.bench.config import LoadedConfig, describe_validation, load_config
+from sawbench.bench.errors import ConfigError
+from sawbench.bench.recording import Trial
+from sawbench.bench.toml_text import parse_toml, read_toml_text
+from sawbench.storage.importers.table_map import TableMap, load_map, parse_map
 
-from bench.config import LoadedConfig, describe_validation, load_config
-from bench.errors import ConfigError
-from bench.recording import Trial
-
-_STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+_STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
 
 def _as_text(value: Any) -> Any:
@@ -42,10 +43,11 @@ class TrialEntry(BaseModel):
     feed_mm_s: float | None = Field(default=None, ge=0)
     blade: Identity | None = None
     battery: Identity | None = None
-    started_at: AwareDatetime | None = None
+    started_at: AwareDatetime | None = Field(default=None, strict=False)
     operator: str | None = None
     notes: str = ""
     repetition: int | None = Field(default=None, ge=1)
+    map: str | None = None
 
     @field_validator("duty")
     @classmethod
@@ -57,7 +59,7 @@ class TrialEntry(BaseModel):
     @property
     def trial_id(self) -> str:
         """Stem of the file name; also names the recording."""
-        return Path(self.file).stem
+        return Path(self.file.removesuffix(".gz")).stem
 
     def trial(self) -> Trial:
         """Return the entry as the settings of a trial."""
@@ -78,11 +80,14 @@ class TrialEntry(BaseModel):
 
 
 class Campaign(BaseModel):
-    """The whole of `campaign.toml`."""
+    """The whole of `campaign.toml`; `[columns]` and `[table]` are those of a map, for all of its tables."""
 
     model_config = _STRICT
     config: str | None = None
-    trial: tuple[TrialEntry, ...] = Field(min_length=1)
+    map: str | None = None
+    columns: dict[str, Any] = Field(default_factory=dict)
+    table: dict[str, Any] = Field(default_factory=dict)
+    trial: tuple[TrialEntry, ...] = Field(min_length=1, strict=False)
 
 
 def load_campaign(path: Path) -> tuple[Campaign, LoadedConfig | None]:
@@ -103,18 +108,31 @@ def load_campaign(path: Path) -> tuple[Campaign, LoadedConfig | None]:
     ConfigError
         If a file is missing, is not TOML, or holds a key or value that is not allowed.
     """
-    try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ConfigError("no such file", where=path, remedy="check the path") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"is not valid TOML: {error}", where=path) from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot be read: {error}", where=path) from error
-    campaign = _validate(path, tables)
+    campaign = _validate(path, parse_toml(read_toml_text(path), where=path))
     _check_files(path, campaign)
     config = None if campaign.config is None else load_config(path.parent / campaign.config)
     return campaign, config
+
+
+def map_of(path: Path, campaign: Campaign, entry: TrialEntry) -> TableMap | None:
+    """Return the map of a trial's table: its own, that of the campaign, or none.
+
+    Raises
+    ------
+    ConfigError
+        If the map is missing or not valid, or the campaign names a file and states columns besides.
+    """
+    stated = {key: found for key in ("columns", "table") if (found := getattr(campaign, key))}
+    if campaign.map is not None and stated:
+        raise ConfigError(
+            f"holds both map = {campaign.map!r} and [{next(iter(stated))}]",
+            where=path,
+            remedy="keep one: the file, or what it says in the campaign itself",
+        )
+    named = entry.map or campaign.map
+    if named is not None:
+        return load_map(path.parent / named)
+    return parse_map(stated, where=path) if stated else None
 
 
 def _validate(path: Path, tables: dict[str, Any]) -> Campaign:
@@ -142,6 +160,16 @@ def _check_files(path: Path, campaign: Campaign) -> None:
             where=path,
             remedy=f"files are looked for in {path.parent.resolve()}",
         )
+    folder = path.parent.resolve()
+    for entry in campaign.trial:
+        named, target = path.parent / entry.file, (path.parent / entry.file).resolve()
+        is_named_inside = Path(os.path.normpath(folder / entry.file)).is_relative_to(folder)
+        if is_named_inside and not target.is_relative_to(folder):
+            raise ConfigError(
+                f"is a link that leads out of the campaign's folder, to {target}",
+                where=named,
+                remedy="copy the file into the folder, or name its own path in the campaign",
+            )
     stems = [entry.trial_id for entry in campaign.trial]
     repeated = sorted({stem for stem in stems if stems.count(stem) > 1})
     if repeated:

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from bench.errors import InputError
-from bench.recording import Event, Recording, Signal, Trial
-from storage.importers.table import FramesNeedDbc, signals_of
-from storage.reader import sha256_of, write_recording
-from storage.writer import software_version
+from sawbench.bench.errors import InputError
+from sawbench.bench.recording import Event, Recording, Signal, Trial
+from sawbench.storage.importers.column_choice import choose_columns
+from sawbench.storage.importers.raw_table import RawTable
+from sawbench.storage.importers.table import FramesNeedDbc, signals_of
+from sawbench.storage.importers.table_map import TableMap
+from sawbench.storage.reader import sha256_of, write_recording
+from sawbench.storage.writer import software_version
 
-CSV_SUFFIXES: Final = (".csv", ".tsv", ".txt")
+TEXT_SUFFIXES: Final = (".csv", ".tsv", ".txt", ".dat", ".lvm")
 HDF5_SUFFIXES: Final = (".h5", ".hdf5", ".hdf")
+MAT_SUFFIXES: Final = (".mat",)
+JSON_SUFFIXES: Final = (".json",)
 MF4_SUFFIXES: Final = (".mf4", ".mdf")
-LOG_SUFFIXES: Final = (".log",)
+LOG_SUFFIXES: Final = (".log", ".asc", ".blf")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -31,11 +36,46 @@ class ImportReport:
         Each begins with the name of its table; also in the recording as events.
     n_samples : int
         Over all channels of all trials.
+    notes : tuple of str
+        How tables were read and what was left out; each begins with the name of its table.
+    taken : mapping of str to mapping of str to str
+        Recording -> channel -> the column it was taken from, with unit and factor, in words.
     """
 
     paths: tuple[Path, ...]
     warnings: tuple[str, ...]
     n_samples: int
+    notes: tuple[str, ...] = ()
+    taken: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TableContent:
+    """What was read from one table.
+
+    Attributes
+    ----------
+    signals : mapping of str to Signal
+    warnings : tuple of str
+    taken : mapping of str to str
+        Channel -> the column it was taken from, in words.
+    notes : tuple of str
+        How the file was read, where that was not plain.
+    """
+
+    signals: Mapping[str, Signal]
+    warnings: tuple[str, ...]
+    taken: Mapping[str, str]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Job:
+    table: Path
+    trial: Trial
+    table_map: TableMap | None
+    config_toml: str
+    provenance: Mapping[str, str]
 
 
 def import_path(
@@ -44,18 +84,27 @@ def import_path(
     *,
     overwrite: bool = False,
     on_trial: Callable[[int, int, str], None] | None = None,
+    table_map: TableMap | None = None,
+    trial: Trial | None = None,
+    config_toml: str = "",
 ) -> ImportReport:
     """Turn a campaign or a single table into recordings.
 
     Parameters
     ----------
     path : str or Path
-        `campaign.toml`, or a CSV, HDF5 or MF4 file.
+        `campaign.toml`, or a text, HDF5, MATLAB, JSON or MF4 file.
     out_dir : str or Path
         Folder for `<table's stem>.mcap`; made if missing.
     overwrite : bool
     on_trial : callable, optional
         Called with trials done, trials in all and the name of the next one, for a progress bar.
+    table_map : TableMap, optional
+        Which column is which channel; of a campaign, for the trials that state none themselves.
+    trial : Trial, optional
+        Settings of a single table; a campaign states its own.
+    config_toml : str
+        Bench configuration that is kept with a single table.
 
     Returns
     -------
@@ -64,39 +113,66 @@ def import_path(
     Raises
     ------
     InputError
-        If the file is missing, of another kind, or its content is wrong; nothing is written then, except the
-        trials of a campaign before the wrong one.
-    ConfigError
-        If the campaign or its configuration is not valid.
+        If the campaign, a map or a table is wrong; then nothing is written but the trials of the campaign before it.
     RecordingError
         If a recording exists and `overwrite` is False; no trial is imported then.
     FramesNeedDbc
         If the file holds CAN frames.
     """
     path, out_dir = Path(path), Path(out_dir)
-    suffix = path.suffix.lower()
-    config_toml = ""
-    provenance: dict[str, str] = {}
-    if suffix == ".toml":
-        from storage.importers.campaign import load_campaign
-
-        campaign, config = load_campaign(path)
-        config_toml = config.text if config else ""
-        provenance = {"campaign": path.name, "campaign_sha256": sha256_of(path)}
-        jobs = [(path.parent / entry.file, entry.trial()) for entry in campaign.trial]
+    if path.suffix.lower() == ".toml":
+        jobs = _jobs_of_campaign(path, table_map)
     else:
-        jobs = [(path, Trial(trial_id=path.stem, source=f"import of {path.name}"))]
-    _refuse_existing([out_dir / f"{trial.trial_id}.mcap" for _, trial in jobs], overwrite=overwrite)
-    paths, warnings, n_samples = [], [], 0
-    for number, (table, trial) in enumerate(jobs):
+        jobs = [_job_of_table(path, table_map, trial, config_toml)]
+    _refuse_existing([out_dir / f"{job.trial.trial_id}.mcap" for job in jobs], overwrite=overwrite)
+    paths, warnings, notes, taken, n_samples = [], [], [], {}, 0
+    for number, job in enumerate(jobs):
         if on_trial is not None:
-            on_trial(number, len(jobs), trial.trial_id)
-        about = provenance | ({"trial_number": str(number + 1)} if provenance else {})
-        recording = _read(table, trial, config_toml, about)
-        paths.append(write_recording(recording, out_dir / f"{trial.trial_id}.mcap", overwrite))
-        warnings += [f"{table.name}: {event.text}" for event in recording.events]
+            on_trial(number, len(jobs), job.trial.trial_id)
+        content = read_table(job.table, job.table_map, is_idle=job.trial.is_idle)
+        recording = _recording(job, content)
+        target = write_recording(recording, out_dir / f"{job.trial.trial_id}.mcap", overwrite)
+        paths.append(target)
+        taken[target.name] = content.taken
+        warnings += [f"{job.table.name}: {text}" for text in content.warnings]
+        notes += [f"{job.table.name}: {text}" for text in content.notes]
         n_samples += sum(len(signal.values) for signal in recording.signals.values())
-    return ImportReport(paths=tuple(paths), warnings=tuple(warnings), n_samples=n_samples)
+    return ImportReport(
+        paths=tuple(paths), warnings=tuple(warnings), notes=tuple(notes), n_samples=n_samples, taken=taken
+    )
+
+
+def stem_of(path: Path) -> str:
+    """Return the name of a file without its suffixes of format and packing.
+
+    Examples
+    --------
+    >>> stem_of(Path("run.1.TXT.gz")), stem_of(Path("trial-01.csv"))
+    ('run.1', 'trial-01')
+    """
+    return Path(path.stem).stem if path.suffix.lower() == ".gz" else path.stem
+
+
+def _job_of_table(path: Path, table_map: TableMap | None, trial: Trial | None, config_toml: str) -> _Job:
+    settings = trial or Trial(trial_id=stem_of(path), source=f"import of {path.name}")
+    return _Job(table=path, trial=settings, table_map=table_map, config_toml=config_toml, provenance={})
+
+
+def _jobs_of_campaign(path: Path, table_map: TableMap | None) -> list[_Job]:
+    from sawbench.storage.importers.campaign import load_campaign, map_of
+
+    campaign, config = load_campaign(path)
+    about = {"campaign": path.name, "campaign_sha256": sha256_of(path)}
+    return [
+        _Job(
+            table=path.parent / entry.file,
+            trial=entry.trial(),
+            table_map=map_of(path, campaign, entry) or table_map,
+            config_toml=config.text if config else "",
+            provenance={**about, "trial_number": str(number)},
+        )
+        for number, entry in enumerate(campaign.trial, start=1)
+    ]
 
 
 def _refuse_existing(paths: list[Path], *, overwrite: bool) -> None:
@@ -109,58 +185,96 @@ def _refuse_existing(paths: list[Path], *, overwrite: bool) -> None:
         )
 
 
-def _read(path: Path, trial: Trial, config_toml: str, about: dict[str, str]) -> Recording:
-    signals, warnings = read_signals(path, is_idle=trial.is_idle)
-    start_s = min((float(signal.time_s[0]) for signal in signals.values()), default=0.0)
+def _recording(job: _Job, content: TableContent) -> Recording:
+    start_s = min((float(signal.time_s[0]) for signal in content.signals.values()), default=0.0)
+    provenance = {
+        "imported_by": software_version(),
+        "source_file": job.table.name,
+        "source_sha256": sha256_of(job.table),
+        **job.provenance,
+        **{f"column of {channel}": words for channel, words in content.taken.items()},
+    }
+    if job.table_map is not None:
+        provenance["map"] = job.table_map.as_toml()
+    if content.notes:
+        provenance["table"] = "; ".join(content.notes)
     return Recording(
-        trial=trial,
-        signals=signals,
-        events=tuple(Event(kind="warning", time_s=start_s, text=text) for text in warnings),
-        config_toml=config_toml,
-        provenance={
-            "imported_by": software_version(),
-            "source_file": path.name,
-            "source_sha256": sha256_of(path),
-            **about,
-        },
+        trial=job.trial,
+        signals=content.signals,
+        events=tuple(Event(kind="warning", time_s=start_s, text=text) for text in content.warnings),
+        config_toml=job.config_toml,
+        provenance=provenance,
     )
 
 
-def read_signals(path: Path, *, is_idle: bool = False) -> tuple[dict[str, Signal], list[str]]:
+def read_table(path: Path, table_map: TableMap | None = None, *, is_idle: bool = False) -> TableContent:
     """Read the signals of a single table.
 
     Parameters
     ----------
     path : Path
+    table_map : TableMap, optional
     is_idle : bool
         The blade ran in air.
 
     Returns
     -------
-    signals : dict of str to Signal
-    warnings : list of str
+    TableContent
 
     Raises
     ------
     InputError
         As `import_path`.
     """
-    suffix = path.suffix.lower()
-    if suffix in MF4_SUFFIXES:
-        from storage.importers.mf4_signals import read_mf4_signals
+    raw = _raw_table(path, table_map)
+    choice = choose_columns(raw, table_map)
+    signals: dict[str, Signal] = {}
+    warnings = list(choice.warnings)
+    for table in choice.tables:
+        found, said = signals_of(table, is_idle=is_idle, mapped=choice.mapped)
+        signals |= found
+        warnings += said
+    if not signals:
+        raise InputError(f"holds no channel with values; {'; '.join(warnings)}", where=path, remedy="check the table")
+    return TableContent(
+        signals=signals,
+        warnings=tuple(dict.fromkeys(warnings)),
+        taken=choice.words,
+        notes=(*raw.notes, *choice.notes),
+    )
 
-        return read_mf4_signals(path, is_idle=is_idle)
-    if suffix in CSV_SUFFIXES:
-        from storage.importers.csv_table import read_csv_table
 
-        return signals_of(read_csv_table(path), is_idle=is_idle)
-    if suffix in HDF5_SUFFIXES:
-        from storage.importers.hdf5_table import read_hdf5_table
+def _raw_table(path: Path, table_map: TableMap | None) -> RawTable:
+    suffix = Path(path.stem).suffix.lower() if path.suffix.lower() == ".gz" else path.suffix.lower()
+    if suffix in TEXT_SUFFIXES:
+        from sawbench.storage.importers.text_table import read_text_table
 
-        return signals_of(read_hdf5_table(path), is_idle=is_idle)
+        return read_text_table(path, table_map.table if table_map else None)
     if suffix in LOG_SUFFIXES:
         raise FramesNeedDbc("is a log of CAN frames", where=path, remedy="give the DBC that describes the frames")
+    if path.suffix.lower() == ".gz":
+        raise InputError("is packed, which only text may be", where=path, remedy="unpack it with gzip -d")
+    if suffix in MF4_SUFFIXES:
+        from sawbench.storage.importers.reader_process import read_apart
+
+        return read_apart("mf4", path)
+    if suffix in HDF5_SUFFIXES:
+        from sawbench.storage.importers.hdf5_table import read_hdf5_table
+
+        return read_hdf5_table(path)
+    if suffix in MAT_SUFFIXES:
+        from sawbench.storage.importers.reader_process import read_apart
+
+        return read_apart("mat", path)
+    if suffix in JSON_SUFFIXES:
+        from sawbench.storage.importers.json_table import read_json_table
+
+        return read_json_table(path)
     if suffix == ".mcap":
         raise InputError("is a recording already", where=path, remedy="`sawbench info` shows what is in it")
-    known = ", ".join((".toml", *CSV_SUFFIXES, *HDF5_SUFFIXES, *MF4_SUFFIXES, *LOG_SUFFIXES))
-    raise InputError(f"is of an unknown kind; known are {known}", where=path)
+    tables = (*TEXT_SUFFIXES, *HDF5_SUFFIXES, *MAT_SUFFIXES, *JSON_SUFFIXES, *MF4_SUFFIXES)
+    raise InputError(
+        "is of an unknown kind",
+        where=path,
+        remedy=f"known are {', '.join(('.toml', *tables, *LOG_SUFFIXES))}; text may be packed (.csv.gz)",
+    )

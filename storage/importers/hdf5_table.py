@@ -1,58 +1,51 @@
-"""A table as HDF5: one-dimensional datasets named like the channels, in any group."""
+"""A table as HDF5: one-dimensional datasets, in any group."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
-
-from bench.errors import InputError
-from bench.recording import Floats
-from storage.importers.table import Table, take_columns
+from sawbench.bench.errors import InputError
+from sawbench.storage.importers.raw_table import RawColumn, RawTable
 
 
-def read_hdf5_table(path: Path) -> Table:
-    """Read the numeric one-dimensional datasets of an HDF5 file.
+def read_hdf5_table(path: Path) -> RawTable:
+    """Read the numeric vectors of an HDF5 file, MATLAB's 7.3 among them.
 
     Parameters
     ----------
     path : Path
-        Datasets take their last name part, so they may sit in a group; an attribute `unit` or `units` is
-        the unit the file states.
+        Datasets are named with their groups, joined with points; an attribute `unit` or `units` is the unit the
+        file states. One row or one column of a matrix is a vector too.
 
     Returns
     -------
-    Table
+    RawTable
 
     Raises
     ------
     InputError
-        If the file is missing or no HDF5, has no `time_s`, or a name in two groups.
+        If the file is missing or no HDF5.
     """
     import h5py
 
-    columns: dict[str, Floats] = {}
-    units: dict[str, str] = {}
+    columns: dict[str, RawColumn] = {}
 
     def take(full_name: str, item: object) -> None:
-        if not isinstance(item, h5py.Dataset) or item.ndim != 1 or item.dtype.kind not in "fiu":
+        if not isinstance(item, h5py.Dataset) or full_name.startswith("#"):
             return
-        name = full_name.rsplit("/", 1)[-1]
-        if name in columns:
-            raise InputError(
-                f"holds the dataset {name} more than once",
-                where=path,
-                remedy="put every trial into a file of its own",
-            )
-        columns[name] = np.asarray(item[()], dtype=np.float64)
+        if item.dtype.kind not in "fiu" or not 1 < (item.size or 0) == max(item.shape):
+            return
         stated = item.attrs.get("unit", item.attrs.get("units", ""))
-        units[name] = stated.decode() if isinstance(stated, bytes) else str(stated)
+        unit = stated.decode() if isinstance(stated, bytes) else str(stated)
+        values = np.asarray(item[()], dtype=np.float64).ravel()
+        columns[full_name.replace("/", ".")] = RawColumn(values=values, unit=unit)
 
     if not path.exists():
         raise InputError("no such file", where=path, remedy="check the path")
     try:
         with h5py.File(path, "r") as store:
             store.visititems(take)
-    except OSError as error:
-        raise InputError("is no HDF5 file, or is damaged", where=path) from error
-    return take_columns(path, columns, units)
+    except Exception as error:  # h5py raises OSError, RuntimeError, KeyError and others, as the damage lies
+        raise InputError(f"is no HDF5 file, or is damaged: {error}", where=path) from error
+    return RawTable(path=path, columns=columns)

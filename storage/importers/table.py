@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-
-from bench.errors import InputError
-from bench.recording import Floats, Gap, Signal
-from bench.units import CHANNEL_BY_NAME, TIME_COLUMN, Channel
-from storage.assembly import find_time_jumps
+from sawbench.bench.errors import InputError
+from sawbench.bench.recording import Floats, Gap, Signal
+from sawbench.bench.units import CHANNEL_BY_NAME, TIME_COLUMN, Channel
+from sawbench.storage.assembly import find_time_jumps
 
 # Slower than this no stroke of a jigsaw can be seen: the times are probably not in seconds.
 _SLOWEST_INTERVAL_S: Final = 0.05
@@ -27,7 +26,7 @@ class FramesNeedDbc(InputError):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Table:
-    """Columns as they were read, before any check.
+    """Columns that are taken for channels, in the units in which they are stored, before any check.
 
     Attributes
     ----------
@@ -36,7 +35,7 @@ class Table:
     columns : mapping of str to ndarray, shape (n,)
         NaN where a cell is empty.
     units : mapping of str to str
-        Units the file states, by column.
+        By column; absent where nobody said.
     """
 
     path: Path
@@ -45,7 +44,9 @@ class Table:
     units: Mapping[str, str] = field(default_factory=dict)
 
 
-def signals_of(table: Table, *, is_idle: bool = False) -> tuple[dict[str, Signal], list[str]]:
+def signals_of(
+    table: Table, *, is_idle: bool = False, mapped: Collection[str] = ()
+) -> tuple[dict[str, Signal], list[str]]:
     """Check a table and turn its columns into signals.
 
     Values are taken as they are. What looks like another unit is a warning, as is an unknown or empty column.
@@ -55,11 +56,13 @@ def signals_of(table: Table, *, is_idle: bool = False) -> tuple[dict[str, Signal
     table : Table
     is_idle : bool
         The blade ran in air: a force near zero is then no sign of another unit.
+    mapped : collection of str
+        Channels that a map asks for: they need not be known.
 
     Returns
     -------
     signals : dict of str to Signal
-        Unknown columns keep their name; their unit is "" unless the file states one.
+        Unknown columns keep their name and unit.
     warnings : list of str
 
     Raises
@@ -80,12 +83,9 @@ def signals_of(table: Table, *, is_idle: bool = False) -> tuple[dict[str, Signal
             warnings.append(f"column {name} is empty and left out")
             continue
         channel = CHANNEL_BY_NAME.get(name)
-        stated = table.units.get(name, "")
-        if channel is None:
+        if channel is None and name not in mapped:
             warnings.append(_unknown_column(name))
-        elif stated and stated != channel.unit:
-            warnings.append(f"{name} states the unit {stated!r} but is taken as {channel.unit}")
-        signal = _signal(name, channel.unit if channel else stated, table.time_s, values, jumps)
+        signal = _signal(name, channel.unit if channel else table.units.get(name, ""), table.time_s, values, jumps)
         if signal.gaps:
             missing = sum(gap.n_missing for gap in signal.gaps)
             warnings.append(f"{name} has {len(signal.gaps)} gaps, {missing} samples missing")
@@ -153,7 +153,7 @@ def _time_warnings(time_s: Floats) -> list[str]:
         return []
     return [
         f"{TIME_COLUMN} advances by {interval_s:.4g} a sample: taken as seconds that is too slow to see a "
-        "stroke; if it is in milliseconds, divide the column by 1000"
+        'stroke; if it is in milliseconds, say so in a map: time_s = { column = ..., unit = "ms" }'
     ]
 
 
@@ -168,36 +168,8 @@ def _value_warnings(channel: Channel, values: Floats, *, is_idle: bool) -> list[
         )
     largest = float(np.abs(values).max())
     if channel.name == "force_n" and 0.0 < largest < 1.0 and not is_idle:
-        warnings.append(f"force_n never exceeds {largest:.3g} N; if it is in kN, multiply the column by 1000")
+        warnings.append(f"force_n never exceeds {largest:.3g} N; if it is in kN, say so in a map (--map)")
     stroke = float(np.ptp(values))
     if channel.name == "displacement_mm" and 1e-3 < stroke < 0.5:
-        warnings.append(
-            f"displacement_mm moves by {stroke:.3g} mm only; if it is in metres, multiply the column by 1000"
-        )
+        warnings.append(f"displacement_mm moves by {stroke:.3g} mm only; if it is in metres, say so in a map (--map)")
     return warnings
-
-
-def take_columns(path: Path, columns: Mapping[str, Floats], units: Mapping[str, str]) -> Table:
-    """Split the time from the other columns.
-
-    Raises
-    ------
-    InputError
-        If there is no `time_s`, or no other column, or lengths differ.
-    """
-    if TIME_COLUMN not in columns:
-        close = [name for name in columns if name.lower().startswith(("time", "t_", "stamp", "sec"))]
-        hint = f"; rename {close[0]!r} if it holds seconds" if close else ""
-        raise InputError(
-            f"has no column {TIME_COLUMN}; it holds {', '.join(columns) or 'no columns'}",
-            where=path,
-            remedy=f"name the time column {TIME_COLUMN}, in seconds{hint}",
-        )
-    others = {name: values for name, values in columns.items() if name != TIME_COLUMN}
-    if not others:
-        raise InputError(f"holds {TIME_COLUMN} but no channel", where=path)
-    n_rows = len(columns[TIME_COLUMN])
-    for name, values in others.items():
-        if len(values) != n_rows:
-            raise InputError(f"{name} has {len(values)} values but {TIME_COLUMN} has {n_rows}", where=path)
-    return Table(path=path, time_s=columns[TIME_COLUMN], columns=others, units=units)

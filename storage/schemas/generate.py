@@ -1,6 +1,6 @@
 """Regenerate the `_pb2` modules from the `.proto` files; needs grpcio-tools.
 
-Run `python -m storage.schemas.generate` in the root of the repository after a change of a `.proto` file.
+Run `python -m sawbench.storage.schemas.generate` in the root of the repository after a change of a `.proto` file.
 """
 
 from __future__ import annotations

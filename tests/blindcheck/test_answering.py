@@ -13,10 +13,11 @@ import time
 from pathlib import Path
 
 import pytest
+from sawbench.bench.errors import InputError
+from sawbench.blindcheck.answering import INDEX, answer, read_answers
+from sawbench.blindcheck.sealing import sha256_of
 
-from bench.errors import InputError
-from blindcheck.answering import INDEX, answer, read_answers
-from blindcheck.sealing import sha256_of
+pytestmark = pytest.mark.pipeline
 
 NAMES = [f"case-{k:04d}" for k in range(1, 5)]
 
@@ -97,7 +98,7 @@ def test_a_run_that_was_killed_goes_on(sealed, program, runs, tmp_path):
         "pathlib.Path('../gap_report.json').write_text(json.dumps({'verdict': 'no_gap'}))\n"
     )
     script.write_text(
-        "import pathlib, sys\nfrom blindcheck.answering import Program, answer\n"
+        "import pathlib, sys\nfrom sawbench.blindcheck.answering import Program, answer\n"
         f"steps = ((sys.executable, '-I', '-c', {code!r}, {str(tmp_path / 'log')!r}),)\n"
         "software = {'source_sha256': 'a' * 64}\n"
         "program = Program(steps=steps, report='../gap_report.json', software=software, fingerprint=lambda: 'a' * 64)\n"

@@ -7,17 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import sawbench.commands.blind
+from sawbench.blindcheck.drawing import draw_campaign
+from sawbench.blindcheck.effects.table import CATALOGUE, OUTSIDE
+from sawbench.blindcheck.parameter_score import StatedParameter, parameter_score, stated_parameters
+from sawbench.blindcheck.scored_case import Case, case_of
+from sawbench.blindcheck.scoring import score
+from sawbench.blindcheck.sensors import SensorSettings, measure
+from sawbench.blindcheck.true_parameters import REPORTED, true_parameters
+from sawbench.commands.main import main
+from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 
-import commands.blind
-from blindcheck.drawing import draw_campaign
-from blindcheck.effects.table import CATALOGUE, OUTSIDE
-from blindcheck.parameter_score import StatedParameter, parameter_score, stated_parameters
-from blindcheck.scored_case import Case, case_of
-from blindcheck.scoring import score
-from blindcheck.sensors import SensorSettings, measure
-from blindcheck.true_parameters import REPORTED, true_parameters
-from commands.main import main
-from diagnosis.effects.catalogue import EFFECT_BY_NAME
+pytestmark = pytest.mark.pipeline
 
 # Their forms hold no number that means what the report says: see docs/blind_check.md.
 WITHOUT = {"current_limit", "preload_lift_off"}
@@ -245,7 +246,7 @@ def test_the_page_and_the_terminal_show_what_the_key_knows(sealed, program, monk
     ]
     effect, one = hidden[0]
     code = _SIZES % (effect, one["name"], one["value"] * 1.1, abs(one["value"]) * 0.01, one["unit"])
-    monkeypatch.setattr(commands.blind, "diagnose_program", lambda: program(code))
+    monkeypatch.setattr(sawbench.commands.blind, "diagnose_program", lambda: program(code))
     assert main(["blind", "answer", str(sealed[0])]) == 0
     capsys.readouterr()
     page = tmp_path / "page.html"

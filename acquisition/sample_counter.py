@@ -1,0 +1,104 @@
+"""The counter that some instruments send with each sample: how many were lost, and when the counter itself is wrong."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+# The sample before a jump may have arrived late by this much, so that more were sent in between than the arrivals tell.
+_LATENESS_S: Final = 2.5
+_RATE_TOLERANCE: Final = 1.03
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Counted:
+    """What the counter says about the frames of one batch.
+
+    Attributes
+    ----------
+    n_ready : int
+        Frames that are judged; one whose counter jumps waits for the frame behind it, which tells why.
+    keep : ndarray of bool, shape (n_ready,)
+        False for a frame sent twice.
+    n_lost : ndarray of int, shape (n_ready,)
+        Samples lost before each frame.
+    is_exact : ndarray of bool, shape (n_ready,)
+        False where the counter began anew or contradicts the time of arrival: then only the time tells the loss.
+    """
+
+    n_ready: int
+    keep: NDArray[np.bool_]
+    n_lost: NDArray[np.int64]
+    is_exact: NDArray[np.bool_]
+
+
+class SampleCounter:
+    """Follow one counter.
+
+    Parameters
+    ----------
+    n_bits : int
+    rate_hz : float
+        Of the samples; bounds how many can have been lost between two arrivals.
+
+    Examples
+    --------
+    >>> counter = SampleCounter(n_bits=8, rate_hz=1000.0)
+    >>> counter.take(np.array([254, 255, 0, 3, 4]), np.arange(5) * 1e-3).n_lost
+    array([0, 0, 0, 2, 0])
+    >>> counter.take(np.array([5, 6 ^ 0x40, 7, 8]), np.arange(5, 9) * 1e-3).n_lost
+    array([0, 0, 0, 0])
+    """
+
+    def __init__(self, *, n_bits: int, rate_hz: float) -> None:
+        self._modulus = 1 << n_bits
+        self._rate_hz = rate_hz
+        self._last: tuple[int, float] | None = None
+
+    def take(self, counts: NDArray[np.int64], arrival_s: NDArray[np.float64]) -> Counted:
+        """Judge a batch of at least one frame; those beyond `n_ready` have to be given again, before the next ones.
+
+        Parameters
+        ----------
+        counts : ndarray of int, shape (n,)
+        arrival_s : ndarray, shape (n,), s
+        """
+        n = len(counts)
+        keep, n_lost, is_exact = np.ones(n, dtype=bool), np.zeros(n, dtype=np.int64), np.ones(n, dtype=bool)
+        if self._last is None:
+            self._last = (int(counts[0]) - 1, float(arrival_s[0]))
+        expected = (self._last[0] + 1 + np.arange(n)) % self._modulus
+        if np.array_equal(counts, expected):
+            self._last = (int(counts[-1]), float(arrival_s[-1]))
+            return Counted(n_ready=n, keep=keep, n_lost=n_lost, is_exact=is_exact)
+        last, last_s = self._last
+        for k in range(n):
+            count, at_s = int(counts[k]), float(arrival_s[k])
+            step = (count - last) % self._modulus
+            if step != 1:
+                if k + 1 == n:
+                    self._last = (last, last_s)
+                    return Counted(n_ready=k, keep=keep[:k], n_lost=n_lost[:k], is_exact=is_exact[:k])
+                count, keep[k], n_lost[k], is_exact[k] = self._judge(last, count, int(counts[k + 1]), at_s - last_s)
+            last, last_s = count, at_s
+        self._last = (last, last_s)
+        return Counted(n_ready=n, keep=keep, n_lost=n_lost, is_exact=is_exact)
+
+    def _judge(self, last: int, count: int, following: int, elapsed_s: float) -> tuple[int, bool, int, bool]:
+        """Count as it should be, whether to keep the frame, samples lost before it, and whether that is certain."""
+        expected = (last + 1) % self._modulus
+        if (following - last) % self._modulus == 2:
+            # The frames around it follow each other: a bit of this counter was flipped on the way.
+            return expected, True, 0, True
+        if count == last % self._modulus:
+            return count, False, 0, True
+        if (following - count) % self._modulus > 2:
+            # It fits neither side.
+            return expected, True, 0, False
+        n_lost = (count - last) % self._modulus - 1
+        most = _RATE_TOLERANCE * self._rate_hz * (max(0.0, elapsed_s) + _LATENESS_S)
+        is_possible = n_lost <= min(most, 0.5 * self._modulus)
+        return (count, True, n_lost, True) if is_possible else (count, True, 0, False)

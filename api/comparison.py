@@ -1,0 +1,80 @@
+"""From recordings to the rows of a comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sawbench.analysis import AnalysedTrial, fit_trial, load_and_process, runtime_of
+from sawbench.bench.errors import InputError, SawbenchError
+
+if TYPE_CHECKING:
+    from sawbench.reporting.compared import ComparedTrial, LeftOut
+
+
+def compare_files(paths: Iterable[Path], config_path: Path | None) -> tuple[list[ComparedTrial], list[LeftOut]]:
+    """Process, fit and predict every recording, as far as each allows.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+    config_path : Path, optional
+
+    Returns
+    -------
+    rows : list of ComparedTrial
+    left_out : list of LeftOut
+
+    Raises
+    ------
+    InputError
+        If no recording is left to compare.
+    """
+    from sawbench.reporting.compared import LeftOut
+
+    rows: list[ComparedTrial] = []
+    left_out: list[LeftOut] = []
+    seen: dict[tuple[str, datetime], Path] = {}
+    for path in paths:
+        try:
+            trial = load_and_process(path, config_path)
+            _refuse_twin(trial, seen)
+            rows.append(_compared(trial))
+        except SawbenchError as error:
+            left_out.append(LeftOut(name=path.name, reason=error.what))
+    if not rows:
+        reasons = "; ".join(f"{item.name}: {item.reason}" for item in left_out)
+        raise InputError(f"none of {len(left_out)} recordings can be compared: {reasons}")
+    return rows, left_out
+
+
+def _refuse_twin(trial: AnalysedTrial, seen: dict[tuple[str, datetime], Path]) -> None:
+    """Refuse a second file of the same trial, as `recover` leaves it: it is no second repetition."""
+    own = trial.recording.trial
+    if own.started_at is None:
+        return
+    path = Path(trial.recording.path)
+    first = seen.setdefault((own.trial_id, own.started_at), path)
+    if first != path:
+        raise InputError(f"is the same trial as {first.name} ({own.trial_id}, {own.started_at.isoformat()})")
+
+
+def _compared(trial: AnalysedTrial) -> ComparedTrial:
+    """Fit and predict as far as the trial allows; what it does not allow is said in the note."""
+    from sawbench.reporting.compared import ComparedTrial
+
+    if trial.processed.status != "cutting":
+        return ComparedTrial(processed=trial.processed)
+    try:
+        fit, estimates = fit_trial(trial)
+    except SawbenchError as error:
+        return ComparedTrial(processed=trial.processed, note=error.what)
+    if fit.status != "ok":
+        return ComparedTrial(processed=trial.processed, fit=fit)
+    try:
+        runtime = runtime_of(trial, fit, estimates)
+    except SawbenchError as error:
+        return ComparedTrial(processed=trial.processed, fit=fit, note=error.what)
+    return ComparedTrial(processed=trial.processed, fit=fit, runtime=runtime)

@@ -1,0 +1,64 @@
+"""From opened trials to the gap report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sawbench.bench.errors import InputError
+from sawbench.plain import plain
+
+if TYPE_CHECKING:
+    from sawbench.analysis import OpenedTrial
+    from sawbench.bench.config import LoadedConfig
+
+
+def diagnose_trials(
+    trials: Sequence[OpenedTrial],
+    loaded: LoadedConfig | None = None,
+    *,
+    on_step: Callable[[int, int, str], None] | None = None,
+) -> dict[str, Any]:
+    """Diagnose the sim-to-real gap of a campaign.
+
+    Parameters
+    ----------
+    trials : sequence of OpenedTrial
+    loaded : LoadedConfig, optional
+        Default: that of the first trial.
+    on_step : callable, optional
+        (done, total, what).
+
+    Returns
+    -------
+    dict
+        `gap_report.json`, as plain values.
+
+    Raises
+    ------
+    InputError
+        If nothing can be diagnosed; the message says why for every trial.
+    """
+    from importlib.metadata import version
+
+    from sawbench.diagnosis.answer.gap_report import diagnose
+    from threadpoolctl import threadpool_limits
+
+    if not trials:
+        raise InputError("there is no trial to diagnose", remedy="name recordings or a folder that holds some")
+    loaded = loaded or trials[0].loaded
+    provenance = {
+        "recordings": {_name(trial): trial.sha256 for trial in trials},
+        "config_sha256": loaded.sha256,
+        "software": f"sawbench {version('sawbench')}",
+    }
+    recordings = [trial.recording for trial in trials]
+    # The products of matrices here are small: threads of the linear algebra would cost more than they save.
+    with threadpool_limits(limits=1, user_api="blas"):
+        return plain(diagnose(recordings, loaded, provenance=provenance, on_step=on_step))
+
+
+def _name(trial: OpenedTrial) -> str:
+    path = trial.recording.path
+    return Path(path).name if path else f"{trial.recording.trial.trial_id} (not from a file)"

@@ -1,0 +1,158 @@
+"""Print how the code is built, before and after the redesign: sizes, copies of equations, places to touch.
+
+    python -m benchmarks.structure [--before 8d2895f] [--after HEAD]
+
+Both sides are read through git. A function's lines are counted without its docstring. An equation is counted by the
+functions of the numeric packages in whose text its pattern stands; `blindcheck` is left out, because the generator of
+hidden effects shares no code with the model on purpose.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import io
+import re
+import subprocess
+import tarfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+PACKAGES = (
+    "api", "bench", "storage", "acquisition", "processing", "modeling", "diagnosis", "blindcheck", "reporting",
+    "visualization", "commands",
+)  # fmt: skip
+LONG_LINES, MANY_PARAMETERS = 60, 8
+EQUATIONS = {
+    "Eq. 16, open-circuit voltage": r"1\.0 - [\w.\[\]]*beta[\w.\]]* \* \(1\.0 - ",
+    "lever or displacement of the mechanism": (
+        r"\b(r|[\w.]*radius\w*) \* (np\.sin|math\.sin|sine\b)|1\.0 - (cosine|np\.cos\(|math\.cos\()"
+    ),
+    "stages of Dormand-Prince 5(4)": r"\bA65\b",
+    "means over cells of the crank angle": r"bincount\(|reduceat\(",
+}
+# What an addition touched at 8d2895f, counted by hand: files until the tests were green.
+TOUCHED_BEFORE = {"an effect": "4 files, 5 edits", "an instrument": "6 files", "a machine": "several packages"}
+# A file that only one addition brought; the files of its commit are what the addition touches.
+ADDED = {
+    "an effect": "modeling/effects/cogging_torque.py",
+    "an instrument": "acquisition/devices/gsv3.py",
+    "a machine": "modeling/machines/slider_crank_saw.toml",
+}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Function:
+    """A function of the product."""
+
+    name: str
+    n_lines: int
+    n_parameters: int
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Tree:
+    """What is counted of one commit."""
+
+    lines: Mapping[str, int]
+    functions: tuple[Function, ...]
+    longest_module: tuple[int, str]
+
+
+def git(*arguments: str) -> bytes:
+    return subprocess.run(["git", *arguments], check=True, capture_output=True).stdout
+
+
+def sources(commit: str) -> dict[str, str]:
+    """Every Python file of a commit that people wrote."""
+    with tarfile.open(fileobj=io.BytesIO(git("archive", commit))) as archive:
+        return {
+            member.name: archive.extractfile(member).read().decode()  # type: ignore[union-attr]
+            for member in archive
+            if member.name.endswith(".py") and not member.name.endswith("_pb2.py")
+        }
+
+
+def functions_of(path: str, text: str) -> Iterator[Function]:
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            first = node.body[0]
+            is_documented = isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant)
+            docstring = first.end_lineno - first.lineno + 1 if is_documented else 0  # type: ignore[operator]
+            names = [a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
+            yield Function(
+                name=f"{path}:{node.name}",
+                n_lines=node.end_lineno - node.lineno + 1 - docstring,  # type: ignore[operator]
+                n_parameters=len([name for name in names if name not in {"self", "cls"}]),
+                text=ast.get_source_segment(text, node) or "",
+            )
+
+
+def read_tree(commit: str) -> Tree:
+    files = sources(commit)
+    product = {path: text for path, text in files.items() if path.split("/")[0] in PACKAGES}
+    lines = {
+        package: sum(text.count("\n") for path, text in files.items() if path.split("/")[0] == package)
+        for package in (*PACKAGES, "tests", "benchmarks")
+    }
+    functions = tuple(function for path, text in product.items() for function in functions_of(path, text))
+    longest = max((text.count("\n"), path) for path, text in product.items())
+    return Tree(lines=lines, functions=functions, longest_module=longest)
+
+
+def stated(tree: Tree, pattern: str) -> list[str]:
+    """Functions in which an equation stands; of one inside the other, the inner one."""
+    where = ("processing/", "modeling/", "diagnosis/", "visualization/")
+    found = [f for f in tree.functions if f.name.startswith(where) and re.search(pattern, f.text, re.IGNORECASE)]
+    return [f.name for f in found if not any(g is not f and g.text in f.text for g in found)]
+
+
+def touched(path: str, commit: str) -> str:
+    """Count the files of the commit that added `path`: product, then tests and pages."""
+    added = git("log", "--diff-filter=A", "--format=%H", "-1", commit, "--", path).decode().strip()
+    if not added:
+        return "not added yet"
+    files = git("show", "--name-only", "--format=", added).decode().split()
+    others = [name for name in files if name.split("/")[0] in {"tests", "docs", "benchmarks"} or name.endswith(".md")]
+    return f"{len(files) - len(others)} files, {len(others)} of tests and pages ({added[:7]})"
+
+
+def rows(before: Tree, after: Tree, commit: str) -> Iterator[tuple[str, str, str]]:
+    for package in before.lines:
+        yield f"lines, {package}", f"{before.lines[package]:,}", f"{after.lines[package]:,}"
+    yield "lines, product", *(f"{sum(tree.lines[p] for p in PACKAGES):,}" for tree in (before, after))
+    yield "longest module, lines", *(f"{n} ({path})" for n, path in (before.longest_module, after.longest_module))
+    long = [[f for f in tree.functions if f.n_lines > LONG_LINES] for tree in (before, after)]
+    yield f"functions over {LONG_LINES} lines", *(str(len(found)) for found in long)
+    wide = [
+        [f for f in tree.functions if f.n_parameters > MANY_PARAMETERS and not f.name.startswith("commands/")]
+        for tree in (before, after)
+    ]
+    yield f"functions over {MANY_PARAMETERS} parameters, options of commands aside", *(str(len(w)) for w in wide)
+    for name, pattern in EQUATIONS.items():
+        yield f"functions that state: {name}", *(str(len(stated(tree, pattern))) for tree in (before, after))
+    for name, path in ADDED.items():
+        yield f"files to touch for {name}", TOUCHED_BEFORE[name], touched(path, commit)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--before", default="8d2895f")
+    parser.add_argument("--after", default="HEAD")
+    parser.add_argument("--list", action="store_true", help="Name the functions that are counted, after.")
+    chosen = parser.parse_args()
+    before, after = read_tree(chosen.before), read_tree(chosen.after)
+    print(f"| what | {chosen.before} | {chosen.after} |\n|---|---|---|")
+    for row in rows(before, after, chosen.after):
+        print(f"| {' | '.join(row)} |")
+    if chosen.list:
+        for function in after.functions:
+            if function.n_lines > LONG_LINES or function.n_parameters > MANY_PARAMETERS:
+                print(f"{function.n_lines:4} lines {function.n_parameters:3} parameters  {function.name}")
+        for name, pattern in EQUATIONS.items():
+            print(f"{name}: {', '.join(stated(after, pattern))}")
+
+
+if __name__ == "__main__":
+    main()

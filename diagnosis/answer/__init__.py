@@ -1,0 +1,1 @@
+"""What the report says: where, how far, which signals, which trial next."""

@@ -1,0 +1,299 @@
+"""The gap per channel, in its unit: what models predict for operating points that they were not fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.answer.ladder import RUNGS, Fit, HoldOut, Ladder, Rungs
+from sawbench.diagnosis.inference.evidence import Column
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.modeling.residuals import Baseline
+from sawbench.modeling.state import State
+from sawbench.modeling.stroke import Prediction, Term, mean_stroke, predict
+
+CHANNELS: Final = (
+    ("force_n", "force_n", "N"),
+    ("motor_current_a", "current_a", "A"),
+    ("crank_speed_rad_s", "speed_rad_s", "rad/s"),
+    ("battery_voltage_v", "battery_voltage_v", "V"),
+    ("battery_current_a", "battery_current_a", "A"),
+)
+MODELS: Final = ("nominal", "retuned", "with_effect")
+# States of charge, as shares of what may be used, at which a stroke is predicted for the runtime.
+_RUNTIME_NODES, _RUNTIME_WEIGHTS = np.polynomial.legendre.leggauss(3)
+_LARGEST_AUTOCORRELATION = 0.9
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Cycle:
+    """The mean stroke of one trial, measured and predicted by models that were fitted without it.
+
+    Attributes
+    ----------
+    label, operating_point : str
+    is_idle : bool
+    measured : dict of str to ndarray, shape (n_points,)
+        By channel, those that were measured; over the crank angle.
+    predicted : dict of str to dict
+        The same by model ("nominal", "retuned", "with_effect").
+    scatter : dict of str to float
+        Standard uncertainty of the mean stroke, root mean square over the crank angle; what harder or softer wood
+        does within the trial is taken out, as its mean is fitted.
+    """
+
+    label: str
+    operating_point: str
+    is_idle: bool
+    measured: dict[str, Floats]
+    predicted: dict[str, dict[str, Floats]]
+    scatter: dict[str, float]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ChannelGap:
+    """The ladder in units.
+
+    Attributes
+    ----------
+    by_channel : dict of str to (Rungs, unit)
+        Root mean square of measured less predicted mean stroke, over all operating points.
+    cycles : tuple of Cycle
+    runtime_s : dict of str to float
+        "nominal", "retuned", "with_effect", "measured"; empty where it cannot be said.
+    runtime_of : str
+        Operating point whose runtime it is.
+    warnings : tuple of str
+    """
+
+    by_channel: dict[str, tuple[Rungs, str]]
+    cycles: tuple[Cycle, ...]
+    runtime_s: dict[str, float]
+    runtime_of: str
+    warnings: tuple[str, ...]
+
+
+def forecast(
+    hold_out: HoldOut,
+    ladder: Ladder,
+    forms: Sequence[Sequence[Column]],
+    *,
+    on_trial: Callable[[int, int, str], None] | None = None,
+) -> ChannelGap | None:
+    """Predict every trial with the models that were fitted without its operating point.
+
+    Parameters
+    ----------
+    hold_out : HoldOut
+    ladder : Ladder
+        Of the cause.
+    forms : sequence of sequence of Column
+        For each alternative of the ladder, the columns it was made of, one an effect; empty where there is no cause.
+    on_trial : callable, optional
+        (done, total, name).
+
+    Returns
+    -------
+    ChannelGap or None
+        None for a plant whose equations do not close to a periodic stroke of battery, motor and blade, and where
+        no trial has a crank angle.
+    """
+    problem = hold_out.problem
+    baseline = problem.campaign.baseline
+    if not isinstance(baseline, Baseline) or problem.campaign.angle_is_assumed:
+        return None
+    running = [part.state for part in problem.parts if part.state.kind == "running"]
+    group_of = {part.setting.label: hold_out.group_of(part) for part in problem.parts}
+    cycles, settled, unsettled = [], {}, []
+    for number, state in enumerate(running):
+        label = state.setting.label
+        models = _models(problem, ladder.fits[group_of[label]], forms)
+        stroke = mean_stroke(state)
+        found = _predict_all(baseline, stroke, models)
+        if all(p.is_settled for p in found.values()):
+            cycles.append(_cycle(baseline, state, stroke, found))
+            settled[label] = (state, stroke, models, found)
+        else:
+            unsettled.append(f"{label} ({', '.join(n for n, p in found.items() if not p.is_settled)})")
+        if on_trial is not None:
+            on_trial(number + 1, len(running), label)
+    warnings = []
+    if unsettled:
+        warnings.append(f"the model finds no steady stroke at {'; '.join(unsettled)}: not in the gap by channel")
+    runtime, where, problems = _runtime(baseline, list(settled.values()))
+    return ChannelGap(
+        by_channel=_by_channel(cycles), cycles=tuple(cycles), runtime_s=runtime, runtime_of=where,
+        warnings=(*warnings, *problems),
+    )  # fmt: skip
+
+
+def _models(problem: LinearProblem, fit: Fit, forms: Sequence[Sequence[Column]]) -> dict[str, list[Term]]:
+    """Terms of the three models, from what was fitted."""
+    baseline = problem.campaign.baseline
+    known = {n.name: n for n in problem.campaign.plant.nuisances()}
+    width = problem.wide_scale * problem.prior_std
+    effects: list[Term] = []
+    amplitudes = list(fit.amplitudes)
+    for column in forms[fit.alternative] if forms else ():
+        size = column.effect.strength.typical * column.effect.strength.high
+        count = column.columns.shape[1]
+        taken, amplitudes = size * np.array(amplitudes[:count]), amplitudes[count:]
+        effects.append(
+            Term(amplitude=1.0, signature=lambda s, c=column, a=taken: c.effect.combined(baseline, s, c.shape, a))
+        )
+
+    def nuisances(values: Floats) -> list[Term]:
+        return [
+            Term(
+                amplitude=float(value * unit),
+                signature=lambda s, n=known[name]: n.signature(baseline, s),
+            )
+            for name, value, unit in zip(problem.names, values, width, strict=True)
+            if name in known
+        ]
+
+    return {"nominal": [], "retuned": nuisances(fit.retuned), "with_effect": [*nuisances(fit.nuisances), *effects]}
+
+
+def _predict_all(baseline: Baseline, stroke: State, models: dict[str, list[Term]]) -> dict[str, Prediction]:
+    found: dict[str, Prediction] = {}
+    last: Prediction | None = None
+    for name, terms in models.items():
+        found[name] = predict(baseline, stroke, terms, start=last)
+        last = found[name] if found[name].is_settled else last
+    return found
+
+
+def _cycle(baseline: Baseline, state: State, stroke: State, found: dict[str, Prediction]) -> Cycle:
+    measured, scatter = {}, {}
+    predicted: dict[str, dict[str, Floats]] = {name: {} for name in found}
+    for channel, attribute, _ in CHANNELS:
+        units = getattr(state, attribute)
+        if units is None:
+            continue
+        measured[channel] = getattr(stroke, attribute)[0]
+        scatter[channel] = _std_of_mean(units, _explained(baseline, state))
+        for name, prediction in found.items():
+            predicted[name][channel] = getattr(prediction.state, attribute)[0]
+    return Cycle(
+        label=state.setting.label, operating_point=state.setting.operating_point, is_idle=state.setting.is_idle,
+        measured=measured, predicted=predicted, scatter=scatter,
+    )  # fmt: skip
+
+
+def _explained(baseline: Baseline, state: State) -> Floats:
+    """What units of a trial differ by without being noise, shape (n_units, k).
+
+    A straight line in time, and the cutting coefficient in this unit and in the one before: its mean is fitted, and the
+    machine follows it with a lag.
+    """
+    n = len(state.speed_rad_s)
+    columns = [np.ones(n), np.arange(n) - 0.5 * (n - 1)]
+    if state.force_n is not None and not state.setting.is_idle:
+        work = np.sum(state.force_n * baseline.cutting_speed(state), axis=1)
+        columns += [work - work.mean(), np.concatenate([[0.0], work[:-1] - work.mean()])]
+    return np.array(columns).T
+
+
+def _std_of_mean(units: Floats, explained: Floats) -> float:
+    """Standard uncertainty of the mean of rows about what is explained, with their autocorrelation."""
+    n = len(units)
+    free = n - explained.shape[1]
+    if free < 2:
+        return 0.0
+    rest = units - explained @ np.linalg.lstsq(explained, units, rcond=None)[0]
+    variance = float(np.sum(rest**2)) / free / units.shape[1]
+    if variance <= 0.0:
+        return 0.0
+    neighbours = float(np.sum(rest[1:] * rest[:-1]) / np.sum(rest**2))
+    rho = float(np.clip(neighbours, 0.0, _LARGEST_AUTOCORRELATION))
+    return float(np.sqrt(variance / n * (1.0 + rho) / (1.0 - rho)))
+
+
+def _by_channel(cycles: Sequence[Cycle]) -> dict[str, tuple[Rungs, str]]:
+    out = {}
+    for channel, _, unit in CHANNELS:
+        having = [c for c in cycles if channel in c.measured]
+        if not having:
+            continue
+        errors = {name: {c.label: c.measured[channel] - c.predicted[name][channel] for c in having} for name in MODELS}
+        squares = {
+            name: _over_points(having, {label: float(np.mean(e**2)) for label, e in by_label.items()})
+            for name, by_label in errors.items()
+        }
+        within = _over_points(having, {c.label: c.scatter[channel] ** 2 for c in having})
+        squares["noise_floor"] = max(within, _between(having, errors["with_effect"]))
+        out[channel] = (Rungs(**{name: float(np.sqrt(squares[name])) for name in RUNGS}), unit)
+    return out
+
+
+def _over_points(cycles: Sequence[Cycle], values: dict[str, float]) -> float:
+    """Mean over operating points of the mean over their repeats."""
+    points: dict[str, list[float]] = {}
+    for cycle in cycles:
+        points.setdefault(cycle.operating_point, []).append(values[cycle.label])
+    return float(np.mean([np.mean(repeats) for repeats in points.values()]))
+
+
+def _between(cycles: Sequence[Cycle], errors: dict[str, Floats]) -> float:
+    """Variance among repeats of one operating point, pooled; 0 where nothing was repeated."""
+    points: dict[str, list[Floats]] = {}
+    for cycle in cycles:
+        points.setdefault(cycle.operating_point, []).append(errors[cycle.label])
+    total, free = 0.0, 0
+    for repeats in points.values():
+        if len(repeats) > 1:
+            deviation = np.array(repeats) - np.mean(repeats, axis=0)
+            total += float(np.mean(deviation**2) * len(repeats))
+            free += len(repeats) - 1
+    return total / free if free else 0.0
+
+
+def _runtime(
+    baseline: Baseline, settled: list[tuple[State, State, dict[str, list[Term]], dict[str, Prediction]]]
+) -> tuple[dict[str, float], str, list[str]]:
+    """How long a full battery lasts at the operating point of the longest cutting trial.
+
+    Integral of the charge over the predicted mean battery current, at three states of charge (Gauss). "Measured" is
+    the nominal course scaled by the current that the trial drew.
+    """
+    battery = baseline.battery
+    cutting = [entry for entry in settled if not entry[0].setting.is_idle]
+    if battery is None:
+        return {}, "", ["no runtime: the configuration has no battery"]
+    if not cutting:
+        return {}, "", ["no runtime: no trial cuts"]
+    state, stroke, models, found = max(cutting, key=lambda entry: _seconds(entry[0]))
+    if stroke.battery_current_a is None:
+        return {}, "", [f"no runtime: battery_current_a is missing in {state.setting.label}"]
+    usable_as = 3600.0 * battery.capacity_ah * (1.0 - battery.cutoff_soc)
+    runtime = {}
+    for name in MODELS:
+        times, near = [], found[name]
+        for node in 0.5 * (_RUNTIME_NODES + 1.0):
+            there = replace(stroke, charge_used_as=np.full((1, 1), node * usable_as))
+            near = predict(baseline, there, models[name], wood_n_s_per_m=found[name].wood_n_s_per_m, start=near)
+            current_a = _mean_over_time(near.state)
+            if not near.is_settled or current_a <= 0.0:
+                return {}, "", ["no runtime: the model does not run to the end of the battery's charge"]
+            times.append(usable_as / current_a)
+        runtime[name] = float(np.dot(0.5 * _RUNTIME_WEIGHTS, times))
+    drawn_a = _mean_over_time(stroke)
+    if drawn_a <= 0.0:
+        return {}, "", [f"no runtime: {state.setting.label} draws no battery current"]
+    runtime["measured"] = runtime["nominal"] * _mean_over_time(found["nominal"].state) / drawn_a
+    return runtime, state.setting.operating_point, []
+
+
+def _seconds(state: State) -> float:
+    return float(np.sum(state.n_strokes * np.mean(2.0 * np.pi / state.speed_rad_s, axis=1)))
+
+
+def _mean_over_time(stroke: State) -> float:
+    """Mean battery current over the time of a stroke, not over its angle."""
+    assert stroke.battery_current_a is not None
+    slowness = 1.0 / stroke.speed_rad_s
+    return float(np.sum(stroke.battery_current_a * slowness) / np.sum(slowness))

@@ -1,0 +1,139 @@
+"""What may be declared: causes whose magnitude is there and which predict what was withheld.
+
+Evidence alone finds the best name for whatever is in the data, a sensor's wandering zero too. What predicts no
+withheld data has no evidence: every effect of a declared cause has a magnitude that differs from zero in its own 95 %
+interval, and with it the withheld gap closes further than without it. Where the single strokes carry an effect, mean
+strokes hold little of it, its magnitude and what it closes among them: the report says so instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from sawbench.diagnosis.answer.ladder import closed_share
+from sawbench.diagnosis.answer.prediction import Predictions
+from sawbench.diagnosis.inference.evidence import Column, Explanation
+from sawbench.diagnosis.inference.hypothesis import Hypothesis
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.posterior import Posterior
+from sawbench.diagnosis.inference.settings import Z95
+from sawbench.diagnosis.inference.size import sized
+from sawbench.diagnosis.inference.weighing import weigh
+
+# Of the typical size: so little of an effect that its number is the one that stands where there is none.
+_NONE, _HARDLY = 0.0, 1e-6
+_SAME = 1e-3
+
+
+def held_to_predictions(
+    problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior, predictions: Predictions
+) -> Posterior:
+    """Move the probability of claims that predict nothing to what is left without them, until the likeliest holds.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    columns : mapping of str to sequence of Column
+        By effect.
+    posterior : Posterior
+    predictions : Predictions
+
+    Returns
+    -------
+    Posterior
+        Of an effect that fails, the probability goes to the likeliest cause without it; of a single one, to the
+        answers that name no effect, as they stand among themselves.
+    """
+    while posterior.best.effects:
+        failing = _failing(problem, columns, posterior, predictions)
+        if failing is None:
+            break
+        posterior = _without(problem, posterior, failing)
+    return posterior
+
+
+def sized_members(
+    problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior, hypothesis: Hypothesis
+) -> list[Explanation]:
+    """Members of a hypothesis with the magnitudes that the report states."""
+    return sized(
+        problem, hypothesis.members, columns, small=posterior.little, dispersion=posterior.dispersion
+    )  # fmt: skip
+
+
+def carried_by_strokes(posterior: Posterior, hypothesis: Hypothesis) -> list[str]:
+    """Effects of a hypothesis that the single strokes show."""
+    said = posterior.strokes
+    return [name for name in hypothesis.effects if name in said and said[name].beside_cutting > 0.0]
+
+
+def is_there(member: Explanation) -> bool:
+    """Whether the magnitude differs, in its 95 % interval, from the number that stands where there is no effect.
+
+    That is 0, except where the number does not vanish with the effect (an exponent of 1), and 0 too where it grows
+    without bound (a stiffness) or belongs to the form (a frequency).
+    """
+    effect, shape = member.effect, member.column.shape
+    none, hardly = (effect.reported_strength(part * effect.strength.typical, shape) for part in (_NONE, _HARDLY))
+    is_plain = member.mixture is not None or abs(hardly - none) > _SAME * abs(hardly) or none == member.strength
+    absent = 0.0 if is_plain else none
+    return abs(member.strength - absent) > Z95 * member.strength_std
+
+
+def _failing(
+    problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior, predictions: Predictions
+) -> str | None:
+    """Effect of the likeliest hypothesis that must not be declared, the one that closes least; None where all may."""
+    best = posterior.best
+    carried = carried_by_strokes(posterior, best)
+    failing: dict[str, float] = {}
+    for member in sized_members(problem, columns, posterior, best):
+        name = member.effect.name
+        if name in carried:
+            continue
+        closed, is_sure = _closed(posterior, predictions, best, name)
+        if not (is_sure and is_there(member)):
+            failing[name] = closed
+    return min(failing, key=lambda name: failing[name], default=None)
+
+
+def _closed(posterior: Posterior, predictions: Predictions, hypothesis: Hypothesis, name: str) -> tuple[float, bool]:
+    """Share of the withheld gap that an effect closes beside the others of the hypothesis, and whether that is sure.
+
+    It is where the 95 % interval lies above 0, and where the gap closes at every withheld operating point: of three
+    or four points the interval says little.
+    """
+    whole = predictions.of(hypothesis).ladder
+    if whole.held_out == "nothing":
+        return whole.gap_closed, True  # the report says that nothing could be withheld
+    energy = whole.energy
+    if len(hypothesis.effects) > 1:
+        fewer = _found(posterior, hypothesis.without(name))
+        without = predictions.of(fewer, by_trial=whole.held_out == "trials").ladder.energy["with_effect"]
+        energy = {**energy, "retuned": without}
+    share, interval = closed_share(energy)
+    closes_everywhere = len(energy["retuned"]) > 1 and bool(np.all(energy["with_effect"] < energy["retuned"]))
+    return share, (interval[0] > 0.0 or closes_everywhere) and whole.gap_closed > 0.0
+
+
+def _found(posterior: Posterior, effects: tuple[str, ...]) -> Hypothesis:
+    return next(h for h in posterior.claims if h.effects == effects)
+
+
+def _without(problem: LinearProblem, posterior: Posterior, name: str) -> Posterior:
+    """Take one effect out of the likeliest hypothesis, and hand its probability on."""
+    best = posterior.best
+    rest = best.without(name)
+    if rest:
+        to = {_found(posterior, rest).name: 1.0}
+    else:
+        others = [h for h in posterior.hypotheses if h.other is not None]
+        weighed = weigh(others, n_effects=1, quiet=problem.quiet, weights=problem.settings.weights)
+        to = {h.name: h.probability for h in weighed}
+    moved = [
+        replace(h, probability=0.0 if h is best else h.probability + best.probability * to.get(h.name, 0.0))
+        for h in posterior.hypotheses
+    ]
+    return replace(posterior, hypotheses=tuple(sorted(moved, key=lambda h: -h.probability)))

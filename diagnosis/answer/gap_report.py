@@ -1,0 +1,261 @@
+"""The gap report as plain values: the file `gap_report.json` that other people's scripts read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from sawbench.bench.config import LoadedConfig
+from sawbench.bench.recording import Recording
+from sawbench.diagnosis.answer.channel_gap import ChannelGap, forecast
+from sawbench.diagnosis.answer.claim import carried_by_strokes, held_to_predictions, sized_members
+from sawbench.diagnosis.answer.gap_detail import detail, log_odds_at_typical_size
+from sawbench.diagnosis.answer.improved_model import improved_model
+from sawbench.diagnosis.answer.ladder import RUNGS, Ladder, Rungs
+from sawbench.diagnosis.answer.next_trial import next_trial
+from sawbench.diagnosis.answer.prediction import Predictions
+from sawbench.diagnosis.answer.signals import signal_findings
+from sawbench.diagnosis.answer.where import locate
+from sawbench.diagnosis.campaign import Campaign
+from sawbench.diagnosis.inference.evidence import Column, catalogue_columns
+from sawbench.diagnosis.inference.hypothesis import OTHERS, Hypothesis
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, build_problem
+from sawbench.diagnosis.inference.posterior import Posterior, judge
+from sawbench.diagnosis.plants.choice import reduce_recordings
+
+SCHEMA_VERSION = 1
+_METRIC = (
+    "root mean square of the equation residuals over their noise, on {held_out}; by_channel: measured less predicted"
+    " mean stroke in the unit of the channel{simulated}; the cutting coefficient of a workpiece is fitted on its own"
+    " trial for all rungs"
+)
+_HELD_OUT = {
+    "operating points": "operating points held out of every fit in turn",
+    "trials": "trials held out of every fit in turn (few operating points, or one alone shows the effect)",
+    "nothing": "the only trial, which the fits have seen (nothing could be held out)",
+}
+# Where the parts of the work stand on the progress bar, of 100.
+_REDUCED, _SIGNED, _JUDGED, _CLIMBED = 40, 50, 80, 85
+_ODDS = 20.0
+# Where a line that no equation explains is first to be looked for.
+_EQUATION_OF_CHANNEL = {
+    "motor_current_a": "electrical", "force_n": "cutting", "battery_voltage_v": "supply", "battery_current_a": "supply",
+}  # fmt: skip
+# Log odds against no gap below which an effect of typical size would probably not be named.
+_SHOWN_LOG_ODDS = 16.0
+_SHOWN_PROBABILITY = 0.001
+_LEAST_SHOWN, _MOST_SHOWN = 2, 5
+
+
+def diagnose(
+    recordings: Sequence[Recording],
+    loaded: LoadedConfig,
+    *,
+    provenance: Mapping[str, Any],
+    on_step: Callable[[int, int, str], None] | None = None,
+) -> dict[str, Any]:
+    """Diagnose the sim-to-real gap of a campaign.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    loaded : LoadedConfig
+    provenance : mapping
+        Goes into the report as it is.
+    on_step : callable, optional
+        (done, total, what).
+
+    Returns
+    -------
+    dict
+        `gap_report.json`.
+
+    Raises
+    ------
+    InputError
+        If nothing can be diagnosed; the message says why for every trial.
+    """
+    say = on_step or (lambda done, total, what: None)
+    campaign = reduce_recordings(
+        recordings, loaded, on_trial=lambda done, total, name: say(_REDUCED * done // total, 100, f"reading {name}")
+    )
+    problem = build_problem(campaign)
+    say(_REDUCED, 100, "computing what every effect would do")
+    columns = catalogue_columns(problem, campaign.plant.effects)
+    say(_SIGNED, 100, "weighing causes")
+    shown = log_odds_at_typical_size(problem, columns)
+    posterior = judge(problem, columns)
+    say(_JUDGED, 100, "predicting held-out operating points")
+    predictions = Predictions(problem, columns, posterior)
+    posterior = held_to_predictions(problem, columns, posterior, predictions)
+    shown_causes = _shown_causes(posterior)
+    causes = [_cause(problem, columns, posterior, predictions, hypothesis) for hypothesis in shown_causes]
+    first = predictions.of(shown_causes[0] if shown_causes else posterior.of("no_gap"))
+    say(_CLIMBED, 100, "predicting held-out operating points")
+    channels = forecast(
+        first.hold_out, first.ladder, first.forms,
+        on_trial=lambda done, total, name: say(
+            _CLIMBED + (100 - _CLIMBED) * done // total, 100, f"predicting {name}"
+        ),
+    )  # fmt: skip
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "verdict": posterior.verdict,
+        "where": [] if posterior.verdict == "no_gap" else _where(problem, posterior),
+        "causes": causes,
+        "probabilities": {name: posterior.of(name).probability for name in OTHERS},
+        "parameter_shifts": _shifts(problem),
+        "gap": _gap(first.ladder, channels),
+        "signals": signal_findings(campaign, problem.wander),
+        "improved_model": improved_model(problem, posterior, causes, loaded),
+        "next_trial": next_trial(problem, posterior),
+        "warnings": _warnings(campaign, shown, posterior, channels),
+        "detail": {**detail(problem, posterior, channels), "log_odds_at_typical_size": shown},
+        "provenance": dict(provenance),
+    }  # fmt: skip
+
+
+def _shown_causes(posterior: Posterior) -> list[Hypothesis]:
+    """Claims that the report lists; what has most evidence, where hardly any is probable."""
+    chosen = [h for h in posterior.claims if h.probability > _SHOWN_PROBABILITY][:_MOST_SHOWN]
+    names = [e.effect.name for e in posterior.explanations if (e.effect.name,) not in {h.effects for h in chosen}]
+    return chosen + [posterior.of(name) for name in names[: max(_LEAST_SHOWN - len(chosen), 0)]]
+
+
+def _cause(
+    problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior, predictions: Predictions,
+    hypothesis: Hypothesis,
+) -> dict[str, Any]:  # fmt: skip
+    """Entry of the report."""
+    ladder = predictions.of(hypothesis).ladder
+    return {
+        "effects": list(hypothesis.effects),
+        "indistinguishable_from": _alike(problem, hypothesis, posterior),
+        "probability": hypothesis.probability,
+        "parameters": {
+            m.effect.strength.name: {
+                "value": m.strength,
+                "std": float(np.hypot(m.strength_std, problem.campaign.plant.scale_rel_std * m.strength)),
+                "unit": m.effect.strength.unit,
+            }
+            for m in sized_members(problem, columns, posterior, hypothesis)
+        },
+        "gap_closed": ladder.gap_closed,
+        "gap_closed_ci95": list(ladder.gap_closed_ci95),
+        "carried_by_strokes": carried_by_strokes(posterior, hypothesis),
+    }
+
+
+def _alike(problem: LinearProblem, cause: Hypothesis, posterior: Posterior) -> list[str]:
+    """Effects that this campaign cannot tell from one of the cause: less than twenty times less likely in its place.
+
+    As likely as the tempered evidence says: look-alikes that were taken together share nothing here.
+    """
+    least = cause.log_evidence - problem.settings.weights.temperature * float(np.log(_ODDS))
+    found = dict.fromkeys(name for m in cause.members for name in m.effect.same_as)
+    for h in sorted(posterior.claims, key=lambda h: -h.log_evidence):
+        if len(h.effects) == len(cause.effects) and h.log_evidence > least:
+            others = set(h.effects) - set(cause.effects)
+            found.update(dict.fromkeys(others if len(others) == 1 else ()))
+    return [name for name in found if name not in cause.effects]
+
+
+def _where(problem: LinearProblem, posterior: Posterior) -> list[dict[str, Any]]:
+    sensing = [m for m in posterior.best.members if m.effect.place == "sensing"]
+    ringing = [m.strength for m in sensing if m.effect.strength.unit == "Hz"]
+    found: list[dict[str, Any]] = [
+        {
+            "equation": spot.equation,
+            "channel": spot.channel,
+            "share": spot.share,
+            "crank_angle_rad": [list(sector) for sector in spot.crank_angle_rad],
+            "frequency_hz": ringing if ringing and spot.equation == "sensing" else None,
+            "grows_with": list(spot.grows_with),
+        }
+        for spot in locate(problem, posterior)
+    ]
+    beside = posterior.off_stroke
+    if beside is None or not beside.lines_hz:
+        return found
+    intact = problem.settings.weights.left_by_an_intact_machine * problem.quiet
+    # Mean strokes, and so the shares, hold nothing of a line; where they hold no gap, it is all there is.
+    is_all = posterior.of("parameters").left_over < intact
+    line = {
+        "equation": _EQUATION_OF_CHANNEL.get(beside.channel, "sensing"), "channel": beside.channel,
+        "share": 1.0 if is_all else 0.0, "crank_angle_rad": [], "frequency_hz": list(beside.lines_hz),
+        "grows_with": [],
+    }  # fmt: skip
+    return [line] if is_all else [*found, line]
+
+
+def _shifts(problem: LinearProblem) -> dict[str, Any]:
+    """Re-tuned parameters, with priors five times as wide as stated."""
+    marginal = Marginal(problem, scale=problem.wide_scale)
+    mean, std = marginal.estimate()
+    width = problem.wide_scale * problem.prior_std
+    place = {name: k for k, name in enumerate(problem.names)}
+    shifts = {}
+    for nuisance in problem.campaign.plant.nuisances():
+        if nuisance.is_plant and nuisance.name in place:
+            k = place[nuisance.name]
+            shift = float(mean[k] * width[k])
+            shifts[nuisance.name] = {
+                "value": nuisance.nominal + shift, "std": float(std[k] * width[k]), "nominal": nuisance.nominal,
+                "sigmas": shift / nuisance.std,
+            }  # fmt: skip
+    return shifts
+
+
+def _gap(ladder: Ladder, channels: ChannelGap | None) -> dict[str, Any]:
+    by_channel = ladder.by_channel if channels is None or not channels.by_channel else channels.by_channel
+    simulated = "" if by_channel is ladder.by_channel else ", predicted by the simulated model"
+    found = {
+        "metric": _METRIC.format(held_out=_HELD_OUT[ladder.held_out], simulated=simulated),
+        **_rungs(ladder.whitened),
+        "by_channel": {name: {**_rungs(r), "unit": unit} for name, (r, unit) in by_channel.items()},
+    }
+    if channels is not None and channels.runtime_s:
+        found["runtime_s"] = dict(channels.runtime_s)
+    return found
+
+
+def _rungs(rungs: Rungs) -> dict[str, float]:
+    return {name: getattr(rungs, name) for name in RUNGS}
+
+
+def _warnings(
+    campaign: Campaign, shown: Mapping[str, float], posterior: Posterior, channels: ChannelGap | None
+) -> list[str]:
+    return [
+        *campaign.warnings, *_weaknesses(campaign), *_hidden(shown), *_of_strokes(posterior),
+        *([] if posterior.off_stroke is None else [posterior.off_stroke.text]),
+        *(() if channels is None else channels.warnings),
+    ]  # fmt: skip
+
+
+def _hidden(shown: Mapping[str, float]) -> list[str]:
+    """Say what this campaign could not show, before it is taken for absent."""
+    names = [name for name, odds in shown.items() if odds < _SHOWN_LOG_ODDS]
+    return [f"below the detection limit here, at their typical magnitude: {', '.join(names)}"] if names else []
+
+
+def _of_strokes(posterior: Posterior) -> list[str]:
+    """Say what single strokes have found that mean strokes do not show."""
+    found = [posterior.strokes[name].words for name in posterior.best.effects if name in posterior.strokes]
+    return [
+        f"{words}, found from stroke to stroke; the gap is that of mean strokes, which it hardly moves"
+        for words in found
+        if words
+    ]
+
+
+def _weaknesses(campaign: Campaign) -> list[str]:
+    running = [s for s in campaign.states if s.kind == "running"]
+    said = campaign.plant.weaknesses(running)
+    points = [s.setting.operating_point for s in running]
+    if len(set(points)) == len(points):
+        said.append("no operating point was repeated: a gap beyond what repeats differ by cannot be claimed")
+    if len(set(points)) == 1:
+        said.append("only one operating point: re-tuned parameters can hide most effects")
+    return said

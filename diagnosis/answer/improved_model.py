@@ -1,0 +1,176 @@
+"""The configuration with what was found: parameters as the campaign re-tunes them, and the effects of the cause.
+
+One least-squares solution states all of it, each parameter held by its stated uncertainty, so that parameters and
+effects fit together. An uncertainty of a parameter stays what the configuration grants it.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from sawbench.bench.config import BatteryConfig, LoadedConfig
+from sawbench.bench.recording import Floats
+from sawbench.bench.toml_writing import toml_text
+from sawbench.diagnosis.inference.evidence import Explanation
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.diagnosis.inference.posterior import Posterior
+from sawbench.modeling.effects.known import KnownEffect
+from sawbench.modeling.machines.known_effects import entry_of
+
+FILE_NAME: Final = "improved_model.toml"
+# A parameter that moves by less than this share of its standard uncertainty stays as stated; farther than this many of
+# them it is not the same machine.
+_LEAST_MOVE, _FARTHEST = 0.05, 3.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Solution:
+    """Nuisances in units of their prior standard deviation with their standard uncertainty, and the cause's columns."""
+
+    names: tuple[str, ...]
+    values: Floats
+    stds: Floats
+    width: Floats
+    amplitudes: Floats
+
+
+def improved_model(
+    problem: LinearProblem, posterior: Posterior, causes: Sequence[Mapping[str, Any]], loaded: LoadedConfig
+) -> str | None:
+    """Write the configuration that holds what was found.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    posterior : Posterior
+    causes : sequence of mapping
+        Of the report; the first one is what is written where effects are claimed.
+    loaded : LoadedConfig
+        As the campaign was diagnosed with.
+
+    Returns
+    -------
+    str or None
+        TOML; None where neither effects nor parameters are claimed.
+    """
+    if posterior.verdict not in ("effect", "effects", "parameters"):
+        return None
+    members = posterior.best.members
+    found = _solve(problem, members, is_wide=posterior.verdict == "parameters")
+    tables = tomllib.loads(loaded.text.removeprefix("\ufeff"))
+    n_trials = len({part.setting.label for part in problem.parts})
+    comments: dict[tuple[str, ...], tuple[str, ...]] = {
+        (): (
+            f"Written by `sawbench diagnose` from {n_trials} trials. Parameters are re-tuned within their stated",
+            f"uncertainty; they were diagnosed with {Path(loaded.path).name}, sha256 {loaded.sha256[:12]}.",
+        )
+    }
+    tables = _retuned(tables, problem, found)
+    effects: dict[str, Any] = {}
+    for known in problem.campaign.plant.known:
+        effects[known.effect.name] = entry_of(_sharpened(known, found))
+        comments["effects", known.effect.name] = ("known before; the magnitude as this campaign has it",)
+    for member, entry in _entries(problem, posterior, members, found, causes):
+        effects[member.effect.name] = entry
+        cause = causes[0]
+        low, high = cause["gap_closed_ci95"]
+        comments["effects", member.effect.name] = (
+            f"named with {cause['probability']:.0%}; closes {cause['gap_closed']:.0%} ({low:.0%} to {high:.0%}) of what"
+            " re-tuned parameters leave",
+        )
+    return toml_text({**tables, "effects": effects} if effects else tables, comments)
+
+
+def _solve(problem: LinearProblem, members: Sequence[Explanation], *, is_wide: bool) -> _Solution:
+    columns = [m.column.columns * m.effect.strength.high for m in members]
+    scale = problem.wide_scale if is_wide else np.ones(len(problem.names))
+    extra = np.hstack(columns) if columns else np.zeros((len(problem.data), 0))
+    values, stds = Marginal(problem, scale=scale, extra=extra).estimate()
+    n = len(problem.names)
+    return _Solution(
+        names=problem.names, values=values[:n], stds=stds[:n], width=scale * problem.prior_std, amplitudes=values[n:]
+    )
+
+
+def _retuned(tables: Mapping[str, Any], problem: LinearProblem, found: _Solution) -> dict[str, Any]:
+    """Tables with the parameters that moved; their absolute standard uncertainty stays."""
+    out = {name: dict(table) if isinstance(table, Mapping) else table for name, table in tables.items()}
+    place = {name: k for k, name in enumerate(found.names)}
+    for nuisance in problem.campaign.plant.nuisances():
+        if not nuisance.is_plant or nuisance.name not in place:
+            continue
+        k = place[nuisance.name]
+        reach = _FARTHEST * found.width[k]
+        shift = float(np.clip(found.values[k] * found.width[k], -reach, reach))
+        if abs(shift) < _LEAST_MOVE * nuisance.std:
+            continue
+        table = _table_of(nuisance.name, out)
+        value = float(f"{nuisance.nominal + shift:.6g}")
+        stated = out[table].get(nuisance.name)
+        if nuisance.name in BatteryConfig.model_fields:
+            out[table][nuisance.name] = max(value, 0.0)
+        elif value > 0.0:
+            rel_std = stated.get("rel_std", 0.0) if isinstance(stated, Mapping) else 0.0
+            kept = float(f"{rel_std * abs(nuisance.nominal) / value:.4g}")
+            out[table][nuisance.name] = {"nominal": value, "rel_std": kept}
+    return out
+
+
+def _table_of(name: str, tables: Mapping[str, Any]) -> str:
+    if "linear_axis" in tables:
+        return "linear_axis"
+    return "battery" if name in BatteryConfig.model_fields else "plant"
+
+
+def _sharpened(known: KnownEffect, found: _Solution) -> KnownEffect:
+    """Return an effect that was known before with the magnitude and the uncertainty that the campaign leaves it."""
+    if known.name not in found.names or known.std <= 0.0:
+        return known
+    k = found.names.index(known.name)
+    value = known.value + float(found.values[k]) * known.std
+    is_possible = value > 0.0 or known.value < 0.0
+    return (
+        replace(known, value=_rounded(value), std=_rounded(float(found.stds[k]) * known.std)) if is_possible else known
+    )
+
+
+def _entries(
+    problem: LinearProblem, posterior: Posterior, members: Sequence[Explanation], found: _Solution,
+    causes: Sequence[Mapping[str, Any]],
+) -> Iterator[tuple[Explanation, dict[str, Any]]]:  # fmt: skip
+    """Entry of each effect of the cause."""
+    start = 0
+    for member in members:
+        effect, count = member.effect, member.column.columns.shape[1]
+        sizes = found.amplitudes[start : start + count] * effect.strength.high
+        start += count
+        stated = causes[0]["parameters"][effect.strength.name]
+        value = effect.reported_strength(effect.amplitude(sizes) * effect.strength.typical, member.column.shape)
+        is_by_strokes = effect.name in posterior.strokes and posterior.strokes[effect.name].alone > 0.0
+        if is_by_strokes or (count == 1 and sizes[0] <= 0.0):
+            value = stated["value"]
+        carried = [key for key in effect.carries if key in member.column.shape]
+        known = KnownEffect(
+            effect=effect,
+            value=_rounded(value),
+            std=_rounded(float(np.hypot(stated["std"], value - stated["value"]))),
+            form={key: number for key, number in member.column.shape.items() if key not in carried},
+            direction=(1.0,) if count == 1 else tuple(_rounded(s) for s in sizes / np.abs(sizes).max()),
+            scales={name: _rounded(_scale(problem, name)) for name in effect.scales},
+        )
+        yield member, entry_of(known)
+
+
+def _scale(problem: LinearProblem, name: str) -> float:
+    """What the forms of this campaign are stated relative to."""
+    model = problem.campaign.plant.model
+    return float(getattr(model, name) if hasattr(model, name) else getattr(problem.parts[0].state, name))
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.5g}")

@@ -1,0 +1,90 @@
+"""Which one extra trial would best separate what is still confused."""
+
+from __future__ import annotations
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.evidence import Explanation
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.diagnosis.inference.posterior import Posterior
+
+_SETTLED = 0.95
+# Log odds that one more trial must be worth to be advised.
+_WORTH = 1.0
+
+
+def next_trial(problem: LinearProblem, posterior: Posterior) -> str:
+    """Advise one extra trial, in words.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    posterior : Posterior
+
+    Returns
+    -------
+    str
+        What the campaign lacks first (idle run, duties, repeat, feed); else the operating point at which the two
+        likeliest causes differ most once parameters are re-tuned, with the log odds one more trial there is worth.
+    """
+    campaign = problem.campaign
+    lacking = campaign.plant.next_trial(campaign.states)
+    if lacking is not None:
+        return lacking
+    top = posterior.best
+    if top.other == "no_gap":
+        return "none: repeats differ as much as model and measurement do"
+    alone = {e.effect.name: e for e in posterior.explanations}
+    rivals = [alone[h.name] for h in posterior.claims if len(h.effects) == 1]
+    if top.other is not None or not rivals:
+        return f"a longer trial at {_most_left(problem, posterior)}: most of what nothing explains lies there"
+    leading = max((alone[name] for name in top.effects), key=lambda e: e.gain)
+    rivals = [e for e in rivals if e.effect.name not in top.effects]
+    return _between(problem, posterior, leading, rivals, is_sure=top.probability > _SETTLED)
+
+
+def _between(
+    problem: LinearProblem, posterior: Posterior, named: Explanation, rivals: list[Explanation], *, is_sure: bool
+) -> str:
+    """Say which trial separates the named cause from its likeliest rival."""
+    noise = posterior.dispersion
+    if not rivals:
+        point, _ = _most_informative(problem, named.contribution, noise)
+        return f"a repeat of {point}: it says most of the size of the cause"
+    point, worth = _most_informative(problem, named.contribution - rivals[0].contribution, noise)
+    worth /= problem.settings.weights.temperature
+    words, other = _words(named), _words(rivals[0])
+    if is_sure:
+        return f"none is needed to name the cause; a repeat of {point} would tell {words} from {other} once more"
+    if worth > _WORTH:
+        return f"one more trial at {point}: there {words} and {other} differ most (log odds {worth:.0f})"
+    return f"{named.effect.told_apart_by or point}: it separates {words} from {other}"
+
+
+def _words(explanation: Explanation) -> str:
+    return explanation.effect.name.replace("_", " ")
+
+
+def _most_informative(problem: LinearProblem, difference: Floats, dispersion: Floats) -> tuple[str, float]:
+    """Operating point at which a whitened difference is largest after re-tuning, and half its square for a trial."""
+    rest = Marginal(problem).rest(difference) / np.sqrt(dispersion)
+    squares: dict[str, float] = {}
+    trials: dict[str, set[str]] = {}
+    for part in problem.parts:
+        point = part.setting.operating_point
+        squares[point] = squares.get(point, 0.0) + float(np.sum(rest[part.place] ** 2))
+        trials.setdefault(point, set()).add(part.setting.label)
+    each = {point: 0.5 * square / len(trials[point]) for point, square in squares.items()}
+    best = max(each, key=lambda point: each[point])
+    return best, each[best]
+
+
+def _most_left(problem: LinearProblem, posterior: Posterior) -> str:
+    """Operating point with the largest misfit a number, after re-tuning and the best effect."""
+    best = max(posterior.explanations, key=lambda e: e.gain, default=None)
+    data = problem.data if best is None else problem.data - best.contribution
+    rest = Marginal(problem).rest(data)
+    means: dict[str, list[float]] = {}
+    for part in problem.parts:
+        means.setdefault(part.setting.operating_point, []).append(float(np.mean(rest[part.place] ** 2)))
+    return max(means, key=lambda point: float(np.mean(means[point])))

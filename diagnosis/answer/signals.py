@@ -1,0 +1,116 @@
+"""Faults of sensors that are no gap of the model: named, measured, and handled as nuisances or as noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from sawbench.bench.units import CHANNEL_BY_NAME, FORCE
+from sawbench.diagnosis.campaign import Campaign
+from sawbench.diagnosis.inference.off_stroke import OffStroke, fixed_lines
+from sawbench.diagnosis.inference.strikes import foreign_bursts
+from sawbench.diagnosis.inference.zero_wander import ZeroWander
+from sawbench.diagnosis.signal_health import ChannelHealth
+
+_MAINS_HZ, _MAINS_TOLERANCE, _HIGHEST_MULTIPLE = (50.0, 60.0), 0.005, 7
+# Below these a fault costs nothing: of all samples, of a sample period, a second, and in N.
+_LEAST_MISSING, _LEAST_JITTER, _LEAST_SPIKES_HZ, _LEAST_WANDER_N, _LEAST_RESTART_N = 1e-3, 0.05, 0.05, 0.1, 0.5
+_SIGNIFICANT = 3.0
+
+Entry = dict[str, Any]
+
+
+def signal_findings(campaign: Campaign, wander: ZeroWander | None) -> list[Entry]:
+    """Faults of the sensors of a campaign.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    wander : ZeroWander or None
+        Of the force's zero.
+
+    Returns
+    -------
+    list of dict
+        Entries of `signals` in the gap report: channel, finding, frequency_hz, magnitude, unit, words.
+    """
+    by_channel: dict[str, list[ChannelHealth]] = {}
+    for one in campaign.health:
+        by_channel.setdefault(one.channel, []).append(one)
+    found = [*_lines(campaign.off_stroke, by_channel), *_bursts(campaign.off_stroke), *_wander(wander, by_channel)]
+    for channel, trials in by_channel.items():
+        found += _faults(channel, trials)
+    return found
+
+
+def _entry(channel: str, finding: str, magnitude: float, unit: str, words: str, hz: float | None = None) -> Entry:
+    return {
+        "channel": channel, "finding": finding, "frequency_hz": hz, "magnitude": magnitude, "unit": unit,
+        "words": words,
+    }  # fmt: skip
+
+
+def _lines(trials: Sequence[OffStroke], health: dict[str, list[ChannelHealth]]) -> Iterator[Entry]:
+    for line in fixed_lines(trials):
+        noise = float(np.median([h.noise for h in health.get(line.channel, ())] or [0.0]))
+        if line.amplitude < noise:
+            continue
+        unit, place = CHANNEL_BY_NAME[line.channel].unit, f"{line.amplitude:.2g} {{}} at {line.frequency_hz:.1f} Hz"
+        if _is_mains(line.frequency_hz):
+            words = f"hum of {place.format(unit)}: pickup from the mains; check shield and ground of the cable"
+            yield _entry(line.channel, "hum", line.amplitude, unit, words, line.frequency_hz)
+        else:
+            words = f"line of {place.format(unit)} in this channel alone, whatever the stroke rate: look for its source"
+            yield _entry(line.channel, "line", line.amplitude, unit, words, line.frequency_hz)
+
+
+def _is_mains(frequency_hz: float) -> bool:
+    multiples = [(frequency_hz / mains_hz, round(frequency_hz / mains_hz)) for mains_hz in _MAINS_HZ]
+    return any(1 <= n <= _HIGHEST_MULTIPLE and abs(of / n - 1.0) < _MAINS_TOLERANCE for of, n in multiples)
+
+
+def _bursts(trials: Sequence[OffStroke]) -> Iterator[Entry]:
+    for channel, strikes in foreign_bursts(trials).items():
+        unit = CHANNEL_BY_NAME[channel].unit
+        words = (
+            f"bursts of {strikes.size:.2g} {unit}, at least {strikes.per_s:.1f} a second, in air too, which the motor"
+            " does not feel: interference; look for relays and drives nearby"
+        )
+        yield _entry(channel, "bursts", strikes.size, unit, words, strikes.per_s)
+
+
+def _wander(wander: ZeroWander | None, health: dict[str, list[ChannelHealth]]) -> Iterator[Entry]:
+    if wander is None or FORCE.name not in health:
+        return
+    seconds = float(np.median([h.seconds for h in health[FORCE.name]]))
+    walked_n = float(np.sqrt(wander.density_n2_s * seconds))
+    if walked_n > _LEAST_WANDER_N and wander.density_n2_s > _SIGNIFICANT * wander.density_std_n2_s:
+        words = f"the zero wanders by {walked_n:.2g} N within a trial: let the load cell warm up, tare before each"
+        yield _entry(FORCE.name, "zero_wander", walked_n, "N", words)
+    if wander.restart_n > _LEAST_RESTART_N:
+        words = f"the zero differs by {wander.restart_n:.2g} N from trial to trial: tare before each trial"
+        yield _entry(FORCE.name, "zero_steps", wander.restart_n, "N", words)
+
+
+def _faults(channel: str, trials: Sequence[ChannelHealth]) -> Iterator[Entry]:
+    """What the processing has found in the samples themselves."""
+    unit = CHANNEL_BY_NAME[channel].unit
+    step = float(np.median([h.step for h in trials]))
+    if step > 0.0:
+        words = f"steps of {step:.2g} {unit}, coarser than the noise: use a finer range of the converter"
+        yield _entry(channel, "quantisation", step, unit, words)
+    seconds = sum(h.seconds for h in trials)
+    spikes_hz = sum(h.spikes for h in trials) / seconds
+    if spikes_hz > _LEAST_SPIKES_HZ:
+        words = f"{spikes_hz:.2g} spikes a second, left out: check cable and connector"
+        yield _entry(channel, "spikes", spikes_hz, "1/s", words)
+    missing = float(np.average([h.missing_share for h in trials], weights=[h.seconds for h in trials]))
+    if missing > _LEAST_MISSING:
+        words = f"{100.0 * missing:.2g} % of the samples are missing: check the load of computer and link"
+        yield _entry(channel, "missing_samples", missing, "1", words)
+    jitter = float(np.median([h.jitter_share for h in trials]))
+    if jitter > _LEAST_JITTER:
+        jitter_s = jitter / float(np.median([h.rate_hz for h in trials]))
+        words = f"sample times scatter by {100.0 * jitter:.0f} % of the sample period: use the instrument's own clock"
+        yield _entry(channel, "jitter", jitter_s, "s", words)

@@ -1,0 +1,245 @@
+"""Significant regions of the gap, against what an intact machine would show, false discovery rate controlled.
+
+A cell is a part of the whitened equation residuals z that re-tuned parameters leave: an equation in a sector of the
+crank angle, in a band of harmonics, in a part of the trials or of the start-up, or at an operating point. Were nothing
+but noise, mistuned parameters and background effects (S) there, z = M^-1 y would
+have the covariance M^-1 + (M^-1 S)(M^-1 S)'. A cell with probes U is judged by its misfit u' A^-1 u, u = U z, where A
+is no smaller than the covariance of u can be, A = n UU' + (U M^-1 S)(U M^-1 S)':
+
+- What the model of an intact machine misses is the same in every time block and every repeat of an operating point. So
+  the noise counts n times, n being the number of blocks and repeats, as if all of it were of that kind.
+- The noise is taken as large as it is stated, though an intact machine leaves only the share `Weights.quiet` of it:
+  that share differs from cell to cell.
+
+The misfit is then a weighted sum of chi-squared numbers with no weight above 1. It is held against the chi-squared law
+with its expectation as degrees of freedom: of all such sums with that expectation, that one has the heaviest tail.
+
+Of all cells together those are significant that the rule of Benjamini and Yekutieli (2001, doi
+10.1214/aos/1013699998) allows at a false discovery rate of 5 %; it holds however the cells depend on each other, as
+these do: they overlap.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final, Literal
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.features import START_UP_EDGES_S
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, Part
+from sawbench.modeling.residuals import Equation
+from sawbench.modeling.state import TWO_PI
+
+Partition = Literal["crank_angle", "harmonic", "time", "start_up", "operating_point"]
+FALSE_DISCOVERY_RATE: Final = 0.05
+N_SECTORS: Final = 24
+_BANDS: Final = (0, 1, 2, 3, 4, 5, 7, 9, 13, 17, 25, 33, 65, 129)
+_LEAST_EXPECTED: Final = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Cell:
+    """One place of a partition.
+
+    Attributes
+    ----------
+    partition : Partition
+    equation : Equation
+    place : str
+        Degrees, harmonics, part of the trial's time, time after the first motion, or the operating point.
+    misfit : float
+        Square of the residual, over what noise and background effects could be.
+    expected : float
+        Misfit without a gap: the degrees of freedom.
+    p_value : float
+    q_value : float
+        Smallest false discovery rate at which the cell is significant.
+    """
+
+    partition: Partition
+    equation: Equation
+    place: str
+    misfit: float
+    expected: float
+    p_value: float
+    q_value: float
+
+    @property
+    def stands_out(self) -> bool:
+        """Whether the cell is among the discoveries."""
+        return self.q_value < FALSE_DISCOVERY_RATE
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Piece:
+    """What one trial adds to a cell.
+
+    Attributes
+    ----------
+    key : tuple
+        Partition, equation, place.
+    blocks : slice
+        Rows of the part that belong to it.
+    probes : ndarray, shape (n_probes, size)
+        Of length 1 each, on the whitened features of one block.
+    n_alike : int
+        Blocks and repeats that share what the model of an intact machine misses.
+    """
+
+    key: tuple[Partition, Equation, str]
+    blocks: slice
+    probes: Floats
+    n_alike: int
+
+
+class _Sums:
+    """Sums over the trials from which a cell is judged: everything over the noise at its largest."""
+
+    def __init__(self, n_small: int, n_taken: int) -> None:
+        self.square = self.noise = 0.0
+        self.small_on_rest = np.zeros(n_small)
+        self.small = np.zeros((n_small, n_small))
+        self.small_on_noise = np.zeros((n_small, n_small))
+        self.taken_on_small = np.zeros((n_taken, n_small))
+
+    def add(self, piece: _Piece, rest: Floats, taken: Floats, small: Floats) -> None:
+        """Count one trial in; arrays by block, shapes (n_blocks, size, n_columns)."""
+        from scipy.linalg import solve_triangular
+
+        root = np.linalg.cholesky(piece.n_alike * piece.probes @ piece.probes.T)
+        probes = solve_triangular(root, piece.probes, lower=True)
+        seen = (probes @ rest[piece.blocks]).ravel()
+        lost = (probes @ taken[piece.blocks]).reshape(len(seen), taken.shape[2])
+        slight = (probes @ small[piece.blocks]).reshape(len(seen), small.shape[2])
+        gram = slight.T @ slight
+        self.square += float(seen @ seen)
+        self.noise += len(seen) / piece.n_alike - float(np.sum(lost**2))
+        self.small_on_rest += slight.T @ seen
+        self.small += gram
+        self.small_on_noise += gram / piece.n_alike
+        self.taken_on_small += lost.T @ slight
+
+    def misfit(self) -> tuple[float, float]:
+        """Misfit and its expectation (Woodbury: A is never formed)."""
+        inner = np.linalg.inv(np.eye(len(self.small)) + self.small)
+        found = self.square - float(self.small_on_rest @ inner @ self.small_on_rest)
+        noise = self.noise - float(np.sum(inner * self.small_on_noise))
+        noise += float(np.sum((self.taken_on_small @ inner) * self.taken_on_small))
+        return found, noise + float(np.sum(inner * self.small))
+
+
+def find_cells(problem: LinearProblem, small: Floats | None = None) -> tuple[Cell, ...]:
+    """Test every cell of every partition.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    small : ndarray, shape (n, q), optional
+        Nuisance columns of the background effects, times their prior standard deviation; without, there is none.
+
+    Returns
+    -------
+    tuple of Cell
+        In the order of the partitions; cells that nuisances take up wholly are left out.
+    """
+    marginal = Marginal(problem, scale=problem.wide_scale)
+    rest = marginal.rest(marginal.data)
+    small = marginal.rest(np.zeros((len(rest), 0)) if small is None else small)
+    # M^-1 = I - taken taken'.
+    taken = marginal.taken_up().T
+    repeats = Counter(p.setting.operating_point for p in problem.parts if p.state.kind == "running")
+    found: dict[tuple[Partition, Equation, str], _Sums] = {}
+    for part in problem.parts:
+        rows, hidden, little = (_by_block(part, values) for values in (rest[:, None], taken, small))
+        for piece in _pieces(part, max(repeats[part.setting.operating_point], 1)):
+            sums = found.setdefault(piece.key, _Sums(small.shape[1], taken.shape[1]))
+            sums.add(piece, rows, hidden, little)
+    return _judged(found)
+
+
+def _by_block(part: Part, values: Floats) -> Floats:
+    """Rows of a part, shape (n_blocks, size, n_columns)."""
+    return values[part.place].reshape(part.blocks.shape[0], part.layout.size, values.shape[1])
+
+
+def _judged(found: dict[tuple[Partition, Equation, str], _Sums]) -> tuple[Cell, ...]:
+    from scipy.stats import chi2, false_discovery_control
+
+    judged = {key: sums.misfit() for key, sums in found.items()}
+    # Rounding may leave less than nothing, for which there is no chi-squared law.
+    kept = {key: (misfit, expected) for key, (misfit, expected) in judged.items() if expected > _LEAST_EXPECTED}
+    if not kept:
+        return ()
+    p_values = [float(chi2.sf(misfit, expected)) for misfit, expected in kept.values()]
+    q_values = false_discovery_control(p_values, method="by")
+    return tuple(
+        Cell(
+            partition=partition, equation=equation, place=place, misfit=misfit, expected=expected, p_value=p,
+            q_value=float(q),
+        )
+        for ((partition, equation, place), (misfit, expected)), p, q in zip(
+            kept.items(), p_values, q_values, strict=True
+        )
+    )  # fmt: skip
+
+
+def _pieces(part: Part, n_repeats: int) -> Iterator[_Piece]:
+    n_blocks = part.blocks.shape[0]
+    for equation, place in part.layout.slices.items():
+        whole = np.eye(part.layout.size)[place]
+        yield _Piece(
+            key=("operating_point", equation, part.setting.operating_point), blocks=slice(None), probes=whole,
+            n_alike=n_blocks * n_repeats,
+        )  # fmt: skip
+        if part.state.kind != "running":
+            yield _Piece(key=("time", equation, "start-up"), blocks=slice(None), probes=whole, n_alike=n_repeats)
+            bins = _unit(_features(part, place))
+            for k, (start_s, stop_s) in enumerate(pairwise(START_UP_EDGES_S)):
+                place_name = f"{1e3 * start_s:.0f} to {1e3 * stop_s:.0f} ms"
+                yield _Piece(
+                    key=("start_up", equation, place_name), blocks=slice(None), probes=bins[k : k + 1],
+                    n_alike=n_repeats,
+                )  # fmt: skip
+            continue
+        for block in range(n_blocks):
+            share = f"{100 * block // n_blocks} to {100 * (block + 1) // n_blocks} %"
+            yield _Piece(
+                key=("time", equation, share), blocks=slice(block, block + 1), probes=whole,
+                n_alike=n_repeats,
+            )  # fmt: skip
+        for partition, name, probes in _over_the_stroke(part, place):
+            yield _Piece(
+                key=(partition, equation, name), blocks=slice(None), probes=probes, n_alike=n_blocks * n_repeats
+            )
+
+
+def _over_the_stroke(part: Part, place: slice) -> Iterator[tuple[Partition, str, Floats]]:
+    """Probes that read the residual in a sector or in a band of harmonics, over its noise there."""
+    n = (place.stop - place.start - 1) // 2
+    features = _features(part, place)
+    angle = (np.arange(N_SECTORS) + 0.5) * TWO_PI / N_SECTORS
+    turns = np.outer(angle, np.arange(1, n + 1))
+    waves = _unit(np.hstack([np.ones((N_SECTORS, 1)), np.cos(turns), np.sin(turns)]) @ features)
+    width = 360 // N_SECTORS
+    for k in range(N_SECTORS):
+        yield "crank_angle", f"{k * width} to {(k + 1) * width} deg", waves[k : k + 1]
+    amplitudes = _unit(features)
+    for low, high in pairwise(_BANDS):
+        if low > n:
+            return
+        orders = np.arange(low, min(high, n + 1))
+        rows = orders if low == 0 else np.concatenate([orders, n + orders])
+        yield "harmonic", str(low) if high - low == 1 else f"{low} to {high - 1}", amplitudes[rows]
+
+
+def _features(part: Part, place: slice) -> Floats:
+    """Rows that read the features of an equation, in its units, from the whitened ones of a block."""
+    return np.asarray(np.linalg.inv(part.whitener)[place], dtype=np.float64)
+
+
+def _unit(rows: Floats) -> Floats:
+    return rows / np.linalg.norm(rows, axis=1)[:, None]

@@ -1,1 +1,0 @@
-"""The catalogue: one effect a file, listed in `diagnosis.effects.catalogue`."""

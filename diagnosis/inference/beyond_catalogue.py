@@ -1,0 +1,134 @@
+"""Causes of simple form that the catalogue does not hold: where one of them wins, the verdict is "unknown".
+
+A catalogue that is bent to the nearest cause would name play where the displacement sensor is bent, and dry
+friction where grease warms up. These forms are weighed beside the free discrepancy, so that what they explain
+better than any effect of the catalogue is left to nobody.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.modeling.effects.current_limit import held_back
+from sawbench.modeling.effects.effect import BACKGROUND_SHARE, Effect, Strength
+from sawbench.modeling.residuals import Baseline, Signature, is_angle_known, residuals
+from sawbench.modeling.state import START_UP_STEP_S, State
+
+_N_BENT_HARMONICS = 4
+_BENT_RAD = 0.03
+_STEP_RAD = 1e-4
+# The torque of viscous friction is stated at this speed of the motor.
+_UNIT_RAD_S = 1000.0
+
+
+def straightened(state: State, coefficients_rad: Floats) -> State:
+    """State as it would be if the displacement had been read without its bend.
+
+    A bent sensor reads a function of the displacement alone. Its ends are calibrated, because the radius is fitted to
+    the reading: what is left vanishes at both dead centres and is the same up and down, so the angle is off by a series
+    of sines of the read angle, and any such series is a bend.
+
+    Parameters
+    ----------
+    state : State
+    coefficients_rad : ndarray, shape (4,)
+        Of each harmonic k times k^2, by how much the read angle is too large.
+
+    Returns
+    -------
+    State
+    """
+    order = np.arange(1, _N_BENT_HARMONICS + 1)[:, None, None]
+    size = np.reshape(coefficients_rad, (-1, 1, 1)) / order**2
+    turned, speed = order * state.angle_rad, state.speed_rad_s
+    slower = 1.0 - np.sum(size * order * np.cos(turned), axis=0)
+    bent = np.sum(size * order**2 * np.sin(turned), axis=0)
+    return replace(
+        state,
+        angle_rad=state.angle_rad - np.sum(size * np.sin(turned), axis=0),
+        speed_rad_s=speed * slower,
+        acceleration_rad_s2=state.acceleration_rad_s2 * slower + speed**2 * bent,
+    )
+
+
+def _bent_displacement(baseline: Baseline, state: State) -> tuple[Signature, ...]:
+    """One signature for each sine, at a start as well: there the speed is read wrong in the same way."""
+    if not is_angle_known(state):
+        return tuple({} for _ in range(_N_BENT_HARMONICS))
+    found: list[Signature] = []
+    for step in _STEP_RAD * np.eye(_N_BENT_HARMONICS):
+        more, less = straightened(state, step), straightened(state, -step)
+        up, down = residuals(baseline, more), residuals(baseline, less)
+        # What the reading hides is what straightening it takes away.
+        one: Signature = {
+            name: (down[name] - up[name]) / (2.0 * _STEP_RAD) for name in ("electrical", "mechanical") if name in up
+        }
+        if state.force_n is not None and not state.setting.is_idle:
+            one["cutting"] = (baseline.expected_force(more) - baseline.expected_force(less)) / (2.0 * _STEP_RAD)
+        found.append(one)
+    return tuple(found)
+
+
+def _warming_friction(
+    baseline: Baseline, state: State, time_constant_s: float, viscous: float
+) -> tuple[Signature, ...]:
+    """Friction that falls while the machine runs and is back after a rest: stiff grease, cold bearings."""
+    cold = np.exp(-np.broadcast_to(state.time_s, state.angle_rad.shape) / time_constant_s)
+    speed = baseline.gear * state.speed_rad_s
+    return ({"mechanical": cold * (speed / _UNIT_RAD_S if viscous else np.ones_like(speed))},)
+
+
+def _soft_start(
+    baseline: Baseline, state: State, length_s: float, from_share: float, decays: float
+) -> tuple[Signature, ...]:
+    """Voltage held back at the start, whatever the current: a ramp of the duty, or one that ends like a decay.
+
+    As with a current limit, the baseline still counts it (electrical residual positive) and expects more battery
+    current (converter residual negative, by the same share of the current).
+    """
+    if state.kind != "start_up" or state.current_a is None:
+        return ({},)
+    since_s = (np.arange(state.angle_rad.shape[1]) + 0.5) * START_UP_STEP_S
+    missing = np.exp(-since_s / length_s) if decays else np.maximum(1.0 - since_s / length_s, 0.0)
+    return (held_back(state, state.current_a, (1.0 - from_share) * missing * state.motor_voltage_v),)
+
+
+BENT_DISPLACEMENT = Effect(
+    name="bent displacement sensor",
+    place="sensing",
+    equation="displacement is read through a smooth curve instead of a straight line",
+    strength=Strength(name="swing_rad", unit="rad", typical=_BENT_RAD, low=0.1, high=5.0, source="assumed"),
+    signature=_bent_displacement,
+    # An ordinary sensor is straight to about 0.15 % of its range, two standard deviations.
+    background=(({}, BACKGROUND_SHARE),),
+)
+WARMING_FRICTION = Effect(
+    name="friction that falls as the machine warms up",
+    place="mechanical",
+    equation="tau * exp(-t / T) on the motor shaft, again after each rest",
+    strength=Strength(name="torque_n_m", unit="N*m", typical=0.005, low=0.2, high=4.0, source="assumed"),
+    signature=_warming_friction,
+    shapes=tuple(
+        {"time_constant_s": float(tau), "viscous": viscous} for tau in (3.0, 10.0, 30.0) for viscous in (0.0, 1.0)
+    ),
+)
+SOFT_START = Effect(
+    name="voltage that is ramped up at every start",
+    place="electrical",
+    equation="duty * (1 - (1 - d_0) g(t / T)) after the start, g a ramp or a decay",
+    strength=Strength(
+        name="voltage_share_held_back", unit="1", typical=1.0, low=0.5, high=1.2, source="assumed; power-tool switches"
+    ),
+    signature=_soft_start,
+    shapes=(
+        *(
+            {"length_s": float(length), "from_share": share, "decays": 0.0}
+            for length in np.geomspace(0.02, 0.4, 10)
+            for share in (0.0, 0.25, 0.5)
+        ),
+        *({"length_s": float(length), "from_share": 0.0, "decays": 1.0} for length in np.geomspace(0.01, 0.2, 8)),
+    ),
+)
+BEYOND_CATALOGUE = (BENT_DISPLACEMENT, WARMING_FRICTION, SOFT_START)

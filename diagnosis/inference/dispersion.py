@@ -1,0 +1,82 @@
+"""Noise that is as much larger, equation by equation, as what even the best two effects leave there.
+
+A likelihood whose noise is fixed beforehand is so sure of a strong gap that every prior gives way: parameters move by
+twenty standard deviations, small background effects become large ones, and a second effect mops up what the form of
+the first one leaves. What a form misses it misses in the equations that it moves: raised everywhere alike, the noise
+would drown a second effect in an equation that nothing else has touched; raised to what a single effect leaves, it
+would count that second effect itself as noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.evidence import Catalogue, Column
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+
+
+def noise_factor(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue) -> Floats:
+    """Factor on the noise's variance of every feature.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    catalogue, beyond : Catalogue
+        Effects of the catalogue, and causes that have a form but no place there. A little of these is in any bench, but
+        not known well enough to trust the equations in which it shows: what it moves counts as noise.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        1 where the best effect and the best one of the catalogue beside it leave no more than an intact machine does;
+        the same within an equation, while the machine runs and while it starts.
+    """
+    rest = _rest_of_two(problem, catalogue, beyond)
+    factor = np.ones(len(problem.data))
+    for rows in problem.rows_by_equation().values():
+        factor[rows] = max(1.0, float(np.mean(rest[rows] ** 2)) / problem.quiet)
+    return factor
+
+
+def _rest_of_two(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue) -> Floats:
+    """What the nuisances and two effects leave, each of any size; the second is the best beside the first."""
+    given = np.zeros((len(problem.data), 0))
+    named: list[str] = []
+    for choices in ((catalogue, beyond), (catalogue,)):
+        marginal = Marginal(problem, extra=given)
+        found = [e for choice in choices for e in choice.explain(marginal).values() if e.effect.name not in named]
+        best = max(found, key=lambda e: e.gain, default=None)
+        if best is None or best.gain <= 0.0:
+            break
+        given = np.hstack([given, best.column.columns * best.effect.strength.high])
+        named.append(best.effect.name)
+    return Marginal(problem, extra=given).rest(problem.data)
+
+
+def with_noise(problem: LinearProblem, variance: Floats | float) -> LinearProblem:
+    """Whiten data and nuisances for noise whose variance is that much larger, shape (n,) or one for all."""
+    share = _share(problem, variance)
+    return replace(problem, data=share[:, 0] * problem.data, nuisance=share * problem.nuisance)
+
+
+def columns_with_noise(
+    problem: LinearProblem, columns: dict[str, list[Column]], variance: Floats | float
+) -> dict[str, list[Column]]:
+    """`with_noise` of the columns of effects."""
+    share = _share(problem, variance)
+    return {
+        name: [replace(column, columns=share * column.columns) for column in entries]
+        for name, entries in columns.items()
+    }
+
+
+def stacked_with_noise(problem: LinearProblem, columns: Sequence[Floats], variance: Floats | float) -> Floats:
+    """`with_noise` of columns, each of shape (n, q), side by side; shape (n, 0) where there are none."""
+    return _share(problem, variance) * np.hstack([np.zeros((len(problem.data), 0)), *columns])
+
+
+def _share(problem: LinearProblem, variance: Floats | float) -> Floats:
+    return np.broadcast_to(1.0 / np.sqrt(variance), problem.data.shape)[:, None]

@@ -1,0 +1,380 @@
+"""How well each effect, and each pair, explains what mistuned parameters leave."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, Widened
+from sawbench.diagnosis.inference.settings import SETTINGS
+from sawbench.diagnosis.log_mean import log_mean_exp, log_mean_exp_rows
+from sawbench.modeling.effects.effect import Effect
+
+_N_AMPLITUDES = 40
+# Less than this share of its typical size is background, not a cause.
+_LEAST_AMPLITUDE = 0.15
+_SAME_VALUE = 1e-6
+# Relative standard uncertainty of a magnitude that is right to a factor of two.
+_FACTOR_OF_TWO = 0.5
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Column:
+    """Whitened signature of one effect in one shape.
+
+    Attributes
+    ----------
+    effect : Effect
+    shape : dict
+    columns : ndarray, shape (n, q)
+        For an amplitude of `typical`; q is 2 or more where the phase is free.
+    """
+
+    effect: Effect
+    shape: dict[str, float]
+    columns: Floats
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Explanation:
+    """What one effect explains at best.
+
+    Attributes
+    ----------
+    effect : Effect
+    log_evidence : float
+        Against the same nuisances without the effect; amplitudes and shapes integrated out.
+    column : Column
+        Of the best shape.
+    amplitude, amplitude_std : float
+        In multiples of the typical size; least squares with the nuisances.
+    gain : float
+        Largest fall of the whitened misfit.
+    contribution : ndarray, shape (n,)
+        Whitened signature at the fitted size and phase.
+    shape_spread : float
+        Relative standard deviation of the reported strength between the shapes, as likely as they are.
+    form_share : float
+        How far nature's form seems to be from the best shape, relative: one of those that were tried.
+    mixture : (float, float), optional
+        Size and its standard deviation over mixtures of the shapes (`diagnosis.inference.size`), in multiples of the
+        typical size: what is reported, where it is there, instead of the amplitude of the best shape.
+    size_temperature : float
+        See `settings.Forms`.
+    """
+
+    effect: Effect
+    log_evidence: float
+    column: Column
+    amplitude: float
+    amplitude_std: float
+    gain: float
+    contribution: Floats
+    shape_spread: float = 0.0
+    form_share: float = 0.0
+    mixture: tuple[float, float] | None = None
+    size_temperature: float = SETTINGS.forms.size_temperature
+
+    @property
+    def strength(self) -> float:
+        """Reported parameter."""
+        if self.mixture is not None:
+            return self.mixture[0] * self.effect.strength.typical
+        return self.effect.reported_strength(self.amplitude * self.effect.strength.typical, self.column.shape)
+
+    @property
+    def strength_std(self) -> float:
+        """Its standard uncertainty: from the noise, between the shapes, and from what nature's form differs.
+
+        From the noise: half of what one standard deviation of the amplitude either way changes, tempered as sizes are.
+        Forms disagree by factors, not by sums: by no more than one of two, or they are not one effect's.
+        """
+        if self.mixture is not None:
+            return float(np.hypot(self.mixture[1] * self.effect.strength.typical, self.form_share * self.strength))
+        typical = self.effect.strength.typical
+        step = np.sqrt(self.size_temperature) * self.amplitude_std
+        high, low = (
+            self.effect.reported_strength(typical * max(self.amplitude + sign * step, 1e-6), self.column.shape)
+            for sign in (1.0, -1.0)
+        )
+        by_form = min(float(np.hypot(self.shape_spread, self.form_share)), _FACTOR_OF_TWO)
+        known = float(np.hypot(0.5 * (high - low), by_form * self.strength))
+        # A size that is read off a free wave is right to a factor of two.
+        return known if self.effect.size_of is None else max(known, _FACTOR_OF_TWO * abs(self.strength))
+
+
+def catalogue_columns(problem: LinearProblem, effects: Sequence[Effect]) -> dict[str, list[Column]]:
+    """Whitened signatures of every effect and shape that this campaign can show at all.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    effects : sequence of Effect
+
+    Returns
+    -------
+    dict of str to list of Column
+        By effect; an empty list where the campaign shows nothing of it.
+    """
+    out: dict[str, list[Column]] = {}
+    for effect in effects:
+        found = _columns(problem, effect, effect.shapes)
+        out[effect.name] = [
+            Column(effect=effect, shape=shape, columns=effect.strength.typical * columns)
+            for shape, columns in zip(effect.shapes, found, strict=True)
+            if columns is not None
+        ]
+    return out
+
+
+def _columns(problem: LinearProblem, effect: Effect, shapes: Sequence[dict[str, float]]) -> list[Floats | None]:
+    """Whitened signatures per unit of strength, (n, q) for each shape, or None where nothing shows."""
+    if not shapes:
+        return []
+    baseline = problem.campaign.baseline
+    placed = []
+    for part in problem.parts:
+        groups = [effect.signatures(baseline, part.smooth, shape) for shape in shapes]
+        counts = [len(group) for group in groups]
+        placed.append((part.place, counts, part.whiten_all([s for group in groups for s in group])))
+    ends = [np.cumsum([0, *counts]) for _, counts, _ in placed]
+    out: list[Floats | None] = []
+    for k in range(len(shapes)):
+        stacked = np.zeros((len(problem.data), max(counts[k] for _, counts, _ in placed)))
+        for (place, counts, rows), end in zip(placed, ends, strict=True):
+            stacked[place, : counts[k]] = rows[end[k] : end[k + 1]].T
+        shown = np.isfinite(stacked).all() and np.abs(stacked).max(initial=0.0) * effect.strength.typical > 1e-9
+        out.append(stacked if shown else None)
+    return out
+
+
+@lru_cache(maxsize=256)
+def amplitudes(low: float, high: float) -> Floats:
+    """Grid of amplitudes in multiples of the typical size, equally likely."""
+    if high / low < 5.0:
+        return np.linspace(low, high, 15)
+    return np.geomspace(max(low, _LEAST_AMPLITUDE), high, _N_AMPLITUDES)
+
+
+def explain(marginal: Marginal, columns: Sequence[Column]) -> Explanation | None:
+    """Integrate amplitude and shape of one effect out.
+
+    Parameters
+    ----------
+    marginal : Marginal
+    columns : sequence of Column
+        All shapes of one effect.
+
+    Returns
+    -------
+    Explanation or None
+        None where the campaign shows nothing of it.
+    """
+    if not columns:
+        return None
+    inner = [marginal.gram(column.columns) for column in columns]
+    return _explanation(columns, inner, marginal.settings.forms.size_temperature)
+
+
+class Catalogue:
+    """All columns side by side, with the inner products that no choice of nuisances changes.
+
+    Parameters
+    ----------
+    columns : dict of str to list of Column
+        By effect.
+    data : ndarray, shape (n,)
+    """
+
+    def __init__(self, columns: dict[str, list[Column]], data: Floats) -> None:
+        self.columns = columns
+        entries = [column.columns for found in columns.values() for column in found]
+        self.stacked = _side_by_side(entries, len(data))
+        self.moments = self.stacked.T @ data
+        self.squares = [columns.T @ columns for columns in entries]
+
+    def explain(self, marginal: Marginal) -> dict[str, Explanation]:
+        """`explain` for every effect with one product of matrices; without effects that show nothing."""
+        half = marginal.half(self.stacked)
+        taken = half.T @ marginal.data_half
+        found, start, number = {}, 0, 0
+        for name, entries in self.columns.items():
+            inner = []
+            for column in entries:
+                place = slice(start, start + column.columns.shape[1])
+                part = half[:, place]
+                inner.append((self.squares[number] - part.T @ part, self.moments[place] - taken[place]))
+                start, number = place.stop, number + 1
+            if inner:
+                found[name] = _explanation(entries, inner, marginal.settings.forms.size_temperature)
+        return found
+
+
+def _side_by_side(columns: Sequence[Floats], n: int) -> Floats:
+    """Columns of shape (n, q) each as one matrix, column by column in memory: many narrow ones are copied whole."""
+    return np.concatenate([np.zeros((0, n)), *(part.T for part in columns)]).T
+
+
+def _explanation(
+    columns: Sequence[Column], inner: Sequence[tuple[Floats, Floats]], size_temperature: float
+) -> Explanation:
+    effect = columns[0].effect
+    logs = np.empty(len(columns))
+    fits: list[tuple[Floats, float, float]] = [(np.zeros(0), np.inf, 0.0)] * len(columns)
+    widths = np.array([len(moment) for _, moment in inner])
+    for width in dict.fromkeys(widths.tolist()):
+        alike = np.flatnonzero(widths == width).tolist()
+        grams, moments = (np.array([inner[k][part] for k in alike]) for part in (0, 1))
+        logs[alike], found = _fits(effect, grams, moments)
+        for k, fit in zip(alike, found, strict=True):
+            fits[k] = fit
+    best = int(np.argmax(logs))
+    solution, std, gain = fits[best]
+    strengths = [
+        effect.reported_strength(effect.amplitude(fit[0]) * effect.strength.typical, column.shape)
+        for column, fit in zip(columns, fits, strict=True)
+    ]
+    return Explanation(
+        effect=effect,
+        log_evidence=log_mean_exp(logs),
+        column=columns[best],
+        amplitude=effect.amplitude(solution),
+        amplitude_std=std,
+        gain=gain,
+        contribution=columns[best].columns @ solution,
+        shape_spread=_relative_spread(np.array(strengths), logs, size_temperature),
+        size_temperature=size_temperature,
+    )
+
+
+def _relative_spread(values: Floats, logs: Floats, temperature: float) -> float:
+    """Standard deviation of the values about the likeliest one, over that one; likely as the tempered logs say.
+
+    No less than the shapes that were tried can resolve: even between the likeliest and the next value.
+    """
+    weights = np.exp((logs - logs.max()) / temperature)
+    best = float(values[np.argmax(logs)])
+    if not best:
+        return 0.0
+    away = np.abs(values - best)
+    next_one = float(np.min(away, where=away > _SAME_VALUE * abs(best), initial=np.inf))
+    resolved = next_one / np.sqrt(12.0) if np.isfinite(next_one) else 0.0
+    return float(np.hypot(np.sqrt(np.sum(weights * away**2) / np.sum(weights)), resolved)) / abs(best)
+
+
+def explain_formed(
+    problem: LinearProblem, fixed: Floats, modes: Floats, columns: Sequence[Column], shares: Sequence[float]
+) -> tuple[float, Explanation]:
+    """Integrate amplitude and shape out as `explain` does, and how far nature's form may be from the catalogue's.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    fixed : ndarray, shape (n, p)
+        Further nuisance columns, times their prior standard deviation.
+    modes : ndarray, shape (n, q)
+        Of `form_modes`.
+    columns : sequence of Column
+        Shapes of one effect.
+    shares : sequence of float
+        Standard deviations of the form's error to try, equally likely.
+
+    Returns
+    -------
+    log_evidence : float
+        Absolute: of the data, averaged over the shares.
+    explanation : Explanation
+        For the best share; its `log_evidence` is against the same nuisances and modes without the effect.
+    """
+    widened = Widened(problem, fixed, modes)
+    stacked = _side_by_side([c.columns for c in columns], len(problem.data))
+    cross, own = widened.cross(stacked), stacked.T @ problem.data
+    ends = np.cumsum([0, *(c.columns.shape[1] for c in columns)])
+    squares = [c.columns.T @ c.columns for c in columns]
+    found = []
+    for share in shares:
+        log_z, data_half, half = widened.at(share, cross)
+        inner = [
+            (squares[k] - half[:, a:b].T @ half[:, a:b], own[a:b] - half[:, a:b].T @ data_half)
+            for k, (a, b) in enumerate(pairwise(ends))
+        ]
+        explanation = _explanation(columns, inner, problem.settings.forms.size_temperature)
+        explanation = replace(explanation, form_share=share)
+        found.append((log_z + explanation.log_evidence, explanation))
+    return log_mean_exp([log_z for log_z, _ in found]), max(found, key=lambda entry: entry[0])[1]
+
+
+def _fits(effect: Effect, grams: Floats, moments: Floats) -> tuple[Floats, list[tuple[Floats, float, float]]]:
+    """Integrate the amplitude out of k shapes of one width.
+
+    Parameters
+    ----------
+    effect : Effect
+    grams : ndarray, shape (k, q, q)
+    moments : ndarray, shape (k, q)
+
+    Returns
+    -------
+    logs : ndarray, shape (k,)
+    fits : list of (solution, its standard deviation, gain)
+    """
+    grid = amplitudes(effect.strength.low, effect.strength.high)
+    if moments.shape[1] == 1:
+        logs, solutions, stds, gains = _one(grid, grams[:, 0, 0], moments[:, 0])
+        return logs, list(zip(solutions, stds, gains, strict=True))
+    logs, solutions, stds, gains = _several(grid, grams, moments)
+    leading = effect.leading
+    if 0 < leading < moments.shape[1]:
+        # Overtones without their fundamental do not count.
+        bare = np.flatnonzero([effect.amplitude(solution) < grid[0] for solution in solutions])
+        solutions[bare] = 0.0
+        if len(bare):
+            logs[bare], solutions[bare, :leading], stds[bare], gains[bare] = _several(
+                grid, grams[bare, :leading, :leading], moments[bare, :leading]
+            )
+    return logs, list(zip(solutions, stds, gains, strict=True))
+
+
+def _one(grid: Floats, squares: Floats, inner: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    logs = grid * inner[:, None] - 0.5 * grid**2 * squares[:, None]
+    is_shown = squares > 0.0
+    known = np.where(is_shown, squares, 1.0)
+    amplitude = np.where(is_shown, np.clip(inner / known, grid[0], grid[-1]), grid[0])
+    stds = np.where(is_shown, 1.0 / np.sqrt(known), np.inf)
+    return log_mean_exp_rows(logs), amplitude[:, None], stds, 2.0 * amplitude * inner - amplitude**2 * squares
+
+
+def _several(grid: Floats, grams: Floats, moments: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Amplitude with free phases: every part is normal with variance amplitude^2 / 2."""
+    spread = 0.5 * grid**2
+    values, vectors = np.linalg.eigh(grams)
+    values = np.maximum(values, 0.0)
+    turned = np.einsum("kji,kj->ki", vectors, moments)
+    widened = 1.0 + spread[:, None] * values[:, None, :]
+    logs = 0.5 * spread * np.sum(turned[:, None, :] ** 2 / widened, axis=2) - 0.5 * np.log(widened).sum(axis=2)
+    width = moments.shape[1]
+    regular = grams + 1e-9 * np.trace(grams, axis1=1, axis2=2)[:, None, None] * np.eye(width)
+    solutions = np.linalg.solve(regular, moments[:, :, None])[:, :, 0]
+    leading = np.linalg.inv(regular)[:, :2, :2]
+    stds = np.sqrt(0.5 * np.trace(leading, axis1=1, axis2=2))
+    return log_mean_exp_rows(logs), solutions, stds, np.sum(moments * solutions, axis=1)
+
+
+def background(problem: LinearProblem, effects: Sequence[Effect]) -> Floats:
+    """Nuisance columns for small amounts of every effect, shape (n, q), times their prior standard deviation."""
+    return np.hstack([np.zeros((len(problem.data), 0)), *little_of_each(problem, effects).values()])
+
+
+def little_of_each(problem: LinearProblem, effects: Sequence[Effect]) -> dict[str, Floats]:
+    """`background` by the name of the effect."""
+    found = {}
+    for effect in effects:
+        sizes = [share * effect.strength.typical for _, share in effect.little]
+        shown = _columns(problem, effect, [shape for shape, _ in effect.little])
+        kept = [columns * size for columns, size in zip(shown, sizes, strict=True) if columns is not None]
+        found[effect.name] = np.hstack([np.zeros((len(problem.data), 0)), *kept])
+    return found

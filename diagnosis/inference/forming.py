@@ -1,0 +1,138 @@
+"""Effects weighed again with what their forms may miss: one alone, and further ones beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.credit import with_credit
+from sawbench.diagnosis.inference.evidence import Catalogue, Column, Explanation, explain_formed
+from sawbench.diagnosis.inference.form_error import form_modes
+from sawbench.diagnosis.inference.hypothesis import Hypothesis
+from sawbench.diagnosis.inference.left_over import left_by
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+
+
+class Forming:
+    """Weighs effects of one campaign again with what their forms may miss.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    small : ndarray, shape (n, p)
+        Nuisance columns of the background effects.
+    reference : float
+        Absolute log evidence of "no_gap".
+    dispersion : ndarray, shape (n,)
+        Factor on the noise's variance that the problem is whitened with.
+    """
+
+    def __init__(self, problem: LinearProblem, small: Floats, reference: float, dispersion: Floats) -> None:
+        self.problem, self.small, self.reference, self.dispersion = problem, small, reference, dispersion
+        self._settings = problem.settings.forms
+        self._modes: dict[str, Floats] = {}
+
+    def modes(self, explanation: Explanation) -> Floats:
+        """What the form of an effect may leave, shape (n, q); of its size when it was first asked for."""
+        effect = explanation.effect
+        if effect.name not in self._modes:
+            in_time = "time" in effect.grows_with
+            self._modes[effect.name] = form_modes(self.problem, explanation.contribution, in_time=in_time)
+        return self._modes[effect.name]
+
+    def single(self, rough: Explanation, entries: Sequence[Column]) -> tuple[Explanation, Column]:
+        """Weigh one effect again, with the discrepancy of its form; its best shape then is another one than without."""
+        log_z, formed = explain_formed(self.problem, self.small, self.modes(rough), entries, self._settings.shares)
+        explanation = replace(
+            rough,
+            log_evidence=_carried(rough.log_evidence, log_z - self.reference),
+            shape_spread=formed.shape_spread,
+            form_share=formed.form_share,
+        )
+        return explanation, formed.column
+
+    def pairs(
+        self, firsts: Sequence[Explanation], given: Mapping[str, Sequence[Floats]], catalogue: Catalogue
+    ) -> list[Hypothesis]:
+        """Weigh every second effect beside each of some firsts, the best of them with what both forms may miss.
+
+        Parameters
+        ----------
+        firsts : sequence of Explanation
+        given : mapping of str to sequence of ndarray, shape (n, q)
+            Of each first effect, the columns of any size that it may have.
+        catalogue : Catalogue
+
+        Returns
+        -------
+        list of Hypothesis
+            Most evidence first; `left_over` only of those that were weighed with their forms.
+        """
+        rough: dict[frozenset[str], list[tuple[float, Explanation, Explanation]]] = {}
+        for first in firsts:
+            for total, second in self._seconds(first, given[first.effect.name], catalogue):
+                rough.setdefault(frozenset((first.effect.name, second.effect.name)), []).append((total, first, second))
+        best = sorted(rough.values(), key=lambda orders: -max(total for total, *_ in orders))[: self._settings.n_pairs]
+        # In either order, where both may come first: only the second one's size and form are integrated out.
+        found = [
+            max(
+                (self._pair(one, given[one.effect.name], two, catalogue.columns) for _, one, two in orders),
+                key=lambda pair: pair.log_evidence,
+            )
+            for orders in best
+        ]
+        return sorted(found, key=lambda pair: -pair.log_evidence)
+
+    def _seconds(
+        self, first: Explanation, given: Sequence[Floats], catalogue: Catalogue
+    ) -> list[tuple[float, Explanation]]:
+        """Every effect beside the first as `given` and with its form's discrepancy, after its absolute log evidence."""
+        missed = self._settings.screen_share * self.modes(first)
+        marginal = Marginal(self.problem, extra=np.hstack([self.small, *given, missed]))
+        seconds = []
+        for name, found in catalogue.explain(marginal).items():
+            if name != first.effect.name:
+                is_worth = found.log_evidence > self._settings.worth_forming
+                second = with_credit(self.problem, marginal, found) if is_worth else found
+                seconds.append((second.log_evidence + marginal.log_evidence, second))
+        return seconds
+
+    def _pair(
+        self, first: Explanation, given: Sequence[Floats], second: Explanation, columns: Mapping[str, Sequence[Column]]
+    ) -> Hypothesis:
+        """Weigh a pair again with what both forms may miss; a second that hardly shows keeps what screening gave."""
+        if second.log_evidence < self._settings.worth_forming:
+            return _together(first, second, first.log_evidence + second.log_evidence)
+        both = np.hstack([self.modes(first), self.modes(second)])
+        found_in_each = [
+            explain_formed(
+                self.problem, np.hstack([self.small, shape]), both, columns[second.effect.name], self._settings.shares
+            )
+            for shape in given
+        ]
+        log_z, found = max(found_in_each, key=lambda each: each[0])
+        gained = _carried(second.log_evidence, log_z - self.reference - first.log_evidence)
+        shared = shared_energy(self.problem, first.contribution, found.contribution)
+        left = left_by(self.problem, self.dispersion, self.small, (first, found))
+        return replace(_together(first, found, first.log_evidence + gained), shared=shared, left_over=left)
+
+
+def _together(first: Explanation, second: Explanation, log_evidence: float) -> Hypothesis:
+    members = tuple(sorted((first, second), key=lambda e: e.effect.name))
+    return Hypothesis(
+        effects=tuple(e.effect.name for e in members), members=members, log_evidence=log_evidence,
+        is_fitted_together=True,
+    )  # fmt: skip
+
+
+def _carried(by_form: float, with_modes: float) -> float:
+    """Log evidence with model discrepancy, which cannot weigh more than what the form itself explains."""
+    return min(with_modes, by_form + max(by_form, 0.0))
+
+
+def shared_energy(problem: LinearProblem, first: Floats, second: Floats) -> float:
+    """Sum over the equations of the shares of energy that two signatures have there, multiplied."""
+    one, other = (np.array(list(problem.sums_by_equation(signature**2).values())) for signature in (first, second))
+    return float(one @ other / max(one.sum() * other.sum(), 1e-300))

@@ -1,0 +1,44 @@
+"""What a hypothesis leaves of the gap, by the noise as it was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.evidence import Explanation
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+
+
+def left_over(
+    problem: LinearProblem, dispersion: Floats, marginal: Marginal, explanation: Explanation | None = None
+) -> float:
+    """Misfit over the number of features, whitened by the noise as it was measured.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+        Whitened with dispersion.
+    dispersion : ndarray, shape (n,)
+    marginal : Marginal
+        Nuisances that take up what they can.
+    explanation : Explanation, optional
+        An effect whose contribution is taken off first.
+    """
+    data = problem.data if explanation is None else problem.data - explanation.contribution
+    return float((dispersion * data) @ marginal.rest(data)) / len(data)
+
+
+def left_by(problem: LinearProblem, dispersion: Floats, small: Floats, members: Sequence[Explanation]) -> float:
+    """`left_over` by several effects, each of the size that fits best beside the others.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    dispersion : ndarray, shape (n,)
+    small : ndarray, shape (n, p)
+        Nuisance columns of the background effects.
+    members : sequence of Explanation
+    """
+    given = [member.column.columns * member.effect.strength.high for member in members]
+    return left_over(problem, dispersion, Marginal(problem, extra=np.hstack([small, *given])))

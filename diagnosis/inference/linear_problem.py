@@ -1,0 +1,401 @@
+"""The whitened linear problem: features of all trials, their noise, and everything that may be mistuned.
+
+The residuals are linear in the errors of the parameters and in the strength of an effect, so with Gaussian noise C
+and Gaussian priors Lambda on the nuisances N, the nuisances are integrated out exactly: M = C + N Lambda N'. Here
+everything is kept whitened by C (a Cholesky factor per block), and M is never formed (Woodbury).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.campaign import Campaign
+from sawbench.diagnosis.inference.features import Layout, block_matrix, layout_of
+from sawbench.diagnosis.inference.noise import contrast_misfit, noise_of, scatter_of
+from sawbench.diagnosis.inference.settings import SETTINGS, Settings
+from sawbench.diagnosis.inference.zero_wander import ZeroWander
+from sawbench.modeling.effects.known import KnownEffect
+from sawbench.modeling.residuals import Equation, Signature, summed
+from sawbench.modeling.state import TWO_PI, State, TrialSetting
+
+_ZERO = "zero of the force"
+# What a load cell is not linear to: wander that is smaller, on average over the time blocks, needs no mode.
+_UNSEEN_N = 0.06
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Part:
+    """Features of one state.
+
+    Attributes
+    ----------
+    state, smooth : State
+        As measured, and for signatures (one row a block).
+    layout : Layout
+    blocks : ndarray, shape (n_blocks, n_units)
+        Average of units into time blocks.
+    whitener : ndarray, shape (size, size)
+        Inverse Cholesky factor of the covariance of one block.
+    place : slice
+        Of this part in the stacked vector.
+    """
+
+    state: State
+    smooth: State
+    layout: Layout
+    blocks: Floats
+    whitener: Floats
+    place: slice
+
+    @property
+    def setting(self) -> TrialSetting:
+        """Of the trial."""
+        return self.state.setting
+
+    def whiten(self, signature: Signature) -> Floats:
+        """Stacked whitened features of a signature on the grid of `smooth`."""
+        return self.whiten_all([signature])[0]
+
+    def whiten_all(self, signatures: Sequence[Signature]) -> Floats:
+        """`whiten` of many signatures at once, shape (len(signatures), n_blocks * size)."""
+        n_rows, n_points = self.smooth.angle_rad.shape
+        waves: Signature = {}
+        for equation in self.layout.equations:
+            if not any(equation in signature for signature in signatures):
+                continue
+            wave = np.zeros((len(signatures), n_rows, n_points))
+            for k, signature in enumerate(signatures):
+                if equation in signature:
+                    wave[k] = signature[equation]
+            waves[equation] = wave.reshape(-1, n_points)
+        rows = self.layout.place(waves, len(signatures) * n_rows) @ self.whitener.T
+        return rows.reshape(len(signatures), n_rows * self.layout.size)
+
+    def unwhiten(self, stacked: Floats) -> Floats:
+        """Features of this part, in the units of their equations, shape (n_blocks, size), from the stacked vector."""
+        from scipy.linalg import solve_triangular
+
+        rows = stacked[self.place].reshape(-1, self.layout.size)
+        return np.asarray(solve_triangular(self.whitener, rows.T, lower=True).T)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LinearProblem:
+    """All features of a campaign with the nuisances.
+
+    Attributes
+    ----------
+    campaign : Campaign
+    parts : tuple of Part
+    data : ndarray, shape (n,)
+        Whitened residuals of the nominal baseline.
+    nuisance : ndarray, shape (n, p)
+        Whitened signatures, times their prior standard deviation.
+    names : tuple of str
+    prior_std : ndarray, shape (p,)
+    quiet : float
+        Whitened misfit over features that an intact machine leaves on this bench: what its scatter says, but no less
+        than `Weights.quiet`.
+    settings : Settings
+    wander : ZeroWander or None
+        Of the zero of the force; None where the campaign cannot tell.
+    """
+
+    campaign: Campaign
+    parts: tuple[Part, ...]
+    data: Floats
+    nuisance: Floats
+    names: tuple[str, ...]
+    prior_std: Floats
+    quiet: float = SETTINGS.weights.quiet
+    settings: Settings = SETTINGS
+    wander: ZeroWander | None = None
+
+    @property
+    def is_of_trial(self) -> np.ndarray:
+        """Whether a nuisance is that of single trials: hardness of a piece, zero of a sensor; of bool, shape (p,)."""
+        own = {nuisance.name for nuisance in self.campaign.plant.trial_nuisances(self.campaign.states)}
+        return np.array([name in own or name.startswith(_ZERO) for name in self.names], dtype=bool)
+
+    def project(self, signature: Callable[[State], Signature]) -> Floats:
+        """Whitened features of a signature evaluated on every state, shape (n,)."""
+        out = np.zeros(len(self.data))
+        for part in self.parts:
+            found = signature(part.smooth)
+            if any(name in part.layout.equations for name in found):
+                out[part.place] = part.whiten(found)
+        return out
+
+    def rows(self, keep: Callable[[TrialSetting], bool]) -> np.ndarray:
+        """Mask of the features of trials that `keep` accepts, shape (n,)."""
+        mask = np.zeros(len(self.data), dtype=bool)
+        for part in self.parts:
+            mask[part.place] = keep(part.setting)
+        return mask
+
+    @property
+    def wide_scale(self) -> Floats:
+        """Factor on the prior of each nuisance where the plant is re-tuned freely: that of its numbers alone, (p,)."""
+        plant = {n.name for n in self.campaign.plant.nuisances() if n.is_plant}
+        return np.array([self.settings.noise.wide if name in plant else 1.0 for name in self.names])
+
+    def rows_by_equation(self) -> dict[tuple[Equation, str], np.ndarray]:
+        """Indices of the features of each equation, running and starting apart."""
+        found: dict[tuple[Equation, str], list[np.ndarray]] = {}
+        for part in self.parts:
+            rows = np.arange(part.place.start, part.place.stop).reshape(-1, part.layout.size)
+            for equation, place in part.layout.slices.items():
+                found.setdefault((equation, part.state.kind), []).append(rows[:, place].ravel())
+        return {key: np.concatenate(rows) for key, rows in found.items()}
+
+    def sums_by_equation(self, values: Floats) -> dict[Equation, float]:
+        """Sum of one value a feature, shape (n,), over those of each equation."""
+        found: dict[Equation, float] = {}
+        for (equation, _), rows in self.rows_by_equation().items():
+            found[equation] = found.get(equation, 0.0) + float(values[rows].sum())
+        return found
+
+
+def build_problem(campaign: Campaign, *, with_start_up: bool = True, settings: Settings = SETTINGS) -> LinearProblem:
+    """Lay out features, noise and nuisances of a campaign.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    with_start_up : bool
+    settings : Settings
+
+    Returns
+    -------
+    LinearProblem
+    """
+    plant = campaign.plant
+    n_harmonics: dict[Equation, int] = {equation: form.n_harmonics for equation, form in plant.equations.items()}
+    states = [s for s in campaign.states if with_start_up or s.kind == "running"]
+    found = []
+    for state in states:
+        residual = plant.residuals(state)
+        layout = layout_of(state, residual, n_harmonics)
+        if layout.equations:
+            found.append((state, layout, layout.place(residual, state.angle_rad.shape[0])))
+    scatter = scatter_of(found)
+    rates = [float(state.speed_rad_s.mean()) / TWO_PI for state, _, _ in found if state.kind == "running"]
+    rate_hz = float(np.mean(rates)) if rates else 1.0
+    parts: list[Part] = []
+    expected = 0.0
+    data: list[Floats] = []
+    start = 0
+    for state, layout, features in found:
+        blocks = block_matrix(len(features)) if state.kind == "running" else np.eye(1)
+        noise = noise_of(state, layout, blocks, scatter, rate_hz)
+        covariance = plant.model_error(layout, state) + settings.noise.correlation_factor * noise
+        whitener: Floats = np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.float64)
+        size = blocks.shape[0] * layout.size
+        part = Part(
+            state=state, smooth=plant.smooth(state, blocks), layout=layout, blocks=blocks, whitener=whitener,
+            place=slice(start, start + size),
+        )  # fmt: skip
+        parts.append(part)
+        known = part.whiten(summed([one.signature(plant.model, part.smooth) for one in plant.known]))
+        data.append(((blocks @ features) @ whitener.T).ravel() - known)
+        expected += blocks.shape[0] * float(np.einsum("ij,jk,ik->", whitener, noise, whitener))
+        start += size
+    contrasts = contrast_misfit([d.reshape(-1, p.layout.size) for d, p in zip(data, parts, strict=True)])
+    empty = LinearProblem(
+        campaign=campaign,
+        parts=tuple(parts),
+        data=np.concatenate(data),
+        nuisance=np.zeros((start, 0)),
+        names=(),
+        prior_std=np.zeros(0),
+        quiet=min(max(settings.weights.quiet, settings.noise.quiet_share * max(expected / start, contrasts)), 1.0),
+        settings=settings,
+    )
+    return _with_nuisances(empty)
+
+
+def _with_nuisances(problem: LinearProblem) -> LinearProblem:
+    campaign, plant = problem.campaign, problem.campaign.plant
+    columns, names, stds = [], [], []
+
+    def add(name: str, std: float, signature: Callable[[State], Signature]) -> None:
+        column = problem.project(signature)
+        if column.any():
+            columns.append(std * column)
+            names.append(name)
+            stds.append(std)
+
+    for nuisance in (*plant.nuisances(), *plant.trial_nuisances(campaign.states)):
+        add(nuisance.name, nuisance.std, lambda s, n=nuisance: n.signature(plant.model, s))
+    share = problem.settings.forms.screen_share
+    for known in plant.known:
+        missed = _missed_by_form(problem, known)
+        columns += list(share * missed.T)
+        names += [f"form of {known.effect.name} {k}" for k in range(missed.shape[1])]
+        stds += [share] * missed.shape[1]
+    wander = plant.zero_wander(campaign.states)
+    zeros = [] if wander is None else _zero_modes(problem, wander)
+    return replace(
+        problem, nuisance=np.array([*columns, *zeros]).T, wander=wander,
+        names=(*names, *(f"{_ZERO}, mode {k + 1}" for k in range(len(zeros)))),
+        prior_std=np.array([*stds, *np.ones(len(zeros))]),
+    )  # fmt: skip
+
+
+def _zero_modes(problem: LinearProblem, wander: ZeroWander) -> list[Floats]:
+    """Columns of the wandering zero, times their standard deviation: the Karhunen-Loeve modes that can be seen."""
+    plant = problem.campaign.plant
+    parts = [p for p in problem.parts if p.state.kind == "running" and p.state.force_n is not None]
+    if not parts:
+        return []
+    rows = [p.whiten(plant.zero_signature(p.smooth)).reshape(-1, p.layout.size) for p in parts]
+    at_s = np.concatenate([p.setting.session_s + p.smooth.time_s[:, 0] for p in parts])
+    trial = np.concatenate([np.full(len(r), k) for k, r in enumerate(rows)])
+    values, vectors = np.linalg.eigh(wander.covariance(at_s, trial))
+    unseen = np.cumsum(np.maximum(values, 0.0)) < len(at_s) * _UNSEEN_N**2
+    found = []
+    for value, vector in zip(values[~unseen], vectors.T[~unseen], strict=True):
+        column = np.zeros(len(problem.data))
+        for k, (part, row) in enumerate(zip(parts, rows, strict=True)):
+            column[part.place] = (np.sqrt(value) * vector[trial == k, None] * row).ravel()
+        found.append(column)
+    return found
+
+
+def _missed_by_form(problem: LinearProblem, known: KnownEffect) -> Floats:
+    """Columns for what the form of a known effect may leave, shape (n, q); see `diagnosis.inference.form_error`."""
+    from sawbench.diagnosis.inference.form_error import form_modes
+
+    model = problem.campaign.plant.model
+    contribution = problem.project(lambda state: known.signature(model, state))
+    # The class is one; a type checker sees it under the folder's name here and under the package's there.
+    return form_modes(problem, contribution, in_time="time" in known.effect.grows_with)  # pyright: ignore[reportArgumentType]
+
+
+class Widened:
+    """Nuisances plus further columns whose prior standard deviation is tried at several sizes.
+
+    The inner products of all columns are computed once; each size costs one Cholesky factor.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    fixed : ndarray, shape (n, p)
+        Further nuisance columns, times their prior standard deviation.
+    extra : ndarray, shape (n, q)
+        Columns to be scaled.
+    """
+
+    def __init__(self, problem: LinearProblem, fixed: Floats, extra: Floats) -> None:
+        self._design = np.hstack([problem.nuisance, fixed, extra])
+        self._n_extra = extra.shape[1]
+        self._normal = self._design.T @ self._design
+        self._moment = self._design.T @ problem.data
+        self._square = float(problem.data @ problem.data)
+
+    def cross(self, columns: Floats) -> Floats:
+        """Inner products with other columns, shape (p + q, columns)."""
+        return self._design.T @ columns
+
+    def at(self, size: float, cross: Floats | None = None) -> tuple[float, Floats, Floats]:
+        """Log evidence, and what is taken up of the data, (r,), and of the columns of `cross`, (r, columns)."""
+        from scipy.linalg import solve_triangular
+
+        scale = np.ones(len(self._moment))
+        scale[len(scale) - self._n_extra :] = size
+        kept = scale > 0
+        scale = scale[kept]
+        root = np.linalg.cholesky(np.eye(len(scale)) + scale[:, None] * self._normal[np.ix_(kept, kept)] * scale)
+        data_half = solve_triangular(root, scale * self._moment[kept], lower=True)
+        taken = np.zeros((len(scale), 0)) if cross is None else cross[kept]
+        half = solve_triangular(root, scale[:, None] * taken, lower=True)
+        misfit = self._square - float(data_half @ data_half)
+        return -0.5 * misfit - float(np.log(np.diag(root)).sum()), data_half, half
+
+
+class Marginal:
+    """Inner products under M = I + B B' (whitened noise plus nuisances), for a subset of rows and scaled priors.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    scale : ndarray, shape (p,), optional
+        Factor on the prior standard deviations (5 for a plant that is retuned freely).
+    rows : ndarray of bool, shape (n,), optional
+    extra : ndarray, shape (n, q), optional
+        Further nuisance columns, already times their prior standard deviation.
+    """
+
+    def __init__(
+        self,
+        problem: LinearProblem,
+        *,
+        scale: Floats | None = None,
+        rows: np.ndarray | None = None,
+        extra: Floats | None = None,
+    ) -> None:
+        design = problem.nuisance if scale is None else problem.nuisance * scale
+        if extra is not None:
+            design = np.hstack([design, extra])
+        self.settings = problem.settings
+        self._rows = slice(None) if rows is None else rows
+        self.design = design[self._rows]
+        self.data = problem.data[self._rows]
+        self._root = np.linalg.cholesky(np.eye(self.design.shape[1]) + self.design.T @ self.design)
+        self.data_half = self.half(self.data)
+        self.misfit = float(self.data @ self.data - self.data_half @ self.data_half)
+        self.log_determinant = 2.0 * float(np.log(np.diag(self._root)).sum())
+
+    @property
+    def log_evidence(self) -> float:
+        """Of the data, absolute."""
+        return -0.5 * (self.misfit + self.log_determinant)
+
+    def half(self, columns: Floats) -> Floats:
+        """What of columns, shape (n, q), the nuisances take up: h with S' M^-1 T = S' T - h(S)' h(T), shape (p, q)."""
+        from scipy.linalg import solve_triangular
+
+        return solve_triangular(self._root, self.design.T @ columns, lower=True)
+
+    def taken_up(self) -> Floats:
+        """What the nuisances take up of every feature: H, shape (p, n), with M^-1 = I - H' H."""
+        from scipy.linalg import solve_triangular
+
+        return solve_triangular(self._root, self.design.T, lower=True)
+
+    def gram(self, columns: Floats) -> tuple[Floats, Floats]:
+        """S' M^-1 S, shape (q, q), and S' M^-1 y, shape (q,), for full-length columns S, shape (n, q)."""
+        part = columns[self._rows]
+        half = self.half(part)
+        return part.T @ part - half.T @ half, part.T @ self.data - half.T @ self.data_half
+
+    def rest(self, columns: Floats) -> Floats:
+        """What the best nuisances leave of columns, shape (n,) or (n, q)."""
+        return self.split(columns)[1]
+
+    @cached_property
+    def data_split(self) -> tuple[Floats, Floats]:
+        """`split` of the data."""
+        return self.split(self.data)
+
+    def split(self, columns: Floats) -> tuple[Floats, Floats]:
+        """Best nuisances of columns, shape (n,) or (n, q), in units of their prior std, and what they leave."""
+        best = self._best(columns)
+        return best, columns - self.design @ best
+
+    def _best(self, columns: Floats) -> Floats:
+        from scipy.linalg import cho_solve
+
+        return cho_solve((self._root, True), self.design.T @ columns)
+
+    def estimate(self) -> tuple[Floats, Floats]:
+        """Posterior mean and standard deviation of the nuisances, in units of their (scaled) prior std."""
+        from scipy.linalg import cho_solve
+
+        mean = self._best(self.data)
+        std = np.sqrt(np.diag(cho_solve((self._root, True), np.eye(len(self._root)))))
+        return mean, std

@@ -1,0 +1,268 @@
+"""What may be mistuned without anything being wrong with the model: parameters, gains, offsets, angle zero.
+
+Each entry gives the change of the residuals for one unit of the parameter's error, and the standard
+uncertainty the configuration (or the sensor class) grants it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.modeling.effects.known import KnownEffect
+from sawbench.modeling.residuals import Baseline, Signature, inertia_torque, plunger_swing, residuals
+from sawbench.modeling.state import State
+
+# Of the radius, for the derivative of a torque that is a smooth function of it.
+_RADIUS_STEP = 1e-4
+# (model of the plant: here a Baseline, State) -> Signature
+SignatureFunction = Callable[[Any, State], Signature]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Nuisance:
+    """One direction in which the baseline may be mistuned.
+
+    Attributes
+    ----------
+    name : str
+        Name of the `[plant]` or `[battery]` parameter, or of the sensor property.
+    nominal : float
+        0 for offsets.
+    std : float
+        Prior standard uncertainty, in the unit of `nominal`.
+    is_plant : bool
+        A number of the configuration (reported as a parameter shift), not of a sensor.
+    signature : callable
+        (baseline, state) -> change of the residuals for one unit.
+    """
+
+    name: str
+    nominal: float
+    std: float
+    is_plant: bool
+    signature: SignatureFunction
+
+
+def nuisances_of(baseline: Baseline) -> tuple[Nuisance, ...]:
+    """List every nuisance that is shared by all trials of a campaign.
+
+    Parameters
+    ----------
+    baseline : Baseline
+
+    Returns
+    -------
+    tuple of Nuisance
+    """
+    return (*_plant_nuisances(baseline), *_battery_nuisances(baseline), *_sensor_nuisances())
+
+
+def of_known(known: KnownEffect) -> Nuisance:
+    """How far the magnitude of a known effect may be off, in standard uncertainties."""
+    return Nuisance(name=known.name, nominal=0.0, std=1.0, is_plant=False, signature=known.uncertainty)
+
+
+def _plant_nuisances(baseline: Baseline) -> list[Nuisance]:
+    plant, gear = baseline.plant, baseline.gear
+
+    def motor_speed(state: State) -> Floats:
+        return gear * state.speed_rad_s
+
+    signatures: dict[str, SignatureFunction] = {
+        # A larger true value than the nominal one leaves what the baseline did not subtract.
+        "resistance_ohm": lambda _, s: _electrical(s.current_a, +1),
+        "inductance_h": lambda _, s: _electrical(s.current_rate_a_s, +1),
+        "back_emf_constant_v_s_per_rad": lambda _, s: {"electrical": motor_speed(s)},
+        "torque_constant_n_m_per_a": _torque_constant_signature,
+        "motor_damping_n_m_s_per_rad": lambda _, s: {"mechanical": motor_speed(s)},
+        "rotor_inertia_kg_m2": lambda b, s: {"mechanical": inertia_torque(b, s, rotor=1.0)},
+        "yoke_inertia_kg_m2": lambda b, s: {"mechanical": inertia_torque(b, s, yoke=1.0)},
+        "reciprocating_mass_kg": lambda b, s: {"mechanical": inertia_torque(b, s, mass=1.0)},
+        "crank_radius_m": _radius_signature,
+    }
+    return [
+        Nuisance(
+            name=name,
+            nominal=getattr(plant, name).nominal,
+            std=max(getattr(plant, name).std, 1e-3 * abs(getattr(plant, name).nominal)),
+            is_plant=True,
+            signature=signature,
+        )
+        for name, signature in signatures.items()
+    ]
+
+
+def _electrical(values: Floats | None, sign: int) -> Signature:
+    return {} if values is None else {"electrical": sign * values}
+
+
+def _torque_constant_signature(baseline: Baseline, state: State) -> Signature:
+    """Current that the measured motion and force ask for, instead of the measured one.
+
+    With the measured current, scaling every torque of the equation by the same factor would scale its residual,
+    noise included, and the fit would always shrink them all. With this one that direction does nothing, as it
+    must: an equation without a constant term says nothing of its scale.
+    """
+    residual = residuals(baseline, state).get("mechanical")
+    if residual is None or state.current_a is None:
+        return {}
+    return {"mechanical": residual / baseline.plant.torque_constant_n_m_per_a.nominal - state.current_a}
+
+
+def _radius_signature(baseline: Baseline, state: State) -> Signature:
+    force_n = 0.0 if state.force_n is None else state.force_n
+    mass_kg, step_m = baseline.plant.reciprocating_mass_kg.nominal, _RADIUS_STEP * baseline.radius_m
+
+    def torque(radius_m: float) -> Floats:
+        """At the crank, for plunger and blade force."""
+        mechanism = replace(baseline.mechanism, radius_m=radius_m)
+        load = baseline.cutting_sign * force_n * mechanism.lever(state.angle_rad)
+        return mass_kg * plunger_swing(mechanism, state) + load
+
+    rise = torque(baseline.radius_m + step_m) - torque(baseline.radius_m - step_m)
+    return {"mechanical": rise / (2.0 * step_m * baseline.gear)}
+
+
+def _battery_nuisances(baseline: Baseline) -> list[Nuisance]:
+    battery = baseline.battery
+    if battery is None:
+        return []
+
+    def by_capacity(b: Baseline, s: State) -> Signature:
+        # dE/dQ times the relative error of the capacity; E from Eq. 16.
+        step = 1e-3
+        rise = b.open_circuit_voltage(s.charge_used_as / (1.0 + step)) - b.open_circuit_voltage(s.charge_used_as)
+        return {"supply": np.broadcast_to(rise / step / battery.capacity_ah, s.angle_rad.shape)}
+
+    return [
+        Nuisance(
+            name="internal_resistance_ohm",
+            nominal=battery.internal_resistance_ohm,
+            std=max(0.1 * battery.internal_resistance_ohm, 5e-4),
+            is_plant=True,
+            signature=lambda _, s: {} if s.battery_current_a is None else {"supply": -s.battery_current_a},
+        ),
+        Nuisance(
+            name="nominal_voltage_v",
+            nominal=battery.nominal_voltage_v,
+            std=0.005 * battery.nominal_voltage_v,
+            is_plant=True,
+            signature=lambda b, s: {
+                "supply": np.broadcast_to(
+                    b.open_circuit_voltage(s.charge_used_as) / battery.nominal_voltage_v, s.angle_rad.shape
+                )
+            },
+        ),
+        Nuisance(
+            name="capacity_ah",
+            nominal=battery.capacity_ah,
+            std=0.05 * battery.capacity_ah,
+            is_plant=True,
+            signature=by_capacity,
+        ),
+    ]
+
+
+def _sensor_nuisances() -> list[Nuisance]:
+    """Gains, offsets and the angle's zero.
+
+    The gain of what an equation is solved for enters with what the equation says, not with the reading: with the
+    reading, a gain of -100 % would make every misfit vanish, and large misfits would be "explained" so.
+    """
+    known: dict[str, tuple[float, SignatureFunction]] = {
+        "motor_current_gain": (0.01, _motor_current_gain),
+        "motor_current_offset_a": (0.03, _motor_current_offset),
+        "force_gain": (0.01, _force_gain),
+        "force_offset_n": (1.0, force_offset),
+        "battery_current_gain": (0.01, _battery_current_gain),
+        "battery_current_offset_a": (0.03, lambda _, s: {"converter": np.ones_like(s.angle_rad)}),
+        "battery_voltage_gain": (0.003, _battery_voltage_gain),
+        "battery_voltage_offset_v": (0.01, _battery_voltage_offset),
+        "angle_zero_rad": (0.005, angle_shift),
+    }
+    return [
+        Nuisance(name=name, nominal=0.0, std=std, is_plant=False, signature=signature)
+        for name, (std, signature) in known.items()
+    ]
+
+
+def _motor_current_gain(baseline: Baseline, state: State) -> Signature:
+    if state.current_a is None or state.current_rate_a_s is None:
+        return {}
+    plant = baseline.plant
+    asked = _torque_constant_signature(baseline, state).get("mechanical", np.zeros(1))
+    drop = plant.resistance_ohm.nominal * state.current_a + plant.inductance_h.nominal * state.current_rate_a_s
+    return {
+        "electrical": -drop,
+        "mechanical": -plant.torque_constant_n_m_per_a.nominal * asked,
+        "converter": -state.setting.duty * state.current_a,
+    }
+
+
+def _motor_current_offset(baseline: Baseline, state: State) -> Signature:
+    ones = np.ones_like(state.angle_rad)
+    return {
+        "electrical": -baseline.plant.resistance_ohm.nominal * ones,
+        "mechanical": baseline.plant.torque_constant_n_m_per_a.nominal * ones,
+        "converter": -state.setting.duty * ones,
+    }
+
+
+def _force_gain(baseline: Baseline, state: State) -> Signature:
+    if state.force_n is None:
+        return {}
+    expected_n = baseline.expected_force(state)
+    return {"mechanical": -baseline.load_torque(state, expected_n), "cutting": expected_n}
+
+
+def force_offset(baseline: Baseline, state: State) -> Signature:
+    """Change of the residuals for one newton on the zero of the force."""
+    ones = np.ones_like(state.angle_rad)
+    return {"mechanical": -baseline.load_torque(state, ones), "cutting": ones}
+
+
+def _battery_current_gain(baseline: Baseline, state: State) -> Signature:
+    if state.battery_current_a is None or baseline.battery is None:
+        return {}
+    drop = baseline.battery.internal_resistance_ohm * state.battery_current_a
+    drawn = state.battery_current_a if state.current_a is None else state.setting.duty * state.current_a
+    return {"converter": drawn, "supply": drop}
+
+
+def _battery_voltage_gain(baseline: Baseline, state: State) -> Signature:
+    if state.battery_voltage_v is None:
+        return {}
+    plant, found = baseline.plant, Signature()
+    if state.current_a is not None and state.current_rate_a_s is not None:
+        drop = plant.resistance_ohm.nominal * state.current_a + plant.inductance_h.nominal * state.current_rate_a_s
+        emf = plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * state.speed_rad_s
+        found["electrical"] = drop + emf
+    if state.battery_current_a is not None and baseline.battery is not None:
+        drop = baseline.battery.internal_resistance_ohm * state.battery_current_a
+        found["supply"] = baseline.open_circuit_voltage(state.charge_used_as) - drop
+    return found
+
+
+def _battery_voltage_offset(_: Baseline, state: State) -> Signature:
+    if state.battery_voltage_v is None:
+        return {}
+    ones = np.ones_like(state.angle_rad)
+    return {"electrical": state.setting.duty * ones, "supply": ones}
+
+
+def angle_shift(baseline: Baseline, state: State, step_rad: float = 1e-4) -> Signature:
+    """Change of the residuals per radian of error in the zero of the crank angle, by central difference.
+
+    The force of the linear cutting law comes early or late with it: the cutting residual less that force is meant.
+    """
+    up = replace(state, angle_rad=state.angle_rad + step_rad)
+    down = replace(state, angle_rad=state.angle_rad - step_rad)
+    high, low = residuals(baseline, up), residuals(baseline, down)
+    found: Signature = {name: (high[name] - low[name]) / (2.0 * step_rad) for name in high}
+    if "cutting" in found:
+        found["cutting"] = (baseline.expected_force(down) - baseline.expected_force(up)) / (2.0 * step_rad)
+    return found

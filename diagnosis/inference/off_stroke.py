@@ -1,0 +1,441 @@
+"""What does not follow the stroke: lines between its harmonics, and bursts of interference.
+
+All else in the diagnosis is averaged over strokes, and what is not locked to them is lost there as scatter. Scatter
+is no gap; a line is one. A supply that ripples has one frequency in every trial, a rotor out of balance one number
+of cycles a stroke, and interference strikes several channels now and then, in air as under load.
+None of the catalogue does that, so what is found here is evidence for "unknown". What the wood does is left out: a wave
+of the grain keeps its length on the feed path, and is looked for in `stroke_series`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from sawbench.bench.processed import ProcessedTrial
+from sawbench.bench.recording import Floats
+from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
+from sawbench.diagnosis.inference.strikes import (
+    IN_MOST,
+    LEAST_STRUCK,
+    Answer,
+    Strikes,
+    answer_of,
+    foreign_bursts,
+    resolution_of,
+    strikes,
+)
+from sawbench.modeling.state import TWO_PI
+from sawbench.processing.binning import AngleGrid
+
+_CELLS, _FEWEST_CELLS, _SAMPLES_A_CELL = 64, 16, 1.5
+_MIN_STROKES = 32
+_MOST_EMPTY = 0.02
+# Slower waves are those of the wood and of the hand: see `stroke_series`.
+_LOWEST_ORDER = 0.25
+# Harmonics of the stroke scatter from stroke to stroke: no line is looked for that near to one, in cycles a stroke.
+_NEAR_HARMONIC = 0.06
+_FLOOR_BINS, _LINE_BINS = 40, 3
+# Power over the floor around it; of scatter alone, the largest of 8000 bins is about 9.
+_LEAST_POWER, _SEEN_POWER = 60.0, 20.0
+# A line is narrow: this far off it, no more than that share of its power is left.
+_FOOT_BINS, _FOOT = (5, 8), 0.1
+_PEAKS = 4
+# A line that is small beside what scatters is a matter of the sensor, not of the machine.
+_LEAST_SHARE = 0.15
+_SAME_PLACE = 0.003
+_FEWEST_TRIALS = 3
+# So many times its tolerance a wave of the wood would have to move between trials of other feed a stroke.
+_MOVED = 3.0
+_MOST_PER_TRIAL = 20.0
+
+# They follow from each other, and are read by different sensors.
+_ELECTRICAL = (MOTOR_CURRENT.name, BATTERY_VOLTAGE.name, BATTERY_CURRENT.name)
+
+Lock = Literal["time", "stroke"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Peak:
+    """One line in the spectrum of one channel of one trial.
+
+    Attributes
+    ----------
+    place : float
+        Hz, or cycles a stroke.
+    width : float
+        Resolution of the spectrum, in the same unit.
+    power : float
+        Over the floor around it.
+    share : float
+        Of the variance that does not follow the stroke.
+    amplitude : float
+        In the unit of the channel.
+    """
+
+    place: float
+    width: float
+    power: float
+    share: float
+    amplitude: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class OffStroke:
+    """What one trial holds beside its strokes.
+
+    Attributes
+    ----------
+    label : str
+    is_idle : bool
+    rate_hz : float
+        Strokes a second.
+    feed_a_stroke_m : float
+        NaN in air and where no feed is stated.
+    peaks : dict of (str, str) to tuple of Peak
+        By "time" or "stroke", and channel.
+    struck : dict of str to Strikes
+        Of each channel: rare strokes of a cell far off all others.
+    answer : Answer
+        Of the motor's current to the strikes of the force.
+    """
+
+    label: str
+    is_idle: bool
+    rate_hz: float
+    feed_a_stroke_m: float
+    peaks: dict[tuple[str, str], tuple[Peak, ...]]
+    struck: dict[str, Strikes]
+    answer: Answer
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Line:
+    """A line at one frequency whatever the stroke rate, in one channel.
+
+    Attributes
+    ----------
+    channel : str
+    frequency_hz, amplitude : float
+        Median over the trials that show it; the amplitude in the unit of the channel.
+    """
+
+    channel: str
+    frequency_hz: float
+    amplitude: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Finding:
+    """Something that does not follow the stroke and is no scatter.
+
+    Attributes
+    ----------
+    log_evidence : float
+        Against scatter, nats; at most `_MOST_PER_TRIAL` a trial.
+    text : str
+        What it is and where, for the report.
+    channel : str
+        That shows it most.
+    lines_hz : tuple of float
+        Frequencies of a line: one, or one for every stroke rate that it goes with; none of bursts.
+    """
+
+    log_evidence: float
+    text: str
+    channel: str
+    lines_hz: tuple[float, ...] = ()
+
+
+def off_stroke(trial: ProcessedTrial) -> OffStroke | None:
+    """Look at what is left of each channel once its mean stroke is taken out.
+
+    Parameters
+    ----------
+    trial : ProcessedTrial
+        Its settled part is looked at.
+
+    Returns
+    -------
+    OffStroke or None
+        None where there are too few strokes or no channel has enough samples in each.
+    """
+    angle, steady = trial.angle, trial.steady
+    if angle is None or steady is None:
+        return None
+    inside = np.interp([steady.settled_s, steady.end_s], angle.time_s, angle.angle_rad) / TWO_PI
+    first, last = int(np.ceil(inside[0])), int(np.floor(inside[1]))
+    n_strokes = last - first
+    if n_strokes < _MIN_STROKES:
+        return None
+    peaks: dict[tuple[str, str], tuple[Peak, ...]] = {}
+    struck: dict[str, Strikes] = {}
+    lefts: dict[str, Floats] = {}
+    resolution: dict[str, float] = {}
+    begins_s, ends_s = np.interp(TWO_PI * np.array([first, last]), angle.angle_rad, angle.time_s)
+    rate_hz = n_strokes / float(ends_s - begins_s)
+    for name, signal in trial.channels.items():
+        if name not in CHANNEL_BY_NAME or len(signal.values) < 2:
+            continue
+        turned_rad = np.interp(signal.time_s, angle.time_s, angle.angle_rad)
+        in_cells = _in_cells(turned_rad, signal.values, first, n_strokes)
+        if in_cells is None:
+            continue
+        left = _without_strokes(in_cells)
+        n_cells = left.shape[1]
+        at = first + (np.arange(left.size) + 0.5) / n_cells
+        at_s = np.interp(TWO_PI * at, angle.angle_rad, angle.time_s)
+        flat = left.ravel()
+        even_s = np.linspace(at_s[0], at_s[-1], len(flat))
+        peaks["stroke", name] = _peaks(flat, 1.0 / n_cells, 1.0)
+        peaks["time", name] = _peaks(np.interp(even_s, at_s, flat), float(even_s[1] - even_s[0]), rate_hz)
+        resolution[name] = resolution_of(signal.values)
+        lefts[name] = _without_lines(left, at_s, peaks["time", name])
+        struck[name] = strikes(lefts[name], resolution[name], rate_hz)
+    if not peaks:
+        return None
+    feed_mm_s = trial.trial.feed_mm_s
+    is_fed = not trial.trial.is_idle and feed_mm_s is not None
+    return OffStroke(
+        label=trial.trial.trial_id,
+        is_idle=trial.trial.is_idle,
+        rate_hz=rate_hz,
+        feed_a_stroke_m=1e-3 * feed_mm_s / rate_hz if is_fed and feed_mm_s is not None else float("nan"),
+        peaks=peaks,
+        struck=struck,
+        answer=answer_of(lefts.get(FORCE.name), lefts.get(MOTOR_CURRENT.name), resolution.get(FORCE.name, np.inf)),
+    )
+
+
+def _in_cells(turned_rad: Floats, values: Floats, first_turn: int, n_strokes: int) -> Floats | None:
+    """Mean of the samples in each cell of the crank angle, shape (strokes, cells), or None where too many are empty."""
+    per_stroke = len(turned_rad) / max(float(np.ptp(turned_rad)) / TWO_PI, 1e-9)
+    n_cells = min(_CELLS, int(per_stroke / _SAMPLES_A_CELL))
+    if n_cells < _FEWEST_CELLS:
+        return None
+    grid = AngleGrid(first_turn=first_turn, n_rows=n_strokes, n_bins=n_cells)
+    mean = grid.means(grid.place(turned_rad), values)
+    is_empty = np.isnan(mean.ravel())
+    if np.mean(is_empty) > _MOST_EMPTY:
+        return None
+    filled = np.flatnonzero(~is_empty)
+    return np.interp(np.arange(mean.size), filled, mean.ravel()[filled]).reshape(mean.shape)
+
+
+def _without_strokes(cells: Floats) -> Floats:
+    """Take the mean stroke and its linear trend out."""
+    number = np.linspace(-1.0, 1.0, len(cells))[:, None]
+    left = cells - cells.mean(axis=0)
+    return left - number * (number * left).sum(axis=0) / float((number**2).sum())
+
+
+def _without_lines(left: Floats, at_s: Floats, lines: Sequence[Peak]) -> Floats:
+    """Take out lines at fixed frequencies: a strike is to be far off what is no line."""
+    if not lines:
+        return left
+    phase = TWO_PI * np.outer(at_s, [line.place for line in lines])
+    waves = np.hstack([np.cos(phase), np.sin(phase)])
+    return left - (waves @ np.linalg.lstsq(waves, left.ravel())[0]).reshape(left.shape)
+
+
+def _peaks(values: Floats, step: float, per_stroke: float) -> tuple[Peak, ...]:
+    """Largest lines of a series, away from the harmonics of the stroke; `per_stroke` is a stroke's own place."""
+    from scipy.ndimage import median_filter
+
+    window = np.hanning(len(values))
+    power = np.abs(np.fft.rfft(values * window)) ** 2
+    place = np.fft.rfftfreq(len(values), step)
+    order = place / per_stroke
+    floor = median_filter(power, 2 * _FLOOR_BINS + 1) / np.log(2.0)
+    total = float(power[order > _LOWEST_ORDER].sum())
+    if total <= 0:
+        return ()
+    ratio = power / np.maximum(floor, 1e-12 * total)
+    ratio[(order < _LOWEST_ORDER) | (np.abs(order - np.round(order)) < _NEAR_HARMONIC) | ~_is_narrow(power)] = 0.0
+    found: list[Peak] = []
+    while len(found) < _PEAKS:
+        k = int(np.argmax(ratio))
+        if ratio[k] < _SEEN_POWER:
+            break
+        around = slice(max(k - _LINE_BINS, 0), k + _LINE_BINS + 1)
+        share = float(power[around].sum()) / total
+        # A sine of unit amplitude puts sum(window)^2 / 4 into the middle of its line.
+        amplitude = 2.0 * float(np.sqrt(power[around].sum() / (1.5 * window.sum() ** 2)))
+        at, width, height = float(place[k]), float(place[1]), float(ratio[k])
+        found.append(Peak(place=at, width=width, power=height, share=share, amplitude=amplitude))
+        ratio[around] = 0.0
+    return tuple(found)
+
+
+def _is_narrow(power: Floats) -> np.ndarray:
+    """Bins that are the largest nearby and far above their surroundings on either side."""
+    from scipy.ndimage import maximum_filter1d
+
+    near = maximum_filter1d(power, 2 * _LINE_BINS + 1)
+    first, last = _FOOT_BINS
+    padded = np.pad(power, last, mode="reflect")
+    n = len(power)
+    left, right = (
+        np.mean([padded[last + sign * k : last + sign * k + n] for k in range(first, last + 1)], axis=0)
+        for sign in (-1, 1)
+    )
+    return (power >= near) & (np.maximum(left, right) < _FOOT * power)
+
+
+def off_stroke_finding(trials: Sequence[OffStroke]) -> Finding | None:
+    """Weigh what the trials have in common.
+
+    Parameters
+    ----------
+    trials : sequence of OffStroke
+
+    Returns
+    -------
+    Finding or None
+        The strongest; None where nothing holds in most of the trials.
+    """
+    found = [*_common_lines(trials), *_common_bursts(trials)]
+    return max(found, key=lambda f: f.log_evidence, default=None)
+
+
+def _common_lines(trials: Sequence[OffStroke]) -> Iterator[Finding]:
+    idle, loaded = [t for t in trials if t.is_idle], [t for t in trials if not t.is_idle]
+    locks: tuple[Lock, ...] = ("stroke", "time")
+    for lock in locks:
+        for name in sorted({name for t in trials for _, name in t.peaks}):
+            for group in (trials, idle, loaded):
+                line = _line(group, lock, name)
+                if line and _is_not_the_wood(line, lock) and _is_no_pickup(group, lock, name, line):
+                    yield _line_finding(group, lock, name, line)
+                    break
+
+
+def _line(group: Sequence[OffStroke], lock: Lock, name: str) -> list[tuple[OffStroke, Peak]]:
+    """Peaks of one channel at the same place in most trials of a group, with their trials; else none."""
+    best: list[tuple[OffStroke, Peak]] = []
+    for candidate in (p for t in group for p in t.peaks.get((lock, name), ()) if p.power > _LEAST_POWER):
+        same = _at(group, lock, name, candidate)
+        if sum(np.log(p.power) for _, p in same) > sum(np.log(p.power) for _, p in best):
+            best = same
+    is_rare = not best or len(best) < _enough(group, lock, max((p for _, p in best), key=lambda p: p.power))
+    return [] if is_rare or np.median([p.share for _, p in best]) < _LEAST_SHARE else best
+
+
+def _enough(group: Sequence[OffStroke], lock: Lock, line: Peak) -> float:
+    """Most of the trials in which the line does not fall on a harmonic of the stroke."""
+    orders = [line.place / t.rate_hz if lock == "time" else line.place for t in group]
+    open_to_it = sum(abs(order - round(order)) > 1.5 * _NEAR_HARMONIC for order in orders)
+    return max(IN_MOST * open_to_it, _FEWEST_TRIALS)
+
+
+def _at(group: Sequence[OffStroke], lock: Lock, name: str, wanted: Peak) -> list[tuple[OffStroke, Peak]]:
+    found = []
+    for trial in group:
+        near = [p for p in trial.peaks.get((lock, name), ()) if abs(p.place - wanted.place) < _tolerance(p, wanted)]
+        if near:
+            found.append((trial, max(near, key=lambda p: p.power)))
+    return found
+
+
+def _tolerance(one: Peak, other: Peak) -> float:
+    return max(_SAME_PLACE * other.place, 1.5 * max(one.width, other.width))
+
+
+def _is_not_the_wood(line: Sequence[tuple[OffStroke, Peak]], lock: Lock) -> bool:
+    """In air there is none; under load, a wave of the wood moves with the feed, beside a harmonic or alone."""
+    if any(trial.is_idle for trial, _ in line):
+        return True
+    feeds = np.array([t.feed_a_stroke_m * (t.rate_hz if lock == "time" else 1.0) for t, _ in line])
+    feeds = feeds[np.isfinite(feeds)]
+    if len(feeds) < _FEWEST_TRIALS:
+        return False
+    peak = max((p for _, p in line), key=lambda p: p.power)
+    of_the_feed = peak.place if lock == "time" else abs(peak.place - round(peak.place))
+    return float(np.ptp(feeds) / feeds.mean()) * of_the_feed > _MOVED * _tolerance(peak, peak)
+
+
+def _is_no_pickup(group: Sequence[OffStroke], lock: Lock, name: str, line: Sequence[tuple[OffStroke, Peak]]) -> bool:
+    """A fixed frequency is hum of a sensor unless two currents or voltages show it; what follows the stroke is not."""
+    if lock == "stroke":
+        return True
+    middle = max((p for _, p in line), key=lambda p: p.power)
+    channels = {n for t in group for _, n in t.peaks}
+    seen = [n for n in channels if len(_at(group, lock, n, middle)) >= _enough(group, lock, middle)]
+    return name in seen and sum(n in _ELECTRICAL for n in seen) > 1
+
+
+def _line_finding(group: Sequence[OffStroke], lock: Lock, name: str, line: Sequence[tuple[OffStroke, Peak]]) -> Finding:
+    peaks = [p for _, p in line]
+    place = float(np.median([p.place for p in peaks]))
+    amplitude = float(np.median([p.amplitude for p in peaks]))
+    at = f"{place:.1f} Hz whatever the stroke rate" if lock == "time" else f"{place:.2f} cycles a stroke"
+    lines_hz = {place} if lock == "time" else {place * trial.rate_hz for trial, _ in line}
+    return Finding(
+        log_evidence=sum(min(p.power, _MOST_PER_TRIAL) for p in peaks),
+        channel=name,
+        lines_hz=tuple(sorted({round(line_hz, 1) for line_hz in lines_hz})),
+        text=(
+            f"{name} swings by {amplitude:.2g} {CHANNEL_BY_NAME[name].unit} at {at}, in {len(line)} of {len(group)}"
+            " trials: no effect of the catalogue does that"
+        ),
+    )
+
+
+def _common_bursts(trials: Sequence[OffStroke]) -> Iterator[Finding]:
+    """In air as well: a knot in the wood strikes too. Those of one sensor alone are its own (`foreign_bursts`)."""
+    struck = {t.label: [n for n, found in t.struck.items() if found.share > LEAST_STRUCK] for t in trials}
+    hit = [t for t in trials if struck[t.label]]
+    idle, hit_idle = [t for t in trials if t.is_idle], [t for t in hit if t.is_idle]
+    if not idle or len(hit_idle) < IN_MOST * len(idle) or len(hit) < max(IN_MOST * len(trials), _FEWEST_TRIALS):
+        return
+    if foreign_bursts(trials):
+        return
+    channels = sorted({name for t in hit for name in struck[t.label]})
+    yield Finding(
+        log_evidence=_MOST_PER_TRIAL * len(hit),
+        channel=max(
+            channels, key=lambda name: float(np.median([t.struck[name].share for t in hit if name in t.struck]))
+        ),
+        text=(
+            f"bursts in {', '.join(channels)}, in {len(hit)} of {len(trials)} trials, in air too: interference, or"
+            " blows that no effect of the catalogue gives"
+        ),
+    )
+
+
+def fixed_lines(trials: Sequence[OffStroke]) -> list[Line]:
+    """Lines at a fixed frequency that one sensor picks up, in most of the trials that could show them.
+
+    Parameters
+    ----------
+    trials : sequence of OffStroke
+
+    Returns
+    -------
+    list of Line
+        By channel, the strongest first; without what two currents or voltages share, which the machine does.
+    """
+    found = []
+    for name in sorted({name for t in trials for _, name in t.peaks}):
+        left = [p for t in trials for p in t.peaks.get(("time", name), ()) if p.power > _LEAST_POWER]
+        while left:
+            wanted = max(left, key=lambda p: p.power)
+            left = [p for p in left if abs(p.place - wanted.place) >= _tolerance(p, wanted)]
+            same = _at(trials, "time", name, wanted)
+            if len(same) < _enough(trials, "time", wanted) or not _keeps_its_frequency(same):
+                continue
+            if _is_no_pickup(trials, "time", name, same):
+                continue
+            amplitude = float(np.median([p.amplitude for _, p in same]))
+            place = float(np.median([p.place for _, p in same]))
+            found.append(Line(channel=name, frequency_hz=place, amplitude=amplitude))
+    return found
+
+
+def _keeps_its_frequency(line: Sequence[tuple[OffStroke, Peak]]) -> bool:
+    """Trials agree on the frequency better than on the cycles a stroke."""
+    places = np.array([p.place for _, p in line])
+    orders = places / np.array([t.rate_hz for t, _ in line])
+    return bool(places.std() / places.mean() < orders.std() / orders.mean())

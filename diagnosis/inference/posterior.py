@@ -1,0 +1,264 @@
+"""Probabilities over effects, effects together, "parameters", "no_gap" and "unknown"."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.credit import with_credit
+from sawbench.diagnosis.inference.dispersion import columns_with_noise, noise_factor, with_noise
+from sawbench.diagnosis.inference.evidence import (
+    Catalogue,
+    Column,
+    Explanation,
+    background,
+    catalogue_columns,
+    little_of_each,
+)
+from sawbench.diagnosis.inference.forming import Forming
+from sawbench.diagnosis.inference.hypothesis import Hypothesis, Verdict
+from sawbench.diagnosis.inference.left_over import left_by, left_over
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.diagnosis.inference.off_stroke import Finding, off_stroke_finding
+from sawbench.diagnosis.inference.size import together
+from sawbench.diagnosis.inference.stroke_evidence import StrokesSay, sized_by_strokes, strokes_say, with_strokes
+from sawbench.diagnosis.inference.unnamed import beyond_catalogue, unnamed
+from sawbench.diagnosis.inference.weighing import weigh
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Posterior:
+    """What the evidence says.
+
+    Attributes
+    ----------
+    hypotheses : tuple of Hypothesis
+        With their probabilities, most likely first; they sum to 1.
+    explanations : tuple of Explanation
+        Of every single effect, most evidence first.
+    strokes : dict of str to StrokesSay
+        What the single strokes say, by effect.
+    off_stroke : Finding or None
+        What is asynchronous with the stroke and no scatter: evidence for "unknown".
+    resembles : str
+        Strongest evidence for "unknown"; empty for a gap of no particular form.
+    dispersion : ndarray, shape (n,)
+        Factor on the noise's variance of every feature: 1 where the best effect explains the gap as an intact machine
+        is explained.
+    little : dict of str to ndarray, shape (n, q)
+        Nuisance columns of the background effects, times their prior standard deviation.
+    """
+
+    hypotheses: tuple[Hypothesis, ...]
+    explanations: tuple[Explanation, ...]
+    strokes: dict[str, StrokesSay]
+    off_stroke: Finding | None
+    resembles: str
+    dispersion: Floats
+    little: dict[str, Floats]
+
+    @property
+    def best(self) -> Hypothesis:
+        """The most likely one."""
+        return self.hypotheses[0]
+
+    @property
+    def verdict(self) -> Verdict:
+        """Of the most likely one."""
+        return self.best.verdict
+
+    @property
+    def claims(self) -> tuple[Hypothesis, ...]:
+        """Those that name effects."""
+        return tuple(h for h in self.hypotheses if h.effects)
+
+    def of(self, name: str) -> Hypothesis:
+        """Look one up by its name."""
+        return next(h for h in self.hypotheses if h.name == name)
+
+    @property
+    def small(self) -> Floats:
+        """All of `little` side by side, shape (n, q)."""
+        return np.hstack([np.zeros((len(self.dispersion), 0)), *self.little.values()])
+
+
+def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior:
+    """Weigh all hypotheses against each other.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    columns : dict of str to list of Column
+        Of `catalogue_columns`.
+
+    Returns
+    -------
+    Posterior
+    """
+    columns = {name: entries for name, entries in columns.items() if entries}
+    plant, settings = problem.campaign.plant, problem.settings
+    little = little_of_each(problem, [entries[0].effect for entries in columns.values()])
+    bench = _bench_of(problem, columns, little)
+    singles, pairs = _singles_and_pairs(bench)
+    campaign = problem.campaign
+    said, wave_in_time = strokes_say(plant.effects, campaign.states, campaign.strokes, settings, plant.known)
+    beside = off_stroke_finding(problem.campaign.off_stroke)
+    beyond = beyond_catalogue(bench.forming, bench.nominal, bench.beyond)
+    nobodys = unnamed(bench.forming, beyond, wave_in_time, beside)
+    resembles = max(nobodys, key=lambda text: nobodys[text])
+    hypotheses = [*_without_effects(bench), *singles, *pairs]
+    hypotheses.append(Hypothesis(other="unknown", log_evidence=nobodys[resembles]))
+    known = {e.name: e for e in plant.effects}
+    for one in said.values():
+        hypotheses = with_strokes(hypotheses, one, known, settings)
+    weighed = weigh(
+        [_resting(bench, h, said) for h in hypotheses],
+        n_effects=len(plant.effects), quiet=problem.quiet, weights=settings.weights,
+    )  # fmt: skip
+    stated = _Stated(problem, columns, bench.dispersion, said)
+    explanations = stated.singles(singles, no_gap=hypotheses[0])
+    return Posterior(
+        hypotheses=tuple(stated.members(h, explanations) for h in weighed),
+        explanations=tuple(explanations.values()),
+        strokes=said,
+        off_stroke=beside,
+        resembles=resembles if nobodys[resembles] > 0.0 else "",
+        dispersion=bench.dispersion,
+        little=little,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Bench:
+    """A problem whose noise is scaled to the residual of the best effects, and what is weighed on it."""
+
+    problem: LinearProblem
+    dispersion: Floats
+    catalogue: Catalogue
+    beyond: dict[str, list[Column]]
+    nominal: Marginal
+    forming: Forming
+
+
+def _bench_of(problem: LinearProblem, columns: dict[str, list[Column]], little: Mapping[str, Floats]) -> _Bench:
+    plant = problem.campaign.plant
+    beyond = catalogue_columns(problem, plant.beyond_catalogue)
+    ordinary = background(problem, [e for e in plant.beyond_catalogue if e.background])
+    catalogue = Catalogue(columns, problem.data)
+    dispersion = noise_factor(problem, catalogue, Catalogue(beyond, problem.data))
+    if dispersion.max() > 1.0:
+        problem = with_noise(problem, dispersion)
+        columns, beyond = (columns_with_noise(problem, found, dispersion) for found in (columns, beyond))
+        catalogue = Catalogue(columns, problem.data)
+    # Background effects are scaled twice: noise that large already holds them.
+    share = 1.0 / np.sqrt(dispersion)[:, None]
+    small = np.hstack([*(share**2 * found for found in little.values()), share * ordinary])
+    nominal = Marginal(problem, extra=small)
+    forming = Forming(problem, small, nominal.log_evidence, dispersion)
+    return _Bench(
+        problem=problem, dispersion=dispersion, catalogue=catalogue, beyond=beyond, nominal=nominal, forming=forming
+    )
+
+
+def _without_effects(bench: _Bench) -> list[Hypothesis]:
+    """Build "no_gap" and "parameters"."""
+    problem, forming = bench.problem, bench.forming
+    retuned = Marginal(problem, scale=problem.wide_scale, extra=forming.small)
+    return [
+        Hypothesis(
+            other="no_gap", log_evidence=0.0, left_over=left_over(problem, bench.dispersion, bench.nominal)
+        ),
+        Hypothesis(
+            other="parameters", log_evidence=retuned.log_evidence - forming.reference,
+            left_over=left_over(problem, bench.dispersion, retuned),
+        ),
+    ]  # fmt: skip
+
+
+def _singles_and_pairs(bench: _Bench) -> tuple[list[Hypothesis], list[Hypothesis]]:
+    """Weigh every effect, the best ones with what their forms may miss, and pairs of these with any other."""
+    numbers, catalogue = bench.problem.settings.forms, bench.catalogue
+    found = (with_credit(bench.problem, bench.nominal, e) for e in catalogue.explain(bench.nominal).values())
+    rough = sorted(found, key=lambda e: -e.log_evidence)
+    formed = [bench.forming.single(e, catalogue.columns[e.effect.name]) for e in rough[: numbers.n_formed]]
+    given = {e.effect.name: _in_either_shape(e, column) for e, column in formed}
+    explanations = [*(e for e, _ in formed), *rough[numbers.n_formed :]]
+    explanations.sort(key=lambda e: -e.log_evidence)
+    firsts = [e for e in explanations if e.effect.name in given][: numbers.n_first]
+    singles = [
+        Hypothesis(
+            effects=(e.effect.name,), members=(e,), log_evidence=e.log_evidence,
+            left_over=left_over(bench.problem, bench.dispersion, bench.nominal, e),
+        )
+        for e in explanations
+    ]  # fmt: skip
+    return singles, bench.forming.pairs(firsts, given, catalogue)
+
+
+def _in_either_shape(explanation: Explanation, formed: Column) -> list[Floats]:
+    """Columns of any size for the shape that is best as it is, and for the one that is best with what it may miss.
+
+    Which of them is nature's shows only once the other effect is there too.
+    """
+    shapes = [explanation.column] if explanation.column is formed else [explanation.column, formed]
+    return [column.columns * explanation.effect.strength.high for column in shapes]
+
+
+def _resting(bench: _Bench, hypothesis: Hypothesis, said: Mapping[str, StrokesSay]) -> Hypothesis:
+    """Hypothesis that rests on single strokes: what forms miss is not shared, and mean strokes know trends alone."""
+    if not hypothesis.is_by_strokes:
+        return hypothesis
+    left = hypothesis.left_over
+    if len(hypothesis.effects) > 1 and not np.isfinite(left):
+        shown = [m for m in hypothesis.members if m.effect.name not in said or said[m.effect.name].is_whole]
+        left = left_by(bench.problem, bench.dispersion, bench.forming.small, shown)
+    return replace(hypothesis, shared=0.0, left_over=left)
+
+
+class _Stated:
+    """States explanations by the noise as it was measured, with the sizes that the report gives."""
+
+    def __init__(
+        self, problem: LinearProblem, columns: Mapping[str, Sequence[Column]], dispersion: Floats,
+        said: Mapping[str, StrokesSay],
+    ) -> None:  # fmt: skip
+        self._problem, self._columns, self._dispersion, self._said = problem, columns, dispersion, said
+
+    def singles(self, singles: Sequence[Hypothesis], *, no_gap: Hypothesis) -> dict[str, Explanation]:
+        """Every effect alone, in the order given."""
+        quiet, found = self._problem.quiet, {}
+        for h in singles:
+            sized = uncertain_by_left_over(h.members[0], h.left_over, no_gap=no_gap.left_over, quiet=quiet)
+            found[h.name] = sized_by_strokes(self._undispersed(sized), self._said)
+        return found
+
+    def members(self, hypothesis: Hypothesis, alone: Mapping[str, Explanation]) -> Hypothesis:
+        """Members as they are alone, or found beside each other."""
+        if not hypothesis.is_fitted_together:
+            return replace(hypothesis, members=tuple(alone[name] for name in hypothesis.effects))
+        members = [self._undispersed(m) for m in hypothesis.members]
+        beside = together(self._problem, members, dispersion=self._dispersion)
+        return replace(hypothesis, members=tuple(sized_by_strokes(m, self._said) for m in beside))
+
+    def _undispersed(self, explanation: Explanation) -> Explanation:
+        shapes = self._columns[explanation.effect.name]
+        column = next(c for c in shapes if c.shape == explanation.column.shape)
+        return replace(explanation, column=column, contribution=np.sqrt(self._dispersion) * explanation.contribution)
+
+
+def uncertain_by_left_over(explanation: Explanation, left: float, *, no_gap: float, quiet: float) -> Explanation:
+    """A form that leaves much of the gap is not nature's: half of that share, in amplitude, is uncertain.
+
+    Parameters
+    ----------
+    explanation : Explanation
+    left, no_gap : float
+        Whitened misfit over the number of features, of the effect and of the nominal model.
+    quiet : float
+        That of an intact machine.
+    """
+    rest = max(left - quiet, 0.0)
+    share = 0.5 * float(np.sqrt(rest / max(no_gap - quiet, rest, 1e-12)))
+    return replace(explanation, form_share=max(explanation.form_share, share))

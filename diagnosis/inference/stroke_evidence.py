@@ -1,0 +1,183 @@
+"""What single strokes say for or against effects that mean strokes hardly show, and how it joins the evidence of those.
+
+How strokes bear on an effect the effect says itself (`modeling.effects.strokes`): a wave along the feed path, or a
+trend over blade life and from trial to trial.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from sawbench.diagnosis.inference.evidence import Explanation
+from sawbench.diagnosis.inference.hypothesis import Hypothesis
+from sawbench.diagnosis.inference.settings import Settings, Strokes
+from sawbench.diagnosis.inference.stroke_series import StrokeSeries, StrokeSpectra
+from sawbench.diagnosis.inference.stroke_trend import blocks_of, trend_evidence
+from sawbench.modeling.effects.effect import Effect
+from sawbench.modeling.effects.known import KnownEffect
+from sawbench.modeling.effects.strokes import StrokeTrend, StrokeWave
+from sawbench.modeling.state import State
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class StrokesSay:
+    """What single strokes say of one effect.
+
+    Attributes
+    ----------
+    effect : Effect
+    alone : float
+        Log evidence of the strokes where nothing else makes the cut harder or softer.
+    beside_cutting : float
+        Where another effect may.
+    size, size_std : float
+        Of the reported parameter.
+    is_whole : bool
+        Strokes know all of the effect: where they speak against it, what mean strokes say for it comes of something
+        else.
+    words : str
+        What was found, for the report; empty where the size says it all.
+    """
+
+    effect: Effect
+    alone: float
+    beside_cutting: float
+    size: float
+    size_std: float
+    is_whole: bool
+    words: str = ""
+
+    def beside(self, others: Sequence[Effect]) -> float:
+        """Log evidence of the strokes beside other effects."""
+        return self.beside_cutting if any(e.bends_hardness for e in others) else self.alone
+
+
+def strokes_say(
+    effects: Sequence[Effect],
+    states: Sequence[State],
+    strokes: Sequence[StrokeSeries],
+    settings: Settings,
+    known: Sequence[KnownEffect] = (),
+) -> tuple[dict[str, StrokesSay], float]:
+    """Weigh every effect on which single strokes bear.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+    states : sequence of State
+        They say how far the blade had cut and how fast it ran.
+    strokes : sequence of StrokeSeries
+    settings : Settings
+    known : sequence of KnownEffect
+        What the model holds already of how the hardness changes.
+
+    Returns
+    -------
+    said : dict of str to StrokesSay
+        By effect, waves before trends; without those of which the strokes say nothing.
+    wave_in_time : float
+        Log evidence of a wave of the hardness at one frequency in Hz: not the wood's.
+    """
+    spectra = StrokeSpectra(strokes) if strokes else None
+    if spectra is None:
+        return {}, 0.0
+    said: dict[str, StrokesSay] = {}
+    for effect in effects:
+        if isinstance(effect.strokes, StrokeWave):
+            wave = spectra.wave(effect.strokes)
+            said[effect.name] = StrokesSay(
+                effect=effect, alone=wave.log_evidence, beside_cutting=wave.log_evidence, size=wave.depth,
+                size_std=settings.strokes.depth_step * wave.depth, is_whole=False,
+                words=effect.strokes.words.format(wavelength_mm=1e3 * wave.wavelength_m),
+            )  # fmt: skip
+    trends = {e.name: e.strokes for e in effects if isinstance(e.strokes, StrokeTrend)}
+    by_name = {e.name: e for e in effects}
+    for name, trend in trend_evidence(blocks_of(states, strokes, known), trends, settings.strokes).items():
+        said[name] = StrokesSay(
+            effect=by_name[name], alone=trend.alone, beside_cutting=trend.beside_cutting, size=trend.size,
+            size_std=trend.size_std, is_whole=True,
+        )  # fmt: skip
+    return said, spectra.wave_in_time()
+
+
+def with_strokes(
+    hypotheses: Sequence[Hypothesis], said: StrokesSay, known: Mapping[str, Effect], settings: Settings
+) -> list[Hypothesis]:
+    """Add what single strokes say of one effect to all hypotheses that hold it, and hold it beside the best others.
+
+    Parameters
+    ----------
+    hypotheses : sequence of Hypothesis
+    said : StrokesSay
+    known : mapping of str to Effect
+        All effects of the machine.
+    settings : Settings
+
+    Returns
+    -------
+    list of Hypothesis
+        Where the second effect rests on the strokes, what the first one's form misses does not look like it.
+    """
+    effect, numbers = said.effect.name, settings.strokes
+    evidence = {h.effects: h.log_evidence for h in hypotheses}
+    if (effect,) not in evidence:
+        return list(hypotheses)
+    joined: dict[tuple[str, ...], Hypothesis] = {h.effects or (h.name,): h for h in hypotheses}
+    for h in hypotheses:
+        if effect not in h.effects:
+            continue
+        rest = h.without(effect)
+        nats = said.beside([known[name] for name in rest])
+        value = h.log_evidence
+        if said.is_whole and nats < numbers.against:
+            value = min(value, evidence.get(rest, 0.0) if rest else 0.0)
+        joined[h.effects] = replace(
+            h, log_evidence=value + _counted(nats, numbers, is_whole=said.is_whole),
+            is_by_strokes=h.is_by_strokes or nats > 0.0 or not said.is_whole,
+        )  # fmt: skip
+    singles = sorted((h for h in hypotheses if len(h.effects) == 1), key=lambda h: -h.log_evidence)
+    alone = next(h for h in singles if h.effects == (effect,))
+    for h in [h for h in singles if h is not alone][: settings.forms.n_first]:
+        nats = said.beside([known[name] for name in h.effects])
+        if said.is_whole and nats <= 0.0:
+            continue
+        both = sorted((alone, h), key=lambda one: one.effects)
+        fresh = Hypothesis(
+            effects=tuple(name for one in both for name in one.effects), is_by_strokes=True,
+            members=tuple(member for one in both for member in one.members),
+            log_evidence=h.log_evidence + _counted(nats, numbers, is_whole=said.is_whole),
+        )  # fmt: skip
+        before = joined.get(fresh.effects, fresh)
+        joined[fresh.effects] = replace(
+            before, log_evidence=max(before.log_evidence, fresh.log_evidence), is_by_strokes=True
+        )
+    return list(joined.values())
+
+
+def _counted(nats: float, numbers: Strokes, *, is_whole: bool) -> float:
+    """Log evidence of strokes in nats of whitened features, less the price of a trend."""
+    return numbers.weight * nats - (numbers.price if is_whole and nats > 0.0 else 0.0)
+
+
+def sized_by_strokes(explanation: Explanation, said: Mapping[str, StrokesSay]) -> Explanation:
+    """Magnitude of an effect from the single strokes, where they carry it; mean strokes hold little of it.
+
+    Parameters
+    ----------
+    explanation : Explanation
+    said : mapping of str to StrokesSay
+
+    Returns
+    -------
+    Explanation
+        With the depth of a wave or the size of a trend; others as they were.
+    """
+    effect = explanation.effect
+    found = said.get(effect.name)
+    if found is None or found.beside_cutting <= 0.0:
+        return explanation
+    size, std = found.size / effect.strength.typical, found.size_std / effect.strength.typical
+    if found.is_whole:
+        return replace(explanation, mixture=(size, std), form_share=0.0)
+    return replace(explanation, amplitude=size, amplitude_std=std)

@@ -1,0 +1,225 @@
+"""How the wood's hardness changes over blade life and feed, from single strokes: a worn blade, a chip's thickness.
+
+Both only scale the cutting force, slowly or from trial to trial, and so they hide in what pieces of wood differ by.
+Their whole evidence lies in one number a stroke, whose noise is known from the strokes themselves: scatter with memory
+within a trial, and a piece of wood of its own in each. So the likelihood is that of a mixed model without any form but
+the effect's own, and it needs hardly any tempering, which the features of all channels do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.settings import SETTINGS, Strokes
+from sawbench.diagnosis.inference.stroke_series import StrokeSeries
+from sawbench.diagnosis.log_mean import log_mean_exp, log_mean_exp_rows
+from sawbench.modeling.effects.known import KnownEffect
+from sawbench.modeling.effects.strokes import StrokeTrend
+from sawbench.modeling.state import State
+
+# Strokes are averaged over a block of that many; what a wood remembers for longer is fitted as memory of the blocks.
+_BLOCK = 20
+_MIN_TRIALS = 3
+# Size of a block's scatter as a multiple of what trials show about their trend, memory from block to block, and scatter
+# from piece to piece: all are averaged over.
+_SCATTERS = (0.8, 1.0, 1.25, 1.6)
+_MEMORIES = (0.0, 0.3, 0.6, 0.85)
+_PIECES = (0.012, 0.025, 0.045, 0.07)
+# Standard deviation of the hardness of a stock (logarithm): not asked for.
+_STOCK_STD = 3.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Blocks:
+    """Hardness averaged over blocks of strokes, all trials one after the other.
+
+    Attributes
+    ----------
+    log_k, distance_m, log_speed, log_feed : ndarray, shape (n,)
+        Speed and feed over their means.
+    trial, stock : ndarray of int, shape (n,)
+    """
+
+    log_k: Floats
+    distance_m: Floats
+    log_speed: Floats
+    log_feed: Floats
+    trial: np.ndarray
+    stock: np.ndarray
+
+
+def blocks_of(
+    states: Sequence[State], strokes: Sequence[StrokeSeries], known: Sequence[KnownEffect] = ()
+) -> Blocks | None:
+    """Average the strokes of every cutting trial.
+
+    Parameters
+    ----------
+    states : sequence of State
+        They say how far the blade had cut and how fast it ran.
+    strokes : sequence of StrokeSeries
+    known : sequence of KnownEffect
+        Trends among them are taken off.
+
+    Returns
+    -------
+    Blocks or None
+        None where fewer than three trials can be used.
+    """
+    running = {s.setting.label: s for s in states if s.kind == "running" and not s.setting.is_idle}
+    stocks = {name: k for k, name in enumerate(dict.fromkeys(s.setting.stock for s in running.values()))}
+    trials: list[Floats] = []
+    for series in strokes:
+        state = running.get(series.label)
+        n = 0 if state is None else len(series.k_n_s_per_m) // _BLOCK
+        if state is None or n < 2:
+            continue
+        cut = slice(0, n * _BLOCK)
+        hardness = series.k_n_s_per_m[cut].reshape(n, _BLOCK).mean(axis=1)
+        if not np.all(hardness > 0.0):
+            continue
+        at_s = series.time_s[cut].reshape(n, _BLOCK).mean(axis=1)
+        known_s = state.time_s[:, 0]
+        distance = np.interp(at_s, known_s, state.cut_distance_m[:, 0])
+        speed = np.interp(at_s, known_s, state.speed_rad_s.mean(axis=1))
+        same = [np.full(n, v) for v in (np.log(series.feed_m_s), len(trials), stocks[state.setting.stock])]
+        trials.append(np.column_stack([np.log(hardness), distance, np.log(speed), *same]))
+    if len(trials) < _MIN_TRIALS:
+        return None
+    log_k, distance, log_speed, log_feed, trial, stock = np.vstack(trials).T
+    distance = np.maximum(distance, 0.0)
+    log_speed, log_feed = log_speed - log_speed.mean(), log_feed - log_feed.mean()
+    for one in known:
+        if isinstance(one.effect.strokes, StrokeTrend):
+            log_k = log_k - one.effect.strokes.log_change(distance, log_feed - log_speed, one.value, **one.form)
+    return Blocks(
+        log_k=log_k,
+        distance_m=distance,
+        log_speed=log_speed,
+        log_feed=log_feed,
+        trial=trial.astype(int),
+        stock=stock.astype(int),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Trend:
+    """Log evidence of a trend of the hardness against a wood that only scatters.
+
+    Attributes
+    ----------
+    alone : float
+        Where nothing else makes the cut harder or softer.
+    beside_cutting : float
+        Where another effect of the cut or of a sensor may act: hardness is free to go with a power of the speed, and of
+        the feed unless the trend itself does.
+    size, size_std : float
+        Mean and standard deviation of the reported parameter, hardness as free as beside another effect.
+    """
+
+    alone: float
+    beside_cutting: float
+    size: float
+    size_std: float
+
+
+def trend_evidence(
+    blocks: Blocks | None, trends: Mapping[str, StrokeTrend], numbers: Strokes = SETTINGS.strokes
+) -> dict[str, Trend]:
+    """Weigh trends by the hardness of the strokes; hardness of each stock is free.
+
+    Parameters
+    ----------
+    blocks : Blocks or None
+        Of `blocks_of`.
+    trends : mapping of str to StrokeTrend
+        By effect.
+    numbers : Strokes
+
+    Returns
+    -------
+    dict of str to Trend
+        By effect; empty without blocks.
+    """
+    if blocks is None or not trends:
+        return {}
+    changes = {name: _changes(blocks, trend) for name, trend in trends.items()}
+    free, little = numbers.free_std, numbers.little_std
+    alone = _log_odds(blocks, changes, speed_std=little, feed_std=little)
+    beside: dict[str, Floats] = {}
+    for goes_with_feed in (False, True):
+        chosen = {name: changes[name] for name, trend in trends.items() if trend.goes_with_feed == goes_with_feed}
+        beside |= _log_odds(blocks, chosen, speed_std=free, feed_std=little if goes_with_feed else free)
+    found = {}
+    for name, trend in trends.items():
+        size, size_std = _moments(beside[name], np.tile(trend.sizes, len(trend.shapes)))
+        found[name] = Trend(
+            alone=log_mean_exp(alone[name]), beside_cutting=log_mean_exp(beside[name]), size=size, size_std=size_std
+        )
+    return found
+
+
+def _changes(blocks: Blocks, trend: StrokeTrend) -> Floats:
+    """Change of the log hardness for every form and size, shape (forms * sizes, n)."""
+    thickness = blocks.log_feed - blocks.log_speed
+    return np.array(
+        [
+            trend.log_change(blocks.distance_m, thickness, size, **shape)
+            for shape, size in product(trend.shapes, trend.sizes)
+        ]
+    )
+
+
+def _log_odds(blocks: Blocks, means: Mapping[str, Floats], *, speed_std: float, feed_std: float) -> dict[str, Floats]:
+    """Log likelihood of each effect's means, shape (forms, n), against none, shape (forms,)."""
+    if not means:
+        return {}
+    none = np.zeros((1, len(blocks.log_k)))
+    logs = _log_likelihoods(blocks, np.vstack([none, *means.values()]), speed_std=speed_std, feed_std=feed_std)
+    ends = np.cumsum([1, *(len(mean) for mean in means.values())])
+    return {name: part - logs[0] for name, part in zip(means, np.split(logs, ends[:-1])[1:], strict=True)}
+
+
+def _moments(logs: Floats, values: Floats) -> tuple[float, float]:
+    """Mean and standard deviation of values that are as likely as the logarithms say."""
+    weight = np.exp(logs - logs.max())
+    mean = float(np.average(values, weights=weight))
+    return mean, float(np.sqrt(np.average((values - mean) ** 2, weights=weight)))
+
+
+def _log_likelihoods(blocks: Blocks, means: Floats, *, speed_std: float, feed_std: float) -> Floats:
+    """Of the mixed model with each mean, shape (len(means), n), averaged over what is not known of the noise."""
+    from scipy.linalg import solve_triangular
+
+    same_trial = blocks.trial[:, None] == blocks.trial
+    same_stock = blocks.stock[:, None] == blocks.stock
+    free = _STOCK_STD**2 * same_stock.astype(np.float64)
+    free += speed_std**2 * np.outer(blocks.log_speed, blocks.log_speed)
+    free += feed_std**2 * np.outer(blocks.log_feed, blocks.log_feed)
+    place = np.arange(len(blocks.trial))
+    lag = np.abs(place[:, None] - place)
+    variance = _scatter_within(blocks)
+    rest = (blocks.log_k - means).T
+    found = []
+    for scatter, memory, piece in product(_SCATTERS, _MEMORIES, _PIECES):
+        within = np.where(same_trial, memory**lag, 0.0) * variance * scatter**2
+        root = np.linalg.cholesky(free + piece**2 * same_trial + within)
+        half = solve_triangular(root, rest, lower=True)
+        found.append(-0.5 * np.sum(half**2, axis=0) - np.sum(np.log(np.diag(root))))
+    return log_mean_exp_rows(np.array(found).T)
+
+
+def _scatter_within(blocks: Blocks) -> float:
+    """Variance of the blocks about the line through those of their trial."""
+    squares, degrees = 0.0, 0
+    for trial in range(int(blocks.trial.max()) + 1):
+        values = blocks.log_k[blocks.trial == trial]
+        count = np.arange(len(values))
+        if len(values) > 2:
+            squares += float(np.sum((values - np.polyval(np.polyfit(count, values, 1), count)) ** 2))
+            degrees += len(values) - 2
+    return max(squares / max(degrees, 1), 1e-6)

@@ -1,0 +1,81 @@
+"""What the processing knows of every channel of a trial, as far as the report names it among the signals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from sawbench.bench.processed import ProcessedTrial
+from sawbench.bench.recording import Signal
+from sawbench.bench.units import CHANNEL_BY_NAME
+
+_MOST_SAMPLES = 20_000
+# Successive samples that are equal: of white noise it is 0.28 where the step is one standard deviation.
+_EQUAL = 0.3
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ChannelHealth:
+    """Health of one channel of one trial.
+
+    Attributes
+    ----------
+    channel : str
+    seconds, rate_hz : float
+        Length, and samples a second.
+    noise : float
+        Standard deviation of the white noise, in the channel's unit.
+    step : float
+        Of the converter, in the channel's unit, where it is coarser than the noise; else 0.
+    spikes : int
+        Left out by the processing.
+    missing_share, jitter_share : float
+        Samples that are missing, of all; standard deviation of the sample's time, of the sample period.
+    """
+
+    channel: str
+    seconds: float
+    rate_hz: float
+    noise: float
+    step: float
+    spikes: int
+    missing_share: float
+    jitter_share: float
+
+
+def channel_health(trial: ProcessedTrial) -> tuple[ChannelHealth, ...]:
+    """Health of every known channel of a trial.
+
+    Parameters
+    ----------
+    trial : ProcessedTrial
+
+    Returns
+    -------
+    tuple of ChannelHealth
+    """
+    return tuple(
+        ChannelHealth(
+            channel=q.channel,
+            seconds=q.n_samples / q.rate_hz,
+            rate_hz=q.rate_hz,
+            noise=q.noise_std,
+            step=_coarse_step(trial.channels[q.channel]),
+            spikes=q.n_spikes,
+            missing_share=q.n_missing / max(q.n_samples + q.n_missing, 1),
+            # An interval holds the errors of two times.
+            jitter_share=q.jitter_std_s * q.rate_hz / np.sqrt(2.0),
+        )
+        for q in trial.quality
+        if q.channel in CHANNEL_BY_NAME and q.channel in trial.channels and q.rate_hz > 0
+    )
+
+
+def _coarse_step(signal: Signal) -> float:
+    """Step between neighbouring values in the middle of a recording, where it hides the noise."""
+    middle = len(signal.values) // 2
+    values = signal.values[max(middle - _MOST_SAMPLES // 2, 0) : middle + _MOST_SAMPLES // 2]
+    change = np.abs(np.diff(values))
+    if not change.any() or np.mean(change == 0.0) < _EQUAL:
+        return 0.0
+    return float(change[change > 1e-9 * float(np.ptp(values))].min())

@@ -1,1 +1,0 @@
-"""Batteries: open-circuit voltage and inner resistance over the state of charge."""

@@ -1,1 +1,0 @@
-"""Converters between battery and motor, and the ways they are driven."""

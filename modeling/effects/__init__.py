@@ -1,0 +1,1 @@
+"""What a model may leave out: one file an effect."""

@@ -1,0 +1,72 @@
+"""The blade (with clamp and workpiece) gives way: F + (k / k_b) dF/dt = k v, k_b its stiffness along the cut.
+
+The force lags the velocity by k/k_b and decays after the reversal; stiffer stock lags longer. The reading
+is the true force, so current and speed feel the late force too and the mechanical residual stays 0: that
+tells it from a lag of the load cell. Second form: on the way back the retreating plunger unloads the
+spring, until the teeth are free (F >= 0). Axial steel alone would give 1e7 N/m; bending, clamp and carriage
+give 2e4 to 2e6 N/m: assumed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.modeling.effects.effect import Effect, Strength, Words
+from sawbench.modeling.effects.transfer import filtered
+from sawbench.modeling.residuals import Baseline, Signature
+from sawbench.modeling.state import TWO_PI, State
+
+_STIFFNESS_N_PER_M = tuple(float(k) for k in np.geomspace(2e4, 2e6, 16))
+_TURNS_TO_SETTLE = 3
+
+
+def _signature(baseline: Baseline, state: State, stiffness_n_per_m: float, unloads: float) -> tuple[Signature, ...]:
+    tau_s = max(state.k_guess_n_s_per_m / stiffness_n_per_m, 1e-7)
+    force = baseline.expected_force(state)
+    if unloads:
+        drive = state.k_guess_n_s_per_m * baseline.cutting_sign * baseline.blade_velocity(state)
+        return ({"cutting": _unloading(drive, tau_s, state) - force},)
+    return ({"cutting": filtered(force, state, lambda f: 1 / (1 + 2j * np.pi * f * tau_s)) - force},)
+
+
+def _unloading(drive: Floats, tau_s: float, state: State) -> Floats:
+    """Periodic solution of tau dF/dt = drive - F with F >= 0; exact between points where drive is linear."""
+    n_points = drive.shape[-1]
+    step_s = TWO_PI / n_points / state.speed_rad_s
+    step_s = 0.5 * (step_s + np.roll(step_s, 1, axis=-1))
+    before = np.roll(drive, 1, axis=-1)
+    # From one point to the next: F = rise + keep * F before.
+    keep = np.exp(-step_s / tau_s)
+    behind = tau_s * (drive - before) / step_s
+    rise = drive - behind - keep * (before - behind)
+    force, now = np.empty_like(drive), np.zeros(len(drive))
+    for _ in range(_TURNS_TO_SETTLE):
+        for k in range(n_points):
+            now = np.maximum(rise[:, k] + keep[:, k] * now, 0.0)
+            force[:, k] = now
+    return force
+
+
+EFFECT = Effect(
+    name="blade_compliance",
+    place="cutting",
+    equation="F + (k / k_b) * dF/dt = k * v",
+    words=Words(
+        happens="blade, clamp or workpiece give way",
+        measure="how far the blade gives way under a known weight along the cut",
+        mend="clamp shorter and tighter; check the blade's seat",
+    ),
+    parts=("blade",),
+    silent_in=("air", "start_up"),
+    strength=Strength(name="stiffness_n_per_m", unit="N/m", typical=1.0, low=0.7, high=1.4, source="assumed"),
+    signature=_signature,
+    shapes=tuple({"stiffness_n_per_m": k, "unloads": u} for k in _STIFFNESS_N_PER_M for u in (0.0, 1.0)),
+    shape_strength=lambda amplitude, shape: shape["stiffness_n_per_m"] / max(amplitude, 1e-9),
+    carries=("stiffness_n_per_m",),
+    is_pointwise=False,
+    needs=("force_n",),
+    grows_with=("speed", "load"),
+    confused_with=("force_sensor_lag", "clock_offset", "return_stroke_rubbing"),
+    told_apart_by="the motor current: it feels the late force, of a lagging load cell it does not",
+    background=(({"stiffness_n_per_m": 4e6, "unloads": 0.0}, 1.0), ({"stiffness_n_per_m": 4e6, "unloads": 1.0}, 1.0)),
+)

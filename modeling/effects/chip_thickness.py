@@ -1,0 +1,61 @@
+"""Thicker chips cut harder: k grows with feed per stroke, k (h / h_ref)^m, h = feed / stroke rate.
+
+h_ref = 0.3 mm. The gain changes with feed and stroke rate, the shape of the force over the stroke does not.
+Nothing can be said where nobody told the feed. m = 0.4 to 0.9 in wood (tooth forces about h^0.68), assumed.
+A speed exponent changes the shape too; wear grows whatever the feed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.modeling.effects.effect import Effect, Strength, Words
+from sawbench.modeling.effects.strokes import StrokeTrend
+from sawbench.modeling.effects.transfer import stroke_rate_hz
+from sawbench.modeling.residuals import Baseline, Signature
+from sawbench.modeling.state import State
+
+_H_REF_M = 3e-4
+
+
+def _signature(baseline: Baseline, state: State, exponent: float) -> tuple[Signature, ...]:
+    if not state.setting.feed_m_s > 0.0:
+        return ({},)
+    thickness_m = state.setting.feed_m_s / stroke_rate_hz(state)
+    return ({"cutting": baseline.expected_force(state) * ((thickness_m / _H_REF_M) ** exponent - 1.0)},)
+
+
+def _log_change(distance_m: Floats, log_thickness: Floats, size: float) -> Floats:
+    return size * log_thickness
+
+
+EFFECT = Effect(
+    name="chip_thickness",
+    place="cutting",
+    equation="k proportional to (feed / stroke rate)^m",
+    words=Words(
+        happens="the force depends on the thickness of the chip",
+        measure="the force in one piece of wood at three feeds and one speed",
+        mend="nothing is broken; compare trials at equal feed per stroke only",
+    ),
+    parts=("blade",),
+    silent_in=("air", "start_up"),
+    strength=Strength(
+        name="exponent",
+        unit="1",
+        typical=1.0,
+        low=0.6,
+        high=1.5,
+        source="assumed; wood: about 0.68",
+    ),
+    signature=_signature,
+    shapes=tuple({"exponent": m} for m in (0.3, 0.45, 0.6, 0.75, 0.9)),
+    shape_strength=lambda amplitude, shape: amplitude * shape["exponent"],
+    carries=("exponent",),
+    is_pointwise=False,
+    needs=("force_n",),
+    grows_with=("feed", "speed"),
+    confused_with=("cutting_speed_exponent", "blade_wear"),
+    told_apart_by="trials at several feeds",
+    strokes=StrokeTrend(log_change=_log_change, sizes=np.geomspace(0.1, 1.2, 10), goes_with_feed=True),
+)

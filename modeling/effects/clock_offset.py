@@ -1,0 +1,134 @@
+"""One device's clock is late by 0.1 to 10 ms: its channels come as a pure delay, F_m(t) = F(t - tau).
+
+late force         the load cell alone: cutting and (through the reading) mechanical residual
+late CAN           motor current, battery voltage and current together: U - R i - L di/dt is the back-EMF of
+                   tau ago, k_m i the torque of tau ago; the converter stays right
+late displacement  angle and speed of tau ago: force and CAN look early
+
+Positive tau: late. Forms: a constant delay; a delay that drifts over the session (tau at 1000 s, clocks not
+aligned again between trials); one that drifts within each trial (tau at 10 s). No amplitude is lost, unlike
+in a lag. Latencies of USB, serial and CAN chains 0.1 to 10 ms, quartz clocks 10 to 100 ppm: assumed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.modeling.effects.effect import Effect, Strength, Words
+from sawbench.modeling.effects.transfer import AXIS_TIMES_S, filtered, force_error, force_reading
+from sawbench.modeling.residuals import Baseline, Signature
+from sawbench.modeling.state import State
+
+if TYPE_CHECKING:
+    from sawbench.modeling.machines.linear_axis import AxisBaseline, AxisState
+
+FORCE, CAN, DISPLACEMENT = 0.0, 1.0, 2.0
+_SESSION_UNIT_S, _TRIAL_UNIT_S = 1000.0, 10.0
+
+
+def _signature(
+    baseline: Baseline, state: State, device: float, tau_s: float, drifts: float, inverted: float = 0.0
+) -> tuple[Signature, ...]:
+    session_s, trial_s = state.setting.session_s + state.time_s, state.time_s
+    delay_s = tau_s * (1.0, session_s / _SESSION_UNIT_S, trial_s / _TRIAL_UNIT_S)[int(drifts)]
+    if device == FORCE and inverted:
+        return (_undone_force(baseline, state, delay_s),)
+    if device == FORCE:
+        return (_late_force(baseline, state, delay_s),)
+    # Early CAN beside a displacement that sets the time is late CAN with the other sign.
+    found = _late_can(baseline, state, delay_s if device == CAN else -delay_s)
+    if device == DISPLACEMENT:
+        for name, wave in _late_force(baseline, state, -delay_s).items():
+            found[name] = found.get(name, 0.0) + wave
+    return (found,)
+
+
+def _delayed(wave: Floats, state: State, delay_s: Floats | float) -> Floats:
+    return filtered(wave, state, lambda f: np.exp(-2j * np.pi * f * delay_s))
+
+
+def _late_force(baseline: Baseline, state: State, delay_s: Floats | float) -> Signature:
+    return force_reading(baseline, state, _delayed(baseline.expected_force(state), state, delay_s))
+
+
+def _undone_force(baseline: Baseline, state: State, delay_s: Floats | float) -> Signature:
+    """The same from the reading: whatever else is in it came late too."""
+    if state.force_n is None:
+        return {}
+    return force_error(baseline, state, state.force_n - _delayed(state.force_n, state, -delay_s))
+
+
+def _late_can(baseline: Baseline, state: State, delay_s: Floats | float) -> Signature:
+    if state.current_a is None:
+        return {}
+    plant = baseline.plant
+    emf = plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * state.speed_rad_s
+    in_time_a = _delayed(state.current_a, state, -delay_s)
+    return {
+        "electrical": _delayed(emf, state, delay_s) - emf,
+        "mechanical": plant.torque_constant_n_m_per_a.nominal * (state.current_a - in_time_a),
+    }
+
+
+def _shapes() -> tuple[dict[str, float], ...]:
+    constant = [(0.0, tau) for tau in np.geomspace(1e-4, 1e-2, 16)]
+    drifting = [(kind, tau) for kind in (1.0, 2.0) for tau in np.geomspace(3e-4, 3e-2, 8)]
+    found = [
+        {"device": device, "tau_s": float(tau), "drifts": kind}
+        for device in (FORCE, CAN, DISPLACEMENT)
+        for kind, tau in constant + drifting
+    ]
+    undone = [{"device": FORCE, "tau_s": float(tau), "drifts": 0.0, "inverted": 1.0} for _, tau in constant]
+    return tuple(found + undone)
+
+
+def _axis_signature(axis: AxisBaseline, state: AxisState, device: float, tau_s: float) -> tuple[Signature, ...]:
+    if device == FORCE:
+        if state.force_n is None:
+            return ({},)
+        return ({"mechanical": state.force_n - _delayed(state.force_n, state, tau_s)},)
+    required = axis.required_force(state)
+    if device == CAN:
+        return ({"mechanical": _delayed(required, state, tau_s) - required},)
+    motion = required - (0.0 if state.force_n is None else state.force_n)
+    return ({"mechanical": motion - _delayed(motion, state, tau_s)},)
+
+
+def _on_axis(_: AxisBaseline) -> Effect:
+    """Of an axis the devices are the load, the drive and the displacement."""
+    return replace(
+        EFFECT,
+        equation="one device: y_m(t) = y(t - tau)",
+        signature=_axis_signature,
+        shapes=tuple({"device": d, "tau_s": tau} for d in (FORCE, CAN, DISPLACEMENT) for tau in AXIS_TIMES_S),
+        confused_with=("force_sensor_lag", "current_sensor_lag"),
+        told_apart_by="a sweep of the cycle rate; no amplitude is lost",
+        background=None,
+    )
+
+
+EFFECT = Effect(
+    name="clock_offset",
+    place="sensing",
+    equation="channels of one device: y_m(t) = y(t - tau)",
+    words=Words(
+        happens="the clock of one device is late",
+        measure="when one pulse arrives at each device",
+        mend="align the clocks of the devices",
+    ),
+    parts=("clocks",),
+    strength=Strength(name="delay_s", unit="s", typical=1.0, low=0.7, high=1.4, source="assumed"),
+    signature=_signature,
+    shapes=_shapes(),
+    shape_strength=lambda amplitude, shape: amplitude * shape["tau_s"],
+    carries=("tau_s",),
+    is_pointwise=False,
+    grows_with=("speed",),
+    confused_with=("force_sensor_lag", "current_sensor_lag", "blade_compliance"),
+    told_apart_by="every channel of the device by the same time, at several speeds; no amplitude is lost",
+    background=tuple(({"device": d, "tau_s": 1e-4, "drifts": 0.0}, 0.5) for d in (FORCE, CAN, DISPLACEMENT)),
+    variants={"linear_axis": _on_axis},
+)

@@ -1,0 +1,70 @@
+"""A low-pass in the current sensor: tau di_m/dt + i_m = i, 0.1 to 5 ms.
+
+The reading is wrong by i_m - i = -tau di_m/dt, exactly; every equation that uses the reading shows it:
+voltage (R and L times the error), torque (k_m times) and the converter. Two equations in a fixed ratio tell
+it from a parameter error; a late clock delays without loss of amplitude and is silent in the converter.
+Range: amplifiers' and Hall sensors' filters of 30 Hz to 1.6 kHz: assumed.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from sawbench.modeling.effects.effect import Effect, Strength, Words
+from sawbench.modeling.effects.transfer import current_reading, filtered, lag_on_axis, low_pass, time_derivative
+from sawbench.modeling.residuals import Baseline, Signature
+from sawbench.modeling.state import State
+
+if TYPE_CHECKING:
+    from sawbench.modeling.machines.linear_axis import AxisBaseline, AxisState
+
+_TAUS_S = tuple(float(tau) for tau in np.geomspace(1.5e-4, 1e-2, 18))
+
+
+def _signature(baseline: Baseline, state: State, tau_s: float) -> tuple[Signature, ...]:
+    if state.current_rate_a_s is None:
+        return ({},)
+    bend = time_derivative(state.current_rate_a_s, state)
+    return (current_reading(baseline, state, -tau_s * state.current_rate_a_s, -tau_s * bend),)
+
+
+def _axis_signature(_: AxisBaseline, state: AxisState, tau_s: float) -> tuple[Signature, ...]:
+    return ({"mechanical": filtered(state.drive_n, state, low_pass(tau_s)) - state.drive_n},)
+
+
+def _on_axis(_: AxisBaseline) -> Effect:
+    return lag_on_axis(EFFECT, "tau * dy/dt + y = drive", _axis_signature)
+
+
+EFFECT = Effect(
+    name="current_sensor_lag",
+    place="sensing",
+    equation="tau * di_m/dt + i_m = i",
+    words=Words(
+        happens="the motor current is read late and rounded off",
+        measure="a step of the current on this sensor beside a shunt",
+        mend="widen the filter of the current sensor",
+    ),
+    parts=("drive_sensor",),
+    strength=Strength(
+        name="time_constant_s",
+        unit="s",
+        typical=1.0,
+        low=0.7,
+        high=1.4,
+        source="assumed",
+    ),
+    signature=_signature,
+    shapes=tuple({"tau_s": tau} for tau in _TAUS_S),
+    shape_strength=lambda amplitude, shape: amplitude * shape["tau_s"],
+    carries=("tau_s",),
+    is_pointwise=False,
+    needs=("motor_current_a",),
+    grows_with=("speed",),
+    confused_with=("clock_offset",),
+    told_apart_by="the battery current, which does not lag, and a recorded start-up",
+    background=(({"tau_s": 1e-4}, 0.5),),
+    keeps_hardness=True,
+    variants={"linear_axis": _on_axis},
+)

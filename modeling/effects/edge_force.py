@@ -1,0 +1,43 @@
+"""A force of the cutting edge that does not depend on speed: F = F_0 + k v on the cutting half.
+
+Positive amplitude: the force steps up at the reversal, where the baseline rises from 0. The reading is the
+true force. Forms: sharp and smooth onset; one F_0 for all stocks, or in proportion to the thickness, since
+more teeth are in thicker stock: then F_0 is that of 20 mm. A speed exponent bends the curve, an edge force
+shifts it. Mechanistic models of cutting carry such an edge term (Altintas, Manufacturing Automation); 10 to
+40 % of the peak force: assumed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from sawbench.modeling.effects.effect import Effect, Strength, Words
+from sawbench.modeling.effects.stock import stock_share
+from sawbench.modeling.residuals import Baseline, Signature
+from sawbench.modeling.state import State
+
+
+def _signature(baseline: Baseline, state: State, onset_m_s: float, by_stock: float) -> tuple[Signature, ...]:
+    force = np.tanh(baseline.cutting_speed(state) / onset_m_s)
+    if by_stock:
+        force = force * stock_share(state)
+    return ({"cutting": force},)
+
+
+EFFECT = Effect(
+    name="edge_force",
+    place="cutting",
+    equation="F = F_0 + k * v on the cutting half",
+    words=Words(
+        happens="the blade presses with a force that does not depend on its speed",
+        measure="the force at the slowest speed at which the blade still cuts",
+        mend="look for blunt teeth; otherwise the law of cutting is too simple for this material",
+    ),
+    parts=("blade",),
+    silent_in=("air",),
+    strength=Strength(name="force_n", unit="N", typical=40.0, low=0.1, high=4.0, source="assumed"),
+    signature=_signature,
+    shapes=tuple({"onset_m_s": v, "by_stock": s} for v in (0.01, 0.04, 0.12) for s in (0.0, 1.0)),
+    needs=("force_n",),
+    confused_with=("cutting_speed_exponent", "preload_lift_off"),
+    told_apart_by="trials at several speeds",
+)

@@ -1,0 +1,231 @@
+"""What every entry of the catalogue states."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.modeling.effects.strokes import Strokes
+from sawbench.modeling.residuals import Signature
+from sawbench.modeling.state import Memory, State
+
+Place = Literal["electrical", "mechanical", "cutting", "supply", "sensing"]
+GrowsWith = Literal["speed", "load", "time", "position", "feed"]
+# What a machine may be made of, as far as an effect asks for it. `drive` is whatever moves the machine, `load` what it
+# moves against, `joint` a joint between the two that can have play; `drive_sensor` reads the drive's current or force.
+Part = Literal[
+    "motor", "gear", "crank", "scotch_yoke", "slider_crank", "guide", "joint", "drive", "load", "blade", "converter",
+    "battery", "carriage", "load_cell", "drive_sensor", "clocks", "linear_drive", "moving_mass",
+]  # fmt: skip
+Phase = Literal["air", "start_up"]
+# (baseline, state, shape) -> one Signature, or two where a phase is free (sine and cosine part).
+SignatureFunction = Callable[..., tuple[Signature, ...]]
+
+
+# Every effect of the catalogue may be there a little without being "the" cause: one standard deviation of that, as a
+# share of its typical size.
+BACKGROUND_SHARE = 0.05
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Strength:
+    """The parameter that says how strong the effect is.
+
+    Attributes
+    ----------
+    name, unit : str
+        As in the report.
+    typical : float
+        A usual size, in `unit`.
+    low, high : float
+        Sizes that occur, as multiples of `typical`; the prior is log-uniform between them. Where the strength
+        is a number inside a nonlinear form (see `Effect.shapes`), both are near 1.
+    source : str
+        Where range and typical size come from; "assumed" where nobody measured it.
+    """
+
+    name: str
+    unit: str
+    typical: float
+    low: float
+    high: float
+    source: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Words:
+    """The effect for a technician.
+
+    Attributes
+    ----------
+    happens : str
+        Goes on from "the model leaves out that".
+    measure : str
+        What to measure at the machine itself, apart from any trial, that shows it.
+    mend : str
+        What to do about it.
+    """
+
+    happens: str
+    measure: str
+    mend: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Effect:
+    """One unmodelled effect: what it adds to the residuals of the baseline.
+
+    Attributes
+    ----------
+    name : str
+        The id of the catalogue.
+    place : Place
+        Equation of the report that it violates.
+    equation : str
+        The term it adds, in words and symbols.
+    words : Words, optional
+        Every entry of the catalogue has them.
+    parts : tuple of Part
+        Parts that a machine must have to show it.
+    silent_in : tuple of {"air", "start_up"}
+        Phases in which it adds nothing, in whatever form.
+    strength : Strength
+    signature : callable
+        (baseline, state, **shape) -> the change of the residuals, "measured minus baseline", per unit of
+        `strength` (1 for shapes that carry the strength themselves). Several of them where a phase is free.
+    n_signatures : callable
+        Shape -> how many signatures it has.
+    shapes : tuple of dict
+        Functional forms and nonlinear parameters to marginalise over; all equally likely.
+    shape_strength : callable, optional
+        (amplitude, shape) -> value of the reported parameter, where it is not the amplitude itself.
+    carries : tuple of str
+        Numbers of a form that are the strength itself; the amplitude is then 1 or near it.
+    form_names : mapping of str to dict
+        Names that the field has for some of the forms.
+    scales : tuple of str
+        Attributes of the state or of the model that a form is stated relative to.
+    is_pointwise : bool
+        What it adds at one instant follows from that instant (and from slow states); else it takes a whole stroke.
+    memories : tuple of Memory
+        Slow states that its forms read.
+    needs : tuple of str
+        Channels without which it cannot be seen at all.
+    grows_with : tuple of str
+    confused_with : tuple of str
+        Ids it is easily taken for.
+    told_apart_by : str
+        What an experiment must vary to tell it from those.
+    background : tuple of (shape, float), optional
+        Shapes that stand for a little of it, each with its standard deviation as a multiple of the typical size;
+        without them 5 % of the first shape.
+    combine : callable, optional
+        (baseline, state, coefficients, **shape) -> the sum of the signatures times coefficients, where that is cheaper
+        than signature by signature.
+    size_of : callable, optional
+        Coefficients of the columns, in multiples of the typical size -> size of the effect; without it the one
+        coefficient, or the root of the sum of squares of the first two (sine and cosine).
+    leading : int
+        Signatures of each shape that must have the least size for the further ones, overtones, to count; 0 where all
+        are alike.
+    variants : mapping of str to callable
+        Frame of a machine whose equations are others than a saw's (`modeling.machines`) -> the effect there, made for
+        the sizes of the machine's model.
+    same_as : tuple of str
+        Ids whose equation on this plant is the very same term: no campaign can tell them apart.
+    strokes : StrokeWave or StrokeTrend, optional
+        How single strokes bear on it, where they do.
+    keeps_hardness : bool
+        Of an effect of a sensor: the cutting coefficient, the slope of force over cutting speed, stays as it is.
+    """
+
+    name: str
+    place: Place
+    equation: str
+    strength: Strength
+    signature: SignatureFunction
+    words: Words | None = None
+    parts: tuple[Part, ...] = ()
+    silent_in: tuple[Phase, ...] = ()
+    n_signatures: Callable[[dict[str, float]], int] = lambda shape: 1
+    shapes: tuple[dict[str, float], ...] = field(default=({},))
+    shape_strength: Callable[[float, dict[str, float]], float] | None = None
+    carries: tuple[str, ...] = ()
+    form_names: Mapping[str, dict[str, float]] = field(default_factory=dict)
+    scales: tuple[str, ...] = ()
+    is_pointwise: bool = True
+    memories: tuple[Memory, ...] = ()
+    needs: tuple[str, ...] = ()
+    grows_with: tuple[GrowsWith, ...] = ()
+    confused_with: tuple[str, ...] = ()
+    told_apart_by: str = ""
+    background: tuple[tuple[dict[str, float], float], ...] | None = None
+    combine: Callable[..., Signature] | None = None
+    size_of: Callable[[Floats], float] | None = None
+    leading: int = 0
+    same_as: tuple[str, ...] = ()
+    variants: Mapping[str, Callable[[Any], Effect]] = field(default_factory=dict)
+    strokes: Strokes | None = None
+    keeps_hardness: bool = False
+
+    def signatures(self, baseline: Any, state: State, shape: dict[str, float] | None = None) -> tuple[Signature, ...]:
+        """Evaluate the signature for one shape (default: the first).
+
+        Returns
+        -------
+        tuple of dict
+            Arrays of the state's shape; only equations that the measured channels allow.
+        """
+        shape = self.shapes[0] if shape is None else shape
+        if self._is_silent(state):
+            return tuple({} for _ in range(self.n_signatures(shape)))
+        found = self.signature(baseline, state, **shape)
+        kept = baseline.evaluable_equations(state)
+        return tuple(
+            {name: np.broadcast_to(wave, state.angle_rad.shape) for name, wave in part.items() if name in kept}
+            for part in found
+        )
+
+    def _is_silent(self, state: State) -> bool:
+        return ("air" in self.silent_in and state.setting.is_idle) or state.kind in self.silent_in
+
+    @property
+    def little(self) -> tuple[tuple[dict[str, float], float], ...]:
+        """Shapes and sizes that are there unnoticed in any machine."""
+        return ((self.shapes[0], BACKGROUND_SHARE),) if self.background is None else self.background
+
+    @property
+    def bends_hardness(self) -> bool:
+        """Whether it may make the cutting coefficient depend on speed, by the cut itself or by a sensor."""
+        return self.place == "cutting" or (self.place == "sensing" and not self.keeps_hardness)
+
+    def carried_by(self, form: Mapping[str, float]) -> str | None:
+        """Name of the number that is the strength, of the form that has these other numbers; None where none is."""
+        return next((key for key in self.carries if {*form, key} in [set(shape) for shape in self.shapes]), None)
+
+    def amplitude(self, coefficients: Floats) -> float:
+        """Size, in multiples of the typical one, that goes with the fitted coefficients of one shape."""
+        if self.size_of is not None:
+            return self.size_of(coefficients)
+        return float(coefficients[0] if len(coefficients) == 1 else np.hypot(*coefficients[:2]))
+
+    def combined(self, baseline: Any, state: State, shape: dict[str, float], coefficients: Floats) -> Signature:
+        """Sum of the signatures of one shape times coefficients, in units of `strength`."""
+        if self._is_silent(state):
+            return {}
+        if self.combine is not None:
+            kept = baseline.evaluable_equations(state)
+            found = self.combine(baseline, state, coefficients, **shape)
+            return {name: wave for name, wave in found.items() if name in kept}
+        total: Signature = {}
+        for part, coefficient in zip(self.signatures(baseline, state, shape), coefficients, strict=False):
+            for name, wave in part.items():
+                total[name] = total.get(name, 0.0) + coefficient * wave
+        return total
+
+    def reported_strength(self, amplitude: float, shape: dict[str, float]) -> float:
+        """Value of `strength` that goes with an amplitude of one shape."""
+        return amplitude if self.shape_strength is None else self.shape_strength(amplitude, shape)

@@ -1,0 +1,56 @@
+"""The teeth bite late: no force until a fraction of the cutting half has been travelled.
+
+    F = 0 while travelled / stroke < d,  then k v  (sharp, or rising over a few per cent of the stroke)
+
+Fixed in position, whatever the speed; the reading is the true force. Baseline minus what is missing:
+negative residual at the start of the cut. Backlash delays by far less and also bends the displacement; a
+lag moves with the stroke rate. Range 2 to 40 % of the travel: assumed (play of blade and workpiece, tooth
+pitch over thickness).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from sawbench.modeling.effects.effect import Effect, Strength, Words
+from sawbench.modeling.residuals import Baseline, Signature
+from sawbench.modeling.state import State
+
+_FRACTIONS = (0.02, 0.03, 0.04, 0.055, *np.arange(0.07, 0.25, 0.015).round(3).tolist(), 0.265, 0.29, 0.32, 0.36, 0.4)
+
+
+def _signature(baseline: Baseline, state: State, fraction: float, ramp: float) -> tuple[Signature, ...]:
+    travelled = baseline.mechanism.displacement(state.angle_rad) / (2.0 * baseline.radius_m)
+    if baseline.cutting_sign < 0:
+        travelled = 1.0 - travelled
+    engaged = np.clip((travelled - fraction) / ramp + 0.5, 0.0, 1.0)
+    return ({"cutting": -baseline.expected_force(state) * (1.0 - engaged)},)
+
+
+EFFECT = Effect(
+    name="engagement_delay",
+    place="cutting",
+    equation="F = 0 until a fraction of the cutting half is travelled",
+    words=Words(
+        happens="the teeth bite late in the stroke",
+        measure="the blade position at which the force begins, at two speeds",
+        mend="check the play of blade and workpiece",
+    ),
+    parts=("blade",),
+    silent_in=("air",),
+    strength=Strength(name="fraction", unit="1", typical=1.0, low=0.7, high=1.3, source="assumed"),
+    signature=_signature,
+    shapes=tuple({"fraction": d, "ramp": ramp} for d in _FRACTIONS for ramp in (0.01, 0.03, 0.08)),
+    # The amplitude says how far the coefficient of the whole half stroke is below that of the engaged part.
+    shape_strength=lambda amplitude, shape: shape["fraction"],
+    carries=("fraction",),
+    needs=("force_n",),
+    grows_with=("position",),
+    confused_with=("yoke_backlash", "cutting_speed_exponent", "force_sensor_lag"),
+    told_apart_by="trials at several speeds: it stays at one blade position",
+    background=(
+        ({"fraction": 0.003, "ramp": 0.0005}, 1.0),
+        ({"fraction": 0.003, "ramp": 0.003}, 1.0),
+        ({"fraction": 0.006, "ramp": 0.003}, 1.0),
+        ({"fraction": 0.01, "ramp": 0.01}, 0.5),
+    ),
+)

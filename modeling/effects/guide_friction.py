@@ -1,0 +1,91 @@
+"""Dry friction of the plunger in its guides: force F_c sgn(v) against the motion, whatever the load.
+
+    m x'' = ... - F_c sgn(v) (1 + (s - 1) exp(-(v/v_s)^2))
+
+The power F_c |v| is taken from the crank: torque F_c |lever| / gear at the motor, twice a stroke, also in
+idle runs; the load cell does not see it. Positive amplitude: friction brakes, the motor draws more than the
+baseline says. The Stribeck dip (static over kinetic friction s up to 2, v_s of some cm/s;
+Armstrong-Helouvry, Dupont and Canudas de Wit 1994) bites beside the dead centres. Motor friction has no
+lever, load friction vanishes in air. Range 0.5 to 20 N: assumed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from sawbench.modeling.effects.effect import Effect, Strength, Words
+from sawbench.modeling.effects.friction import PRESLIDING, direction, stribeck
+from sawbench.modeling.residuals import Baseline, Signature
+from sawbench.modeling.state import State
+
+if TYPE_CHECKING:
+    from sawbench.modeling.machines.linear_axis import AxisBaseline, AxisState
+
+# Below this blade velocity the sign is smoothed, m/s.
+_SMOOTH_M_S = 0.01
+
+
+def _signature(baseline: Baseline, state: State, static_ratio: float, stribeck_m_s: float) -> tuple[Signature, ...]:
+    velocity = np.abs(baseline.blade_velocity(state))
+    grip = np.tanh(velocity / _SMOOTH_M_S) * stribeck(velocity, static_ratio, stribeck_m_s)
+    return ({"mechanical": np.abs(baseline.lever(state)) / baseline.gear * grip},)
+
+
+def _axis_signature(
+    axis: AxisBaseline,
+    state: AxisState,
+    presliding: float,
+    slope: float = 0.0,
+    static_ratio: float = 1.0,
+    stribeck_share: float = 1.0,
+) -> tuple[Signature, ...]:
+    grip = stribeck(np.abs(state.velocity_m_s), static_ratio, stribeck_share * axis.top_speed_m_s)
+    place = (state.position_m - np.mean(state.position_m)) / (0.5 * axis.stroke_m)
+    return ({"mechanical": direction(state, presliding * axis.stroke_m) * grip * (1.0 + slope * place)},)
+
+
+def _on_axis(axis: AxisBaseline) -> Effect:
+    """On an axis that its motor moves rigidly dry friction of the guide and of the motor are one term."""
+    dip = [(s, v) for s in (1.5, 2.0) for v in (0.05, 0.3)]
+    return replace(
+        EFFECT,
+        equation="F_c * sgn(v), with a Stribeck dip, presliding, or more at one end",
+        strength=replace(EFFECT.strength, typical=0.2 * axis.force_scale_n, high=6.0),
+        signature=_axis_signature,
+        shapes=(
+            *({"presliding": p, "slope": k} for p in PRESLIDING for k in (0.0, 0.25, -0.25)),
+            *({"presliding": p, "static_ratio": s, "stribeck_share": v} for p in (0.0, 0.004, 0.012) for s, v in dip),
+        ),
+        scales=("stroke_m", "top_speed_m_s"),
+        form_names={},
+        needs=(),
+        confused_with=("load_dependent_friction", "windage_drag"),
+        told_apart_by="a sweep of the cycle rate, with two loads",
+        same_as=("motor_coulomb_friction",),
+    )
+
+
+EFFECT = Effect(
+    name="guide_friction",
+    place="mechanical",
+    equation="F_c * sgn(v) on the plunger, with a Stribeck dip",
+    words=Words(
+        happens="dry friction between plunger and guides",
+        measure="the force of a spring balance that pulls the plunger through its stroke, motor uncoupled",
+        mend="clean, oil and align the guides",
+    ),
+    parts=("guide",),
+    strength=Strength(name="force_n", unit="N", typical=5.0, low=0.1, high=4.0, source="assumed"),
+    signature=_signature,
+    shapes=(
+        {"static_ratio": 1.0, "stribeck_m_s": 0.1},
+        *({"static_ratio": s, "stribeck_m_s": v} for s in (1.5, 2.0) for v in (0.03, 0.1, 0.3)),
+    ),
+    form_names={"coulomb": {"static_ratio": 1.0, "stribeck_m_s": 0.1}},
+    needs=("motor_current_a",),
+    confused_with=("motor_coulomb_friction", "load_dependent_friction", "yoke_backlash"),
+    told_apart_by="idle runs: twice a stroke over the crank angle, the same at every load and speed",
+    variants={"linear_axis": _on_axis},
+)

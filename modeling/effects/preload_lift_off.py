@@ -1,0 +1,57 @@
+"""The force lifts the carriage off its preload: the reading is clipped at the preload, the true force is not.
+
+    F_m = min(F, P)
+
+Flat-topped force, always at the same height; the current follows the true force, so the mechanical
+residual, which uses the reading, is positive at the peaks. P is a share of the largest mean-cycle force of
+the campaign. A clipped campaign makes its own k_Fc look small: the forms scale the expected force up before
+they clip it. Strokes differ, so the corner of a mean cycle is round by a few per cent. A speed exponent
+flattens the force without such a ceiling. Preload: chosen by the operator.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from sawbench.modeling.effects.effect import Effect, Strength, Words
+from sawbench.modeling.effects.transfer import force_reading
+from sawbench.modeling.residuals import Baseline, Signature
+from sawbench.modeling.state import State
+
+_ROUND = 0.02
+
+
+def _signature(baseline: Baseline, state: State, share: float, scale: float) -> tuple[Signature, ...]:
+    preload_n = share * state.peak_force_n
+    if not preload_n > 0.0:
+        return ({},)
+    expected = baseline.expected_force(state)
+    width_n = _ROUND * preload_n
+    clipped_off = width_n * np.logaddexp(0.0, (scale * expected - preload_n) / width_n)
+    # Far below the preload the round corner leaves nothing.
+    clipped_off = np.where(scale * expected > preload_n - 8.0 * width_n, clipped_off, 0.0)
+    return (force_reading(baseline, state, expected - clipped_off),)
+
+
+EFFECT = Effect(
+    name="preload_lift_off",
+    place="sensing",
+    equation="F_m = min(F, preload)",
+    words=Words(
+        happens="the force lifts the carriage off its preload",
+        measure="the force at which a feeler gauge slips between carriage and stop",
+        mend="preload the carriage more",
+    ),
+    parts=("carriage",),
+    silent_in=("air",),
+    strength=Strength(name="preload_share_of_peak", unit="1", typical=1.0, low=0.7, high=1.4, source="assumed"),
+    signature=_signature,
+    shapes=tuple({"share": s, "scale": k} for s in (0.96, 1.0) for k in (1.0, 1.1, 1.2, 1.35, 1.6)),
+    shape_strength=lambda amplitude, shape: shape["share"],
+    carries=("share",),
+    scales=("peak_force_n",),
+    needs=("force_n",),
+    grows_with=("load",),
+    confused_with=("cutting_speed_exponent", "current_limit"),
+    told_apart_by="the histogram of the force, trials at several speeds, the motor current at the peaks",
+    background=(),
+)

@@ -1,0 +1,63 @@
+"""How single strokes bear on an effect that mean strokes hardly show.
+
+Every stroke has one number, its cutting coefficient. Along the feed these numbers may wave; over blade life and
+from trial to trial they may grow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from sawbench.bench.recording import Floats
+
+# (distance cut in m, logarithm of feed a stroke over its mean, size, **shape) -> change of log hardness, shape (n,).
+LogChange = Callable[..., Floats]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class StrokeWave:
+    """Hardness waves along the feed path, at one wavelength whatever feed and stroke rate.
+
+    Mean strokes do not know it: averaging takes the wave away.
+
+    Attributes
+    ----------
+    waves_per_m : ndarray, shape (n,)
+        Places of the wave that occur, 1/m.
+    depths : ndarray, shape (m,)
+        Amplitudes that occur, relative.
+    words : str
+        What was found, with `{wavelength_mm}`.
+    """
+
+    waves_per_m: Floats
+    depths: Floats
+    words: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class StrokeTrend:
+    """Hardness changes over blade life or from trial to trial, the force over the stroke keeps its shape.
+
+    Single strokes know all of it.
+
+    Attributes
+    ----------
+    log_change : callable
+        (distance_m, log_thickness, size, **shape) -> change of the logarithm of the hardness, shape (n,).
+    sizes : ndarray, shape (n,)
+        Values of the reported parameter that occur.
+    shapes : tuple of dict
+        Forms, all equally likely.
+    goes_with_feed : bool
+        A power of the feed that another effect of the cut might have cannot be told from it.
+    """
+
+    log_change: LogChange
+    sizes: Floats
+    shapes: tuple[dict[str, float], ...] = field(default=({},))
+    goes_with_feed: bool = False
+
+
+Strokes = StrokeWave | StrokeTrend

@@ -1,0 +1,57 @@
+"""Single teeth show in the force: F (1 + a sin(2 pi x / p + psi)), x the blade's position, p the pitch.
+
+Locked to the blade's position, so it chirps in time: fast at mid stroke, slow at the dead centres. The
+reading is the true force. Free phase: sine and cosine part. A tooth that enters at once and leaves slowly makes
+a saw tooth of it: the sharp form has two overtones as well, each with a free phase and half the size of the one
+before. The pitch grid advances by a tenth of a turn over 20 mm from one entry to the next. A resonance rings at
+one frequency whatever the position. Jigsaw blades: 1.8 to 4.5 mm (makers' catalogues, 6 to 14 teeth an inch);
+depth: assumed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from sawbench.modeling.effects.effect import Effect, Strength, Words
+from sawbench.modeling.residuals import Baseline, Signature
+from sawbench.modeling.state import TWO_PI, State
+
+_TEETH_PER_M = np.arange(220.0, 560.0 + 1.0, 5.0)
+_OVERTONES = (1.0, 0.5, 0.25)
+
+
+def _signature(baseline: Baseline, state: State, pitch_m: float, sharp: float) -> tuple[Signature, ...]:
+    phase = TWO_PI * baseline.mechanism.displacement(state.angle_rad) / pitch_m
+    force = baseline.expected_force(state)
+    found: list[Signature] = []
+    for k, size in enumerate(_OVERTONES if sharp else _OVERTONES[:1], start=1):
+        found.append({"cutting": size * force * np.sin(k * phase)})
+        found.append({"cutting": size * force * np.cos(k * phase)})
+    return tuple(found)
+
+
+EFFECT = Effect(
+    name="tooth_passing_ripple",
+    place="cutting",
+    equation="F * (1 + a * sin(2 pi x / p + psi))",
+    words=Words(
+        happens="single teeth show in the force",
+        measure="the pitch of the teeth with a ruler: the ripple must have the same",
+        mend="nothing is broken; count it in, or use a finer blade",
+    ),
+    parts=("blade",),
+    silent_in=("air",),
+    strength=Strength(
+        name="depth", unit="1", typical=0.15, low=0.1, high=3.0, source="assumed; pitch: blade catalogues"
+    ),
+    signature=_signature,
+    n_signatures=lambda shape: 2 * (len(_OVERTONES) if shape["sharp"] else 1),
+    shapes=tuple({"pitch_m": float(1.0 / n), "sharp": sharp} for sharp in (0.0, 1.0) for n in _TEETH_PER_M),
+    needs=("force_n",),
+    grows_with=("position", "load"),
+    confused_with=("carriage_resonance",),
+    told_apart_by="trials at other speeds: it keeps its blade position, a resonance its frequency",
+    leading=2,
+    background=tuple(
+        ({"pitch_m": 1.0 / n, "sharp": 0.0}, 0.03) for n in (240.0, 275.0, 310.0, 345.0, 380.0, 420.0, 470.0, 530.0)
+    ),
+)

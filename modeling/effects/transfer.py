@@ -1,0 +1,144 @@
+"""Linear distortions of a reading: periodic strokes in the frequency domain, a start-up on its time grid."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from sawbench.bench.recording import Floats
+from sawbench.modeling.effects.effect import Effect, SignatureFunction
+from sawbench.modeling.residuals import Baseline, Signature
+from sawbench.modeling.state import START_UP_STEP_S, TWO_PI, State, angle_derivative
+
+# Delays and time constants that a sensor of a linear axis may have.
+AXIS_TIMES_S: Final = tuple(float(tau) for tau in np.geomspace(3e-4, 3e-2, 8))
+TransferFunction = Callable[[Floats], NDArray[np.complexfloating]]
+
+
+def filtered(wave: Floats, state: State, transfer: TransferFunction) -> Floats:
+    """Pass strokes, or a start-up, through a transfer function of frequency in Hz.
+
+    Parameters
+    ----------
+    wave : ndarray, shape (n_units, n_points)
+        Of the state's grid. The speed ripple within a stroke is taken into account.
+    state : State
+    transfer : callable
+        Frequency in Hz, shape (n_units or 1, n_frequencies) -> complex gain of a shape that broadcasts to it.
+
+    Returns
+    -------
+    ndarray, shape of `wave`
+        A start-up is taken to come from rest: before it the wave runs back to 0 with its first slope.
+
+    Examples
+    --------
+    A transfer function of one changes nothing:
+
+    >>> from types import SimpleNamespace
+    >>> from sawbench.modeling.state import Motion
+    >>> speed = 90.0 + 15.0 * np.cos(np.arange(32) * TWO_PI / 32)[None, :]
+    >>> state = SimpleNamespace(kind="running", motion=Motion(speed, speed))
+    >>> bool(np.allclose(filtered(speed**2, state, np.ones_like), speed**2))
+    True
+    """
+    if state.kind != "running":
+        return _filtered_start(wave, transfer)
+    n_points = wave.shape[-1]
+    orders = np.arange(n_points // 2)
+    turns, slowness, period_s = state.motion.turns, state.motion.slowness, state.motion.period_s
+    weighted = wave * (slowness / period_s) / n_points
+    coefficients = (turns.conj() @ weighted[..., None])[..., 0] if len(turns) > 1 else weighted @ turns[0].conj().T
+    change = coefficients * (transfer(orders / period_s) - 1.0)
+    change[:, 1:] *= 2.0
+    back = (change[:, None, :] @ turns)[:, 0] if len(turns) > 1 else change @ turns[0]
+    return wave + back.real
+
+
+def _filtered_start(wave: Floats, transfer: TransferFunction) -> Floats:
+    n = wave.shape[-1]
+    first, last = wave[..., :1], wave[..., -1:]
+    slope = wave[..., 1:2] - first
+    before = first + slope * np.arange(-n, 0)
+    before = np.where(before * first > 0, before, 0.0)
+    before = np.where(np.abs(before) <= np.abs(first), before, first)
+    fade = 0.5 + 0.5 * np.cos(np.pi * np.arange(n) / n)
+    after = np.concatenate([np.broadcast_to(last, wave.shape), last * fade], axis=-1)
+    long = np.concatenate([before, wave, after], axis=-1)
+    spectrum = np.fft.rfft(long, axis=-1)
+    frequency_hz = np.arange(spectrum.shape[-1])[None, :] / (long.shape[-1] * START_UP_STEP_S)
+    change = np.fft.irfft(spectrum * (transfer(frequency_hz) - 1.0), long.shape[-1], axis=-1)
+    return wave + change[..., n : 2 * n]
+
+
+def low_pass(tau_s: float, damping: float = 0.0) -> TransferFunction:
+    """Low-pass that delays slow signals by `tau_s`: of first order, or of second order with a damping above 0."""
+    if damping == 0.0:
+        return lambda f: 1.0 / (1.0 + 2j * np.pi * f * tau_s)
+    natural_rad_s = 2.0 * damping / tau_s
+    return lambda f: 1.0 / (1.0 + 2j * np.pi * f * tau_s - (2.0 * np.pi * f / natural_rad_s) ** 2)
+
+
+def stroke_rate_hz(state: State) -> Floats:
+    """Strokes per second of each unit, shape (n_units, 1)."""
+    return 1.0 / (TWO_PI * np.mean(1.0 / np.maximum(state.speed_rad_s, 1e-3), axis=-1, keepdims=True))
+
+
+def time_derivative(wave: Floats, state: State) -> Floats:
+    """Differentiate a wave on the state's grid with time, per second."""
+    if state.kind == "running":
+        return state.speed_rad_s * angle_derivative(wave)
+    return np.gradient(wave, START_UP_STEP_S, axis=-1)
+
+
+def force_reading(baseline: Baseline, state: State, reading: Floats) -> Signature:
+    """Change of the residuals where the load cell shows `reading` instead of the expected force.
+
+    The mechanical equation is evaluated with the reading, so it misses the difference.
+    """
+    return force_error(baseline, state, reading - baseline.expected_force(state))
+
+
+def force_error(baseline: Baseline, state: State, error_n: Floats) -> Signature:
+    """Change of the residuals where the load cell shows `error_n` too much."""
+    return {"cutting": error_n, "mechanical": -baseline.load_torque(state, error_n)}
+
+
+def current_reading(baseline: Baseline, state: State, error_a: Floats, error_rate_a_s: Floats) -> Signature:
+    """Change of the residuals where the motor current is read too high by `error_a`."""
+    plant = baseline.plant
+    return {
+        "electrical": -plant.resistance_ohm.nominal * error_a - plant.inductance_h.nominal * error_rate_a_s,
+        "mechanical": plant.torque_constant_n_m_per_a.nominal * error_a,
+        "converter": -state.setting.duty * error_a,
+    }
+
+
+def lag_on_axis(effect: Effect, equation: str, signature: SignatureFunction) -> Effect:
+    """A sensor's lag on a linear axis: one time constant, told from a late clock by the cycle rate.
+
+    Parameters
+    ----------
+    effect : Effect
+        On the saw.
+    equation : str
+    signature : callable
+        (axis, state, tau_s) -> tuple of Signature.
+
+    Returns
+    -------
+    Effect
+    """
+    return replace(
+        effect,
+        equation=equation,
+        signature=signature,
+        shapes=tuple({"tau_s": tau} for tau in AXIS_TIMES_S),
+        needs=(),
+        confused_with=("clock_offset",),
+        told_apart_by="a sweep of the cycle rate",
+        background=None,
+    )

@@ -1,0 +1,163 @@
+"""Play between crank pin and yoke: a dead band of 0.1 to 0.5 mm in which the pin does not carry the plunger.
+
+The pin pushes with m x'' + F; where that force changes sign, the plunger crosses the gap: in air near mid
+stroke (inertia), under a cut near the dead centres, and where friction holds the plunger, right after them.
+The displacement sensor sits on the plunger, so the crank angle that is read off it swings although the crank does
+not: back-EMF and inertia torque of the baseline go with the wrong speed, by far the largest trace, and all of
+it is fixed in angle. Where the gap is crossed, and how (free flight, friction, bounce), no form says well:
+here the swing is any wave of harmonics that fall as those of a jump do, one in air and one under load, which may
+change with speed and stock. What tells it from an unknown cause is that one wave explains back-EMF and inertia and
+the cut goes with the plunger's own velocity; what tells it from a bent sensor is that this reads the same wave in air
+and under load, and the force misses it. Clearance: assumed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.modeling.effects.effect import BACKGROUND_SHARE, Effect, Strength, Words
+from sawbench.modeling.effects.friction import direction
+from sawbench.modeling.parts.mechanism import Mechanism
+from sawbench.modeling.residuals import Baseline, Signature, residuals
+from sawbench.modeling.state import State, angle_derivative
+
+if TYPE_CHECKING:
+    from sawbench.modeling.machines.linear_axis import AxisBaseline, AxisState
+
+_N_HARMONICS = 10
+_STEP = 1e-4
+# A gap over twice the crank's radius is an angle: a yoke of half a metre turns it back into a gap.
+_UNIT_YOKE = Mechanism(radius_m=0.5)
+_SPEED_RAD_S, _STIFFNESS_N_S_PER_M = 80.0, 300.0
+
+
+def _signature(baseline: Baseline, state: State, waves: float) -> tuple[Signature, ...]:
+    swings = [swing(baseline, state, wave / (2.0 * baseline.radius_m)) for wave in _waves(state.angle_rad)]
+    found: list[Signature] = []
+    for weight in _weights(state, int(waves)):
+        found.extend({name: weight * rows for name, rows in one.items()} if weight else {} for one in swings)
+    return tuple(found)
+
+
+def _waves(angle_rad: Floats) -> Floats:
+    """Cosine and sine of each harmonic in turn, falling as those of a jump do, shape (2 harmonics, *angle's shape)."""
+    found = [f(k * angle_rad) / np.sqrt(k) for k in range(1, _N_HARMONICS + 1) for f in (np.cos, np.sin)]
+    return np.stack(found)
+
+
+def _combined(baseline: Baseline, state: State, coefficients: Floats, waves: float) -> Signature:
+    """One swing for the whole wave: a small deviation's signature is linear in it."""
+    groups = coefficients.reshape(-1, 2 * _N_HARMONICS)
+    weights = _weights(state, len(groups))
+    total = sum(weight * group for weight, group in zip(weights, groups, strict=True))
+    deviation = np.tensordot(np.asarray(total), _waves(state.angle_rad), axes=1) / (2.0 * baseline.radius_m)
+    # `swing` is linear in the wave; a unit wave keeps its difference quotient where it was tested.
+    size = float(np.abs(deviation).max())
+    if size == 0.0:
+        return {}
+    return {name: size * wave for name, wave in swing(baseline, state, deviation / size).items()}
+
+
+def _weights(state: State, n_groups: int) -> tuple[float, ...]:
+    """In air and under load its own wave; each may change with speed, and that under load with the stock."""
+    if n_groups == 1:
+        return (1.0,)
+    air, load = (1.0, 0.0) if state.setting.is_idle else (0.0, 1.0)
+    if n_groups == 2:
+        return (air, load)
+    faster = float(np.mean(state.speed_rad_s)) / _SPEED_RAD_S - 1.0
+    harder = state.k_guess_n_s_per_m / _STIFFNESS_N_S_PER_M - 1.0
+    return (air, load, air * faster, load * faster, load * harder)
+
+
+def apparent_gap(coefficients: Floats) -> float:
+    """How far the plunger leaves the pin, peak to peak, over the typical gap: in air or under load, the smaller.
+
+    The read angle is off by gap / (2 r) times the wave, so the plunger by that times the lever, here of a yoke: a rod
+    makes it up to r/l larger. Right to a factor of two: play is crossed in part only, and a wave that also changes with
+    the stock is badly known at any one.
+    """
+    angle = np.linspace(0.0, 2.0 * np.pi, 180, endpoint=False)
+    groups = coefficients.reshape(-1, 2 * _N_HARMONICS)[:2]
+    away = _UNIT_YOKE.lever(angle) * (groups @ _waves(angle))
+    return float(np.ptp(away, axis=1).min())
+
+
+def swing(baseline: Baseline, state: State, deviation_rad: Floats) -> Signature:
+    """Change of the residuals for an angle that is read too large by a periodic wave, rad, per unit of the wave.
+
+    The plunger is where the sensor sees it, and the cut goes with its velocity: no gap of the cutting law.
+    """
+    excess_speed = state.speed_rad_s * angle_derivative(deviation_rad)
+    excess_acceleration = state.speed_rad_s * angle_derivative(excess_speed)
+
+    def moved(sign: float) -> State:
+        return replace(
+            state,
+            angle_rad=state.angle_rad + sign * _STEP * deviation_rad,
+            speed_rad_s=state.speed_rad_s + sign * _STEP * excess_speed,
+            acceleration_rad_s2=state.acceleration_rad_s2 + sign * _STEP * excess_acceleration,
+        )
+
+    read_larger, read_smaller = moved(1.0), moved(-1.0)
+    up, down = residuals(baseline, read_larger), residuals(baseline, read_smaller)
+    found: Signature = {
+        name: (up[name] - down[name]) / (2.0 * _STEP) for name in ("electrical", "mechanical") if name in up
+    }
+    return found
+
+
+def _axis_signature(axis: AxisBaseline, state: AxisState, gap: float) -> tuple[Signature, ...]:
+    """Between the flanks the drive carries nothing: the required force is missing until the gap is crossed."""
+    crossed = np.abs(direction(state, gap * axis.stroke_m) - np.sign(state.velocity_m_s))
+    is_free = crossed > 2.0 * np.exp(-1.0)
+    return ({"mechanical": -axis.required_force(state) * is_free},)
+
+
+def _on_axis(axis: AxisBaseline) -> Effect:
+    return replace(
+        EFFECT,
+        equation="no force across a gap after each reversal",
+        strength=replace(EFFECT.strength, typical=1.0, low=0.7, high=1.4),
+        signature=_axis_signature,
+        n_signatures=lambda shape: 1,
+        shapes=tuple({"gap": g} for g in (0.005, 0.01, 0.02, 0.05)),
+        shape_strength=lambda amplitude, shape: amplitude * shape["gap"] * axis.stroke_m,
+        carries=("gap",),
+        needs=(),
+        confused_with=("guide_friction",),
+        told_apart_by="a load that does not change its sign: it closes the gap",
+        size_of=None,
+        combine=None,
+        background=None,
+    )
+
+
+EFFECT = Effect(
+    name="yoke_backlash",
+    place="mechanical",
+    equation="plunger free within a gap around the crank pin",
+    words=Words(
+        happens="there is play between crank pin and yoke",
+        measure="the free travel of the plunger with a dial gauge, crank held",
+        mend="measure the play; renew pin or yoke",
+    ),
+    parts=("joint",),
+    silent_in=("start_up",),
+    strength=Strength(name="gap_m", unit="m", typical=2.5e-4, low=0.3, high=3.0, source="assumed"),
+    signature=_signature,
+    n_signatures=lambda shape: 2 * _N_HARMONICS * int(shape["waves"]),
+    shapes=({"waves": 2.0}, {"waves": 5.0}),
+    is_pointwise=False,
+    needs=("motor_current_a",),
+    grows_with=("position",),
+    confused_with=("gear_eccentricity", "engagement_delay", "guide_friction"),
+    told_apart_by="idle against cutting: fixed in angle, not in time, and the displacement itself is bent",
+    size_of=apparent_gap,
+    combine=_combined,
+    background=(({"waves": 1.0}, BACKGROUND_SHARE),),
+    variants={"linear_axis": _on_axis},
+)

@@ -1,0 +1,1 @@
+"""Compositions of parts, and parameter sets with a source for every number."""

@@ -1,0 +1,53 @@
+"""A machine is a composition of parts: which equations it has, what enters them, and which effects it can show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from sawbench.modeling.effects.catalogue import EFFECTS
+from sawbench.modeling.effects.effect import Effect, Part
+from sawbench.modeling.residuals import Equation
+
+Frame = Literal["crank", "linear_axis"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Machine:
+    """What a machine is made of.
+
+    Attributes
+    ----------
+    name, title : str
+        Identifier, and what a person calls it.
+    frame : {"crank", "linear_axis"}
+        Whose equations its parts enter: those of a driven crank, or of a force on a mass.
+    parts : frozenset of Part
+    states : tuple of str
+        What moves or is stored.
+    inputs : tuple of str
+        Channels that enter the equations.
+    equations : tuple of Equation
+    parameters : tuple of str
+        Numbers of the configuration that may be mistuned.
+    """
+
+    name: str
+    title: str
+    frame: Frame
+    parts: frozenset[Part]
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    equations: tuple[Equation, ...]
+    parameters: tuple[str, ...]
+
+    def effects(self, model: Any) -> tuple[Effect, ...]:
+        """List the effects whose parts the machine has, in the order of the catalogue.
+
+        Parameters
+        ----------
+        model : object
+            Numbers of the machine's baseline; typical sizes on a linear axis are shares of its force and travel.
+        """
+        offered = (effect for effect in EFFECTS if self.parts.issuperset(effect.parts))
+        return tuple(e.variants[self.frame](model) if self.frame in e.variants else e for e in offered)

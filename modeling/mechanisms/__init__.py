@@ -1,1 +1,0 @@
-"""Mechanisms that turn the crank into a stroke."""

@@ -1,1 +1,0 @@
-"""Sourced parameter sets."""

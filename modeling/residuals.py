@@ -1,0 +1,234 @@
+"""Equation-error residuals of the baseline model and their sensitivity to what may merely be mistuned.
+
+Each equation of the baseline is evaluated on *measured* signals; what does not cancel is the gap, already
+sorted by the equation it violates. Using the measured force in the mechanical equation and the measured
+current and speed everywhere separates drive, cutting, supply and sensing without simulating anything:
+
+    electrical   r = U - R i - L di/dt - k_e w                      V      (Eq. 12)
+    mechanical   r = k_m i - b w - J_r dw/dt - 1/2 J_r' w^2 - T     N*m    (Eq. 13), T = -F g(angle)/gear
+    cutting      r = F - k_Fc |v| on the cutting half, F elsewhere  N       v as measured
+    supply       r = V_b - E(soc) + R_b i_b                         V      (Eq. 16)
+    converter    r = i_b - duty i                                   A
+
+with w the motor speed, g = dy/dangle the lever of the mechanism and F positive when the blade cuts. A signature
+is the change of these residuals for a unit of a parameter error or of an effect: "measured minus baseline". What
+known effects change is taken off: their machine has the residuals r - sum of value * signature.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final, Literal
+
+import numpy as np
+from sawbench.bench.config import BatteryConfig, PlantConfig
+from sawbench.bench.recording import Floats
+from sawbench.modeling.parts.mechanism import Mechanism
+from sawbench.modeling.state import State
+
+if TYPE_CHECKING:
+    from sawbench.modeling.effects.known import KnownEffect
+
+Equation = Literal["electrical", "mechanical", "cutting", "supply", "converter"]
+EQUATIONS: Final[tuple[Equation, ...]] = ("electrical", "mechanical", "cutting", "supply", "converter")
+UNITS: Final[Mapping[Equation, str]] = {
+    "electrical": "V",
+    "mechanical": "N*m",
+    "cutting": "N",
+    "supply": "V",
+    "converter": "A",
+}
+Signature = dict[Equation, Floats]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Baseline:
+    """Nominal numbers of the baseline model, SI.
+
+    Attributes
+    ----------
+    plant : PlantConfig
+    battery : BatteryConfig or None
+    cutting_sign : int
+        -1 where the blade cuts on pi..2*pi (blade velocity negative), +1 on 0..pi.
+    known : tuple of KnownEffect
+        Effects that belong to the model.
+    mechanism : Mechanism
+        What turns the crank's angle into the blade's travel, at its nominal lengths.
+    """
+
+    plant: PlantConfig
+    battery: BatteryConfig | None
+    cutting_sign: int
+    known: tuple[KnownEffect, ...] = ()
+    mechanism: Mechanism = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mechanism", Mechanism.of(self.plant))
+
+    @property
+    def gear(self) -> float:
+        """Motor turns per crank turn."""
+        return self.plant.gear_ratio
+
+    @property
+    def radius_m(self) -> float:
+        """Crank radius."""
+        return self.plant.crank_radius_m.nominal
+
+    def lever(self, state: State) -> Floats:
+        """Derivative of the blade's travel by the crank angle, m, shape of the state."""
+        return state.motion.levers(self.mechanism)[0]
+
+    def blade_velocity(self, state: State) -> Floats:
+        """Blade velocity, m/s, positive away from the dead centre at angle 0: Eq. 3, and what was measured beyond."""
+        velocity = self.lever(state) * state.speed_rad_s
+        return velocity if state.blade_excess_m_s is None else velocity + state.blade_excess_m_s
+
+    def cutting_speed(self, state: State) -> Floats:
+        """Speed of the blade into the wood, m/s: |v| on the cutting half, 0 on the return half."""
+        return np.maximum(self.cutting_sign * self.blade_velocity(state), 0.0)
+
+    def expected_force(self, state: State) -> Floats:
+        """Force of the linear cutting law with the campaign's own k_Fc for this stock, N."""
+        return state.k_guess_n_s_per_m * self.cutting_speed(state)
+
+    def load_torque(self, state: State, force_n: Floats) -> Floats:
+        """Torque at the motor that a blade force asks for, N*m (Eq. 8)."""
+        return self.cutting_sign * force_n * self.lever(state) / self.gear
+
+    def open_circuit_voltage(self, charge_used_as: Floats) -> Floats:
+        """Eq. 16 without the drop over the internal resistance, V."""
+        if self.battery is None:
+            raise ValueError("no battery in the configuration")
+        soc = np.clip(1.0 - charge_used_as / (3600.0 * self.battery.capacity_ah), 1e-3, 1.0)
+        from sawbench.modeling.parts import eq16
+
+        return eq16.voltage.py_func(self.battery.nominal_voltage_v, self.battery.beta, soc)[0]
+
+    def known_signature(self, state: State) -> Signature:
+        """What all known effects change in the residuals together."""
+        return summed([known.signature(self, state) for known in self.known])
+
+    def evaluable_equations(self, state: State) -> frozenset[Equation]:
+        """Name the equations that `residuals` can evaluate on a state's channels."""
+        has_current, has_angle = state.current_a is not None, is_angle_known(state)
+        has_battery_current = state.battery_current_a is not None
+        found: dict[Equation, bool] = {
+            "electrical": has_current,
+            "mechanical": has_current and has_angle and (state.force_n is not None or state.setting.is_idle),
+            "cutting": state.force_n is not None and has_angle,
+            "supply": has_battery_current and state.battery_voltage_v is not None and self.battery is not None,
+            "converter": has_battery_current and has_current,
+        }
+        return frozenset(name for name, is_there in found.items() if is_there)
+
+
+def summed(signatures: Sequence[Signature]) -> Signature:
+    """Add signatures equation by equation."""
+    total: Signature = {}
+    for signature in signatures:
+        for equation, wave in signature.items():
+            total[equation] = total[equation] + wave if equation in total else wave
+    return total
+
+
+def without(found: Signature, taken: Signature) -> Signature:
+    """Take a signature off residuals, in the equations that these have."""
+    return {name: wave - taken[name] if name in taken else wave for name, wave in found.items()}
+
+
+def residuals(baseline: Baseline, state: State) -> Signature:
+    """Evaluate every equation that the measured channels allow, less what known effects make of it.
+
+    Parameters
+    ----------
+    baseline : Baseline
+    state : State
+        Arrays of shape (n_units, n_points).
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n_units, n_points)
+        In the units of `UNITS`; an equation is absent where one of its channels or the angle it needs is.
+    """
+    found = bare_residuals(baseline, state)
+    return without(found, baseline.known_signature(state)) if baseline.known else found
+
+
+def bare_residuals(baseline: Baseline, state: State) -> Signature:
+    """Evaluate `residuals` of the machine without any effect."""
+    from sawbench.modeling.parts import dc_motor
+
+    plant, gear = baseline.plant, baseline.gear
+    motor_speed = gear * state.speed_rad_s
+    found: Signature = {}
+    if state.current_a is not None and state.current_rate_a_s is not None:
+        found["electrical"] = (
+            dc_motor.inductive_voltage.py_func(
+                plant.resistance_ohm.nominal,
+                plant.back_emf_constant_v_s_per_rad.nominal,
+                state.motor_voltage_v,
+                state.current_a,
+                motor_speed,
+            )
+            - plant.inductance_h.nominal * state.current_rate_a_s
+        )
+        force = np.zeros_like(state.current_a) if state.force_n is None else state.force_n
+        if is_angle_known(state) and (state.force_n is not None or state.setting.is_idle):
+            found["mechanical"] = (
+                dc_motor.shaft_torque.py_func(
+                    plant.torque_constant_n_m_per_a.nominal,
+                    plant.motor_damping_n_m_s_per_rad.nominal,
+                    state.current_a,
+                    motor_speed,
+                )
+                - inertia_torque(baseline, state)
+                - baseline.load_torque(state, force)
+            )
+    if state.force_n is not None and is_angle_known(state):
+        found["cutting"] = state.force_n
+    if state.battery_voltage_v is not None and state.battery_current_a is not None and baseline.battery:
+        found["supply"] = (
+            state.battery_voltage_v
+            - baseline.open_circuit_voltage(state.charge_used_as)
+            + baseline.battery.internal_resistance_ohm * state.battery_current_a
+        )
+    if state.battery_current_a is not None and state.current_a is not None:
+        found["converter"] = state.battery_current_a - state.setting.duty * state.current_a
+    return found
+
+
+def is_angle_known(state: State) -> bool:
+    """Whether the crank angle was measured; NaN where a trial has no displacement."""
+    return bool(np.isfinite(state.angle_rad[0, 0]))
+
+
+def inertia_torque(baseline: Baseline, state: State, **only: float) -> Floats:
+    """Torque that accelerates rotor, yoke wheel and reciprocating mass, at the motor, N*m (Eq. 6, 13).
+
+    Parameters
+    ----------
+    baseline : Baseline
+    state : State
+    **only : float
+        Replace the nominal `rotor`, `yoke` (kg*m^2) or `mass` (kg); the others count as zero then.
+
+    Returns
+    -------
+    ndarray, shape of the state
+    """
+    plant, gear = baseline.plant, baseline.gear
+    rotor = only.get("rotor", 0.0 if only else plant.rotor_inertia_kg_m2.nominal)
+    yoke = only.get("yoke", 0.0 if only else plant.yoke_inertia_kg_m2.nominal)
+    mass = only.get("mass", 0.0 if only else plant.reciprocating_mass_kg.nominal)
+    acceleration = state.acceleration_rad_s2
+    swing = mass * plunger_swing(baseline.mechanism, state) / gear
+    return rotor * gear * acceleration + yoke * acceleration / gear + swing
+
+
+def plunger_swing(mechanism: Mechanism, state: State) -> Floats:
+    """Torque at the crank that moves one kilogram of plunger, N*m/kg: g (g alpha + g' w^2), shape of the state."""
+    lever_m, slope_m = state.motion.levers(mechanism)
+    return lever_m * (lever_m * state.acceleration_rad_s2 + slope_m * state.speed_rad_s**2)

@@ -1,0 +1,268 @@
+"""Which column of a foreign table becomes which channel: by the map, and by the names that sawbench uses."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from sawbench.bench.errors import InputError
+from sawbench.bench.recording import Floats, Signal
+from sawbench.bench.units import CHANNEL_BY_NAME, TIME_COLUMN
+from sawbench.storage.importers.raw_table import RawColumn, RawTable, names_shown
+from sawbench.storage.importers.table import Table
+from sawbench.storage.importers.table_map import ColumnRule, TableMap
+from sawbench.storage.importers.unit_conversion import FACTORS, factor_between, is_unit, split_unit, stored_unit
+
+# "Motor current [mA]" is motor_current_a: the words without the unit, where the header states one.
+_STEMS: Final = MappingProxyType({name.rpartition("_")[0]: name for name in (TIME_COLUMN, *CHANNEL_BY_NAME)})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Choice:
+    """What a table was taken for.
+
+    Attributes
+    ----------
+    tables : tuple of Table
+        One, or one a channel where every channel has times of its own.
+    words : mapping of str to str
+        Channel -> column, unit and factor, in words.
+    warnings, notes : tuple of str
+    mapped : frozenset of str
+        Channels that the map asked for.
+    """
+
+    tables: tuple[Table, ...]
+    words: MappingProxyType[str, str]
+    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+    mapped: frozenset[str]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Taken:
+    channel: str
+    column: str
+    raw: RawColumn
+    rule: ColumnRule
+    is_mapped: bool
+
+
+def choose_columns(raw: RawTable, table_map: TableMap | None = None) -> Choice:
+    """Take columns for channels and convert them to the units in which these are stored.
+
+    Parameters
+    ----------
+    raw : RawTable
+    table_map : TableMap, optional
+        Its channels come first. What it does not name is taken by name: the names of `bench.units` in any case, or
+        their words with a unit in brackets, "Force [kN]". Other columns keep their name; with a map they are left
+        out.
+
+    Returns
+    -------
+    Choice
+
+    Raises
+    ------
+    InputError
+        If the map names a column that is not there, a unit cannot be converted, there is no time or no channel,
+        two columns are the same channel, or a column that is taken does not hold numbers.
+    """
+    table_map = table_map or TableMap()
+    taken: dict[str, _Taken] = {}
+    for item in _by_map(raw, table_map):
+        taken[item.channel] = item
+    used = {item.column for item in taken.values()}
+    left_out: list[str] = []
+    for item in _by_name(raw, table_map, used):
+        if item.channel in taken and not taken[item.channel].is_mapped:
+            raise InputError(
+                f"holds {item.channel} more than once: {taken[item.channel].column}, {item.column}",
+                where=raw.path,
+                remedy="name the one that is meant in a map (--map), or put every trial into a file of its own",
+            )
+        is_other = item.channel not in CHANNEL_BY_NAME and item.channel != TIME_COLUMN
+        if item.channel in taken or (table_map.columns and is_other):
+            left_out.append(item.column)
+        else:
+            taken[item.channel] = item
+    warnings: list[str] = []
+    values, units, words = {}, {}, {}
+    for channel, item in taken.items():
+        if item.raw.problem is not None:
+            if not item.is_mapped and channel not in CHANNEL_BY_NAME and channel != TIME_COLUMN:
+                warnings.append(f"column {item.column} does not hold numbers and is left out")
+                continue
+            raise item.raw.problem
+        values[channel], units[channel], words[channel] = _converted(raw, item, warnings)
+    tables = _tables(raw, values, units, taken, table_map, warnings)
+    return Choice(
+        tables=tables,
+        words=MappingProxyType(words),
+        warnings=tuple(warnings),
+        notes=(f"left out, as the map does not name them: {names_shown(left_out)}",) if left_out else (),
+        mapped=frozenset(table_map.columns),
+    )
+
+
+def _by_map(raw: RawTable, table_map: TableMap) -> Iterator[_Taken]:
+    for channel, rule in table_map.columns.items():
+        column = raw.find(rule.column)
+        yield _Taken(channel=channel, column=column, raw=raw.columns[column], rule=rule, is_mapped=True)
+
+
+def _by_name(raw: RawTable, table_map: TableMap, used: set[str]) -> Iterator[_Taken]:
+    for column, content in raw.columns.items():
+        if column in used:
+            continue
+        channel = _channel_named(column, content.unit)
+        if channel == TIME_COLUMN and table_map.table.rate_hz is not None:
+            continue
+        yield _Taken(channel=channel, column=column, raw=content, rule=ColumnRule(column=column), is_mapped=False)
+
+
+def _channel_named(column: str, unit: str) -> str:
+    """Return the channel that a column is by its name, or the last part of it; else the name itself."""
+    last = column.rsplit(".", 1)[-1] if "[" not in column else column
+    name = re.sub(r"[\s_\-]+", "_", split_unit(last)[0].strip()).lower()
+    if name in CHANNEL_BY_NAME or name == TIME_COLUMN:
+        return name
+    named = _STEMS.get(name)
+    if named is not None and unit and factor_between(unit, stored_unit(named)) is not None:
+        return named
+    return column
+
+
+def _converted(raw: RawTable, item: _Taken, warnings: list[str]) -> tuple[Floats, str, str]:
+    """Return values and unit of a channel as they are stored, and in words where they come from."""
+    channel, rule = item.channel, item.rule
+    stored = stored_unit(channel) if item.is_mapped or channel in CHANNEL_BY_NAME or channel == TIME_COLUMN else ""
+    is_rescaled = rule.scale != 1.0 or rule.offset != 0.0
+    stated = rule.unit or ("" if is_rescaled else item.raw.unit)
+    if rule.unit and item.raw.unit not in ("", rule.unit) and not is_rescaled:
+        warnings.append(f"{channel}: the map says {rule.unit}, the file {item.raw.unit!r}; the map is followed")
+    factor = 1.0
+    if stored and stated:
+        found = factor_between(stated, stored)
+        if found is None and (rule.unit or is_unit(stated)):
+            raise InputError(
+                f"{channel} cannot be made from {stated!r}: it is stored in {stored}",
+                where=f"{raw.path}, column {item.column}",
+                remedy=f"units of it are {', '.join(FACTORS[stored])}; with scale = ... in the map any other can be "
+                "brought to one of them",
+            )
+        if found is None:
+            warnings.append(f"{channel} states the unit {stated!r}, which is not known, and is taken as {stored}")
+        factor = found or 1.0
+    if not is_rescaled and rule.sign == 1 and factor == 1.0:
+        values = item.raw.values
+    else:
+        values = rule.sign * factor * (rule.scale * item.raw.values + rule.offset)
+    shown = f"column {item.column!r}" + (f" in {stated}" if stated else "")
+    parts = [f"scale {rule.scale:g}" * (rule.scale != 1.0), f"offset {rule.offset:g}" * (rule.offset != 0.0)]
+    times = rule.sign * factor
+    parts.append(f"times {times:g}" * (times != 1.0))
+    return values, stored or stated, ", ".join([shown, *filter(None, parts)])
+
+
+def convert_signal(signal: Signal, rule: ColumnRule, *, where: Path) -> tuple[Signal, str]:
+    """Convert a decoded signal to the unit in which its channel is stored.
+
+    Parameters
+    ----------
+    signal : Signal
+    rule : ColumnRule
+    where : Path
+        For the error.
+
+    Returns
+    -------
+    signal : Signal
+    words : str
+        Where the values come from.
+
+    Raises
+    ------
+    InputError
+        If the unit cannot be converted.
+    """
+    content = RawColumn(values=signal.values, unit=signal.unit)
+    raw = RawTable(path=where, columns={str(rule.column): content})
+    item = _Taken(channel=signal.channel, column=str(rule.column), raw=content, rule=rule, is_mapped=True)
+    values, unit, words = _converted(raw, item, [])
+    return replace(signal, values=values, unit=unit), words
+
+
+def _tables(
+    raw: RawTable,
+    values: dict[str, Floats],
+    units: dict[str, str],
+    taken: dict[str, _Taken],
+    table_map: TableMap,
+    warnings: list[str],
+) -> tuple[Table, ...]:
+    if TIME_COLUMN not in values and table_map.table.rate_hz is None:
+        own = {name: taken[name].raw.time_s for name in values}
+        if own and all(time_s is not None for time_s in own.values()):
+            return tuple(
+                Table(path=raw.path, time_s=time_s, columns={name: values[name]}, units={name: units[name]})
+                for name, time_s in own.items()
+                if time_s is not None
+            )
+        raise _no_time(raw)
+    others = {name: found for name, found in values.items() if name != TIME_COLUMN}
+    if not others:
+        raise InputError(
+            f"holds {TIME_COLUMN} but no channel; its columns are {names_shown(raw.columns)}",
+            where=raw.path,
+            remedy="say in a map (--map) which column is which channel",
+        )
+    time_s = values.get(TIME_COLUMN)
+    if time_s is None:
+        rate_hz = table_map.table.rate_hz or 1.0
+        time_s = np.arange(max(map(len, others.values()))) / rate_hz
+    for name, found in list(others.items()):
+        if len(found) == len(time_s):
+            continue
+        if not taken[name].is_mapped and name not in CHANNEL_BY_NAME:
+            warnings.append(f"{name} has {len(found)} values, the time {len(time_s)}; it is left out")
+            del others[name]
+            continue
+        raise InputError(f"{name} has {len(found)} values but {TIME_COLUMN} has {len(time_s)}", where=raw.path)
+    if table_map.table.repeated_times == "drop":
+        time_s, others = _without_repeated(time_s, others, warnings)
+    return (Table(path=raw.path, time_s=time_s, columns=others, units=units),)
+
+
+def _without_repeated(
+    time_s: Floats, columns: dict[str, Floats], warnings: list[str]
+) -> tuple[Floats, dict[str, Floats]]:
+    is_new = np.concatenate(([True], np.diff(time_s) != 0))
+    n_dropped = int(np.sum(~is_new))
+    if n_dropped:
+        warnings.append(f"{n_dropped} rows with the time of the row before are left out, as the map asks")
+    return time_s[is_new], {name: values[is_new] for name, values in columns.items()}
+
+
+def _no_time(raw: RawTable) -> InputError:
+    if set(raw.columns) <= {str(place) for place in range(1, len(raw.columns) + 1)}:
+        return InputError(
+            f"has no header: its {len(raw.columns)} columns have no names",
+            where=raw.path,
+            remedy="put the column names in the first line, for example time_s,force_n,displacement_mm, or name the "
+            "columns by their places in a map (--map): [columns] time_s = { column = 1 }",
+        )
+    close = [n for n in raw.columns if n.rsplit(".", 1)[-1].lower().startswith(("time", "t_", "stamp", "sec"))]
+    example = f"time_s = {{ column = {close[0]!r}, unit = 's' }}" if close else "time_s = { column = ..., unit = ... }"
+    return InputError(
+        f"has no column {TIME_COLUMN}; it holds {names_shown(raw.columns)}",
+        where=raw.path,
+        remedy=f"name the time column {TIME_COLUMN}, in seconds, or say in a map (--map): [columns] {example}, or "
+        "[table] rate_hz = ...",
+    )

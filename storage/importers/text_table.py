@@ -1,0 +1,195 @@
+"""A table as text, as laboratories export it: any encoding, separator and decimal sign, with or without remarks."""
+
+from __future__ import annotations
+
+import gzip
+import warnings
+import zlib
+from io import BytesIO, StringIO
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from sawbench.bench.errors import InputError
+from sawbench.bench.recording import Floats
+from sawbench.storage.importers.raw_table import RawColumn, RawTable
+from sawbench.storage.importers.table_map import ReadingRules
+from sawbench.storage.importers.text_layout import TextLayout, find_layout
+from sawbench.storage.importers.unit_conversion import split_unit
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_MARKS: Final = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
+_TIME_OF_DAY: Final = r"^(?:\d[\d./-]*\d[ T])?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)(?:Z|[+-]\d{2}:?\d{2})?$"
+_HALF_DAY_S: Final = 43200.0
+_N_PROBED_LINES: Final = 1000
+_N_PROBED_CHARACTERS: Final = 1_000_000
+_MOST_BYTES: Final = 4_000_000_000
+
+
+def read_text_table(path: Path, rules: ReadingRules | None = None) -> RawTable:
+    """Read a table written as text, plain or packed with gzip.
+
+    Parameters
+    ----------
+    path : Path
+    rules : ReadingRules, optional
+        What cannot be seen in the file itself.
+
+    Returns
+    -------
+    RawTable
+        An empty cell or "nan" is NaN. Of a table without a header the columns are named "1", "2", ...
+
+    Raises
+    ------
+    InputError
+        If the file is missing, is no text, has a row that is too long, or its numbers can be read in two ways.
+    """
+    rules = rules or ReadingRules()
+    text, encoding = _decode(path, _read_bytes(path), rules)
+    layout = find_layout(path, _first_lines(text), rules)
+    decimal = layout.decimal or "."
+    frame = _frame(path, text, layout, decimal, rules)
+    if layout.decimal is None and any(frame[position].dtype.kind not in "fiu" for position in frame):
+        # No fraction in the first lines: the sign shows only further down.
+        other = _frame(path, text, layout, ",", rules)
+        if sum(c.dtype.kind in "fiu" for _, c in other.items()) > sum(c.dtype.kind in "fiu" for _, c in frame.items()):
+            frame, decimal = other, ","
+    columns = {}
+    named = zip(layout.names, layout.units, frame.items(), strict=True)
+    for position, (name, unit, (_, cells)) in enumerate(named, start=1):
+        if name or not bool(cells.isna().to_numpy().all()):
+            column = name or str(position)
+            columns[column] = _column(path, column, unit or split_unit(name)[1], cells)
+    return RawTable(path=path, columns=columns, notes=_notes(layout, encoding, decimal))
+
+
+def _first_lines(text: str) -> list[str]:
+    """Return the first lines, whatever ends them; not one that is cut."""
+    head = StringIO(text[:_N_PROBED_CHARACTERS], newline=None)
+    lines = list(islice(head, _N_PROBED_LINES))
+    is_cut = len(text) > _N_PROBED_CHARACTERS and len(lines) < _N_PROBED_LINES
+    return lines[:-1] if is_cut and len(lines) > 1 else lines
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        if path.suffix.lower() != ".gz":
+            return path.read_bytes()
+        with gzip.open(path) as stream:
+            content = stream.read(_MOST_BYTES + 1)
+    except FileNotFoundError:
+        raise InputError("no such file", where=path, remedy="check the path") from None
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}", where=path) from error
+    if len(content) > _MOST_BYTES:
+        raise InputError(f"holds more than {_MOST_BYTES / 1e9:g} GB of text", where=path, remedy="split the file")
+    return content
+
+
+def _decode(path: Path, content: bytes, rules: ReadingRules) -> tuple[str, str]:
+    """Return the text and the name of its encoding: the stated one, that of its byte order mark, or what fits."""
+    marked = next((name for mark, name in _MARKS if content.startswith(mark)), None)
+    head = content[:2000]
+    without_mark = "utf-16-le" if head[1::2].count(0) > len(head) // 4 else None
+    if head[::2].count(0) > len(head) // 4:
+        without_mark = "utf-16-be" if without_mark is None else None
+    candidates = [name for name in (rules.encoding, marked, without_mark) if name] or ["utf-8", "cp1252", "latin-1"]
+    for encoding in candidates:
+        try:
+            text = content.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        except LookupError:
+            raise InputError(f"encoding {encoding!r} is unknown", where=path, remedy="correct it in the map") from None
+        if "\0" in text:
+            break
+        return text, encoding
+    raise InputError(
+        "cannot be read as text: it holds bytes that are none",
+        where=path,
+        remedy='state its encoding in a map (--map): [table] encoding = "latin-1"',
+    )
+
+
+def _frame(path: Path, text: str, layout: TextLayout, decimal: str, rules: ReadingRules) -> pd.DataFrame:
+    import pandas as pd
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # cells that would be dropped
+            frame = pd.read_csv(
+                BytesIO(text.encode()),
+                sep=r"\s+" if layout.separator == " " else layout.separator,
+                decimal=decimal,
+                thousands=rules.thousands,
+                header=None,
+                names=list(range(len(layout.names))),
+                skiprows=layout.n_lines_before,
+                comment=layout.comment,
+                index_col=False,
+                skipinitialspace=True,
+                low_memory=False,
+            )
+    except (pd.errors.ParserError, pd.errors.ParserWarning, pd.errors.EmptyDataError) as error:
+        if isinstance(error, pd.errors.EmptyDataError):
+            raise InputError("has a header but no data rows", where=path) from error
+        raise InputError(f"cannot be read as a table: {error}".rstrip("\n"), where=path) from error
+    if frame.empty:
+        raise InputError("has a header but no data rows", where=path)
+    return frame
+
+
+def _column(path: Path, name: str, unit: str, cells: pd.Series) -> RawColumn:
+    if cells.dtype.kind in "fiu":
+        return RawColumn(values=cells.to_numpy(dtype=np.float64), unit=unit)
+    seconds = _seconds_of_clock(cells)
+    if seconds is not None:
+        return RawColumn(values=seconds, unit="s")
+    problem = InputError(f"column {name} does not hold numbers", where=path)
+    for row, cell in enumerate(cells.tolist(), start=1):
+        if isinstance(cell, str) and not _is_plain_number(cell):
+            remedy = "use a point as decimal sign, or semicolons between the cells" if "," in cell else None
+            problem = InputError(
+                f"column {name} holds {cell!r} in data row {row}, not a number",
+                where=path,
+                remedy=remedy or "correct the cell, or leave it empty where the sample is missing",
+            )
+            break
+    return RawColumn(values=np.full(len(cells), np.nan), unit=unit, problem=problem)
+
+
+def _seconds_of_clock(cells: pd.Series) -> Floats | None:
+    """Seconds since the first of cells like "09:00:00.001", also behind a date; None where they are no times of day."""
+    parts = cells.astype(str).str.extract(_TIME_OF_DAY)
+    if bool(parts.isna().to_numpy().any()):
+        return None
+    hours, minutes, seconds = (parts[k].str.replace(",", ".").to_numpy(dtype=np.float64) for k in range(3))
+    of_day_s = 3600.0 * hours + 60.0 * minutes + seconds
+    n_midnights = np.cumsum(np.diff(of_day_s, prepend=of_day_s[0]) < -_HALF_DAY_S)
+    return of_day_s - of_day_s[0] + 2.0 * _HALF_DAY_S * n_midnights
+
+
+def _is_plain_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _notes(layout: TextLayout, encoding: str, decimal: str) -> tuple[str, ...]:
+    """Say how the text was read where that is not what every program writes."""
+    said = []
+    if encoding not in ("utf-8", "utf-8-sig"):
+        said.append(f"read as {encoding}")
+    if decimal == ",":
+        said.append("decimal commas")
+    if layout.n_remarks:
+        said.append(f"{layout.n_remarks} lines before the header left out")
+    if any(layout.units):
+        said.append("a row of units under the header")
+    return tuple(said)

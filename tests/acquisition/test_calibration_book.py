@@ -1,0 +1,138 @@
+"""The calibration book: order, history, what no longer fits, what is in force."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from sawbench.acquisition.calibration import Calibration
+from sawbench.acquisition.calibration_book import (
+    BookEntry,
+    CalibrationBook,
+    add_entry,
+    build_calibrated,
+    provenance,
+    read_book,
+    zeroed,
+)
+from sawbench.bench.config import parse_config
+from sawbench.bench.errors import ConfigError, InputError
+
+pytestmark = pytest.mark.unit
+
+TEXT = """[devices.cell]
+driver = "gsv8"
+port = "COM3"
+[devices.cell.channels.force_n]
+input = 1
+raw_range = [-3.5, 3.5]
+calibration = {{ scale = {scale}, raw_unit = "mV/V", source = "{source}" }}
+[devices.power]
+driver = "dbc_can"
+port = "COM4"
+signals = {{ motor_current_a = "MotorStatus.MotorCurrent" }}
+"""
+CONFIG = parse_config(TEXT.format(scale=250.0, source="nominal")).config
+CONFIGURED = Calibration(scale=250.0, raw_unit="mV/V", source="nominal")
+BEGUN = datetime(2026, 3, 2, 9, tzinfo=UTC)
+
+
+def entry(kind, hour, **values):
+    return BookEntry(
+        kind=kind, device="cell", channel="force_n", made_at=BEGUN + timedelta(hours=hour), zero_std_raw=1e-4,
+        result=Calibration(raw_unit="mV/V", **values), configured=CONFIGURED, seconds=5.0, operator="Kim",
+        details={"points": [{"reference": 0.0}]},
+    )  # fmt: skip
+
+
+def in_force(*entries, config=CONFIG):
+    devices, _ = build_calibrated(config, CalibrationBook(entries=entries))
+    return {c.name: c.calibration for d in devices for s in d.streams for c in s.channels}
+
+
+def test_without_a_book_the_configuration_holds():
+    assert in_force()["force_n"] == CONFIGURED
+
+
+def test_the_latest_calibration_and_the_latest_tare_after_it_are_in_force():
+    first, second = entry("tare", 0, scale=250.0, zero_raw=0.1), entry("tare", 1, scale=250.0, zero_raw=0.2)
+    made = entry("calibration", 2, scale=245.0, zero_raw=0.3)
+    after = entry("tare", 3, scale=245.0, zero_raw=0.4)
+    assert in_force(first)["force_n"].zero_raw == 0.1
+    assert in_force(first, second)["force_n"].zero_raw == 0.2
+    found = in_force(first, second, made)["force_n"]
+    assert (found.scale, found.zero_raw) == (245.0, 0.3)
+    found = in_force(first, second, made, after)["force_n"]
+    assert (found.scale, found.zero_raw) == (245.0, 0.4)
+    assert "calibration of 2026-03-02T11:00" in found.source and "tare of 2026-03-02T12:00" in found.source
+    assert "Kim" in found.source and "nominal" in found.source
+    assert "09:00" not in found.source
+
+
+def test_a_channel_on_the_bus_can_be_calibrated_too():
+    base = in_force()["motor_current_a"]
+    made = BookEntry(
+        kind="tare", device="power", channel="motor_current_a", made_at=BEGUN, zero_std_raw=0.0, seconds=1.0,
+        result=base.model_copy(update={"zero_raw": 0.25}), configured=base,
+    )  # fmt: skip
+    assert in_force(made)["motor_current_a"].apply(0.25) == pytest.approx(0.0)
+
+
+def test_a_configuration_that_was_changed_since_is_refused():
+    tare = entry("tare", 0, scale=250.0, zero_raw=0.1)
+    other = parse_config(TEXT.format(scale=251.0, source="certificate")).config
+    with pytest.raises(ConfigError, match="changed since the tare"):
+        in_force(tare, config=other)
+    # Other words for the same numbers change nothing.
+    same = parse_config(TEXT.format(scale=250.0, source="certificate 4711")).config
+    assert in_force(tare, config=same)["force_n"].zero_raw == 0.1
+
+
+def test_the_file_keeps_everything_and_comes_back(tmp_path):
+    path = tmp_path / "bench_config.calibration.toml"
+    assert read_book(path).entries == ()
+    entries = [
+        entry("tare", 0, scale=250.0, zero_raw=1 / 3),
+        entry("calibration", 1, scale=245.0, zero_raw=0.1),
+        entry("calibration", 2, scale=246.0, zero_raw=0.1),
+    ]
+    for one in entries:
+        add_entry(path, one)
+    assert read_book(path).entries == tuple(entries)
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize("text", ["entries = 3", "[[entries]]\nkind = 'guess'\n", "=", "schema_version = 2"])
+def test_a_broken_book_is_an_input_error_and_stays(tmp_path, text):
+    path = tmp_path / "book.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match="no calibration book"):
+        add_entry(path, entry("tare", 0, scale=250.0))
+    assert path.read_text() == text
+
+
+def test_provenance_holds_the_entries_in_force_whole():
+    tare = entry("tare", 0, scale=250.0, zero_raw=0.1)
+    book = CalibrationBook(entries=(entry("tare", -1, scale=250.0, zero_raw=0.7), tare))
+    kept = provenance(book, {("cell", "force_n"): CONFIGURED, ("power", "motor_current_a"): Calibration()})
+    assert list(kept) == ["calibration book force_n"]
+    import json
+
+    (found,) = json.loads(kept["calibration book force_n"])
+    assert BookEntry.model_validate(found) == tare
+
+
+@pytest.mark.parametrize(
+    "calibration",
+    [
+        Calibration(scale=-3.0, offset=7.0, zero_raw=0.2),
+        Calibration(polynomial=(1.0, 20.0, 0.5)),
+        Calibration(polynomial=(1.0, 20.0, 0.5), zero_raw=0.3),
+    ],
+)
+def test_zeroed_is_zero_at_rest_and_keeps_the_slope_there(calibration):
+    found = zeroed(calibration, 0.11)
+    assert found.apply(0.11) == pytest.approx(0.0, abs=1e-12)
+    assert found.slope_at(0.11) * calibration.slope_at(0.11) > 0
+    with pytest.raises(InputError, match="nowhere 0"):
+        zeroed(Calibration(polynomial=(1.0, 0.0, 1.0)), 0.0)

@@ -1,0 +1,101 @@
+"""Logged frames: formats that python-can wrote, and a real heavy-duty log whose truth is known."""
+
+from __future__ import annotations
+
+import gzip
+import os
+import struct
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+from sawbench.acquisition.can_logs import decode_can_log
+from sawbench.bench.errors import ConfigError, InputError
+
+pytestmark = pytest.mark.unit
+
+ROOT = Path(__file__).parents[2]
+SHARED = Path(os.environ.get("SAWBENCH_SHARED", ROOT.parent / "shared" / "data")) / "can_css_j1939"
+SIGNALS = {"motor_current_a": "MotorStatus.MotorCurrent"}
+
+
+def frames(n=500):
+    for k in range(n):
+        if 200 <= k < 230:
+            continue
+        data = struct.pack("<Hh", k, round(1000 * np.sin(k / 20)))
+        yield can.Message(timestamp=1.7e9 + k / 1000, arbitration_id=0x100, is_extended_id=False, data=data, channel=0)
+
+
+@pytest.mark.parametrize("suffix", [".log", ".asc", ".blf"])
+def test_formats(tmp_path, suffix):
+    path = tmp_path / f"drive.one{suffix}"
+    with can.Logger(path) as logger:
+        for message in frames():
+            logger.on_message_received(message)
+    signal = decode_can_log(path, "jigsaw_bench.dbc", SIGNALS).signal("motor_current_a")
+    k = np.delete(np.arange(500), np.s_[200:230])
+    assert signal.unit == "A"
+    assert signal.time_s == pytest.approx(k / 1000, abs=2e-6)
+    assert signal.values == pytest.approx(0.005 * np.round(1000 * np.sin(k / 20)))
+    assert [(g.n_missing, round(g.start_s, 3)) for g in signal.gaps] == [(30, 0.199)]
+
+
+def test_two_senders_are_not_mixed(tmp_path):
+    path = tmp_path / "two.log"
+    lines = []
+    for k in range(100):
+        lines.append(f"({k / 100:.6f}) can0 100#{struct.pack('<Hh', k, 100).hex()}")
+        if k % 3 == 0:
+            lines.append(f"({k / 100 + 0.001:.6f}) can1 100#{struct.pack('<Hh', k, -100).hex()}")
+    path.write_text("\n".join(lines))
+    recording = decode_can_log(path, "jigsaw_bench.dbc", SIGNALS)
+    assert set(recording.signal("motor_current_a").values) == {0.5}
+    assert "2 senders" in recording.events[0].text
+    other = decode_can_log(path, "jigsaw_bench.dbc", SIGNALS, bus="can1")
+    assert set(other.signal("motor_current_a").values) == {-0.5}
+
+
+def test_wrong_input_is_said(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        decode_can_log(tmp_path / "none.log", "jigsaw_bench.dbc")
+    text = tmp_path / "text.log"
+    text.write_text("this is no candump\n")
+    with pytest.raises(InputError, match="cannot be read as a CAN log"):
+        decode_can_log(text, "jigsaw_bench.dbc")
+    packed = tmp_path / "empty.log.gz"
+    packed.write_bytes(gzip.compress(b""))
+    with pytest.raises(InputError, match="no CAN frames"):
+        decode_can_log(packed, "jigsaw_bench.dbc")
+    other = tmp_path / "other.log"
+    other.write_text("(1.0) can0 7FF#00\n")
+    with pytest.raises(InputError, match="no frame of MotorStatus"):
+        decode_can_log(other, "jigsaw_bench.dbc", SIGNALS)
+    with pytest.raises(InputError, match="no frame that the DBC describes"):
+        decode_can_log(other, "jigsaw_bench.dbc")
+    with pytest.raises(ConfigError, match="no signal"):
+        decode_can_log(other, "jigsaw_bench.dbc", {"motor_current_a": "MotorStatus.Speed"})
+
+
+@pytest.mark.skipif(not SHARED.exists(), reason="the real log is not on this machine")
+def test_idle_of_a_real_engine():
+    """Truth from the data set's README: 12719 frames at 10.0 ms, mean 650.05 rpm, 646.5..653.75 rpm."""
+    log = next(SHARED.glob("*.candump.log.gz"))
+    recording = decode_can_log(log, SHARED / "CSS-Electronics-SAE-J1939-DEMO.dbc", {"rpm": "EEC1.EngineSpeed"})
+    rpm = recording.signal("rpm")
+    assert len(rpm.values) == 12719
+    assert np.median(np.diff(rpm.time_s)) == pytest.approx(0.010, abs=1e-5)
+    assert rpm.values.mean() == pytest.approx(650.05, abs=0.005)
+    assert (rpm.values.min(), rpm.values.max()) == (646.5, 653.75)
+    assert recording.trial.started_at.year == 2021
+
+
+@pytest.mark.skipif(not SHARED.exists(), reason="the real log is not on this machine")
+def test_mf4_of_an_engine_that_is_off():
+    """Truth from the data set's README: EngineSpeed is 0 throughout."""
+    recording = decode_can_log(
+        SHARED / "00000001.MF4", SHARED / "CSS-Electronics-SAE-J1939-DEMO.dbc", {"rpm": "EEC1.EngineSpeed"}
+    )
+    assert not recording.signal("rpm").values.any()
+    assert len(recording.signal("rpm").values) > 1000

@@ -1,0 +1,400 @@
+"""The recorder with scripted devices: time is what the script says, threads are real."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections import defaultdict
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sawbench.acquisition.calibration import Calibration
+from sawbench.acquisition.devices.device import Chunk, Stream, StreamChannel
+from sawbench.acquisition.observers import ObserverFeed
+from sawbench.acquisition.recorder import RecorderLimits, record
+from sawbench.bench.errors import DeviceError, InputError
+from sawbench.bench.recording import Event, SampleBlock
+
+pytestmark = pytest.mark.unit
+
+RATE_HZ = 1000.0
+# The scripted device may run far ahead of the recorder: only the limits under test are short.
+PATIENT = RecorderLimits(first_sample_s=1e6, settle_s=1e6, silence_s=1e6, all_lost_s=1e6, grace_s=1e6)
+
+
+class Clock:
+    now_s = 1000.0
+
+    def __call__(self):
+        return self.now_s
+
+
+class Scripted:
+    """Each read is 10 ms and 10 samples; `at` maps the number of a read to what happens instead.
+
+    Reads are counted once the recording has begun, as the reading thread may run far ahead of the recorder.
+    """
+
+    def __init__(
+        self,
+        name="cell",
+        *,
+        channel="force_n",
+        at=None,
+        refuse_opening=0,
+        clock=None,
+        valid=(-1e9, 1e9),
+        has_begun=False,
+    ):
+        self.name, self.port = name, f"port of {name}"
+        self.clock = clock or Clock()
+        self.channel = StreamChannel(
+            name=channel, unit="N", calibration=Calibration(scale=2.0, source="test"), valid_range=valid
+        )
+        self.at = defaultdict(lambda: None, at or {}) if not isinstance(at, defaultdict) else at
+        self.refuse_opening = refuse_opening
+        self.n_discarded_bytes = 0
+        self.has_begun = has_begun
+        self.n_reads = self.n_samples = self.n_opened = 0
+        self.is_open = False
+
+    @property
+    def streams(self):
+        return (Stream(name="frames", rate_hz=RATE_HZ, channels=(self.channel,)),)
+
+    def open(self):
+        self.n_opened += 1
+        if self.n_opened > 1 and self.refuse_opening:
+            self.refuse_opening -= 1
+            raise DeviceError("still unplugged")
+        self.is_open = True
+
+    def start(self):
+        assert self.is_open
+
+    def read(self):
+        assert self.is_open
+        self.n_reads += self.has_begun
+        self.clock.now_s += 0.01
+        what = self.at[self.n_reads] if self.has_begun else None
+        if what is not None:
+            return what(self)
+        return [self.chunk()]
+
+    def chunk(self, value=None, **options):
+        first, self.n_samples = self.n_samples, self.n_samples + 10
+        raw = np.arange(first, first + 10, dtype=float)[:, None] if value is None else np.full((10, 1), value)
+        return Chunk(stream="frames", raw=raw, arrival_s=np.array([self.clock.now_s]), **options)
+
+    def stop(self):
+        self.is_open = False
+
+    def describe(self):
+        return {"model": "scripted"}
+
+
+class Writer:
+    def __init__(self, fail_at=None, error=None):
+        self.items = []
+        self.devices = []
+        self.fail_at, self.error = fail_at, error
+
+    def write_block(self, block):
+        if len(self.items) == self.fail_at:
+            self.fail_at = None
+            raise self.error
+        self.items.append(block)
+
+    def write_event(self, event):
+        for device in self.devices:
+            device.has_begun = True
+        self.items.append(event)
+
+    def blocks(self):
+        return [x for x in self.items if isinstance(x, SampleBlock)]
+
+    def events(self, kind):
+        return [x for x in self.items if isinstance(x, Event) and x.kind == kind]
+
+
+def run(device, writer=None, **options):
+    writer = writer or Writer()
+    writer.devices.append(device)
+    options.setdefault("limits", PATIENT)
+    summary = record([device], writer, clock=device.clock, **options)
+    return summary, writer
+
+
+def test_as_many_samples_as_asked_with_one_index_and_calibrated():
+    device = Scripted()
+    summary, writer = run(device, seconds=2.0)
+    blocks = writer.blocks()
+    index = np.concatenate([b.first_index + np.arange(len(b.time_s)) for b in blocks])
+    time_s = np.concatenate([b.time_s for b in blocks])
+    assert len(index) == pytest.approx(2000, abs=1)
+    assert np.all(np.diff(index) == 1)
+    assert time_s[0] >= 0
+    assert time_s[-1] < 2.0
+    assert np.diff(time_s) == pytest.approx(np.full(len(time_s) - 1, 1e-3), rel=1e-3)
+    assert all(np.array_equal(b.values, 2.0 * b.raw) for b in blocks)
+    (channel,) = summary.channels
+    assert (channel.n_samples, channel.n_gaps, channel.n_missing) == (len(index), 0, 0)
+    assert channel.rate_hz == pytest.approx(RATE_HZ, rel=1e-3)
+    assert summary.is_complete
+    assert summary.end_reason == "2 s recorded"
+    assert "source: test" in summary.provenance["calibration force_n"]
+    assert "alignment" in " ".join(summary.provenance)
+    assert not device.is_open
+
+
+def test_the_writer_is_made_when_start_and_alignment_are_known():
+    starts = []
+    writer = Writer()
+
+    def make(start):
+        starts.append(start)
+        return writer
+
+    summary = record([device := Scripted()], make, seconds=0.5, clock=device.clock, limits=PATIENT)
+    assert starts[0].started_at == summary.started_at
+    assert "lower envelope" in starts[0].provenance["alignment cell frames"]
+    assert len(writer.blocks()) > 0
+
+
+def test_unplugged_and_back_goes_on_in_the_same_recording():
+    def unplugged(device):
+        # Half a second passes before the plug is back.
+        device.clock.now_s += 0.5
+        raise DeviceError("the link broke")
+
+    device = Scripted(at={30: unplugged}, refuse_opening=2)
+    summary, writer = run(device, seconds=20.0)
+    (channel,) = summary.channels
+    (gap,) = writer.events("gap")
+    assert device.n_opened == 4
+    assert summary.devices[0].n_reconnects == 1
+    assert channel.n_gaps == 1
+    assert channel.n_missing == pytest.approx(510, abs=15)
+    assert channel.n_samples + channel.n_missing == pytest.approx(20_000, abs=2)
+    assert "the link broke" in gap.text
+    assert [e.text.split()[1] for e in writer.events("device")][1:] == ["lost:", "is"]
+    index = np.concatenate([b.first_index + np.arange(len(b.time_s)) for b in writer.blocks()])
+    time_s = np.concatenate([b.time_s for b in writer.blocks()])
+    assert np.all(np.diff(time_s) > 0)
+    assert np.diff(index).max() == channel.n_missing + 1
+
+
+def test_a_link_that_comes_back_with_another_instrument_is_not_believed():
+    def unplugged(device):
+        device.clock.now_s += 0.5
+        raise DeviceError("the link broke")
+
+    class Exchanged(Scripted):
+        def describe(self):
+            # The second and third time it is opened, another bench is on the plug.
+            return {"model": "scripted", "serial_number": "666" if self.n_opened in {2, 3} else "42"}
+
+    summary, writer = run(Exchanged(at={30: unplugged}), seconds=20.0)
+    said = [e.text for e in writer.events("device") if e.text.startswith("link lost: another instrument")]
+    assert len(said) == 1
+    assert "666" in said[0] and "42" in said[0]
+    assert summary.devices[0].n_reconnects == 1
+    assert summary.channels[0].n_gaps == 1
+
+
+def test_a_counted_loss_is_one_gap_event():
+    device = Scripted(at={30: lambda d: [d.chunk(n_lost=4)]})
+    summary, writer = run(device, seconds=5.0)
+    (gap,) = writer.events("gap")
+    assert "4 samples missing" in gap.text
+    assert summary.channels[0].n_missing == 4
+    assert (gap.device, gap.channel) == ("cell", "force_n")
+
+
+def test_values_no_sensor_can_mean_become_a_gap():
+    device = Scripted(at={30: lambda d: [d.chunk(value=1e30)]}, valid=(-1.0, 1e6))
+    summary, writer = run(device, seconds=5.0)
+    (gap,) = writer.events("gap")
+    assert "outside of what the instrument can mean" in gap.text
+    assert summary.channels[0].n_missing == 10
+    assert max(b.values.max() for b in writer.blocks()) < 1e6
+
+
+def test_stop_event_ends_it():
+    stop = threading.Event()
+    summary, writer = run(Scripted(), stop=stop, status=lambda s: s.elapsed_s > 1.0 and stop.set())
+    assert summary.end_reason == "stopped by the operator"
+    assert summary.is_complete
+    assert writer.events("stop")
+
+
+def test_ctrl_c_ends_it_and_writes_nothing_twice():
+    writer = Writer(fail_at=8, error=KeyboardInterrupt())
+    summary, _ = run(Scripted(), writer)
+    assert "Ctrl-C" in summary.end_reason
+    first = [b.first_index for b in writer.blocks()]
+    assert len(set(first)) == len(first)
+    assert writer.events("stop")
+
+
+def test_a_writer_that_fails_ends_it_and_frees_the_devices():
+    device = Scripted()
+    with pytest.raises(OSError, match="disk full"):
+        run(device, Writer(fail_at=5, error=OSError("disk full")), seconds=10.0)
+    assert not device.is_open
+
+
+def test_status_counts_up_and_its_failure_does_no_harm():
+    seen = []
+
+    def status(snapshot):
+        seen.append(snapshot)
+        if len(seen) == 3:
+            raise RuntimeError("terminal gone")
+
+    # After every message: by the clock, which the reading thread drives, it may be due only once or twice.
+    summary, writer = run(Scripted(), seconds=5.0, status=status, limits=replace(PATIENT, status_every_s=0.0))
+    counts = [s.channels[0].n_samples for s in seen]
+    assert len(seen) == 3
+    assert counts == sorted(counts)
+    assert any("terminal gone" in e.text for e in writer.events("warning"))
+    assert summary.channels[0].n_samples == pytest.approx(5000, abs=1)
+
+
+def test_an_observer_that_raises_is_removed_and_noted():
+    calls = []
+
+    def observer(item):
+        calls.append(item)
+        raise RuntimeError("viewer died")
+
+    good = []
+    summary, writer = run(Scripted(), seconds=3.0, observers=[observer, good.append])
+    assert len(calls) == 1
+    assert len(good) > 10
+    assert summary.channels[0].n_samples == pytest.approx(3000, abs=1)
+    assert all("viewer died" in e.text for e in writer.events("warning"))
+
+
+def test_an_observer_that_hangs_costs_only_itself():
+    release = threading.Event()
+    feed = ObserverFeed([lambda _: release.wait()], capacity=2)
+    for k in range(10):
+        feed.offer(Event(kind="note", time_s=float(k), text="x"))
+    assert feed.n_dropped >= 7
+    feed.close()
+    release.set()
+
+
+def test_nobody_delivers_any_more():
+    def gone(device):
+        device.clock.now_s += 0.001
+        raise DeviceError("the link broke")
+
+    limits = RecorderLimits(first_sample_s=1e6, settle_s=1e6, silence_s=1e6, all_lost_s=0.0, grace_s=1e6)
+    device = Scripted(at=dict.fromkeys(range(30, 100_000), gone), refuse_opening=10**6)
+    device.clock = Ticking(device.clock)
+    summary, writer = run(device, limits=limits)
+    assert not summary.is_complete
+    assert "no instrument delivered" in summary.end_reason
+    assert writer.events("interrupted")
+
+
+class Ticking:
+    """A clock that also goes on while nobody reads."""
+
+    def __init__(self, inner):
+        self._inner = inner
+
+    @property
+    def now_s(self):
+        return self._inner.now_s
+
+    @now_s.setter
+    def now_s(self, value):
+        self._inner.now_s = value
+
+    def __call__(self):
+        self._inner.now_s += 1e-6
+        return self._inner.now_s
+
+
+def silent(device):
+    device.clock.now_s += 0.2
+    return []
+
+
+def test_silence_at_the_start_names_device_and_port():
+    device = Scripted(at=defaultdict(lambda: silent), has_begun=True)
+    with pytest.raises(DeviceError, match="sent no sample of frames") as caught:
+        run(device, limits=RecorderLimits(silence_s=1e9), seconds=1.0)
+    assert "cell on port of cell" in str(caught.value)
+    assert not device.is_open
+
+
+def test_silence_while_recording_is_a_lost_link():
+    device = Scripted(at=dict.fromkeys(range(30, 60), silent))
+    limits = RecorderLimits(first_sample_s=1e6, settle_s=1e6, silence_s=2.0, all_lost_s=1e6, grace_s=1e6)
+    summary, writer = run(device, limits=limits, seconds=20.0)
+    assert summary.devices[0].n_reconnects >= 1
+    assert any("sent nothing" in e.text for e in writer.events("device"))
+    assert summary.channels[0].n_gaps == 1
+
+
+def test_a_missing_device_frees_the_others():
+    present, missing = Scripted("present"), Scripted("missing", channel="displacement_mm")
+
+    def refuse():
+        raise DeviceError("no such port", where="missing", remedy="plug it in")
+
+    missing.open = refuse
+    with pytest.raises(DeviceError, match="no such port"):
+        record([present, missing], Writer(), clock=present.clock, seconds=1.0)
+    assert not present.is_open
+
+
+def test_a_wrong_rate_is_refused_at_the_start():
+    device = Scripted()
+    device.chunk = lambda: Chunk(stream="frames", raw=np.zeros((5, 1)), arrival_s=np.array([device.clock.now_s]))
+    with pytest.raises(DeviceError, match="500 samples/s, configured are 1000"):
+        run(device, seconds=1.0)
+
+
+def test_a_fault_in_a_driver_is_noted_and_the_rest_goes_on():
+    # The two read in turn, until one crashes; only one of them moves the time on.
+    in_turn = threading.Barrier(2)
+
+    def wait(device):
+        with contextlib.suppress(threading.BrokenBarrierError):
+            in_turn.wait(1.0)
+        return [device.chunk()]
+
+    def wait_and_hold_time(device):
+        device.clock.now_s -= 0.01
+        if len(writer.items) > 30:
+            in_turn.abort()
+            raise ZeroDivisionError("bug")
+        return wait(device)
+
+    writer = Writer()
+    clock = Clock()
+    sound = Scripted("sound", channel="displacement_mm", clock=clock, at=defaultdict(lambda: wait), has_begun=True)
+    broken = Scripted("broken", clock=clock, at=defaultdict(lambda: wait_and_hold_time), has_begun=True)
+    summary = record([sound, broken], writer, seconds=5.0, clock=clock, limits=PATIENT)
+    by_name = {c.channel: c for c in summary.channels}
+    assert any("driver failed" in e.text for e in writer.events("device"))
+    assert by_name["displacement_mm"].n_samples > 0
+    assert by_name["force_n"].n_gaps == 1
+    # Gone for good: not complete, all that is missing counted, the rate that of what came.
+    assert not summary.is_complete
+    assert by_name["force_n"].n_missing + by_name["force_n"].n_samples == pytest.approx(5000, abs=5)
+    assert by_name["force_n"].rate_hz == pytest.approx(RATE_HZ, rel=0.02)
+    assert [loss.split(":")[0] for loss in summary.losses] == ["force_n"]
+
+
+def test_wrong_usage_is_said():
+    with pytest.raises(InputError, match="no instrument"):
+        record([], Writer())
+    with pytest.raises(InputError, match="greater than 0"):
+        record([Scripted()], Writer(), seconds=0.0)

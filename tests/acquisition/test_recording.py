@@ -1,0 +1,230 @@
+"""Simulated bench in its own process -> ports -> drivers -> recorder: real bytes in real time."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sawbench.acquisition.devices import build_devices
+from sawbench.acquisition.recorder import record
+from sawbench.bench.config import load_config
+from sawbench.bench.errors import DeviceError
+from sawbench.bench.recording import Event, SampleBlock
+
+pytestmark = pytest.mark.pipeline
+
+ROOT = Path(__file__).parents[2]
+CONFIG = ROOT / "bench_config.toml"
+RATES = {
+    "force_n": 6000,
+    "displacement_mm": 6000,
+    "motor_current_a": 1000,
+    "battery_voltage_v": 1000,
+    "battery_current_a": 1000,
+}
+needs_pty = pytest.mark.skipif(os.name != "posix", reason="this system has no pty")
+
+
+class Writer:
+    def __init__(self):
+        self.blocks, self.events = [], []
+
+    def write_block(self, block: SampleBlock):
+        self.blocks.append(block)
+
+    def write_event(self, event: Event):
+        self.events.append(event)
+
+    def joined(self, channel):
+        blocks = [b for b in self.blocks if b.channel == channel]
+        index = np.concatenate([b.first_index + np.arange(len(b.time_s)) for b in blocks])
+        return index, np.concatenate([b.time_s for b in blocks]), np.concatenate([b.values for b in blocks])
+
+
+@contextlib.contextmanager
+def bench(**options):
+    command = [
+        sys.executable,
+        str(ROOT / "tests" / "rigs" / "sine.py"),
+        str(CONFIG),
+        json.dumps(options),
+    ]
+    process = subprocess.Popen(
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        announced = process.stdout.readline()
+        if not announced:
+            pytest.fail(f"the bench did not start: {process.stderr.read()}")
+        yield process, json.loads(announced)
+    finally:
+        process.stdin.close()
+        process.wait(timeout=20)
+        process.stdout.close()
+        process.stderr.close()
+
+
+def channels_of(summary):
+    return {c.channel: c for c in summary.channels}
+
+
+def fit_sine(time_s, values):
+    """Time shift of the 10 Hz sine (s), and standard deviation of what remains, relative to its amplitude."""
+    angle = 2 * np.pi * 10.0 * time_s
+    basis = np.stack([np.sin(angle), np.cos(angle), np.ones_like(angle)], axis=1)
+    a, b, c = np.linalg.lstsq(basis, values, rcond=None)[0]
+    remains = values - basis @ np.array([a, b, c])
+    return np.arctan2(b, a) / (2 * np.pi * 10.0), remains.std() / np.hypot(a, b)
+
+
+@pytest.mark.parametrize("transport", [pytest.param("pty", marks=needs_pty), "tcp"])
+def test_every_sample_arrives_and_all_channels_agree_in_time(transport):
+    writer = Writer()
+    with bench(transport=transport, trigger_after_s=0.3, clock_error_ppm={"load_cell": 40.0, "power": -40.0}) as (
+        process,
+        ports,
+    ):
+        summary = record(build_devices(load_config(CONFIG).config, ports), writer, seconds=1.5)
+        process.stdin.close()
+        assert process.wait(timeout=20) == 0
+        assert "triggered" in process.stderr.read()
+    shifts = []
+    for channel, rate_hz in RATES.items():
+        index, time_s, values = writer.joined(channel)
+        # Nothing lost, nothing twice: the index is whole. How many samples fall into 1.5 s hangs on the clock,
+        # which places the two ends of the recording to half a millisecond where the machine is busy.
+        assert np.all(np.diff(index) == 1)
+        assert len(index) == pytest.approx(1.5 * rate_hz, abs=1 + 0.5e-3 * rate_hz)
+        assert np.all(np.diff(time_s) > 0)
+        assert 0 <= time_s[0] < time_s[-1] < 1.5
+        # Over the sample count a sine stays a sine, but for 40 ppm and quantisation: none lost, none twice.
+        assert fit_sine(index / rate_hz, values)[1] < 0.01
+        shifts.append(fit_sine(time_s, values)[0])
+        assert channels_of(summary)[channel].n_gaps == 0
+    assert np.ptp(shifts) < 0.005
+    assert summary.is_complete
+    assert [d.n_discarded_bytes for d in summary.devices] == [0, 0, 0]
+    assert not [e for e in writer.events if e.kind == "gap"]
+
+
+@needs_pty
+def test_an_unplugged_instrument_comes_back_into_the_same_recording():
+    faults = [
+        {"device": "load_cell", "kind": "unplug", "at_s": 1.0, "seconds": 0.4},
+        {"device": "power", "kind": "unplug", "at_s": 1.3, "seconds": 0.3},
+        {"device": "stroke_sensor", "kind": "garble_bytes", "at_s": 1.4, "n_bytes": 8},
+    ]
+    writer = Writer()
+    with bench(faults=faults) as (_, ports):
+        summary = record(build_devices(load_config(CONFIG).config, ports), writer, seconds=3.0)
+    found = channels_of(summary)
+    reconnects = {d.device: d.n_reconnects for d in summary.devices}
+    assert reconnects == {"load_cell": 1, "stroke_sensor": 0, "power": 1}
+    for channel, rate_hz in RATES.items():
+        index, time_s, _ = writer.joined(channel)
+        assert np.all(np.diff(index) >= 1)
+        assert np.all(np.diff(time_s) > 0)
+        total = found[channel].n_samples + found[channel].n_missing
+        assert total == pytest.approx(3.0 * rate_hz, rel=0.005)
+        assert found[channel].n_gaps == 1
+    assert found["displacement_mm"].n_missing <= 3
+    assert found["force_n"].n_missing >= 0.4 * 6000
+    assert {e.device for e in writer.events if e.kind == "device" and "link lost" in e.text} == {
+        "load_cell",
+        "power",
+    }
+
+
+@needs_pty
+def test_an_instrument_gone_for_good_leaves_no_complete_recording():
+    writer = Writer()
+    with bench(faults=[{"device": "load_cell", "kind": "unplug", "at_s": 1.0, "seconds": 60.0}]) as (_, ports):
+        summary = record(build_devices(load_config(CONFIG).config, ports), writer, seconds=3.5)
+    force = channels_of(summary)["force_n"]
+    assert not summary.is_complete
+    assert force.n_samples + force.n_missing == pytest.approx(3.5 * 6000, rel=0.005)
+    assert force.rate_hz == pytest.approx(6000, rel=0.01)
+    assert [loss.split(":")[0] for loss in summary.losses] == ["force_n"]
+    (gap,) = [e for e in writer.events if e.kind == "gap"]
+    assert gap.end_s == pytest.approx(3.5, abs=1e-6)
+
+
+@needs_pty
+def test_a_silent_instrument_is_named_at_the_start():
+    with bench(faults=[{"device": "power", "kind": "silence", "at_s": 0.0, "seconds": 60.0}]) as (_, ports):
+        devices = build_devices(load_config(CONFIG).config, ports)
+        with pytest.raises(DeviceError, match=r"sent no(thing| sample)") as caught:
+            record(devices, Writer(), seconds=2.0)
+    assert caught.value.where.startswith("power on ")
+
+
+@needs_pty
+def test_a_port_in_use_is_said(tmp_path):
+    from sawbench.acquisition.simulation.endpoints import PtyEndpoint
+    from sawbench.acquisition.transports.serial_port import SerialPort
+
+    endpoint = PtyEndpoint(tmp_path / "port")
+    endpoint.plug()
+    first, second = (SerialPort(endpoint.address, device="load_cell") for _ in range(2))
+    try:
+        first.open()
+        with pytest.raises(DeviceError, match="busy"):
+            second.open()
+        endpoint.write(b"\xaa" * 3000)
+        received = b""
+        while len(received) < 3000:
+            received += first.read()
+        endpoint.unplug()
+        with pytest.raises(DeviceError, match="link broke"):
+            first.read()
+    finally:
+        first.close()
+        second.close()
+        endpoint.unplug()
+
+
+def test_nobody_listens_on_the_socket():
+    from sawbench.acquisition.simulation.endpoints import TcpEndpoint
+    from sawbench.acquisition.transports.serial_port import SerialPort
+
+    endpoint = TcpEndpoint()
+    endpoint.plug()
+    endpoint.unplug()
+    with pytest.raises(DeviceError, match="cannot connect"):
+        SerialPort(endpoint.address, device="load_cell").open()
+
+
+def test_frames_over_python_can():
+    """The other receiver: python-can's own bus, here the one inside the process."""
+    import can
+    from sawbench.bench.config import BenchConfig
+
+    table = {
+        "driver": "dbc_can",
+        "interface": "virtual",
+        "port": "sawbench-test",
+        "signals": {"motor_current_a": "MotorStatus.MotorCurrent"},
+    }
+    (device,) = build_devices(BenchConfig(devices={"power": table}))
+    device.open()
+    sender = can.Bus(interface="virtual", channel="sawbench-test")
+    try:
+        for count in (0, 1, 2, 5, 6):
+            data = count.to_bytes(2, "little") + (200 * count).to_bytes(2, "little", signed=True)
+            sender.send(can.Message(arbitration_id=0x100, is_extended_id=False, data=data))
+        chunks = device.read()
+        assert [(c.n_lost, c.raw[:, 0].tolist()) for c in chunks] == [(0, [0.0, 1.0, 2.0]), (2, [5.0, 6.0])]
+        assert all(len(c.arrival_s) == len(c.raw) for c in chunks)
+    finally:
+        sender.shutdown()
+        device.stop()

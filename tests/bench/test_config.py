@@ -1,0 +1,64 @@
+"""`bench_config.toml` as people write it: what is refused, with what words, and what is read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from sawbench.bench.config import load_config, parse_config
+from sawbench.bench.errors import ConfigError
+
+pytestmark = pytest.mark.unit
+
+TEXT = (Path(__file__).parents[2] / "bench_config.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("right", "instead", "named"),
+    [
+        ("resistance_ohm = { nominal = 0.176", "resistance_ohm = { nominal = true", "plant.resistance_ohm.nominal"),
+        ("resistance_ohm = { nominal = 0.176", 'resistance_ohm = { nominal = "0.176"', "plant.resistance_ohm.nominal"),
+        (
+            "resistance_ohm = { nominal = 0.176",
+            "resistance_ohm = { nominal = 1e300",
+            "plant.resistance_ohm.nominal: no machine has such a value.*1e\\+300",
+        ),
+        ("gear_ratio = 9.333333333333334", "gear_ratio = 1e300", "plant.gear_ratio: no machine"),
+        (
+            "inductance_h = { nominal = 0.00321",
+            "inductance_h = { nominal = 1e-300",
+            "plant.inductance_h.nominal: no mach",
+        ),
+        ("capacity_ah = 1.5", "capacity_ah = 1e300", "battery.capacity_ah: no machine"),
+        ("gear_ratio = 9.333333333333334", "gear_ratio = true", "plant.gear_ratio"),
+        ("nominal_voltage_v = 18.0", "nominal_voltage_v = false", "battery.nominal_voltage_v"),
+        ("seconds = 10.0", 'seconds = "10"', "recording.seconds"),
+    ],
+)
+def test_a_wrong_value_is_refused_by_its_key(right, instead, named):
+    assert right in TEXT
+    with pytest.raises(ConfigError, match=named):
+        parse_config(TEXT.replace(right, instead, 1))
+
+
+def test_whole_numbers_are_numbers():
+    assert parse_config(TEXT.replace("seconds = 10.0", "seconds = 10", 1)).config.recording.seconds == 10.0
+
+
+def test_brackets_without_end_are_one_clear_message():
+    with pytest.raises(ConfigError, match="not valid TOML"):
+        parse_config("x = " + 20_000 * "[")
+
+
+def test_a_byte_order_mark_is_read_over(tmp_path):
+    path = tmp_path / "bench_config.toml"
+    path.write_text("\ufeff" + TEXT, encoding="utf-8")
+    assert load_config(path).config == parse_config(TEXT).config
+
+
+def test_text_of_another_encoding_is_one_clear_message(tmp_path):
+    path = tmp_path / "bench_config.toml"
+    path.write_text(TEXT, encoding="utf-16")
+    with pytest.raises(ConfigError, match="is no UTF-8 text: byte 0 is 0xff") as caught:
+        load_config(path)
+    assert "bench_config.toml" in str(caught.value) and "save it as UTF-8" in str(caught.value)

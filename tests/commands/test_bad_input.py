@@ -1,0 +1,225 @@
+"""Wrong input, as a technician meets it: one clear message, the right exit code, nothing lost, nothing believed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from sawbench.commands.main import main
+
+pytestmark = pytest.mark.pipeline
+
+CONFIG = Path(__file__).parents[2] / "bench_config.toml"
+K_FC = 240.29
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    """Three seconds of the model, with sensor noise: a trial whose k_Fc is known."""
+    path = tmp_path_factory.mktemp("model") / "trial.csv"
+    call = ["simulate", "--config", str(CONFIG), "--seconds", "3", "--rate", "2000", "--k-fc", str(K_FC)]
+    assert main([*call, "--out", str(path)]) == 0
+    trial = pd.read_csv(path)
+    rng = np.random.default_rng(7)
+    for column, std in {"force_n": 1.0, "displacement_mm": 0.02, "motor_current_a": 0.1}.items():
+        trial[column] += rng.normal(0.0, std, len(trial))
+    return trial
+
+
+def imported(table, folder, name="trial", **fields):
+    """Write the table, import it through a campaign, give the recording."""
+    table.to_csv(folder / f"{name}.csv", index=False)
+    settings = {"duty": 0.4375, "workpiece": "oak", **fields}
+    lines = [f"{key} = {json.dumps(value)}" for key, value in settings.items() if value is not None]
+    campaign = folder / f"{name}.toml"
+    campaign.write_text("\n".join([f"config = {json.dumps(str(CONFIG))}", "[[trial]]", f'file = "{name}.csv"', *lines]))
+    assert main(["import", str(campaign), "--out", str(folder / "in")]) == 0
+    return folder / "in" / f"{name}.mcap"
+
+
+def run(capsys, *arguments):
+    """Exit code, standard output and standard error of one call, which shows no traceback."""
+    capsys.readouterr()
+    code = main([str(argument) for argument in arguments])
+    said = capsys.readouterr()
+    assert "Traceback" not in said.err and "internal error" not in said.err
+    return code, said.out, said.err
+
+
+WRONG_CHANNELS = {
+    "reversed force": lambda t: t.assign(force_n=-t.force_n),
+    "force clipped": lambda t: t.assign(force_n=t.force_n.clip(upper=100.0)),
+    "load cell of twice the gain": lambda t: t.assign(force_n=2.0 * t.force_n),
+    "currents swapped": lambda t: t.assign(motor_current_a=t.battery_current_a, battery_current_a=t.motor_current_a),
+    "force and displacement swapped": lambda t: t.assign(force_n=t.displacement_mm, displacement_mm=t.force_n),
+    "stroke reversed": lambda t: t.assign(displacement_mm=20.0 - t.displacement_mm),
+    "current in mA": lambda t: t.assign(motor_current_a=1e3 * t.motor_current_a),
+}
+
+
+def test_sound_trial_is_believed(table, tmp_path, capsys):
+    recording = imported(table, tmp_path)
+    code, out, _ = run(capsys, "fit", recording, "--json")
+    (fit,) = json.loads(out)
+    assert code == 0 and fit["status"] == "ok"
+    assert abs(fit["k_fc_n_s_per_m"] - K_FC) < 3 * fit["std_n_s_per_m"]
+
+
+@pytest.mark.parametrize("wrong", WRONG_CHANNELS)
+def test_wrong_channel_is_never_believed(wrong, table, tmp_path, capsys):
+    recording = imported(WRONG_CHANNELS[wrong](table), tmp_path)
+    code, out, _ = run(capsys, "fit", recording, "--json")
+    (fit,) = json.loads(out)
+    assert code == 1
+    assert fit["status"] != "ok" and fit["notes"]
+    code, out, err = run(capsys, "runtime", recording)
+    assert code == 1 and not out.strip("[]\n ")
+    assert "no runtime" in err
+
+
+def test_process_doubts_peak_force_of_clipped_channel(table, tmp_path, capsys):
+    recording = imported(WRONG_CHANNELS["force clipped"](table), tmp_path)
+    code, out, _ = run(capsys, "process", recording)
+    assert code == 1
+    assert "end of its range" in out
+
+
+def test_fit_without_duty_says_where_to_state_it(table, tmp_path, capsys):
+    recording = imported(table, tmp_path, duty=None)
+    code, _, err = run(capsys, "fit", recording)
+    assert code == 2
+    assert str(recording) in err and "campaign.toml" in err
+
+
+def test_runtime_keeps_the_good_results_when_one_file_is_bad(table, tmp_path, capsys):
+    recording = imported(table, tmp_path)
+    bad = tmp_path / "bad.mcap"
+    bad.write_text("no recording")
+    code, out, err = run(capsys, "runtime", recording, bad, "--json")
+    assert code == 2
+    assert [row["trial"] for row in json.loads(out)] == ["trial"]
+    assert str(bad) in err
+
+
+def test_compare_takes_no_trial_twice(table, tmp_path, capsys):
+    recording = imported(table, tmp_path, started_at="2026-03-02T09:00:00Z")
+    code, _, _ = run(capsys, "recover", recording)
+    assert code == 0
+    code, out, _ = run(capsys, "compare", recording.parent, "--out", tmp_path / "report.html")
+    assert code == 1
+    assert "is the same trial as" in out
+
+
+def test_compare_shows_no_value_of_a_doubted_channel(table, tmp_path, capsys):
+    recording = imported(WRONG_CHANNELS["current in mA"](table), tmp_path)
+    page = tmp_path / "report.csv"
+    run(capsys, "compare", recording.parent, "--out", tmp_path / "report.html", "--csv", page)
+    (row,) = pd.read_csv(page).to_dict("records")
+    assert np.isnan(float(row["rms_motor_current_a"]))
+    assert row["peak_force_n"] == pytest.approx(table.force_n[3000:].max(), rel=0.05)
+
+
+# name -> (what is written into bench_config.toml, what stands there instead, what the message must name)
+WRONG_DEVICES = {
+    "rate": ("rate_hz = 6000", 'rate_hz = "fast"', "rate_hz"),
+    "driver": ('driver = "gsv8"', 'driver = "gsv9"', "did you mean 'gsv8'"),
+    "channel": ("channels.force_n]", "channels.forze_n]", "forze_n"),
+    "calibration key": ("scale = 250.0", "sclae = 250.0", "did you mean 'scale'"),
+    "input": ("input = 1", "input = 99", "inputs are numbered"),
+    "no port": ('port = "/dev/ttyACM0"', "", "missing key 'port'"),
+    "no DBC": ('dbc = "jigsaw_bench.dbc"', 'dbc = "nope.dbc"', "no such DBC file"),
+    "counter": ('counter = "SampleCounter"', 'counter = "SampleCountr"', "SampleCounter"),
+    "signal": ("MotorStatus.MotorCurrent", "MotorStatus.MotorCurent", "MotorStatus.MotorCurrent"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG_DEVICES)
+def test_wrong_device_table_is_named_before_anything_starts(wrong, tmp_path, capsys):
+    right, instead, named = WRONG_DEVICES[wrong]
+    text = CONFIG.read_text()
+    assert right in text
+    config = tmp_path / "wrong.toml"
+    config.write_text(text.replace(right, instead, 1))
+    record = ["record", "--material", "oak", "--simulated", "--config", config, "--out", tmp_path / "out"]
+    code, _, err = run(capsys, *record)
+    assert code == 2
+    assert f"{config}: " in err and named in err and ": :" not in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_trial_id_is_no_path(tmp_path, capsys):
+    call = ["record", "--material", "oak", "--simulated", "--config", CONFIG, "--out", tmp_path / "out"]
+    code, _, err = run(capsys, *call, "--trial", "../evil")
+    assert code == 2 and "'../evil'" in err
+    assert not list(tmp_path.rglob("*.mcap*"))
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        ["simulate", "--config", CONFIG, "--seconds", "0.1", "--out", "nowhere/x.csv"],
+        ["compare", CONFIG.with_name("recordings"), "--out", "nowhere/x.html"],
+    ],
+    ids=["simulate", "compare"],
+)
+def test_missing_folder_is_said_before_the_work(call, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, *call)
+    assert code == 2 and not out
+    assert "nowhere/x" in err and "make nowhere first" in err
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        ["diagnose", "no-recording.mcap"],
+        ["process", "no-recording.mcap"],
+        ["import", "no-table.csv"],
+        ["demo"],
+        ["record", "--material", "oak", "--simulated"],
+    ],
+    ids=lambda call: call[0],
+)
+def test_folder_that_cannot_be_made_is_said_before_the_work(call, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("no-recording.mcap", "no-table.csv", "file"):  # what is read before would be the error
+        (tmp_path / name).write_text("nothing of the kind")
+    code, out, err = run(capsys, *call, "--out", "file/out")
+    assert code == 2 and not out
+    assert "file/out: cannot be written to: Not a directory" in err and "name another folder" in err
+
+
+def test_simulate_refuses_more_samples_than_fit(capsys):
+    code, _, err = run(capsys, "simulate", "--config", CONFIG, "--rate", "1e9")
+    assert code == 2 and "lower rate" in err
+
+
+def test_full_disk_is_no_mistake_of_the_program(capsys):
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("no /dev/full here")
+    call = ["simulate", "--config", CONFIG, "--seconds", "0.05", "--out", full, "--force"]
+    code, _, err = run(capsys, *call)
+    assert code == 1 and "No space left" in err
+
+
+def test_view_without_a_display_says_so(capsys, monkeypatch):
+    monkeypatch.setattr("sys.platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    recording = CONFIG.with_name("recordings") / "oak-01.mcap"
+    code, out, err = run(capsys, "view", recording)
+    assert code == 2 and not out
+    assert "no display" in err and "--no-view --rrd" in err
+
+
+def test_recover_of_nothing_is_not_trusted(tmp_path, capsys):
+    whole = (CONFIG.with_name("recordings") / "oak-01.mcap").read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole[:20000])
+    code, out, _ = run(capsys, "recover", cut)
+    assert code == 1 and "0 messages kept" in out
+    assert cut.read_bytes() == whole[:20000]

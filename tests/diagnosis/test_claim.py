@@ -1,0 +1,143 @@
+"""A claim agrees with itself: its magnitude is there, it predicts what was withheld, it acts where the gap lies."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sawbench.diagnosis.answer.claim import held_to_predictions, is_there, sized_members
+from sawbench.diagnosis.answer.ladder import HoldOut
+from sawbench.diagnosis.answer.prediction import Predictions
+from sawbench.diagnosis.answer.where import locate
+from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
+from sawbench.diagnosis.inference.hypothesis import Hypothesis
+from sawbench.diagnosis.inference.linear_problem import Marginal
+from sawbench.diagnosis.inference.posterior import judge
+from sawbench.modeling.state import State
+
+from tests.rigs.scattered_strokes import problem_of, strokes
+
+pytestmark = pytest.mark.pipeline
+
+FRICTION, RUBBING = "motor_coulomb_friction", "return_stroke_rubbing"
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return problem_of(strokes())
+
+
+@pytest.fixture(scope="module")
+def columns(problem):
+    return catalogue_columns(problem, problem.campaign.plant.effects)
+
+
+@pytest.fixture(scope="module")
+def judged(problem, columns):
+    return judge(problem, columns)
+
+
+def with_columns(problem, columns, name, size):
+    """The problem with an effect of so many times its typical size in the data."""
+    return replace(problem, data=problem.data + size * columns[name][0].columns[:, 0])
+
+
+def answered(problem, columns):
+    posterior = judge(problem, columns)
+    predictions = Predictions(problem, columns, posterior)
+    held = held_to_predictions(problem, columns, posterior, predictions)
+    assert sum(h.probability for h in held.hypotheses) == pytest.approx(1.0)
+    return posterior, held, predictions
+
+
+def certain_of(posterior, name):
+    """The posterior with one of its hypotheses held for sure."""
+    sure = [replace(h, probability=float(h.name == name)) for h in posterior.hypotheses]
+    return replace(posterior, hypotheses=tuple(sorted(sure, key=lambda h: -h.probability)))
+
+
+def agrees(problem, columns, posterior, predictions):
+    best = posterior.best
+    ladder = predictions.of(best).ladder
+    is_sized = all(is_there(m) for m in sized_members(problem, columns, posterior, best))
+    return is_sized and ladder.gap_closed_ci95[0] > 0.0
+
+
+def test_a_true_effect_of_typical_size_is_still_declared(problem, columns):
+    data = with_columns(problem, columns, RUBBING, 1.0)
+    before, after, predictions = answered(data, columns)
+    assert after.best.effects == before.best.effects == (RUBBING,)
+    assert after.best.probability == before.best.probability
+    assert agrees(data, columns, after, predictions)
+
+
+def test_a_zero_that_wanders_from_trial_to_trial_is_no_cause(problem, columns):
+    """Steps between trials, either way: no trial says anything of the next one."""
+    rng = np.random.default_rng(1)
+    steps_n = {part.setting.label: 12.0 * rng.standard_normal() for part in problem.parts}
+
+    def zero(state: State):
+        return {"cutting": np.full(state.angle_rad.shape, steps_n[state.setting.label])}
+
+    data = replace(problem, data=problem.data + problem.project(zero))
+    _, after, predictions = answered(data, columns)
+    assert not after.best.effects or agrees(data, columns, after, predictions)
+    assert "force_offset_drift" not in after.best.effects
+
+
+def test_what_predicts_nothing_hands_its_probability_to_what_is_left_without_it(problem, columns):
+    """A pattern that changes its sign from trial to trial, declared by force."""
+    wave = columns[FRICTION][0].columns[:, 0].copy()
+    for number, part in enumerate(problem.parts):
+        wave[part.place] *= 3.0 * (-1.0) ** number
+    data = replace(problem, data=problem.data + wave)
+    declared = certain_of(judge(data, columns), FRICTION)
+    held = held_to_predictions(data, columns, declared, Predictions(data, columns, declared))
+    assert not held.best.effects
+    assert held.of(FRICTION).probability == 0.0
+    assert sum(held.of(name).probability for name in ("no_gap", "parameters", "unknown")) == pytest.approx(1.0)
+
+
+def test_an_effect_that_one_operating_point_shows_is_withheld_trial_by_trial(problem, columns, judged):
+    """Three repeats of the first point, and friction in them alone."""
+    data = with_columns(problem, columns, FRICTION, 1.0)
+    member = explain(Marginal(data), columns[FRICTION])
+    point = problem.parts[0].setting.operating_point
+    inside = problem.rows(lambda setting: setting.operating_point == point)
+    predictions = Predictions(data, columns, judged)
+    assert not predictions.is_local(member)
+    assert predictions.is_local(replace(member, contribution=np.where(inside, 3.0 * member.contribution, 0.0)))
+
+
+def test_what_is_withheld_is_trials_where_there_are_few_operating_points(problem):
+    assert HoldOut(problem).held_out == "operating points"
+    assert HoldOut(problem, by_trial=True).held_out == "trials"
+    two = replace(
+        problem,
+        parts=tuple(
+            replace(p, state=replace(p.state, setting=replace(p.setting, operating_point="AB"[k % 2])))
+            for k, p in enumerate(problem.parts)
+        ),
+    )
+    assert HoldOut(two).held_out == "trials"
+
+
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [
+        (FRICTION, "mechanical"),
+        ("battery_internal_resistance", "supply"),
+        ("brush_voltage_drop", "electrical"),
+        ("edge_force", "cutting"),
+        ("force_sensor_lag", "sensing"),
+    ],
+)
+def test_the_gap_lies_first_where_its_cause_acts(problem, columns, judged, name, place):
+    data = with_columns(problem, columns, name, 1.0)
+    found = explain(Marginal(data), columns[name])
+    hypothesis = Hypothesis(effects=(name,), log_evidence=found.log_evidence, members=(found,), probability=1.0)
+    spots = locate(data, replace(judged, hypotheses=(hypothesis,)))
+    assert spots[0].equation == place
+    assert sum(spot.share for spot in spots) == pytest.approx(1.0)
+    assert [spot.share for spot in spots] == sorted((spot.share for spot in spots), reverse=True)

@@ -1,0 +1,135 @@
+"""Noise that is raised only in the equations where the best two causes leave something."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from sawbench.diagnosis.inference.dispersion import columns_with_noise, noise_factor, stacked_with_noise, with_noise
+from sawbench.diagnosis.inference.evidence import Catalogue, Column, explain
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
+
+pytestmark = pytest.mark.unit
+
+N_BLOCKS, N_CUTTING, N_ELECTRICAL = 40, 6, 4
+QUIET = 0.2
+NO_CAUSE = Catalogue({}, np.zeros(N_BLOCKS * (N_CUTTING + N_ELECTRICAL)))
+
+
+def problem_of(cutting, electrical, n_start_up=0):
+    """Features of both equations, shape (N_BLOCKS, size) each; the last blocks are those of a start."""
+    both = np.hstack([cutting, electrical])
+    layout = SimpleNamespace(
+        size=N_CUTTING + N_ELECTRICAL,
+        slices={"cutting": slice(0, N_CUTTING), "electrical": slice(N_CUTTING, N_CUTTING + N_ELECTRICAL)},
+    )
+    split = (N_BLOCKS - n_start_up) * layout.size
+    parts = [SimpleNamespace(place=slice(0, split), layout=layout, state=SimpleNamespace(kind="running"))]
+    if n_start_up:
+        start_up = SimpleNamespace(kind="start_up")
+        parts.append(SimpleNamespace(place=slice(split, both.size), layout=layout, state=start_up))
+    return LinearProblem(
+        campaign=None, parts=tuple(parts), data=both.ravel(), nuisance=np.zeros((both.size, 0)), names=(),
+        prior_std=np.zeros(0), quiet=QUIET,
+    )  # fmt: skip
+
+
+def noise(seed, size, std):
+    return std * np.random.default_rng(seed).standard_normal((N_BLOCKS, size))
+
+
+def by_equation(factor):
+    rows = factor.reshape(N_BLOCKS, -1)
+    return rows[:, :N_CUTTING], rows[:, N_CUTTING:]
+
+
+def cause(name, wave):
+    return {name: [Column(effect=EFFECT_BY_NAME[name], shape={}, columns=wave.reshape(-1, 1))]}
+
+
+def test_intact_equations_keep_their_noise():
+    problem = problem_of(noise(0, N_CUTTING, 0.3), noise(1, N_ELECTRICAL, 0.3))
+    assert np.all(noise_factor(problem, NO_CAUSE, NO_CAUSE) == 1.0)
+
+
+def test_noise_rises_only_in_the_equation_where_something_is_left():
+    cutting, electrical = noise(2, N_CUTTING, 4.0), noise(3, N_ELECTRICAL, 0.3)
+    in_cutting, in_electrical = by_equation(noise_factor(problem_of(cutting, electrical), NO_CAUSE, NO_CAUSE))
+    assert in_cutting == pytest.approx(np.full_like(in_cutting, np.mean(cutting**2) / QUIET))
+    assert np.all(in_electrical == 1.0)
+
+
+def test_a_start_has_its_own_noise():
+    electrical = noise(4, N_ELECTRICAL, 0.3)
+    electrical[-10:] *= 20.0
+    factor = noise_factor(problem_of(noise(5, N_CUTTING, 0.3), electrical, n_start_up=10), NO_CAUSE, NO_CAUSE)
+    _, in_electrical = by_equation(factor)
+    assert np.all(in_electrical[:-10] == 1.0)
+    assert np.all(in_electrical[-10:] > 20.0)
+
+
+def test_what_the_best_cause_explains_is_no_noise():
+    wave = np.zeros((N_BLOCKS, N_CUTTING + N_ELECTRICAL))
+    wave[:, :N_CUTTING] = np.random.default_rng(6).standard_normal((N_BLOCKS, N_CUTTING))
+    cutting, electrical = noise(7, N_CUTTING, 0.3) + 1.2 * wave[:, :N_CUTTING], noise(8, N_ELECTRICAL, 0.3)
+    problem = problem_of(cutting, electrical)
+    named = Catalogue(cause("edge_force", wave), problem.data)
+    assert np.max(noise_factor(problem, NO_CAUSE, NO_CAUSE)) > 5.0
+    for catalogue, beyond in ((named, NO_CAUSE), (NO_CAUSE, named)):
+        assert np.all(noise_factor(problem, catalogue, beyond) == 1.0)
+
+
+def test_what_a_second_cause_explains_is_no_noise_and_what_a_third_would_is():
+    rng = np.random.default_rng(14)
+    waves = 3.0 * rng.standard_normal((3, N_BLOCKS, N_CUTTING + N_ELECTRICAL))
+    waves[:2, :, N_CUTTING:] = 0.0
+    waves[2, :, :N_CUTTING] = 0.0
+    cutting, electrical = noise(15, N_CUTTING, 0.3), noise(16, N_ELECTRICAL, 0.3)
+    names = ("edge_force", "return_stroke_rubbing", "brush_voltage_drop")
+    columns = {name: column for k, name in enumerate(names) for name, column in cause(name, waves[k]).items()}
+    two = problem_of(cutting + (waves[0] + waves[1])[:, :N_CUTTING], electrical)
+    assert np.all(noise_factor(two, Catalogue(columns, two.data), NO_CAUSE) == 1.0)
+    three = problem_of(two.data.reshape(N_BLOCKS, -1)[:, :N_CUTTING], electrical + 0.5 * waves[2, :, N_CUTTING:])
+    in_cutting, in_electrical = by_equation(noise_factor(three, Catalogue(columns, three.data), NO_CAUSE))
+    assert np.all(in_cutting == 1.0)
+    assert np.all(in_electrical > 5.0)
+
+
+def test_a_second_effect_keeps_its_evidence_where_the_first_leaves_nothing():
+    rng = np.random.default_rng(9)
+    first, second = np.zeros((2, N_BLOCKS, N_CUTTING + N_ELECTRICAL))
+    first[:, :N_CUTTING] = 20.0 * rng.standard_normal((N_BLOCKS, N_CUTTING))
+    second[:, N_CUTTING:] = 0.5 * rng.standard_normal((N_BLOCKS, N_ELECTRICAL))
+    # Nature's form of the first differs by a tenth; the second is as large as the noise.
+    other_form = 2.0 * rng.standard_normal((N_BLOCKS, N_CUTTING))
+    problem = problem_of(
+        first[:, :N_CUTTING] + other_form + noise(10, N_CUTTING, 0.3),
+        second[:, N_CUTTING:] + noise(11, N_ELECTRICAL, 0.3),
+    )
+    columns = cause("edge_force", first) | cause("brush_voltage_drop", second)
+    factor = noise_factor(problem, Catalogue(columns, problem.data), NO_CAUSE)
+
+    def evidence_of_second(variance):
+        scaled = columns_with_noise(problem, columns, variance)
+        marginal = Marginal(with_noise(problem, variance), extra=scaled["edge_force"][0].columns)
+        return explain(marginal, scaled["brush_voltage_drop"]).log_evidence
+
+    alike = np.full_like(factor, np.mean(factor))
+    assert evidence_of_second(factor) > 10.0
+    assert evidence_of_second(alike) < 3.0
+
+
+def test_noise_scales_data_nuisances_and_columns_alike():
+    problem = problem_of(noise(12, N_CUTTING, 1.0), noise(13, N_ELECTRICAL, 1.0))
+    n = len(problem.data)
+    variance = np.linspace(1.0, 9.0, n)
+    wave = np.arange(1.0, n + 1.0)
+    scaled = with_noise(problem, variance)
+    assert scaled.data == pytest.approx(problem.data / np.sqrt(variance))
+    stacked = stacked_with_noise(problem, [wave[:, None], 2.0 * wave[:, None]], variance)
+    assert stacked == pytest.approx(np.column_stack([wave, 2.0 * wave]) / np.sqrt(variance)[:, None])
+    found = columns_with_noise(problem, cause("edge_force", wave), 4.0)["edge_force"][0]
+    assert found.columns[:, 0] == pytest.approx(0.5 * wave)
+    assert stacked_with_noise(problem, [], variance).shape == (n, 0)

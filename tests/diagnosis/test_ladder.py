@@ -1,0 +1,48 @@
+"""The share of the gap that closes, and its interval."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sawbench.diagnosis.answer.ladder import closed_share
+
+pytestmark = pytest.mark.unit
+
+
+def energies(retuned, left_share, floor=1.0):
+    retuned = np.asarray(retuned, dtype=float)
+    noise = np.full(len(retuned), floor)
+    return {"retuned": retuned + noise, "with_effect": retuned * left_share + noise, "noise_floor": noise}
+
+
+def test_share_is_what_is_taken_of_the_room_above_the_noise():
+    closed, (low, high) = closed_share(energies([40.0, 60.0, 50.0, 45.0], 0.2))
+    assert closed == pytest.approx(0.8)
+    assert low == pytest.approx(0.8, abs=1e-6) and high == pytest.approx(0.8, abs=1e-6)
+
+
+def test_nothing_to_close_is_said_with_an_open_interval():
+    assert closed_share(energies([0.001, 0.002, 0.001], 0.5)) == (0.0, (-1.0, 1.0))
+
+
+def test_a_worse_model_closes_less_than_nothing():
+    closed, _ = closed_share(energies([40.0, 60.0, 50.0], 1.3))
+    assert closed == pytest.approx(-0.3)
+
+
+def test_two_operating_points_leave_the_interval_open():
+    closed, interval = closed_share(energies([40.0, 60.0], 0.1))
+    assert closed == pytest.approx(0.9)
+    assert interval == (-1.0, 1.0)
+
+
+def test_interval_covers_the_share_of_the_population():
+    """Groups of unequal size whose remainders differ: the interval must cover in most campaigns."""
+    rng = np.random.default_rng(7)
+    truth, n_covered, n_campaigns = 0.9, 0, 300
+    for _ in range(n_campaigns):
+        size = 10.0 * rng.lognormal(-0.125, 0.5, 8)
+        left = (1.0 - truth) * rng.lognormal(-0.125, 0.5, 8)
+        low, high = closed_share(energies(size, left, floor=0.2))[1]
+        n_covered += low <= truth <= high
+    assert n_covered > 0.88 * n_campaigns

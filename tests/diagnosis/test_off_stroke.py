@@ -1,0 +1,211 @@
+"""Lines and bursts that do not follow the stroke are found, scatter and what the wood does are not."""
+
+import re
+
+import numpy as np
+import pytest
+from sawbench.bench.processed import CrankAngle
+from sawbench.bench.recording import Signal, Trial
+from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
+from sawbench.diagnosis.inference.off_stroke import fixed_lines, off_stroke, off_stroke_finding
+from sawbench.diagnosis.inference.strikes import foreign_bursts
+
+from tests.rigs.processed import processed_trial
+
+pytestmark = pytest.mark.unit
+
+DURATION_S, RATE_HZ = 6.0, 2500.0
+# Strokes a second and feed of each trial; without feed in air.
+TRIALS = ((14.3, None), (19.1, None), (11.2, 3.0), (11.4, 6.0), (16.7, 3.0), (16.4, 6.0))
+NOISE = {FORCE.name: 1.0, MOTOR_CURRENT.name: 0.2, BATTERY_VOLTAGE.name: 0.01, BATTERY_CURRENT.name: 0.1}
+
+
+def signal(name, time_s, values):
+    return Signal(channel=CHANNEL_BY_NAME[name], unit=CHANNEL_BY_NAME[name].unit, time_s=time_s, values=values)
+
+
+def rounded(exact, resolution):
+    """The same with one value that is a single step of the converter off."""
+    values = resolution * np.round(exact.values / resolution)
+    values[0] += resolution
+    return signal(exact.channel.name, exact.time_s, values)
+
+
+def trials(disturb, seed=3, noise=NOISE, resolution=0.0):
+    """Trials whose channels are a stroke's wave, noise and `disturb(rng, time_s, turns, feed) -> {channel: values}`."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for number, (strokes_hz, feed_mm_s) in enumerate(TRIALS):
+        time_s = np.arange(0.0, DURATION_S, 1.0 / RATE_HZ)
+        turns = strokes_hz * time_s + 0.003 * np.cumsum(rng.standard_normal(len(time_s))) / np.sqrt(RATE_HZ)
+        added = disturb(rng, time_s, turns, feed_mm_s)
+        wave = np.sin(2.0 * np.pi * turns) + 0.3 * np.cos(6.0 * np.pi * turns)
+        signals = {
+            name: signal(
+                name, time_s, 10.0 * std * wave + std * rng.standard_normal(len(time_s)) + added.get(name, 0.0)
+            )
+            for name, std in noise.items()
+        }
+        if resolution:
+            signals = {name: rounded(s, resolution) for name, s in signals.items()}
+        angle = CrankAngle(
+            time_s=time_s,
+            angle_rad=2.0 * np.pi * turns,
+            speed_rad_s=np.full(len(time_s), 2.0 * np.pi * strokes_hz),
+            angle_std_rad=np.zeros(len(time_s)),
+            radius_m=0.01,
+            source="displacement_mm",
+            is_absolute=True,
+        )
+        trial = Trial(
+            trial_id=f"t{number}", duty=0.5, material="none" if feed_mm_s is None else "oak", feed_mm_s=feed_mm_s
+        )
+        found.append(off_stroke(processed_trial(trial, signals, angle, 0.0, DURATION_S)))
+    assert all(f is not None for f in found)
+    return found
+
+
+def campaign(disturb, **numbers):
+    return off_stroke_finding(trials(disturb, **numbers))
+
+
+def numbers(text):
+    return [float(n) for n in re.findall(r"\d+\.?\d*(?:e[-+]\d+)?", text)]
+
+
+def at_order(rng, time_s, turns, feed):
+    return {FORCE.name: 2.0 * np.cos(2.0 * np.pi * 9.37 * turns + rng.uniform(0.0, 6.0))}
+
+
+def ripple(rng, time_s, turns, feed):
+    wave = np.cos(2.0 * np.pi * 83.0 * time_s + rng.uniform(0.0, 6.0))
+    return {BATTERY_VOLTAGE.name: 0.03 * wave, BATTERY_CURRENT.name: 0.1 * wave}
+
+
+def hum(rng, time_s, turns, feed):
+    return {FORCE.name: 2.0 * np.cos(2.0 * np.pi * 50.0 * time_s + rng.uniform(0.0, 6.0))}
+
+
+def grain(rng, time_s, turns, feed):
+    """The wood's hardness waves every 3 mm of the feed."""
+    if feed is None:
+        return {}
+    hardness = 0.5 * np.cos(2.0 * np.pi * feed * time_s / 3.0 + rng.uniform(0.0, 6.0))
+    return {FORCE.name: 10.0 * hardness * np.maximum(np.sin(2.0 * np.pi * turns), 0.0)}
+
+
+def bursts(rng, time_s, turns, feed, felt_a=0.0):
+    """Blows of 4 ms; the motor's current follows them for 30 ms where it feels them."""
+    wave, current_a = np.zeros(len(time_s)), np.zeros(len(time_s))
+    for start_s in rng.uniform(0.2, DURATION_S - 0.2, 12):
+        inside = (time_s >= start_s) & (time_s < start_s + 0.004)
+        sign = rng.choice([-1.0, 1.0])
+        wave[inside] = 40.0 * sign
+        since_s = np.maximum(time_s - start_s - 0.004, 0.0)
+        current_a += sign * felt_a * (since_s > 0.0) * np.exp(-since_s / 0.03)
+    return {FORCE.name: wave, MOTOR_CURRENT.name: current_a}
+
+
+def blows(rng, time_s, turns, feed):
+    return bursts(rng, time_s, turns, feed, felt_a=0.5)
+
+
+def stray_values(rng, time_s, turns, feed):
+    wave = np.zeros(len(time_s))
+    wave[rng.integers(0, len(time_s), 12)] = 60.0
+    return {FORCE.name: wave}
+
+
+def nothing(rng, time_s, turns, feed):
+    return {}
+
+
+def test_a_line_at_one_order_is_found_with_its_place_and_amplitude():
+    finding = campaign(at_order)
+    assert finding is not None
+    amplitude, order = numbers(finding.text)[:2]
+    assert finding.text.startswith("force_n")
+    assert order == pytest.approx(9.37, abs=0.02)
+    assert amplitude == pytest.approx(2.0, rel=0.15)
+    assert finding.channel == FORCE.name
+    assert finding.lines_hz == pytest.approx(sorted(9.37 * rate_hz for rate_hz, _ in TRIALS), abs=0.3)
+    assert finding.log_evidence > 100.0
+
+
+def test_a_ripple_of_the_supply_is_found_at_its_frequency():
+    finding = campaign(ripple)
+    assert finding is not None
+    amplitude, frequency_hz = numbers(finding.text)[:2]
+    assert finding.text.startswith("battery_")
+    assert frequency_hz == pytest.approx(83.0, abs=0.5)
+    assert finding.lines_hz == pytest.approx([83.0], abs=0.5)
+    assert amplitude == pytest.approx(0.03 if "voltage" in finding.text else 0.1, rel=0.15)
+
+
+def test_blows_in_air_too_that_the_motor_feels_are_found():
+    finding = campaign(blows)
+    assert finding is not None
+    assert "bursts in force_n" in finding.text
+
+
+@pytest.mark.parametrize("disturb", [nothing, hum, grain, stray_values, bursts])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_scatter_hum_of_one_sensor_and_the_wood_are_left_alone(disturb, seed):
+    assert campaign(disturb, seed=seed) is None
+
+
+def test_bursts_under_load_only_may_be_knots():
+    def knots(rng, time_s, turns, feed):
+        return bursts(rng, time_s, turns, feed) if feed else {}
+
+    assert campaign(knots) is None
+
+
+def test_a_step_of_the_converter_is_no_strike():
+    """In a force of nearly no noise, the last bit that flips for a few milliseconds is far off all other strokes."""
+
+    def flips(rng, time_s, turns, feed):
+        felt = blows(rng, time_s, turns, feed)
+        return {**felt, FORCE.name: np.round(felt[FORCE.name] / 40.0)}
+
+    still = {FORCE.name: 1e-12, MOTOR_CURRENT.name: 0.2}
+    assert campaign(flips, noise=still, resolution=1.0) is None
+    assert campaign(flips, noise=still, resolution=0.01) is not None
+
+
+def mains(rng, time_s, turns, feed):
+    """50 Hz in force and current, as their cables pick it up."""
+    wave = np.cos(2.0 * np.pi * 50.0 * time_s + rng.uniform(0.0, 6.0))
+    return {FORCE.name: 4.0 * wave, MOTOR_CURRENT.name: 0.4 * wave}
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_hum_of_single_sensors_is_measured(seed):
+    found = {line.channel: line for line in fixed_lines(trials(mains, seed=seed))}
+    assert set(found) == {FORCE.name, MOTOR_CURRENT.name}
+    for channel, amplitude in ((FORCE.name, 4.0), (MOTOR_CURRENT.name, 0.4)):
+        assert found[channel].frequency_hz == pytest.approx(50.0, abs=0.2)
+        assert found[channel].amplitude == pytest.approx(amplitude, rel=0.1)
+
+
+@pytest.mark.parametrize("disturb", [nothing, at_order, ripple, grain])
+def test_what_the_machine_or_the_wood_does_is_no_hum(disturb):
+    assert fixed_lines(trials(disturb)) == []
+
+
+def bursts_in_hum(rng, time_s, turns, feed):
+    return {FORCE.name: bursts(rng, time_s, turns, feed)[FORCE.name] + mains(rng, time_s, turns, feed)[FORCE.name]}
+
+
+@pytest.mark.parametrize("disturb", [bursts, bursts_in_hum])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_bursts_of_one_sensor_are_measured(seed, disturb):
+    found = foreign_bursts(trials(disturb, seed=seed))
+    assert set(found) == {FORCE.name}
+    assert found[FORCE.name].size == pytest.approx(40.0, rel=0.15)
+    assert found[FORCE.name].per_s == pytest.approx(12.0 / DURATION_S, rel=0.3)
+
+
+@pytest.mark.parametrize("disturb", [blows, nothing, grain, stray_values])
+def test_blows_that_the_motor_feels_are_no_fault_of_a_sensor(disturb):
+    assert foreign_bursts(trials(disturb)) == {}

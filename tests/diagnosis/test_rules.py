@@ -1,0 +1,156 @@
+"""The rules between evidence and claim: what a form misses, what a second one shares, what an intact machine leaves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sawbench.diagnosis.inference.beyond_catalogue import WARMING_FRICTION
+from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
+from sawbench.diagnosis.inference.form_error import form_modes
+from sawbench.diagnosis.inference.forming import Forming, shared_energy
+from sawbench.diagnosis.inference.linear_problem import Marginal, build_problem
+from sawbench.diagnosis.inference.posterior import uncertain_by_left_over
+from sawbench.diagnosis.inference.settings import SETTINGS
+from sawbench.diagnosis.inference.unnamed import beyond_catalogue
+from sawbench.diagnosis.plants.jigsaw import Jigsaw
+
+from tests.rigs.drawn_states import BASELINE
+from tests.rigs.scattered_strokes import friction, problem_of, strokes
+
+pytestmark = pytest.mark.unit
+
+
+@pytest.fixture(scope="module")
+def states():
+    return strokes()
+
+
+@pytest.fixture(scope="module")
+def problem(states):
+    return problem_of(states)
+
+
+def explained(problem, name):
+    plant = problem.campaign.plant
+    columns = catalogue_columns(problem, [e for e in plant.effects if e.name == name])
+    return columns, explain(Marginal(problem), columns[name])
+
+
+def with_gap(problem, signature, size=1.0):
+    return replace(problem, data=problem.data + size * problem.project(signature))
+
+
+def forming(problem):
+    n = len(problem.data)
+    return Forming(problem, np.zeros((n, 0)), Marginal(problem).log_evidence, np.ones(n))
+
+
+def formed(problem, name):
+    columns, rough = explained(problem, name)
+    found, _ = forming(problem).single(rough, columns[name])
+    return rough, found
+
+
+def bent_friction(state):
+    return {"mechanical": -2.0 * (1.0 + 0.5 * np.cos(state.angle_rad)) * friction(state)["mechanical"]}
+
+
+def test_what_a_form_misses_adds_to_a_real_effect(problem):
+    rough, found = formed(with_gap(problem, bent_friction), "motor_coulomb_friction")
+    assert rough.log_evidence > 10.0
+    assert rough.log_evidence < found.log_evidence <= 2.0 * rough.log_evidence
+    assert found.form_share > 0.0
+
+
+def test_an_effect_that_is_not_there_gains_nothing_from_what_its_form_may_miss(problem):
+    """A gap at one harmonic of the force: wear has modes there but does not itself explain it."""
+
+    def ringing(state):
+        return {"cutting": 1.5 * np.cos(7 * state.angle_rad) * (0.0 if state.setting.is_idle else 1.0)}
+
+    rough, found = formed(with_gap(problem, ringing), "blade_wear")
+    assert rough.log_evidence < 3.0
+    assert found.log_evidence <= max(2.0 * rough.log_evidence, rough.log_evidence) + 1e-9
+
+
+def test_effects_of_one_equation_share_it_and_others_share_nothing(problem):
+    brush = problem.project(lambda s: {"electrical": np.ones_like(s.angle_rad)})
+    diode = problem.project(lambda s: {"electrical": (1.0 - s.setting.duty) * np.ones_like(s.angle_rad)})
+    drag = problem.project(friction)
+    assert shared_energy(problem, brush, diode) == pytest.approx(1.0)
+    assert shared_energy(problem, brush, drag) == pytest.approx(0.0)
+    assert shared_energy(problem, brush + drag, drag) == pytest.approx(
+        np.sum(drag**2) / (np.sum(drag**2) + np.sum(brush**2))
+    )
+
+
+def test_a_form_that_leaves_much_makes_its_size_uncertain(problem):
+    _, found = explained(with_gap(problem, bent_friction), "motor_coulomb_friction")
+    clean, rough = (uncertain_by_left_over(found, left, no_gap=5.0, quiet=0.15) for left in (0.1, 2.0))
+    assert clean.form_share == found.form_share
+    assert rough.strength_std > 2.0 * clean.strength_std
+
+
+def test_a_steady_effect_hardly_differs_from_one_minute_to_the_next(problem):
+    contribution = problem.project(friction)
+
+    def fading(state):
+        return {"mechanical": (1.0 - 5e-4 * state.setting.session_s) * friction(state)["mechanical"]}
+
+    change = problem.project(fading) - contribution
+    left = []
+    for in_time in (True, False):
+        modes = form_modes(problem, contribution, in_time=in_time)
+        # Ridge: what a factor of standard deviation 0.1 would cost.
+        weights = np.linalg.solve(0.01 * modes.T @ modes + np.eye(modes.shape[1]), 0.1 * modes.T @ change)
+        left.append(np.linalg.norm(change - 0.1 * modes @ weights) / np.linalg.norm(change))
+    assert left[1] > 5.0 * left[0]
+
+
+def test_a_noisy_bench_leaves_more_and_is_no_gap(states):
+    """Ten times the noise: the quiet level rises with it, up to one, and stays where the bench is quiet."""
+    rng = np.random.default_rng(2)
+    noisy = [
+        replace(
+            s,
+            force_n=s.force_n + 8.0 * rng.standard_normal(s.force_n.shape),
+            current_a=s.current_a + 0.4 * rng.standard_normal(s.current_a.shape),
+        )
+        for s in states
+    ]
+    quiet, loud = problem_of(states), problem_of(noisy)
+    assert quiet.quiet >= SETTINGS.weights.quiet
+    assert quiet.quiet < loud.quiet <= 1.0
+    assert Marginal(loud).misfit / len(loud.data) < loud.quiet
+
+
+def test_an_uncertain_ripple_is_an_error_of_the_model(states):
+    plant = Jigsaw(baseline=BASELINE)
+    state = next(s for s in states if not s.setting.is_idle)
+    uncertain = replace(state, ripple_std_rad=np.full(8, 1e-3))
+    layout = build_problem(problem_of(states).campaign).parts[0].layout
+    before, after = (np.diag(plant.model_error(layout, s)) for s in (state, uncertain))
+    for equation, place in layout.slices.items():
+        grows = equation in ("electrical", "mechanical")
+        assert np.all(after[place][1:3] > before[place][1:3]) == grows
+        assert after[place][0] == before[place][0]
+
+
+def test_without_a_form_beyond_the_catalogue_nothing_is_added(problem):
+    assert beyond_catalogue(forming(problem), Marginal(problem), {}) == {}
+
+
+def test_friction_that_fades_within_each_trial_is_explained_beyond_the_catalogue(states):
+    lasting = [replace(s, time_s=np.linspace(0.5, 12.0, len(s.angle_rad))[:, None]) for s in states]
+
+    def cold(state):
+        return {"mechanical": 0.01 * np.exp(-np.broadcast_to(state.time_s, state.angle_rad.shape) / 3.0)}
+
+    gap = with_gap(problem_of(lasting), cold)
+    beyond = catalogue_columns(gap, gap.campaign.plant.beyond_catalogue)
+    found = beyond_catalogue(forming(gap), Marginal(gap), beyond)
+    _, constant = formed(gap, "motor_coulomb_friction")
+    assert max(found, key=lambda name: found[name]) == WARMING_FRICTION.name
+    assert found[WARMING_FRICTION.name] > constant.log_evidence + 5.0

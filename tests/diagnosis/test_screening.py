@@ -1,0 +1,384 @@
+"""Wrong input is named before anything is concluded from it; a good campaign passes unharmed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sawbench.bench.errors import InputError
+from sawbench.blindcheck.campaign import make_campaign
+from sawbench.diagnosis.campaign import reduce_campaign
+from sawbench.storage.importers.campaign import load_campaign
+from sawbench.storage.importers.dispatch import import_path
+from sawbench.storage.reader import read_recording
+
+pytestmark = pytest.mark.unit
+
+FORCE, DISPLACEMENT, MOTOR = "force_n", "displacement_mm", "motor_current_a"
+VOLTAGE, BATTERY = "battery_voltage_v", "battery_current_a"
+CHANNELS = (FORCE, DISPLACEMENT, MOTOR, VOLTAGE, BATTERY)
+VICTIM = 6
+
+
+def campaign_of(folder, seed, effects=None):
+    make_campaign(seed, folder / "tables", effects=effects or {}, length=0.3, rate_hz=2500.0)
+    paths = import_path(folder / "tables" / "campaign.toml", folder / "mcap").paths
+    return [read_recording(path) for path in paths], load_campaign(folder / "tables" / "campaign.toml")[1]
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory):
+    return campaign_of(tmp_path_factory.mktemp("good"), 321)
+
+
+def with_values(recording, **values):
+    signals = dict(recording.signals)
+    for name, new in values.items():
+        signals[name] = replace(signals[name], values=np.array(new))
+    return replace(recording, signals=signals)
+
+
+def values(recording, name):
+    return recording.signals[name].values
+
+
+def scaled(name, factor):
+    return lambda r: with_values(r, **{name: factor * values(r, name)})
+
+
+def swapped(one, other):
+    return lambda r: with_values(r, **{one: values(r, other), other: values(r, one)})
+
+
+def without(*names):
+    return lambda r: replace(r, signals={n: s for n, s in r.signals.items() if n not in names})
+
+
+def in_time(factor):
+    return lambda r: replace(
+        r, signals={n: replace(s, time_s=factor * s.time_s, gaps=()) for n, s in r.signals.items()}
+    )
+
+
+def stated(**changes):
+    return lambda r: replace(r, trial=replace(r.trial, **changes))
+
+
+def shifted(name, seconds):
+    return lambda r: replace(
+        r, signals={**r.signals, name: replace(r.signals[name], time_s=r.signals[name].time_s + seconds, gaps=())}
+    )
+
+
+def cut_out(name, first, last):
+    def change(recording):
+        signal = recording.signals[name]
+        share = signal.time_s / signal.time_s[-1]
+        keep = (share < first) | (share > last)
+        kept = replace(signal, time_s=signal.time_s[keep], values=signal.values[keep], gaps=())
+        return replace(recording, signals={**recording.signals, name: kept})
+
+    return change
+
+
+def blocked(first, last):
+    """The blade stands still for a share of the trial, the motor draws its stall current; then it goes on."""
+
+    def change(recording):
+        rng = np.random.default_rng(1)
+        new = {}
+        for name, signal in recording.signals.items():
+            n = len(signal.values)
+            begin, end = int(first * n), int(last * n)
+            held = {DISPLACEMENT: signal.values[begin], FORCE: 0.0, MOTOR: 30.0, VOLTAGE: 17.0}
+            level = held.get(name, 30.0 * recording.trial.duty)
+            pause = level + rng.normal(0.0, 0.01, end - begin)
+            new[name] = np.concatenate([signal.values[:begin], pause, signal.values[begin : n - len(pause)]])
+        return with_values(recording, **new)
+
+    return change
+
+
+def spoil(recordings, change, *, only=None):
+    return [change(r) if only is None or k == only else r for k, r in enumerate(recordings)]
+
+
+def labels(campaign):
+    return {state.setting.label for state in campaign.states}
+
+
+def running(campaign, label):
+    return next(s for s in campaign.states if s.setting.label == label and s.kind == "running")
+
+
+@pytest.mark.parametrize(
+    ("seed", "effects"),
+    [
+        (401, {"current_limit": 2.0}),
+        (402, {"brush_voltage_drop": 2.0, "converter_loss": 2.0}),
+        (404, {"preload_lift_off": 2.0, "yoke_backlash": 2.0}),
+        (406, {"clock_offset": 2.0, "return_stroke_rubbing": 2.0}),
+    ],
+)
+def test_no_effect_of_the_catalogue_is_taken_for_a_wrong_input(tmp_path, seed, effects):
+    recordings, config = campaign_of(tmp_path, seed, effects)
+    campaign = reduce_campaign(recordings, config)
+    assert campaign.warnings == ()
+    assert len(labels(campaign)) == 18
+
+
+COMMON_MISTAKES = {
+    "currents swapped": (swapped(MOTOR, BATTERY), "battery_current_a and motor_current_a are probably swapped"),
+    "force for travel": (swapped(FORCE, DISPLACEMENT), "displacement_mm and force_n are probably swapped"),
+    "current for volts": (swapped(MOTOR, VOLTAGE), "battery_voltage_v and motor_current_a are probably swapped"),
+    "force for current": (swapped(FORCE, MOTOR), "force_n and motor_current_a are probably swapped"),
+    "battery swapped": (swapped(VOLTAGE, BATTERY), "battery_current_a and battery_voltage_v are probably swapped"),
+    "travel in m": (scaled(DISPLACEMENT, 1e-3), "displacement_mm is probably in m "),
+    "travel in um": (scaled(DISPLACEMENT, 1e3), "displacement_mm is probably in um"),
+    "force in kN": (scaled(FORCE, 1e-3), "force_n is probably in kN"),
+    "force in g": (scaled(FORCE, 102.0), "force_n is probably in gram-force"),
+    "force in kgf": (scaled(FORCE, 0.102), "force_n is probably in kilogram-force"),
+    "current in mA": (scaled(MOTOR, 1e3), "motor_current_a is probably in mA"),
+    "voltage in mV": (scaled(VOLTAGE, 1e3), "battery_voltage_v is probably in mV"),
+    "time in ms": (in_time(1e3), "time_s is probably in ms"),
+    "force inverted": (scaled(FORCE, -1.0), "force_n has probably the wrong sign"),
+    "current inverted": (scaled(MOTOR, -1.0), "motor_current_a has probably the wrong sign"),
+}
+
+
+@pytest.mark.parametrize("case", COMMON_MISTAKES)
+def test_a_mistake_in_all_trials_is_an_error_that_names_it(good, case):
+    recordings, config = good
+    change, named = COMMON_MISTAKES[case]
+    with pytest.raises(InputError, match=r"of \d+ trials cannot be right") as caught:
+        reduce_campaign(spoil(recordings, change), config)
+    assert named in str(caught.value)
+    assert caught.value.where in {r.trial.trial_id for r in recordings}
+    assert caught.value.remedy
+
+
+@pytest.mark.parametrize("case", COMMON_MISTAKES)
+def test_a_mistake_in_one_trial_costs_that_trial_or_its_channels(good, case):
+    recordings, config = good
+    change, named = COMMON_MISTAKES[case]
+    campaign = reduce_campaign(spoil(recordings, change, only=VICTIM), config)
+    victim = recordings[VICTIM].trial.trial_id
+    said = [text for text in campaign.warnings if text.startswith(victim) and named in text]
+    assert len(said) == 1
+    assert "left out" in said[0]
+    assert labels(campaign) >= {r.trial.trial_id for r in recordings} - {victim}
+    if victim in labels(campaign):
+        state = running(campaign, victim)
+        waves = (state.force_n, state.current_a, state.battery_voltage_v, state.battery_current_a)
+        assert any(wave is None for wave in waves)
+
+
+def test_wrong_cutting_half_names_the_key_and_rubbing_does_not(good):
+    recordings, config = good
+    cutting = config.config.cutting.model_copy(update={"cutting_half": "zero_to_pi"})
+    wrong = config.model_copy(update={"config": config.config.model_copy(update={"cutting": cutting})})
+    with pytest.raises(InputError, match="cutting_half") as caught:
+        reduce_campaign(recordings, wrong)
+    assert 'set cutting_half = "pi_to_2pi"' in str(caught.value)
+
+
+@pytest.mark.parametrize("name", CHANNELS)
+def test_a_channel_missing_everywhere_weakens_the_answer(good, name):
+    recordings, config = good
+    campaign = reduce_campaign(spoil(recordings, without(name)), config)
+    assert campaign.angle_is_assumed == (name == DISPLACEMENT)
+    # Idle runs of 1.5 s are too short for a stroke rate from the ripple.
+    assert len(labels(campaign)) >= (10 if name == DISPLACEMENT else 18)
+
+
+@pytest.mark.parametrize("name", CHANNELS)
+def test_a_dead_channel_counts_as_missing(good, name):
+    recordings, config = good
+    campaign = reduce_campaign(spoil(recordings, lambda r: with_values(r, **{name: 0.0 * values(r, name)})), config)
+    assert any(f"{name} left out" in text and "constant at 0" in text for text in campaign.warnings)
+    assert all(s.force_n is None for s in campaign.states) == (name in (FORCE, DISPLACEMENT))
+    assert all(s.current_a is None for s in campaign.states) == (name == MOTOR)
+
+
+def test_without_displacement_only_means_are_offered(good):
+    from sawbench.modeling.residuals import residuals
+
+    recordings, config = good
+    whole = reduce_campaign(recordings, config)
+    campaign = reduce_campaign(spoil(recordings, without(DISPLACEMENT)), config)
+    for state in campaign.states:
+        found = residuals(campaign.baseline, state)
+        assert set(found) == {"electrical", "supply", "converter"}
+        assert np.isnan(state.angle_rad).all()
+        measured = running(whole, state.setting.label)
+        rate = float(np.average(1.0 / np.mean(1.0 / measured.speed_rad_s, axis=1), weights=measured.n_strokes))
+        assert state.speed_rad_s.mean() == pytest.approx(rate, rel=0.01)
+
+
+@pytest.mark.parametrize("name", CHANNELS)
+def test_a_dropout_costs_its_strokes_only(good, name):
+    recordings, config = good
+    victim = recordings[VICTIM].trial.trial_id
+    whole = running(reduce_campaign(recordings, config), victim)
+    campaign = reduce_campaign(spoil(recordings, cut_out(name, 0.5, 0.8), only=VICTIM), config)
+    state = running(campaign, victim)
+    assert state.n_strokes.sum() < 0.85 * whole.n_strokes.sum()
+    assert any(text.startswith(victim) and "dropouts leave" in text for text in campaign.warnings)
+    # What is left is the same cut: mean current and speed within the trial's own drift.
+    assert state.current_a.mean() == pytest.approx(whole.current_a.mean(), rel=0.05)
+    assert state.speed_rad_s.mean() == pytest.approx(whole.speed_rad_s.mean(), rel=0.02)
+
+
+def test_a_stalled_trial_is_left_out_and_all_stalled_is_an_error(good):
+    recordings, config = good
+    victim = recordings[VICTIM].trial.trial_id
+    campaign = reduce_campaign(spoil(recordings, blocked(0.0, 1.0), only=VICTIM), config)
+    assert victim not in labels(campaign)
+    assert any(text.startswith(victim) and "stalled" in text for text in campaign.warnings)
+    with pytest.raises(InputError, match="stalled"):
+        reduce_campaign(spoil(recordings, blocked(0.0, 1.0)), config)
+
+
+@pytest.mark.parametrize(("first", "last"), [(0.6, 0.75), (0.8, 1.0)])
+def test_a_blade_that_stops_gives_its_running_part(good, first, last):
+    recordings, config = good
+    victim = recordings[VICTIM].trial.trial_id
+    whole = running(reduce_campaign(recordings, config), victim)
+    campaign = reduce_campaign(spoil(recordings, blocked(first, last), only=VICTIM), config)
+    state = running(campaign, victim)
+    assert any(text.startswith(victim) and "stops" in text for text in campaign.warnings)
+    assert state.speed_rad_s.mean() == pytest.approx(whole.speed_rad_s.mean(), rel=0.02)
+    assert state.current_a.max() < 29.0
+
+
+def test_a_saturated_channel_is_left_out(good):
+    recordings, config = good
+    ceiling = 0.6 * max(values(r, FORCE).max() for r in recordings)
+    campaign = reduce_campaign(
+        spoil(recordings, lambda r: with_values(r, **{FORCE: np.minimum(values(r, FORCE), ceiling)})), config
+    )
+    clipped = {r.trial.trial_id for r in recordings if values(r, FORCE).max() > ceiling * 1.2}
+    assert clipped
+    assert all(running(campaign, name).force_n is None for name in clipped)
+    assert any("range of the sensor exceeded" in text for text in campaign.warnings)
+
+
+@pytest.mark.parametrize("change", [0.0875, -0.0875])
+def test_a_wrong_duty_is_found_by_the_other_trials(good, change):
+    recordings, config = good
+    index = next(k for k, r in enumerate(recordings) if r.trial.duty == 0.4375 and not r.trial.is_idle)
+    victim = recordings[index].trial
+    campaign = reduce_campaign(spoil(recordings, stated(duty=victim.duty + change), only=index), config)
+    assert victim.trial_id not in labels(campaign)
+    assert len(labels(campaign)) == 17
+    assert any(text.startswith(victim.trial_id) and "fit 0.4" in text for text in campaign.warnings)
+
+
+@pytest.mark.parametrize("duty", [None, 0.0])
+def test_a_trial_without_drive_is_left_out(good, duty):
+    recordings, config = good
+    campaign = reduce_campaign(spoil(recordings, stated(duty=duty), only=VICTIM), config)
+    assert recordings[VICTIM].trial.trial_id not in labels(campaign)
+    with pytest.raises(InputError, match="duty"):
+        reduce_campaign(spoil(recordings, stated(duty=duty)), config)
+
+
+def test_labels_of_idle_and_cut_are_held_against_the_force(good):
+    recordings, config = good
+    idle = next(k for k, r in enumerate(recordings) if r.trial.is_idle and r.trial.duty == 0.4375)
+    called_oak = reduce_campaign(spoil(recordings, stated(material="oak", thickness_mm=20.0), only=idle), config)
+    assert any("no more than in air" in text for text in called_oak.warnings)
+    called_air = reduce_campaign(spoil(recordings, stated(material="none"), only=VICTIM), config)
+    assert any("said to run in air" in text for text in called_air.warnings)
+    for campaign, index in ((called_oak, idle), (called_air, VICTIM)):
+        assert recordings[index].trial.trial_id not in labels(campaign)
+
+
+def test_what_was_cut_unsaid_gives_every_trial_its_own_coefficient(good):
+    recordings, config = good
+    campaign = reduce_campaign(spoil(recordings, stated(thickness_mm=None)), config)
+    cuts = [s.setting for s in campaign.states if s.kind == "running" and not s.setting.is_idle]
+    assert len({setting.stock for setting in cuts}) == len(cuts)
+    assert any("cutting coefficient of its own" in text for text in campaign.warnings)
+
+
+def test_a_copied_trial_is_no_repeat(good):
+    recordings, config = good
+    copy = replace(recordings[VICTIM], signals=recordings[VICTIM - 1].signals)
+    campaign = reduce_campaign([*recordings[:VICTIM], copy, *recordings[VICTIM + 1 :]], config)
+    assert recordings[VICTIM].trial.trial_id not in labels(campaign)
+    assert any("is a copy of that in" in text for text in campaign.warnings)
+
+
+def test_ids_order_and_identities_are_noted(good):
+    recordings, config = good
+    twice = reduce_campaign([stated(trial_id="same")(r) for r in recordings[:5]], config)
+    assert len(labels(twice)) == 5
+    forwards, backwards = (reduce_campaign(rs, config) for rs in (recordings, recordings[::-1]))
+    assert [s.setting.label for s in forwards.states] == [s.setting.label for s in backwards.states]
+    assert backwards.warnings == ()
+    unsaid = reduce_campaign(spoil(recordings, stated(started_at=None, battery=None), only=VICTIM), config)
+    assert sum("started_at is not stated" in text for text in unsaid.warnings) == 1
+    assert sum("battery is not stated" in text for text in unsaid.warnings) == 1
+
+
+def of_other_trials(recordings):
+    """The displacement of each trial is that of another."""
+    turned = recordings[5:] + recordings[:5]
+    return [
+        replace(r, signals={**r.signals, DISPLACEMENT: other.signals[DISPLACEMENT]})
+        for r, other in zip(recordings, turned, strict=True)
+    ]
+
+
+def of_repeats(recordings):
+    """The displacement of each trial is that of another at the same duty."""
+    out = list(recordings)
+    for key in {(r.trial.duty, r.trial.is_idle) for r in recordings}:
+        group = [k for k, r in enumerate(recordings) if (r.trial.duty, r.trial.is_idle) == key]
+        for k, other in zip(group, group[1:] + group[:1], strict=True):
+            out[k] = replace(
+                recordings[k],
+                signals={**recordings[k].signals, DISPLACEMENT: recordings[other].signals[DISPLACEMENT]},
+            )
+    return out
+
+
+def late_by_chance(recordings):
+    rng = np.random.default_rng(5)
+    return [shifted(DISPLACEMENT, float(rng.uniform(0.008, 0.055)))(r) for r in recordings]
+
+
+def permuted_samples(recordings):
+    rng = np.random.default_rng(3)
+    return [with_values(r, **{DISPLACEMENT: rng.permutation(values(r, DISPLACEMENT))}) for r in recordings]
+
+
+@pytest.mark.parametrize("shuffle", [of_other_trials, of_repeats, late_by_chance, permuted_samples])
+def test_a_shuffled_angle_is_refused(good, shuffle):
+    recordings, config = good
+    with pytest.raises(InputError) as caught:
+        reduce_campaign(shuffle(recordings), config)
+    assert "displacement" in str(caught.value) or "cannot be right" in str(caught.value)
+
+
+SELECTIONS = {
+    "one operating point": lambda r: r.trial.duty == 0.4375 and not r.trial.is_idle and r.trial.thickness_mm == 20.0,
+    "no idle run": lambda r: not r.trial.is_idle,
+    "idle runs only": lambda r: r.trial.is_idle,
+}
+
+
+@pytest.mark.parametrize("case", SELECTIONS)
+def test_small_campaigns_reduce_without_complaint(good, case):
+    recordings, config = good
+    chosen = [r for r in recordings if SELECTIONS[case](r)]
+    campaign = reduce_campaign(chosen, config)
+    assert labels(campaign) == {r.trial.trial_id for r in chosen}
+    assert campaign.warnings == ()
+
+
+def test_a_single_trial_reduces(good):
+    recordings, config = good
+    assert len(labels(reduce_campaign(recordings[VICTIM : VICTIM + 1], config))) == 1

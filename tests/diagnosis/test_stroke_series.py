@@ -1,0 +1,86 @@
+"""A wave in the wood is found by its wavelength; scatter, memory and what a hand does in time are not taken for one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sawbench.diagnosis.inference.settings import SETTINGS
+from sawbench.diagnosis.inference.stroke_evidence import strokes_say
+from sawbench.diagnosis.inference.stroke_series import StrokeSeries, StrokeSpectra
+from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME, EFFECTS
+
+pytestmark = pytest.mark.unit
+
+SCATTER = 0.045
+WAVELENGTH_M, DEPTH = 0.005, 0.12
+# Feed in m/s and strokes per second of the trials of a campaign.
+OPERATION = ((0.003, 12.0), (0.003, 14.0), (0.006, 12.0), (0.006, 15.0), (0.004, 13.0), (0.005, 16.0))
+
+
+def scatter(kind: str, n: int, rng: np.random.Generator) -> np.ndarray:
+    """Hardness from stroke to stroke without any wave."""
+    if kind == "white":
+        return SCATTER * rng.standard_normal(n)
+    memory, found = 0.7, np.zeros(n)
+    for k in range(1, n):
+        found[k] = memory * found[k - 1] + np.sqrt(1 - memory**2) * SCATTER * rng.standard_normal()
+    return found
+
+
+def campaign(kind: str, seed: int, *, wavelength_m: float | None = None, frequency_hz: float | None = None) -> list:
+    rng = np.random.default_rng(seed)
+    found = []
+    for number, (feed_m_s, rate_hz) in enumerate(OPERATION):
+        n = int(20 * rate_hz)
+        log_k = scatter(kind, n, rng)
+        time_s, start = np.arange(n) / rate_hz, rng.uniform(0, 2 * np.pi)
+        if wavelength_m is not None:
+            log_k = log_k + DEPTH * np.sin(2 * np.pi * feed_m_s * time_s / wavelength_m + start)
+        if frequency_hz is not None:
+            log_k = log_k + DEPTH * np.sin(2 * np.pi * frequency_hz * time_s + start)
+        found.append(
+            StrokeSeries(
+                label=f"t{number}", feed_m_s=feed_m_s, rate_hz=rate_hz, log_k=log_k,
+                k_n_s_per_m=300.0 * np.exp(log_k), time_s=time_s,
+            )
+        )  # fmt: skip
+    return found
+
+
+def grain(trials):
+    return StrokeSpectra(trials).wave(EFFECT_BY_NAME["grain_variation"].strokes)
+
+
+@pytest.mark.parametrize("kind", ["white", "with memory"])
+@pytest.mark.parametrize("wavelength_m", [0.002, WAVELENGTH_M, 0.011])
+def test_a_wave_along_the_feed_path_is_found_at_its_wavelength(kind, wavelength_m):
+    found = grain(campaign(kind, 3, wavelength_m=wavelength_m))
+    assert found.log_evidence > 20.0
+    assert found.wavelength_m == pytest.approx(wavelength_m, rel=0.1)
+    assert found.depth == pytest.approx(DEPTH, rel=0.5)
+
+
+@pytest.mark.parametrize("kind", ["white", "with memory"])
+def test_scatter_alone_speaks_against_a_wave(kind):
+    found = [grain(campaign(kind, seed)).log_evidence for seed in range(4)]
+    assert max(found) < 1.0
+    assert np.mean(found) < 0.0
+
+
+def test_a_wave_in_time_convinces_far_less_than_one_in_the_wood():
+    """0.8 Hz is where the wave of 5 mm lies at the middle feed."""
+    in_wood = StrokeSpectra(campaign("white", 5, wavelength_m=WAVELENGTH_M))
+    in_time = StrokeSpectra(campaign("white", 5, frequency_hz=0.8))
+    wave = EFFECT_BY_NAME["grain_variation"].strokes
+    assert in_time.wave(wave).log_evidence < 0.5 * in_wood.wave(wave).log_evidence
+    assert in_time.wave_in_time() > in_time.wave(wave).log_evidence + 20.0
+    assert in_wood.wave(wave).log_evidence > in_wood.wave_in_time() + 20.0
+
+
+def test_nothing_is_said_without_strokes():
+    assert strokes_say(EFFECTS, [], [], SETTINGS) == ({}, 0.0)
+
+
+def test_more_trials_of_the_same_wood_say_more():
+    trials = campaign("white", 8, wavelength_m=WAVELENGTH_M)
+    assert grain(trials).log_evidence > grain(trials[:2]).log_evidence > 0.0

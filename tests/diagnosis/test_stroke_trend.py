@@ -1,0 +1,231 @@
+"""Wear and chip thickness are read off single strokes; wood that only scatters is not taken for them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sawbench.diagnosis.inference.evidence import Column, Explanation
+from sawbench.diagnosis.inference.hypothesis import named
+from sawbench.diagnosis.inference.settings import SETTINGS
+from sawbench.diagnosis.inference.stroke_evidence import StrokesSay, sized_by_strokes, with_strokes
+from sawbench.diagnosis.inference.stroke_series import StrokeSeries
+from sawbench.diagnosis.inference.stroke_trend import blocks_of, trend_evidence
+from sawbench.diagnosis.inference.weighing import weigh
+from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
+from sawbench.modeling.state import State, TrialSetting
+
+pytestmark = pytest.mark.unit
+
+WEAR, CHIP = "blade_wear", "chip_thickness"
+TRENDS = {name: EFFECT_BY_NAME[name].strokes for name in (WEAR, CHIP)}
+STROKE_WEIGHT, PRICE = SETTINGS.strokes.weight, SETTINGS.strokes.price
+STROKE_M, RATE_HZ = 0.02, 13.0
+# Duty, feed in mm/s, seconds: in a mixed order, as a campaign is run.
+TRIALS = (
+    (0.44, 4, 8), (0.35, 4, 8), (0.55, 4, 8), (0.44, 6, 8), (0.35, 4, 8), (0.55, 4, 8), (0.44, 4, 8),
+    (0.55, 4, 8), (0.44, 6, 8), (0.35, 4, 8), (0.44, 4, 30),
+)  # fmt: skip
+
+
+def campaign(seed, *, growth_per_10_m=0.0, exponent=0.0, speed_power=0.0, memory=0.3, piece=0.04):
+    """States and strokes of a bench whose wood scatters by 4.5 % a stroke and 4 % a piece."""
+    rng = np.random.default_rng(seed)
+    states, strokes, cut_m = [], [], 0.0
+    for number, (duty, feed_mm_s, seconds) in enumerate(TRIALS):
+        rate_hz = RATE_HZ * duty / 0.44
+        n = int(seconds * rate_hz)
+        scatter = rng.standard_normal(n)
+        for k in range(1, n):
+            scatter[k] = memory * scatter[k - 1] + np.sqrt(1.0 - memory**2) * scatter[k]
+        distance_m = cut_m + STROKE_M * np.arange(n)
+        chip = (feed_mm_s / rate_hz) / (4 / RATE_HZ)
+        k = 300.0 * np.exp(0.045 * scatter + piece * rng.standard_normal())
+        k *= (1.0 + growth_per_10_m * (distance_m / 10.0) ** 0.8) * chip**exponent * (rate_hz / RATE_HZ) ** speed_power
+        time_s = np.arange(n) / rate_hz
+        strokes.append(
+            StrokeSeries(
+                label=f"t{number}", feed_m_s=1e-3 * feed_mm_s, rate_hz=rate_hz, log_k=np.log(k / k.mean()),
+                k_n_s_per_m=k, time_s=time_s,
+            )
+        )  # fmt: skip
+        states.append(running(number, duty, feed_mm_s, rate_hz, time_s, distance_m))
+        cut_m = float(distance_m[-1])
+    return states, strokes
+
+
+def running(number, duty, feed_mm_s, rate_hz, time_s, distance_m):
+    setting = TrialSetting(
+        label=f"t{number}", index=number, duty=duty, is_idle=False, stock="oak, 20 mm", feed_m_s=1e-3 * feed_mm_s,
+        thickness_m=0.02, operating_point=f"duty {duty}", session_s=100.0 * number,
+    )  # fmt: skip
+    at = np.linspace(0, len(time_s) - 1, 6).astype(int)
+    wave = np.zeros((6, 4))
+    return State(
+        kind="running", setting=setting, angle_rad=wave, speed_rad_s=wave + 2 * np.pi * rate_hz,
+        acceleration_rad_s2=wave, current_a=None, current_rate_a_s=None, force_n=wave, force_rate_n_s=None,
+        battery_voltage_v=None, battery_current_a=None, motor_voltage_v=wave, time_s=time_s[at, None],
+        cut_distance_m=distance_m[at, None], charge_used_as=wave[:, :1], n_strokes=np.full(6, 16.0),
+    )  # fmt: skip
+
+
+def trend(seed, **nature):
+    return trend_evidence(blocks_of(*campaign(seed, **nature)), TRENDS)
+
+
+def says(found, effect):
+    return StrokesSay(
+        effect=EFFECT_BY_NAME[effect], alone=found.alone, beside_cutting=found.beside_cutting, size=found.size,
+        size_std=found.size_std, is_whole=True,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.5])
+def test_a_wood_that_only_scatters_is_neither_worn_nor_thick(memory):
+    found = [trend(seed, memory=memory) for seed in range(8)]
+    for effect in (WEAR, CHIP):
+        assert np.mean([t[effect].alone for t in found]) < 0.0
+        assert max(max(t[effect].alone, t[effect].beside_cutting) for t in found) < 4.0
+
+
+def test_wear_is_seen_whether_or_not_another_effect_of_the_cut_may_act():
+    found = trend(3, growth_per_10_m=0.12)
+    assert found[WEAR].alone > 6.0
+    assert found[WEAR].beside_cutting > 4.0
+    assert found[CHIP].alone < 1.0
+
+
+def test_a_chips_thickness_is_seen_by_feed_and_stroke_rate():
+    found = trend(4, exponent=0.6)
+    assert found[CHIP].alone > 8.0
+    assert found[WEAR].alone < 2.0
+
+
+@pytest.mark.parametrize(
+    ("effect", "true", "nature"), [(WEAR, 0.12, "growth_per_10_m"), (CHIP, 0.6, "exponent"), (CHIP, 0.3, "exponent")]
+)
+def test_sizes_from_the_strokes_hold_their_uncertainty(effect, true, nature):
+    found = [trend(seed, **{nature: true})[effect] for seed in range(20, 26)]
+    away = [(f.size - true) / f.size_std for f in found]
+    assert np.max(np.abs(away)) < 3.0
+    assert 0.2 < np.sqrt(np.mean(np.square(away))) < 1.6
+    assert all(f.size_std < 0.6 * true for f in found)
+
+
+def test_strokes_state_the_size_where_they_speak_for_it():
+    explanation = Explanation(
+        effect=EFFECT_BY_NAME[CHIP], log_evidence=1.0, amplitude=0.1, amplitude_std=0.1, gain=1.0,
+        column=Column(effect=EFFECT_BY_NAME[CHIP], shape={"exponent": 0.45}, columns=np.ones((3, 1))),
+        contribution=np.ones(3),
+    )  # fmt: skip
+    said = says(trend(4, exponent=0.6)[CHIP], CHIP)
+    sized = sized_by_strokes(explanation, {CHIP: said})
+    assert (sized.strength, sized.strength_std) == pytest.approx((said.size, said.size_std))
+    silent = says(trend(3, growth_per_10_m=0.12)[CHIP], CHIP)
+    assert silent.beside_cutting < 0.0
+    assert sized_by_strokes(explanation, {CHIP: silent}) is explanation
+    assert sized_by_strokes(explanation, {}) is explanation
+
+
+def test_a_cutting_law_that_bends_with_speed_is_no_chip_where_it_may_act():
+    """Hardness falls with speed as it would for a thick chip; the feed changes nothing."""
+    found = [trend(seed, speed_power=-0.5) for seed in (5, 6, 7)]
+    assert np.mean([t[CHIP].alone for t in found]) > 3.0
+    assert np.mean([t[CHIP].beside_cutting for t in found]) < 0.5
+
+
+def test_a_wave_that_lasts_longer_than_a_trial_is_no_wear():
+    """Scatter whose memory outlasts a block is fitted as such."""
+    found = [trend(seed, memory=0.95) for seed in range(8)]
+    assert max(t[WEAR].alone for t in found) < 4.0
+
+
+def test_few_trials_say_nothing():
+    states, strokes = campaign(1)
+    assert blocks_of(states[:2], strokes[:2]) is None
+    assert trend_evidence(None, TRENDS) == {}
+    assert blocks_of(states, []) is None
+
+
+def test_a_trial_whose_force_has_no_slope_is_left_out():
+    states, strokes = campaign(1)
+    dead = replace(strokes[2], k_n_s_per_m=np.zeros_like(strokes[2].k_n_s_per_m))
+    blocks = blocks_of(states, [*strokes[:2], dead, *strokes[3:]])
+    assert blocks is not None
+    assert len(np.unique(blocks.trial)) == len(TRIALS) - 1
+    assert np.isfinite(blocks.log_k).all()
+
+
+def test_effects_that_leave_the_force_alone_do_not_make_the_cut_seem_harder():
+    bending = {name for name, effect in EFFECT_BY_NAME.items() if effect.bends_hardness}
+    assert {"edge_force", "preload_lift_off", "force_sensor_lag", "clock_offset"} <= bending
+    assert not bending & {"force_offset_drift", "current_sensor_lag", "guide_friction", "winding_heating"}
+
+
+def added(log_evidence, *, alone, beside=None, effect=WEAR, is_whole=True):
+    """Log evidence by hypothesis with what strokes say, and which hypotheses rest on them."""
+    said = StrokesSay(
+        effect=EFFECT_BY_NAME[effect], alone=alone, beside_cutting=alone if beside is None else beside, size=0.1,
+        size_std=0.01, is_whole=is_whole,
+    )  # fmt: skip
+    found = with_strokes([named(name, value) for name, value in log_evidence.items()], said, EFFECT_BY_NAME, SETTINGS)
+    return {h.name: h.log_evidence for h in found}, {h.name for h in found if h.is_by_strokes}
+
+
+def test_strokes_speak_for_an_effect_alone_and_beside_the_strongest_others():
+    found, resting = added({WEAR: 5.0, "edge_force": 100.0, "guide_friction": 40.0}, alone=3.0)
+    assert found[WEAR] == 5.0 + STROKE_WEIGHT * 3.0 - PRICE
+    assert found[f"{WEAR} + edge_force"] == 100.0 + STROKE_WEIGHT * 3.0 - PRICE
+    assert found["edge_force"] == 100.0
+    assert resting == {WEAR, f"{WEAR} + edge_force", f"{WEAR} + guide_friction"}
+
+
+def test_what_mean_strokes_say_is_not_believed_where_single_strokes_speak_against_it():
+    pair = f"{WEAR} + edge_force"
+    found, resting = added({WEAR: 80.0, "edge_force": 100.0, pair: 190.0}, alone=-2.0)
+    assert found[WEAR] == pytest.approx(-2.0 * STROKE_WEIGHT)
+    assert found[pair] == pytest.approx(100.0 - 2.0 * STROKE_WEIGHT)
+    assert not resting
+
+
+def test_beside_another_effect_of_the_cut_the_strokes_say_less():
+    found, _ = added({WEAR: 5.0, "edge_force": 100.0, "guide_friction": 40.0}, alone=5.0, beside=1.0)
+    assert found[f"{WEAR} + edge_force"] == 100.0 + STROKE_WEIGHT - PRICE
+    assert found[f"{WEAR} + guide_friction"] == 40.0 + 5.0 * STROKE_WEIGHT - PRICE
+
+
+def test_strokes_count_for_two_effects_beside_a_third():
+    three = f"{WEAR} + edge_force + guide_friction"
+    evidence = {
+        WEAR: 5.0,
+        "edge_force": 90.0,
+        "guide_friction": 40.0,
+        "edge_force + guide_friction": 130.0,
+        three: 150.0,
+    }
+    found, resting = added(evidence, alone=3.0, beside=2.0)
+    assert found[three] == 150.0 + 2.0 * STROKE_WEIGHT - PRICE
+    assert three in resting
+    against, _ = added(evidence, alone=-2.0)
+    assert against[three] == pytest.approx(130.0 - 2.0 * STROKE_WEIGHT)
+
+
+def test_a_grain_that_strokes_show_costs_nothing_beside_another_effect():
+    found, _ = added(
+        {"grain_variation": 5.0, "edge_force": 100.0}, alone=50.0, effect="grain_variation", is_whole=False
+    )
+    assert found["edge_force + grain_variation"] == 100.0 + 50.0 * STROKE_WEIGHT
+
+
+@pytest.mark.parametrize(("effect", "is_whole"), [(WEAR, True), ("grain_variation", False)])
+def test_a_second_name_does_not_make_the_strokes_speak_louder(effect, is_whole):
+    """An effect that says nothing of its own beside it gains nothing."""
+    log_evidence = {"no_gap": 0.0, "parameters": -1.0, "unknown": -5.0, effect: 0.0, "guide_friction": 0.0}
+    found, _ = added(log_evidence, alone=400.0, effect=effect, is_whole=is_whole)
+    pair = " + ".join(sorted((effect, "guide_friction")))
+    assert found[pair] <= found[effect]
+    weighed = weigh(
+        [named(n, v, left_over=3.0 if n == "no_gap" else 0.2, shared=0.0) for n, v in found.items()], n_effects=29
+    )
+    assert {h.name: h.probability for h in weighed}[effect] > 0.9

@@ -1,0 +1,161 @@
+"""Probabilities are a distribution, follow the evidence, and leave room for what nobody thought of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sawbench.diagnosis.inference.hypothesis import Hypothesis, named
+from sawbench.diagnosis.inference.settings import SETTINGS
+from sawbench.diagnosis.inference.weighing import marginal_of, weigh
+
+pytestmark = pytest.mark.unit
+
+N_EFFECTS = 29
+WEIGHTS = SETTINGS.weights
+# A log evidence of one temperature is one natural unit of log odds.
+UNIT = WEIGHTS.temperature
+NAMES = ("blade_wear", "edge_force", "guide_friction")
+PAIR = " + ".join(NAMES[:2])
+
+
+def probabilities(log_evidence, left_over, *, shared=1.0):
+    """By name, most likely first."""
+    hypotheses = [
+        named(name, value, left_over=left_over.get(name, np.inf), shared=shared) for name, value in log_evidence.items()
+    ]
+    return {h.name: h.probability for h in weigh(hypotheses, n_effects=N_EFFECTS)}
+
+
+def weighed(evidence=None, left=None, *, nominal_left=10.0, unknown=-1.0):
+    """All names with nothing to say, but for those that are given; evidence in units of the temperature."""
+    log_evidence = {"no_gap": 0.0, "parameters": -0.6, "unknown": unknown} | dict.fromkeys((*NAMES, PAIR), -0.4)
+    log_evidence = {name: UNIT * value for name, value in (log_evidence | (evidence or {})).items()}
+    left_over = dict.fromkeys(log_evidence, nominal_left)
+    return probabilities(log_evidence, left_over | (left or {}))
+
+
+def first(found):
+    return next(iter(found))
+
+
+def test_probabilities_sum_to_one_and_come_in_order():
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        evidence = dict(zip((*NAMES, PAIR, "parameters"), rng.normal(0, 60, 5), strict=True))
+        left = dict(zip((*NAMES, PAIR), rng.uniform(0, 20, 4), strict=True))
+        found = weighed(evidence, left, nominal_left=20.0, unknown=rng.normal(0, 60))
+        values = list(found.values())
+        assert sum(values) == pytest.approx(1.0)
+        assert values == sorted(values, reverse=True)
+        assert min(values) >= 0.0
+        assert set(found) == {"no_gap", "parameters", "unknown", *NAMES, PAIR}
+
+
+def test_without_evidence_nothing_is_wrong():
+    quiet = dict.fromkeys(("no_gap", "parameters", *NAMES, PAIR), WEIGHTS.quiet)
+    assert first(weighed({}, quiet)) == "no_gap"
+
+
+def test_a_strong_effect_that_leaves_little_is_named():
+    found = weighed({"edge_force": 80.0}, {"edge_force": WEIGHTS.quiet, PAIR: WEIGHTS.quiet})
+    assert first(found) == "edge_force"
+    assert found["edge_force"] > 0.9
+
+
+def test_a_strong_effect_that_leaves_half_of_the_gap_is_not_believed():
+    found = weighed({"edge_force": 80.0}, {"edge_force": 5.0})
+    assert first(found) == "unknown"
+
+
+def test_what_is_left_makes_unknown_more_likely_step_by_step():
+    shares = [weighed({"edge_force": 80.0}, {"edge_force": left})["unknown"] for left in (0.2, 1.0, 2.0, 4.0, 8.0)]
+    assert shares == sorted(shares)
+    assert shares[0] < 0.1
+    assert shares[-1] > 0.5, "four fifths of the gap are left"
+
+
+def test_a_small_gap_is_not_unknown_for_what_an_intact_machine_leaves():
+    quiet = 1.3 * WEIGHTS.quiet
+    found = weighed({"edge_force": 20.0}, {"edge_force": quiet, "no_gap": 0.6, "parameters": 0.6})
+    assert found["unknown"] < found["edge_force"]
+
+
+def test_retuned_parameters_win_where_they_explain_it_all():
+    quiet = {"parameters": WEIGHTS.quiet, "edge_force": WEIGHTS.quiet}
+    assert first(weighed({"parameters": 60.0, "edge_force": 50.0}, quiet)) == "parameters"
+
+
+def pair_odds(more, *, alone=80.0, shared=1.0):
+    """Odds of the pair against its stronger member, for log evidence beside its `alone` temperatures."""
+    log_evidence = {"no_gap": 0.0, "parameters": 0.0, "unknown": -5.0, "edge_force": alone * UNIT, "blade_wear": 1.0}
+    log_evidence[PAIR] = log_evidence["edge_force"] + more
+    left = dict.fromkeys(log_evidence, WEIGHTS.quiet) | {"no_gap": 10.0, "parameters": 10.0}
+    found = probabilities(log_evidence, left, shared=shared)
+    return found[PAIR] / found["edge_force"]
+
+
+def test_a_second_effect_pays_for_itself():
+    """Hardly any evidence more names one; from there the pair gains with every step, but in e-folds, not in nats."""
+    odds = [pair_odds(more) for more in (0.0, 5.0, 30.0, 200.0, 1000.0)]
+    assert odds[0] < 0.1
+    assert odds == sorted(odds)
+    assert odds[-1] > 10.0
+    assert pair_odds(2000.0) / pair_odds(1000.0) == pytest.approx(2.0**WEIGHTS.pair_gain)
+
+
+def test_a_second_effect_that_is_not_believed_does_not_speak_for_the_first():
+    log_evidence = {"no_gap": 0.0, "parameters": -10.0, "unknown": -10.0, "edge_force": 12.0, "blade_wear": 0.0}
+    left = dict.fromkeys((*log_evidence, PAIR), WEIGHTS.quiet)
+    without = probabilities(log_evidence, left)
+    beside = probabilities(log_evidence | {PAIR: 12.0 + 0.5 * WEIGHTS.pair_least}, left)
+    assert beside["edge_force"] < 1.5 * without["edge_force"]
+
+
+def test_the_form_of_a_stronger_effect_may_miss_more():
+    assert pair_odds(100.0, alone=2000.0) < pair_odds(100.0, alone=20.0)
+
+
+def test_a_second_effect_where_the_first_does_nothing_is_no_error_of_its_form():
+    assert pair_odds(100.0, alone=2000.0, shared=0.0) > pair_odds(100.0, alone=2000.0, shared=0.5)
+    assert pair_odds(100.0, alone=2000.0, shared=0.0) == pytest.approx(pair_odds(100.0, alone=20.0, shared=0.0))
+
+
+def test_two_effects_stand_against_all_others_with_all_their_evidence():
+    """Unknown explains more than either effect alone, less than both."""
+    log_evidence = {"no_gap": 0.0, "parameters": 0.0, "edge_force": 40.0 * UNIT, "blade_wear": 30.0 * UNIT}
+    log_evidence |= {PAIR: 100.0 * UNIT, "unknown": 60.0 * UNIT}
+    left = dict.fromkeys(log_evidence, 5.0) | {PAIR: WEIGHTS.quiet, "no_gap": 10.0}
+    assert first(probabilities(log_evidence, left)) == PAIR
+
+
+def test_a_pair_that_nobody_fitted_is_no_measure_of_what_is_left():
+    """Its rest is unknown: `inf`; the best single effect still tells how much of the gap is explained."""
+    found = weighed({"edge_force": 80.0, PAIR: 80.1}, {"edge_force": WEIGHTS.quiet, PAIR: np.inf})
+    assert first(found) == "edge_force"
+    assert np.isfinite(list(found.values())).all()
+
+
+def test_marginal_counts_an_effect_alone_and_in_pairs():
+    shares = {("edge_force",): 0.5, NAMES[:2]: 0.3, ("guide_friction",): 0.15}
+    hypotheses = [Hypothesis(effects=effects, log_evidence=0.0, probability=p) for effects, p in shares.items()]
+    hypotheses.append(Hypothesis(other="no_gap", log_evidence=0.0, probability=0.05))
+    found = marginal_of(hypotheses, NAMES)
+    assert found == pytest.approx({"edge_force": 0.8, "blade_wear": 0.3, "guide_friction": 0.15})
+
+
+def three_effects(more):
+    """Probabilities where a pair is sure and a third effect adds some evidence to it."""
+    evidence = {"no_gap": 0.0, "parameters": 0.0, "unknown": -5.0, **dict.fromkeys(NAMES, 100.0), PAIR: 700.0}
+    three = " + ".join(NAMES)
+    left = dict.fromkeys((*evidence, three), WEIGHTS.quiet) | {"no_gap": 10.0, "parameters": 10.0}
+    found = probabilities(evidence | {three: 700.0 + more}, left)
+    return found[PAIR], found[three]
+
+
+def test_a_third_effect_pays_for_itself_as_a_second_one_does():
+    without, with_nothing = three_effects(0.0)
+    assert without > 0.9 > 0.1 > with_nothing
+    pair, three = three_effects(2000.0)
+    assert three > 10.0 * pair
+    more = three_effects(4000.0)
+    assert more[1] / more[0] == pytest.approx(2.0**WEIGHTS.pair_gain * three / pair)

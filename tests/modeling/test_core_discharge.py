@@ -1,0 +1,112 @@
+"""Discharges: the paper's runtime, averaging against every stroke, cut-offs, stalls."""
+
+import numpy as np
+import pytest
+from sawbench.bench.errors import InputError
+from sawbench.modeling.discharge import discharge
+from sawbench.modeling.machines import paper_jigsaw as paper
+from sawbench.modeling.parts.eq16 import Eq16Battery
+from sawbench.modeling.parts.linear import LinearCutting
+from sawbench.modeling.parts.measured import MeasuredForce
+from sawbench.modeling.parts.ocv_table import TableBattery
+from sawbench.modeling.supplies import FixedDuty, FixedVoltage, HeldVoltage
+from sawbench.modeling.transient import InitialState
+
+pytestmark = pytest.mark.unit
+
+EQ16 = Eq16Battery(nominal_voltage_v=18.0, capacity_ah=1.5, beta=0.95, internal_resistance_ohm=0.02)
+DUTY = FixedDuty(duty=paper.DUTY, battery=EQ16)
+HELD = HeldVoltage(voltage_v=paper.MOTOR_VOLTAGE_V, battery=EQ16)
+SHAPE = MeasuredForce(force_n=250 * np.maximum(-np.sin(2 * np.pi * np.arange(64) / 64), 0.0) ** 1.1)
+
+
+def test_the_papers_runtime():
+    held = HeldVoltage(voltage_v=paper.MOTOR_VOLTAGE_V, battery=paper.BATTERY)
+    run = discharge(paper.PARAMETERS, supply=held, cutting=paper.CUTTING)
+    assert run.runtime_s == pytest.approx(927.0, abs=1.0)
+    assert run.status == "ok" and run.ended_by == "soc"
+
+
+@pytest.mark.parametrize("method", ["multi_scale", "brute_force"])
+def test_the_measured_reference_of_a_fixed_duty(method):
+    """994.389 s was measured for this reading (cutting on 0..pi) with the peers, outside this project."""
+    cutting = LinearCutting(k_fc_n_s_per_m=240.29, cutting_half="zero_to_pi")
+    run = discharge(paper.PARAMETERS, supply=DUTY, cutting=cutting, method=method)
+    assert run.runtime_s == pytest.approx(994.389, rel=2e-6)
+
+
+@pytest.mark.parametrize("supply", [DUTY, HELD], ids=["duty", "held"])
+@pytest.mark.parametrize("cutting", [paper.CUTTING, SHAPE], ids=["linear", "measured"])
+@pytest.mark.parametrize("cutoff", [{}, {"cutoff_soc": 0.1}, {"cutoff_voltage_v": 16.8}], ids=["20 %", "10 %", "volts"])
+def test_averaging_agrees_with_every_stroke_and_says_its_error(supply, cutting, cutoff):
+    fine_steps = 40 if cutting is paper.CUTTING else 128
+    fine = discharge(
+        paper.PARAMETERS,
+        supply=supply,
+        cutting=cutting,
+        method="brute_force",
+        steps_per_turn=fine_steps,
+        **cutoff,
+    )
+    fast = discharge(paper.PARAMETERS, supply=supply, cutting=cutting, **cutoff)
+    brute = discharge(paper.PARAMETERS, supply=supply, cutting=cutting, method="brute_force", **cutoff)
+    assert fast.ended_by == fine.ended_by == ("voltage" if "cutoff_voltage_v" in cutoff else "soc")
+    assert fast.runtime_s == pytest.approx(fine.runtime_s, rel=3e-6)
+    assert brute.runtime_s == pytest.approx(fine.runtime_s, rel=2e-6)
+    assert fast.numerical_error_s < 1e-5 * fast.runtime_s
+    assert fast.mean_battery_current_a == pytest.approx(fine.mean_battery_current_a, rel=1e-4)
+    assert fast.mean_motor_current_a == pytest.approx(fine.mean_motor_current_a, rel=2e-3)  # the start-up's share
+
+
+def test_curves_agree():
+    fast = discharge(paper.PARAMETERS, supply=DUTY, cutting=paper.CUTTING).curves
+    every = discharge(paper.PARAMETERS, supply=DUTY, cutting=paper.CUTTING, method="brute_force").curves
+    assert (np.diff(fast.time_s) > 0).all() and (np.diff(fast.soc) < 0).all()
+    inside = slice(1, -1)
+    for name in ("soc", "battery_voltage_v", "battery_current_a", "motor_current_a", "stroke_rate_hz"):
+        expected = np.interp(fast.time_s[inside], every.time_s, getattr(every, name))
+        assert getattr(fast, name)[inside] == pytest.approx(expected, rel=1e-5), name
+
+
+def test_soc_is_the_charge_drawn():
+    run = discharge(paper.PARAMETERS, supply=HELD, cutting=paper.CUTTING)
+    assert run.mean_battery_current_a * run.runtime_s == pytest.approx(0.8 * 1.5 * 3600, rel=1e-9)
+
+
+def test_a_battery_that_cannot_turn_the_machine_over():
+    wall = MeasuredForce(force_n=3000 * np.maximum(-np.sin(2 * np.pi * np.arange(32) / 32), 0.0))
+    run = discharge(paper.PARAMETERS, supply=FixedDuty(duty=0.1, battery=EQ16), cutting=wall)
+    assert run.status == "cannot_start" and run.ended_by == "stall"
+    assert "force_n" in run.message
+
+
+def test_a_load_that_the_sagging_battery_can_no_longer_turn():
+    soft = Eq16Battery(nominal_voltage_v=18.0, capacity_ah=0.2, beta=0.2, internal_resistance_ohm=0.02)
+    wall = MeasuredForce(force_n=150 * np.maximum(-np.sin(2 * np.pi * np.arange(32) / 32), 0.0))
+    run = discharge(paper.PARAMETERS, supply=FixedDuty(duty=0.44, battery=soft), cutting=wall, cutoff_soc=0.05)
+    assert run.status == "stalled" and run.ended_by == "stall"
+    assert 0 < run.runtime_s < 200
+
+
+def test_discharge_of_a_battery_with_a_table():
+    battery = TableBattery(
+        soc=[0.0, 0.2, 0.5, 1.0],
+        ocv_v=[14.0, 17.0, 18.0, 20.0],
+        capacity_ah=0.3,
+        internal_resistance_ohm=0.02,
+    )
+    kwargs = {"supply": FixedDuty(duty=paper.DUTY, battery=battery), "cutting": paper.CUTTING}
+    fast = discharge(paper.PARAMETERS, **kwargs)
+    every = discharge(paper.PARAMETERS, method="brute_force", **kwargs)
+    assert fast.runtime_s == pytest.approx(every.runtime_s, rel=1e-4)
+
+
+def test_nonsense_cut_offs_are_named():
+    for kwargs, name in (
+        ({"cutoff_soc": 1.0}, "cutoff_soc"),
+        ({"cutoff_soc": 0.5, "initial": InitialState(soc=0.4)}, "cutoff_soc"),
+        ({"cutoff_voltage_v": -3.0}, "cutoff_voltage_v"),
+        ({"supply": FixedVoltage(voltage_v=8.0)}, "battery"),
+    ):
+        with pytest.raises(InputError, match=name):
+            discharge(paper.PARAMETERS, **{"supply": DUTY, "cutting": paper.CUTTING, **kwargs})

@@ -1,0 +1,127 @@
+"""The estimate that is renewed once a stroke: agrees with the batch fit, follows a change."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sawbench.bench.config import BatteryConfig, PlantConfig
+from sawbench.bench.errors import InputError
+from sawbench.modeling.fit import fit_cutting_coefficient
+from sawbench.modeling.recursive import RecursiveCuttingEstimator, StrokeSummary, summarize_strokes
+from sawbench.processing.measured_cycles import cycles_from_samples
+
+from benchmarks import synthetic_trials as synthetic
+
+pytestmark = pytest.mark.unit
+
+
+BATTERY = BatteryConfig(nominal_voltage_v=18.0, capacity_ah=1.5, beta=0.99, internal_resistance_ohm=0.02)
+PLANT = PlantConfig.model_validate(
+    {name: {"nominal": v, "rel_std": s} for name, (v, s) in synthetic.NOMINAL.items()}
+    | {"gear_ratio": synthetic.GEAR_RATIO}
+)
+TRUE = {name: value for name, (value, _) in synthetic.NOMINAL.items()}
+
+
+def live_strokes(values, *, seed=1, spread=0.045):
+    """Noise-free physics of the mean: k = F T / (2 r)."""
+    rng = np.random.default_rng(seed)
+    for k in values:
+        actual = k * (1 + spread * rng.normal())
+        yield StrokeSummary(period_s=0.072, mean_force_n=actual * 2 * 0.01 / 0.072, battery_current_a=4.6)
+
+
+def test_agrees_with_the_batch_fit_and_with_the_truth():
+    z_batch, z_truth = [], []
+    for seed in range(12):
+        trial = synthetic.synthetic_trial(100 + seed, seconds=5.0, force_offset_std_n=0.0)
+        cycles = cycles_from_samples(
+            trial.angle_time_s,
+            trial.angle_rad,
+            trial.speed_rad_s,
+            trial.channels,
+            start_s=1.5,
+            duty=trial.duty,
+        )
+        live = RecursiveCuttingEstimator(plant=PLANT, battery=BATTERY, duty=trial.duty)
+        for stroke in summarize_strokes(cycles):
+            estimate = live.update(stroke)
+        batch = fit_cutting_coefficient(cycles, plant=PLANT, battery=BATTERY)
+        z_batch.append((estimate.k_fc_n_s_per_m - batch.k_fc_n_s_per_m) / estimate.std_n_s_per_m)
+        z_truth.append((estimate.k_fc_n_s_per_m - 240.0) / estimate.std_n_s_per_m)
+    assert np.abs(z_batch).max() < 1.5
+    assert np.abs(z_truth).max() < 3.3
+    assert np.mean(np.square(z_truth)) < 2.0
+
+
+def test_current_alone_gives_k_fc_too():
+    t, i, w, crank, _, v, ib = synthetic.simulate(TRUE, np.full(200, 240.0), 0.4375, 4.0, 5000.0)
+    channels = {"motor_current_a": (t, i), "battery_voltage_v": (t, v), "battery_current_a": (t, ib)}
+    cycles = cycles_from_samples(t, crank, w / synthetic.GEAR_RATIO, channels, start_s=2.0, duty=0.4375)
+    live = RecursiveCuttingEstimator(plant=PLANT, battery=BATTERY, duty=0.4375)
+    for stroke in summarize_strokes(cycles):
+        estimate = live.update(stroke)
+    assert estimate.k_fc_n_s_per_m == pytest.approx(240.0, rel=3e-3)
+    assert 0.025 < estimate.std_n_s_per_m / 240.0 < 0.06
+
+
+def test_remaining_runtime_is_that_of_the_independent_discharge():
+    """Charge left over current at constant k_Fc, against a whole integration."""
+    t, i, w, crank, _, v, ib = synthetic.simulate(TRUE, np.full(3000, 240.0), 0.4375, 40.0, 1000.0, capacity_ah=0.05)
+    small = BATTERY.model_copy(update={"capacity_ah": 0.05})
+    charge = np.cumsum(ib) * 1e-3
+    end = t[np.argmax(charge > 0.8 * 0.05 * 3600)]
+    channels = {"motor_current_a": (t, i), "battery_voltage_v": (t, v)}
+    cycles = cycles_from_samples(t, crank, w / synthetic.GEAR_RATIO, channels, start_s=1.5, end_s=20.0, duty=0.4375)
+    start_soc = 1.0 - float(np.interp(cycles.cycle_start_s[0], t, charge)) / (0.05 * 3600)
+    live = RecursiveCuttingEstimator(plant=PLANT, battery=small, duty=0.4375, start_soc=start_soc)
+    for stroke in summarize_strokes(cycles):
+        estimate = live.update(stroke)
+    now = cycles.cycle_start_s[-1] + cycles.period_s[-1]
+    assert estimate.remaining_s is not None
+    assert estimate.remaining_s == pytest.approx(end - now, rel=0.01)
+    assert estimate.soc == pytest.approx(1.0 - np.interp(now, t, charge) / 180.0, abs=2e-3)
+
+
+def test_follows_a_change_of_material_within_a_few_strokes():
+    live = RecursiveCuttingEstimator(plant=PLANT)
+    seen = [live.update(stroke) for stroke in live_strokes([240.0] * 80 + [320.0] * 60)]
+    changes = [n for n, estimate in enumerate(seen) if estimate.has_changed]
+    assert len(changes) == 1
+    assert 80 <= changes[0] <= 88
+    assert seen[79].k_fc_n_s_per_m == pytest.approx(240.0, rel=0.02)
+    assert abs(seen[-1].k_fc_n_s_per_m - 320.0) < 3.0 * seen[-1].std_n_s_per_m
+
+
+def test_one_knot_is_no_change_of_material():
+    live = RecursiveCuttingEstimator(plant=PLANT)
+    values = [240.0] * 60
+    values[40] = 900.0
+    assert not any(live.update(stroke).has_changed for stroke in live_strokes(values))
+
+
+def test_false_alarms_are_rare():
+    live = RecursiveCuttingEstimator(plant=PLANT)
+    alarms = sum(live.update(stroke).has_changed for stroke in live_strokes([240.0] * 4000, seed=9))
+    assert alarms <= 1
+
+
+def test_nonsense_is_refused_by_name():
+    live = RecursiveCuttingEstimator(plant=PLANT)
+    with pytest.raises(InputError, match="period_s"):
+        live.update(StrokeSummary(period_s=0.0, mean_force_n=1.0))
+    with pytest.raises(InputError, match="mean_force_n or mean_current_a"):
+        live.update(StrokeSummary(period_s=0.07))
+    with pytest.raises(InputError, match="duty"):
+        RecursiveCuttingEstimator(plant=PLANT, battery=BATTERY)
+    with pytest.raises(InputError, match="start_soc"):
+        RecursiveCuttingEstimator(plant=PLANT, start_soc=0.0)
+
+
+def test_a_change_after_few_strokes_is_noticed_and_the_old_ones_are_left_out():
+    for seed in range(10):
+        live = RecursiveCuttingEstimator(plant=PLANT)
+        seen = [live.update(stroke) for stroke in live_strokes([318.0] * 15 + [58.0] * 12, seed=seed)]
+        assert [n for n, estimate in enumerate(seen) if estimate.has_changed] == [18]
+        assert seen[-1].n_strokes == 12
+        assert abs(seen[-1].k_fc_n_s_per_m - 58.0) < 4.0 * seen[-1].std_n_s_per_m

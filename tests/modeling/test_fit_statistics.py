@@ -1,0 +1,48 @@
+"""Standard uncertainty of means of autocorrelated series, against theory."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sawbench.bench.errors import InputError
+from sawbench.modeling.cycle_statistics import autocorrelation_time, fourier_basis, std_of_mean
+
+pytestmark = pytest.mark.unit
+
+
+def ar1(rng, n, rho):
+    series = np.empty(n)
+    value = rng.normal()
+    for k in range(n):
+        series[k] = value
+        value = rho * value + np.sqrt(1 - rho**2) * rng.normal()
+    return series
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.4, 0.7])
+def test_autocorrelation_time_of_a_first_order_process(rho):
+    rng = np.random.default_rng(11)
+    found = np.mean([autocorrelation_time(ar1(rng, 2000, rho)) for _ in range(20)])
+    assert found == pytest.approx((1 + rho) / (1 - rho), rel=0.12)
+
+
+@pytest.mark.parametrize(("n", "rho"), [(12, 0.0), (60, 0.0), (100, 0.5)])
+def test_interval_of_the_mean_covers(n, rho):
+    rng = np.random.default_rng(12)
+    held = 0
+    n_series = 600
+    for _ in range(n_series):
+        series = ar1(rng, n, rho)
+        held += abs(series.mean()) <= 1.96 * std_of_mean(series)[0]
+    assert 0.92 <= held / n_series <= 0.98
+
+
+def test_constant_series_has_no_scatter_and_short_ones_are_refused():
+    assert std_of_mean(np.ones(10))[0] == 0.0
+    with pytest.raises(InputError, match="too few"):
+        std_of_mean([1.0, 2.0, 3.0])
+
+
+def test_basis_is_orthonormal():
+    basis = fourier_basis((np.arange(64) + 0.5) * 2 * np.pi / 64, 8)
+    np.testing.assert_allclose(basis @ basis.T, np.eye(17), atol=1e-12)

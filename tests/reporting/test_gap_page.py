@@ -1,0 +1,203 @@
+"""The gap page: every verdict in words, curves and tables, nothing from the network."""
+
+from __future__ import annotations
+
+import copy
+import re
+
+import pytest
+from sawbench.reporting.cause_words import what_happens
+from sawbench.reporting.gap_page import verdict_sentence, write_gap_page
+from sawbench.reporting.standing_out_figure import stands_out
+
+pytestmark = pytest.mark.unit
+
+CURVE = {"unit": "A", "measured": [1.0, 2.0, 3.0, 2.0], "nominal": [0.5, 1.5, 2.5, 1.5],
+         "retuned": [1.0, 2.0, 2.9, 2.0], "with_effect": [1.0, 2.0, 3.0, 2.1]}  # fmt: skip
+CAUSE = {
+    "effects": ["guide_friction"], "indistinguishable_from": ["windage_drag"], "probability": 0.93,
+    "parameters": {"force_n": {"value": 8.3, "std": 0.4, "unit": "N"}},
+    "gap_closed": 0.96, "gap_closed_ci95": [0.93, 0.97],
+}  # fmt: skip
+RUNNER_UP = {**CAUSE, "effects": ["motor_coulomb_friction"], "probability": 0.05, "gap_closed": -0.002}
+RUNGS = {"nominal": 1.5, "retuned": 0.2, "with_effect": 0.01, "noise_floor": 0.02}
+REPORT = {
+    "verdict": "effect",
+    "where": [{"equation": "mechanical", "channel": "motor_current_a", "share": 0.9, "grows_with": ["load"],
+               "crank_angle_rad": [[0.0, 1.5707963]], "frequency_hz": None}],
+    "causes": [CAUSE, RUNNER_UP],
+    "probabilities": {"no_gap": 0.0, "parameters": 0.01, "unknown": 0.01},
+    "parameter_shifts": {"resistance_ohm": {"value": 0.2, "std": 0.001, "nominal": 0.176, "sigmas": 4.1}},
+    "gap": {"metric": "rms", **RUNGS, "by_channel": {"motor_current_a": {**RUNGS, "unit": "A"}},
+            "runtime_s": {"nominal": 974.0, "retuned": 841.0, "with_effect": 838.0, "measured": 839.0}},
+    "next_trial": "an idle run",
+    "warnings": ["no operating point was repeated"],
+    "detail": {
+        "strokes": [{"trial": "t1", "operating_point": "oak, 20.0 mm, feed 1.7999999999999998 mm/s, duty 0.4",
+                     "channels": {"motor_current_a": CURVE}}],
+        "map": {"operating_points": ["a", "b"],
+                "equations": {"mechanical": {"unit": "N*m", "values": [[0.1, -0.2, 0.0], None]}}},
+        "log_evidence": {"guide_friction": 250.0, "no_gap": 0.0},
+        "alike": {"effects": ["guide_friction", "motor_coulomb_friction"], "cosine": [[1.0, 0.4], [0.4, 1.0]]},
+        "runtime_of": "oak",
+    },
+    "provenance": {"recordings": {"t1.mcap": "ab" * 32}, "config_sha256": "cd" * 32, "software": "sawbench 0"},
+}  # fmt: skip
+
+
+def page(tmp_path, **changes):
+    report = {**copy.deepcopy(REPORT), **changes}
+    return write_gap_page(tmp_path / "gap.html", report).read_text(encoding="utf-8")
+
+
+def test_cause_is_named_with_its_size_and_the_runner_up_beside_it(tmp_path):
+    text = page(tmp_path)
+    above, _, below = text.partition("One stroke, measured and simulated</h2>")
+    assert what_happens("guide_friction")[1:] in above
+    assert (
+        "Most probable cause: guide friction (93 %), force 8.3 ± 0.4 N. Adding it explains 96 % (93 to 97 %)" in above
+    )
+    assert "indistinguishable from: windage drag" in above
+    assert "lasts 13 min 59 s as measured; the model says 16 min 14 s, with the cause 13 min 58 s" in above
+    assert "no operating point was repeated" in above
+    assert "motor coulomb friction" in below
+    assert "-0 %" not in text
+
+
+@pytest.mark.parametrize(
+    ("verdict", "probabilities", "words"),
+    [
+        (
+            "no_gap",
+            {"no_gap": 0.9, "parameters": 0.05, "unknown": 0.0},
+            "measurements within their noise (90 %)",
+        ),
+        ("unknown", {"no_gap": 0.0, "parameters": 0.1, "unknown": 0.85}, "no known cause explains it (85 %)"),
+        ("parameters", {"no_gap": 0.0, "parameters": 0.999, "unknown": 0.0}, "parameters are off"),
+    ],
+)
+def test_other_verdicts_claim_no_cause(tmp_path, verdict, probabilities, words):
+    text = page(tmp_path, verdict=verdict, probabilities=probabilities)
+    above, _, _ = text.partition("One stroke, measured and simulated</h2>")
+    assert words in above
+    assert what_happens("guide_friction")[1:] not in above
+    assert "re-tuned 14 min 01 s" in above
+    if verdict == "parameters":
+        assert "resistance_ohm, 0.176 stated, 0.2 found" in above
+
+
+def test_an_asynchronous_line_is_told_once_with_its_place(tmp_path):
+    line = {"equation": "cutting", "channel": "force_n", "share": 1.0, "grows_with": [], "crank_angle_rad": []}
+    seen = "force_n swings by 2.6 N at 9.33 cycles a stroke"
+    unknown = {"no_gap": 0.0, "parameters": 0.0, "unknown": 0.99}
+    detail = {**REPORT["detail"], "resembles": seen}
+
+    def with_lines(lines_hz, folder):
+        folder.mkdir()
+        return page(
+            folder, verdict="unknown", probabilities=unknown, warnings=[seen], detail=detail,
+            where=[{**line, "frequency_hz": lines_hz}],
+        )  # fmt: skip
+
+    several = with_lines([101.8, 166.8, 210.0], tmp_path / "several")
+    assert several.count(seen) == 1
+    assert "what turns or switches at 101.8 to 210 Hz, with the stroke rate" in several
+    assert "of the gap lies" not in several
+    assert "asynchronous" in several
+    assert "Look at the map" not in several
+    assert "what turns or switches at 68.2 Hz." in with_lines([68.2], tmp_path / "one")
+
+
+def test_a_doubtful_cause_is_called_doubtful():
+    doubtful = {**REPORT, "causes": [{**CAUSE, "probability": 0.5}, RUNNER_UP]}
+    assert verdict_sentence(doubtful).startswith("Most probable cause, not certain: guide friction (50 %)")
+
+
+def test_figures_have_titles_and_descriptions_and_nothing_is_fetched(tmp_path):
+    text = page(tmp_path)
+    pictures = re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL)
+    assert len(pictures) == 3
+    for picture in pictures:
+        assert re.search(r"<title[^>]*>.+</title><desc[^>]*>.+</desc>", picture)
+    assert "feed 1.8 mm/s" in text
+    assert 'src="' not in text and 'href="http' not in text and "data:" not in text
+
+
+def test_a_report_without_detail_still_gives_a_page(tmp_path):
+    report = copy.deepcopy(REPORT)
+    del report["detail"]
+    report["gap"].pop("runtime_s")
+    report["gap"]["by_channel"] = {}
+    text = write_gap_page(tmp_path / "plain.html", report).read_text(encoding="utf-8")
+    assert "<svg" not in text
+    assert "guide friction" in text
+
+
+def cells(times, q_value):
+    return {"times_expected": times, "q_value": q_value}
+
+
+STANDING_OUT = {
+    "false_discovery_rate": 0.05, "n_cells": 5, "n_found": 1,
+    "found_in": [{"equation": "mechanical", "channel": "motor_current_a"}],
+    "partitions": {
+        "crank_angle": {"places": ["0 to 180 deg", "180 to 360 deg"],
+                        "equations": {"mechanical": cells([40.0, 2.0], [0.001, 0.4]),
+                                      "cutting": cells([1.0, 1.0], [1.0, 1.0])}},
+        "operating_point": {"places": ["a"], "equations": {"mechanical": cells([1.0], [1.0])}},
+    },
+}  # fmt: skip
+
+
+def test_equations_without_a_place_that_stands_out_are_greyed(tmp_path):
+    detail = {**copy.deepcopy(REPORT["detail"]), "standing_out": STANDING_OUT}
+    where = [REPORT["where"][0], {**REPORT["where"][0], "equation": "cutting", "channel": "force_n"}]
+    text = page(tmp_path, where=where, detail=detail)
+    rows = re.findall(r"<tr[^>]*><th scope=\"row\">.*?</tr>", text.partition("Where the gap lies</h2>")[2])
+    assert "motor and drive, mechanical side" in rows[0] and "unproven" not in rows[0]
+    assert "cutting" in rows[1] and "no region is significant" in rows[1] and 'class="unproven"' in rows[1]
+    assert "1 of 5 region is significant, false discovery rate 5 %" in text
+    assert len(re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL)) == 4
+
+
+def test_a_cause_without_a_place_is_explained(tmp_path):
+    quiet = {**STANDING_OUT, "n_found": 0, "found_in": []}
+    detail = {**copy.deepcopy(REPORT["detail"]), "standing_out": quiet}
+    assert "recognised by its pattern over all regions together" in page(tmp_path, detail=detail)
+
+
+def test_a_sensor_at_fault_goes_by_its_channel():
+    found = {"found_in": [{"equation": "cutting", "channel": "force_n"}]}
+    assert stands_out({"equation": "sensing", "channel": "force_n"}, found)
+    assert not stands_out({"equation": "sensing", "channel": "motor_current_a"}, found)
+    assert not stands_out({"equation": "mechanical", "channel": "force_n"}, found)
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter", "words"),
+    [
+        ("delay_s", {"value": 0.00162, "std": 8.7e-5, "unit": "s"}, "delay 1.62 ± 0.087 ms"),
+        ("frequency_hz", {"value": 262.0, "std": 123.4, "unit": "Hz"}, "frequency 262 ± 123 Hz"),
+        ("time_constant_s", {"value": 12.5, "std": None, "unit": "s"}, "time constant 12.5 s"),
+        ("stiffness_n_per_m", {"value": 160400.0, "std": 24000.0, "unit": "N/m"}, "stiffness 160400 ± 24000 N/m"),
+    ],
+)
+def test_sizes_are_written_without_powers_of_ten(tmp_path, name, parameter, words):
+    assert words in page(tmp_path, causes=[{**CAUSE, "parameters": {name: parameter}}, RUNNER_UP])
+
+
+def test_large_magnitudes_and_whole_minutes_read_as_people_write_them(tmp_path):
+    stiff = {"stiffness_n_per_m": {"value": 2.0e15, "std": 4.46e14, "unit": "N/m"}}
+    gap = {**REPORT["gap"], "runtime_s": {"nominal": 4319.7, "measured": 59.6}}
+    text = page(tmp_path, causes=[{**CAUSE, "parameters": stiff}, RUNNER_UP], gap=gap)
+    text = text.replace("\N{NO-BREAK SPACE}", " ")
+    assert "stiffness 2.00 × 10¹⁵ ± 4.5 × 10¹⁴ N/m" in text
+    assert "lasts 1 min 00 s as measured; the model says 72 min 00 s" in text
+
+
+def test_faults_of_sensors_have_a_section_of_their_own(tmp_path):
+    words = "hum of 4.1 N at 50.0 Hz: pickup from the mains"
+    hum = {"channel": "force_n", "finding": "hum", "frequency_hz": 50.0, "magnitude": 4.1, "unit": "N", "words": words}
+    assert f"<li>force: {words}</li>" in page(tmp_path, signals=[hum]).partition("<h2>Signals</h2>")[2]
+    (tmp_path / "gap.html").unlink()
+    assert "<h2>Signals</h2>" not in page(tmp_path, signals=[])

@@ -1,0 +1,528 @@
+"""The pages: right numbers, safe text, nothing from outside, readable by everyone."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from collections import Counter
+from dataclasses import replace
+from datetime import UTC, datetime
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from sawbench.bench.errors import InputError
+from sawbench.bench.folded import FoldedCycle
+from sawbench.bench.processed import (
+    ChannelQuality,
+    PeriodCandidate,
+    PeriodEstimate,
+    Phase,
+    ProcessedTrial,
+    RemovedForce,
+)
+from sawbench.bench.recording import Gap, Recording, Signal, Trial
+from sawbench.modeling.results import CuttingFit, RuntimePrediction
+from sawbench.reporting.compared import ComparedTrial, LeftOut, compare, comparison_json, comparison_table
+from sawbench.reporting.comparison_figures import mean_cycle
+from sawbench.reporting.comparison_page import write_comparison_page
+from sawbench.reporting.html import link_to
+from sawbench.reporting.trial_page import verdict, write_trial_page
+
+pytestmark = pytest.mark.unit
+
+HOSTILE = "<script>alert('x')</script> & \"quoted\" <img src=http://evil.example/x.png>"
+angle_rad = (np.arange(128) + 0.5) * 2.0 * np.pi / 128
+
+
+def folded(channel="force_n", unit="N", mean=None, std=2.0, n_cycles=40):
+    mean = (
+        np.where(angle_rad > np.pi, -200.0 * np.sin(angle_rad), 4.0 * np.sin(2 * angle_rad)) if mean is None else mean
+    )
+    return FoldedCycle(
+        channel=channel,
+        unit=unit,
+        angle_rad=angle_rad,
+        mean=mean,
+        std=np.full(128, std),
+        count=np.full(128, n_cycles),
+        n_cycles=n_cycles,
+    )
+
+
+def make_processed(trial_id="oak-01", material="oak", status="cutting", peak_force_n=205.3, **changes):
+    settings = {"repetition": 1, "source": "simulated bench", "duty": 0.4375}
+    settings |= changes.pop("trial", {})
+    cutting = folded(mean=np.where(angle_rad > np.pi, -peak_force_n * np.sin(angle_rad), 0.0))
+    values = {
+        "trial": Trial(trial_id=trial_id, material=material, **settings),
+        "status": status,
+        "period": PeriodEstimate(
+            period_s=0.08,
+            period_std_s=6.4e-5,
+            spread_s=4e-4,
+            n_cycles=40,
+            confidence="high",
+            reason="one line stands out",
+            channel="displacement_mm",
+        ),
+        "angle": None,
+        "phases": (
+            Phase(kind="spin_up", start_s=0.0, end_s=0.4),
+            Phase(kind="running", start_s=0.4, end_s=1.5),
+        ),
+        "folded": {
+            "force_n": folded(),
+            "motor_current_a": folded("motor_current_a", "A", 8 + np.sin(angle_rad), 0.2),
+        },
+        "cutting_force": cutting,
+        "removed": RemovedForce(
+            mean_n=1.2, rms_n=3.1, peak_n=9.2, share_of_impulse=0.021, half="zero_to_pi", looks_swapped=False
+        ),
+        "peak_force_n": peak_force_n,
+        "peak_force_std_n": 0.62,
+        "mean_values": {"battery_current_a": 4.61},
+        "rms_values": {"motor_current_a": 10.9},
+        "quality": (
+            ChannelQuality(
+                channel="force_n",
+                unit="N",
+                rate_hz=5000.0,
+                n_samples=7500,
+                n_missing=0,
+                jitter_std_s=2e-6,
+                noise_std=1.5,
+                n_spikes=0,
+                n_clipped=0,
+            ),
+        ),
+        "source_path": "oak-01.mcap",
+        "source_sha256": "ab" * 32,
+    }
+    return ProcessedTrial(**(values | changes))
+
+
+def make_fit(k_fc=240.287, std=4.31, statistical=0.92, status="ok", **changes):
+    return CuttingFit(
+        k_fc_n_s_per_m=k_fc,
+        std_n_s_per_m=std,
+        statistical_std_n_s_per_m=statistical,
+        method="current",
+        status=status,
+        rmse_a=0.43,
+        rmse_n=None,
+        n_simulations=31,
+        identifiability="Current alone cannot tell k_Fc from the torque constant.",
+        **changes,
+    )
+
+
+def make_runtime(runtime_s=927.6, status="ok"):
+    return RuntimePrediction(
+        runtime_s=runtime_s,
+        std_s=14.8,
+        mean_battery_current_a=4.66,
+        mean_motor_current_a=10.6,
+        appendix_a_runtime_s=936.2,
+        ended_by="soc",
+        numerical_error_s=0.03,
+        status=status,
+        contributions_s={"k_fc_n_s_per_m": 9.2, "resistance_ohm": 8.1},
+    )
+
+
+def make_recording():
+    time_s = np.arange(7500) / 5000.0
+    kept = np.delete(time_s, slice(1000, 1500))
+    force = Signal(
+        channel="force_n",
+        unit="N",
+        time_s=kept,
+        values=np.sin(80.0 * kept),
+        gaps=(Gap(start_s=time_s[999], end_s=time_s[1500], n_missing=500),),
+    )
+    other = Signal(channel="bearing <b>", unit="K", time_s=time_s[::10], values=300.0 + time_s[::10])
+    return Recording(trial=Trial(trial_id="oak-01"), signals={s.channel: s for s in (force, other)})
+
+
+def make_rows():
+    rows = []
+    for material, k_fc in (("white oak", 240.0), ("nylon 6", 70.0)):
+        for repetition in (1, 2, 3):
+            value = k_fc * (1.0 + 0.004 * (repetition - 2))
+            processed = make_processed(
+                f"{material}-{repetition}",
+                material,
+                peak_force_n=value,
+                trial={"repetition": repetition},
+                source_sha256=f"{repetition}" * 64,
+            )
+            runtime = make_runtime(928.0 * 240.0 / value)
+            rows.append(ComparedTrial(processed=processed, fit=make_fit(value, 0.02 * value, 1e-3), runtime=runtime))
+    rows.append(ComparedTrial(processed=make_processed("pine-1", "pine"), fit=make_fit(130.0), runtime=make_runtime()))
+    stalled = make_processed("pine-2", "pine", "stalled", period=None, cutting_force=None, peak_force_n=1.0)
+    rows.append(ComparedTrial(processed=stalled))
+    weak = ComparedTrial(processed=make_processed("pine-3", "pine"), fit=make_fit(status="not_identifiable"))
+    rows.append(weak)
+    idle = make_processed("air-1", "none", "no_cutting", cutting_force=None, removed=None, peak_force_std_n=None)
+    rows.append(ComparedTrial(processed=replace(idle, peak_force_n=None)))
+    return rows
+
+
+class Page(HTMLParser):
+    """A page as its reader meets it: tags, identifiers, words."""
+
+    VOID = frozenset({"meta", "br", "img", "link", "input", "hr", "path", "use", "col"})
+
+    def __init__(self, text):
+        super().__init__()
+        self.text, self.tags, self.ids, self.words, self.stack, self.headings = text, [], [], [], [], []
+        self.feed(text)
+        self.close()
+        assert self.stack == [], f"left open: {self.stack}"
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        self.ids += [value for name, value in attrs if name == "id"]
+        if tag in {"h1", "h2", "h3"}:
+            self.headings.append(int(tag[1]))
+        if tag not in self.VOID:
+            self.stack.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in self.VOID:
+            self.stack.pop()
+
+    def handle_endtag(self, tag):
+        if tag not in self.VOID:
+            assert self.stack.pop() == tag
+
+    def handle_data(self, data):
+        if "style" not in self.stack:
+            self.words.append(data)
+
+    @property
+    def shown(self):
+        return " ".join(" ".join(self.words).replace("\N{NO-BREAK SPACE}", " ").split())
+
+
+@pytest.fixture(scope="module")
+def trial_path(tmp_path_factory):
+    path = tmp_path_factory.mktemp("trial") / "oak-01.html"
+    simulated = {
+        "angle_rad": angle_rad,
+        "force_n": np.clip(-190 * np.sin(angle_rad), 0, None),
+        "motor_current_a": 8 + 0 * angle_rad,
+    }
+    trial = {"notes": HOSTILE, "operator": HOSTILE, "started_at": datetime(2026, 3, 2, 9, tzinfo=UTC)}
+    return write_trial_page(
+        path,
+        processed=make_processed(trial=trial, warnings=(HOSTILE,)),
+        fit=make_fit(notes=(HOSTILE,)),
+        runtime=make_runtime(),
+        simulated=simulated,
+        files={"Recording": path.parent / "oak #1.mcap", "Rerun view": path.parent / "view" / "oak.rrd"},
+        recording=make_recording(),
+    )
+
+
+@pytest.fixture(scope="module")
+def comparison_path(tmp_path_factory):
+    path = tmp_path_factory.mktemp("comparison") / "report.html"
+    left_out = [LeftOut(name=f"broken {HOSTILE}.mcap", reason="is no recording")]
+    return write_comparison_page(path, make_rows(), left_out=left_out)
+
+
+@pytest.fixture(scope="module", params=["trial_path", "comparison_path"])
+def page(request):
+    return Page(request.getfixturevalue(request.param).read_text(encoding="utf-8"))
+
+
+def test_pages_ask_nothing_of_the_network(page):
+    outside = re.findall(r"(?:https?:)?//[a-z]", re.sub(re.escape("http://evil.example"), "", page.text))
+    assert outside == []
+    assert "evil.example" not in [value for _, attrs in page.tags for value in attrs.values()]
+    assert not {"script", "link", "img", "iframe", "object", "form"} & {tag for tag, _ in page.tags}
+    assert "@import" not in page.text
+    assert all(url.startswith("#") for url in re.findall(r"url\(([^)]+)\)", page.text))
+    assert any("default-src 'none'" in (attrs.get("content") or "") for tag, attrs in page.tags if tag == "meta")
+
+
+def test_free_text_stays_text(page):
+    assert "<script>" not in page.text
+    assert "<img" not in page.text
+    assert "<script>alert('x')</script>" in page.shown
+
+
+def test_pages_are_accessible(page):
+    assert ("html", {"lang": "en"}) in page.tags
+    assert page.headings[0] == 1
+    assert page.headings.count(1) == 1
+    assert all(after - before <= 1 for before, after in zip(page.headings, page.headings[1:], strict=False))
+    assert [key for key, n in Counter(page.ids).items() if n > 1] == []
+    pictures = [attrs for tag, attrs in page.tags if tag == "svg"]
+    assert len(pictures) == 2
+    for attrs in pictures:
+        assert attrs["role"] == "img"
+        for label in attrs["aria-labelledby"].split():
+            assert label in page.ids
+            text = re.search(rf'id="{label}">([^<]+)<', page.text)
+            assert text is not None
+            assert len(text[1]) > 15
+    assert all("scope" in attrs for tag, attrs in page.tags if tag == "th")
+    used = set(re.findall(r'(?:href="|url\()#([^")]+)', page.text))
+    assert used <= set(page.ids)
+
+
+def luminance(colour):
+    channels = [int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def test_colours_have_contrast(page):
+    from sawbench.reporting.figures import CHANNEL_COLOURS, SERIES_COLOURS
+
+    named = dict(re.findall(r"--(\w+): (#\w{6})", page.text))
+    wash = luminance(named["wash"])
+    for name in ("ink", "quiet", "accent", "good", "warn", "bad"):
+        assert (wash + 0.05) / (luminance(named[name]) + 0.05) >= 4.5, name
+    for colour in (*CHANNEL_COLOURS.values(), *SERIES_COLOURS):
+        assert 1.05 / (luminance(colour) + 0.05) >= 4.5, colour
+
+
+def test_trial_page_says_what_was_found(trial_path):
+    page = Page(trial_path.read_text(encoding="utf-8"))
+    for words in (
+        "The saw cut oak at 12.500 ± 0.010 Hz.",
+        "The force peaks at 205.30 ± 0.62 N.",
+        "k_Fc is 240.3 ± 4.3 N·s/m.",
+        "928 ± 15 s (15 min 28 s)",
+        "Simulated bench",
+        "1.20 N mean, 3.10 N RMS and 9.20 N peak: 2.1 % of the whole cycle's impulse",
+        "Usable, with remarks.",
+        "ab" * 32,
+        "5000 Hz",
+    ):
+        assert words in page.shown, words
+    links = [attrs["href"] for tag, attrs in page.tags if tag == "a"]
+    assert links == ["oak%20%231.mcap", "view/oak.rrd"]
+    assert trial_path.stat().st_size < 400_000
+
+
+def test_a_measurement_is_not_called_simulated(tmp_path):
+    path = write_trial_page(tmp_path / "a.html", processed=make_processed(trial={"source": "bench"}))
+    assert "imulated" not in Page(path.read_text(encoding="utf-8")).shown
+
+
+def test_a_trial_with_nothing_in_it_is_still_a_page(tmp_path):
+    empty = make_processed(
+        status="no_stroke",
+        period=None,
+        phases=(),
+        folded={},
+        cutting_force=None,
+        removed=None,
+        quality=(),
+        trial={"source": "bench"},
+    )
+    empty = replace(empty, peak_force_n=None, peak_force_std_n=None, mean_values={}, rms_values={})
+    path = write_trial_page(tmp_path / "a.html", processed=empty, runtime=make_runtime(float("nan"), "stalled"))
+    page = Page(path.read_text(encoding="utf-8"))
+    assert "No stroke was found." in page.shown
+    assert "Do not rely on every result" in page.shown
+    assert "nan" not in page.shown.split()
+    assert not [tag for tag, _ in page.tags if tag in {"svg", "figure"}]
+
+
+def test_results_that_failed_are_not_quoted(tmp_path):
+    fit, runtime = make_fit(status="at_bound"), make_runtime(float("nan"), "cannot_start")
+    words = verdict(make_processed(), fit, runtime)
+    assert "k_Fc" not in words
+    assert "battery" not in words
+    path = write_trial_page(tmp_path / "a.html", processed=make_processed(), fit=fit, runtime=runtime)
+    page = Page(path.read_text(encoding="utf-8"))
+    assert "not reliable the fit ended at the edge of the allowed range, at 240.3 ± 4.3" in page.shown
+    assert "the motor cannot start against this force" in page.shown
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        (
+            {
+                "removed": RemovedForce(
+                    mean_n=90,
+                    rms_n=99,
+                    peak_n=200,
+                    share_of_impulse=0.9,
+                    half="pi_to_2pi",
+                    looks_swapped=True,
+                )
+            },
+            "cutting_half in the configuration is probably wrong",
+        ),
+        (
+            {
+                "period": PeriodEstimate(
+                    period_s=0.08,
+                    period_std_s=0.01,
+                    spread_s=0.01,
+                    n_cycles=4,
+                    confidence="low",
+                    reason="two lines are equal",
+                    channel="motor_current_a",
+                    rivals=(PeriodCandidate(period_s=0.16, relative_power=0.97, reason="half the frequency"),),
+                )
+            },
+            "Also possible: 160 ms with 97 % of the power (half the frequency).",
+        ),
+    ],
+)
+def test_doubts_are_said(tmp_path, changes, expected):
+    path = write_trial_page(tmp_path / "a.html", processed=make_processed(**changes))
+    page = Page(path.read_text(encoding="utf-8"))
+    assert expected in page.shown
+    assert "Do not rely on every result" in page.shown
+
+
+def test_pages_are_the_same_every_time(tmp_path):
+    first = write_comparison_page(tmp_path / "a.html", make_rows())
+    second = write_comparison_page(tmp_path / "b.html", make_rows()[::-1])
+    assert first.read_bytes() == second.read_bytes()
+    pages = [write_trial_page(tmp_path / f"t{k}.html", processed=make_processed()) for k in range(2)]
+    assert pages[0].read_bytes() == pages[1].read_bytes()
+
+
+def test_nothing_is_overwritten_unasked(tmp_path):
+    path = tmp_path / "a.html"
+    path.write_text("precious")
+    with pytest.raises(InputError, match="exists already"):
+        write_trial_page(path, processed=make_processed())
+    with pytest.raises(InputError, match="exists already"):
+        write_comparison_page(path, make_rows())
+    assert path.read_text() == "precious"
+    write_comparison_page(path, make_rows(), overwrite=True)
+    assert "precious" not in path.read_text(encoding="utf-8")
+    with pytest.raises(InputError, match="cannot be written"):
+        write_trial_page(tmp_path / "nowhere" / "a.html", processed=make_processed())
+
+
+def test_comparison_drops_nothing_silently():
+    found = compare(make_rows(), [LeftOut(name="broken.mcap", reason="is no recording")])
+    names = {row.name for one in found.series for row in one.trials} | {row.name for row in found.idle}
+    names |= {item.name for item in found.left_out}
+    assert names == {row.name for row in make_rows()} | {"broken.mcap"}
+    reasons = {(item.name, item.reason) for item in found.left_out}
+    assert ("pine-2", "the saw stalled") in reasons
+    assert ("pine-3", "k_Fc not used: the signals do not determine it") in reasons
+    pine = next(one for one in found.series if one.label == "pine")
+    assert pine.means["peak_force_n"].n == 2
+    assert pine.means["k_fc_n_s_per_m"].n == 1
+
+
+def test_comparison_numbers_by_hand():
+    oak = next(one for one in compare(make_rows()).series if one.label == "white oak")
+    k_fc = oak.means["k_fc_n_s_per_m"]
+    assert k_fc.values == pytest.approx((239.04, 240.0, 240.96))
+    assert k_fc.between_std == pytest.approx(0.96)
+    # Scatter 0.96 over sqrt(3), and 2 % of 240 that all trials share (less the negligible 0.001).
+    assert k_fc.std == pytest.approx(np.hypot(0.96 / np.sqrt(3), 4.8), rel=1e-6)
+    assert oak.means["runtime_s"].mean == pytest.approx(928.0, rel=1e-4)
+
+
+def test_comparison_page_shows_it(comparison_path):
+    page = Page(comparison_path.read_text(encoding="utf-8"))
+    for words in (
+        "240.0 ± 4.8",
+        "nylon 6 − white oak",
+        "significant: white oak is higher",
+        "cannot be said: two repetitions of each are needed; pine has 1",
+        "Idle trials",
+        "the saw stalled",
+        "mean(bᵢ)²",
+        "one trial only",
+    ):
+        assert words in page.shown, words
+    assert comparison_path.stat().st_size < 400_000
+
+
+def test_another_setting_is_another_series():
+    rows = [
+        ComparedTrial(processed=make_processed(f"oak-{mm}-{k}", trial={"thickness_mm": mm, "repetition": k}))
+        for mm in (20.0, 27.0)
+        for k in (1, 2)
+    ]
+    rows.append(ComparedTrial(processed=make_processed("fir-1", "fir", trial={"thickness_mm": 20.0})))
+    assert [one.label for one in compare(rows).series] == ["fir", "oak, 20 mm", "oak, 27 mm"]
+
+
+@pytest.mark.parametrize("n_materials", [0, 1, 6])
+def test_comparison_of_any_number_of_materials(tmp_path, n_materials):
+    rows = [
+        ComparedTrial(processed=make_processed(f"wood {m}-{k}", f"wood {m}"), fit=make_fit(200.0 + 5 * k + m))
+        for m in range(n_materials)
+        for k in range(2)
+    ]
+    path = write_comparison_page(tmp_path / "a.html", rows)
+    page = Page(path.read_text(encoding="utf-8"))
+    assert sum(tag == "svg" for tag, _ in page.tags) == (2 if n_materials else 0)
+    assert ("No trial can be compared" in page.shown) == (n_materials == 0)
+
+
+def test_mean_cycle_pools_every_stroke():
+    rng = np.random.default_rng(1)
+    strokes = [rng.normal(100.0 + shift, 3.0, (n, 128)) for shift, n in ((-5.0, 20), (2.0, 50))]
+    cycles = [
+        replace(folded(n_cycles=len(s)), mean=s.mean(axis=0), std=s.std(axis=0), count=np.full(128, len(s)))
+        for s in strokes
+    ]
+    _, mean, std = mean_cycle(cycles)
+    together = np.concatenate(strokes)
+    np.testing.assert_allclose(mean, together.mean(axis=0))
+    np.testing.assert_allclose(std, together.std(axis=0))
+
+
+def test_table_and_json_hold_every_trial():
+    rows = make_rows()
+    table = comparison_table(rows)
+    assert list(table["trial"]) == [row.name for row in rows]
+    oak = table.set_index("trial").loc["white oak-2"]
+    assert (oak["k_fc_n_s_per_m"], oak["use"]) == (240.0, "compared")
+    assert oak["k_fc_n_s_per_m_std"] == pytest.approx(4.8)
+    assert table.set_index("trial").loc["pine-2", "use"] == "the saw stalled"
+    assert table.set_index("trial").loc["air-1", "use"] == "idle"
+    written = json.loads(json.dumps(comparison_json(rows), allow_nan=False))
+    assert {one["label"] for one in written["series"]} == {"nylon 6", "pine", "white oak"}
+    assert written["is_simulated"] is True
+
+
+def test_links_are_relative_to_the_page(tmp_path):
+    assert link_to(tmp_path / "a b.mcap", tmp_path / "out" / "page.html") == ("../a%20b.mcap", "../a b.mcap")
+
+
+def test_a_browser_has_nothing_to_complain_about(trial_path, comparison_path, tmp_path):
+    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("no Chromium on this machine")
+    control = tmp_path / "control.html"
+    control.write_text("<script>console.error('control')</script>")
+    told = {}
+    for path in (control, trial_path, comparison_path):
+        command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"]
+        command += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
+        command += [
+            f"--user-data-dir={tmp_path / 'profile'}",
+            "--enable-logging=stderr",
+            "--dump-dom",
+            path.as_uri(),
+        ]
+        result = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+        if result.returncode != 0:
+            pytest.skip(f"Chromium does not run here: {result.stderr[-200:]}")
+        told[path] = [line for line in result.stderr.splitlines() if "CONSOLE" in line]
+    assert len(told[control]) == 1
+    assert told[trial_path] == told[comparison_path] == []
