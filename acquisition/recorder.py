@@ -30,7 +30,6 @@ from sawbench.acquisition.stream_recorder import StreamRecorder
 from sawbench.bench.errors import DeviceError, InputError
 from sawbench.bench.recording import Event, SampleBlock
 
-_QUEUE_LENGTH: Final = 8192
 _WAIT_S: Final = 0.05
 _JOIN_S: Final = 3.0
 
@@ -39,7 +38,7 @@ WriterOrFactory = BlockWriter | Callable[[RecordingStart], BlockWriter]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RecorderLimits:
-    """Times after which the recorder acts, s.
+    """Times after which the recorder acts, s, and how far it may fall behind.
 
     Attributes
     ----------
@@ -54,6 +53,8 @@ class RecorderLimits:
     grace_s : float
         Wait for stragglers after the asked duration.
     status_every_s : float
+    queue_length : int
+        Reads that may wait for the writer; a reader that is further ahead waits itself.
     """
 
     first_sample_s: float = 2.0
@@ -62,6 +63,7 @@ class RecorderLimits:
     all_lost_s: float = 10.0
     grace_s: float = 2.0
     status_every_s: float = 0.2
+    queue_length: int = 8192
 
 
 def record(
@@ -135,7 +137,7 @@ class _Run:
         self._devices = list(devices)
         self._clock = clock
         self._limits = limits
-        self._messages: queue.Queue[Message] = queue.Queue(_QUEUE_LENGTH)
+        self._messages: queue.Queue[Message] = queue.Queue(limits.queue_length)
         self._readers: list[DeviceReader] = []
         self._streams: dict[tuple[str, str], StreamRecorder] = {}
         self._lost: dict[str, str] = {}
