@@ -99,9 +99,8 @@ def command(
     largest load too; up and then down again shows the hysteresis. A doubtful calibration is not kept, unless
     --force is given.
     """
-    from sawbench.acquisition.calibration_book import CalibrationBook, add_entry, build_calibrated, read_book
-    from sawbench.acquisition.calibration_fit import fit_line, judge_line, read_points, require_sound
-    from sawbench.acquisition.resting_channel import device_with
+    from sawbench.acquisition.calibration_book import add_entry
+    from sawbench.acquisition.calibration_fit import fit_line, judge_line, require_sound
     from sawbench.commands.recording_session import check_devices
 
     if kilograms and channel != "force_n":
@@ -110,49 +109,73 @@ def command(
     loaded = config_for(None, config_path)
     check_devices(loaded)
     path = calibration_book_path(config_path, simulated=simulated)
+    device_name, former, configured = lines_in_force(loaded, path, channel, force=force)
+    unit = loaded.config.known_channels[channel].unit
+    session = Session(
+        loaded=loaded, config_path=config_path, channel=channel, seconds=seconds, tolerance=tolerance,
+        unit="kg" if kilograms else unit, factor=gravity if kilograms else 1.0,
+        reference_std=reference_std, simulated=simulated, seed=seed,
+    )  # fmt: skip
+    is_read = bool(values) or table_path is None
+    points, instrument = all_points(session, values, table_path, is_read=is_read)
+    line = fit_line(points, common_rel_std=reference_rel_std)
+    complaints = judge_line(line, former, largest_deviation=largest_deviation)
+    said = describe(points, line, former, channel, unit)
+    if complaints and not force:
+        click.echo(said, err=True)
+    require_sound(complaints, where=f"{device_name} {channel}", force=force)
+    entry = book_entry(
+        points, line, former, configured, device=device_name, channel=channel,
+        seconds=seconds if is_read else None, instrument=instrument, operator=operator, note=note,
+    )  # fmt: skip
+    add_entry(path, entry)
+    emit(
+        {"book": path, "complaints": complaints, "fit": line_rows(line), **entry.model_dump(mode="json")},
+        f"{said}\nkept in {path}",
+        as_json=as_json,
+    )
+    return 1 if complaints else 0
+
+
+def lines_in_force(
+    loaded: LoadedConfig, path: Path, channel: str, *, force: bool
+) -> tuple[str, Calibration, Calibration]:
+    """Device of a channel, the calibration in force (that of the book before the configuration's), the configured one.
+
+    Raises
+    ------
+    InputError
+        If the book at `path` has a calibration of the channel and `force` is not set.
+    """
+    from sawbench.acquisition.calibration_book import CalibrationBook, build_calibrated, read_book
+    from sawbench.acquisition.resting_channel import device_with
+
     book = read_book(path)
     devices, configured = build_calibrated(loaded.config, CalibrationBook())
-    device = device_with(devices, channel)
-    unit = loaded.config.known_channels[channel].unit
-    made = [e for e in book.in_force(device.name, channel) if e.kind == "calibration"]
+    name = device_with(devices, channel).name
+    made = [e for e in book.in_force(name, channel) if e.kind == "calibration"]
     if made and not force:
         raise InputError(
             f"{channel} has a calibration already, {made[0].title}",
             where=path,
             remedy="replace it with --force; the former one stays in the history",
         )
-    former = made[0].result if made else configured[device.name, channel]
-    session = Session(
-        loaded=loaded, config_path=config_path, channel=channel, seconds=seconds, tolerance=tolerance,
-        unit="kg" if kilograms else unit, factor=gravity if kilograms else 1.0,
-        reference_std=reference_std, simulated=simulated, seed=seed,
-    )  # fmt: skip
+    return name, made[0].result if made else configured[name, channel], configured[name, channel]
+
+
+def all_points(
+    session: Session, values: tuple[float, ...], table_path: Path | None, *, is_read: bool
+) -> tuple[list[CalibrationPoint], dict[str, str]]:
+    """Points of the table, then those read at the bench (`is_read`), in the channel's unit; where they come from."""
+    from sawbench.acquisition.calibration_fit import read_points
+
     points = [] if table_path is None else list(read_points(table_path))
     instrument = {} if table_path is None else {"points": str(table_path)}
-    is_read = bool(values) or table_path is None
     if is_read:
-        known = iter(values) if values else _asked(channel, session.unit)
+        known = iter(values) if values else _asked(session.channel, session.unit)
         points, facts = take_points(session, known, points, is_asked=not values)
         instrument |= facts
-    points = [_scaled(p, session.factor) for p in points]
-    line = fit_line(points, common_rel_std=reference_rel_std)
-    complaints = judge_line(line, former, largest_deviation=largest_deviation)
-    where = f"{device.name} {channel}"
-    if complaints and not force:
-        click.echo(describe(points, line, former, channel, unit), err=True)
-    require_sound(complaints, where=where, force=force)
-    entry = book_entry(
-        points, line, former, configured[device.name, channel], device=device.name, channel=channel,
-        seconds=seconds if is_read else None, instrument=instrument, operator=operator, note=note,
-    )  # fmt: skip
-    add_entry(path, entry)
-    text = f"{describe(points, line, former, channel, unit)}\nkept in {path}"
-    emit(
-        {"book": path, "complaints": complaints, "fit": line_rows(line), **entry.model_dump(mode="json")},
-        text,
-        as_json=as_json,
-    )
-    return 1 if complaints else 0
+    return [_scaled(p, session.factor) for p in points], instrument
 
 
 def take_points(

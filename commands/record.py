@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from sawbench.acquisition.recording_report import RecordingStatus, RecordingSummary
     from sawbench.bench.config import LoadedConfig
     from sawbench.commands.live_estimate import LiveCuttingEstimate
+    from sawbench.commands.recording_session import SessionOptions
     from sawbench.modeling.recursive import LiveEstimate
     from sawbench.visualization.rerun_view import LiveView
 
@@ -70,70 +72,30 @@ def command(
     as_json: bool,
 ) -> int:
     """Record one trial. Lines typed meanwhile become notes in the recording; Ctrl-C finishes the file."""
-    from sawbench.commands.recording_session import (
-        NoteBook,
-        SessionOptions,
-        check_devices,
-        record_trial,
-        simulated_bench,
-    )
+    from sawbench.commands.recording_session import SessionOptions, check_devices, simulated_bench
 
     config_path = config_path or default_config_path()
     loaded = config_for(None, config_path)
     settings = loaded.config.recording
-    folder = directory or Path(settings.directory)
-    trial_id = trial_id or next_trial_id(folder, material)
-    if Path(trial_id).name != trial_id:
-        raise InputError(
-            f"{trial_id!r} is no name for a trial: it becomes the name of its file",
-            remedy="give --trial a name without slashes, and the folder with --out",
-        )
-    path = folder / f"{trial_id}.mcap"
+    path = recording_path(directory or Path(settings.directory), trial_id, material)
     check_devices(loaded)
     refuse_unwritable(path, force=force, makes_folder=True)
     duty = loaded.config.converter.default_duty if duty is None else duty
     trial = Trial(
-        trial_id=trial_id,
-        material=material,
-        duty=duty,
-        thickness_mm=thickness_mm,
-        feed_mm_s=feed_mm_s,
-        blade=blade,
-        battery=battery,
-        operator=operator,
-        notes="\n".join(note_texts),
-        repetition=repetition,
+        trial_id=path.stem, material=material, duty=duty, thickness_mm=thickness_mm, feed_mm_s=feed_mm_s, blade=blade,
+        battery=battery, operator=operator, notes="\n".join(note_texts), repetition=repetition,
         source="simulated bench" if simulated else "bench",
-    )
-    notes = NoteBook()
-    if sys.stdin is not None and sys.stdin.isatty():
-        notes.listen(iter(sys.stdin))
-    bench = (
-        simulated_bench(config_path, material=material, duty=duty, seed=seed)
-        if simulated
-        else contextlib.nullcontext({})
-    )
-    book_path = calibration_book_path(config_path, simulated=simulated)
-    say_in_force(book_path)
-    with contextlib.ExitStack() as stack:
-        views = stack.enter_context(live_view(trial, live=live, rrd_path=rrd_path, force=force))
-        estimate = live_estimate(loaded, trial, views)
-        endpoints = stack.enter_context(bench)
-        counters = stack.enter_context(LiveCounters(estimate))
-        summary = record_trial(
-            loaded,
-            SessionOptions(
-                path=path,
-                trial=trial,
-                seconds=None if until_stopped else seconds or settings.seconds,
-                endpoints=endpoints,
-                overwrite=force,
-                calibration_book=book_path,
-            ),
-            observers=[*views, estimate],
-            status=counters,
-            notes=notes,
-        )
+    )  # fmt: skip
+    bench = contextlib.nullcontext({})
+    if simulated:
+        bench = simulated_bench(config_path, material=material, duty=duty, seed=seed)
+    options = SessionOptions(
+        path=path, trial=trial, seconds=None if until_stopped else seconds or settings.seconds, overwrite=force,
+        calibration_book=calibration_book_path(config_path, simulated=simulated),
+    )  # fmt: skip
+    say_in_force(options.calibration_book)
+    with live_view(trial, live=live, rrd_path=rrd_path, force=force) as views:
+        summary, estimate = run_session(loaded, options, bench, views)
     last = estimate.describe()
     said = f"last live estimate: {last}" if last else f"no live k_Fc: {estimate.problem or 'no settled stroke'}"
     emit(
@@ -142,6 +104,41 @@ def command(
         as_json=as_json,
     )
     return 1 if summary.losses or not summary.is_complete else 0
+
+
+def recording_path(folder: Path, trial_id: str | None, material: str) -> Path:
+    """File of a trial; without an identifier the next free one of its material."""
+    trial_id = trial_id or next_trial_id(folder, material)
+    if Path(trial_id).name != trial_id:
+        raise InputError(
+            f"{trial_id!r} is no name for a trial: it becomes the name of its file",
+            remedy="give --trial a name without slashes, and the folder with --out",
+        )
+    return folder / f"{trial_id}.mcap"
+
+
+def run_session(
+    loaded: LoadedConfig,
+    options: SessionOptions,
+    bench: contextlib.AbstractContextManager[dict[str, str]],
+    views: list[LiveView],
+) -> tuple[RecordingSummary, LiveCuttingEstimate]:
+    """Record with the estimate, the counters and the notes of a terminal; `bench` gives addresses of instruments."""
+    from sawbench.commands.recording_session import NoteBook, record_trial
+
+    notes = NoteBook()
+    if sys.stdin is not None and sys.stdin.isatty():
+        notes.listen(iter(sys.stdin))
+    estimate = live_estimate(loaded, options.trial, views)
+    with bench as endpoints, LiveCounters(estimate) as counters:
+        summary = record_trial(
+            loaded,
+            replace(options, endpoints=endpoints),
+            observers=[*views, estimate],
+            status=counters,
+            notes=notes,
+        )
+    return summary, estimate
 
 
 def say_in_force(book_path: Path) -> None:

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,7 +43,7 @@ class SessionOptions:
     path: Path
     trial: Trial
     seconds: float | None
-    endpoints: Mapping[str, str]
+    endpoints: Mapping[str, str] = field(default_factory=dict)
     overwrite: bool = False
     calibration_book: Path | None = None
 
