@@ -1,0 +1,73 @@
+"""Mean strokes of channels that are sampled slowly, while the hardness changes from stroke to stroke."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sawbench.bench.processed import CrankAngle
+from sawbench.bench.recording import Signal, Trial
+from sawbench.diagnosis.inference.features import harmonics
+from sawbench.diagnosis.reduction import between_samples, running_state
+from sawbench.modeling.state import TWO_PI
+
+from tests.rigs.drawn_states import setting_of
+from tests.rigs.processed import processed_trial
+
+pytestmark = pytest.mark.unit
+
+STROKES_HZ, SECONDS, SETTLED_S = 13.7, 1.0, 0.2
+STROKE_STD = 0.05
+
+
+def wave(turn):
+    """Current of one stroke, A: up to the fourth harmonic."""
+    return 8.0 + 3.0 * np.cos(turn) + 1.5 * np.sin(2 * turn) + 0.6 * np.cos(3 * turn + 1.0) + 0.3 * np.sin(4 * turn)
+
+
+def current(rate_hz, seed, *, phase_s=0.00025):
+    """Samples of a current whose strokes differ in height, evenly turning."""
+    time_s = phase_s + np.arange(int(SECONDS * rate_hz)) / rate_hz
+    turned = TWO_PI * STROKES_HZ * time_s
+    heights = 1.0 + STROKE_STD * np.random.default_rng(seed).standard_normal(int(turned[-1] / TWO_PI) + 3)
+    # From one height to the next in the middle of the stroke: no jump.
+    height = np.interp(turned / TWO_PI, np.arange(len(heights)), heights)
+    return Signal(channel="motor_current_a", unit="A", time_s=time_s, values=height * wave(turned))
+
+
+def mean_stroke(signal):
+    time_s = np.arange(0.0, SECONDS, 1e-3)
+    turned = TWO_PI * STROKES_HZ * time_s
+    angle = CrankAngle(
+        time_s=time_s, angle_rad=turned, speed_rad_s=np.full(len(time_s), TWO_PI * STROKES_HZ),
+        angle_std_rad=np.zeros(len(time_s)), radius_m=0.01, source="test", is_absolute=True,
+    )  # fmt: skip
+    trial = processed_trial(
+        Trial(trial_id="t", duty=0.5, material="oak"), {signal.channel: signal}, angle, SETTLED_S, SECONDS - 0.01
+    )
+    state = running_state(trial, setting_of(is_idle=False))
+    assert state is not None and state.current_a is not None
+    return harmonics(np.average(state.current_a, axis=0, weights=state.n_strokes)[None], 12)[0]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_few_strokes_sampled_slowly_have_the_mean_stroke_of_many_samples(seed):
+    # 30 kHz leaves no doubt: 2200 samples a stroke.
+    exact = mean_stroke(current(30_000.0, seed))
+    slow = mean_stroke(current(1000.0, seed))
+    assert np.abs(slow - exact).max() < 0.006
+
+
+def test_a_channel_with_samples_enough_stays_as_it_is_and_so_does_one_with_too_few():
+    for rate_hz in (5000.0, 300.0):
+        signal = current(rate_hz, seed=1)
+        assert between_samples(signal, 1.0 / STROKES_HZ) is signal
+
+
+def test_nothing_is_put_where_samples_are_missing():
+    whole = current(1000.0, seed=1)
+    kept = (whole.time_s < 0.5) | (whole.time_s > 0.53)
+    holed = Signal(channel=whole.channel, unit="A", time_s=whole.time_s[kept], values=whole.values[kept])
+    dense = between_samples(holed, 1.0 / STROKES_HZ)
+    assert len(dense.time_s) > 2 * len(holed.time_s)
+    assert not np.any((dense.time_s > 0.5005) & (dense.time_s < 0.5295))
+    assert np.interp(holed.time_s[5:-5], dense.time_s, dense.values) == pytest.approx(holed.values[5:-5], abs=1e-9)
