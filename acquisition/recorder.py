@@ -46,6 +46,8 @@ class RecorderLimits:
         A device must deliver within this after its start.
     settle_s : float
         All clocks must have settled within this.
+    rate_s : float
+        A rate that seems wrong is watched for this long: after a moment in which the machine was busy it looks so too.
     silence_s : float
         Silence that counts as a lost link.
     all_lost_s : float
@@ -59,6 +61,7 @@ class RecorderLimits:
 
     first_sample_s: float = 2.0
     settle_s: float = 6.0
+    rate_s: float = 3.0
     silence_s: float = 2.5
     all_lost_s: float = 10.0
     grace_s: float = 2.0
@@ -164,7 +167,7 @@ class _Run:
     def wait_until_settled(self, stop: threading.Event | None) -> None:
         """Wait until every stream delivers and its clock has settled."""
         begun_s = self._clock()
-        while not all(s.timer.is_settled and s.timer.has_data for s in self._streams.values()):
+        while not self._is_ready(self._clock() - begun_s):
             if stop is not None and stop.is_set():
                 raise InputError("stopped before the recording began")
             message = self._next_message()
@@ -194,6 +197,12 @@ class _Run:
                     where=self._where(device),
                     remedy="set the rate in the configuration to what it sends",
                 )
+
+    def _is_ready(self, waited_s: float) -> bool:
+        timers = [recorder.timer for recorder in self._streams.values()]
+        if not all(timer.is_settled and timer.has_data for timer in timers):
+            return False
+        return waited_s >= self._limits.rate_s or not any(timer.rate_error() for timer in timers)
 
     def begin(self, seconds: float | None) -> RecordingStart:
         """Set t = 0 to now."""

@@ -362,6 +362,23 @@ def test_a_wrong_rate_is_refused_at_the_start():
         run(device, seconds=1.0)
 
 
+def test_a_busy_moment_at_the_start_is_no_wrong_rate():
+    """The first samples come later and later, up to 0.1 s: over 0.4 s that is 20 % of the rate."""
+    device = Scripted()
+    n_read = 0
+
+    def chunk(value=None, **options):
+        nonlocal n_read
+        n_read += 1
+        made = Scripted.chunk(device, value, **options)
+        late_s = min(n_read, 40) / 40 * 0.1 if n_read < 60 else 0.0
+        return replace(made, arrival_s=made.arrival_s + late_s)
+
+    device.chunk = chunk
+    summary, _ = run(device, seconds=1.0)
+    assert summary.channels[0].n_missing == 0
+
+
 def test_a_fault_in_a_driver_is_noted_and_the_rest_goes_on():
     # The two read in turn, until one crashes; only one of them moves the time on.
     in_turn = threading.Barrier(2)

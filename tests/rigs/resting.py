@@ -53,10 +53,11 @@ class Rig:
     ) -> None:
         plant = RestingTool(behaviour)
         config = load_config(config_path).config if config is None else config
-        instruments = make_instruments(plant, config, clock_error_ppm=clock_error_ppm)
-        self._endpoints = {name: PtyEndpoint(folder / name) for name in instruments}
+        self._instruments = make_instruments(plant, config, clock_error_ppm=clock_error_ppm)
+        self._endpoints = {name: PtyEndpoint(folder / name) for name in self._instruments}
         faults = tuple(Fault(**f) for f in faults)
-        self._bench = SimulatedBench(plant, instruments, self._endpoints, faults=faults, trigger_after_s=1e9)
+        self._bench = SimulatedBench(plant, self._instruments, self._endpoints, faults=faults, trigger_after_s=1e9)
+        self._awaited: set[str] = set()
         self._now_s = 0.0
         self._extra: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
         self._unread: set[str] = set()
@@ -84,14 +85,21 @@ class Rig:
                 name, data = self._extra.get()
                 self._endpoints[name].write(data)
             self._wait_until_read()
-            self._now_s += 0.0047
+            if not self._is_host_awaited():
+                self._now_s += 0.0047
+
+    def _is_host_awaited(self) -> bool:
+        """Whether an instrument is plugged in again and the host has not started it yet: then time stands still."""
+        self._awaited |= {name for name, endpoint in self._endpoints.items() if endpoint._host_side < 0}
+        self._awaited -= {name for name in self._awaited if self._instruments[name].is_streaming}
+        return any(self._endpoints[name]._host_side >= 0 for name in self._awaited)
 
     def _wait_until_read(self) -> None:
-        """Wait for the host; not for a port that nobody reads any more."""
+        """Wait for the host, until it sends a command; not for a port that nobody reads any more."""
         waiting = {name for name in self._endpoints if self._n_pending(name)}
         self._unread &= waiting
-        deadline_s = time.monotonic() + 0.5
-        while waiting - self._unread and not self._stop.is_set():
+        deadline_s = time.monotonic() + 5.0
+        while waiting - self._unread and not self._stop.is_set() and not self._is_command_there():
             if time.monotonic() > deadline_s:
                 self._unread |= waiting
             time.sleep(0.0002)
@@ -99,9 +107,20 @@ class Rig:
         time.sleep(0.0001)
 
     def _n_pending(self, name: str) -> int:
-        count = array.array("i", [0])
-        fcntl.ioctl(self._endpoints[name]._host_side, termios.FIONREAD, count)
-        return count[0]
+        """Bytes that the host has not read."""
+        endpoint = self._endpoints[name]
+        return _n_waiting(endpoint._host_side) if self._instruments[name].is_streaming else 0
+
+    def _is_command_there(self) -> bool:
+        return any(_n_waiting(endpoint._our_side) for endpoint in self._endpoints.values())
+
+
+def _n_waiting(side: int) -> int:
+    """Bytes that can be read from one side of a pty; none where it is unplugged."""
+    count = array.array("i", [0])
+    if side >= 0:
+        fcntl.ioctl(side, termios.FIONREAD, count)
+    return count[0]
 
 
 @contextlib.contextmanager
