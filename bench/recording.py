@@ -207,6 +207,8 @@ class Trial:
         Timezone-aware.
     notes : str
     repetition : int, optional
+    batch : str, optional
+        Identity of the lot that the workpiece was taken from.
     source : str
         Where the signals come from: "bench", "simulated bench", "import of FILE".
     """
@@ -222,6 +224,7 @@ class Trial:
     started_at: datetime | None = None
     notes: str = ""
     repetition: int | None = None
+    batch: str | None = None
     source: str = "bench"
 
     def __post_init__(self) -> None:

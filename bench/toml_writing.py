@@ -20,7 +20,8 @@ def toml_text(tables: Mapping[str, Any], comments: Mapping[tuple[str, ...], Sequ
         Of tables, whose own tables stand on one line each, but those of devices: they have a `driver` and lines of
         their own.
     comments : mapping of tuple of str to sequence of str, optional
-        Lines above a table (its name) or an entry (table, key); `()` is the head of the file.
+        Lines above a table (its name), an entry (table, key) or an entry of no table (its name); `()` is the head of
+        the file. A list of tables has a line for each.
 
     Returns
     -------
@@ -35,7 +36,9 @@ def toml_text(tables: Mapping[str, Any], comments: Mapping[tuple[str, ...], Sequ
     """
     said = comments or {}
     lines = [f"# {line}" for line in said.get((), ())]
-    lines += [f"{_key(name)} = {_value(value)}" for name, value in tables.items() if not isinstance(value, Mapping)]
+    for name, value in tables.items():
+        if not isinstance(value, Mapping):
+            lines += [*(f"# {line}" for line in said.get((name,), ())), f"{_key(name)} = {_value(value)}"]
     for name, table in tables.items():
         if not isinstance(table, Mapping):
             continue
@@ -76,6 +79,10 @@ def _value(value: Any) -> str:
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, int | float):
         return repr(value)
-    if isinstance(value, datetime | date | time):
-        return value.isoformat()
+    return value.isoformat() if isinstance(value, datetime | date | time) else _list(value)
+
+
+def _list(value: Sequence[Any]) -> str:
+    if value and all(isinstance(entry, Mapping) for entry in value):
+        return "[\n" + "".join(f"    {_value(entry)},\n" for entry in value) + "]"
     return "[" + ", ".join(_value(entry) for entry in value) + "]"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -13,6 +14,7 @@ from sawbench.inputs import config_for, default_config_path
 
 if TYPE_CHECKING:
     from sawbench.acquisition.preflight import ChannelCheck, Finding, Preflight
+    from sawbench.bench.config import LoadedConfig
 
 # The simulated tool stays off, or is switched on at once.
 _NEVER_S: Final = 1e9
@@ -33,34 +35,55 @@ def command(
 
     The tool should be at rest, or say --running. Exit code 1 where something is not to be trusted.
     """
-    from sawbench.acquisition.calibration_book import build_calibrated, read_book
-    from sawbench.acquisition.device_probe import probe_devices
-    from sawbench.acquisition.preflight import judge
     from sawbench.commands.recording_session import check_devices, simulated_bench
 
     config_path = config_path or default_config_path()
     loaded = config_for(None, config_path)
     check_devices(loaded)
-    book = read_book(calibration_book_path(config_path, simulated=simulated))
+    book = calibration_book_path(config_path, simulated=simulated)
     trigger_after_s = _AT_ONCE_S if is_running else _NEVER_S
     bench = (
         simulated_bench(config_path, material="none", duty=None, seed=seed, trigger_after_s=trigger_after_s)
         if simulated
         else contextlib.nullcontext({})
     )
-    with bench as endpoints, stepper("checking") as step:
-        devices, _ = build_calibrated(loaded.config, book, endpoints)
-        tenths = round(10 * seconds)
-        probes = probe_devices(
-            devices, seconds=seconds, watch=lambda now_s: step(min(tenths, round(10 * now_s)), tenths, "")
-        )
-    found = judge(probes, is_running=is_running)
+    with bench as endpoints:
+        found = look(loaded, book, endpoints, seconds=seconds, is_running=is_running)
     emit(
         {"is_good": found.is_good, "seconds": seconds, "channels": found.channels, "findings": found.findings},
         describe(found),
         as_json=as_json,
     )
     return 0 if found.is_good else 1
+
+
+def look(
+    loaded: LoadedConfig, book: Path, endpoints: Mapping[str, str], *, seconds: float, is_running: bool = False
+) -> Preflight:
+    """Open every instrument, look for `seconds`, and judge; a progress bar on a terminal.
+
+    Parameters
+    ----------
+    loaded : LoadedConfig
+    book : Path
+        Tares and calibrations to apply.
+    endpoints : mapping of str to str
+        Device name -> port, instead of the configured ones.
+    seconds : float
+    is_running : bool
+        The tool runs: judge neither noise nor zero.
+    """
+    from sawbench.acquisition.calibration_book import build_calibrated, read_book
+    from sawbench.acquisition.device_probe import probe_devices
+    from sawbench.acquisition.preflight import judge
+
+    devices, _ = build_calibrated(loaded.config, read_book(book), endpoints)
+    tenths = round(10 * seconds)
+    with stepper("checking") as step:
+        probes = probe_devices(
+            devices, seconds=seconds, watch=lambda now_s: step(min(tenths, round(10 * now_s)), tenths, "")
+        )
+    return judge(probes, is_running=is_running)
 
 
 def describe(found: Preflight) -> str:

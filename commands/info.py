@@ -75,6 +75,7 @@ def settings_line(trial: Trial) -> str:
         "battery": trial.battery,
         "operator": trial.operator,
         "repetition": trial.repetition,
+        "batch": trial.batch,
         "started": None if trial.started_at is None else trial.started_at.isoformat(timespec="seconds"),
         "source": trial.source,
     }

@@ -94,8 +94,9 @@ def command(
         calibration_book=calibration_book_path(config_path, simulated=simulated),
     )  # fmt: skip
     say_in_force(options.calibration_book)
+    lines = iter(sys.stdin) if sys.stdin is not None and sys.stdin.isatty() else iter(())
     with live_view(trial, live=live, rrd_path=rrd_path, force=force) as views:
-        summary, estimate = run_session(loaded, options, bench, views)
+        summary, estimate = run_session(loaded, options, bench, views, lines)
     last = estimate.describe()
     said = f"last live estimate: {last}" if last else f"no live k_Fc: {estimate.problem or 'no settled stroke'}"
     emit(
@@ -122,13 +123,24 @@ def run_session(
     options: SessionOptions,
     bench: contextlib.AbstractContextManager[dict[str, str]],
     views: list[LiveView],
+    lines: Iterator[str],
 ) -> tuple[RecordingSummary, LiveCuttingEstimate]:
-    """Record with the estimate, the counters and the notes of a terminal; `bench` gives addresses of instruments."""
+    """Record with estimate and counters on the terminal.
+
+    Parameters
+    ----------
+    loaded : LoadedConfig
+    options : SessionOptions
+    bench : context manager
+        Gives the addresses of the instruments, device name -> port, where they are not the configured ones.
+    views : list of LiveView
+    lines : iterator of str
+        What is typed meanwhile: notes.
+    """
     from sawbench.commands.recording_session import NoteBook, record_trial
 
     notes = NoteBook()
-    if sys.stdin is not None and sys.stdin.isatty():
-        notes.listen(iter(sys.stdin))
+    notes.listen(lines)
     estimate = live_estimate(loaded, options.trial, views)
     with bench as endpoints, LiveCounters(estimate) as counters:
         summary = record_trial(

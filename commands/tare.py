@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -13,8 +15,10 @@ from sawbench.commands.terminal import emit, stepper
 from sawbench.inputs import config_for, default_config_path
 
 if TYPE_CHECKING:
+    from sawbench.acquisition.calibration_book import BookEntry
     from sawbench.acquisition.devices.device import Device
     from sawbench.acquisition.resting_channel import RestingChannel
+    from sawbench.bench.config import LoadedConfig
 
 NEVER_S: Final = 1e9
 
@@ -46,39 +50,104 @@ def command(
 
     Refused while the value moves or drifts. The former zeros stay in the calibration book.
     """
-    from sawbench.acquisition.calibration_book import BookEntry, add_entry, build_calibrated, calibrations_of, read_book
-    from sawbench.acquisition.resting_channel import tare
     from sawbench.commands.recording_session import check_devices, simulated_bench
-    from sawbench.storage.writer import software_version
 
     config_path = config_path or default_config_path()
     loaded = config_for(None, config_path)
     check_devices(loaded)
-    path = calibration_book_path(config_path, simulated=simulated)
-    # The zero is found anew, so that former tares do not matter, not even ones that no longer fit.
-    book = calibrations_of(read_book(path), channel)
+    asked = TareRequest(
+        book=calibration_book_path(config_path, simulated=simulated),
+        channel=channel,
+        seconds=seconds,
+        tolerance=tolerance,
+        operator=operator,
+        note=note,
+        force=force,
+    )
     bench = (
         simulated_bench(config_path, material="none", duty=None, seed=seed, trigger_after_s=NEVER_S)
         if simulated
         else contextlib.nullcontext({})
     )
     with bench as endpoints:
-        devices, configured = build_calibrated(loaded.config, book, endpoints)
-        resting = read_resting(devices, channel, seconds=seconds, tolerance=tolerance, saying="taring")
-    result = tare(resting, resting.channel.calibration, force=force)
+        entry, resting = take_tare(loaded, endpoints, asked)
+    kept = f"{describe(resting)}\nkept in {asked.book}"
+    emit({"book": asked.book, **entry.model_dump(mode="json")}, kept, as_json=as_json)
+    return 0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TareRequest:
+    """What is zeroed and how.
+
+    Attributes
+    ----------
+    book : Path
+        Calibration book that the zero is kept in.
+    channel : str
+    seconds : float
+        Averaged over this long.
+    tolerance : float, optional
+        Maximum allowed drift, in the channel's unit.
+    operator, note : str
+    force : bool
+        Take a reading that is too large for a zero.
+    """
+
+    book: Path
+    channel: str = "force_n"
+    seconds: float = 5.0
+    tolerance: float | None = None
+    operator: str = ""
+    note: str = ""
+    force: bool = False
+
+
+def take_tare(
+    loaded: LoadedConfig, endpoints: Mapping[str, str], asked: TareRequest
+) -> tuple[BookEntry, RestingChannel]:
+    """Average the unloaded sensor and keep that as its zero in the calibration book.
+
+    Parameters
+    ----------
+    loaded : LoadedConfig
+    endpoints : mapping of str to str
+        Device name -> port, instead of the configured ones.
+    asked : TareRequest
+
+    Returns
+    -------
+    entry : BookEntry
+        What was kept.
+    resting : RestingChannel
+        What was read.
+
+    Raises
+    ------
+    UntrustedResult
+        If the value moves, drifts, or is too large for a zero.
+    """
+    from sawbench.acquisition.calibration_book import BookEntry, add_entry, build_calibrated, calibrations_of, read_book
+    from sawbench.acquisition.resting_channel import tare
+    from sawbench.storage.writer import software_version
+
+    # The zero is found anew, so that former tares do not matter, not even ones that no longer fit.
+    book = calibrations_of(read_book(asked.book), asked.channel)
+    devices, configured = build_calibrated(loaded.config, book, endpoints)
+    resting = read_resting(devices, asked.channel, seconds=asked.seconds, tolerance=asked.tolerance, saying="taring")
     entry = BookEntry(
         kind="tare",
         device=resting.device,
-        channel=channel,
+        channel=asked.channel,
         made_at=datetime.now(UTC),
-        result=result,
-        configured=configured[resting.device, channel],
+        result=tare(resting, resting.channel.calibration, force=asked.force),
+        configured=configured[resting.device, asked.channel],
         zero_std_raw=resting.raw_std,
         seconds=resting.found.seconds,
         instrument={"port": resting.port, **resting.facts},
         software=software_version(),
-        operator=operator,
-        note=note,
+        operator=asked.operator,
+        note=asked.note,
         details={
             "offset": resting.found.mean,
             "offset_std": resting.found.std,
@@ -90,9 +159,8 @@ def command(
             "drift_std_per_s": resting.found.drift_std_per_s,
         },
     )
-    add_entry(path, entry)
-    emit({"book": path, **entry.model_dump(mode="json")}, f"{describe(resting)}\nkept in {path}", as_json=as_json)
-    return 0
+    add_entry(asked.book, entry)
+    return entry, resting
 
 
 def read_resting(

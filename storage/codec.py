@@ -230,7 +230,7 @@ def encode_preview(interval: tuple[float, float, float, float], unit: str, origi
 
 
 _NUMBERS: Final = ("duty", "thickness_mm", "feed_mm_s")
-_TEXTS: Final = ("trial_id", "material", "blade", "battery", "operator", "notes", "source")
+_TEXTS: Final = ("trial_id", "material", "blade", "battery", "operator", "notes", "batch", "source")
 
 
 def trial_to_metadata(trial: Trial) -> dict[str, str]:

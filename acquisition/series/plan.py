@@ -1,0 +1,298 @@
+"""The plan of a series: which trials, in which order, on which blade and battery; from TOML or from a table."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from sawbench.bench.config import describe_validation
+from sawbench.bench.errors import ConfigError, InputError
+from sawbench.bench.toml_text import parse_toml, read_toml_text
+
+_STRICT: Final = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+# What the paper asks for: repetitions of every setting, and how far the specific force may grow on one blade.
+PAPER_REPETITIONS: Final = 3
+PAPER_GROWTH: Final = 0.20
+
+Setting = tuple[str, float | None, float | None, float | None]
+Metadata = Literal["operator", "blade", "battery", "material", "batch"]
+
+
+def _as_text(value: Any) -> Any:
+    """Accept a number as an identity: `blade = 1` means blade "1"."""
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+Identity = Annotated[str, BeforeValidator(_as_text), Field(min_length=1)]
+
+
+class PlannedTrial(BaseModel):
+    """One trial of a plan.
+
+    Attributes
+    ----------
+    id : str
+        Name of the recording.
+    block : int
+        Trials between which nothing but the workpiece is changed.
+    material : str
+        "none": the blade runs in air.
+    duty, feed_mm_s, thickness_mm : float, optional
+    repetition : int, optional
+    blade, battery, batch : str, optional
+    seconds : float, optional
+        Duration; default: that of the plan.
+    rest_s : float, optional
+        How long the tool rests before.
+    """
+
+    model_config = _STRICT
+    id: str = Field(pattern=r"^[A-Za-z0-9_][\w.+-]*$", max_length=100)
+    block: int = Field(default=1, ge=0)
+    material: str = Field(min_length=1)
+    duty: float | None = Field(default=None, gt=0, le=1)
+    feed_mm_s: float | None = Field(default=None, ge=0)
+    thickness_mm: float | None = Field(default=None, gt=0)
+    repetition: int | None = Field(default=None, ge=1)
+    blade: Identity | None = None
+    battery: Identity | None = None
+    batch: Identity | None = None
+    seconds: float | None = Field(default=None, gt=0)
+    rest_s: float | None = Field(default=None, ge=0)
+
+    @property
+    def setting(self) -> Setting:
+        """What its repetitions have in common: material, duty, feed, thickness."""
+        return self.material, self.duty, self.feed_mm_s, self.thickness_mm
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether the blade runs in air."""
+        return self.material == "none"
+
+
+class SeriesPlan(BaseModel):
+    """The whole of a plan; every key but `trial` may be left out.
+
+    Attributes
+    ----------
+    config, recordings : str, optional
+        Bench configuration and folder of the recordings, relative to the plan.
+    seed : int, optional
+        Of the order.
+    operator : str, optional
+    required : tuple of str
+        Metadata without which no trial is recorded.
+    seconds : float, optional
+        Duration of a trial; default: the configuration's.
+    tare : {"trial", "block", "never"}
+        Before what the load cell is zeroed.
+    tare_seconds, check_seconds : float
+        How long to look; 0: no check before a trial.
+    blade_growth_limit : float
+        Relative growth of the specific force at which the blade is changed.
+    repeatability : float
+        Relative standard deviation expected between repetitions, until the series itself tells.
+    trial : tuple of PlannedTrial
+        In the order in which they are recorded.
+    """
+
+    model_config = _STRICT
+    config: str | None = None
+    recordings: str | None = None
+    seed: int | None = None
+    operator: Identity | None = None
+    required: tuple[Metadata, ...] = Field(default=("material",), strict=False)
+    seconds: float | None = Field(default=None, gt=0)
+    tare: Literal["trial", "block", "never"] = "block"
+    tare_seconds: float = Field(default=5.0, ge=0.5, le=600)
+    check_seconds: float = Field(default=2.0, ge=0, le=600)
+    blade_growth_limit: float = Field(default=PAPER_GROWTH, gt=0)
+    repeatability: float = Field(default=0.05, gt=0, lt=1)
+    trial: tuple[PlannedTrial, ...] = Field(min_length=1, strict=False)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LoadedPlan:
+    """A plan and where it stands.
+
+    Attributes
+    ----------
+    plan : SeriesPlan
+    path : Path
+    sha256 : str
+        Of the text.
+    """
+
+    plan: SeriesPlan
+    path: Path
+    sha256: str
+
+    @property
+    def folder(self) -> Path:
+        """Where its recordings are: beside the plan, under its name, unless it states another folder."""
+        return self.path.parent / (self.plan.recordings or self.path.stem)
+
+    @property
+    def config_path(self) -> Path | None:
+        """The bench configuration that it states."""
+        return None if self.plan.config is None else self.path.parent / self.plan.config
+
+    def trial(self, trial_id: str) -> PlannedTrial:
+        """Return one of its trials.
+
+        Raises
+        ------
+        InputError
+            If it has no such trial.
+        """
+        found = next((trial for trial in self.plan.trial if trial.id == trial_id), None)
+        if found is None:
+            names = ", ".join(trial.id for trial in self.plan.trial[:5])
+            raise InputError(f"has no trial {trial_id!r}; its trials are {names}, ...", where=self.path)
+        return found
+
+
+def load_plan(path: Path) -> LoadedPlan:
+    """Read a plan: TOML, or a table (`.csv`) with a row for each trial.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    LoadedPlan
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be read, or holds a key or value that is not allowed; names trial and key.
+    """
+    text = read_toml_text(path, remedy="write one with `sawbench series plan --out PLAN.toml`")
+    tables = _table_of(text, path) if path.suffix.lower() == ".csv" else parse_toml(text, where=path)
+    trials = tables.get("trial")
+    for number, trial in enumerate(trials if isinstance(trials, list) else (), start=1):
+        try:
+            PlannedTrial.model_validate(trial)
+        except ValidationError as error:
+            raise ConfigError(f"trial {number}: {describe_validation(error, PlannedTrial)}", where=path) from error
+    try:
+        plan = SeriesPlan.model_validate(tables)
+    except ValidationError as error:
+        raise ConfigError(describe_validation(error, SeriesPlan), where=path) from error
+    ids = [trial.id.lower() for trial in plan.trial]
+    repeated = next((trial.id for trial in plan.trial if ids.count(trial.id.lower()) > 1), None)
+    if repeated is not None:
+        raise ConfigError(
+            f"names the trial {repeated} more than once", where=path, remedy="give every trial an id of its own"
+        )
+    return LoadedPlan(plan=plan, path=path, sha256=hashlib.sha256(text.encode()).hexdigest())
+
+
+def missing_metadata(plan: SeriesPlan, operator: str | None) -> str:
+    """Say which required metadata nobody has stated; empty where all are there.
+
+    Parameters
+    ----------
+    plan : SeriesPlan
+    operator : str, optional
+        Who records, where the plan does not say it.
+    """
+    lacking = []
+    for name in plan.required:
+        if name == "operator":
+            lacking += [] if operator or plan.operator else ["operator"]
+            continue
+        trials = [t.id for t in plan.trial if not getattr(t, name) and not (name == "batch" and t.is_idle)]
+        if trials:
+            lacking.append(f"{name} of {', '.join(trials[:3])}" + (f" and {len(trials) - 3} more" * (len(trials) > 3)))
+    return "; ".join(lacking)
+
+
+def departures(plan: SeriesPlan) -> list[str]:
+    """Say where a plan departs from the paper's rule: a new blade for every setting, three repetitions, +20 %."""
+    said = []
+    cut = [trial for trial in plan.trial if not trial.is_idle]
+    settings = {trial.setting for trial in cut}
+    few = [s for s in settings if sum(t.setting == s for t in cut) < PAPER_REPETITIONS]
+    if few:
+        said.append(f"{len(few)} of {len(settings)} settings have fewer than {PAPER_REPETITIONS} repetitions")
+    shared = {b for b in {t.blade for t in cut} if len({t.setting for t in cut if t.blade == b}) > 1}
+    if shared:
+        said.append(f"{len(shared)} blades cut more than one setting: wear and setting are then confounded in part")
+    if plan.blade_growth_limit != PAPER_GROWTH:
+        said.append(f"blades are changed at +{plan.blade_growth_limit:.0%} specific force, not at +{PAPER_GROWTH:.0%}")
+    return said
+
+
+# Column -> key of a trial; what is compared is lower case, without what stands after a bracket.
+_COLUMNS: Final[Mapping[str, str]] = {
+    "id": "id", "trial": "id", "block": "block", "material": "material", "workpiece": "material", "duty": "duty",
+    "feed": "feed_mm_s", "feed_mm_s": "feed_mm_s", "thickness": "thickness_mm", "thickness_mm": "thickness_mm",
+    "length": "seconds", "length_s": "seconds", "seconds": "seconds", "rest": "rest_s", "rest_s": "rest_s",
+    "repetition": "repetition", "blade": "blade", "battery": "battery", "batch": "batch",
+}  # fmt: skip
+_TEXTS: Final = frozenset({"id", "material", "blade", "battery", "batch"})
+_WHOLE: Final = frozenset({"block", "repetition"})
+_YES: Final = frozenset({"1", "true", "yes", "y", "x"})
+_NO: Final = frozenset({"", "0", "false", "no", "n"})
+
+
+def _table_of(text: str, path: Path) -> dict[str, Any]:
+    """Return the keys of a plan for a table with a row for each trial."""
+    header = text.partition("\n")[0]
+    separator = max(",;\t", key=header.count)
+    rows = list(csv.reader(io.StringIO(text, newline=""), delimiter=separator))
+    names = [name.strip().lower().partition("(")[0].strip() for name in (rows[0] if rows else [])]
+    unknown = [name for name in names if name not in {*_COLUMNS, "idle"}]
+    if unknown or not names:
+        raise ConfigError(
+            f"has a column {unknown[0]!r}" if unknown else "is empty",
+            where=path,
+            remedy=f"columns of a plan are {', '.join(dict.fromkeys([*_COLUMNS, 'idle']))}",
+        )
+    trials: list[dict[str, Any]] = []
+    for line, cells in enumerate(rows[1:], start=2):
+        if any(cell.strip() for cell in cells):
+            cells_by_name = dict(zip(names, (cell.strip() for cell in cells), strict=False))
+            trials.append(_row(cells_by_name, trials, f"{path}: line {line}"))
+    return {"trial": trials}
+
+
+def _row(cells: Mapping[str, str], before: Sequence[dict[str, Any]], where: str) -> dict[str, Any]:
+    idle = cells.get("idle", "").lower()
+    if idle not in _YES | _NO:
+        raise ConfigError(f"idle is {idle!r}, expected yes or no", where=where)
+    trial: dict[str, Any] = {}
+    for name, cell in cells.items():
+        if name != "idle" and cell:
+            trial[_COLUMNS[name]] = _cell(_COLUMNS[name], cell, where)
+    if idle in _YES:
+        trial["material"] = "none"
+    if "material" not in trial:
+        raise ConfigError("states no material", where=where, remedy="fill in the column material, or set idle to yes")
+    # In air there is neither workpiece nor feed.
+    if trial["material"] == "none":
+        trial = {key: value for key, value in trial.items() if key not in {"feed_mm_s", "thickness_mm"}}
+    same = ("material", "duty", "feed_mm_s", "thickness_mm")
+    trial.setdefault("repetition", 1 + sum(all(b.get(k) == trial.get(k) for k in same) for b in before))
+    trial.setdefault("id", f"{len(before) + 1:02d}-{'idle' if trial['material'] == 'none' else trial['material']}")
+    trial.setdefault("blade", "B1")
+    trial.setdefault("battery", "P1")
+    return trial
+
+
+def _cell(key: str, cell: str, where: str) -> str | float | int:
+    if key in _TEXTS:
+        return cell
+    try:
+        return int(cell) if key in _WHOLE else float(cell.replace(",", "."))
+    except ValueError:
+        raise ConfigError(f"{key} is {cell!r}, expected a number", where=where) from None

@@ -1,0 +1,125 @@
+"""From factors to a plan: materials x duties x feeds x thicknesses x repetitions, randomised in blocks."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import product
+from typing import Literal
+
+from sawbench.acquisition.series.plan import PlannedTrial, SeriesPlan
+from sawbench.bench.toml_writing import toml_text
+
+_HEAD = (
+    "A plan for `sawbench series run`: one line a trial, in the order in which they are recorded. Edit it freely until",
+    "the first trial is recorded; later, add lines.",
+    "The paper's rule: a new blade for every setting, three repetitions, the blade changed when the specific force has",
+    "grown by 20 %. A battery that was charged again gets another identity: its charge is counted by it.",
+)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SeriesDesign:
+    """What is varied, and how.
+
+    Attributes
+    ----------
+    materials : tuple of str
+    duties, feeds_mm_s, thicknesses_mm : tuple of float
+        Empty: not stated.
+    repetitions : int
+    block : {"setting", "repetition"}
+        "setting": a block is one setting with all its repetitions, as in the paper. "repetition": a block is every
+        setting once, so that what drifts over the series cannot look like a difference between materials. A block
+        begins with a new blade.
+    has_idle : bool
+        One trial in air at each duty comes first.
+    seed : int
+    seconds : float
+        Duration of a trial.
+    battery_seconds : float
+        A battery is changed before it has run longer.
+    batches : mapping of str to str
+        Material -> identity of its lot.
+    """
+
+    materials: tuple[str, ...]
+    duties: tuple[float, ...] = ()
+    feeds_mm_s: tuple[float, ...] = ()
+    thicknesses_mm: tuple[float, ...] = ()
+    repetitions: int = 3
+    block: Literal["setting", "repetition"] = "setting"
+    has_idle: bool = False
+    seed: int = 0
+    seconds: float = 10.0
+    battery_seconds: float = 600.0
+    batches: Mapping[str, str] = field(default_factory=dict)
+
+
+def designed_trials(design: SeriesDesign) -> tuple[PlannedTrial, ...]:
+    """Return the trials of a design in random order; the same seed gives the same order.
+
+    Examples
+    --------
+    >>> trials = designed_trials(SeriesDesign(materials=("oak", "nylon"), repetitions=2, seed=1))
+    >>> [(t.block, t.material, t.repetition, t.blade) for t in trials]
+    [(1, 'nylon', 1, 'B1'), (1, 'nylon', 2, 'B1'), (2, 'oak', 1, 'B2'), (2, 'oak', 2, 'B2')]
+    """
+    trials: list[PlannedTrial] = []
+    for number, (block, setting) in enumerate(_in_order(design), start=1):
+        material, duty, feed, thickness = setting
+        trials.append(
+            PlannedTrial(
+                id=f"{number:02d}-{'idle' if material == 'none' else material}",
+                block=block,
+                material=material,
+                duty=duty,
+                feed_mm_s=feed,
+                thickness_mm=thickness,
+                repetition=1 + sum(t.setting == setting for t in trials),
+                blade=f"B{max(block, 1)}",
+                battery=f"P{1 + int((number - 1) // max(1.0, design.battery_seconds // design.seconds))}",
+                batch=design.batches.get(material),
+            )
+        )
+    return tuple(trials)
+
+
+def plan_text(plan: SeriesPlan) -> str:
+    """Write a plan as TOML, one line a trial."""
+    tables = plan.model_dump(exclude_none=True, exclude={"trial"})
+    tables["required"] = list(tables["required"])
+    tables["trial"] = [trial.model_dump(exclude_none=True) for trial in plan.trial]
+    comments = {
+        (): _HEAD,
+        ("recordings",): ["Folder of the recordings, relative to this file."],
+        ("required",): ["Without these nothing is recorded: operator, blade, battery, material, batch."],
+        ("tare",): ["The load cell is zeroed before every: trial, block, never."],
+        ("check_seconds",): ["The bench is looked at before every trial; 0: never."],
+        ("blade_growth_limit",): ["Growth of the specific force at which the blade is changed."],
+        ("repeatability",): [
+            "Relative standard deviation expected between repetitions, until the series itself tells."
+        ],
+    }
+    return toml_text(tables, comments)
+
+
+def _in_order(design: SeriesDesign) -> Iterator[tuple[int, tuple[str, float | None, float | None, float | None]]]:
+    """Give block and setting of each trial in turn."""
+    order = random.Random(design.seed)
+    duties = design.duties or (None,)
+    if design.has_idle:
+        for duty in duties:
+            yield 0, ("none", duty, None, None)
+    settings = list(product(design.materials, duties, design.feeds_mm_s or (None,), design.thicknesses_mm or (None,)))
+    if design.block == "setting":
+        order.shuffle(settings)
+        for block, setting in enumerate(settings, start=1):
+            for _ in range(design.repetitions):
+                yield block, setting
+        return
+    for block in range(1, design.repetitions + 1):
+        order.shuffle(settings)
+        for setting in settings:
+            yield block, setting

@@ -1,0 +1,117 @@
+"""Plans of a series: what a design makes, what a file or a table is read as, what is refused."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+from sawbench.acquisition.series.plan import SeriesPlan, departures, load_plan, missing_metadata
+from sawbench.acquisition.series.plan_design import SeriesDesign, designed_trials, plan_text
+from sawbench.bench.errors import ConfigError
+
+pytestmark = pytest.mark.unit
+
+WOODS = ("oak", "nylon", "black_locust")
+
+
+def design(**changes):
+    return SeriesDesign(**{"materials": WOODS, "duties": (0.4,), "feeds_mm_s": (2.0, 4.0, 6.0), "seed": 5, **changes})
+
+
+def test_blocks_of_a_setting_hold_its_repetitions_on_a_blade_of_their_own():
+    trials = designed_trials(design())
+    assert len(trials) == 27
+    for block in range(1, 10):
+        own = [trial for trial in trials if trial.block == block]
+        assert len({t.setting for t in own}) == 1 and len({t.blade for t in own}) == 1
+        assert [t.repetition for t in own] == [1, 2, 3]
+    assert len({trial.blade for trial in trials}) == 9
+    assert not departures(SeriesPlan(trial=trials))
+
+
+def test_blocks_of_a_repetition_hold_every_setting_once_in_another_order():
+    trials = designed_trials(design(block="repetition"))
+    blocks = [[t.setting for t in trials if t.block == block] for block in (1, 2, 3)]
+    assert all(len(set(block)) == len(block) == 9 for block in blocks)
+    assert blocks[0] != blocks[1] != blocks[2]
+    assert all({t.repetition for t in trials if t.block == block} == {block} for block in (1, 2, 3))
+    assert any("blades cut more than one setting" in text for text in departures(SeriesPlan(trial=trials)))
+
+
+def test_the_order_is_that_of_the_seed():
+    assert designed_trials(design()) == designed_trials(design())
+    assert [t.setting for t in designed_trials(design())] != [t.setting for t in designed_trials(design(seed=6))]
+
+
+def test_batteries_are_changed_before_they_are_empty_and_air_comes_first():
+    trials = designed_trials(design(seconds=10.0, battery_seconds=65.0, has_idle=True))
+    assert trials[0].is_idle and not any(t.is_idle for t in trials[1:])
+    assert max(Counter(t.battery for t in trials).values()) == 6
+    assert [t.battery for t in trials[5:7]] == ["P1", "P2"]
+
+
+def test_a_written_plan_is_read_as_it_was(tmp_path):
+    trials = designed_trials(design(batches={"oak": 'lot "7"'}))
+    plan = SeriesPlan(trial=trials, seed=5, operator="Kim", required=("operator", "batch"), recordings="here")
+    path = tmp_path / "wood.toml"
+    path.write_text(plan_text(plan), encoding="utf-8")
+    loaded = load_plan(path)
+    assert loaded.plan == plan
+    assert loaded.folder == tmp_path / "here"
+    assert sum(line.startswith("    { id = ") for line in path.read_text().splitlines()) == 27
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('[[trial]]\nid = "a"\nmaterial = "oak"\nfeeed_mm_s = 4', ["trial 1", "feeed_mm_s", "feed_mm_s"]),
+        ('[[trial]]\nid = "a"\nmaterial = "oak"\nduty = 44', ["trial 1", "duty", "44"]),
+        ('[[trial]]\nid = "../a"\nmaterial = "oak"', ["trial 1", "id", "../a"]),
+        ('[[trial]]\nid = "a"\nmaterial = "oak"\n[[trial]]\nid = "A"\nmaterial = "oak"', ["more than once"]),
+        ("seed = 1", ["missing key 'trial'"]),
+        ('[[trial]]\nid = "a"', ["trial 1", "material"]),
+    ],
+)
+def test_a_wrong_plan_is_named(text, words, tmp_path):
+    path = tmp_path / "plan.toml"
+    path.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        load_plan(path)
+    assert all(word in str(caught.value) for word in [str(path), *words])
+
+
+def test_a_table_is_a_plan(tmp_path):
+    path = tmp_path / "next.csv"
+    path.write_text("duty,feed,thickness,length,material,idle\n0.5,4,20,12,oak,no\n0.4,,,8,,yes\n0.5,4,20,12,oak,\n")
+    first, air, again = load_plan(path).plan.trial
+    assert first.setting == again.setting == ("oak", 0.5, 4.0, 20.0)
+    assert (first.seconds, first.repetition, again.repetition) == (12.0, 1, 2)
+    assert air.setting == ("none", 0.4, None, None) and air.seconds == 8.0
+    assert len({first.id, air.id, again.id}) == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("duty,speed\n0.5,3\n", ["'speed'", "feed"]),
+        ("duty,material\nhalf,oak\n", ["line 2", "'half'"]),
+        ("duty,material\n0.5,\n", ["line 2", "material"]),
+        ("duty,material,idle\n0.5,oak,perhaps\n", ["line 2", "'perhaps'"]),
+        ("", ["is empty"]),
+    ],
+)
+def test_a_wrong_table_is_named(text, words, tmp_path):
+    path = tmp_path / "next.csv"
+    path.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        load_plan(path)
+    assert all(word in str(caught.value) for word in words)
+
+
+def test_required_metadata_that_nobody_stated_are_all_named():
+    trials = designed_trials(design(materials=("oak",), has_idle=True))
+    plan = SeriesPlan(trial=trials, required=("operator", "blade", "batch"))
+    missing = missing_metadata(plan, None)
+    assert "operator" in missing and "batch of 02-oak" in missing
+    assert "blade" not in missing and "idle" not in missing
+    assert "operator" not in missing_metadata(plan, "Kim")
