@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sawbench.bench.errors import InputError
+from sawbench.bench.errors import InputError, SawbenchError
 from sawbench.inputs import config_for
 
 if TYPE_CHECKING:
@@ -18,8 +18,11 @@ if TYPE_CHECKING:
     from sawbench.modeling.operating_point import OperatingPoint
     from sawbench.modeling.results import CuttingFit, ParameterEstimates, RuntimePrediction
 
-# Steps of the fitted stroke: straight lines between them are good to 1e-4 of the current.
-_FITTED_STEPS = 512
+_NO_FIT = {
+    "no_cutting": "the blade ran without cutting, so there is no cutting force to fit",
+    "stalled": "the saw stalled, so there is no settled stroke to fit",
+    "no_stroke": "no stroke was found, so there is nothing to fit",
+}
 _DRIVE_CHANNELS = ("displacement_mm", "motor_current_a", "battery_voltage_v", "battery_current_a")
 
 
@@ -168,6 +171,46 @@ def fit_trial(trial: AnalysedTrial, method: FitMethod | None = None) -> tuple[Cu
     return fit, estimates if fit.status == "ok" else None
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Evaluation:
+    """Fit and runtime of a trial, as far as it allows them.
+
+    Attributes
+    ----------
+    fit : CuttingFit or None
+    estimates : ParameterEstimates or None
+        As `fit_trial` returns them.
+    runtime : RuntimePrediction or None
+        None where the fit is missing or not to be relied on.
+    note : str
+        Why there is no fit or runtime; empty where nothing went wrong.
+    """
+
+    fit: CuttingFit | None = None
+    estimates: ParameterEstimates | None = None
+    runtime: RuntimePrediction | None = None
+    note: str = ""
+
+
+def evaluate(trial: AnalysedTrial) -> Evaluation:
+    """Fit k_Fc and predict the runtime as far as the trial allows; what it does not allow is said in the note."""
+    if trial.processed.status != "cutting":
+        return Evaluation(note=_NO_FIT[trial.processed.status])
+    if trial.loaded.config.linear_axis is not None:
+        return Evaluation(note="the machine is a linear axis, which has no cutting coefficient")
+    try:
+        fit, estimates = fit_trial(trial)
+    except SawbenchError as error:
+        return Evaluation(note=error.what)
+    if fit.status != "ok":
+        return Evaluation(fit=fit, note="k_Fc is not to be relied on")
+    try:
+        runtime = runtime_of(trial, fit, estimates)
+    except SawbenchError as error:
+        return Evaluation(fit=fit, estimates=estimates, note=error.what)
+    return Evaluation(fit=fit, estimates=estimates, runtime=runtime)
+
+
 def measured_point(trial: AnalysedTrial, k_fc_n_s_per_m: float) -> OperatingPoint:
     """Operating point of a trial, at the battery voltage that was measured."""
     import numpy as np
@@ -185,64 +228,6 @@ def measured_point(trial: AnalysedTrial, k_fc_n_s_per_m: float) -> OperatingPoin
         feed_m_s=np.nan if setting.feed_mm_s is None else 1e-3 * setting.feed_mm_s,
         thickness_m=np.nan if setting.thickness_mm is None else 1e-3 * setting.thickness_mm,
     )
-
-
-def fitted_cycle(trial: AnalysedTrial, fit: CuttingFit, *, n_points: int = 256) -> dict[str, Any]:
-    """One settled stroke of the fitted model as the sensors would show it, to lay over the measured one.
-
-    Plant constants, sensor gains, the force's zero and the angle's zero are those of the fit; the motor gets
-    the measured battery voltage, as in the fit. What the fit did not estimate keeps its nominal value.
-
-    Parameters
-    ----------
-    trial : AnalysedTrial
-    fit : CuttingFit
-    n_points : int
-
-    Returns
-    -------
-    dict
-        `angle_rad`, `force_n`, `motor_current_a`, each of shape (n_points,).
-    """
-    import numpy as np
-    from sawbench.modeling.cycle_observation import drive_of
-    from sawbench.modeling.effect_fit import effect_share
-    from sawbench.modeling.machines.known_effects import baseline_of
-    from sawbench.modeling.parts.linear import force, sign_of
-    from sawbench.modeling.parts.mechanism import Mechanism
-    from sawbench.modeling.periodic_cycle import COLUMNS, PLANT_NAMES, periodic_cycles
-    from sawbench.processing.measured_cycles import measured_cycles
-
-    config, plant = trial.loaded.config, trial.loaded.plant()
-    known = {} if fit.estimates is None else dict(zip(fit.estimates.names, fit.estimates.values, strict=True))
-    own = {name: float(known.get(name, getattr(plant, name).nominal)) for name in PLANT_NAMES}
-    drive = drive_of(measured_cycles(trial.processed), config.battery, config.converter)
-    own["resistance_ohm"] += drive.source_resistance_ohm
-    own |= {"k_fc_n_s_per_m": fit.k_fc_n_s_per_m, "voltage_v": drive.voltage_v / known.get("voltage_gain", 1.0)}
-    mechanism = Mechanism(radius_m=own["crank_radius_m"], rod_length_m=Mechanism.of(plant).rod_length_m)
-    current, speed, _ = periodic_cycles(
-        np.array([[own[name] for name in COLUMNS]]),
-        gear_ratio=plant.gear_ratio,
-        cutting_half=config.cutting.cutting_half,
-        rod_length_m=mechanism.rod_length_m,
-        n_steps=_FITTED_STEPS,
-    )
-    # As an angle sensor sees it whose zero is off by `angle_zero_rad`.
-    nodes = 2.0 * np.pi * np.arange(_FITTED_STEPS) / _FITTED_STEPS
-    angle = (np.arange(n_points) + 0.5) * 2.0 * np.pi / n_points
-    at = angle - known.get("angle_zero_rad", 0.0)
-    velocity = mechanism.lever(at) * np.interp(at, nodes, speed[0], period=2.0 * np.pi)
-    force_n = force.py_func(fit.k_fc_n_s_per_m, np.maximum(sign_of(config.cutting.cutting_half) * velocity, 0.0))
-    current_a = np.interp(at, nodes, current[0], period=2.0 * np.pi)
-    baseline = baseline_of(trial.loaded)
-    if baseline.known:
-        share = effect_share(baseline, measured_point(trial, fit.k_fc_n_s_per_m), at)
-        force_n, current_a = force_n + share.force_n, current_a + share.current_a
-    return {
-        "angle_rad": angle,
-        "force_n": known.get("force_gain", 1.0) * force_n + known.get("force_offset_n", 0.0),
-        "motor_current_a": known.get("current_gain", 1.0) * current_a,
-    }
 
 
 def doubted(fit: CuttingFit, processed: ProcessedTrial) -> CuttingFit:

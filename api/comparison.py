@@ -7,7 +7,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sawbench.analysis import AnalysedTrial, fit_trial, load_and_process, runtime_of
+from sawbench.analysis import AnalysedTrial, evaluate, load_and_process
 from sawbench.bench.errors import InputError, SawbenchError
 
 if TYPE_CHECKING:
@@ -62,19 +62,7 @@ def _refuse_twin(trial: AnalysedTrial, seen: dict[tuple[str, datetime], Path]) -
 
 
 def _compared(trial: AnalysedTrial) -> ComparedTrial:
-    """Fit and predict as far as the trial allows; what it does not allow is said in the note."""
     from sawbench.reporting.compared import ComparedTrial
 
-    if trial.processed.status != "cutting":
-        return ComparedTrial(processed=trial.processed)
-    try:
-        fit, estimates = fit_trial(trial)
-    except SawbenchError as error:
-        return ComparedTrial(processed=trial.processed, note=error.what)
-    if fit.status != "ok":
-        return ComparedTrial(processed=trial.processed, fit=fit)
-    try:
-        runtime = runtime_of(trial, fit, estimates)
-    except SawbenchError as error:
-        return ComparedTrial(processed=trial.processed, fit=fit, note=error.what)
-    return ComparedTrial(processed=trial.processed, fit=fit, runtime=runtime)
+    found = evaluate(trial)
+    return ComparedTrial(processed=trial.processed, fit=found.fit, runtime=found.runtime, note=found.note)

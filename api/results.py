@@ -40,7 +40,7 @@ class TrialFit:
 
     def model_cycle(self) -> dict[str, Floats]:
         """One settled stroke of the fitted model: `angle_rad`, `force_n`, `motor_current_a`, shape (n,) each."""
-        from sawbench.analysis import fitted_cycle
+        from sawbench.model_cycles import fitted_cycle
 
         return fitted_cycle(self.trial, self.cutting)
 

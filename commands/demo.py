@@ -15,7 +15,7 @@ from sawbench.inputs import config_for, default_config_path
 from sawbench.plain import plain
 
 if TYPE_CHECKING:
-    from sawbench.analysis import AnalysedTrial
+    from sawbench.analysis import AnalysedTrial, Evaluation
     from sawbench.modeling.results import CuttingFit, RuntimePrediction
 
 _TRIAL = "oak-demo"
@@ -67,7 +67,7 @@ def command(
     as_json: bool,
 ) -> int:
     """Simulated instruments on real ports -> record -> process -> k_Fc -> runtime -> report, in under a minute."""
-    from sawbench.analysis import fit_trial, load_and_process, runtime_of
+    from sawbench.analysis import Evaluation, fit_trial, load_and_process, runtime_of
 
     files = DemoFiles.in_folder(out_dir)
     for name in DemoFiles.__slots__:
@@ -84,7 +84,7 @@ def command(
     fit, estimates = fit_trial(trial)
     runtime = runtime_of(trial, fit, estimates)
     _say("4/4  writing HDF5, report and Rerun recording", as_json)
-    _write(files, trial, fit, runtime)
+    _write(files, trial, Evaluation(fit=fit, estimates=estimates, runtime=runtime))
     emit(_as_json(files, trial, fit, runtime), _as_text(files, trial, fit, runtime), as_json=as_json)
     return 0 if fit.status == "ok" and runtime.status == "ok" else 1
 
@@ -132,22 +132,18 @@ def _record(files: DemoFiles, *, seconds: float, seed: int, config_path: Path | 
         )
 
 
-def _write(files: DemoFiles, trial: AnalysedTrial, fit: CuttingFit, runtime: RuntimePrediction) -> None:
-    from sawbench.analysis import fitted_cycle
+def _write(files: DemoFiles, trial: AnalysedTrial, found: Evaluation) -> None:
     from sawbench.reporting.trial_page import write_trial_page
     from sawbench.storage.results import write_processed
+    from sawbench.trial_report import trial_report
     from sawbench.visualization.replay import view_recording
 
     write_processed(trial.processed, files.processed)
     view_recording(trial.recording, save_path=files.view, spawn=False, processed=trial.processed)
     write_trial_page(
         files.report,
-        processed=trial.processed,
-        fit=fit,
-        runtime=runtime,
-        simulated=fitted_cycle(trial, fit) if fit.status == "ok" else None,
-        files={"recording": files.recording, "processed": files.processed, "Rerun": files.view},
-        recording=trial.recording,
+        trial_report(trial, found),
+        files={"Recording": files.recording, "Processed": files.processed, "Rerun": files.view},
     )
 
 

@@ -30,6 +30,7 @@ SUBCOMMANDS: Final = MappingProxyType(
         "runtime": "battery runtime with its uncertainty",
         "machines": "the parameter sets that come with the package",
         "simulate": "the electromechanical model alone",
+        "report": "the page of a trial: signals, stroke, fit, model, battery runtime",
         "compare": "material-comparison report",
         "diagnose": "the sim-to-real gap: where it lies, what causes it, how far it closes",
         "blind": "the withheld-effect check of the diagnosis: make, answer, score",

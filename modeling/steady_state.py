@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.errors import InputError
 from sawbench.modeling import signals, slots
 from sawbench.modeling import stroke_kernel as kernel
+from sawbench.modeling.compilation import interpreted
 from sawbench.modeling.parameters import JigsawParameters
 from sawbench.modeling.supplies import Supply
 from sawbench.modeling.transient import Cutting, model_vector, steps_for
@@ -82,6 +84,7 @@ class PeriodicState:
     spline: Floats = field(repr=False)
     ocv: Floats = field(repr=False)
     soc: float = 1.0
+    compiles: bool = field(default=True, repr=False)
 
     @property
     def stroke_rate_hz(self) -> float:
@@ -97,7 +100,8 @@ class PeriodicState:
         current, speed = np.zeros(n_points * factor), np.zeros(n_points * factor)
         if self.status == "ok":
             start = (self.start_current_a, self.start_motor_speed_rad_s / gear)
-            kernel.waveform(self.vector, self.spline, self.ocv, self.soc, len(current), *start, current, speed)
+            run, vector = _runner(kernel.waveform, self.vector, self.compiles)
+            run(vector, self.spline, self.ocv, self.soc, len(current), *start, current, speed)
         angle = 2.0 * np.pi * np.arange(n_points) / n_points
         motor_speed = speed[::factor] * gear
         displacement, velocity, force = signals.blade(self.vector, self.spline, angle, motor_speed)
@@ -118,6 +122,7 @@ def steady_state(
     cutting: Cutting,
     soc: float = 1.0,
     steps_per_turn: int | None = None,
+    compiles: bool = True,
 ) -> PeriodicState:
     """Find the periodic stroke by Newton's method on the stroke map with its exact derivative.
 
@@ -131,6 +136,8 @@ def steady_state(
     steps_per_turn : int, optional
         To begin with, default 12 or an interval of the measured force; doubled until the local error is
         below 1e-5, which leaves the mean current good to 3e-7.
+    compiles : bool
+        False has it interpreted: some 30 ms in place of 0.1 ms, without the seconds to compile it once.
 
     Returns
     -------
@@ -152,7 +159,7 @@ def steady_state(
         raise InputError(f"steps_per_turn must be even and at least 4, got {steps_per_turn!r}")
     vector, spline, ocv = model_vector(parameters, supply, cutting)
     n_steps = steps_for(spline, DEFAULT_STEPS) if steps_per_turn is None else steps_per_turn
-    return periodic_vector(vector, spline, ocv, soc=soc, steps_per_turn=n_steps)
+    return periodic_vector(vector, spline, ocv, soc=soc, steps_per_turn=n_steps, compiles=compiles)
 
 
 def periodic_vector(
@@ -164,10 +171,12 @@ def periodic_vector(
     steps_per_turn: int = DEFAULT_STEPS,
     tolerance: float = TOLERANCE,
     accept: float = kernel.ACCEPT,
+    compiles: bool = True,
 ) -> PeriodicState:
     """Find the periodic stroke of a parameter vector; see `steady_state`. No checks."""
     result = np.zeros(kernel.N_PERIODIC)
-    code = kernel.periodic_state(vector, spline, ocv, float(soc), steps_per_turn, tolerance, accept, result)
+    run, parameters = _runner(kernel.periodic_state, vector, compiles)
+    code = run(parameters, spline, ocv, float(soc), steps_per_turn, tolerance, accept, result)
     status, message = MESSAGES[code]
     at_rest = signals.open_circuit_voltage(vector, ocv, np.asarray(soc, dtype=np.float64))
     if code != kernel.PERIODIC:
@@ -194,4 +203,10 @@ def periodic_vector(
         spline=spline,
         ocv=ocv,
         soc=float(soc),
+        compiles=compiles,
     )
+
+
+def _runner(function: Any, vector: Floats, compiles: bool) -> tuple[Callable[..., Any], Any]:
+    """Return a kernel and its parameter vector; numbers of Python are faster to interpret than those of numpy."""
+    return (function, vector) if compiles else (interpreted(function), vector.tolist())

@@ -29,8 +29,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def signals_picture(recording: Recording, phases: Sequence[Phase] = (), *, seconds: float) -> Picture | None:
-    """Draw the start of every channel over time, gaps left open.
+def signals_picture(
+    recording: Recording,
+    phases: Sequence[Phase] = (),
+    *,
+    seconds: float,
+    start_s: float = -np.inf,
+    name: str = "signals",
+) -> Picture | None:
+    """Draw a stretch of every channel over time, gaps left open.
 
     Parameters
     ----------
@@ -38,7 +45,11 @@ def signals_picture(recording: Recording, phases: Sequence[Phase] = (), *, secon
     phases : sequence of Phase
         Those that are not running are marked.
     seconds : float
-        How much of the trial, from its start.
+        How much of the trial.
+    start_s : float
+        From this time on, or from the first sample where that is later.
+    name : str
+        Of the figure, unique within the page.
 
     Returns
     -------
@@ -50,23 +61,25 @@ def signals_picture(recording: Recording, phases: Sequence[Phase] = (), *, secon
     starts = [signal.time_s[0] for signal in recording.signals.values() if len(signal.time_s)]
     if not starts:
         return None
-    first_s, last_s = min(starts), min(starts) + seconds
-    shown = {name: _window(recording.signals[name], last_s) for name in order}
-    shown = {name: part for name, part in shown.items() if len(part[0]) > 1}
+    first_s = max(min(starts), start_s)
+    last_s = first_s + seconds
+    shown = {channel: _window(recording.signals[channel], first_s, last_s) for channel in order}
+    shown = {channel: part for channel, part in shown.items() if len(part[0]) > 1}
     if not shown:
         return None
     last_s = min(last_s, max(part[0][-1] for part in shown.values()))
     figure = _signal_panels(recording, phases, shown, first_s, last_s)
     names = [CHANNEL_BY_NAME[n].label if n in CHANNEL_BY_NAME else n for n in shown]
-    kinds = sorted({p.kind.replace("_", "-") for p in phases if p.kind != "running" and p.start_s < last_s})
+    marked = [p for p in phases if p.kind != "running" and p.start_s < last_s and p.end_s > first_s]
+    kinds = sorted({p.kind.replace("_", "-") for p in marked})
     grey = f" Grey: {' and '.join(kinds)}." if kinds else ""
     svg = figure_to_svg(
         figure,
-        name="signals",
+        name=name,
         title="Measured signals over time",
-        description=f"{', '.join(names)} over the first {last_s - first_s:.3g} s, one panel each.",
+        description=f"{', '.join(names)} from {first_s:.2f} to {last_s:.2f} s, one panel each.",
     )
-    caption = f"The first {last_s - first_s:.3g} s as recorded. A missing stretch of a line is a gap.{grey}"
+    caption = f"{first_s:.2f} to {last_s:.2f} s as recorded. A missing stretch of a line is a gap.{grey}"
     return Picture(svg=svg, caption=caption)
 
 
@@ -91,8 +104,9 @@ def _signal_panels(
             axis.margins(y=0.12)
             axis.yaxis.set_major_locator(_few_ticks())
             for phase in phases:
-                if phase.kind != "running":
-                    axis.axvspan(max(phase.start_s, first_s), min(phase.end_s, last_s), color="#eceff1", linewidth=0)
+                start_s, end_s = max(phase.start_s, first_s), min(phase.end_s, last_s)
+                if phase.kind != "running" and start_s < end_s:
+                    axis.axvspan(start_s, end_s, color="#eceff1", linewidth=0)
         axes[-1].set_xlim(first_s, last_s)
         axes[-1].set_xlabel("time / s")
         figure.align_ylabels(axes)
@@ -105,10 +119,11 @@ def _few_ticks() -> Any:
     return MaxNLocator(nbins=4, min_n_ticks=2)
 
 
-def _window(signal: Signal, last_s: float) -> tuple[Floats, Floats]:
-    n = int(np.searchsorted(signal.time_s, last_s, side="right"))
-    time_s, values = thin_out(signal.time_s[:n], signal.values[:n])
-    middle_s = np.array([0.5 * (gap.start_s + gap.end_s) for gap in signal.gaps if gap.end_s <= last_s])
+def _window(signal: Signal, first_s: float, last_s: float) -> tuple[Floats, Floats]:
+    inside = slice(*np.searchsorted(signal.time_s, [first_s, np.nextafter(last_s, np.inf)]))
+    time_s, values = thin_out(signal.time_s[inside], signal.values[inside])
+    inner = [gap for gap in signal.gaps if first_s <= gap.start_s and gap.end_s <= last_s]
+    middle_s = np.array([0.5 * (gap.start_s + gap.end_s) for gap in inner])
     at = np.searchsorted(time_s, middle_s)
     return np.insert(time_s, at, middle_s), np.insert(values, at, np.nan)
 
@@ -163,6 +178,50 @@ def cycle_picture(processed: ProcessedTrial, simulated: Mapping[str, Floats] | N
     caption = f"{n_cycles} strokes laid over one turn of the crank; 0° is the dead centre with the blade retracted."
     if processed.removed is not None:
         caption += " Hatched: force on the return stroke, shown as measured and set to zero in the results."
+    return Picture(svg=svg, caption=caption)
+
+
+def zeroed_picture(processed: ProcessedTrial) -> Picture | None:
+    """Draw the folded force as measured, and beside it with the return stroke set to zero.
+
+    Parameters
+    ----------
+    processed : ProcessedTrial
+
+    Returns
+    -------
+    Picture or None
+        None where no return stroke was zeroed.
+    """
+    from matplotlib.figure import Figure
+
+    cutting = processed.cutting_force
+    if cutting is None or processed.removed is None:
+        return None
+    with figure_style():
+        figure = Figure(figsize=(WIDTH_IN, 3.2), layout="constrained")
+        before, after = figure.subplots(1, 2, sharey=True)
+        _draw_force(before, processed)
+        _draw_band(after, cutting, FORCE_COLOUR, "cutting force, mean ± 1 std")
+        after.axhline(0.0, color=QUIET, linewidth=0.7)
+        before.set_title("As measured")
+        after.set_title("Return stroke set to zero")
+        before.set_ylabel("force / N")
+        for axis in (before, after):
+            axis.legend(loc=_emptier_corner(processed), fontsize=8.5)
+            axis.margins(y=0.1)
+            crank_axis(axis)
+            axis.set_xticks([0, 90, 180, 270, 360])
+    svg = figure_to_svg(
+        figure,
+        name="zeroed",
+        title="Folded force before and after zeroing the return stroke",
+        description=_describe_cycle(processed, None),
+    )
+    caption = (
+        f"{cutting.n_cycles} strokes laid over one turn of the crank; 0° is the dead centre with the blade retracted."
+        " Hatched: force on the return stroke, set to zero in the results."
+    )
     return Picture(svg=svg, caption=caption)
 
 

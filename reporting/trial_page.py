@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from sawbench.bench.processed import ChannelQuality, ProcessedTrial
-from sawbench.bench.recording import Floats, Recording
+from sawbench.bench.recording import Recording
 from sawbench.bench.units import BATTERY_CURRENT, CHANNEL_BY_NAME, MOTOR_CURRENT
+from sawbench.modeling.discharge import DischargeCurves
 from sawbench.modeling.results import CuttingFit, RuntimePrediction
+from sawbench.processing.spectrum import Spectrum
 from sawbench.reporting.compared import FIT_STATUS_WORDS, RUNTIME_STATUS_WORDS
 from sawbench.reporting.html import Picture, link_to, render, software_version, write_page
+from sawbench.reporting.model_figures import Deviation, deviations_of, discharge_picture, model_picture
 from sawbench.reporting.quantities import format_duration, format_number, format_quantity
-from sawbench.reporting.trial_figures import cycle_picture, signals_picture
+from sawbench.reporting.spectrum_figures import Cycle, harmonics_picture, period_picture
+from sawbench.reporting.trial_figures import cycle_picture, signals_picture, zeroed_picture
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -37,11 +42,12 @@ class Trust:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Section:
-    """A part of the page: pictures and paragraphs under one heading."""
+    """A part of the page: pictures, the table of deviations and paragraphs under one heading."""
 
     heading: str
     pictures: tuple[Picture, ...] = ()
     texts: tuple[str, ...] = ()
+    table: tuple[tuple[str, ...], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -60,18 +66,51 @@ _STATUS_WORDS: Final = {
     "stalled": "The saw stalled",
     "no_stroke": "No stroke was found",
 }
+# Share of lost samples above which a trial is not to be relied on, as `record` has it.
+_MOST_LOST: Final = 0.01
+# The plot in detail begins so much of its length before the first motion.
+_BEFORE_MOTION: Final = 0.05
+# The whole trial is plotted where it is so many times longer than the plot in detail.
+_LONGER: Final = 1.5
 _HALF_WORDS: Final = {"zero_to_pi": "0° to 180°", "pi_to_2pi": "180° to 360°"}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TrialReport:
+    """Everything the page of a trial shows.
+
+    Attributes
+    ----------
+    processed : ProcessedTrial
+    fit, runtime : CuttingFit, RuntimePrediction or None
+    note : str
+        Why there is no fit or runtime.
+    model : mapping of str to mapping
+        One settled stroke of the fitted model by name of its force: `angle_rad` and any of `force_n`,
+        `motor_current_a`, shape (n,) each.
+    discharges : mapping of str to DischargeCurves
+        By name of the force.
+    spectra : mapping of str to Spectrum
+        Of the running part, by channel.
+    recording : Recording or None
+        For the plots of the signals over time.
+    """
+
+    processed: ProcessedTrial
+    fit: CuttingFit | None = None
+    runtime: RuntimePrediction | None = None
+    note: str = ""
+    model: Mapping[str, Cycle] = field(default_factory=dict)
+    discharges: Mapping[str, DischargeCurves] = field(default_factory=dict)
+    spectra: Mapping[str, Spectrum] = field(default_factory=dict)
+    recording: Recording | None = None
 
 
 def write_trial_page(
     path: str | Path,
+    report: TrialReport,
     *,
-    processed: ProcessedTrial,
-    fit: CuttingFit | None = None,
-    runtime: RuntimePrediction | None = None,
-    simulated: Mapping[str, Floats] | None = None,
     files: Mapping[str, str | Path] | None = None,
-    recording: Recording | None = None,
     preview_s: float = 1.0,
     overwrite: bool = False,
 ) -> Path:
@@ -81,17 +120,11 @@ def write_trial_page(
     ----------
     path : str or Path
         HTML file; its folder must exist.
-    processed : ProcessedTrial
-    fit, runtime : CuttingFit, RuntimePrediction, optional
-    simulated : mapping of str to ndarray, optional
-        The fitted model over one turn, drawn over the measurement: `angle_rad` and any of `force_n`,
-        `motor_current_a`, shape (n,).
+    report : TrialReport
     files : mapping of str to path, optional
         Files to name on the page, by what they are ("Recording", "Rerun view", ...).
-    recording : Recording, optional
-        For the plot of the signals over time.
     preview_s : float
-        How much of it is plotted, s.
+        How much of the signals is plotted in detail, s.
     overwrite : bool
 
     Returns
@@ -103,19 +136,19 @@ def write_trial_page(
     InputError
         If the file exists and `overwrite` is not set, or cannot be written.
     """
+    processed = report.processed
     trial = processed.trial
     context = {
         "title": f"Trial {trial.trial_id}: {_material(processed)}",
         "heading": f"Trial {trial.trial_id}",
-        "subtitle": _subtitle(processed),
+        "facts": trial_facts(processed),
         "is_simulated": "simulated" in trial.source,
-        "verdict": verdict(processed, fit, runtime),
-        "tiles": _tiles(processed, fit, runtime),
-        "trust": _trust(processed, fit, runtime),
-        "sections": _sections(
-            processed, fit=fit, runtime=runtime, simulated=simulated, recording=recording, preview_s=preview_s
-        ),
-        "quality": [_quality_row(row) for row in processed.quality],
+        "verdict": verdict(processed, report.fit, report.runtime),
+        "tiles": _tiles(processed, report.fit, report.runtime),
+        "trust": trust_in(report),
+        "is_complete": not any(row.n_missing for row in processed.quality),
+        "sections": _sections(report, preview_s),
+        "quality": [_quality_row(row) for row in sorted(processed.quality, key=_place)],
         "provenance": _provenance(processed, files or {}, path),
     }
     return write_page(path, render("trial_page.html.j2", context), overwrite=overwrite)
@@ -169,14 +202,34 @@ def _stroke_rate(processed: ProcessedTrial) -> str:
     return format_quantity(period.rate_hz, period.period_std_s / period.period_s**2, "Hz")
 
 
-def _subtitle(processed: ProcessedTrial) -> str:
+def trial_facts(processed: ProcessedTrial) -> list[Row]:
+    """Return what was done in a trial, fact by fact; what nobody stated is said so.
+
+    Parameters
+    ----------
+    processed : ProcessedTrial
+
+    Returns
+    -------
+    list of Row
+    """
     trial = processed.trial
-    parts = [_material(processed)]
-    if trial.repetition is not None:
-        parts.append(f"repetition {trial.repetition}")
-    if trial.started_at is not None:
-        parts.append(f"{trial.started_at:%Y-%m-%d %H:%M} {trial.started_at:%Z}".strip())
-    return ", ".join([*parts, trial.source])
+    date = None if trial.started_at is None else f"{trial.started_at:%Y-%m-%d %H:%M %Z}".strip()
+    facts: list[tuple[str, str | None]] = [
+        ("Material", _material(processed)),
+        ("Thickness", None if trial.thickness_mm is None else f"{trial.thickness_mm:g} mm"),
+        ("Duty", None if trial.duty is None else f"{trial.duty:.4g}"),
+        ("Feed", None if trial.feed_mm_s is None else f"{trial.feed_mm_s:g} mm/s"),
+        ("Repetition", None if trial.repetition is None else str(trial.repetition)),
+        ("Blade", trial.blade),
+        ("Battery", trial.battery),
+        ("Operator", trial.operator),
+        ("Date", date),
+        ("File", Path(processed.source_path).name or None),
+        ("Source", trial.source),
+        ("Software", software_version()),
+    ]
+    return [Row(label=label, value=value or "not stated") for label, value in facts]
 
 
 def _tiles(processed: ProcessedTrial, fit: CuttingFit | None, runtime: RuntimePrediction | None) -> list[Tile]:
@@ -210,13 +263,28 @@ def _tiles(processed: ProcessedTrial, fit: CuttingFit | None, runtime: RuntimePr
     return tiles
 
 
-def _trust(processed: ProcessedTrial, fit: CuttingFit | None, runtime: RuntimePrediction | None) -> Trust:
+def trust_in(report: TrialReport) -> Trust:
+    """Judge how far the results of a trial can be relied on.
+
+    Parameters
+    ----------
+    report : TrialReport
+
+    Returns
+    -------
+    Trust
+        "bad" where a result is not to be trusted or a channel lost more than 1 % of its samples.
+    """
+    processed, fit, runtime = report.processed, report.fit, report.runtime
     bad, warn = [], list(processed.warnings)
     if processed.status in {"stalled", "no_stroke"}:
         bad.append(f"{_STATUS_WORDS[processed.status]}; there is no cycle to evaluate.")
     if processed.period is not None and processed.period.confidence != "high":
         sink = bad if processed.period.confidence == "low" else warn
         sink.append(f"Stroke period: {processed.period.confidence} confidence, {processed.period.reason}.")
+    lossy = [row.channel for row in processed.quality if row.n_missing > _MOST_LOST * (row.n_samples + row.n_missing)]
+    if lossy:
+        bad.append(f"More than {100.0 * _MOST_LOST:g} % of the samples were lost: {', '.join(lossy)}.")
     if processed.removed is not None and processed.removed.looks_swapped:
         bad.append(
             "The half that was zeroed carries more force than the half that was kept: "
@@ -226,6 +294,8 @@ def _trust(processed: ProcessedTrial, fit: CuttingFit | None, runtime: RuntimePr
         bad.append(f"k_Fc is not to be relied on: {FIT_STATUS_WORDS[fit.status]}.")
     if runtime is not None and runtime.status != "ok":
         bad.append(f"No runtime: {RUNTIME_STATUS_WORDS[runtime.status]}.")
+    if processed.status == "cutting" and report.note and (fit is None or fit.status == "ok"):
+        warn.append(f"No {'k_Fc' if fit is None else 'runtime'}: {report.note}.")
     warn += [f"{row.channel}: {problem}" for row in processed.quality for problem in row.problems]
     reasons = tuple(dict.fromkeys([*bad, *warn]))
     if bad:
@@ -235,30 +305,64 @@ def _trust(processed: ProcessedTrial, fit: CuttingFit | None, runtime: RuntimePr
     return Trust(level="good", words="No problem was found in this trial.", reasons=())
 
 
-def _sections(
-    processed: ProcessedTrial,
-    *,
-    fit: CuttingFit | None,
-    runtime: RuntimePrediction | None,
-    simulated: Mapping[str, Floats] | None,
-    recording: Recording | None,
-    preview_s: float,
-) -> list[Section]:
-    found = []
-    cycle = cycle_picture(processed, simulated)
-    if cycle is not None:
-        texts = () if processed.removed is None else (_removed_words(processed),)
-        found.append(Section(heading="One stroke", pictures=(cycle,), texts=texts))
-    signals = None if recording is None else signals_picture(recording, processed.phases, seconds=preview_s)
-    if signals is not None:
-        found.append(Section(heading="Signals over time", pictures=(signals,)))
+def _sections(report: TrialReport, preview_s: float) -> list[Section]:
+    processed, fit, runtime = report.processed, report.fit, report.runtime
+    found = [Section(heading="Signals over time", pictures=_signal_pictures(report, preview_s))]
     if processed.period is not None:
-        found.append(Section(heading="Stroke period", texts=_period_words(processed)))
-    if fit is not None:
-        found.append(Section(heading="Cutting coefficient", texts=_fit_words(fit)))
+        spectrum = period_picture(report.spectra, processed.period)
+        found.append(Section(heading="Stroke period", pictures=_drawn(spectrum), texts=_period_words(processed)))
+    texts = () if processed.removed is None else (_removed_words(processed),)
+    found.append(Section(heading="One stroke", pictures=_stroke_pictures(report), texts=texts))
+    if report.model:
+        pictures = _drawn(model_picture(processed, report.model), harmonics_picture(processed, report.model))
+        found.append(
+            Section(
+                heading="Model against measurement",
+                pictures=pictures,
+                table=tuple(_deviation_row(row) for row in deviations_of(processed, report.model)),
+            )
+        )
+    words = (f"None: {report.note}.",) if fit is None and report.note else ()
+    found.append(Section(heading="Cutting coefficient", texts=words if fit is None else _fit_words(fit)))
+    drawn = _drawn(discharge_picture(report.discharges, runtime))
     if runtime is not None and runtime.status == "ok":
-        found.append(Section(heading="Battery runtime", texts=_runtime_words(runtime)))
-    return found
+        found.append(Section(heading="Battery runtime", pictures=drawn, texts=_runtime_words(runtime)))
+    return [section for section in found if section.pictures or section.texts]
+
+
+def _drawn(*pictures: Picture | None) -> tuple[Picture, ...]:
+    return tuple(picture for picture in pictures if picture is not None)
+
+
+def _signal_pictures(report: TrialReport, preview_s: float) -> tuple[Picture, ...]:
+    """A stretch that begins at the first motion, and the whole trial where that is longer."""
+    recording, phases, steady = report.recording, report.processed.phases, report.processed.steady
+    if recording is None:
+        return ()
+    start_s = -np.inf if steady is None else steady.first_motion_s - _BEFORE_MOTION * preview_s
+    detail = signals_picture(recording, phases, seconds=preview_s, start_s=start_s)
+    longest_s = max((signal.duration_s for signal in recording.signals.values()), default=0.0)
+    if longest_s <= _LONGER * preview_s:
+        return _drawn(detail)
+    return _drawn(detail, signals_picture(recording, phases, seconds=np.inf, name="whole"))
+
+
+def _stroke_pictures(report: TrialReport) -> tuple[Picture, ...]:
+    """The force before and after zeroing; the whole cycle where no model shows it further down."""
+    zeroed = zeroed_picture(report.processed)
+    if report.model and zeroed is not None:
+        return (zeroed,)
+    return _drawn(zeroed, cycle_picture(report.processed, None))
+
+
+def _deviation_row(row: Deviation) -> tuple[str, ...]:
+    return (
+        f"{row.channel}, {row.model}",
+        _short(row.peak_measured, row.unit),
+        _short(row.peak_model, row.unit),
+        _short(row.rms, row.unit),
+        _short(row.largest, row.unit),
+    )
 
 
 def _removed_words(processed: ProcessedTrial) -> str:
@@ -324,6 +428,12 @@ def _runtime_words(runtime: RuntimePrediction) -> tuple[str, ...]:
     return tuple(texts)
 
 
+def _place(row: ChannelQuality) -> tuple[int, str]:
+    """Sort by the order of the bench's channels, others after them."""
+    order = list(CHANNEL_BY_NAME)
+    return (order.index(row.channel) if row.channel in order else len(order), row.channel)
+
+
 def _quality_row(row: ChannelQuality) -> dict[str, Any]:
     return {
         "channel": row.channel,
@@ -339,25 +449,10 @@ def _quality_row(row: ChannelQuality) -> dict[str, Any]:
 
 
 def _provenance(processed: ProcessedTrial, files: Mapping[str, str | Path], page: str | Path) -> list[Row]:
-    trial = processed.trial
-    settings: list[tuple[str, str | None]] = [
-        ("Material", _material(processed)),
-        ("Thickness", None if trial.thickness_mm is None else f"{trial.thickness_mm:g} mm"),
-        ("Feed", None if trial.feed_mm_s is None else f"{trial.feed_mm_s:g} mm/s"),
-        ("Duty", None if trial.duty is None else f"{100.0 * trial.duty:.4g} %"),
-        ("Blade", trial.blade),
-        ("Battery", trial.battery),
-        ("Operator", trial.operator),
-        ("Started", None if trial.started_at is None else trial.started_at.isoformat(sep=" ")),
-        ("Notes", trial.notes or None),
-        ("Source", trial.source),
-    ]
-    rows = [Row(label=label, value=value) for label, value in settings if value]
+    rows = [Row(label="Notes", value=processed.trial.notes)] if processed.trial.notes else []
     for label, target in files.items():
         href, text = link_to(target, page)
         rows.append(Row(label=label, value=text, href=href))
-    if processed.source_path and "Recording" not in files:
-        rows.append(Row(label="Recording", value=Path(processed.source_path).name))
     if processed.source_sha256:
         rows.append(Row(label="SHA-256 of the recording", value=processed.source_sha256, is_hash=True))
-    return [*rows, Row(label="Software", value=software_version())]
+    return rows

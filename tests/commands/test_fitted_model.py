@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sawbench.analysis import fit_trial, fitted_cycle, load_and_process
+from sawbench.analysis import Evaluation, evaluate, fit_trial, load_and_process
 from sawbench.commands.main import main
+from sawbench.model_cycles import discharges_of, fitted_cycle, measured_force_cycle
+from sawbench.trial_report import trial_report
 
 pytestmark = pytest.mark.pipeline
 
@@ -38,3 +40,45 @@ def test_annealing_works_on_a_recording_and_agrees_within_its_uncertainty(trial_
     assert (found["status"], found["method"]) == ("ok", "annealing")
     difference = abs(found["k_fc_n_s_per_m"] - trial_and_fit[1].k_fc_n_s_per_m)
     assert difference < 3 * np.hypot(found["std_n_s_per_m"], trial_and_fit[1].std_n_s_per_m)
+
+
+def test_replayed_force_gives_the_measured_stroke_and_current(trial_and_fit):
+    trial, fit = trial_and_fit
+    found = measured_force_cycle(trial, fit)
+    for channel, closely in (("force_n", 0.01), ("motor_current_a", 0.005)):
+        folded = trial.processed.folded[channel]
+        model = np.interp(folded.angle_rad, found["angle_rad"], found[channel], period=2 * np.pi)
+        assert np.sqrt(np.mean((model - folded.mean) ** 2)) < closely * folded.mean.max()
+
+
+def test_discharges_end_at_the_cut_off_and_at_the_predicted_runtime(trial_and_fit):
+    trial, _ = trial_and_fit
+    found = evaluate(trial)
+    curves = discharges_of(trial, found.fit, found.estimates)
+    assert set(curves) == {"linear force", "measured force"}
+    for run in curves.values():
+        assert (run.soc[0], run.soc[-1]) == pytest.approx((1.0, 0.2), abs=0.01)
+        assert (np.diff(run.battery_voltage_v) < 0.0).all()
+        # Charge drawn: the battery's 1.5 Ah, from full to the cut-off.
+        assert np.trapezoid(run.battery_current_a, run.time_s) == pytest.approx(0.8 * 1.5 * 3600.0, rel=0.01)
+    assert curves["linear force"].time_s[-1] == pytest.approx(found.runtime.runtime_s, rel=1e-5)
+
+
+def test_report_collects_every_part_of_the_page(trial_and_fit):
+    trial, fit = trial_and_fit
+    found = trial_report(trial, Evaluation(fit=fit))
+    assert set(found.model) == {"linear force", "measured force"}
+    assert set(found.spectra) == {"displacement_mm", "force_n"}
+    assert (found.runtime, dict(found.discharges)) == (None, {})
+
+
+def test_report_of_an_idle_recording_says_why_it_has_no_fit(tmp_path, capsys):
+    arguments = ["report", str(OAK.with_name("none-01.mcap")), "--out", str(tmp_path / "pages"), "--json"]
+    assert main(arguments) == 0
+    (row,) = json.loads(capsys.readouterr().out)
+    assert (row["trial"], row["trust"]) == ("none-01", "good")
+    text = Path(row["page"]).read_text(encoding="utf-8")
+    assert "None: the blade ran without cutting" in text
+    assert "Model against measurement" not in text
+    assert main(arguments) == 2
+    assert "exists already" in capsys.readouterr().err

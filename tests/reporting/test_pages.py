@@ -24,12 +24,15 @@ from sawbench.bench.processed import (
     RemovedForce,
 )
 from sawbench.bench.recording import Gap, Recording, Signal, Trial
+from sawbench.modeling.discharge import DischargeCurves
 from sawbench.modeling.results import CuttingFit, RuntimePrediction
+from sawbench.processing.spectrum import power_spectrum
 from sawbench.reporting.compared import ComparedTrial, LeftOut, compare, comparison_json, comparison_table
 from sawbench.reporting.comparison_figures import mean_cycle
 from sawbench.reporting.comparison_page import write_comparison_page
 from sawbench.reporting.html import link_to
-from sawbench.reporting.trial_page import verdict, write_trial_page
+from sawbench.reporting.model_figures import deviations_of
+from sawbench.reporting.trial_page import TrialReport, trust_in, verdict, write_trial_page
 
 pytestmark = pytest.mark.unit
 
@@ -133,6 +136,14 @@ def make_runtime(runtime_s=927.6, status="ok"):
     )
 
 
+def make_curves():
+    falling = np.linspace(1.0, 0.2, 9)
+    return DischargeCurves(
+        time_s=np.linspace(0.0, 927.6, 9), soc=falling, battery_voltage_v=17.0 + falling,
+        battery_current_a=np.full(9, 4.66), motor_current_a=np.full(9, 10.6), stroke_rate_hz=np.full(9, 12.5),
+    )  # fmt: skip
+
+
 def make_recording():
     time_s = np.arange(7500) / 5000.0
     kept = np.delete(time_s, slice(1000, 1500))
@@ -218,15 +229,17 @@ def trial_path(tmp_path_factory):
         "motor_current_a": 8 + 0 * angle_rad,
     }
     trial = {"notes": HOSTILE, "operator": HOSTILE, "started_at": datetime(2026, 3, 2, 9, tzinfo=UTC)}
-    return write_trial_page(
-        path,
+    report = TrialReport(
         processed=make_processed(trial=trial, warnings=(HOSTILE,)),
         fit=make_fit(notes=(HOSTILE,)),
         runtime=make_runtime(),
-        simulated=simulated,
-        files={"Recording": path.parent / "oak #1.mcap", "Rerun view": path.parent / "view" / "oak.rrd"},
+        model={"linear force": simulated},
+        discharges={"linear force": make_curves()},
+        spectra={"force_n": power_spectrum(np.sin(2 * np.pi * 12.5 * np.arange(4000) / 1000.0), 1000.0)},
         recording=make_recording(),
     )
+    files = {"Recording": path.parent / "oak #1.mcap", "Rerun view": path.parent / "view" / "oak.rrd"}
+    return write_trial_page(path, report, files=files)
 
 
 @pytest.fixture(scope="module")
@@ -264,7 +277,7 @@ def test_pages_are_accessible(page):
     assert all(after - before <= 1 for before, after in zip(page.headings, page.headings[1:], strict=False))
     assert [key for key, n in Counter(page.ids).items() if n > 1] == []
     pictures = [attrs for tag, attrs in page.tags if tag == "svg"]
-    assert len(pictures) == 2
+    assert len(pictures) >= 2
     for attrs in pictures:
         assert attrs["role"] == "img"
         for label in attrs["aria-labelledby"].split():
@@ -314,7 +327,7 @@ def test_trial_page_says_what_was_found(trial_path):
 
 
 def test_a_measurement_is_not_called_simulated(tmp_path):
-    path = write_trial_page(tmp_path / "a.html", processed=make_processed(trial={"source": "bench"}))
+    path = write_trial_page(tmp_path / "a.html", TrialReport(processed=make_processed(trial={"source": "bench"})))
     assert "imulated" not in Page(path.read_text(encoding="utf-8")).shown
 
 
@@ -330,7 +343,9 @@ def test_a_trial_with_nothing_in_it_is_still_a_page(tmp_path):
         trial={"source": "bench"},
     )
     empty = replace(empty, peak_force_n=None, peak_force_std_n=None, mean_values={}, rms_values={})
-    path = write_trial_page(tmp_path / "a.html", processed=empty, runtime=make_runtime(float("nan"), "stalled"))
+    path = write_trial_page(
+        tmp_path / "a.html", TrialReport(processed=empty, runtime=make_runtime(float("nan"), "stalled"))
+    )
     page = Page(path.read_text(encoding="utf-8"))
     assert "No stroke was found." in page.shown
     assert "Do not rely on every result" in page.shown
@@ -343,10 +358,47 @@ def test_results_that_failed_are_not_quoted(tmp_path):
     words = verdict(make_processed(), fit, runtime)
     assert "k_Fc" not in words
     assert "battery" not in words
-    path = write_trial_page(tmp_path / "a.html", processed=make_processed(), fit=fit, runtime=runtime)
+    path = write_trial_page(tmp_path / "a.html", TrialReport(processed=make_processed(), fit=fit, runtime=runtime))
     page = Page(path.read_text(encoding="utf-8"))
     assert "not reliable the fit ended at the edge of the allowed range, at 240.3 ± 4.3" in page.shown
     assert "the motor cannot start against this force" in page.shown
+
+
+def test_trial_page_shows_every_figure_and_the_facts(trial_path):
+    page = Page(trial_path.read_text(encoding="utf-8"))
+    drawn = {attrs["aria-labelledby"].split("-")[0] for tag, attrs in page.tags if tag == "svg"}
+    assert drawn == {"signals", "period", "zeroed", "model", "harmonics", "discharge"}
+    for words in (
+        "Duty 0.4375", "Date 2026-03-02 09:00 UTC", "File oak-01.mcap", "Thickness not stated",
+        "the stroke, 12.50 Hz", "linear force 927.6 s",
+        "Provenance",
+    ):  # fmt: skip
+        assert words in page.shown, words
+
+
+def test_deviations_are_those_of_the_curves():
+    processed = make_processed(folded={"motor_current_a": folded("motor_current_a", "A", 8 + np.sin(angle_rad), 0.2)})
+    model = {"linear force": {"angle_rad": angle_rad, "motor_current_a": np.full(128, 8.0)}}
+    (found,) = deviations_of(processed, model)
+    assert (found.channel, found.unit, found.model) == ("motor current", "A", "linear force")
+    assert found.rms == pytest.approx(np.sqrt(0.5), rel=1e-9)
+    assert (found.peak_measured, found.peak_model, found.largest) == pytest.approx((9.0, 8.0, 1.0), rel=1e-3)
+
+
+def test_a_lossy_trial_is_bad_and_an_idle_one_says_why_it_has_no_fit(tmp_path):
+    channel = make_processed().quality[0]
+    lossy = make_processed(quality=(replace(channel, n_missing=2500, problems=("2500 samples are missing (25 %)",)),))
+    found = trust_in(TrialReport(processed=lossy))
+    assert found.level == "bad"
+    assert found.reasons[0] == "More than 1 % of the samples were lost: force_n."
+    few = make_processed(quality=(replace(channel, n_missing=7, problems=("7 samples are missing (0.093 %)",)),))
+    assert trust_in(TrialReport(processed=few)).level == "warn"
+    idle = make_processed("air", "none", "no_cutting", cutting_force=None, removed=None)
+    path = write_trial_page(tmp_path / "idle.html", TrialReport(processed=idle, note="the blade ran without cutting"))
+    page = Page(path.read_text(encoding="utf-8"))
+    assert "Cutting coefficient None: the blade ran without cutting." in page.shown
+    assert "No sample was lost." in page.shown
+    assert "No problem was found" in page.shown
 
 
 @pytest.mark.parametrize(
@@ -383,7 +435,7 @@ def test_results_that_failed_are_not_quoted(tmp_path):
     ],
 )
 def test_doubts_are_said(tmp_path, changes, expected):
-    path = write_trial_page(tmp_path / "a.html", processed=make_processed(**changes))
+    path = write_trial_page(tmp_path / "a.html", TrialReport(processed=make_processed(**changes)))
     page = Page(path.read_text(encoding="utf-8"))
     assert expected in page.shown
     assert "Do not rely on every result" in page.shown
@@ -393,7 +445,7 @@ def test_pages_are_the_same_every_time(tmp_path):
     first = write_comparison_page(tmp_path / "a.html", make_rows())
     second = write_comparison_page(tmp_path / "b.html", make_rows()[::-1])
     assert first.read_bytes() == second.read_bytes()
-    pages = [write_trial_page(tmp_path / f"t{k}.html", processed=make_processed()) for k in range(2)]
+    pages = [write_trial_page(tmp_path / f"t{k}.html", TrialReport(processed=make_processed())) for k in range(2)]
     assert pages[0].read_bytes() == pages[1].read_bytes()
 
 
@@ -401,14 +453,14 @@ def test_nothing_is_overwritten_unasked(tmp_path):
     path = tmp_path / "a.html"
     path.write_text("precious")
     with pytest.raises(InputError, match="exists already"):
-        write_trial_page(path, processed=make_processed())
+        write_trial_page(path, TrialReport(processed=make_processed()))
     with pytest.raises(InputError, match="exists already"):
         write_comparison_page(path, make_rows())
     assert path.read_text() == "precious"
     write_comparison_page(path, make_rows(), overwrite=True)
     assert "precious" not in path.read_text(encoding="utf-8")
     with pytest.raises(InputError, match="cannot be written"):
-        write_trial_page(tmp_path / "nowhere" / "a.html", processed=make_processed())
+        write_trial_page(tmp_path / "nowhere" / "a.html", TrialReport(processed=make_processed()))
 
 
 def test_comparison_drops_nothing_silently():

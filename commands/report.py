@@ -1,0 +1,64 @@
+"""`sawbench report`: the page of a trial."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+from sawbench.commands.failures import Failures
+from sawbench.commands.options import config_option, force_option, json_option, recordings_argument, refuse_unwritable
+from sawbench.commands.terminal import emit, progress
+from sawbench.inputs import find_recordings
+
+
+@click.command(name="report", epilog="Example: sawbench report recordings/oak-01.mcap --out reports")
+@recordings_argument
+@click.option(
+    "--out", "out_dir", type=click.Path(path_type=Path, file_okay=False), default=Path("reports"), show_default=True,
+    help="Folder for one page per recording; made if missing.",
+)  # fmt: skip
+@config_option
+@force_option
+@json_option
+def command(paths: tuple[Path, ...], out_dir: Path, config_path: Path | None, force: bool, as_json: bool) -> int:
+    """Write the page of each trial: signals, stroke, fit, model against measurement, battery runtime.
+
+    Idle, lossy and imported recordings get a page too, which says what could not be found and why. The exit code is 1
+    where a page says that not every result can be relied on.
+    """
+    from sawbench.analysis import load_and_process
+    from sawbench.reporting.trial_page import trust_in, verdict, write_trial_page
+    from sawbench.trial_report import trial_report
+
+    files = find_recordings(paths)
+    pages = {path: out_dir / f"{path.stem}.html" for path in files}
+    if len(set(pages.values())) < len(files):
+        raise click.UsageError("two recordings have the same name; write their pages into different folders")
+    for page in pages.values():
+        refuse_unwritable(page, force=force, makes_folder=True)
+    out_dir.mkdir(parents=True, exist_ok=True)
+    failures = Failures(len(files))
+    rows: list[dict[str, Any]] = []
+    for path in progress(files, "writing pages"):
+        with failures.collected():
+            report = trial_report(load_and_process(path, config_path))
+            write_trial_page(pages[path], report, files={"Recording": path}, overwrite=force)
+            trust = trust_in(report)
+            rows.append(
+                {
+                    "trial": report.processed.trial.trial_id,
+                    "page": str(pages[path]),
+                    "verdict": verdict(report.processed, report.fit, report.runtime),
+                    "trust": trust.level,
+                    "reasons": list(trust.reasons),
+                }
+            )
+    emit(rows, "\n".join(_as_text(row) for row in rows), as_json=as_json)
+    return failures.exit_code(is_trusted=all(row["trust"] != "bad" for row in rows))
+
+
+def _as_text(row: dict[str, Any]) -> str:
+    return "\n".join(
+        [f"{row['trial']}: {row['verdict']}", *(f"  {text}" for text in row["reasons"]), f"  {row['page']}"]
+    )
