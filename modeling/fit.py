@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 UNIDENTIFIED_SHARE = 0.5
 # A constant this many prior standard deviations off was not found but bent to make up for something else.
 CONTRADICTING_PULL = 5.0
+# A mean stroke that misses the measured one by more than this share of its rms is no description of it.
+LARGEST_MISS = 0.25
 # Zeros of the sensors are set anew for each trial and may lie anywhere.
 FREE_SENSOR_ZEROS = ("force_offset_n", "angle_zero_rad")
 
@@ -134,9 +136,14 @@ def cutting_fits(joint: JointFit, method: FitMethod) -> tuple[CuttingFit, ...]:
             status = "at_bound"
         elif std > UNIDENTIFIED_SHARE * k_fc:
             status = "not_identifiable"
-        elif contradictions:
+        # Noise alone may be as large as a weak force.
+        misses = joint.has_misfit * [
+            *_misses("force", "N", joint.rmse_n[trial], joint.rms_n[trial]),
+            *_misses("motor current", "A", joint.rmse_a[trial], joint.rms_a[trial]),
+        ]
+        if status == "ok" and (contradictions or misses):
             status = "contradicted"
-        notes = [*joint.notes, *contradictions]
+        notes = [*joint.notes, *contradictions, *misses]
         if joint.has_misfit:
             notes.append(
                 "the mean stroke differs from the model by more than noise explains; the uncertainty "
@@ -206,6 +213,16 @@ def _words(share: str) -> str:
     )
 
 
+def _misses(name: str, unit: str, rmse: float | None, rms: float | None) -> tuple[str, ...]:
+    """Say that a fitted stroke does not describe the measured one, where that is so."""
+    if rmse is None or rms is None or not rmse > LARGEST_MISS * rms:
+        return ()
+    return (
+        f"the {name} of the fitted stroke misses the measured one by {rmse:.3g} {unit} rms of {rms:.3g} {unit}: check "
+        "that its channels share one time, its sign and its zero",
+    )
+
+
 def _force_only(
     cycles: MeasuredCycles,
     plant: PlantConfig,
@@ -226,6 +243,9 @@ def _force_only(
         status = "at_bound"
     elif std > UNIDENTIFIED_SHARE * k_fc:
         status = "not_identifiable"
+    misses = _misses("force", "N", found.rmse_n, found.rms_n)
+    if status == "ok" and misses:
+        status = "contradicted"
     shares = {
         "the scatter of the strokes": found.statistical_std_n_s_per_m**2,
         "the gain of the load cell": (k_fc * sensors.force_gain_rel_std) ** 2,
@@ -247,7 +267,7 @@ def _force_only(
             f"{shares[largest] / max(std**2, 1e-300):.0%} of its variance comes from {largest}; "
             "it cannot be told from the gain of the load cell"
         ),
-        notes=note,
+        notes=(*note, *misses),
     )
 
 

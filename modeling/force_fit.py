@@ -32,6 +32,8 @@ class ForceFit:
     per_stroke_n_s_per_m : ndarray, shape (n_strokes,)
     rmse_n : float
         Of the mean stroke.
+    rms_n : float
+        Of the measured mean stroke itself, its offset taken off.
     uses_mean_speed : bool
         True where the crank speed within the stroke was not measured.
     """
@@ -41,6 +43,7 @@ class ForceFit:
     offset_n: float
     per_stroke_n_s_per_m: Floats
     rmse_n: float
+    rms_n: float
     uses_mean_speed: bool
 
 
@@ -87,15 +90,18 @@ def fit_force(cycles: MeasuredCycles, *, plant: PlantConfig, cutting_half: Cutti
     offset_share = blade_m_s.sum(axis=1).mean() / square.mean()
     offsets = np.where(at_rest, force - offset_n, 0.0).sum(axis=1) / at_rest.sum(axis=1).mean()
     influence = (per_stroke - k_fc) * square / square.mean() - offset_share * offsets
-    mean_misfit = np.where(present, force - offset_n - k_fc * blade_m_s, 0.0).sum(axis=0) / np.maximum(
-        present.sum(axis=0), 1
-    )
+
+    def rms_of_mean(values: Floats) -> float:
+        mean = np.where(present, values, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1)
+        return float(np.sqrt(np.mean(mean**2)))
+
     return ForceFit(
         k_fc_n_s_per_m=k_fc,
         statistical_std_n_s_per_m=std_of_mean(influence)[0],
         offset_n=offset_n,
         per_stroke_n_s_per_m=per_stroke,
-        rmse_n=float(np.sqrt(np.mean(mean_misfit**2))),
+        rmse_n=rms_of_mean(force - offset_n - k_fc * blade_m_s),
+        rms_n=rms_of_mean(force - offset_n),
         uses_mean_speed=cycles.crank_speed_rad_s is None,
     )
 

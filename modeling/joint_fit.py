@@ -74,6 +74,8 @@ class JointFit:
         Names of per-trial parameters end in `[trial number]`.
     rmse_a, rmse_n : tuple of float or None
         Root mean square difference of the mean stroke between data and model, A and N.
+    rms_a, rms_n : tuple of float or None
+        Root mean square of the measured mean stroke, A and N.
     has_misfit : bool
         True where the mean strokes differ from the model by more than noise and priors explain.
     is_converged, is_valid : bool
@@ -94,6 +96,8 @@ class JointFit:
     estimates: ParameterEstimates
     rmse_a: tuple[float | None, ...]
     rmse_n: tuple[float | None, ...]
+    rms_a: tuple[float | None, ...]
+    rms_n: tuple[float | None, ...]
     has_misfit: bool
     is_converged: bool
     is_valid: bool
@@ -343,8 +347,10 @@ def _result(
         estimates=ParameterEstimates(
             names=parameters.names, values=values, prior_std=parameters.prior_std, covariance=covariance
         ),
-        rmse_a=tuple(_rmse(estimate, part, o, 0) for part, o in parts),
-        rmse_n=tuple(_rmse(estimate, part, o, 1) for part, o in parts),
+        rmse_a=tuple(_rms(estimate.residual[part], o, 0) for part, o in parts),
+        rmse_n=tuple(_rms(estimate.residual[part], o, 1) for part, o in parts),
+        rms_a=tuple(_rms(o.data, o, 0) for _, o in parts),
+        rms_n=tuple(_rms(o.data, o, 1) for _, o in parts),
         has_misfit=has_misfit,
         is_converged=estimate.is_converged,
         is_valid=estimate.is_valid,
@@ -356,8 +362,9 @@ def _result(
     )
 
 
-def _rmse(estimate: Estimate, part: slice, observation: TrialObservation, channel: int) -> float | None:
+def _rms(features: Floats, observation: TrialObservation, channel: int) -> float | None:
+    """Root mean square over the stroke of one channel's features."""
     chosen = np.flatnonzero(observation.channel == channel)
     if not len(chosen):
         return None
-    return float(np.sqrt(np.sum(estimate.residual[part][chosen] ** 2) / observation.n_bins))
+    return float(np.sqrt(np.sum(features[chosen] ** 2) / observation.n_bins))

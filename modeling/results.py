@@ -61,8 +61,9 @@ class CuttingFit:
     method : str
         "current", "force", "current_and_force", "annealing".
     status : FitStatus
-        "contradicted": found, but only with plant constants or gains far off their nominal values, or from
-        channels that are clipped, swapped, reversed or in another unit; the notes say which.
+        "contradicted": found, but only with plant constants or gains far off their nominal values, with a stroke that
+        misses the measured one by more than a quarter of its rms, or from channels that are clipped, swapped,
+        reversed, in another unit or moved in time; the notes say which.
     rmse_a : float or None
         Root mean square residual of the motor current, A.
     rmse_n : float or None

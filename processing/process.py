@@ -31,6 +31,7 @@ from sawbench.processing.quality import CleanChannel, clean_channel, plausibilit
 from sawbench.processing.return_stroke import zero_return_stroke
 from sawbench.processing.settled import find_steady_part
 from sawbench.processing.spectrum import power_spectrum, steady_stretch
+from sawbench.processing.stroke_clock import Slip, find_slips
 from sawbench.processing.stroke_ripple import restore_ripple
 
 _FORCE, _DISPLACEMENT, _CURRENT = "force_n", "displacement_mm", "motor_current_a"
@@ -305,6 +306,11 @@ def _with_cycles(
         n_bins=config.analysis.n_bins,
         n_threads=2 if n_samples > _TWO_THREADS_FROM else 1,
     )
+    slips = (
+        find_slips(angle, {n: (c.time_s, c.values) for n, c in channels.items()}, per_channel)
+        if angle.is_absolute
+        else ()
+    )
     averages = {
         name: cycle_averages(channels[name].time_s, channels[name].values, per_channel[name]) for name in folded
     }
@@ -319,8 +325,15 @@ def _with_cycles(
         peak_force_std_n=None if peak is None else peak.mean_std_n,
         mean_values={name: value[0] for name, value in averages.items()},
         rms_values={name: value[1] for name, value in averages.items()},
-        warnings=base.warnings + warnings,
+        quality=_with_slips(base.quality, slips),
+        warnings=(*base.warnings, *warnings, *(f"{slip.channel}: {slip.words()}" for slip in slips)),
     )
+
+
+def _with_slips(quality: tuple[ChannelQuality, ...], slips: tuple[Slip, ...]) -> tuple[ChannelQuality, ...]:
+    """Add to the health of each channel where it moves in time against the strokes."""
+    said = {q.channel: tuple(slip.words() for slip in slips if slip.channel == q.channel) for q in quality}
+    return tuple(replace(q, problems=q.problems + said[q.channel], doubts=q.doubts + said[q.channel]) for q in quality)
 
 
 def _covered(cycles: Cycles, channel: CleanChannel) -> Cycles:

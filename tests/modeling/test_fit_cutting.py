@@ -122,6 +122,16 @@ def test_quiet_trial_gives_the_truth(quiet, method, rel):
     assert fit.statistical_std_n_s_per_m < 0.005 * 240.0
 
 
+@pytest.mark.parametrize("method", ["current_and_force", "force"])
+def test_a_force_that_comes_late_is_not_fitted(noisy, method):
+    """10 of 64 bins, about 11 ms: the half wave of the cut lies beside the half turn that cuts."""
+    values = {name: getattr(noisy, name) for name in MeasuredCycles.__dataclass_fields__}
+    late = MeasuredCycles(**(values | {"force_n": np.roll(noisy.force_n, 10, axis=1)}))
+    fit = fit_cutting_coefficient(late, plant=plant(), battery=BATTERY, method=method)
+    assert fit.status == "contradicted"
+    assert any("the force of the fitted stroke misses the measured one" in note for note in fit.notes)
+
+
 @pytest.mark.parametrize("method", ["current_and_force", "current", "force"])
 def test_noisy_trial_is_within_its_uncertainty(noisy, method):
     fit = fit_cutting_coefficient(noisy, plant=plant(), battery=BATTERY, method=method)
