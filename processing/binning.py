@@ -43,6 +43,12 @@ class AngleGrid:
     n_bins: int
     turns_per_row: int = 1
 
+    @classmethod
+    def over_one_turn(cls, angle_rad: Floats, n_bins: int) -> AngleGrid:
+        """Give the grid that lays all whole turns of some angles over one another, in one row."""
+        first, last = (int(np.floor(end / TWO_PI)) for end in (angle_rad.min(), angle_rad.max()))
+        return cls(first_turn=first, n_rows=1, n_bins=n_bins, turns_per_row=last - first + 1)
+
     @property
     def middles_rad(self) -> Floats:
         """Middle of every cell within the turn, shape (n_bins,)."""

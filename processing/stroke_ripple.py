@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from sawbench.bench.processed import CrankAngle, SteadyPart
 from sawbench.bench.recording import Floats
 from sawbench.modeling.parts.mechanism import Mechanism
+from sawbench.processing.binning import AngleGrid
 from sawbench.processing.settled import SETTLE_S, TWO_PI
 
 N_RIPPLE = 8
@@ -82,18 +83,17 @@ def restore_ripple(angle: CrankAngle, steady: SteadyPart, time_s: Floats, displa
 
 def _regress(crank: Mechanism, turned_rad: Floats, left_m: Floats) -> tuple[Floats, Floats]:
     """Coefficients, and variance of the wave's, shape (2, k); once more without outliers."""
-    turns = turned_rad / TWO_PI
-    cell = np.minimum(((turns - np.floor(turns)) * _CELLS).astype(np.int64), _CELLS - 1)
-    design = _columns(crank)
+    grid = AngleGrid.over_one_turn(turned_rad, _CELLS)
+    cell = grid.place(turned_rad)
+    design = _columns(crank, grid.middles_rad)
     order = np.arange(1.0, N_RIPPLE + 1)
     known = np.array([_OFF_SHARE * crank.radius_m, _OFF_SHARE * crank.radius_m, _OFF_SHARE])
     precision = np.diag(np.concatenate([known**-2.0, np.tile((_RIPPLE_RAD / order**3) ** -2, 2)]))
 
     def solve(kept: NDArray[np.bool_], noise_m: float) -> tuple[Floats, Floats]:
-        count = np.bincount(cell[kept], minlength=_CELLS)
-        total_m = np.bincount(cell[kept], weights=left_m[kept], minlength=_CELLS)
-        covariance = np.linalg.inv((design.T * count) @ design / noise_m**2 + precision)
-        return covariance @ (design.T @ total_m) / noise_m**2, np.asarray(covariance.diagonal(), dtype=np.float64)
+        total_m, count = grid.sums(np.where(kept, cell, -1), left_m)
+        covariance = np.linalg.inv((design.T * count[0]) @ design / noise_m**2 + precision)
+        return covariance @ (design.T @ total_m[0]) / noise_m**2, np.asarray(covariance.diagonal(), dtype=np.float64)
 
     noise_m = _spread(left_m - np.median(left_m))
     found, _ = solve(np.ones(len(cell), dtype=bool), noise_m)
@@ -107,11 +107,10 @@ def _spread(off_m: Floats) -> float:
     return max(_MAD * float(np.median(np.abs(off_m))), _LEAST_NOISE_M)
 
 
-def _columns(crank: Mechanism) -> Floats:
-    """Columns {1, 1 - x/r, x', x' cos k, x' sin k} at the middle of every cell, shape (n_cells, 3 + 2 N_RIPPLE)."""
-    at_rad = (np.arange(_CELLS) + 0.5) * TWO_PI / _CELLS
+def _columns(crank: Mechanism, at_rad: Floats) -> Floats:
+    """Columns {1, 1 - x/r, x', x' cos k, x' sin k} at some angles, shape (n, 3 + 2 N_RIPPLE)."""
     displacement_m, lever_m = crank.position(at_rad)
     turns = np.outer(at_rad, np.arange(1, N_RIPPLE + 1))
-    columns = [np.stack([np.ones(_CELLS), 1.0 - displacement_m / crank.radius_m, lever_m], axis=1)]
+    columns = [np.stack([np.ones(len(at_rad)), 1.0 - displacement_m / crank.radius_m, lever_m], axis=1)]
     columns += [lever_m[:, None] * np.cos(turns), lever_m[:, None] * np.sin(turns)]
     return np.hstack(columns)

@@ -10,6 +10,7 @@ import numpy as np
 from sawbench.bench.processed import ProcessedTrial
 from sawbench.bench.recording import Floats, Recording, Signal
 from sawbench.bench.units import DISPLACEMENT, FORCE
+from sawbench.processing.binning import AngleGrid
 from sawbench.visualization.layout import (
     CYCLE_PATH,
     STROKE_RATE_PATH,
@@ -144,10 +145,9 @@ def _log_bars(stream: Any, path: str, angle_rad: Floats, mean: Floats, colour: t
     finite = np.isfinite(mean)
     if not finite.any():
         return
-    group = np.minimum((angle_rad[finite] * (_N_BARS / (2.0 * np.pi))).astype(np.int64), _N_BARS - 1)
-    n_in_group = np.bincount(group, minlength=_N_BARS)
-    is_filled = n_in_group > 0
-    height = np.bincount(group, weights=mean[finite], minlength=_N_BARS)[is_filled] / n_in_group[is_filled]
-    angle_deg = ((np.arange(_N_BARS) + 0.5) * (360.0 / _N_BARS))[is_filled]
+    grid = AngleGrid(first_turn=0, n_rows=1, n_bins=_N_BARS)
+    height = grid.means(grid.place(angle_rad[finite]), mean[finite])[0]
+    is_filled = np.isfinite(height)
+    angle_deg = np.degrees(grid.middles_rad)[is_filled]
     width = np.full(len(angle_deg), 360.0 / _N_BARS)
-    stream.log(path, rr.BarChart(height, abscissa=angle_deg, widths=width, color=colour), static=True)
+    stream.log(path, rr.BarChart(height[is_filled], abscissa=angle_deg, widths=width, color=colour), static=True)
