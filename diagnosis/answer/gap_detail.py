@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.channel_gap import CHANNELS, MODELS, ChannelGap, Cycle
-from sawbench.diagnosis.answer.standing_out import FALSE_DISCOVERY_RATE, Cell, find_cells
+from sawbench.diagnosis.answer.standing_out import Cell, find_cells
 from sawbench.diagnosis.answer.where import gap_of
 from sawbench.diagnosis.inference.evidence import Column, Explanation
 from sawbench.diagnosis.inference.features import wave_of
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.strokes import StrokeWave
 from sawbench.modeling.state import TWO_PI
 
@@ -181,7 +182,7 @@ def _standing_out(problem: LinearProblem, small: Floats) -> dict[str, Any]:
         }
     found = {cell.equation: forms[cell.equation] for cell in cells if cell.stands_out}
     return {
-        "false_discovery_rate": FALSE_DISCOVERY_RATE,
+        "false_discovery_rate": SETTINGS.report.false_discovery_rate,
         "n_cells": len(cells),
         "n_found": sum(cell.stands_out for cell in cells),
         "found_in": [{"equation": form.place, "channel": form.channel} for form in found.values()],

@@ -22,6 +22,7 @@ from sawbench.diagnosis.inference.evidence import Column, catalogue_columns
 from sawbench.diagnosis.inference.hypothesis import OTHERS, Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, build_problem
 from sawbench.diagnosis.inference.posterior import Posterior, judge
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plants.choice import reduce_recordings
 
 SCHEMA_VERSION = 1
@@ -37,13 +38,10 @@ _HELD_OUT = {
 }
 # Where the parts of the work stand on the progress bar, of 100.
 _REDUCED, _SIGNED, _JUDGED, _CLIMBED = 40, 50, 80, 85
-_ODDS = 20.0
 # Where a line that no equation explains is first to be looked for.
 _EQUATION_OF_CHANNEL = {
     "motor_current_a": "electrical", "force_n": "cutting", "battery_voltage_v": "supply", "battery_current_a": "supply",
 }  # fmt: skip
-# Log odds against no gap below which an effect of typical size would probably not be named.
-_SHOWN_LOG_ODDS = 16.0
 _SHOWN_PROBABILITY = 0.001
 _LEAST_SHOWN, _MOST_SHOWN = 2, 5
 
@@ -148,11 +146,11 @@ def _cause(
 
 
 def _alike(problem: LinearProblem, cause: Hypothesis, posterior: Posterior) -> list[str]:
-    """Effects that this campaign cannot tell from one of the cause: less than twenty times less likely in its place.
+    """Effects that this campaign cannot tell from one of the cause: odds below `settings.Report.odds` in its place.
 
     As likely as the tempered evidence says: look-alikes that were taken together share nothing here.
     """
-    least = cause.log_evidence - problem.settings.weights.temperature * float(np.log(_ODDS))
+    least = cause.log_evidence - problem.settings.weights.temperature * float(np.log(problem.settings.report.odds))
     found = dict.fromkeys(name for m in cause.members for name in m.effect.same_as)
     for h in sorted(posterior.claims, key=lambda h: -h.log_evidence):
         if len(h.effects) == len(cause.effects) and h.log_evidence > least:
@@ -236,7 +234,7 @@ def _warnings(
 
 def _hidden(shown: Mapping[str, float]) -> list[str]:
     """Say what this campaign could not show, before it is taken for absent."""
-    names = [name for name, odds in shown.items() if odds < _SHOWN_LOG_ODDS]
+    names = [name for name, odds in shown.items() if odds < SETTINGS.report.shown_log_odds]
     return [f"below the detection limit here, at their typical magnitude: {', '.join(names)}"] if names else []
 
 

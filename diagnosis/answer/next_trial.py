@@ -7,10 +7,7 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
-
-_SETTLED = 0.95
-# Log odds that one more trial must be worth to be advised.
-_WORTH = 1.0
+from sawbench.diagnosis.inference.settings import SETTINGS
 
 
 def next_trial(problem: LinearProblem, posterior: Posterior) -> str:
@@ -40,7 +37,7 @@ def next_trial(problem: LinearProblem, posterior: Posterior) -> str:
         return f"a longer trial at {_most_left(problem, posterior)}: most of what nothing explains lies there"
     leading = max((alone[name] for name in top.effects), key=lambda e: e.gain)
     rivals = [e for e in rivals if e.effect.name not in top.effects]
-    return _between(problem, posterior, leading, rivals, is_sure=top.probability > _SETTLED)
+    return _between(problem, posterior, leading, rivals, is_sure=top.probability > SETTINGS.report.settled)
 
 
 def _between(
@@ -56,7 +53,7 @@ def _between(
     words, other = _words(named), _words(rivals[0])
     if is_sure:
         return f"none is needed to name the cause; a repeat of {point} would tell {words} from {other} once more"
-    if worth > _WORTH:
+    if worth > SETTINGS.report.worth:
         return f"one more trial at {point}: there {words} and {other} differ most (log odds {worth:.0f})"
     return f"{named.effect.told_apart_by or point}: it separates {words} from {other}"
 

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from sawbench.bench.units import CHANNEL_BY_NAME, FORCE
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.off_stroke import OffStroke, fixed_lines
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.strikes import foreign_bursts
 from sawbench.diagnosis.inference.zero_wander import ZeroWander
 from sawbench.diagnosis.signal_health import ChannelHealth
 
 _MAINS_HZ, _MAINS_TOLERANCE, _HIGHEST_MULTIPLE = (50.0, 60.0), 0.005, 7
-# Below these a fault costs nothing: of all samples, of a sample period, a second, and in N.
-_LEAST_MISSING, _LEAST_JITTER, _LEAST_SPIKES_HZ, _LEAST_WANDER_N, _LEAST_RESTART_N = 1e-3, 0.05, 0.05, 0.1, 0.5
-_SIGNIFICANT = 3.0
+_LEAST: Final = SETTINGS.report.least_fault
 
 Entry = dict[str, Any]
 
@@ -85,10 +84,10 @@ def _wander(wander: ZeroWander | None, health: dict[str, list[ChannelHealth]]) -
         return
     seconds = float(np.median([h.seconds for h in health[FORCE.name]]))
     walked_n = float(np.sqrt(wander.density_n2_s * seconds))
-    if walked_n > _LEAST_WANDER_N and wander.density_n2_s > _SIGNIFICANT * wander.density_std_n2_s:
+    if walked_n > _LEAST["wander_n"] and wander.density_n2_s > SETTINGS.report.wander_stds * wander.density_std_n2_s:
         words = f"the zero wanders by {walked_n:.2g} N within a trial: let the load cell warm up, tare before each"
         yield _entry(FORCE.name, "zero_wander", walked_n, "N", words)
-    if wander.restart_n > _LEAST_RESTART_N:
+    if wander.restart_n > _LEAST["restart_n"]:
         words = f"the zero differs by {wander.restart_n:.2g} N from trial to trial: tare before each trial"
         yield _entry(FORCE.name, "zero_steps", wander.restart_n, "N", words)
 
@@ -102,15 +101,15 @@ def _faults(channel: str, trials: Sequence[ChannelHealth]) -> Iterator[Entry]:
         yield _entry(channel, "quantisation", step, unit, words)
     seconds = sum(h.seconds for h in trials)
     spikes_hz = sum(h.spikes for h in trials) / seconds
-    if spikes_hz > _LEAST_SPIKES_HZ:
+    if spikes_hz > _LEAST["spikes_hz"]:
         words = f"{spikes_hz:.2g} spikes a second, left out: check cable and connector"
         yield _entry(channel, "spikes", spikes_hz, "1/s", words)
     missing = float(np.average([h.missing_share for h in trials], weights=[h.seconds for h in trials]))
-    if missing > _LEAST_MISSING:
+    if missing > _LEAST["missing"]:
         words = f"{100.0 * missing:.2g} % of the samples are missing: check the load of computer and link"
         yield _entry(channel, "missing_samples", missing, "1", words)
     jitter = float(np.median([h.jitter_share for h in trials]))
-    if jitter > _LEAST_JITTER:
+    if jitter > _LEAST["jitter"]:
         jitter_s = jitter / float(np.median([h.rate_hz for h in trials]))
         words = f"sample times scatter by {100.0 * jitter:.0f} % of the sample period: use the instrument's own clock"
         yield _entry(channel, "jitter", jitter_s, "s", words)

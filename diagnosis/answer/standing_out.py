@@ -31,11 +31,11 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.features import START_UP_EDGES_S
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, Part
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.residuals import Equation
 from sawbench.modeling.state import TWO_PI
 
 Partition = Literal["crank_angle", "harmonic", "time", "start_up", "operating_point"]
-FALSE_DISCOVERY_RATE: Final = 0.05
 N_SECTORS: Final = 24
 _BANDS: Final = (0, 1, 2, 3, 4, 5, 7, 9, 13, 17, 25, 33, 65, 129)
 _LEAST_EXPECTED: Final = 1e-6
@@ -71,7 +71,7 @@ class Cell:
     @property
     def stands_out(self) -> bool:
         """Whether the cell is among the discoveries."""
-        return self.q_value < FALSE_DISCOVERY_RATE
+        return self.q_value < SETTINGS.report.false_discovery_rate
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -11,13 +11,12 @@ from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.features import wave_of
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.effect import Effect
 from sawbench.modeling.residuals import Equation
 from sawbench.modeling.state import TWO_PI
 
 _SECTORS = 24
-_SHOWN_SHARE = 0.02
-_CORRELATED = 0.6
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -84,7 +83,7 @@ def locate(problem: LinearProblem, posterior: Posterior) -> tuple[Spot, ...]:
         for equation, value in _explained(problem, posterior, member).items():
             add(equation, value, member.effect)
     total = sum(sum(held.values()) for held in energy.values())
-    kept = {place: held for place, held in energy.items() if sum(held.values()) > _SHOWN_SHARE * total}
+    kept = {place: held for place, held in energy.items() if sum(held.values()) > SETTINGS.report.shown_share * total}
     shown = sum(sum(held.values()) for held in kept.values())
     spots = []
     for (place, channel), held in kept.items():
@@ -150,7 +149,7 @@ def _grows_with(problem: LinearProblem, gap: Floats, equation: Equation) -> tupl
         if (
             len(set(values)) > 2
             and len(set(sizes)) > 2
-            and float(np.asarray(spearmanr(values, sizes))[0]) > _CORRELATED
+            and float(np.asarray(spearmanr(values, sizes))[0]) > SETTINGS.report.grows_with
         ):
             found.append(name)
     return tuple(found)

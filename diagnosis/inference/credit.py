@@ -12,9 +12,6 @@ from dataclasses import replace
 from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
 
-# An effect acts in the equations that hold at least that share of its signature's energy.
-_LEAST_SHARE = 0.01
-
 
 def with_credit(problem: LinearProblem, marginal: Marginal, explanation: Explanation) -> Explanation:
     """Limit the log evidence of an effect to twice what it gains where it acts, and at the nuisances.
@@ -38,7 +35,7 @@ def with_credit(problem: LinearProblem, marginal: Marginal, explanation: Explana
     after, left = before - taken, rest - moved
     energy = problem.sums_by_equation(explanation.contribution**2)
     gained = problem.sums_by_equation(rest**2 - left**2)
-    least = _LEAST_SHARE * sum(energy.values())
+    least = problem.settings.weights.acts_share * sum(energy.values())
     own = sum(gained[equation] for equation, share in energy.items() if share > least)
     limit = max(own + float(before @ before - after @ after), 0.0)
     return replace(explanation, log_evidence=min(explanation.log_evidence, limit))

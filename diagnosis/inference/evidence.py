@@ -15,11 +15,7 @@ from sawbench.diagnosis.log_mean import log_mean_exp, log_mean_exp_rows
 from sawbench.modeling.effects.effect import Effect
 
 _N_AMPLITUDES = 40
-# Less than this share of its typical size is background, not a cause.
-_LEAST_AMPLITUDE = 0.15
 _SAME_VALUE = 1e-6
-# Relative standard uncertainty of a magnitude that is right to a factor of two.
-_FACTOR_OF_TWO = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -101,10 +97,11 @@ class Explanation:
             self.effect.reported_strength(typical * max(self.amplitude + sign * step, 1e-6), self.column.shape)
             for sign in (1.0, -1.0)
         )
-        by_form = min(float(np.hypot(self.shape_spread, self.form_share)), _FACTOR_OF_TWO)
+        most = SETTINGS.forms.most_std
+        by_form = min(float(np.hypot(self.shape_spread, self.form_share)), most)
         known = float(np.hypot(0.5 * (high - low), by_form * self.strength))
         # A size that is read off a free wave is right to a factor of two.
-        return known if self.effect.size_of is None else max(known, _FACTOR_OF_TWO * abs(self.strength))
+        return known if self.effect.size_of is None else max(known, most * abs(self.strength))
 
 
 def catalogue_columns(problem: LinearProblem, effects: Sequence[Effect]) -> dict[str, list[Column]]:
@@ -157,7 +154,7 @@ def amplitudes(low: float, high: float) -> Floats:
     """Grid of amplitudes in multiples of the typical size, equally likely."""
     if high / low < 5.0:
         return np.linspace(low, high, 15)
-    return np.geomspace(max(low, _LEAST_AMPLITUDE), high, _N_AMPLITUDES)
+    return np.geomspace(max(low, SETTINGS.forms.least_amplitude), high, _N_AMPLITUDES)
 
 
 def explain(marginal: Marginal, columns: Sequence[Column]) -> Explanation | None:

@@ -23,8 +23,6 @@ from sawbench.modeling.residuals import Equation, Signature, summed
 from sawbench.modeling.state import TWO_PI, State, TrialSetting
 
 _ZERO = "zero of the force"
-# What a load cell is not linear to: wander that is smaller, on average over the time blocks, needs no mode.
-_UNSEEN_N = 0.06
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -256,7 +254,9 @@ def _zero_modes(problem: LinearProblem, wander: ZeroWander) -> list[Floats]:
     at_s = np.concatenate([p.setting.session_s + p.smooth.time_s[:, 0] for p in parts])
     trial = np.concatenate([np.full(len(r), k) for k, r in enumerate(rows)])
     values, vectors = np.linalg.eigh(wander.covariance(at_s, trial))
-    unseen = np.cumsum(np.maximum(values, 0.0)) < len(at_s) * _UNSEEN_N**2
+    # Wander that is smaller than the floor of the force, on average over the time blocks, needs no mode.
+    floor_n, _ = problem.settings.sensors.floor["cutting"]
+    unseen = np.cumsum(np.maximum(values, 0.0)) < len(at_s) * floor_n**2
     found = []
     for value, vector in zip(values[~unseen], vectors.T[~unseen], strict=True):
         column = np.zeros(len(problem.data))

@@ -7,12 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.features import START_UP_EDGES_S, Layout
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.state import State
 
 # (blade in air, equation) -> covariance of a single stroke's features
 Scatter = Mapping[tuple[bool, str], Floats]
-# A stroke's mean is remembered for that many strokes: what drifts slowly is the same in neighbouring bins of a start.
-_MEMORY_STROKES = 3.0
 _LEAST_UNITS = 3
 _LEAST_BLOCKS = 4
 
@@ -81,7 +80,7 @@ def _start_up(layout: Layout, scatter: Scatter, rate_hz: float) -> Floats:
     """Noise of the bins of a start: the stroke's mean drifts slowly, its harmonics tell the noise a second holds."""
     width_s = np.diff(START_UP_EDGES_S)
     middle_s = np.cumsum(width_s) - 0.5 * width_s
-    near = np.exp(-np.abs(middle_s[:, None] - middle_s) * rate_hz / _MEMORY_STROKES)
+    near = np.exp(-np.abs(middle_s[:, None] - middle_s) * rate_hz / SETTINGS.noise.memory_strokes)
     covariance = np.zeros((layout.size, layout.size))
     for equation, place in layout.slices.items():
         known = _known(scatter, equation, is_idle=True)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.residuals import Baseline, Signature, inertia_torque, plunger_swing, residuals
 from sawbench.modeling.state import State
@@ -131,6 +132,7 @@ def _battery_nuisances(baseline: Baseline) -> list[Nuisance]:
     battery = baseline.battery
     if battery is None:
         return []
+    rel_std = SETTINGS.sensors.battery_rel_std
 
     def by_capacity(b: Baseline, s: State) -> Signature:
         # dE/dQ times the relative error of the capacity; E from Eq. 16.
@@ -142,14 +144,14 @@ def _battery_nuisances(baseline: Baseline) -> list[Nuisance]:
         Nuisance(
             name="internal_resistance_ohm",
             nominal=battery.internal_resistance_ohm,
-            std=max(0.1 * battery.internal_resistance_ohm, 5e-4),
+            std=max(rel_std["internal_resistance_ohm"] * battery.internal_resistance_ohm, 5e-4),
             is_plant=True,
             signature=lambda _, s: {} if s.battery_current_a is None else {"supply": -s.battery_current_a},
         ),
         Nuisance(
             name="nominal_voltage_v",
             nominal=battery.nominal_voltage_v,
-            std=0.005 * battery.nominal_voltage_v,
+            std=rel_std["nominal_voltage_v"] * battery.nominal_voltage_v,
             is_plant=True,
             signature=lambda b, s: {
                 "supply": np.broadcast_to(
@@ -160,7 +162,7 @@ def _battery_nuisances(baseline: Baseline) -> list[Nuisance]:
         Nuisance(
             name="capacity_ah",
             nominal=battery.capacity_ah,
-            std=0.05 * battery.capacity_ah,
+            std=rel_std["capacity_ah"] * battery.capacity_ah,
             is_plant=True,
             signature=by_capacity,
         ),
@@ -173,20 +175,20 @@ def _sensor_nuisances() -> list[Nuisance]:
     The gain of what an equation is solved for enters with what the equation says, not with the reading: with the
     reading, a gain of -100 % would make every misfit vanish, and large misfits would be "explained" so.
     """
-    known: dict[str, tuple[float, SignatureFunction]] = {
-        "motor_current_gain": (0.01, _motor_current_gain),
-        "motor_current_offset_a": (0.03, _motor_current_offset),
-        "force_gain": (0.01, _force_gain),
-        "force_offset_n": (1.0, force_offset),
-        "battery_current_gain": (0.01, _battery_current_gain),
-        "battery_current_offset_a": (0.03, lambda _, s: {"converter": np.ones_like(s.angle_rad)}),
-        "battery_voltage_gain": (0.003, _battery_voltage_gain),
-        "battery_voltage_offset_v": (0.01, _battery_voltage_offset),
-        "angle_zero_rad": (0.005, angle_shift),
+    signatures: dict[str, SignatureFunction] = {
+        "motor_current_gain": _motor_current_gain,
+        "motor_current_offset_a": _motor_current_offset,
+        "force_gain": _force_gain,
+        "force_offset_n": force_offset,
+        "battery_current_gain": _battery_current_gain,
+        "battery_current_offset_a": lambda _, s: {"converter": np.ones_like(s.angle_rad)},
+        "battery_voltage_gain": _battery_voltage_gain,
+        "battery_voltage_offset_v": _battery_voltage_offset,
+        "angle_zero_rad": angle_shift,
     }
     return [
-        Nuisance(name=name, nominal=0.0, std=std, is_plant=False, signature=signature)
-        for name, (std, signature) in known.items()
+        Nuisance(name=name, nominal=0.0, std=SETTINGS.sensors.std[name], is_plant=False, signature=signature)
+        for name, signature in signatures.items()
     ]
 
 

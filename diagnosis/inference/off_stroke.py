@@ -11,15 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 from sawbench.bench.processed import ProcessedTrial
 from sawbench.bench.recording import Floats
 from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.strikes import (
-    IN_MOST,
-    LEAST_STRUCK,
     Answer,
     Strikes,
     answer_of,
@@ -31,26 +30,11 @@ from sawbench.modeling.state import TWO_PI
 from sawbench.processing.binning import AngleGrid
 
 _CELLS, _FEWEST_CELLS, _SAMPLES_A_CELL = 64, 16, 1.5
-_MIN_STROKES = 32
 _MOST_EMPTY = 0.02
-# Slower waves are those of the wood and of the hand: see `stroke_series`.
-_LOWEST_ORDER = 0.25
-# Harmonics of the stroke scatter from stroke to stroke: no line is looked for that near to one, in cycles a stroke.
-_NEAR_HARMONIC = 0.06
-_FLOOR_BINS, _LINE_BINS = 40, 3
-# Power over the floor around it; of scatter alone, the largest of 8000 bins is about 9.
-_LEAST_POWER, _SEEN_POWER = 60.0, 20.0
-# A line is narrow: this far off it, no more than that share of its power is left.
-_FOOT_BINS, _FOOT = (5, 8), 0.1
+# Bins of a spectrum: of its floor, of a line, and beside a line.
+_FLOOR_BINS, _LINE_BINS, _FOOT_BINS = 40, 3, (5, 8)
 _PEAKS = 4
-# A line that is small beside what scatters is a matter of the sensor, not of the machine.
-_LEAST_SHARE = 0.15
-_SAME_PLACE = 0.003
-_FEWEST_TRIALS = 3
-# So many times its tolerance a wave of the wood would have to move between trials of other feed a stroke.
-_MOVED = 3.0
-_MOST_PER_TRIAL = 20.0
-
+_NUMBERS: Final = SETTINGS.off_stroke
 # They follow from each other, and are read by different sensors.
 _ELECTRICAL = (MOTOR_CURRENT.name, BATTERY_VOLTAGE.name, BATTERY_CURRENT.name)
 
@@ -134,7 +118,7 @@ class Finding:
     Attributes
     ----------
     log_evidence : float
-        Against scatter, nats; at most `_MOST_PER_TRIAL` a trial.
+        Against scatter, nats; at most `settings.OffStroke.most_per_trial` a trial.
     text : str
         What it is and where, for the report.
     channel : str
@@ -168,7 +152,7 @@ def off_stroke(trial: ProcessedTrial) -> OffStroke | None:
     inside = np.interp([steady.settled_s, steady.end_s], angle.time_s, angle.angle_rad) / TWO_PI
     first, last = int(np.ceil(inside[0])), int(np.floor(inside[1]))
     n_strokes = last - first
-    if n_strokes < _MIN_STROKES:
+    if n_strokes < _NUMBERS.least_strokes:
         return None
     peaks: dict[tuple[str, str], tuple[Peak, ...]] = {}
     struck: dict[str, Strikes] = {}
@@ -249,15 +233,16 @@ def _peaks(values: Floats, step: float, per_stroke: float) -> tuple[Peak, ...]:
     place = np.fft.rfftfreq(len(values), step)
     order = place / per_stroke
     floor = median_filter(power, 2 * _FLOOR_BINS + 1) / np.log(2.0)
-    total = float(power[order > _LOWEST_ORDER].sum())
+    total = float(power[order > _NUMBERS.lowest_order].sum())
     if total <= 0:
         return ()
     ratio = power / np.maximum(floor, 1e-12 * total)
-    ratio[(order < _LOWEST_ORDER) | (np.abs(order - np.round(order)) < _NEAR_HARMONIC) | ~_is_narrow(power)] = 0.0
+    is_locked = np.abs(order - np.round(order)) < _NUMBERS.near_harmonic
+    ratio[(order < _NUMBERS.lowest_order) | is_locked | ~_is_narrow(power)] = 0.0
     found: list[Peak] = []
     while len(found) < _PEAKS:
         k = int(np.argmax(ratio))
-        if ratio[k] < _SEEN_POWER:
+        if ratio[k] < _NUMBERS.seen_power:
             break
         around = slice(max(k - _LINE_BINS, 0), k + _LINE_BINS + 1)
         share = float(power[around].sum()) / total
@@ -281,7 +266,7 @@ def _is_narrow(power: Floats) -> np.ndarray:
         np.mean([padded[last + sign * k : last + sign * k + n] for k in range(first, last + 1)], axis=0)
         for sign in (-1, 1)
     )
-    return (power >= near) & (np.maximum(left, right) < _FOOT * power)
+    return (power >= near) & (np.maximum(left, right) < _NUMBERS.foot_share * power)
 
 
 def off_stroke_finding(trials: Sequence[OffStroke]) -> Finding | None:
@@ -315,19 +300,19 @@ def _common_lines(trials: Sequence[OffStroke]) -> Iterator[Finding]:
 def _line(group: Sequence[OffStroke], lock: Lock, name: str) -> list[tuple[OffStroke, Peak]]:
     """Peaks of one channel at the same place in most trials of a group, with their trials; else none."""
     best: list[tuple[OffStroke, Peak]] = []
-    for candidate in (p for t in group for p in t.peaks.get((lock, name), ()) if p.power > _LEAST_POWER):
+    for candidate in (p for t in group for p in t.peaks.get((lock, name), ()) if p.power > _NUMBERS.least_power):
         same = _at(group, lock, name, candidate)
         if sum(np.log(p.power) for _, p in same) > sum(np.log(p.power) for _, p in best):
             best = same
     is_rare = not best or len(best) < _enough(group, lock, max((p for _, p in best), key=lambda p: p.power))
-    return [] if is_rare or np.median([p.share for _, p in best]) < _LEAST_SHARE else best
+    return [] if is_rare or np.median([p.share for _, p in best]) < _NUMBERS.least_share else best
 
 
 def _enough(group: Sequence[OffStroke], lock: Lock, line: Peak) -> float:
     """Most of the trials in which the line does not fall on a harmonic of the stroke."""
     orders = [line.place / t.rate_hz if lock == "time" else line.place for t in group]
-    open_to_it = sum(abs(order - round(order)) > 1.5 * _NEAR_HARMONIC for order in orders)
-    return max(IN_MOST * open_to_it, _FEWEST_TRIALS)
+    open_to_it = sum(abs(order - round(order)) > 1.5 * _NUMBERS.near_harmonic for order in orders)
+    return max(_NUMBERS.in_most * open_to_it, SETTINGS.noise.least_trials)
 
 
 def _at(group: Sequence[OffStroke], lock: Lock, name: str, wanted: Peak) -> list[tuple[OffStroke, Peak]]:
@@ -340,7 +325,7 @@ def _at(group: Sequence[OffStroke], lock: Lock, name: str, wanted: Peak) -> list
 
 
 def _tolerance(one: Peak, other: Peak) -> float:
-    return max(_SAME_PLACE * other.place, 1.5 * max(one.width, other.width))
+    return max(_NUMBERS.same_place * other.place, 1.5 * max(one.width, other.width))
 
 
 def _is_not_the_wood(line: Sequence[tuple[OffStroke, Peak]], lock: Lock) -> bool:
@@ -349,11 +334,11 @@ def _is_not_the_wood(line: Sequence[tuple[OffStroke, Peak]], lock: Lock) -> bool
         return True
     feeds = np.array([t.feed_a_stroke_m * (t.rate_hz if lock == "time" else 1.0) for t, _ in line])
     feeds = feeds[np.isfinite(feeds)]
-    if len(feeds) < _FEWEST_TRIALS:
+    if len(feeds) < SETTINGS.noise.least_trials:
         return False
     peak = max((p for _, p in line), key=lambda p: p.power)
     of_the_feed = peak.place if lock == "time" else abs(peak.place - round(peak.place))
-    return float(np.ptp(feeds) / feeds.mean()) * of_the_feed > _MOVED * _tolerance(peak, peak)
+    return float(np.ptp(feeds) / feeds.mean()) * of_the_feed > _NUMBERS.moved * _tolerance(peak, peak)
 
 
 def _is_no_pickup(group: Sequence[OffStroke], lock: Lock, name: str, line: Sequence[tuple[OffStroke, Peak]]) -> bool:
@@ -373,7 +358,7 @@ def _line_finding(group: Sequence[OffStroke], lock: Lock, name: str, line: Seque
     at = f"{place:.1f} Hz whatever the stroke rate" if lock == "time" else f"{place:.2f} cycles a stroke"
     lines_hz = {place} if lock == "time" else {place * trial.rate_hz for trial, _ in line}
     return Finding(
-        log_evidence=sum(min(p.power, _MOST_PER_TRIAL) for p in peaks),
+        log_evidence=sum(min(p.power, _NUMBERS.most_per_trial) for p in peaks),
         channel=name,
         lines_hz=tuple(sorted({round(line_hz, 1) for line_hz in lines_hz})),
         text=(
@@ -385,16 +370,17 @@ def _line_finding(group: Sequence[OffStroke], lock: Lock, name: str, line: Seque
 
 def _common_bursts(trials: Sequence[OffStroke]) -> Iterator[Finding]:
     """In air as well: a knot in the wood strikes too. Those of one sensor alone are its own (`foreign_bursts`)."""
-    struck = {t.label: [n for n, found in t.struck.items() if found.share > LEAST_STRUCK] for t in trials}
+    struck = {t.label: [n for n, found in t.struck.items() if found.share > _NUMBERS.least_struck] for t in trials}
     hit = [t for t in trials if struck[t.label]]
     idle, hit_idle = [t for t in trials if t.is_idle], [t for t in hit if t.is_idle]
-    if not idle or len(hit_idle) < IN_MOST * len(idle) or len(hit) < max(IN_MOST * len(trials), _FEWEST_TRIALS):
+    most = max(_NUMBERS.in_most * len(trials), SETTINGS.noise.least_trials)
+    if not idle or len(hit_idle) < _NUMBERS.in_most * len(idle) or len(hit) < most:
         return
     if foreign_bursts(trials):
         return
     channels = sorted({name for t in hit for name in struck[t.label]})
     yield Finding(
-        log_evidence=_MOST_PER_TRIAL * len(hit),
+        log_evidence=_NUMBERS.most_per_trial * len(hit),
         channel=max(
             channels, key=lambda name: float(np.median([t.struck[name].share for t in hit if name in t.struck]))
         ),
@@ -419,7 +405,7 @@ def fixed_lines(trials: Sequence[OffStroke]) -> list[Line]:
     """
     found = []
     for name in sorted({name for t in trials for _, name in t.peaks}):
-        left = [p for t in trials for p in t.peaks.get(("time", name), ()) if p.power > _LEAST_POWER]
+        left = [p for t in trials for p in t.peaks.get(("time", name), ()) if p.power > _NUMBERS.least_power]
         while left:
             wanted = max(left, key=lambda p: p.power)
             left = [p for p in left if abs(p.place - wanted.place) >= _tolerance(p, wanted)]

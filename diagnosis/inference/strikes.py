@@ -13,16 +13,9 @@ from typing import Final, Protocol
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.bench.units import FORCE, MOTOR_CURRENT
+from sawbench.diagnosis.inference.settings import SETTINGS
 
-# A cell of the crank angle strikes where it and a neighbour are that many robust deviations off: a stray value is
-# shorter. Strikes count where they hold this share of the variance.
-_STRIKE, LEAST_STRUCK = 8.0, 0.3
-# Scatter and lines give no strike at all: so little names interference in air.
-_LEAST_PICKED_UP = 0.03
-# Of a stroke: strikes that near are one burst, and for so long the motor feels a blow; significance of its answer.
-_SAME_BURST, _FELT, _FELT_STDS = 0.15, 0.25, 4.0
-IN_MOST = 0.7
-STRIKES: Final = ("share", "size", "per_s")
+_NUMBERS: Final = SETTINGS.off_stroke
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -82,7 +75,7 @@ class StruckTrial(Protocol):
 def _runs(left: Floats, resolution: float) -> tuple[np.ndarray, np.ndarray]:
     """First cell of each strike and the one after its last: far off what the same cell does in other strokes."""
     spread = np.maximum(1.4826 * np.median(np.abs(left), axis=0), resolution)
-    far = (np.abs(left) > _STRIKE * spread).ravel()
+    far = (np.abs(left) > _NUMBERS.strike * spread).ravel()
     beside = np.zeros_like(far)
     beside[1:] = far[:-1]
     beside[:-1] |= far[1:]
@@ -117,7 +110,7 @@ def strikes(left: Floats, resolution: float, rate_hz: float) -> Strikes:
     square = sum(float(np.sum(flat[a:b] ** 2)) for a, b in zip(first, last, strict=True))
     largest = [float(np.abs(flat[a:b]).max()) for a, b in zip(first, last, strict=True)]
     # One burst may fall below the limit in between.
-    apart = 1 + int(np.sum(first[1:] - last[:-1] > _SAME_BURST * left.shape[1])) if len(first) else 0
+    apart = 1 + int(np.sum(first[1:] - last[:-1] > _NUMBERS.same_burst * left.shape[1])) if len(first) else 0
     return Strikes(
         share=square / max(float(np.sum(flat**2)), 1e-300),
         size=float(np.median(largest)) if largest else 0.0,
@@ -141,7 +134,7 @@ def answer_of(force: Floats | None, current: Floats | None, resolution: float) -
     """
     if force is None or current is None or force.shape != current.shape:
         return Answer()
-    reach = max(int(_FELT * force.shape[1]), 2)
+    reach = max(int(_NUMBERS.felt * force.shape[1]), 2)
     felt, pulled = force.ravel(), current.ravel()
     impulses, rises = [], []
     for a, b in zip(*_runs(force, resolution), strict=True):
@@ -168,8 +161,8 @@ def foreign_bursts(trials: Sequence[StruckTrial]) -> dict[str, Strikes]:
     idle = [t for t in trials if t.is_idle]
     found: dict[str, Strikes] = {}
     for name in sorted({name for t in idle for name in t.struck}):
-        hit = [t.struck[name] for t in idle if name in t.struck and t.struck[name].share > _LEAST_PICKED_UP]
-        if hit and len(hit) >= IN_MOST * len(idle):
+        hit = [t.struck[name] for t in idle if name in t.struck and t.struck[name].share > _NUMBERS.least_picked_up]
+        if hit and len(hit) >= _NUMBERS.in_most * len(idle):
             share, size, per_s = (
                 float(np.median(v)) for v in zip(*((h.share, h.size, h.per_s) for h in hit), strict=True)
             )
@@ -183,4 +176,4 @@ def _is_felt(trials: Sequence[StruckTrial]) -> bool:
     answers = [t.answer for t in trials if t.is_idle]
     cross, square, response = (sum(getattr(a, n) for a in answers) for n in ("cross", "square", "response"))
     scale = np.sqrt(square * response / max(sum(a.count for a in answers), 1))
-    return bool(cross > _FELT_STDS * scale)
+    return bool(cross > _NUMBERS.felt_stds * scale)

@@ -21,16 +21,11 @@ from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.effects.strokes import StrokeTrend
 from sawbench.modeling.state import State
 
-# Strokes are averaged over a block of that many; what a wood remembers for longer is fitted as memory of the blocks.
-_BLOCK = 20
-_MIN_TRIALS = 3
 # Size of a block's scatter as a multiple of what trials show about their trend, memory from block to block, and scatter
 # from piece to piece: all are averaged over.
 _SCATTERS = (0.8, 1.0, 1.25, 1.6)
 _MEMORIES = (0.0, 0.3, 0.6, 0.85)
 _PIECES = (0.012, 0.025, 0.045, 0.07)
-# Standard deviation of the hardness of a stock (logarithm): not asked for.
-_STOCK_STD = 3.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -73,22 +68,23 @@ def blocks_of(
     running = {s.setting.label: s for s in states if s.kind == "running" and not s.setting.is_idle}
     stocks = {name: k for k, name in enumerate(dict.fromkeys(s.setting.stock for s in running.values()))}
     trials: list[Floats] = []
+    block = SETTINGS.strokes.block
     for series in strokes:
         state = running.get(series.label)
-        n = 0 if state is None else len(series.k_n_s_per_m) // _BLOCK
+        n = 0 if state is None else len(series.k_n_s_per_m) // block
         if state is None or n < 2:
             continue
-        cut = slice(0, n * _BLOCK)
-        hardness = series.k_n_s_per_m[cut].reshape(n, _BLOCK).mean(axis=1)
+        cut = slice(0, n * block)
+        hardness = series.k_n_s_per_m[cut].reshape(n, block).mean(axis=1)
         if not np.all(hardness > 0.0):
             continue
-        at_s = series.time_s[cut].reshape(n, _BLOCK).mean(axis=1)
+        at_s = series.time_s[cut].reshape(n, block).mean(axis=1)
         known_s = state.time_s[:, 0]
         distance = np.interp(at_s, known_s, state.cut_distance_m[:, 0])
         speed = np.interp(at_s, known_s, state.speed_rad_s.mean(axis=1))
         same = [np.full(n, v) for v in (np.log(series.feed_m_s), len(trials), stocks[state.setting.stock])]
         trials.append(np.column_stack([np.log(hardness), distance, np.log(speed), *same]))
-    if len(trials) < _MIN_TRIALS:
+    if len(trials) < SETTINGS.noise.least_trials:
         return None
     log_k, distance, log_speed, log_feed, trial, stock = np.vstack(trials).T
     distance = np.maximum(distance, 0.0)
@@ -197,7 +193,7 @@ def _log_likelihoods(blocks: Blocks, means: Floats, *, speed_std: float, feed_st
 
     same_trial = blocks.trial[:, None] == blocks.trial
     same_stock = blocks.stock[:, None] == blocks.stock
-    free = _STOCK_STD**2 * same_stock.astype(np.float64)
+    free = SETTINGS.workpieces.stock_log_std**2 * same_stock.astype(np.float64)
     free += speed_std**2 * np.outer(blocks.log_speed, blocks.log_speed)
     free += feed_std**2 * np.outer(blocks.log_feed, blocks.log_feed)
     place = np.arange(len(blocks.trial))

@@ -21,17 +21,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.residuals import Baseline
 from sawbench.modeling.state import State
 
 # Of the lever's largest value: nearer to the dead centres the cutting force may still be felt.
 _MIDDLE = 0.7
-_LEAST_READINGS, _LEAST_TRIALS = 6, 3
+_LEAST_READINGS = 6
 _STDS_N = np.geomspace(1e-3, 30.0, 40)
 _RESTARTS_N = np.geomspace(0.01, 10.0, 16)
 _MEMORIES_S = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
-# Of what is not wander: the zero itself and what a cutting trial's return stroke may carry, and a drift in 1000 s.
-_OFFSET_STD_N, _DRIFT_STD_N, _DRIFT_S = 5.0, 5.0, 1000.0
+_DRIFT_S = 1000.0
 _WARM_UPS_S = (100.0, 400.0)
 # A trend is one effect of some thirty, in one of four forms.
 _LOG_PRIOR_TREND = -float(np.log(30.0 * 4.0))
@@ -141,7 +141,7 @@ def zero_wander(trials: Sequence[ZeroReadings]) -> ZeroWander | None:
         None where too few trials are long enough to tell.
     """
     long = [t for t in trials if len(t.at_s) >= _LEAST_READINGS and np.ptp(t.at_s) > 0.0]
-    if len(long) < _LEAST_TRIALS:
+    if len(long) < SETTINGS.noise.least_trials:
         return None
     density, density_std, white = _within(long)
     memory_s, restart_n = _between(trials, density, white)
@@ -189,7 +189,8 @@ def _between(trials: Sequence[ZeroReadings], density: float, white: float) -> tu
     at_s = np.array([float(t.at_s.mean()) for t in trials])
     zero_n = np.array([float(t.zero_n.mean()) for t in trials])
     length_s = np.array([float(np.ptp(t.at_s)) for t in trials])
-    columns = _OFFSET_STD_N * np.column_stack([np.ones(len(trials)), np.array([t.not_zero for t in trials])])
+    not_zero = np.array([t.not_zero for t in trials])
+    columns = SETTINGS.sensors.zero_std_n * np.column_stack([np.ones(len(trials)), not_zero])
     known = columns @ columns.T + np.diag(white**2 / np.array([len(t.at_s) for t in trials]))
     # A mean over a walk is off its middle by that much.
     known += np.diag(density * length_s / 12.0)
@@ -211,7 +212,7 @@ def _trends(at_s: Floats) -> list[Floats]:
     """Lasting trends that are no wander, each times its standard deviation; of 1 after 1000 s."""
     since_s = np.maximum(at_s, 0.0)
     warm_ups = [np.expm1(-since_s / tau_s) / np.expm1(-_DRIFT_S / tau_s) for tau_s in _WARM_UPS_S]
-    return [_DRIFT_STD_N * g for g in (since_s / _DRIFT_S, np.sqrt(since_s / _DRIFT_S), *warm_ups)]
+    return [SETTINGS.sensors.zero_std_n * g for g in (since_s / _DRIFT_S, np.sqrt(since_s / _DRIFT_S), *warm_ups)]
 
 
 def _log_likelihood(covariance: Floats, trend: Floats, values: Floats) -> float:

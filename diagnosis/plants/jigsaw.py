@@ -11,6 +11,7 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.beyond_catalogue import BEYOND_CATALOGUE
 from sawbench.diagnosis.inference.features import HARMONICS, N_BLOCKS, START_UP_EDGES_S, Layout
 from sawbench.diagnosis.inference.nuisances import Nuisance, force_offset, nuisances_of, of_known
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.zero_wander import ZeroWander, zero_readings, zero_wander
 from sawbench.diagnosis.plants.plant import EquationForm
 from sawbench.diagnosis.reduction import smooth_state
@@ -22,23 +23,6 @@ from sawbench.modeling.parts.linear import coefficient
 from sawbench.modeling.residuals import UNITS, Baseline, Equation, Signature, bare_residuals
 from sawbench.modeling.state import State
 
-# Model error that no repetition shows: what a tracked speed, a band-limited current and a linear residual leave.
-# Standard deviation of a feature in the unit of its equation, and its growth with each harmonic or, for the
-# mechanical equation, with its square (the smoothing of the tracked speed costs the more of the acceleration).
-_FLOOR = {
-    "electrical": (0.002, 2e-4), "mechanical": (2e-4, 2e-4), "cutting": (0.06, 0.0), "supply": (1e-3, 0.0),
-    "converter": (1.5e-3, 0.0),
-}  # fmt: skip
-# Mean voltages are not measured to better than some 0.05 % of 10 V, at whatever current.
-_MEAN_VOLTAGE_FLOOR_V = 0.005
-# A load cell is not linear to better than some thousandths of its peak, and that is smooth over the stroke.
-_FORCE_SHARE, _FORCE_HARMONIC = 1e-3, 4.0
-# At the first motion, falling to the running floor by the end: the tracked speed is least certain there.
-_START_UP_FLOOR = {"electrical": 0.25, "supply": 0.004, "converter": 0.02, "mechanical": 0.01, "cutting": 3.0}
-_START_UP_DECAY_S = 0.006
-STOCK_STD_N_S_PER_M = 1000.0
-TRIAL_SPREAD_STD = 0.045
-_SPREAD_DEGREES = 2.0
 _PLACES: Final[dict[Equation, tuple[Place, str, str]]] = {
     "electrical": ("electrical", "motor_current_a", "A"),
     "mechanical": ("mechanical", "motor_current_a", "A"),
@@ -116,21 +100,22 @@ class Jigsaw:
 
     def model_error(self, layout: Layout, state: State) -> Floats:
         """Covariance of what no repetition shows, shape (layout.size, layout.size): a floor at each harmonic."""
-        floor = np.empty(layout.size)
+        floor, sensors = np.empty(layout.size), SETTINGS.sensors
         for equation, part in layout.slices.items():
-            least, growth = _FLOOR[equation]
+            least, growth = sensors.floor[equation]
             if state.kind == "start_up":
                 middle_s = 0.5 * (np.array(START_UP_EDGES_S[1:]) + np.array(START_UP_EDGES_S[:-1]))
-                floor[part] = 2.0 * least + _START_UP_FLOOR[equation] / (1.0 + middle_s / _START_UP_DECAY_S)
+                at_first = sensors.start_up_floor[equation]
+                floor[part] = 2.0 * least + at_first / (1.0 + middle_s / sensors.start_up_decay_s)
             else:
                 n = (part.stop - part.start - 1) // 2
                 order = np.concatenate([[0.0], np.arange(1.0, n + 1), np.arange(1.0, n + 1)])
                 floor[part] = np.hypot(least, growth * order ** (2.0 if equation == "mechanical" else 1.0))
                 if equation == "electrical":
-                    floor[part.start] = _MEAN_VOLTAGE_FLOOR_V
+                    floor[part.start] = sensors.mean_voltage_floor_v
                 if equation == "cutting" and not state.setting.is_idle:
-                    peak_n = state.peak_force_n
-                    floor[part] = np.hypot(floor[part], _FORCE_SHARE * peak_n / (1.0 + (order / _FORCE_HARMONIC) ** 2))
+                    bent_n = sensors.force_share * state.peak_force_n
+                    floor[part] = np.hypot(floor[part], bent_n / (1.0 + (order / sensors.force_harmonic) ** 2))
                 if equation in ("electrical", "mechanical"):
                     floor[part] = np.hypot(floor[part], self._ripple_error(equation, order, state))
         return np.diag(floor**2)
@@ -200,7 +185,8 @@ def _stock(stock: str) -> Nuisance:
         is_cut = state.setting.stock == stock and not state.setting.is_idle
         return {"cutting": baseline.cutting_speed(state)} if is_cut else {}
 
-    return Nuisance(name=f"k_fc of {stock}", nominal=0.0, std=STOCK_STD_N_S_PER_M, is_plant=False, signature=signature)
+    std = SETTINGS.workpieces.stock_std_n_s_per_m
+    return Nuisance(name=f"k_fc of {stock}", nominal=0.0, std=std, is_plant=False, signature=signature)
 
 
 def _spread_std(baseline: Baseline, felt: Sequence[State]) -> float:
@@ -212,11 +198,12 @@ def _spread_std(baseline: Baseline, felt: Sequence[State]) -> float:
         k = float(coefficient(force_n, baseline.cutting_speed(state)))
         if k > 0:
             hardness.setdefault(state.setting.operating_point, []).append(float(np.log(k)))
-    squares, degrees = TRIAL_SPREAD_STD**2 * _SPREAD_DEGREES, _SPREAD_DEGREES
+    usual, degrees = SETTINGS.workpieces.piece_std, SETTINGS.workpieces.piece_degrees
+    squares = usual**2 * degrees
     for values in hardness.values():
         squares += float(np.sum((np.array(values) - np.mean(values)) ** 2))
         degrees += len(values) - 1
-    return float(np.clip(np.sqrt(squares / degrees), 0.3 * TRIAL_SPREAD_STD, 2.0 * TRIAL_SPREAD_STD))
+    return float(np.clip(np.sqrt(squares / degrees), 0.3 * usual, 2.0 * usual))
 
 
 def _spread(label: str, std: float) -> Nuisance:

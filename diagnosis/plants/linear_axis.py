@@ -13,6 +13,7 @@ from sawbench.bench.units import DISPLACEMENT
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.features import Layout
 from sawbench.diagnosis.inference.nuisances import Nuisance, of_known
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plants.axis_motion import average, axis_state, find_cycles
 from sawbench.diagnosis.plants.plant import EquationForm
 from sawbench.modeling.effects.effect import Effect
@@ -25,15 +26,6 @@ from sawbench.modeling.residuals import Equation, Signature
 from sawbench.modeling.state import State, TrialSetting
 
 N_HARMONICS = 32
-# Shares of the force scale: what a zero may be off, and what the model of a real axis misses anyway.
-_OFFSET_SHARE = 0.02
-_FLOOR_SHARE = 0.005
-# Whatever is missing, nature's form of it differs from any that is listed by about this share of its size, most
-# at low harmonics: friction of real guides changes with place, warmth and lubrication (assumed).
-_FORM_SHARE, _FORM_HARMONIC = 0.2, 4.0
-# Near a reversal friction is what holds the axis, anything up to breakaway: below this share of the cycle's top
-# speed nothing is concluded.
-_STANDSTILL_SHARE = 0.2
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -103,21 +95,21 @@ class LinearAxis:
 
     def model_error(self, layout: Layout, state: State) -> Floats:
         """Covariance, N^2: a floor at every harmonic, a share of the gap itself, and anything at standstill."""
-        floor_n = self.config.model_floor_n or _FLOOR_SHARE * self.model.force_scale_n
+        floor_n = self.config.model_floor_n or SETTINGS.axis.floor_share * self.model.force_scale_n
         gap = layout.place(residuals(self.model, state), len(state.angle_rad)).mean(axis=0)
         n = (layout.size - 1) // 2
         order = np.concatenate([[0.0], np.arange(1.0, n + 1), np.arange(1.0, n + 1)])
-        shape = 1.0 / (1.0 + order / _FORM_HARMONIC)
-        floor = np.hypot(floor_n, _FORM_SHARE * np.linalg.norm(gap) * shape / np.linalg.norm(shape))
+        shape = 1.0 / (1.0 + order / SETTINGS.axis.form_harmonic)
+        floor = np.hypot(floor_n, SETTINGS.axis.form_share * np.linalg.norm(gap) * shape / np.linalg.norm(shape))
         speed = np.abs(as_axis(state).velocity_m_s.mean(axis=0))
-        impulses = np.eye(len(speed))[speed < _STANDSTILL_SHARE * speed.max()]
+        impulses = np.eye(len(speed))[speed < SETTINGS.axis.standstill_share * speed.max()]
         standstill = np.linalg.norm(gap) * layout.place({"mechanical": impulses}, len(impulses))
         return np.diag(floor**2) + standstill.T @ standstill
 
     def nuisances(self) -> tuple[Nuisance, ...]:
         """Mass, damping, force constant or gain of the drive, gain of the load, zero of the forces."""
         config = self.config
-        offset = _OFFSET_SHARE * self.model.force_scale_n
+        offset = SETTINGS.axis.offset_share * self.model.force_scale_n
         zeros = [offset if config.drive_offset_std_n is None else config.drive_offset_std_n]
         if config.load_channel is not None:
             zeros.append(offset if config.load_offset_std_n is None else config.load_offset_std_n)

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sawbench.diagnosis.inference.nuisances import nuisances_of
-from sawbench.diagnosis.plants.jigsaw import TRIAL_SPREAD_STD, Jigsaw
+from sawbench.diagnosis.inference.settings import SETTINGS
+from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.modeling.residuals import Baseline, residuals
 
 from tests.rigs.jigsaw_in_time import BASELINE, Machine, compare
@@ -159,7 +160,7 @@ def pieces(true, hardness, points):
 
 def test_without_repeats_pieces_differ_as_woods_usually_do(true):
     """The hardness of different operating points is no scatter of one."""
-    assert spread_std(pieces(true, (1.0, 1.4, 0.7), ("a", "b", "c"))) == pytest.approx(TRIAL_SPREAD_STD)
+    assert spread_std(pieces(true, (1.0, 1.4, 0.7), ("a", "b", "c"))) == pytest.approx(SETTINGS.workpieces.piece_std)
 
 
 def test_equal_repeats_narrow_the_spread_and_unequal_ones_widen_it(true):
@@ -181,4 +182,4 @@ def test_many_repeats_tell_their_own_spread(true):
 
 def test_idle_trials_have_no_wood(true):
     idle = replace(true, force_n=0.0 * true.force_n, setting=replace(true.setting, label="air", is_idle=True))
-    assert spread_std([*pieces(true, (1.0, 1.0), "ab"), idle]) == pytest.approx(TRIAL_SPREAD_STD)
+    assert spread_std([*pieces(true, (1.0, 1.0), "ab"), idle]) == pytest.approx(SETTINGS.workpieces.piece_std)

@@ -41,5 +41,7 @@ def test_moving_one_number_leaves_the_others():
     moved = SETTINGS.moved("forms.shares", 2.0)
     assert moved.forms.shares == tuple(2.0 * share for share in SETTINGS.forms.shares)
     assert moved.weights is SETTINGS.weights
+    floor = SETTINGS.moved("sensors.floor", 2.0).sensors.floor
+    assert floor["mechanical"] == tuple(2.0 * least for least in SETTINGS.sensors.floor["mechanical"])
     with pytest.raises(AttributeError):
         SETTINGS.moved("weights.no_such_number", 2.0)

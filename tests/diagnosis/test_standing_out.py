@@ -8,10 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from sawbench.diagnosis.answer import gap_detail, standing_out
-from sawbench.diagnosis.answer.standing_out import FALSE_DISCOVERY_RATE, Cell, find_cells
+from sawbench.diagnosis.answer.standing_out import Cell, find_cells
 from sawbench.diagnosis.inference.features import START_UP_EDGES_S, Layout
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, Part
+from sawbench.diagnosis.inference.settings import SETTINGS
 
+FALSE_DISCOVERY_RATE = SETTINGS.report.false_discovery_rate
 pytestmark = pytest.mark.unit
 
 ORDERS = {"electrical": 4, "cutting": 9}
