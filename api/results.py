@@ -146,7 +146,7 @@ class MaterialComparison:
 
     def table(self) -> pandas.DataFrame:
         """Return one row a trial, with every number and its standard uncertainty; columns end in their unit."""
-        from sawbench.reporting.compared import comparison_table
+        from sawbench.reporting.comparison_data import comparison_table
 
         return comparison_table(self.rows)
 

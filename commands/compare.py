@@ -27,7 +27,10 @@ _SHORT: Final = {
 @click.command(name="compare", epilog="Example: sawbench compare recordings --out report.html")
 @click.argument("directory", metavar="DIR", type=click.Path(path_type=Path))
 @click.option("--out", "out_path", required=True, type=click.Path(path_type=Path, dir_okay=False), help="HTML page.")
-@click.option("--csv", "csv_path", type=click.Path(path_type=Path, dir_okay=False), help="The table as CSV too.")
+@click.option(
+    "--csv", "csv_path", type=click.Path(path_type=Path, dir_okay=False),
+    help="Table of the trials; default: beside the page, as the HDF5 file.",
+)  # fmt: skip
 @config_option
 @force_option
 @json_option
@@ -39,23 +42,25 @@ def command(
     force: bool,
     as_json: bool,
 ) -> int:
-    """Process, fit and compare every recording of DIR, one series per material and setting."""
+    """Process, fit and compare every recording of DIR: materials at equal settings; page, CSV and HDF5."""
     from sawbench.comparison import compare_files
-    from sawbench.reporting.compared import compare, comparison_json, comparison_table
+    from sawbench.reporting.compared import compare, comparison_json
+    from sawbench.reporting.comparison_data import comparison_table, write_comparison_hdf5
     from sawbench.reporting.comparison_page import write_comparison_page
     from sawbench.reporting.html import write_page
 
     if not directory.exists():
         raise InputError("no such directory", where=directory)
-    for path in (out_path, csv_path):
-        if path is not None:
-            refuse_unwritable(path, force=force)
+    csv_path, hdf5_path = csv_path or out_path.with_suffix(".csv"), out_path.with_suffix(".h5")
+    for path in (out_path, csv_path, hdf5_path):
+        refuse_unwritable(path, force=force)
     files = find_recordings([directory])
     rows, left_out = compare_files(progress(files, "comparing"), config_path)
     write_comparison_page(out_path, rows, left_out=left_out, overwrite=force)
-    if csv_path is not None:
-        write_page(csv_path, comparison_table(rows).to_csv(index=False), overwrite=force)
-    text = [describe(compare(rows, left_out)), str(out_path)]
+    write_page(csv_path, comparison_table(rows).to_csv(index=False), overwrite=force)
+    found = compare(rows, left_out)
+    write_comparison_hdf5(hdf5_path, rows, found, overwrite=force)
+    text = [describe(found), *(str(path) for path in (out_path, csv_path, hdf5_path))]
     emit(comparison_json(rows, left_out), "\n".join(text), as_json=as_json)
     return 1 if left_out else 0
 
@@ -74,5 +79,12 @@ def describe(found: Comparison) -> str:
     headers = ["series", "n", *(f"{_SHORT.get(q.key, q.label)} / {q.unit}" for q in shown)]
     lines = [table(headers, rows), "(mean of n repetitions ± its standard uncertainty)"] if rows else []
     lines += [f"idle: {row.name}" for row in found.idle]
-    lines += [f"left out: {item.name}: {item.reason}" for item in found.left_out]
+    lines += [f"note: {text}" for text in found.remarks]
+    lines += [
+        f"change the blade: {one.blade}, k_Fc {one.growth:+.0%} in {one.name}" for one in found.wear if one.is_worn
+    ]
+    for item in found.left_out:
+        lines.append(f"left out: {item.name}: {item.reason}")
+        lines += [f"  likely cause: {item.cause}"] if item.cause else []
+        lines += [f"  {item.remedy}"] if item.remedy else []
     return "\n".join(lines)

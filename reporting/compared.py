@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from sawbench.bench.processed import ProcessedTrial
 from sawbench.bench.units import BATTERY_CURRENT, MOTOR_CURRENT
 from sawbench.modeling.results import CuttingFit, RuntimePrediction
+from sawbench.reporting.grouping import Setting, material_names, name_remarks, series_label
 from sawbench.reporting.quantities import format_quantity
+from sawbench.reporting.rejections import likely_cause
 from sawbench.reporting.repetitions import Difference, Estimate, GroupMean, compare_groups, group_mean
-
-if TYPE_CHECKING:
-    import pandas
+from sawbench.reporting.wear import WornTrial, wear_of
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -62,10 +62,12 @@ class ComparedTrial:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LeftOut:
-    """A recording or one of its values that is not part of the comparison, and why."""
+    """A recording or one of its values that is not part of the comparison, why, and how to correct it."""
 
     name: str
     reason: str
+    cause: str = ""
+    remedy: str = ""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -100,24 +102,61 @@ class Series:
     ----------
     label : str
         The material, with the settings that tell it from other series of the same material.
+    material : str
+    setting : Setting
     trials : tuple of ComparedTrial
     means : dict of str to GroupMean
         By key of `QUANTITIES`; a quantity that no trial has is absent.
     """
 
     label: str
+    material: str
+    setting: Setting
     trials: tuple[ComparedTrial, ...]
     means: dict[str, GroupMean]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Comparison:
-    """All series, what was compared, and what was not."""
+class Block:
+    """The series that share a setting, compared with each other.
 
+    Attributes
+    ----------
+    setting : Setting
+    series : tuple of Series
+    differences : dict of str to tuple of Difference
+        By key of `TESTED`, between the labels of the series; every pair of the block.
+    """
+
+    setting: Setting
     series: tuple[Series, ...]
+    differences: dict[str, tuple[Difference, ...]]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Comparison:
+    """One block a setting, what was compared, and what was not.
+
+    Attributes
+    ----------
+    blocks : tuple of Block
+    idle : tuple of ComparedTrial
+    left_out : tuple of LeftOut
+    remarks : tuple of str
+        On the names of materials.
+    wear : tuple of WornTrial
+    """
+
+    blocks: tuple[Block, ...]
     idle: tuple[ComparedTrial, ...]
     left_out: tuple[LeftOut, ...]
-    differences: dict[str, tuple[Difference, ...]]
+    remarks: tuple[str, ...] = ()
+    wear: tuple[WornTrial, ...] = ()
+
+    @property
+    def series(self) -> tuple[Series, ...]:
+        """All series, in the order of their labels."""
+        return tuple(sorted((one for block in self.blocks for one in block.series), key=lambda one: one.label))
 
     @property
     def is_simulated(self) -> bool:
@@ -192,30 +231,59 @@ def compare(rows: Sequence[ComparedTrial], left_out: Sequence[LeftOut] = ()) -> 
         elif not row.is_idle:
             kept.append(row)
             missing += _values_left_out(row)
-    series = tuple(_series(label, trials) for label, trials in _group(kept).items())
-    differences = {}
+    names = material_names(row.processed.trial.material or "" for row in kept)
+    idle = tuple(row for row in ordered if row.is_idle)
+    return Comparison(
+        blocks=_blocks(kept, names),
+        idle=idle,
+        left_out=tuple(missing),
+        remarks=tuple(name_remarks(names)),
+        wear=wear_of([*kept, *idle], names),
+    )
+
+
+def _blocks(trials: Sequence[ComparedTrial], names: dict[str, str]) -> tuple[Block, ...]:
+    """One block a setting; a label names only the settings that differ within the material."""
+    groups: dict[Setting, dict[str, list[ComparedTrial]]] = {}
+    for row in trials:
+        trial = row.processed.trial
+        groups.setdefault(Setting.of(trial), {}).setdefault(names[trial.material or ""], []).append(row)
+    settings = {name: [one for one, group in groups.items() if name in group] for name in names.values()}
+    blocks = []
+    for setting in sorted(groups, key=lambda one: one.order):
+        series = tuple(
+            _series(series_label(name, setting, settings[name]), name, setting, groups[setting][name])
+            for name in sorted(groups[setting])
+        )
+        blocks.append(Block(setting=setting, series=series, differences=_differences(series)))
+    return tuple(blocks)
+
+
+def _differences(series: Sequence[Series]) -> dict[str, tuple[Difference, ...]]:
+    found = {}
     for key in TESTED:
         values = {one.label: one.means[key].values for one in series if key in one.means}
         if len(values) > 1:
-            differences[key] = compare_groups(values)
-    idle = tuple(row for row in ordered if row.is_idle)
-    return Comparison(series=series, idle=idle, left_out=tuple(missing), differences=differences)
+            found[key] = compare_groups(values)
+    return found
 
 
 def _values_left_out(row: ComparedTrial) -> list[LeftOut]:
     """Say which of a trial's results are missing or not to be relied on."""
     found = []
     if row.fit is None:
-        found.append(f"no k_Fc: {row.note or 'it was not fitted'}")
+        found.append(LeftOut(name=row.name, reason=f"no k_Fc: {row.note or 'it was not fitted'}"))
     elif row.fit.status != "ok":
-        found.append(f"k_Fc not used: {FIT_STATUS_WORDS[row.fit.status]}")
+        cause, remedy = likely_cause(row.processed, row.fit)
+        reason = f"k_Fc not used: {FIT_STATUS_WORDS[row.fit.status]}"
+        found.append(LeftOut(name=row.name, reason=reason, cause=cause, remedy=remedy))
     doubts = row.processed.doubts(*(name for names in _CHANNEL_OF.values() for name in names))
-    found += [f"values of this channel not used: {text}" for text in doubts]
+    found += [LeftOut(name=row.name, reason=f"values of this channel not used: {text}") for text in doubts]
     if row.runtime is not None and row.runtime.status != "ok":
-        found.append(f"runtime not used: {RUNTIME_STATUS_WORDS[row.runtime.status]}")
-    elif row.runtime is None and row.fit is not None:
-        found.append(f"no runtime: {row.note or 'it was not computed'}")
-    return [LeftOut(name=row.name, reason=reason) for reason in found]
+        found.append(LeftOut(name=row.name, reason=f"runtime not used: {RUNTIME_STATUS_WORDS[row.runtime.status]}"))
+    elif row.runtime is None and row.fit is not None and row.fit.status == "ok":
+        found.append(LeftOut(name=row.name, reason=f"no runtime: {row.note or 'it was not computed'}"))
+    return found
 
 
 FIT_STATUS_WORDS: Final = {
@@ -234,76 +302,14 @@ RUNTIME_STATUS_WORDS: Final = {
 }
 
 
-def _group(trials: Sequence[ComparedTrial]) -> dict[str, list[ComparedTrial]]:
-    """Group by material and settings; a label names only the settings that differ within the material."""
-    settings = (("thickness_mm", "{:g} mm"), ("feed_mm_s", "{:g} mm/s"), ("duty", "duty {:.4g}"))
-    groups: dict[str, list[ComparedTrial]] = {}
-    for material in sorted({row.processed.trial.material or "" for row in trials}):
-        same = [row for row in trials if row.processed.trial.material == material]
-        differing = [
-            (name, form) for name, form in settings if len({getattr(row.processed.trial, name) for row in same}) > 1
-        ]
-        labelled = []
-        for row in same:
-            values = [(getattr(row.processed.trial, name), form, name) for name, form in differing]
-            parts = [
-                form.format(value) if value is not None else f"{name.partition('_')[0]} not stated"
-                for value, form, name in values
-            ]
-            labelled.append((", ".join([material, *parts]), row))
-        for label in sorted({label for label, _ in labelled}):
-            groups[label] = [row for name, row in labelled if name == label]
-    return groups
-
-
-def _series(label: str, trials: Sequence[ComparedTrial]) -> Series:
+def _series(label: str, material: str, setting: Setting, trials: Sequence[ComparedTrial]) -> Series:
     estimates = [estimates_of(row) for row in trials]
     means = {}
     for quantity in QUANTITIES:
         known = [found[quantity.key] for found in estimates if quantity.key in found]
         if known:
             means[quantity.key] = group_mean(known)
-    return Series(label=label, trials=tuple(trials), means=means)
-
-
-def comparison_table(rows: Sequence[ComparedTrial]) -> pandas.DataFrame:
-    """Return one row a trial, with every number of the page, for CSV.
-
-    Parameters
-    ----------
-    rows : sequence of ComparedTrial
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns end in their unit; `_std` columns hold standard uncertainties. `use` is "compared", "idle" or
-        the reason why the trial was left out.
-    """
-    import pandas as pd
-
-    records = []
-    for row in rows:
-        trial, estimates = row.processed.trial, estimates_of(row)
-        record: dict[str, Any] = {
-            "trial": row.name,
-            "material": trial.material,
-            "repetition": trial.repetition,
-            "thickness_mm": trial.thickness_mm,
-            "feed_mm_s": trial.feed_mm_s,
-            "duty": trial.duty,
-            "blade": trial.blade,
-            "battery": trial.battery,
-            "status": row.processed.status,
-            "use": row.left_out_because or ("idle" if row.is_idle else "compared"),
-        }
-        for quantity in QUANTITIES:
-            estimate = estimates.get(quantity.key)
-            record[quantity.key] = None if estimate is None else estimate.value
-            std = None if estimate is None else math.hypot(estimate.statistical_std, estimate.common_std)
-            record[f"{quantity.key}_std"] = std or None
-        record |= {"source": trial.source, "source_sha256": row.processed.source_sha256}
-        records.append(record)
-    return pd.DataFrame.from_records(records)
+    return Series(label=label, material=material, setting=setting, trials=tuple(trials), means=means)
 
 
 def comparison_json(rows: Sequence[ComparedTrial], left_out: Sequence[LeftOut] = ()) -> dict[str, Any]:
@@ -321,7 +327,16 @@ def comparison_json(rows: Sequence[ComparedTrial], left_out: Sequence[LeftOut] =
             }
             for one in found.series
         ],
-        "differences": {key: [asdict(d) for d in pairs] for key, pairs in found.differences.items()},
+        "differences": {
+            key: [asdict(d) for block in found.blocks for d in block.differences.get(key, ())]
+            for key in TESTED
+            if any(key in block.differences for block in found.blocks)
+        },
+        "blocks": [
+            {"setting": asdict(block.setting), "series": [one.label for one in block.series]} for block in found.blocks
+        ],
+        "remarks": list(found.remarks),
+        "wear": [{**asdict(one), "is_worn": one.is_worn} for one in found.wear],
         "idle": [trial.name for trial in found.idle],
         "left_out": [asdict(item) for item in found.left_out],
         "is_simulated": found.is_simulated,

@@ -66,8 +66,14 @@ def mean_cycle(cycles: Sequence[FoldedCycle]) -> tuple[Floats, Floats, Floats]:
     return angle_rad, pooled, np.sqrt(variance)
 
 
-def cycles_picture(series: Sequence[Series]) -> Picture | None:
+def cycles_picture(series: Sequence[Series], *, name: str = "cycles") -> Picture | None:
     """Draw the folded cutting force of every series with its spread.
+
+    Parameters
+    ----------
+    series : sequence of Series
+    name : str
+        Of the figure, unique within the page.
 
     Returns
     -------
@@ -107,7 +113,7 @@ def cycles_picture(series: Sequence[Series]) -> Picture | None:
     peaks = [f"{one.label} {format_number(float(np.nanmax(mean_cycle(cycles)[1])))} N" for _, one, cycles in shown]
     svg = figure_to_svg(
         figure,
-        name="cycles",
+        name=name,
         title="Folded cutting force by material",
         description=f"Cutting force over one turn of the crank. Mean curves peak at: {', '.join(peaks)}.",
     )
@@ -144,8 +150,14 @@ def _emptier_corner(cycle: FoldedCycle) -> str:
     return "upper left" if first < second else "upper right"
 
 
-def dots_picture(series: Sequence[Series]) -> Picture | None:
+def dots_picture(series: Sequence[Series], *, name: str = "dots") -> Picture | None:
     """Draw every repetition as a dot beside the mean with its 95 % interval, one panel a quantity.
+
+    Parameters
+    ----------
+    series : sequence of Series
+    name : str
+        Of the figure, unique within the page.
 
     Returns
     -------
@@ -177,7 +189,7 @@ def dots_picture(series: Sequence[Series]) -> Picture | None:
             axis.set_visible(False)
     svg = figure_to_svg(
         figure,
-        name="dots",
+        name=name,
         title="Results by material with 95 % intervals",
         description=_describe_dots(series),
     )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 from sawbench.reporting.compared import (
     QUANTITIES,
+    Block,
     ComparedTrial,
     Comparison,
     LeftOut,
@@ -21,6 +22,8 @@ from sawbench.reporting.comparison_figures import cycles_picture, dots_picture
 from sawbench.reporting.html import render, write_page
 from sawbench.reporting.quantities import decimals_of, format_interval, format_quantity, format_to
 from sawbench.reporting.repetitions import Difference, Estimate, GroupMean
+from sawbench.reporting.trial_page import trial_facts
+from sawbench.reporting.wear import ALLOWED_GROWTH, WornTrial, wear_picture
 
 FORMULA: Final = (
     "mean = Σ xᵢ / n\nu²   = max(s², mean(aᵢ²)) / n + mean(bᵢ)²\nh²   = t² · max(s², mean(aᵢ²)) / n + 1.96² · mean(bᵢ)²"
@@ -76,24 +79,72 @@ def write_comparison_page(
     """
     found = compare(rows, left_out)
     columns = [q for q in QUANTITIES if any(q.key in one.means for one in found.series)]
-    pictures = [picture for picture in (cycles_picture(found.series), dots_picture(found.series)) if picture]
     context = {
         "title": title,
         "is_simulated": found.is_simulated,
         "summary": _summary(found),
-        "statements": _statements(found),
+        "remarks": found.remarks,
         "columns": columns,
-        "series": [_series_row(one, columns) for one in found.series],
-        "pictures": pictures,
+        "blocks": [_block(block, place, columns) for place, block in enumerate(found.blocks)],
         "formula": FORMULA,
         "formula_words": FORMULA_WORDS,
-        "differences": _difference_tables(found),
-        "trials": [_trial_row(row, one.label, columns) for one in found.series for row in one.trials],
+        "wear": [_wear_row(one) for one in found.wear],
+        "wear_picture": wear_picture(found.wear),
+        "wear_words": _wear_words(found.wear),
+        "trials": [_trial_row(row, one.material, columns) for one in found.series for row in one.trials],
+        "fact_names": _FACTS,
+        "facts": [_facts_row(row) for row in (*(t for one in found.series for t in one.trials), *found.idle)],
         "idle_columns": (idle_columns := _idle_columns(found)),
         "idle": [_trial_row(row, "blade in air", idle_columns) for row in found.idle],
         "left_out": found.left_out,
     }
     return write_page(path, render("comparison_page.html.j2", context), overwrite=overwrite)
+
+
+def _block(block: Block, place: int, columns: Sequence[Quantity]) -> dict[str, Any]:
+    """One setting; its series go by their materials alone."""
+    series = tuple(replace(one, label=one.material) for one in block.series)
+    pictures = [cycles_picture(series, name=f"cycles-{place}")]
+    if sum(len(one.trials) for one in series) > 1:
+        pictures.append(dots_picture(series, name=f"dots-{place}"))
+    material = {one.label: one.material for one in block.series}
+    return {
+        "setting": block.setting.label,
+        "statements": _statements(block, material),
+        "series": [_series_row(one, columns) for one in series],
+        "pictures": [picture for picture in pictures if picture],
+        "differences": [
+            _difference_row(pair, quantity, material)
+            for quantity in QUANTITIES
+            for pair in block.differences.get(quantity.key, ())
+        ],
+    }
+
+
+def _wear_row(one: WornTrial) -> dict[str, str | bool]:
+    return {
+        "blade": one.blade,
+        "material": one.material,
+        "setting": one.setting.label,
+        "name": one.name,
+        "cut": "feed not stated" if one.cut_m is None else format_quantity(one.cut_m, None, "m", digits=3),
+        "growth": format_quantity(100.0 * one.growth, 100.0 * one.growth_std, "%", digits=2)
+        if one.growth_std
+        else "first trial",
+        "is_worn": one.is_worn,
+    }
+
+
+def _wear_words(found: Sequence[WornTrial]) -> str:
+    worn = list(dict.fromkeys(one.blade for one in found if one.is_worn))
+    limit = f"{100.0 * ALLOWED_GROWTH:.0f} %"
+    if worn:
+        return f"Change the blade: k_Fc has grown by more than {limit} with {', '.join(worn)}."
+    return f"No blade has to be changed: k_Fc has grown by less than {limit} with each of them."
+
+
+def _facts_row(row: ComparedTrial) -> dict[str, str]:
+    return {fact.label: fact.value for fact in trial_facts(row.processed)} | {"Trial": row.name}
 
 
 def _summary(found: Comparison) -> str:
@@ -106,25 +157,29 @@ def _summary(found: Comparison) -> str:
     if found.left_out:
         names = len({item.name for item in found.left_out})
         parts.append(f"{_count(names, 'recording')} left out, wholly or in part")
-    return f"{', '.join(parts)}. A series is one material with one setting."
+    settings = _count(len(found.blocks), "setting")
+    rule = "A series is one material at one setting; materials are compared at equal settings only."
+    return f"{', '.join(parts)}; {settings}. {rule}"
 
 
 def _count(n: int, noun: str) -> str:
     return f"{n} {noun}" if n == 1 or noun.endswith("s") else f"{n} {noun}s"
 
 
-def _statements(found: Comparison) -> list[str]:
+def _statements(block: Block, material: Mapping[str, str]) -> list[str]:
     """Say in words what the differences come to, one sentence a tested quantity."""
     said = []
     for quantity in QUANTITIES:
-        pairs = found.differences.get(quantity.key)
+        pairs = block.differences.get(quantity.key)
         if not pairs:
             continue
         ranked = sorted(
-            (one for one in found.series if quantity.key in one.means),
+            (one for one in block.series if quantity.key in one.means),
             key=lambda one: -one.means[quantity.key].mean,
         )
-        ends = [f"{one.label} ({quantity.written(one.means[quantity.key])})" for one in (ranked[0], ranked[-1])]
+        ends = [
+            f"{material[one.label]} ({quantity.written(one.means[quantity.key])})" for one in (ranked[0], ranked[-1])
+        ]
         n_yes = sum(pair.is_significant is True for pair in pairs)
         n_unknown = sum(pair.is_significant is None for pair in pairs)
         words = f"{quantity.label}: highest for {ends[0]}, lowest for {ends[1]}."
@@ -156,18 +211,8 @@ def _mean_cell(mean: GroupMean | None) -> Cell:
     return Cell(value=value, details=details if mean.rests_on_repetitions else (*details, "one trial only"))
 
 
-def _difference_tables(found: Comparison) -> list[dict[str, Any]]:
-    return [
-        {
-            "quantity": quantity,
-            "rows": [_difference_row(pair, quantity) for pair in found.differences[quantity.key]],
-        }
-        for quantity in QUANTITIES
-        if quantity.key in found.differences
-    ]
-
-
-def _difference_row(pair: Difference, quantity: Quantity) -> dict[str, str]:
+def _difference_row(pair: Difference, quantity: Quantity, material: Mapping[str, str]) -> dict[str, str]:
+    first, second = material[pair.first], material[pair.second]
     statement = f"cannot be said: {pair.reason}"
     interval = p_value = "not known"
     difference = format_quantity(pair.difference, None, quantity.unit, digits=3)
@@ -175,10 +220,11 @@ def _difference_row(pair: Difference, quantity: Quantity) -> dict[str, str]:
         difference = format_to(pair.difference, decimals_of(0.5 * (pair.high - pair.low)), quantity.unit)
         interval = format_interval(pair.low, pair.high, quantity.unit)
         p_value = "< 0.001" if pair.p_holm < 0.001 else f"{pair.p_holm:.3f}"
-        higher = pair.first if pair.difference > 0.0 else pair.second
+        higher = first if pair.difference > 0.0 else second
         statement = f"significant: {higher} is higher" if pair.is_significant else "not significant"
     return {
-        "pair": f"{pair.first} − {pair.second}",
+        "quantity": quantity.label,
+        "pair": f"{first} − {second}",
         "difference": difference,
         "interval": interval,
         "p_holm": p_value,
@@ -191,6 +237,9 @@ def _idle_columns(found: Comparison) -> list[Quantity]:
     return [q for q in QUANTITIES if q.key in known and q.key in _IDLE_KEYS]
 
 
+_FACTS: Final = (
+    "Trial", "Material", "Duty", "Feed", "Thickness", "Blade", "Battery", "Operator", "Date", "File",
+)  # fmt: skip
 _IDLE_KEYS: Final = ("stroke_rate_hz", "rms_motor_current_a", "mean_battery_current_a")
 
 

@@ -91,7 +91,7 @@ def write_processed(processed: ProcessedTrial, path: str | Path, overwrite: bool
         for name in ("mean_values", "rms_values"):
             _put(store.create_group(name), getattr(processed, name))
         _put_rows(store.create_group("quality"), processed.quality, ChannelQuality.__slots__)
-    _write_atomically(path, content.getvalue())
+    write_atomically(path, content.getvalue())
     return path
 
 
@@ -317,11 +317,18 @@ def append_summary_row(processed: ProcessedTrial, path: str | Path) -> Path:
     writer = csv.DictWriter(text, fieldnames=list(row), lineterminator="\n")
     writer.writeheader()
     writer.writerows([*rows, row])
-    _write_atomically(path, text.getvalue().encode())
+    write_atomically(path, text.getvalue().encode())
     return path
 
 
-def _write_atomically(path: Path, content: bytes) -> None:
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all, its folder too.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")

@@ -198,3 +198,4 @@ def test_compare_makes_an_offline_page_with_every_material(tmp_path):
     text = page.read_text()
     assert all(material in text for material in ("nylon", "black_locust", "oak"))
     assert 'src="http' not in text and 'href="http' not in text
+    assert page.with_suffix(".csv").exists() and page.with_suffix(".h5").exists()

@@ -27,7 +27,8 @@ from sawbench.bench.recording import Gap, Recording, Signal, Trial
 from sawbench.modeling.discharge import DischargeCurves
 from sawbench.modeling.results import CuttingFit, RuntimePrediction
 from sawbench.processing.spectrum import power_spectrum
-from sawbench.reporting.compared import ComparedTrial, LeftOut, compare, comparison_json, comparison_table
+from sawbench.reporting.compared import ComparedTrial, LeftOut, compare, comparison_json
+from sawbench.reporting.comparison_data import comparison_table
 from sawbench.reporting.comparison_figures import mean_cycle
 from sawbench.reporting.comparison_page import write_comparison_page
 from sawbench.reporting.html import link_to
