@@ -6,11 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from types import MappingProxyType
-from typing import Any, Final, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
-from sawbench.bench.recording import Event, SampleBlock
-
-_HEAVY_LOSS_SHARE: Final = 0.01
+from sawbench.bench.recording import Event, SampleBlock, loss_in_words
 
 
 @runtime_checkable
@@ -150,8 +148,5 @@ class RecordingSummary:
     @property
     def losses(self) -> tuple[str, ...]:
         """Channels that miss more than a hundredth of their samples, in words; then the trial is not to be trusted."""
-        return tuple(
-            f"{c.channel}: {c.n_missing} of {c.n_samples + c.n_missing} samples are missing"
-            for c in self.channels
-            if c.n_missing > _HEAVY_LOSS_SHARE * (c.n_samples + c.n_missing)
-        )
+        said = (loss_in_words(c.channel, c.n_samples, c.n_missing) for c in self.channels)
+        return tuple(text for text in said if text)

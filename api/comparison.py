@@ -43,7 +43,7 @@ def compare_files(paths: Iterable[Path], config_path: Path | None) -> tuple[list
             _refuse_twin(trial, seen)
             rows.append(_compared(trial))
         except SawbenchError as error:
-            left_out.append(LeftOut(name=path.name, reason=error.what))
+            left_out.append(LeftOut(name=path.name, reason=error.what, remedy=error.remedy or ""))
     if not rows:
         reasons = "; ".join(f"{item.name}: {item.reason}" for item in left_out)
         raise InputError(f"none of {len(left_out)} recordings can be compared: {reasons}")

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 from sawbench.bench.folded import FoldedCycle
-from sawbench.bench.recording import Floats, Signal, Trial
+from sawbench.bench.recording import Floats, Signal, Trial, loss_in_words
 
 Confidence = Literal["high", "moderate", "low"]
 PhaseKind = Literal["rest", "spin_up", "running", "spin_down", "stall"]
@@ -245,6 +245,12 @@ class ProcessedTrial:
     warnings: tuple[str, ...] = ()
     source_path: str = ""
     source_sha256: str = ""
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """Channels that miss more than a hundredth of their samples, in words."""
+        said = (loss_in_words(q.channel, q.n_samples, q.n_missing) for q in self.quality)
+        return tuple(text for text in said if text)
 
     def doubts(self, *channels: str) -> tuple[str, ...]:
         """What makes results wrong that rest on these channels; empty where nothing does.

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,29 @@ def read_only(values: Any, *, name: str, allow_nan: bool = False) -> Floats:
         )
     array.flags.writeable = False
     return array
+
+
+# A channel that misses more than this share of its samples makes a trial that is not to be trusted.
+HEAVY_LOSS_SHARE: Final = 0.01
+
+
+def loss_in_words(channel: str, n_samples: int, n_missing: int) -> str:
+    """Say how many samples of a channel are missing; empty up to a hundredth.
+
+    Parameters
+    ----------
+    channel : str
+    n_samples, n_missing : int
+        Samples that are there, and those that are not.
+
+    Examples
+    --------
+    >>> loss_in_words("force_n", 90, 10)
+    'force_n: 10 of 100 samples are missing'
+    """
+    if n_missing <= HEAVY_LOSS_SHARE * (n_samples + n_missing):
+        return ""
+    return f"{channel}: {n_missing} of {n_samples + n_missing} samples are missing"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -182,6 +205,11 @@ class Signal:
         if len(self.time_s) < 2:
             return 0.0
         return float(np.round(1.0 / np.median(np.diff(self.time_s)), 9))
+
+    @property
+    def n_missing(self) -> int:
+        """Samples in all gaps."""
+        return sum(gap.n_missing for gap in self.gaps)
 
     @property
     def duration_s(self) -> float:

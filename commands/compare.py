@@ -62,7 +62,7 @@ def command(
     write_comparison_hdf5(hdf5_path, rows, found, overwrite=force)
     text = [describe(found), *(str(path) for path in (out_path, csv_path, hdf5_path))]
     emit(comparison_json(rows, left_out), "\n".join(text), as_json=as_json)
-    return 1 if left_out else 0
+    return 1 if left_out or any(row.left_out_because for row in rows) else 0
 
 
 def describe(found: Comparison) -> str:

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Final
 from sawbench.acquisition.series.plan import PlannedTrial
 from sawbench.acquisition.series.verdict import TrialMeasures
 from sawbench.bench.errors import SawbenchError
+from sawbench.bench.recording import loss_in_words
 
 if TYPE_CHECKING:
     from sawbench.analysis import AnalysedTrial
     from sawbench.bench.recording import Recording
 
 _LEAST_SHARE: Final = 0.95
-_LARGEST_LOSS: Final = 0.01
 _STATUS_WORDS: Final = {
     "no_cutting": "no cutting was found",
     "stalled": "the saw stalled",
@@ -111,9 +111,8 @@ def _cut_short(recording: Recording, seconds: float) -> list[str]:
         end_s = float(signal.time_s[-1]) if len(signal.time_s) else 0.0
         if end_s < _LEAST_SHARE * seconds:
             found.append(f"{channel} ends after {end_s:.1f} of {seconds:g} s")
-        n_missing = sum(gap.n_missing for gap in signal.gaps)
-        if n_missing > _LARGEST_LOSS * (len(signal.time_s) + n_missing):
-            found.append(f"{channel}: {n_missing} of {len(signal.time_s) + n_missing} samples are missing")
+        if lost := loss_in_words(channel, len(signal.time_s), signal.n_missing):
+            found.append(lost)
     return found if recording.signals else [*found, "it holds no signal"]
 
 

@@ -84,7 +84,8 @@ def clean_channel(signal: Signal) -> CleanChannel:
     at_gap = np.flatnonzero(step > longest)
     holes = {(float(time[k]), float(time[k + 1])) for k in at_gap}
     holes |= {(gap.start_s, gap.end_s) for gap in signal.gaps}
-    n_missing = _count_missing(step, typical, longest)
+    # What is missing at the end shows in no step of the time; what a foreign table lost stands in no gap.
+    n_missing = max(_count_missing(step, typical, longest), signal.n_missing)
     regular = step[step <= 1.5 * typical] if typical else step
     noise = white_noise_std(values[~is_spike])
     problems = _health_problems(values, int(is_spike.sum()), n_clipped, n_missing, signal.unit)

@@ -57,7 +57,14 @@ class ComparedTrial:
             return ""
         if self.processed.trial.material is None:
             return "the material is not stated"
+        if self.processed.losses:
+            return f"too many samples were lost: {', '.join(self.processed.losses)}"
         return reasons.get(self.processed.status, "")
+
+
+_LOSS_REMEDY: Final = (
+    "`sawbench info` shows where and why; mend the link, record the trial again, and move this file away"
+)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -227,7 +234,8 @@ def compare(rows: Sequence[ComparedTrial], left_out: Sequence[LeftOut] = ()) -> 
     kept: list[ComparedTrial] = []
     for row in ordered:
         if row.left_out_because:
-            missing.append(LeftOut(name=row.name, reason=row.left_out_because))
+            remedy = _LOSS_REMEDY if row.processed.losses else ""
+            missing.append(LeftOut(name=row.name, reason=row.left_out_because, remedy=remedy))
         elif not row.is_idle:
             kept.append(row)
             missing += _values_left_out(row)

@@ -66,8 +66,6 @@ _STATUS_WORDS: Final = {
     "stalled": "The saw stalled",
     "no_stroke": "No stroke was found",
 }
-# Share of lost samples above which a trial is not to be relied on, as `record` has it.
-_MOST_LOST: Final = 0.01
 # The plot in detail begins so much of its length before the first motion.
 _BEFORE_MOTION: Final = 0.05
 # The whole trial is plotted where it is so many times longer than the plot in detail.
@@ -282,9 +280,8 @@ def trust_in(report: TrialReport) -> Trust:
     if processed.period is not None and processed.period.confidence != "high":
         sink = bad if processed.period.confidence == "low" else warn
         sink.append(f"Stroke period: {processed.period.confidence} confidence, {processed.period.reason}.")
-    lossy = [row.channel for row in processed.quality if row.n_missing > _MOST_LOST * (row.n_samples + row.n_missing)]
-    if lossy:
-        bad.append(f"More than {100.0 * _MOST_LOST:g} % of the samples were lost: {', '.join(lossy)}.")
+    if processed.losses:
+        bad.append(f"Too many samples were lost: {', '.join(processed.losses)}.")
     if processed.removed is not None and processed.removed.looks_swapped:
         bad.append(
             "The half that was zeroed carries more force than the half that was kept: "

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from sawbench.bench.config import BenchConfig, parse_config
-from sawbench.bench.recording import Recording, Signal, Trial
+from sawbench.bench.recording import Gap, Recording, Signal, Trial
 from sawbench.processing.process import process_recording
 
 pytestmark = pytest.mark.unit
@@ -184,3 +184,18 @@ def test_a_clipped_displacement_costs_confidence():
     assert result.period.confidence == "moderate"
     assert result.period.rate_hz == pytest.approx(14.0, rel=5e-3)
     assert any("clipped" in warning for warning in result.warnings)
+
+
+def test_what_is_missing_at_the_end_counts_as_lost():
+    """The force ends after half of the trial; no step of its time shows that, its gap does."""
+    channels = make()
+    t, force = channels["force_n"]
+    half = len(t) // 2
+    signals = {
+        name: Signal(channel=name, unit=UNITS[name], time_s=when, values=values)
+        for name, (when, values) in channels.items()
+    }
+    gap = Gap(start_s=t[half - 1], end_s=t[-1], n_missing=len(t) - half, reason="link lost")
+    signals["force_n"] = Signal(channel="force_n", unit="N", time_s=t[:half], values=force[:half], gaps=(gap,))
+    found = process_recording(Recording(trial=Trial(trial_id="t", duty=0.4375), signals=signals), BenchConfig())
+    assert found.losses == (f"force_n: {len(t) - half} of {len(t)} samples are missing",)

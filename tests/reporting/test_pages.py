@@ -391,7 +391,7 @@ def test_a_lossy_trial_is_bad_and_an_idle_one_says_why_it_has_no_fit(tmp_path):
     lossy = make_processed(quality=(replace(channel, n_missing=2500, problems=("2500 samples are missing (25 %)",)),))
     found = trust_in(TrialReport(processed=lossy))
     assert found.level == "bad"
-    assert found.reasons[0] == "More than 1 % of the samples were lost: force_n."
+    assert found.reasons[0] == "Too many samples were lost: force_n: 2500 of 10000 samples are missing."
     few = make_processed(quality=(replace(channel, n_missing=7, problems=("7 samples are missing (0.093 %)",)),))
     assert trust_in(TrialReport(processed=few)).level == "warn"
     idle = make_processed("air", "none", "no_cutting", cutting_force=None, removed=None)
@@ -511,6 +511,17 @@ def test_another_setting_is_another_series():
     ]
     rows.append(ComparedTrial(processed=make_processed("fir-1", "fir", trial={"thickness_mm": 20.0})))
     assert [one.label for one in compare(rows).series] == ["fir", "oak, 20 mm", "oak, 27 mm"]
+
+
+def test_a_lossy_trial_takes_no_part_and_the_reason_says_what_to_do():
+    sound = make_processed("oak-1", "oak")
+    lossy = make_processed("oak-2", "oak", quality=(replace(sound.quality[0], n_samples=7000, n_missing=3000),))
+    rows = [ComparedTrial(processed=one, fit=make_fit(), runtime=make_runtime()) for one in (sound, lossy)]
+    found = compare(rows)
+    assert [[trial.name for trial in one.trials] for one in found.series] == [["oak-1"]]
+    (item,) = found.left_out
+    assert item.name == "oak-2"
+    assert "3000 of 10000 samples are missing" in item.reason and "record the trial again" in item.remedy
 
 
 @pytest.mark.parametrize("n_materials", [0, 1, 6])
