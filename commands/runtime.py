@@ -121,4 +121,4 @@ def describe(name: str, result: RuntimePrediction) -> str:
     largest = sorted(result.contributions_s.items(), key=lambda item: -item[1])[:4]
     if largest:
         lines.append("  uncertainty from " + ", ".join(f"{key} {value:.1f} s" for key, value in largest))
-    return "\n".join(lines)
+    return "\n".join([*lines, *(f"  note: {text}" for text in result.notes)])

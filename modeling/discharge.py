@@ -65,6 +65,8 @@ class Discharge:
     ended_by : {"soc", "voltage", "stall", "time"}
     status : {"ok", "stalled", "cannot_start", "never_reached"}
     message : str
+    notes : tuple of str
+        Where a learned term of the model is beyond the range that it holds in.
     numerical_error_s : float
         Estimated error of the numerical method, not of the model.
     curves : DischargeCurves
@@ -80,6 +82,7 @@ class Discharge:
     message: str
     numerical_error_s: float
     _make_curves: Callable[[], DischargeCurves] = field(repr=False, compare=False)
+    notes: tuple[str, ...] = ()
 
     @property
     def curves(self) -> DischargeCurves:

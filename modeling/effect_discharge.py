@@ -18,6 +18,7 @@ from numpy.polynomial import legendre
 from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Floats
 from sawbench.modeling.discharge import N_CURVE_POINTS, Discharge, DischargeCurves, quadrature_error
+from sawbench.modeling.effects.learned import out_of_range
 from sawbench.modeling.operating_point import OperatingPoint, check_scales, mean_over_time, periodic_stroke
 from sawbench.modeling.residuals import Baseline
 from sawbench.modeling.state import TWO_PI, Memory
@@ -104,6 +105,7 @@ def discharge_with_effects(
         status="ok",
         message="reached the cut-off",
         numerical_error_s=quadrature_error(1.0 / means.battery_a[::-1], span_as),
+        notes=out_of_range(baseline.known, baseline, [stroke.state for stroke in run.strokes if stroke is not None]),
         _make_curves=lambda: run.curves(means, capacity_as),
     )
 
@@ -114,7 +116,9 @@ class _Run:
     def __init__(self, baseline: Baseline, point: OperatingPoint, n_nodes: int, start: Prediction | None) -> None:
         self.baseline, self.point = baseline, point
         self.places, self.weights = legendre.leggauss(n_nodes)
-        self.has_history = any(k.effect.memories or k.effect.strokes is not None for k in baseline.known)
+        self.has_history = any(
+            k.effect.memories or k.effect.strokes is not None or "time" in k.effect.grows_with for k in baseline.known
+        )
         self.memories: tuple[Memory, ...] = tuple({m: None for k in baseline.known for m in k.effect.memories})
         self.strokes: list[Prediction | None] = [start] * n_nodes
         self.span_as = 0.0
@@ -202,6 +206,7 @@ class _Run:
         return [
             replace(
                 point,
+                time_s=self.point.time_s + float(np.interp(place, share, time_s)),
                 cut_distance_m=self.point.cut_distance_m + float(np.interp(place, share, cut_m)) * is_cutting,
                 slow={memory: float(np.interp(place, share, track)) for memory, track in tracks.items()},
             )

@@ -15,6 +15,7 @@ import numpy as np
 from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.known import KnownEffect
+from sawbench.modeling.effects.learned import NAME, out_of_range
 from sawbench.modeling.measured_cycles import MeasuredCycles
 from sawbench.modeling.operating_point import OperatingPoint, check_scales, mean_over_time, periodic_stroke
 from sawbench.modeling.residuals import Baseline
@@ -147,7 +148,15 @@ def fit_with_effects(
         fitted(replace(baseline, known=tuple(k.at(k.value + k.std) if k is one else k for k in baseline.known)))
         for one in uncertain
     ]
-    return _combined(found, uncertain, shifted, history_note(baseline))
+    notes = (*history_note(baseline), *_range_notes(baseline, replace(point, k_fc_n_s_per_m=k_fc)))
+    return _combined(found, uncertain, shifted, notes)
+
+
+def _range_notes(baseline: Baseline, point: OperatingPoint) -> tuple[str, ...]:
+    """Say where a learned term is beyond its range; the stroke is solved again only for one."""
+    if all(known.effect.name != NAME for known in baseline.known):
+        return ()
+    return out_of_range(baseline.known, baseline, [periodic_stroke(baseline, point).state])
 
 
 def history_note(baseline: Baseline) -> tuple[str, ...]:

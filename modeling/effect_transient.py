@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Floats
+from sawbench.modeling.effects.learned import out_of_range
 from sawbench.modeling.operating_point import OperatingPoint, check_scales, state_at
 from sawbench.modeling.residuals import Baseline, bare_residuals
 from sawbench.modeling.state import TWO_PI, Memory, State
@@ -91,6 +92,7 @@ def simulate_with_effects(
     current, speed, angle, charge = solution.y[:4]
     state = model.solved(solution.y)
     status, message = _judged(bool(solution.success), speed, model.soc(charge))
+    message = "; ".join([message, *out_of_range(baseline.known, baseline, [state])])
     assert state.force_n is not None and state.battery_voltage_v is not None and state.battery_current_a is not None
     return EffectRun(
         time_s=solution.t,

@@ -37,6 +37,8 @@ class OperatingPoint:
         At the terminals, where it was measured; else the battery's model gives it.
     charge_used_as, cut_distance_m : float
         Taken from the battery, and cut by the blade, before.
+    time_s : float
+        Since the start of the trial.
     feed_m_s, thickness_m : float
         NaN where nobody said.
     slow : mapping of Memory to float
@@ -49,6 +51,7 @@ class OperatingPoint:
     battery_voltage_v: float | None = None
     charge_used_as: float = 0.0
     cut_distance_m: float = 0.0
+    time_s: float = 0.0
     feed_m_s: float = np.nan
     thickness_m: float = np.nan
     slow: Mapping[Memory, float] = field(default_factory=dict)
@@ -169,7 +172,7 @@ def state_at(baseline: Baseline, point: OperatingPoint) -> State:
         battery_voltage_v=open_v * ones,
         battery_current_a=duty * current,
         motor_voltage_v=duty * open_v * ones,
-        time_s=np.zeros((1, 1)),
+        time_s=np.full((1, 1), point.time_s),
         cut_distance_m=np.full((1, 1), point.cut_distance_m),
         charge_used_as=np.full((1, 1), point.charge_used_as),
         n_strokes=np.array([_MANY_STROKES]),

@@ -109,6 +109,8 @@ class RuntimePrediction:
     status : RuntimeStatus
     contributions_s : mapping of str to float
         Standard deviation contributed by each parameter, s.
+    notes : tuple of str
+        Where a learned term of the model is beyond the range that it holds in.
     """
 
     runtime_s: float
@@ -120,3 +122,4 @@ class RuntimePrediction:
     numerical_error_s: float
     status: RuntimeStatus
     contributions_s: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()

@@ -213,6 +213,7 @@ def _prediction(
         numerical_error_s=nominal.numerical_error_s,
         status=nominal.status,
         contributions_s=shares,
+        notes=nominal.notes,
     )
 
 

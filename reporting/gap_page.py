@@ -17,6 +17,7 @@ from sawbench.reporting.gap_figures import (
     strokes_picture,
 )
 from sawbench.reporting.html import render, software_version, write_page
+from sawbench.reporting.learned_figure import learned_picture, learned_sentences
 from sawbench.reporting.quantities import format_number
 from sawbench.reporting.standing_out_figure import standing_out_picture, standing_out_sentence, stands_out
 
@@ -77,6 +78,7 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         if detail.get("map") and report["where"]
         else None,
         "where": [_spot(spot, detail.get("standing_out")) for spot in report["where"]],
+        "learned": learned_picture(report["learned_term"]) if report.get("learned_term") else None,
         "standing_out": standing_out_picture(detail["standing_out"]) if detail.get("standing_out") else None,
         "standing_out_words": _standing_out_words(report, detail),
         "causes": [_cause(cause) for cause in report["causes"]],
@@ -152,6 +154,7 @@ def _meaning(report: Mapping[str, Any]) -> list[str]:
         if resembles:
             said.append(f"Closest description: {resembles}.")
         said += [_place_sentence(spot) for spot in _of_the_strokes(report)[:2]]
+        said += learned_sentences(report["learned_term"]) if report.get("learned_term") else []
         said.append("Re-tuning the model to it would hide the gap, not explain it.")
     else:
         cause = report["causes"][0]

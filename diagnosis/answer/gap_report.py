@@ -13,6 +13,7 @@ from sawbench.diagnosis.answer.claim import carried_by_strokes, held_to_predicti
 from sawbench.diagnosis.answer.gap_detail import detail, log_odds_at_typical_size
 from sawbench.diagnosis.answer.improved_model import improved_model
 from sawbench.diagnosis.answer.ladder import RUNGS, Ladder, Rungs
+from sawbench.diagnosis.answer.learned_term import learned_answer, learned_warnings
 from sawbench.diagnosis.answer.next_trial import next_trial
 from sawbench.diagnosis.answer.prediction import Predictions
 from sawbench.diagnosis.answer.signals import signal_findings
@@ -89,6 +90,7 @@ def diagnose(
     posterior = held_to_predictions(problem, columns, posterior, predictions)
     shown_causes = _shown_causes(posterior)
     causes = [_cause(problem, columns, posterior, predictions, hypothesis) for hypothesis in shown_causes]
+    learned = learned_answer(problem, columns, posterior)
     first = predictions.of(shown_causes[0] if shown_causes else posterior.of("no_gap"))
     say(_CLIMBED, 100, "predicting held-out operating points")
     channels = forecast(
@@ -106,9 +108,12 @@ def diagnose(
         "parameter_shifts": _shifts(problem),
         "gap": _gap(first.ladder, channels),
         "signals": signal_findings(campaign, problem.wander),
-        "improved_model": improved_model(problem, posterior, causes, loaded),
+        "learned_term": None if learned is None else learned.report(),
+        "improved_model": improved_model(problem, posterior, causes, loaded, learned),
         "next_trial": next_trial(problem, posterior),
-        "warnings": _warnings(campaign, shown, posterior, channels),
+        "warnings": [
+            *_warnings(campaign, shown, posterior, channels), *learned_warnings(problem, posterior, learned),
+        ],
         "detail": {**detail(problem, posterior, channels), "log_odds_at_typical_size": shown},
         "provenance": dict(provenance),
     }  # fmt: skip

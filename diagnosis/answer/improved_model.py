@@ -16,11 +16,14 @@ import numpy as np
 from sawbench.bench.config import BatteryConfig, LoadedConfig
 from sawbench.bench.recording import Floats
 from sawbench.bench.toml_writing import toml_text
+from sawbench.diagnosis.answer.learned_term import LearnedAnswer
 from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.modeling.effects.known import KnownEffect
+from sawbench.modeling.effects.learned import NAME
 from sawbench.modeling.machines.known_effects import entry_of
+from sawbench.modeling.machines.learned_entry import learned_entry
 
 FILE_NAME: Final = "improved_model.toml"
 # A parameter that moves by less than this share of its standard uncertainty stays as stated; farther than this many of
@@ -40,7 +43,11 @@ class _Solution:
 
 
 def improved_model(
-    problem: LinearProblem, posterior: Posterior, causes: Sequence[Mapping[str, Any]], loaded: LoadedConfig
+    problem: LinearProblem,
+    posterior: Posterior,
+    causes: Sequence[Mapping[str, Any]],
+    loaded: LoadedConfig,
+    learned: LearnedAnswer | None = None,
 ) -> str | None:
     """Write the configuration that holds what was found.
 
@@ -52,16 +59,21 @@ def improved_model(
         Of the report; the first one is what is written where effects are claimed.
     loaded : LoadedConfig
         As the campaign was diagnosed with.
+    learned : LearnedAnswer, optional
+        The term that was learned in place of a cause.
 
     Returns
     -------
     str or None
-        TOML; None where neither effects nor parameters are claimed.
+        TOML; None where neither effects nor parameters are claimed, and no term was learned.
     """
-    if posterior.verdict not in ("effect", "effects", "parameters"):
+    if posterior.verdict not in ("effect", "effects", "parameters") and learned is None:
         return None
     members = posterior.best.members
-    found = _solve(problem, members, is_wide=posterior.verdict == "parameters")
+    columns = [m.column.columns * m.effect.strength.high for m in members]
+    found = _solve(
+        problem, columns if learned is None else [learned.learned.columns], is_wide=posterior.verdict == "parameters"
+    )
     tables = tomllib.loads(loaded.text.removeprefix("\ufeff"))
     n_trials = len({part.setting.label for part in problem.parts})
     comments: dict[tuple[str, ...], tuple[str, ...]] = {
@@ -83,11 +95,18 @@ def improved_model(
             f"named with {cause['probability']:.0%}; closes {cause['gap_closed']:.0%} ({low:.0%} to {high:.0%}) of what"
             " re-tuned parameters leave",
         )
+    if learned is not None:
+        effects[NAME] = learned_entry(learned.known)
+        low, high = learned.ladder.gap_closed_ci95
+        comments["effects", NAME] = (
+            f"a term without a name, {learned.words()}",
+            f"closes {learned.ladder.gap_closed:.0%} ({low:.0%} to {high:.0%}) of what re-tuned parameters leave at"
+            " withheld operating points; it must not be used outside of the range of its nodes",
+        )
     return toml_text({**tables, "effects": effects} if effects else tables, comments)
 
 
-def _solve(problem: LinearProblem, members: Sequence[Explanation], *, is_wide: bool) -> _Solution:
-    columns = [m.column.columns * m.effect.strength.high for m in members]
+def _solve(problem: LinearProblem, columns: Sequence[Floats], *, is_wide: bool) -> _Solution:
     scale = problem.wide_scale if is_wide else np.ones(len(problem.names))
     extra = np.hstack(columns) if columns else np.zeros((len(problem.data), 0))
     values, stds = Marginal(problem, scale=scale, extra=extra).estimate()

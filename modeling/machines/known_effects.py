@@ -11,12 +11,15 @@ from typing import TYPE_CHECKING, Any, Final
 from sawbench.bench.errors import ConfigError
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 from sawbench.modeling.effects.known import KnownEffect
+from sawbench.modeling.effects.learned import NAME, LearnedTerm
+from sawbench.modeling.machines.learned_entry import learned_entry, read_learned
 from sawbench.modeling.machines.table import machine_of
 from sawbench.modeling.residuals import Baseline
 
 if TYPE_CHECKING:
     from sawbench.bench.config import BenchConfig, LoadedConfig
     from sawbench.modeling.effects.effect import Effect
+    from sawbench.modeling.machines.machine import Machine
 
 # A value this many times outside of what occurs is in another unit.
 _FARTHEST: Final = 10.0
@@ -60,6 +63,9 @@ def known_effects(config: BenchConfig, *, path: str, model: Any = None) -> tuple
     found = []
     for name, entry in config.effects.items():
         where = f"{path}: [effects] {name}"
+        if name == NAME:
+            found.append(_learned(entry, machine, where))
+            continue
         if name not in offered:
             raise _unknown(name, list(offered), where, machine.title)
         found.append(_known(offered[name], entry, where))
@@ -84,6 +90,8 @@ def baseline_of(loaded: LoadedConfig) -> Baseline:
 
 def entry_of(known: KnownEffect) -> dict[str, Any]:
     """Write a known effect as its entry of an `[effects]` table, which `known_effects` reads back."""
+    if isinstance(known.effect.signature, LearnedTerm):
+        return learned_entry(known)
     entry: dict[str, Any] = {known.effect.strength.name: known.value, "std": known.std}
     if len(_forms(known.effect)) > 1:
         names = (name for name, form in known.effect.form_names.items() if form == known.form)
@@ -91,6 +99,12 @@ def entry_of(known: KnownEffect) -> dict[str, Any]:
     if len(known.direction) > 1:
         entry["direction"] = list(known.direction)
     return entry | dict(known.scales)
+
+
+def _learned(entry: Entry, machine: Machine, where: str) -> KnownEffect:
+    if machine.frame != "crank":
+        raise ConfigError(f"a {machine.title} takes no learned term: its quantities are those of a saw", where=where)
+    return read_learned(entry, where)
 
 
 def _unknown(name: str, offered: list[str], where: str, title: str) -> ConfigError:

@@ -201,3 +201,33 @@ def test_faults_of_sensors_have_a_section_of_their_own(tmp_path):
     assert f"<li>force: {words}</li>" in page(tmp_path, signals=[hum]).partition("<h2>Signals</h2>")[2]
     (tmp_path / "gap.html").unlink()
     assert "<h2>Signals</h2>" not in page(tmp_path, signals=[])
+
+
+LEARNED = {
+    "equation": "cutting", "channel": "force_n", "stands_in": "cutting", "cutting_only": False,
+    "quantities": [
+        {"name": "motor_current_a", "words": "motor current", "unit": "A", "range": [1.0, 4.0],
+         "dependence": "rises with"},
+        {"name": "crank_angle_rad", "words": "crank angle", "unit": "rad", "range": [0.0, 6.283185307179586],
+         "dependence": "varies with"},
+    ],
+    "table": {
+        "unit": "N", "nodes": [[1.0, 2.0, 3.0, 4.0], [0.0, 1.5707963, 3.1415927, 4.712389]],
+        "values": [[1.0 * k] * 4 for k in range(4)], "low": [[1.0 * k - 0.5] * 4 for k in range(4)],
+        "high": [[1.0 * k + 0.5] * 4 for k in range(4)], "typical": [2.0, 3.0],
+    },
+    "rel_std": 0.1, "gap_closed": 0.91, "gap_closed_ci95": [0.85, 0.95], "held_out": "operating points",
+    "resembles": [{"effect": "edge_force", "correlation": 0.62}],
+    "words": "in the cutting force; it rises with motor current, and resembles no known effect",
+}  # fmt: skip
+
+
+def test_a_learned_term_is_drawn_with_its_range_and_what_it_closes(tmp_path):
+    text = page(tmp_path, verdict="unknown", causes=[], learned_term=LEARNED)
+    assert "The learned term</h2>" in text
+    assert "91 % (85 to 95 %) of the remaining error at withheld operating points" in text
+    assert "motor current from 1 to 4 A: beyond, it must not be used" in text
+    assert "edge force 0.62" in text
+    (tmp_path / "without").mkdir()
+    without = page(tmp_path / "without", verdict="unknown", causes=[], learned_term=None)
+    assert "learned term" not in without
