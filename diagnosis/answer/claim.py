@@ -1,9 +1,9 @@
 """What may be declared: causes whose magnitude is there and which predict what was withheld.
 
 Evidence alone finds the best name for whatever is in the data, a sensor's wandering zero too. What predicts no
-withheld data has no evidence: every effect of a declared cause has a magnitude that differs from zero in its own 95 %
-interval, and with it the withheld gap closes further than without it. Where the single strokes carry an effect, mean
-strokes hold little of it, its magnitude and what it closes among them: the report says so instead.
+withheld data has no evidence. So the magnitude of every effect of a declared cause differs from zero in its own 95 %
+interval, the cause closes the withheld gap, and each of several effects predicts it better than the others do without
+it. Where the single strokes carry an effect, mean strokes hold little of what it closes: the report says so instead.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from sawbench.diagnosis.answer.ladder import closed_share
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.answer.ladder import Ladder
 from sawbench.diagnosis.answer.prediction import Predictions
 from sawbench.diagnosis.inference.evidence import Column, Explanation
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
@@ -85,37 +86,51 @@ def is_there(member: Explanation) -> bool:
 def _failing(
     problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior, predictions: Predictions
 ) -> str | None:
-    """Effect of the likeliest hypothesis that must not be declared, the one that closes least; None where all may."""
+    """Effect of the likeliest hypothesis that must not be declared, the one that adds least; None where all may."""
     best = posterior.best
     carried = carried_by_strokes(posterior, best)
+    ladder = predictions.of(best).ladder
     failing: dict[str, float] = {}
     for member in sized_members(problem, columns, posterior, best):
         name = member.effect.name
-        if name in carried:
-            continue
-        closed, is_sure = _closed(posterior, predictions, best, name)
-        if not (is_sure and is_there(member)):
-            failing[name] = closed
+        added = _added(posterior, predictions, best, name)
+        predicts = name in carried or (_closes(ladder) and (len(best.effects) == 1 or _is_sure(added)))
+        if not (predicts and is_there(member)):
+            failing[name] = float(added.sum())
     return min(failing, key=lambda name: failing[name], default=None)
 
 
-def _closed(posterior: Posterior, predictions: Predictions, hypothesis: Hypothesis, name: str) -> tuple[float, bool]:
-    """Share of the withheld gap that an effect closes beside the others of the hypothesis, and whether that is sure.
+def _closes(ladder: Ladder) -> bool:
+    """Whether a cause closes the withheld gap beyond doubt.
 
-    It is where the 95 % interval lies above 0, and where the gap closes at every withheld operating point: of three
+    It does where the 95 % interval lies above 0, and where the gap closes at every withheld operating point: of three
     or four points the interval says little.
     """
+    if ladder.held_out == "nothing":
+        return True  # the report says that nothing could be withheld
+    energy = ladder.energy
+    closes_everywhere = len(energy["retuned"]) > 1 and bool(np.all(energy["with_effect"] < energy["retuned"]))
+    return ladder.gap_closed > 0.0 and (ladder.gap_closed_ci95[0] > 0.0 or closes_everywhere)
+
+
+def _added(posterior: Posterior, predictions: Predictions, hypothesis: Hypothesis, name: str) -> Floats:
+    """Log probability of each withheld group that an effect adds to what the others of the hypothesis predict."""
     whole = predictions.of(hypothesis).ladder
-    if whole.held_out == "nothing":
-        return whole.gap_closed, True  # the report says that nothing could be withheld
-    energy = whole.energy
+    without = whole.energy["retuned"]
     if len(hypothesis.effects) > 1:
         fewer = _found(posterior, hypothesis.without(name))
         without = predictions.of(fewer, by_trial=whole.held_out == "trials").ladder.energy["with_effect"]
-        energy = {**energy, "retuned": without}
-    share, interval = closed_share(energy)
-    closes_everywhere = len(energy["retuned"]) > 1 and bool(np.all(energy["with_effect"] < energy["retuned"]))
-    return share, (interval[0] > 0.0 or closes_everywhere) and whole.gap_closed > 0.0
+    return 0.5 * (without - whole.energy["with_effect"])
+
+
+def _is_sure(added: Floats) -> bool:
+    """Whether what is added exceeds its own standard error: below, the simpler of two models is kept.
+
+    The one-standard-error rule of cross-validation (Hastie, Tibshirani, Friedman, The Elements of Statistical
+    Learning, 7.10): groups differ by orders of magnitude in what they say of an effect, too much for an interval.
+    """
+    n = len(added)
+    return n < 2 or float(added.sum()) > np.sqrt(n) * float(np.std(added, ddof=1))  # fmt: skip
 
 
 def _found(posterior: Posterior, effects: tuple[str, ...]) -> Hypothesis:

@@ -148,8 +148,8 @@ class Strokes:
         Taken off a trend for which strokes speak: with a dozen pieces of wood luck looks like one.
     against : float
         Log evidence of the strokes below which they speak against an effect.
-    depth_step : float
-        Relative standard uncertainty of a wave's depth, as the depths that are tried are spaced.
+    depth_std : float
+        Relative standard uncertainty of a wave's depth: the wood's wave is no sine.
     block : int
         Strokes that are averaged for a trend; what a wood remembers for longer is fitted as memory of the blocks.
     free_std, little_std : float
@@ -160,7 +160,7 @@ class Strokes:
     weight: float = _number(4.0, "fitted", _BY_HAND)
     price: float = _number(7.0, "fitted", _BY_HAND)
     against: float = _number(-1.0, "convention", "odds of e to one against")
-    depth_step: float = _number(0.5, "convention", "depths that are tried are a factor 1.5 apart")
+    depth_std: float = _number(0.35, "convention", "right to a factor of two, 95 %: log(2) / 1.96")
     block: int = _number(20, "convention", "about 1.5 s; beyond it half of a wood's memory is gone")
     free_std: float = _number(0.5, "convention", "the speed exponents and edge forces that occur, as a power")
     little_std: float = _number(0.03, "convention", "background effects, 5 % of its typical size, as a power")

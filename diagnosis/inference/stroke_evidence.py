@@ -88,7 +88,7 @@ def strokes_say(
             wave = spectra.wave(effect.strokes)
             said[effect.name] = StrokesSay(
                 effect=effect, alone=wave.log_evidence, beside_cutting=wave.log_evidence, size=wave.depth,
-                size_std=settings.strokes.depth_step * wave.depth, is_whole=False,
+                size_std=settings.strokes.depth_std * wave.depth, is_whole=False,
                 words=effect.strokes.words.format(wavelength_mm=1e3 * wave.wavelength_m),
             )  # fmt: skip
     trends = {e.name: e.strokes for e in effects if isinstance(e.strokes, StrokeTrend)}
@@ -173,11 +173,8 @@ def sized_by_strokes(explanation: Explanation, said: Mapping[str, StrokesSay]) -
     Explanation
         With the depth of a wave or the size of a trend; others as they were.
     """
-    effect = explanation.effect
-    found = said.get(effect.name)
+    found = said.get(explanation.effect.name)
     if found is None or found.beside_cutting <= 0.0:
         return explanation
-    size, std = found.size / effect.strength.typical, found.size_std / effect.strength.typical
-    if found.is_whole:
-        return replace(explanation, mixture=(size, std), form_share=0.0)
-    return replace(explanation, amplitude=size, amplitude_std=std)
+    typical = explanation.effect.strength.typical
+    return replace(explanation, mixture=(found.size / typical, found.size_std / typical), form_share=0.0)
