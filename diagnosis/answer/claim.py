@@ -89,12 +89,13 @@ def _failing(
     """Effect of the likeliest hypothesis that must not be declared, the one that adds least; None where all may."""
     best = posterior.best
     carried = carried_by_strokes(posterior, best)
-    ladder = predictions.of(best).ladder
+    in_means = tuple(name for name in best.effects if name not in carried)
+    closes = bool(in_means) and _closes(predictions.of(_found(posterior, in_means)).ladder)
     failing: dict[str, float] = {}
     for member in sized_members(problem, columns, posterior, best):
         name = member.effect.name
         added = _added(posterior, predictions, best, name)
-        predicts = name in carried or (_closes(ladder) and (len(best.effects) == 1 or _is_sure(added)))
+        predicts = name in carried or (closes and (len(best.effects) == 1 or _is_sure(added)))
         if not (predicts and is_there(member)):
             failing[name] = float(added.sum())
     return min(failing, key=lambda name: failing[name], default=None)

@@ -87,21 +87,26 @@ class Explanation:
         """Its standard uncertainty: from the noise, between the shapes, and from what nature's form differs.
 
         From the noise: half of what one standard deviation of the amplitude either way changes, tempered as sizes are.
-        Forms disagree by factors, not by sums: by no more than one of two, or they are not one effect's.
+        Forms disagree by factors, not by sums: with them a magnitude is right to a factor of two, unless the noise
+        alone hides it. So is one that is read off a free wave.
         """
-        if self.mixture is not None:
-            return float(np.hypot(self.mixture[1] * self.effect.strength.typical, self.form_share * self.strength))
+        size, most = abs(self.strength), SETTINGS.forms.most_std
+        if self.effect.size_of is not None and self.mixture is None:
+            return most * size
+        by_noise, by_form = self._noise_and_form()
+        return max(by_noise, min(float(np.hypot(by_noise, by_form * size)), most * size))
+
+    def _noise_and_form(self) -> tuple[float, float]:
+        """Standard deviation of the strength from the noise, and a relative one of its form."""
         typical = self.effect.strength.typical
+        if self.mixture is not None:
+            return self.mixture[1] * typical, self.form_share
         step = np.sqrt(self.size_temperature) * self.amplitude_std
         high, low = (
             self.effect.reported_strength(typical * max(self.amplitude + sign * step, 1e-6), self.column.shape)
             for sign in (1.0, -1.0)
         )
-        most = SETTINGS.forms.most_std
-        by_form = min(float(np.hypot(self.shape_spread, self.form_share)), most)
-        known = float(np.hypot(0.5 * (high - low), by_form * self.strength))
-        # A size that is read off a free wave is right to a factor of two.
-        return known if self.effect.size_of is None else max(known, most * abs(self.strength))
+        return 0.5 * abs(high - low), float(np.hypot(self.shape_spread, self.form_share))
 
 
 def catalogue_columns(problem: LinearProblem, effects: Sequence[Effect]) -> dict[str, list[Column]]:

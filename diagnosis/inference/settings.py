@@ -160,7 +160,7 @@ class Strokes:
     weight: float = _number(4.0, "fitted", _BY_HAND)
     price: float = _number(7.0, "fitted", _BY_HAND)
     against: float = _number(-1.0, "convention", "odds of e to one against")
-    depth_std: float = _number(0.35, "convention", "right to a factor of two, 95 %: log(2) / 1.96")
+    depth_std: float = _number(0.5, "convention", "right to a factor of two: twice the depth is inside its 95 % interval")
     block: int = _number(20, "convention", "about 1.5 s; beyond it half of a wood's memory is gone")
     free_std: float = _number(0.5, "convention", "the speed exponents and edge forces that occur, as a power")
     little_std: float = _number(0.03, "convention", "background effects, 5 % of its typical size, as a power")
