@@ -130,7 +130,7 @@ class Forms:
     n_pairs: int = _number(8, "convention", "time: each costs 0.2 s")
     worth_forming: float = _number(6.0, "convention", "time: below, no pair reaches even odds (`Weights.pair_least`)")
     least_amplitude: float = _number(0.15, "convention", "three standard deviations of the background of 5 %")
-    most_std: float = _number(0.5, "convention", "a factor of two")
+    most_std: float = _number(0.5, "convention", "twice of it lies inside its 95 % interval, 0 does not")
     size_temperature: float = _number(6.0, "fitted", _BY_HAND)
 
 
@@ -160,7 +160,7 @@ class Strokes:
     weight: float = _number(4.0, "fitted", _BY_HAND)
     price: float = _number(7.0, "fitted", _BY_HAND)
     against: float = _number(-1.0, "convention", "odds of e to one against")
-    depth_std: float = _number(0.5, "convention", "right to a factor of two: twice the depth is inside its 95 % interval")
+    depth_std: float = _number(0.5, "convention", "a factor of two, as `Forms.most_std`")
     block: int = _number(20, "convention", "about 1.5 s; beyond it half of a wood's memory is gone")
     free_std: float = _number(0.5, "convention", "the speed exponents and edge forces that occur, as a power")
     little_std: float = _number(0.03, "convention", "background effects, 5 % of its typical size, as a power")
