@@ -244,7 +244,7 @@ def out_of_range(known: Sequence[Any], baseline: Baseline, states: Sequence[Stat
             if least < low - slack or most > high + slack:
                 said.append(
                     f"[effects] {NAME} holds for {quantity.words} from {low:.4g} to {high:.4g} {quantity.unit}; here it"
-                    f" is used from {least:.4g} to {most:.4g} {quantity.unit}: beyond the range the value at its edge is"
-                    " taken"
+                    f" is used from {least:.4g} to {most:.4g} {quantity.unit}: beyond the range the value at its edge"
+                    " is taken"
                 )
     return tuple(said)
