@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from sawbench.bench.config import LoadedConfig
     from sawbench.bench.processed import ProcessedTrial
     from sawbench.bench.recording import Recording
+    from sawbench.modeling.battery_range import BatteryUse
     from sawbench.modeling.cycle_observation import FitMethod
     from sawbench.modeling.measured_cycles import MeasuredCycles
     from sawbench.modeling.operating_point import OperatingPoint
@@ -240,7 +241,9 @@ def doubted(fit: CuttingFit, processed: ProcessedTrial) -> CuttingFit:
     return replace(fit, status=status, notes=(*doubts, *fit.notes))
 
 
-def runtime_of(trial: AnalysedTrial, fit: CuttingFit, estimates: ParameterEstimates | None) -> RuntimePrediction:
+def runtime_of(
+    trial: AnalysedTrial, fit: CuttingFit, estimates: ParameterEstimates | None, use: BatteryUse | None = None
+) -> RuntimePrediction:
     """Predict the battery runtime of a tool that goes on cutting like this trial."""
     feed_mm_s = trial.processed.trial.feed_mm_s
     return predict(
@@ -251,6 +254,7 @@ def runtime_of(trial: AnalysedTrial, fit: CuttingFit, estimates: ParameterEstima
         estimates=estimates,
         duty=trial.recording.trial.duty,
         mean_battery_current_a=trial.processed.mean_values.get("battery_current_a"),
+        use=use,
     )
 
 
@@ -263,9 +267,14 @@ def predict(
     estimates: ParameterEstimates | None = None,
     mean_battery_current_a: float | None = None,
     feed_m_s: float | None = None,
+    use: BatteryUse | None = None,
 ) -> RuntimePrediction:
-    """Predict the battery runtime for a cutting coefficient; the feed matters to known effects alone."""
+    """Predict the battery runtime for a cutting coefficient; the feed matters to known effects alone.
+
+    What a fitted battery states of its own uncertainty and range is part of the result.
+    """
     from sawbench.model_setup import parameters_of, supply_of
+    from sawbench.modeling.battery_range import with_battery_fit
     from sawbench.modeling.machines.known_effects import baseline_of
     from sawbench.modeling.operating_point import OperatingPoint
     from sawbench.modeling.runtime import predict_runtime, predict_runtime_with_effects
@@ -275,7 +284,7 @@ def predict(
     if baseline.known:
         held_v = converter.voltage_v if converter.mode == "held_voltage" else None
         fixed = converter.default_duty if duty is None else duty
-        return predict_runtime_with_effects(
+        found = predict_runtime_with_effects(
             baseline,
             OperatingPoint(
                 k_fc_n_s_per_m=k_fc,
@@ -287,7 +296,8 @@ def predict(
             estimates=estimates,
             measured_mean_battery_current_a=mean_battery_current_a,
         )
-    return predict_runtime(
+        return with_battery_fit(found, battery, use)
+    found = predict_runtime(
         parameters_of(loaded),
         supply=supply_of(loaded, duty),
         k_fc=k_fc,
@@ -299,3 +309,4 @@ def predict(
         cutoff_voltage_v=battery.cutoff_voltage_v,
         measured_mean_battery_current_a=mean_battery_current_a,
     )
+    return with_battery_fit(found, battery, use)

@@ -109,17 +109,22 @@ def fit(trial: Source | AnalysedTrial, *, method: FitMethod | None = None) -> Tr
     return TrialFit(trial=analysed, cutting=cutting, estimates=estimates)
 
 
-def runtime(trial: Source | AnalysedTrial | TrialFit) -> PredictedRuntime:
+def runtime(
+    trial: Source | AnalysedTrial | TrialFit, *, temperature_c: float | None = None, cycle: float | None = None
+) -> PredictedRuntime:
     """Predict how long a full battery lasts if the tool goes on cutting as in this trial.
 
     Parameters
     ----------
     trial : str, Path, OpenedTrial, AnalysedTrial or TrialFit
+    temperature_c, cycle : float, optional
+        Of the surroundings, and charges and discharges of the battery, to check against the range of a fitted battery.
 
     Returns
     -------
     PredictedRuntime
-        `prediction` holds the runtime and its standard uncertainty, s.
+        `prediction` holds the runtime and its standard uncertainty, s; its `notes` say where a fitted battery is
+        used outside its range.
 
     Raises
     ------
@@ -133,6 +138,8 @@ def runtime(trial: Source | AnalysedTrial | TrialFit) -> PredictedRuntime:
     >>> runtime("oak-01.mcap").prediction.runtime_s  # doctest: +SKIP
     927.4
     """
+    from sawbench.modeling.battery_range import BatteryUse
+
     found = trial if isinstance(trial, TrialFit) else fit(trial)
     if found.cutting.status != "ok":
         raise UntrustedResult(
@@ -140,7 +147,8 @@ def runtime(trial: Source | AnalysedTrial | TrialFit) -> PredictedRuntime:
             + "; ".join((found.cutting.status.replace("_", " "), *found.cutting.notes)),
             where=found.trial.where,
         )
-    return PredictedRuntime(fit=found, prediction=runtime_of(found.trial, found.cutting, found.estimates))
+    use = BatteryUse(temperature_c=temperature_c, cycle=cycle)
+    return PredictedRuntime(fit=found, prediction=runtime_of(found.trial, found.cutting, found.estimates, use))
 
 
 def simulate(

@@ -9,6 +9,7 @@ from sawbench.bench.errors import InputError
 if TYPE_CHECKING:
     from sawbench.bench.config import LoadedConfig
     from sawbench.bench.recording import Floats
+    from sawbench.modeling.configured_battery import AnyBattery
     from sawbench.modeling.effect_transient import EffectRun
     from sawbench.modeling.parameters import JigsawParameters
     from sawbench.modeling.parts.linear import LinearCutting
@@ -44,11 +45,11 @@ def parameters_of(loaded: LoadedConfig) -> JigsawParameters:
     return JigsawParameters.from_config(loaded.plant())
 
 
-def battery_of(loaded: LoadedConfig) -> Any:
-    """The battery of Eq. 16."""
-    from sawbench.modeling.parts.eq16 import Eq16Battery
+def battery_of(loaded: LoadedConfig) -> AnyBattery:
+    """The battery of the configuration."""
+    from sawbench.modeling.configured_battery import battery_from_config
 
-    return Eq16Battery.from_config(loaded.battery())
+    return battery_from_config(loaded.battery())
 
 
 def supply_of(loaded: LoadedConfig, duty: float | None) -> Any:

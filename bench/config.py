@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import itertools
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -137,16 +138,82 @@ class LinearAxisConfig(BaseModel):
         return self
 
 
+Range = Annotated[tuple[float, float], Field(strict=False)]
+
+
+class OpenCircuitTable(BaseModel):
+    """Open-circuit voltage over the state of charge, as a share of `nominal_voltage_v`, in place of Eq. 16."""
+
+    model_config = _STRICT
+    soc: Annotated[tuple[float, ...], Field(strict=False, min_length=3)]
+    share: Annotated[tuple[float, ...], Field(strict=False, min_length=3)]
+
+    @model_validator(mode="after")
+    def _rises_to_one(self) -> OpenCircuitTable:
+        if len(self.soc) != len(self.share):
+            raise ValueError(f"soc has {len(self.soc)} values, share {len(self.share)}")
+        for name, values in (("soc", self.soc), ("share", self.share)):
+            if any(after <= before for before, after in itertools.pairwise(values)):
+                raise ValueError(f"{name} must increase from value to value")
+            if values[-1] != 1.0:
+                raise ValueError(f"{name} must end at 1, got {values[-1]!r}")
+        if self.soc[0] != 0.0 or self.share[0] < 0.0:
+            raise ValueError("soc must begin at 0, and share at no less than 0")
+        return self
+
+
+class BatteryRange(BaseModel):
+    """What a fitted battery rests on: where it holds, and how far it missed discharges withheld from its fit.
+
+    `runtime_rel_std` is one standard uncertainty of a runtime, relative; `current_a` are mean battery currents.
+    `std` holds one standard uncertainty of each parameter, for the reader: the runtime takes `runtime_rel_std`.
+    """
+
+    model_config = _STRICT
+    variant: str = ""
+    n_discharges: int = Field(default=1, ge=1)
+    runtime_rel_std: float = Field(ge=0, le=1)
+    current_a: Range
+    soc: Range = (0.0, 1.0)
+    temperature_c: Range | None = None
+    cycle: Range | None = None
+    std: dict[str, Constant] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _ranges_rise(self) -> BatteryRange:
+        for name in ("current_a", "soc", "temperature_c", "cycle"):
+            limits = getattr(self, name)
+            if limits is not None and limits[0] > limits[1]:
+                raise ValueError(f"{name} must rise, got {list(limits)}")
+        return self
+
+
 class BatteryConfig(BaseModel):
-    """The battery of Eq. 16; `beta` in [0, 1)."""
+    """The battery: Eq. 16 with `beta` in [0, 1), or a table of its open-circuit voltage, behind a resistance.
+
+    `shape_ratio` is the charge at which Eq. 16 reaches 0 V, over `capacity_ah`; 1 in the paper. `fitted` is written by
+    `sawbench battery fit`.
+    """
 
     model_config = _STRICT
     nominal_voltage_v: Constant = Field(gt=0)
     capacity_ah: Constant = Field(gt=0)
-    beta: float = Field(ge=0, lt=1)
+    beta: float = Field(default=0.0, ge=0, lt=1)
+    shape_ratio: Constant = Field(default=1.0, gt=0)
+    open_circuit: OpenCircuitTable | None = None
     internal_resistance_ohm: Constant = Field(default=0.0, ge=0)
     cutoff_soc: float = Field(default=0.2, gt=0, lt=1)
     cutoff_voltage_v: Constant | None = Field(default=None, gt=0)
+    fitted: BatteryRange | None = None
+
+    @model_validator(mode="after")
+    def _one_curve(self) -> BatteryConfig:
+        is_equation = bool({"beta", "shape_ratio"} & self.model_fields_set)
+        if self.open_circuit is None and "beta" not in self.model_fields_set:
+            raise ValueError("missing key 'beta' of Eq. 16, or a table open_circuit")
+        if self.open_circuit is not None and is_equation:
+            raise ValueError("holds both Eq. 16 (beta, shape_ratio) and a table open_circuit: keep one")
+        return self
 
 
 class CuttingConfig(BaseModel):

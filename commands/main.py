@@ -28,6 +28,7 @@ SUBCOMMANDS: Final = MappingProxyType(
         "process": "stroke period, folded cycle, quality",
         "fit": "cutting coefficient k_Fc with its uncertainty",
         "runtime": "battery runtime with its uncertainty",
+        "battery": "fit a battery to measured discharges, with its uncertainty and range",
         "machines": "the parameter sets that come with the package",
         "simulate": "the electromechanical model alone",
         "report": "the page of a trial: signals, stroke, fit, model, battery runtime",

@@ -26,6 +26,11 @@ if TYPE_CHECKING:
 @click.option("--k-fc", "k_fc", type=click.FloatRange(0), help="Instead of recordings: this k_Fc, N*s/m.")
 @click.option("--k-fc-std", type=click.FloatRange(0), default=0.0, help="Its standard uncertainty, N*s/m.")
 @click.option("--duty", type=click.FloatRange(0, 1, min_open=True), help="With --k-fc; default: the configuration's.")
+@click.option(
+    "--temperature", "temperature_c", type=float,
+    help="Of the surroundings, degC: checked against the range of a fitted battery (`sawbench battery fit`).",
+)  # fmt: skip
+@click.option("--cycle", type=click.FloatRange(0), help="Charges of the battery so far: checked likewise.")
 @click.option("--sweep", "is_sweep", is_flag=True, help="With --k-fc: a table over k_Fc, duty and capacity.")
 @click.option(
     "--k-fc-range",
@@ -50,6 +55,8 @@ def command(
     k_fc: float | None,
     k_fc_std: float,
     duty: float | None,
+    temperature_c: float | None,
+    cycle: float | None,
     is_sweep: bool,
     k_fc_range: tuple[float, float, int] | None,
     duties: str | None,
@@ -62,6 +69,7 @@ def command(
     """Predict how long the battery lasts if the tool goes on cutting as in each trial."""
     from sawbench.analysis import fit_trial, load_and_process, predict, runtime_of
     from sawbench.commands.runtime_sweep import SweepChoice, sweep
+    from sawbench.modeling.battery_range import BatteryUse
 
     if bool(paths) == (k_fc is not None):
         raise click.UsageError("name recordings, or give --k-fc, one of the two")
@@ -74,10 +82,11 @@ def command(
         return sweep(config_for(None, config_path), choice, k_fc=k_fc, duty=duty, force=force, as_json=as_json)
     if choice != SweepChoice():
         raise click.UsageError("--k-fc-range, --duties, --capacities, --csv and --plot need --sweep")
+    use = BatteryUse(temperature_c=temperature_c, cycle=cycle)
     results: list[tuple[str, RuntimePrediction]] = []
     if k_fc is not None:
         loaded = config_for(None, config_path)
-        results.append((f"k_Fc {k_fc:g}", predict(loaded, k_fc=k_fc, k_fc_std=k_fc_std, duty=duty)))
+        results.append((f"k_Fc {k_fc:g}", predict(loaded, k_fc=k_fc, k_fc_std=k_fc_std, duty=duty, use=use)))
     files = find_recordings(paths)
     failures = Failures(len(files))
     for path in progress(files, "predicting"):
@@ -94,7 +103,7 @@ def command(
                     where=path,
                     remedy=f"see `sawbench fit {path}`",
                 )
-            results.append((trial.recording.trial.trial_id, runtime_of(trial, fit, estimates)))
+            results.append((trial.recording.trial.trial_id, runtime_of(trial, fit, estimates, use)))
     emit(
         [{"trial": name, **plain(result)} for name, result in results],
         "\n".join(describe(name, result) for name, result in results),
@@ -121,4 +130,5 @@ def describe(name: str, result: RuntimePrediction) -> str:
     largest = sorted(result.contributions_s.items(), key=lambda item: -item[1])[:4]
     if largest:
         lines.append("  uncertainty from " + ", ".join(f"{key} {value:.1f} s" for key, value in largest))
+    lines += [f"  {result.battery_basis}"] if result.battery_basis else []
     return "\n".join([*lines, *(f"  note: {text}" for text in result.notes)])

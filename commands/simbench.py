@@ -137,6 +137,12 @@ def true_settings(loaded: LoadedConfig, *, material: str, duty: float | None, se
             remedy=f"choose one of {', '.join(MATERIALS)}",
         )
     plant, battery = loaded.plant(), loaded.battery()
+    if battery.open_circuit is not None or battery.shape_ratio != 1.0:
+        raise InputError(
+            "the simulated bench knows the battery of the paper's Eq. 16 alone, not open_circuit or shape_ratio",
+            where=loaded.path,
+            remedy="give it a configuration whose [battery] holds neither",
+        )
     # The tool is the same whatever it cuts: its draw does not depend on the material or the trial.
     rng = np.random.default_rng(20250815)
     drawn = {}

@@ -99,13 +99,13 @@ class Baseline:
         return self.cutting_sign * force_n * self.lever(state) / self.gear
 
     def open_circuit_voltage(self, charge_used_as: Floats) -> Floats:
-        """Eq. 16 without the drop over the internal resistance, V."""
+        """Voltage without the drop over the internal resistance, V."""
         if self.battery is None:
             raise ValueError("no battery in the configuration")
         soc = np.clip(1.0 - charge_used_as / (3600.0 * self.battery.capacity_ah), 1e-3, 1.0)
-        from sawbench.modeling.parts import eq16
+        from sawbench.modeling.configured_battery import open_circuit_voltage
 
-        return eq16.voltage.py_func(self.battery.nominal_voltage_v, self.battery.beta, soc)[0]
+        return open_circuit_voltage(self.battery, soc)
 
     def known_signature(self, state: State) -> Signature:
         """What all known effects change in the residuals together."""

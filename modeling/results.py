@@ -110,7 +110,9 @@ class RuntimePrediction:
     contributions_s : mapping of str to float
         Standard deviation contributed by each parameter, s.
     notes : tuple of str
-        Where a learned term of the model is beyond the range that it holds in.
+        Where the model is used outside the range that it holds in: a learned term, a fitted battery.
+    battery_basis : str
+        What the battery was fitted to, in one line; empty where its configuration does not say.
     """
 
     runtime_s: float
@@ -123,3 +125,4 @@ class RuntimePrediction:
     status: RuntimeStatus
     contributions_s: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    battery_basis: str = ""

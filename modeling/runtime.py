@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.config import PlantConfig, Uncertain
 from sawbench.bench.errors import InputError
+from sawbench.modeling.configured_battery import AnyBattery, with_capacity
 from sawbench.modeling.discharge import Discharge, discharge
 from sawbench.modeling.effect_discharge import N_NODES, discharge_with_effects
 from sawbench.modeling.effects.known import KnownEffect
@@ -287,7 +288,7 @@ class RuntimeSweep:
 def sweep_runtime(
     parameters: JigsawParameters,
     *,
-    battery: Any,
+    battery: AnyBattery,
     k_fc_values: Sequence[float],
     duties: Sequence[float],
     capacities_ah: Sequence[float],
@@ -300,7 +301,7 @@ def sweep_runtime(
     Parameters
     ----------
     parameters : JigsawParameters
-    battery : Eq16Battery or another battery with `capacity_ah`
+    battery : Eq16Battery or TableBattery
         Its capacity is replaced by each of `capacities_ah`.
     k_fc_values, duties, capacities_ah : sequence of float
     cutting_half, cutoff_soc, cutoff_voltage_v
@@ -326,7 +327,7 @@ def sweep_runtime(
             parameters,
             supply=FixedDuty(
                 duty=duties[place[1]],
-                battery=dataclasses.replace(battery, capacity_ah=capacities_ah[place[2]]),
+                battery=with_capacity(battery, capacities_ah[place[2]]),
             ),
             cutting=LinearCutting(k_fc_n_s_per_m=k_fc_values[place[0]], cutting_half=cutting_half),
             cutoff_soc=cutoff_soc,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.config import BatteryConfig, ConverterConfig, PlantConfig
 from sawbench.bench.errors import InputError
-from sawbench.modeling.parts.eq16 import voltage
+from sawbench.modeling.configured_battery import open_circuit_voltage
 from sawbench.modeling.periodic_cycle import COLUMNS, PLANT_NAMES, CuttingHalf, periodic_cycles
 
 Floats = NDArray[np.float64]
@@ -155,7 +155,7 @@ def _supply(
         soc, open_v, resistance_ohm = None, np.array([9.0]), 0.0
     else:
         soc = np.linspace(battery.cutoff_soc, 1.0, N_SOC)
-        open_v = voltage.py_func(battery.nominal_voltage_v, battery.beta, soc)[0]
+        open_v = open_circuit_voltage(battery, soc)
         resistance_ohm = battery.internal_resistance_ohm
     if held_v is not None:
         return soc, open_v, np.full_like(open_v, held_v), 0.0

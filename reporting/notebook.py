@@ -94,7 +94,8 @@ def runtime_block(trial_id: str, found: RuntimePrediction) -> str:
     shares = [(name, f"{std_s:.2g} s") for name, std_s in parts if std_s > 0]
     tables = [_table(("quantity", "value ± standard uncertainty"), rows)]
     tables += [_table(("uncertainty from", "standard uncertainty"), shares)] if shares else []
-    return _block(f"Battery runtime, trial {trial_id}", [f"Until the cut-off {end}."], tables, [])
+    texts = [f"Until the cut-off {end}.", found.battery_basis, *(f"Note: {text}." for text in found.notes)]
+    return _block(f"Battery runtime, trial {trial_id}", texts, tables, [])
 
 
 def comparison_block(found: Comparison) -> str:

@@ -293,6 +293,7 @@ def trust_in(report: TrialReport) -> Trust:
         bad.append(f"No runtime: {RUNTIME_STATUS_WORDS[runtime.status]}.")
     if processed.status == "cutting" and report.note and (fit is None or fit.status == "ok"):
         warn.append(f"No {'k_Fc' if fit is None else 'runtime'}: {report.note}.")
+    warn += runtime.notes if runtime is not None else ()
     warn += [f"{row.channel}: {problem}" for row in processed.quality for problem in row.problems]
     reasons = tuple(dict.fromkeys([*bad, *warn]))
     if bad:
@@ -422,6 +423,8 @@ def _runtime_words(runtime: RuntimePrediction) -> tuple[str, ...]:
     if largest:
         words = [f"{name} {_short(std, 's')}" for name, std in largest]
         texts.append(f"The largest parts of its uncertainty: {', '.join(words)}.")
+    if runtime.battery_basis:
+        texts.append(f"{runtime.battery_basis[:1].upper()}{runtime.battery_basis[1:]}.")
     return tuple(texts)
 
 

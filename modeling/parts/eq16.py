@@ -86,6 +86,7 @@ class Eq16Battery:
             capacity_ah=config.capacity_ah,
             beta=config.beta,
             internal_resistance_ohm=config.internal_resistance_ohm,
+            shape_capacity_ah=None if config.shape_ratio == 1.0 else config.shape_ratio * config.capacity_ah,
         )
 
     @property

@@ -226,7 +226,7 @@ def read_table(path: Path, table_map: TableMap | None = None, *, is_idle: bool =
     InputError
         As `import_path`.
     """
-    raw = _raw_table(path, table_map)
+    raw = read_raw_table(path, table_map)
     choice = choose_columns(raw, table_map)
     signals: dict[str, Signal] = {}
     warnings = list(choice.warnings)
@@ -244,7 +244,14 @@ def read_table(path: Path, table_map: TableMap | None = None, *, is_idle: bool =
     )
 
 
-def _raw_table(path: Path, table_map: TableMap | None) -> RawTable:
+def read_raw_table(path: Path, table_map: TableMap | None) -> RawTable:
+    """Read every column of a single table, before anything is taken for a channel.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, damaged or of an unknown kind.
+    """
     suffix = Path(path.stem).suffix.lower() if path.suffix.lower() == ".gz" else path.suffix.lower()
     if suffix in TEXT_SUFFIXES:
         from sawbench.storage.importers.text_table import read_text_table

@@ -62,3 +62,30 @@ def test_text_of_another_encoding_is_one_clear_message(tmp_path):
     with pytest.raises(ConfigError, match="is no UTF-8 text: byte 0 is 0xff") as caught:
         load_config(path)
     assert "bench_config.toml" in str(caught.value) and "save it as UTF-8" in str(caught.value)
+
+
+BATTERY = "[battery]\nnominal_voltage_v = 18.0\ncapacity_ah = 1.5\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("", "beta"),
+        ("beta = 0.9\nopen_circuit = { soc = [0, 0.5, 1], share = [0.8, 0.9, 1] }", "keep one"),
+        ("open_circuit = { soc = [0, 0.5, 1], share = [0.8, 0.9] }", "share"),
+        ("open_circuit = { soc = [0, 0.5, 1], share = [0.8, 0.9, 0.99] }", "share must end at 1"),
+        ("open_circuit = { soc = [0, 0.5, 0.5, 1], share = [0.8, 0.9, 0.95, 1] }", "soc must increase"),
+        ("open_circuit = { soc = [0.1, 0.5, 1], share = [0.8, 0.9, 1] }", "soc must begin at 0"),
+        ("beta = 0.9\nfitted = { runtime_rel_std = 0.1, current_a = [2, 1] }", "current_a must rise"),
+        ("beta = 0.9\nfitted = { runtime_rel_std = 0.1 }", "current_a"),
+    ],
+)
+def test_a_battery_is_one_curve_with_a_range(text, complaint):
+    with pytest.raises(ConfigError, match=complaint):
+        parse_config(BATTERY + text)
+
+
+def test_a_table_battery_needs_no_beta():
+    battery = parse_config(BATTERY + "open_circuit = { soc = [0, 0.5, 1], share = [0.8, 0.9, 1] }").battery()
+    assert battery.open_circuit is not None
+    assert battery.open_circuit.share == (0.8, 0.9, 1.0)

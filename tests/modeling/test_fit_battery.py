@@ -1,22 +1,15 @@
-"""Battery fits: known cells come back, and the real ones predict their fast discharges."""
+"""Battery fits: known cells come back and predict their fast discharges."""
 
 from __future__ import annotations
-
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
 from sawbench.bench.errors import InputError
-from sawbench.modeling.battery_fit import MeasuredDischarge, fit_battery, predict_discharge
-
-from benchmarks import battery_cells
+from sawbench.modeling.battery_choice import predicted_runtime_s
+from sawbench.modeling.battery_fit import fit_battery
+from sawbench.modeling.measured_discharge import MeasuredDischarge
 
 pytestmark = pytest.mark.unit
-
-ROOT = Path(__file__).resolve().parents[2]
-CELLS = Path(os.environ.get("SAWBENCH_SHARED", ROOT.parent / "shared" / "data")) / "pybop_cells"
-needs_cells = pytest.mark.skipif(not CELLS.exists(), reason="the cell measurements are not here")
 
 
 def cell(current_a: float, *, v=4.1, beta=0.9, q_ah=5.6, r=0.05, cut_v=2.8, noise=0.0) -> MeasuredDischarge:
@@ -39,14 +32,11 @@ def test_free_capacity_and_resistance_come_back_from_two_rates():
     assert fit.rmse_v == pytest.approx(0.002, rel=0.1)
 
 
-@pytest.mark.parametrize("model", ["eq16_free_r", "ocv_r"])
+@pytest.mark.parametrize("model", ["eq16_free_r", "eq16_end_r", "ocv_r"])
 def test_fast_discharge_is_predicted_from_slow_ones(model):
     fit = fit_battery([cell(0.5), cell(2.5)], model=model)
     fast = cell(8.0)
-    predicted = predict_discharge(fit, current_a=8.0, cutoff_voltage_v=2.8)
-    assert predicted.status == "ok"
-    assert predicted.duration_s == pytest.approx(fast.duration_s, rel=5e-3)
-    assert predicted.delivered_ah == pytest.approx(fast.charge_a_s[-1] / 3600.0, rel=5e-3)
+    assert predicted_runtime_s(fit, fast, float(fast.voltage_v[-1])) == pytest.approx(fast.duration_s, rel=5e-3)
 
 
 def test_tied_capacity_fits_worse_than_free():
@@ -55,11 +45,28 @@ def test_tied_capacity_fits_worse_than_free():
     assert tied.rmse_v > 10.0 * free.rmse_v
 
 
-def test_prediction_says_when_the_voltage_is_never_reached_or_missed_from_the_start():
+def test_a_fit_does_not_depend_on_how_often_the_tester_logged():
+    dense = cell(2.5)
+    keep = np.unique(
+        np.concatenate([np.arange(0, 200), np.arange(200, len(dense.time_s), 20), [len(dense.time_s) - 1]])
+    )
+    thinned = MeasuredDischarge(
+        time_s=dense.time_s[keep], current_a=dense.current_a[keep], voltage_v=dense.voltage_v[keep]
+    )
+    for model in ("eq16", "eq16_end"):
+        often, seldom = fit_battery([dense], model=model), fit_battery([thinned], model=model)
+        assert seldom.nominal_voltage_v == pytest.approx(often.nominal_voltage_v, rel=1e-3)
+        assert seldom.beta == pytest.approx(often.beta, abs=1e-3)
+
+
+def test_a_model_that_ends_too_early_or_never_is_said_so_by_its_runtime():
     fit = fit_battery([cell(0.5), cell(2.5)], model="eq16_free_r")
-    assert predict_discharge(fit, current_a=200.0, cutoff_voltage_v=2.8).status == "below_at_start"
-    table = fit_battery([cell(0.5), cell(2.5)], model="ocv_r")
-    assert predict_discharge(table, current_a=1e-6, cutoff_voltage_v=1.0).status == "never_reached"
+    slow = cell(2.5)
+    # 60 A over 0.05 Ohm leave 4.1 V less than the 2.8 V of the cut-off from the first sample.
+    fast = MeasuredDischarge(time_s=slow.time_s, current_a=24.0 * slow.current_a, voltage_v=slow.voltage_v)
+    assert predicted_runtime_s(fit, fast, 2.8) == 0.0
+    # Never to -1 V: it is stopped at three times the measured runtime.
+    assert predicted_runtime_s(fit, slow, -1.0) == pytest.approx(3.0 * slow.duration_s)
 
 
 def test_nonsense_is_refused_by_name():
@@ -69,24 +76,3 @@ def test_nonsense_is_refused_by_name():
         fit_battery([cell(1.0)], model="eq17")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="two different currents"):
         fit_battery([cell(1.0), cell(1.0)], model="eq16_free_r")
-    with pytest.raises(InputError, match="delivers no charge"):
-        MeasuredDischarge(time_s=[0, 1], current_a=[-1, -1], voltage_v=[4, 3])
-    with pytest.raises(InputError, match="current_a"):
-        predict_discharge(fit_battery([cell(1.0)]), current_a=-1.0, cutoff_voltage_v=2.5)
-
-
-@needs_cells
-def test_real_cells_fitted_slowly_predict_two_c():
-    table = battery_cells.rows(battery_cells.read_cells(CELLS))
-    chosen = [row for row in table if row["model"] == battery_cells.CHOSEN and row["rate"] == "2C"]
-    errors = {row["temperature"]: row["error"] for row in chosen}
-    assert not any(row["is_fitted"] for row in chosen)
-    assert abs(errors["10"]) < 0.03
-    assert abs(errors["25"]) < 0.03
-
-
-@needs_cells
-def test_page_of_the_real_cells_is_what_the_program_writes():
-    table = battery_cells.rows(battery_cells.read_cells(CELLS))
-    assert len(table) == 4 * 16
-    assert (ROOT / "docs" / "battery.md").read_text(encoding="utf-8") == battery_cells.page(table)
