@@ -143,8 +143,6 @@ def anneal_current_trace(
     supply: Supply,
     cutting_half: CuttingHalf = "pi_to_2pi",
     initial: InitialState = AT_REST,
-    bounds: tuple[float, float] = APPENDIX_B_BOUNDS,
-    start: float = APPENDIX_B_START,
     seed: int = 0,
 ) -> Annealed:
     """Appendix B: the squared error of the current over time (Eq. 15), minimised by annealing.
@@ -155,8 +153,8 @@ def anneal_current_trace(
         The paper uses 1 s from rest at 1 kHz.
     parameters, supply, cutting_half, initial
         The model, as in `fit_current_trace`.
-    bounds, start, seed
-        As in `anneal`.
+    seed : int
+        As in `anneal`; bounds and start are those of Appendix B.
 
     Returns
     -------
@@ -165,7 +163,7 @@ def anneal_current_trace(
     trace = current_trace(
         time_s, current_a, parameters=parameters, supply=supply, cutting_half=cutting_half, initial=initial
     )
-    return anneal(trace.ise, bounds=bounds, start=start, seed=seed)
+    return anneal(trace.ise, bounds=APPENDIX_B_BOUNDS, start=APPENDIX_B_START, seed=seed)
 
 
 def anneal_cycles(

@@ -42,7 +42,7 @@ def slope_at(c, u):
 
 @kernel()
 def emit(time_s, k, out, gear, t0, t1, current, angle, soc0, soc_rate0, soc1, soc_rate1):
-    """Write every sample with time <= t1 from place k on; returns the next place.
+    """Write every sample with time <= t1 from place k on; returns the next place. Compiled: numbers and arrays only.
 
     `out` has the rows motor current, motor speed, crank angle, state of charge.
     """

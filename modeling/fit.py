@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
 
-from sawbench.bench.config import BatteryConfig, ConverterConfig, PlantConfig, Uncertain
+from sawbench.bench.config import BatteryConfig, ConverterConfig, PlantConfig
 from sawbench.bench.errors import InputError
 from sawbench.modeling.cycle_observation import FitMethod
 from sawbench.modeling.force_fit import fit_force
 from sawbench.modeling.joint_fit import DEFAULT_BOUNDS, K_FC, JointFit, SensorPriors, fit_jointly
 from sawbench.modeling.measured_cycles import MeasuredCycles
-from sawbench.modeling.periodic_cycle import PLANT_NAMES, CuttingHalf
+from sawbench.modeling.periodic_cycle import CuttingHalf
 from sawbench.modeling.results import CuttingFit, FitStatus
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 # A standard uncertainty above this share of k_Fc says that the data do not hold it.
 UNIDENTIFIED_SHARE = 0.5
@@ -45,14 +41,11 @@ def available_method(cycles: MeasuredCycles) -> FitMethod:
 def fit_cutting_coefficient(
     cycles: MeasuredCycles,
     *,
-    parameters: Any = None,
-    plant: PlantConfig | None = None,
+    plant: PlantConfig,
     battery: BatteryConfig | None = None,
     converter: ConverterConfig | None = None,
     cutting_half: CuttingHalf = "pi_to_2pi",
-    force_gain_rel_std: float = 0.005,
-    current_gain_rel_std: float = 0.005,
-    sensors: SensorPriors | None = None,
+    sensors: SensorPriors = SensorPriors(),  # noqa: B008 - frozen
     method: FitMethod = "current_and_force",
     bounds: tuple[float, float] = DEFAULT_BOUNDS,
 ) -> CuttingFit:
@@ -67,17 +60,13 @@ def fit_cutting_coefficient(
     ----------
     cycles : MeasuredCycles
         Settled strokes: no spin-up inside.
-    parameters : JigsawParameters, optional
-        Nominal plant values where they differ from `plant`; fields named as in `PlantConfig`.
-    plant : PlantConfig, optional
-        Nominal values with `rel_std`. Without it the plant of `parameters` counts as exactly known.
+    plant : PlantConfig
+        Nominal values with `rel_std`.
     battery, converter : optional
         The supply; the battery voltage is taken as measured where it was.
     cutting_half : {"pi_to_2pi", "zero_to_pi"}
-    force_gain_rel_std, current_gain_rel_std : float
-        Relative standard uncertainty of the sensor gains.
-    sensors : SensorPriors, optional
-        Replaces the two gains above by a full description.
+    sensors : SensorPriors
+        Standard uncertainty of gains, offsets and the angle's zero.
     method : {"current_and_force", "current", "force", "annealing"}
     bounds : tuple of float
         Lowest and highest k_Fc, N*s/m.
@@ -90,11 +79,8 @@ def fit_cutting_coefficient(
     Raises
     ------
     InputError
-        If a channel, the duty or the plant is missing, or the strokes are too few.
+        If a channel or the duty is missing, or the strokes are too few.
     """
-    plant = _plant(parameters, plant)
-    if sensors is None:
-        sensors = SensorPriors(force_gain_rel_std=force_gain_rel_std, current_gain_rel_std=current_gain_rel_std)
     if method == "force":
         return _force_only(cycles, plant, sensors, cutting_half, bounds)
     if method == "annealing":
@@ -269,21 +255,3 @@ def _force_only(
         ),
         notes=(*note, *misses),
     )
-
-
-def _plant(parameters: Any, plant: PlantConfig | None) -> PlantConfig:
-    """Nominals of `parameters` with the uncertainties of `plant`."""
-    if parameters is None:
-        if plant is None:
-            raise InputError("give plant or parameters", remedy="fill in [plant] of bench_config.toml")
-        return plant
-    fields: Mapping[str, Any] = {
-        name: Uncertain(
-            nominal=float(getattr(parameters, name)),
-            rel_std=0.0 if plant is None else getattr(plant, name).rel_std,
-        )
-        for name in PLANT_NAMES
-    }
-    if plant is not None:
-        return plant.model_copy(update=dict(fields))
-    return PlantConfig(**fields, gear_ratio=float(parameters.gear_ratio))

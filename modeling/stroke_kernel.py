@@ -216,7 +216,7 @@ def periodic_state(p, spline, ocv, soc, n_steps, tolerance, accept, result):
 
 @kernel()
 def waveform(p, spline, ocv, soc, n_steps, i, w, current, speed):
-    """Fill current and crank speed at the angles 2*pi*j/n_steps of a stroke from (i, W)."""
+    """Fill current and crank speed at the angles 2*pi*j/n_steps of a stroke from (i, W). Compiled: arrays only."""
     m = machine(p)
     tables = load_tables(m, spline, n_steps)
     curve = drive(m, ocv, soc)

@@ -137,7 +137,7 @@ class Trajectory:
     ocv : ndarray, shape (n_pieces, 4)
         Battery table, no rows where there is none.
     record : ndarray
-        Integrals, end state and counts of the kernel; see `energy`, `error_estimate`.
+        Integrals, end state and counts of the kernel; see `energy`.
     start : ndarray, shape (4,)
         State at time 0.
     """
@@ -194,11 +194,6 @@ class Trajectory:
     def battery_current_a(self) -> Floats:
         """Battery current, A; the motor current for an ideal source."""
         return self._electric()[2]
-
-    @property
-    def error_estimate(self) -> float:
-        """Sum of the local errors of the current over the stall current; an upper bound by experience."""
-        return float(self.record[kernel.ERROR_CURRENT])
 
     @property
     def energy(self) -> EnergyBalance:

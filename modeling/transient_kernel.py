@@ -42,6 +42,8 @@ NOTHING, DEAD_CENTRE, STANDSTILL, RELEASE = 0, 1, 2, 3
 def simulate_transient(p, spline, ocv, time_s, start, n_steps, tolerances, out, record):
     """Integrate from `start` = (i, W, a, soc) at time 0 to the last sample; fill `out` and `record`.
 
+    Compiled, so what it takes and gives are numbers and arrays, each on its own.
+
     Parameters
     ----------
     p : ndarray, shape (N_SLOTS,)

@@ -23,14 +23,12 @@ class PeakForce:
     mean_n : float
     mean_std_n : float
         Standard uncertainty of `mean_n`, N.
-    per_cycle_n : ndarray, shape (k,)
     angle_rad : float
         Crank angle of the peak, rad.
     """
 
     mean_n: float
     mean_std_n: float
-    per_cycle_n: Floats
     angle_rad: float
 
 
@@ -89,7 +87,6 @@ def estimate_peak_force(
     return PeakForce(
         mean_n=float(per_cycle.mean()),
         mean_std_n=standard_error(per_cycle),
-        per_cycle_n=per_cycle,
         angle_rad=float(at.mean() + dense[np.argmax(shape)] * max(float(np.ptp(at)), step)),
     )
 

@@ -12,7 +12,8 @@ from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, DISPLACEMENT,
 from sawbench.visualization.sdk import TimelineColumn, rr, rrb
 
 TIMELINE: Final = "time"
-STROKE_RATE_PATH: Final = "signals/stroke_rate_hz"
+STROKE_RATE: Final = "stroke_rate_hz"
+STROKE_RATE_PATH: Final = f"signals/{STROKE_RATE}"
 K_FC: Final = "k_fc_n_s_per_m"
 REMAINING: Final = "remaining_runtime_s"
 TRIAL_PATH: Final = "trial"
@@ -43,48 +44,18 @@ class Series:
     colour: tuple[int, int, int]
 
 
-SERIES: Final[dict[str, Series]] = {
-    series.path.removeprefix("signals/"): series
-    for series in (
-        Series(path=f"signals/{FORCE.name}", title="Cutting force / N", name="force", colour=(230, 110, 20)),
-        Series(
-            path=f"signals/{DISPLACEMENT.name}",
-            title="Blade displacement / mm",
-            name="displacement",
-            colour=(86, 180, 233),
-        ),
-        Series(path=STROKE_RATE_PATH, title="Stroke rate / Hz", name="stroke rate", colour=(240, 220, 90)),
-        Series(
-            path=f"signals/{MOTOR_CURRENT.name}",
-            title="Motor current / A",
-            name="motor current",
-            colour=(0, 178, 130),
-        ),
-        Series(
-            path=f"signals/{BATTERY_VOLTAGE.name}",
-            title="Battery voltage / V",
-            name="battery voltage",
-            colour=(204, 121, 167),
-        ),
-        Series(
-            path=f"signals/{BATTERY_CURRENT.name}",
-            title="Battery current / A",
-            name="battery current",
-            colour=(150, 140, 220),
-        ),
-        Series(
-            path=f"signals/{K_FC}",
-            title="k_Fc ± its uncertainty / N·s/m, renewed each stroke",
-            name="k_Fc",
-            colour=(200, 200, 200),
-        ),
-        Series(
-            path=f"signals/{REMAINING}",
-            title="Battery left at this cut / s",
-            name="remaining runtime",
-            colour=(213, 94, 0),
-        ),
-    )
+_SHOWN: Final = (
+    (FORCE.name, "Cutting force / N", "force", (230, 110, 20)),
+    (DISPLACEMENT.name, "Blade displacement / mm", "displacement", (86, 180, 233)),
+    (STROKE_RATE, "Stroke rate / Hz", "stroke rate", (240, 220, 90)),
+    (MOTOR_CURRENT.name, "Motor current / A", "motor current", (0, 178, 130)),
+    (BATTERY_VOLTAGE.name, "Battery voltage / V", "battery voltage", (204, 121, 167)),
+    (BATTERY_CURRENT.name, "Battery current / A", "battery current", (150, 140, 220)),
+    (K_FC, "k_Fc ± its uncertainty / N·s/m, renewed each stroke", "k_Fc", (200, 200, 200)),
+    (REMAINING, "Battery left at this cut / s", "remaining runtime", (213, 94, 0)),
+)
+SERIES: Final = {
+    of: Series(path=f"signals/{of}", title=title, name=name, colour=colour) for of, title, name, colour in _SHOWN
 }
 _HIDDEN_TIME: Final = TimelineColumn(TIMELINE, visible=False)
 """Rerun cuts its time column short; the text of an event begins with the time instead."""

@@ -38,9 +38,15 @@ from sawbench.visualization.stroke_rate import LiveStrokeRate
 from sawbench.visualization.viewer import LOOPBACK, ViewerProcess, free_port
 
 Show = Literal["spawn", "serve", "none"]
-_Item = SampleBlock | Event | tuple[float, float] | tuple[float, float, float, float]
+_Item = SampleBlock | Event | tuple[float, float, float, float]
 _QUEUE_LENGTH: Final = 4096
 _SEND_EVERY_S: Final = 0.05
+# Points a second and channel that are shown: the envelope keeps every peak.
+_MAX_RATE_HZ: Final = 1000.0
+# Width of the moving time window.
+_WINDOW_S: Final = 3.0
+# For viewers that connect late the stream is kept up to this size, the oldest part goes first.
+_MEMORY_LIMIT: Final = "256MB"
 _VIEWER_CHECK_EVERY_S: Final = 0.5
 _APPLICATION_ID: Final = "sawbench"
 
@@ -104,12 +110,6 @@ class LiveView:
         Also write what is shown, thinned out as it is, to this `.rrd` file.
     overwrite : bool
         Allow `save_path` to exist.
-    max_rate_hz : float
-        Points a second and channel that are shown; the envelope keeps every peak.
-    window_s : float
-        Width of the moving time window, s.
-    memory_limit : str
-        For viewers that connect late the stream is kept up to this size, the oldest part goes first.
     has_estimate : bool
         Make room for k_Fc and the remaining runtime; see `cutting_estimate`.
     start_viewer : callable
@@ -148,9 +148,6 @@ class LiveView:
         show: Show = "spawn",
         save_path: str | Path | None = None,
         overwrite: bool = False,
-        max_rate_hz: float = 1000.0,
-        window_s: float = 3.0,
-        memory_limit: str = "256MB",
         has_estimate: bool = False,
         start_viewer: Callable[[str], ViewerProcess] = _start_viewer,
     ) -> None:
@@ -159,7 +156,6 @@ class LiveView:
         self.n_dropped = 0
         self.url: str | None = None
         self._viewer: ViewerProcess | None = None
-        self._max_rate_hz = max_rate_hz
         self._queue: queue.Queue[_Item] = queue.Queue(_QUEUE_LENGTH)
         self._is_closing = threading.Event()
         self._pending: dict[str, list[SampleBlock]] = {}
@@ -167,10 +163,10 @@ class LiveView:
         self._styled: set[str] = set()
         self._stroke_rate = LiveStrokeRate()
         self._recording = rr.RecordingStream(_APPLICATION_ID, recording_id=uuid.uuid4())
-        self._attach(show, save_path, overwrite, memory_limit, start_viewer)
+        self._attach(show, save_path, overwrite, start_viewer)
         if trial is not None:
             log_trial(self._recording, trial)
-        self._recording.send_blueprint(make_blueprint(live_window_s=window_s, has_estimate=has_estimate))
+        self._recording.send_blueprint(make_blueprint(live_window_s=_WINDOW_S, has_estimate=has_estimate))
         self._worker = threading.Thread(target=self._work, name="live view", daemon=True)
         self._worker.start()
 
@@ -179,14 +175,13 @@ class LiveView:
         show: Show,
         save_path: str | Path | None,
         overwrite: bool,
-        memory_limit: str,
         start_viewer: Callable[[str], ViewerProcess],
     ) -> None:
         sinks = [] if save_path is None else [open_rrd(save_path, overwrite=overwrite)]
         if show != "none":
             try:
                 server = rr.GrpcServerSink(
-                    bind_ip=LOOPBACK, port=free_port(), server_memory_limit=memory_limit, newest_first=False
+                    bind_ip=LOOPBACK, port=free_port(), server_memory_limit=_MEMORY_LIMIT, newest_first=False
                 )
                 self._recording.set_sinks(server, *sinks)
                 self.url = server.uri
@@ -210,13 +205,6 @@ class LiveView:
     def note(self, event: Event) -> None:
         """Show a note or an event; returns at once."""
         self._put(event)
-
-    def stroke_rate(self, time_s: float, rate_hz: float) -> None:
-        """Show a stroke rate found elsewhere.
-
-        The view finds the rate from `displacement_mm` itself; this is for benches without it.
-        """
-        self._put((time_s, rate_hz))
 
     def cutting_estimate(
         self, time_s: float, k_fc_n_s_per_m: float, std_n_s_per_m: float, remaining_s: float | None = None
@@ -298,8 +286,6 @@ class LiveView:
                 self._pending.setdefault(item.channel, []).append(item)
             elif isinstance(item, Event):
                 log_event(self._recording, item)
-            elif len(item) == 2:
-                self._send_stroke_rates([item])
             else:
                 self._send_estimate(*item)
             if left_s <= 0 and not self._is_closing.is_set():
@@ -317,7 +303,7 @@ class LiveView:
                     times.append(block.time_s[:1] - 1e-9)
                     values.append(np.array([np.nan]))
                 self._next_index[channel] = block.first_index + len(block.time_s)
-                keep = envelope_indices(block.time_s, block.values, max_rate_hz=self._max_rate_hz)
+                keep = envelope_indices(block.time_s, block.values, max_rate_hz=_MAX_RATE_HZ)
                 times.append(block.time_s[keep])
                 values.append(block.values[keep])
                 if channel == DISPLACEMENT.name:

@@ -7,7 +7,7 @@ gap. The constants are few and shared by all effects: `settings.Weights`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -106,9 +106,3 @@ def _normalised(score: dict[Hypothesis, float]) -> tuple[Hypothesis, ...]:
     total = sum(weight.values())
     found = (replace(h, probability=value / total) for h, value in weight.items())
     return tuple(sorted(found, key=lambda h: -h.probability))
-
-
-def marginal_of(hypotheses: Iterable[Hypothesis], effects: Iterable[str]) -> dict[str, float]:
-    """Probability that each effect takes part, alone or with others."""
-    known = list(hypotheses)
-    return {effect: sum(h.probability for h in known if effect in h.effects) for effect in effects}

@@ -24,7 +24,7 @@ def generate(out_dir: Path) -> None:
     RuntimeError
         If protoc does not accept a file; what it says is on stderr.
     """
-    from grpc_tools import protoc
+    from grpc_tools import protoc  # pyright: ignore[reportMissingImports] - needed for this file alone
 
     well_known = Path(protoc.__file__).parent / "_proto"
     arguments = ["protoc", f"-I{ROOT}", f"-I{well_known}", f"--python_out={out_dir}", f"--pyi_out={out_dir}"]

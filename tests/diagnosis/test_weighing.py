@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sawbench.diagnosis.inference.hypothesis import Hypothesis, named
+from sawbench.diagnosis.inference.hypothesis import named
 from sawbench.diagnosis.inference.settings import SETTINGS
-from sawbench.diagnosis.inference.weighing import marginal_of, weigh
+from sawbench.diagnosis.inference.weighing import weigh
 
 pytestmark = pytest.mark.unit
 
@@ -133,14 +133,6 @@ def test_a_pair_that_nobody_fitted_is_no_measure_of_what_is_left():
     found = weighed({"edge_force": 80.0, PAIR: 80.1}, {"edge_force": WEIGHTS.quiet, PAIR: np.inf})
     assert first(found) == "edge_force"
     assert np.isfinite(list(found.values())).all()
-
-
-def test_marginal_counts_an_effect_alone_and_in_pairs():
-    shares = {("edge_force",): 0.5, NAMES[:2]: 0.3, ("guide_friction",): 0.15}
-    hypotheses = [Hypothesis(effects=effects, log_evidence=0.0, probability=p) for effects, p in shares.items()]
-    hypotheses.append(Hypothesis(other="no_gap", log_evidence=0.0, probability=0.05))
-    found = marginal_of(hypotheses, NAMES)
-    assert found == pytest.approx({"edge_force": 0.8, "blade_wear": 0.3, "guide_friction": 0.15})
 
 
 def three_effects(more):

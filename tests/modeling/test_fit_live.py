@@ -7,7 +7,7 @@ import pytest
 from sawbench.bench.config import BatteryConfig, PlantConfig
 from sawbench.bench.errors import InputError
 from sawbench.modeling.fit import fit_cutting_coefficient
-from sawbench.modeling.recursive import RecursiveCuttingEstimator, StrokeSummary, summarize_strokes
+from sawbench.modeling.recursive import RecursiveCuttingEstimator, StrokeSummary
 from sawbench.processing.measured_cycles import cycles_from_samples
 
 from benchmarks import synthetic_trials as synthetic
@@ -21,6 +21,22 @@ PLANT = PlantConfig.model_validate(
     | {"gear_ratio": synthetic.GEAR_RATIO}
 )
 TRUE = {name: value for name, (value, _) in synthetic.NOMINAL.items()}
+
+
+def stroke_summaries(cycles):
+    """Strokes of `MeasuredCycles` as the stream would give them: time means over each stroke."""
+
+    def time_mean(values, stroke):
+        return None if values is None else np.average(values[stroke], weights=1.0 / cycles.crank_speed_rad_s[stroke])
+
+    for n in range(cycles.n_cycles):
+        yield StrokeSummary(
+            period_s=cycles.period_s[n],
+            mean_force_n=time_mean(cycles.force_n, n),
+            mean_current_a=time_mean(cycles.current_a, n),
+            battery_voltage_v=None if cycles.battery_voltage_v is None else cycles.battery_voltage_v[n],
+            battery_current_a=None if cycles.battery_current_a is None else cycles.battery_current_a[n],
+        )
 
 
 def live_strokes(values, *, seed=1, spread=0.045):
@@ -44,7 +60,7 @@ def test_agrees_with_the_batch_fit_and_with_the_truth():
             duty=trial.duty,
         )
         live = RecursiveCuttingEstimator(plant=PLANT, battery=BATTERY, duty=trial.duty)
-        for stroke in summarize_strokes(cycles):
+        for stroke in stroke_summaries(cycles):
             estimate = live.update(stroke)
         batch = fit_cutting_coefficient(cycles, plant=PLANT, battery=BATTERY)
         z_batch.append((estimate.k_fc_n_s_per_m - batch.k_fc_n_s_per_m) / estimate.std_n_s_per_m)
@@ -59,7 +75,7 @@ def test_current_alone_gives_k_fc_too():
     channels = {"motor_current_a": (t, i), "battery_voltage_v": (t, v), "battery_current_a": (t, ib)}
     cycles = cycles_from_samples(t, crank, w / synthetic.GEAR_RATIO, channels, start_s=2.0, duty=0.4375)
     live = RecursiveCuttingEstimator(plant=PLANT, battery=BATTERY, duty=0.4375)
-    for stroke in summarize_strokes(cycles):
+    for stroke in stroke_summaries(cycles):
         estimate = live.update(stroke)
     assert estimate.k_fc_n_s_per_m == pytest.approx(240.0, rel=3e-3)
     assert 0.025 < estimate.std_n_s_per_m / 240.0 < 0.06
@@ -75,7 +91,7 @@ def test_remaining_runtime_is_that_of_the_independent_discharge():
     cycles = cycles_from_samples(t, crank, w / synthetic.GEAR_RATIO, channels, start_s=1.5, end_s=20.0, duty=0.4375)
     start_soc = 1.0 - float(np.interp(cycles.cycle_start_s[0], t, charge)) / (0.05 * 3600)
     live = RecursiveCuttingEstimator(plant=PLANT, battery=small, duty=0.4375, start_soc=start_soc)
-    for stroke in summarize_strokes(cycles):
+    for stroke in stroke_summaries(cycles):
         estimate = live.update(stroke)
     now = cycles.cycle_start_s[-1] + cycles.period_s[-1]
     assert estimate.remaining_s is not None
