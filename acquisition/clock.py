@@ -21,6 +21,8 @@ _SLOT_S: Final = 0.1
 _LATE_SLOT_S: Final = 0.003
 # Smallest latency of a link is not repeatable to better than this, however little the slots scatter.
 _LATENCY_STD_S: Final = 1e-4
+# Latency of a USB link that is the same for every sample, at most: full-speed devices are asked once a millisecond.
+LINK_LATENCY_S: Final = 1e-3
 # Standard deviation of the quartz of an instrument; a rate further off than this explains was rounded by it.
 _QUARTZ_STD: Final = 5e-5
 _ROUNDED_SIGMAS: Final = 5.0
@@ -218,7 +220,7 @@ class ArrivalClock:
             f"({self._n_observed} reads); "
             f"rate {1.0 / line.period_s:.4f} Hz ({drift_ppm:+.0f} ppm of nominal); "
             f"alignment +/- {self.uncertainty_s * 1e3:.2f} ms (1 std), plus the constant latency of the "
-            "link, which a receiver cannot see (USB: up to 1 ms)"
+            f"link, which a receiver cannot see (USB: up to {LINK_LATENCY_S * 1e3:g} ms)"
         )
 
     def _lateness(self, index: int, arrival_s: float) -> float:

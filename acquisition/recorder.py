@@ -7,12 +7,13 @@ dropped. A device that goes away is noted as a gap and taken up again, into the 
 
 from __future__ import annotations
 
+import json
 import queue
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import Final, Literal
 
@@ -79,6 +80,7 @@ def record(
     status: Callable[[RecordingStatus], object] | None = None,
     clock: Callable[[], float] = time.monotonic,
     limits: RecorderLimits | None = None,
+    between_rounds: Callable[[], object] | None = None,
 ) -> RecordingSummary:
     """Record until `seconds` are full, `stop` is set, Ctrl-C, or every instrument is gone.
 
@@ -100,6 +102,8 @@ def record(
     clock : callable
         Monotonic seconds; the same that the devices use.
     limits : RecorderLimits, optional
+    between_rounds : callable, optional
+        For devices whose time is scripted: they are read in turn in this thread, and this is called before every round.
 
     Returns
     -------
@@ -116,7 +120,7 @@ def record(
         raise InputError("there is no instrument to record", remedy="add a [devices.*] table to the configuration")
     if seconds is not None and not seconds > 0:
         raise InputError(f"seconds is {seconds!r}, it must be greater than 0")
-    run = _Run(devices, observers, clock, limits or RecorderLimits())
+    run = _Run(devices, observers, clock, limits or RecorderLimits(), between_rounds)
     try:
         run.start_devices()
         run.wait_until_settled(stop)
@@ -136,8 +140,10 @@ class _Run:
         observers: Iterable[Observer],
         clock: Callable[[], float],
         limits: RecorderLimits,
+        between_rounds: Callable[[], object] | None,
     ) -> None:
         self._devices = list(devices)
+        self._between_rounds = between_rounds
         self._clock = clock
         self._limits = limits
         self._messages: queue.Queue[Message] = queue.Queue(limits.queue_length)
@@ -161,7 +167,7 @@ class _Run:
             device.start()
             reader = DeviceReader(device, self._messages, clock=self._clock, silence_s=self._limits.silence_s)
             self._readers.append(reader)
-        for reader in self._readers:
+        for reader in self._readers if self._between_rounds is None else ():
             reader.start()
 
     def wait_until_settled(self, stop: threading.Event | None) -> None:
@@ -255,6 +261,10 @@ class _Run:
         self._feed.close()
 
     def _next_message(self) -> Message | None:
+        if self._between_rounds is not None and self._messages.empty():
+            self._between_rounds()
+            for device in self._devices:
+                self._messages.put(Samples(device=device.name, chunks=device.read()))
         try:
             return self._messages.get(timeout=_WAIT_S)
         except queue.Empty:
@@ -362,7 +372,10 @@ class _Run:
         facts = {"clock": "t = 0 when every instrument streamed; all channels on the recording machine's own clock"}
         for (device, stream), recorder in self._streams.items():
             facts[f"alignment {device} {stream}"] = recorder.timer.statement()
+            alignment = recorder.timer.alignment
             for channel in recorder.stream.channels:
+                if alignment is not None:
+                    facts[f"alignment values {channel.name}"] = json.dumps(asdict(alignment))
                 facts[f"calibration {channel.name}"] = channel.calibration.statement(channel.name, channel.unit)
                 facts[f"calibration values {channel.name}"] = channel.calibration.model_dump_json(exclude_none=True)
         for device in self._devices:

@@ -13,8 +13,9 @@ from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from sawbench.acquisition.clock import LARGEST_SLEW, SLEW_SETTLED_S, ArrivalClock
+from sawbench.acquisition.clock import LARGEST_SLEW, LINK_LATENCY_S, SLEW_SETTLED_S, ArrivalClock
 from sawbench.acquisition.devices.device import Chunk, Stream
+from sawbench.bench.recording import Alignment
 
 _SETTLE_S: Final = 0.4
 _SETTLE_SAMPLES: Final = 5
@@ -164,6 +165,13 @@ class StreamTimer:
     def drift_ppm(self) -> tuple[float, float] | None:
         """See `ArrivalClock.drift_ppm`; None for polled instruments."""
         return self._clock.drift_ppm() if self.stream.rate_hz > 0 else None
+
+    @property
+    def alignment(self) -> Alignment | None:
+        """How well the times are known; None for polled instruments and before any sample came."""
+        if self.stream.rate_hz <= 0 or not self._n_seen:
+            return None
+        return Alignment(std_s=self._clock.uncertainty_s, latency_s=LINK_LATENCY_S)
 
     def statement(self) -> str:
         """How the times were made, in words."""

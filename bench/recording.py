@@ -152,6 +152,28 @@ class Event:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class Alignment:
+    """How well the times of a channel are known on the recording's clock.
+
+    Attributes
+    ----------
+    std_s : float
+        Standard uncertainty of this recording's alignment, s.
+    latency_s : float
+        Largest latency of the link that no receiver can see, s; the same in every recording over this link.
+    """
+
+    std_s: float
+    latency_s: float
+
+    def __post_init__(self) -> None:
+        for name in ("std_s", "latency_s"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0.0):
+                raise InputError(f"{name} of an alignment is {value!r}, allowed is a number >= 0")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Signal:
     """One channel over a whole trial.
 
@@ -166,6 +188,8 @@ class Signal:
     raw : ndarray, shape (n,), optional
     gaps : tuple of Gap
     device : str
+    alignment : Alignment, optional
+        None where nobody stated it, as in a table.
 
     Examples
     --------
@@ -181,6 +205,7 @@ class Signal:
     raw: Floats | None = None
     gaps: tuple[Gap, ...] = ()
     device: str = ""
+    alignment: Alignment | None = None
 
     def __post_init__(self) -> None:
         time_s = read_only(self.time_s, name=f"time_s of {self.channel}")

@@ -197,7 +197,7 @@ def _states(
 ) -> list[State]:
     name, angle, steady = trial.trial.trial_id, trial.angle, trial.steady
     assert angle is not None and steady is not None
-    setting = _setting(trial.trial, index, track)
+    setting = _setting(trial, index, track)
     if steady.start_s > steady.first_motion_s or steady.end_s < angle.time_s[-1]:
         warnings.append(
             f"{name}: the blade stops or slows to less than two thirds of its speed; only"
@@ -231,7 +231,8 @@ def _with_history(baseline: Baseline, state: State, track: SlowTrack) -> State:
     )
 
 
-def _setting(trial: Trial, index: int, track: SlowTrack) -> TrialSetting:
+def _setting(processed: ProcessedTrial, index: int, track: SlowTrack) -> TrialSetting:
+    trial, signals = processed.trial, processed.channels
     return TrialSetting(
         label=trial.trial_id,
         index=index,
@@ -242,6 +243,7 @@ def _setting(trial: Trial, index: int, track: SlowTrack) -> TrialSetting:
         thickness_m=math.nan if trial.thickness_mm is None else 1e-3 * trial.thickness_mm,
         operating_point=_operating_point(trial),
         session_s=track.session_s,
+        alignments={name: signal.alignment for name, signal in signals.items() if signal.alignment is not None},
     )
 
 
@@ -289,7 +291,7 @@ def _without_displacement(trials: Sequence[ProcessedTrial], baseline: Baseline, 
         raise InputError(f"no trial can be diagnosed without displacement: {summary(warnings)}")
     tracks = slow_tracks([trial for trial, _ in usable], stroke_m=2.0 * baseline.radius_m)
     states = [
-        _with_history(baseline, found.state(_setting(trial.trial, index, track)), track)
+        _with_history(baseline, found.state(_setting(trial, index, track)), track)
         for index, ((trial, found), track) in enumerate(zip(usable, tracks, strict=True))
     ]
     _refuse_without_equation(baseline, states)

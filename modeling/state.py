@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from sawbench.bench.recording import Floats
+from sawbench.bench.recording import Alignment, Floats
 
 if TYPE_CHECKING:
     from sawbench.modeling.parts.mechanism import Mechanism
@@ -44,6 +44,8 @@ class TrialSetting:
         Trials of one operating point are repeats of each other.
     session_s : float
         Start of the trial since the start of the campaign, s.
+    alignments : mapping of str to Alignment
+        How well the times of each channel are known, where the recording states it.
     """
 
     label: str
@@ -55,6 +57,7 @@ class TrialSetting:
     thickness_m: float
     operating_point: str
     session_s: float
+    alignments: Mapping[str, Alignment] = field(default_factory=lambda: MappingProxyType({}), hash=False)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

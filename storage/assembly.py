@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from sawbench.bench.recording import Event, Floats, Gap, SampleBlock, Signal
+from sawbench.bench.recording import Alignment, Event, Floats, Gap, SampleBlock, Signal
 
 # An interval is a jump where it exceeds the usual ones, their spread, and its neighbours by these factors.
 _JUMP_FACTOR: Final = 1.6
@@ -47,7 +47,9 @@ def find_time_jumps(time_s: Floats) -> NDArray[np.int64]:
     return candidates[step[candidates] > _JUMP_FACTOR * neighbour].astype(np.int64) + 1
 
 
-def join_blocks(blocks: Sequence[SampleBlock], events: Sequence[Event]) -> tuple[Signal, list[Event]]:
+def join_blocks(
+    blocks: Sequence[SampleBlock], events: Sequence[Event], *, alignment: Alignment | None = None
+) -> tuple[Signal, list[Event]]:
     """Return the signal of one channel and warnings about what had to be left out.
 
     Parameters
@@ -56,6 +58,8 @@ def join_blocks(blocks: Sequence[SampleBlock], events: Sequence[Event]) -> tuple
         Of one channel, in the order of the recording, at least one.
     events : sequence of Event
         A gap takes its reason from the gap or device event it overlaps.
+    alignment : Alignment, optional
+        Of the channel's times.
 
     Returns
     -------
@@ -91,6 +95,7 @@ def join_blocks(blocks: Sequence[SampleBlock], events: Sequence[Event]) -> tuple
         raw=raw,
         gaps=_gaps(first, time_s, missing, events),
         device=first.device,
+        alignment=alignment,
     )
     return signal, warnings
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from sawbench.bench.errors import RecordingError
-from sawbench.bench.recording import Event, Floats, Gap, Recording, SampleBlock, Signal, Trial
+from sawbench.bench.errors import InputError, RecordingError
+from sawbench.bench.recording import Alignment, Event, Floats, Gap, Recording, SampleBlock, Signal, Trial
 from sawbench.storage.assembly import join_blocks
 from sawbench.storage.codec import is_equally_spaced
 from sawbench.storage.content import Content, damage_events, iter_samples, require_sawbench
@@ -138,7 +139,7 @@ def _read(content: Content) -> Recording:
     events += damage_events(content, last_s)
     signals: dict[str, Signal] = {}
     for channel, row in blocks.items():
-        signals[channel], warnings = join_blocks(row, events)
+        signals[channel], warnings = join_blocks(row, events, alignment=_alignment(content, channel))
         events += warnings
     return Recording(
         trial=trial,
@@ -149,6 +150,21 @@ def _read(content: Content) -> Recording:
         is_complete=content.is_complete,
         path=str(content.path),
     )
+
+
+def _alignment(content: Content, channel: str) -> Alignment | None:
+    """What the recorder stated of the times of a channel; None where it stated nothing."""
+    name = f"alignment values {channel}"
+    if name not in content.provenance:
+        return None
+    try:
+        return Alignment(**json.loads(content.provenance[name]))
+    except (ValueError, TypeError, InputError) as error:
+        raise RecordingError(
+            f"`{name}` of its provenance is {content.provenance[name]!r}, which states no alignment",
+            where=content.path,
+            remedy="record again, or take the entry out with the program that changed it",
+        ) from error
 
 
 def iter_blocks(path: str | Path) -> Iterator[SampleBlock]:

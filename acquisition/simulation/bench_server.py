@@ -26,7 +26,7 @@ from sawbench.bench.errors import ConfigError, InputError
 TransportKind = Literal["auto", "pty", "tcp"]
 # No multiple of a sample period: the newest sample is then sometimes sent at once, as the clock estimate
 # needs.
-_TICK_S: Final = 0.0047
+TICK_S: Final = 0.0047
 
 
 @dataclass(kw_only=True, slots=True)
@@ -216,7 +216,7 @@ def run_bench(
                 bench.step(now_s)
                 # To the next tick of the clock, not a tick after the work: pacing must not drift with the
                 # load.
-                stop.wait(max(0.0005, (int(now_s / _TICK_S) + 1) * _TICK_S - (clock() - begun_s)))
+                stop.wait(max(0.0005, (int(now_s / TICK_S) + 1) * TICK_S - (clock() - begun_s)))
         finally:
             bench.unplug()
 

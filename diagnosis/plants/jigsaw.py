@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.beyond_catalogue import BEYOND_CATALOGUE
+from sawbench.diagnosis.inference.clocks import clock_nuisances
 from sawbench.diagnosis.inference.features import HARMONICS, N_BLOCKS, START_UP_EDGES_S, Layout
 from sawbench.diagnosis.inference.nuisances import Nuisance, force_offset, nuisances_of, of_known
 from sawbench.diagnosis.inference.settings import SETTINGS
@@ -141,13 +142,14 @@ class Jigsaw:
         return (*nuisances_of(self.baseline), *map(of_known, self.known))
 
     def trial_nuisances(self, states: Sequence[State]) -> tuple[Nuisance, ...]:
-        """How hard each stock is, and how much harder each trial's piece of it."""
+        """How hard each stock is, how much harder each trial's piece of it, and how far each trial's clocks are off."""
         cut = [s for s in states if not s.setting.is_idle]
         felt = [s for s in cut if s.kind == "running" and s.force_n is not None]
         stocks = dict.fromkeys(s.setting.stock for s in felt)
         labels = dict.fromkeys(s.setting.label for s in cut)
         std = _spread_std(self.baseline, felt)
-        return (*(_stock(name) for name in stocks), *(_spread(name, std) for name in labels))
+        pieces = (*(_stock(name) for name in stocks), *(_spread(name, std) for name in labels))
+        return (*pieces, *clock_nuisances([s.setting for s in states]))
 
     def zero_wander(self, states: Sequence[State]) -> ZeroWander | None:
         """From the return strokes; see `diagnosis.inference.zero_wander`."""

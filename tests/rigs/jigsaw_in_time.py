@@ -156,15 +156,16 @@ class Machine:
             return self.read_speed(exact(time)[2], exact(time)[1])
 
         can = late.get("can", 0.0)
+        motor_s, battery_s = late.get("motor", can), late.get("battery", can)
         speed, acceleration = read(crank_speed, late.get("displacement", 0.0))
-        i, i_rate = read(current, can)
+        i, i_rate = read(current, motor_s)
         f, f_rate = read(force, late.get("force", 0.0))
-        voltage = battery_voltage(at - can)
+        voltage = battery_voltage(at - battery_s)
         rows = lambda wave: np.broadcast_to(wave, (n_units, N_POINTS))  # noqa: E731
         return make_state(
             self, angle_rad=rows(grid), speed_rad_s=rows(speed), acceleration_rad_s2=rows(acceleration),
             current_a=rows(i), current_rate_a_s=rows(i_rate), force_n=rows(f), force_rate_n_s=rows(f_rate),
-            battery_voltage_v=rows(voltage), battery_current_a=rows(battery_current(at - can)),
+            battery_voltage_v=rows(voltage), battery_current_a=rows(battery_current(at - battery_s)),
             motor_voltage_v=rows(self.duty * voltage),
         )  # fmt: skip
 

@@ -1,0 +1,98 @@
+"""How far the clocks of the instruments may be off by what the recordings state themselves: that is no gap.
+
+Each recording aligns the clock of every stream anew, with the uncertainty that it states, and no receiver sees the
+smallest latency of a link, which is the same in every recording. Both are delays of a device's channels, and so are
+nuisances of the form that the effect `clock_offset` has; what is later than that is a cause. Tables state nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Final
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.bench.units import BATTERY_CURRENT, DISPLACEMENT, FORCE, MOTOR_CURRENT
+from sawbench.diagnosis.inference.nuisances import Nuisance
+from sawbench.modeling.effects import clock_offset
+from sawbench.modeling.effects.transfer import filtered
+from sawbench.modeling.residuals import Baseline, Signature
+from sawbench.modeling.state import State, TrialSetting
+
+# A force has kinks: at 0.1 ms their second derivative would stay where all devices are late alike, and look like a
+# resonance of the carriage.
+_STEP_S: Final = 1e-6
+# Channel that stands for the others of its stream -> what happens if it is late.
+_DEVICES: Final = {
+    FORCE.name: clock_offset.FORCE, DISPLACEMENT.name: clock_offset.DISPLACEMENT, MOTOR_CURRENT.name: clock_offset.CAN,
+}  # fmt: skip
+
+
+def clock_nuisances(settings: Sequence[TrialSetting]) -> Iterator[Nuisance]:
+    """List the delays that the recordings of a campaign leave open.
+
+    Parameters
+    ----------
+    settings : sequence of TrialSetting
+        Of every state; trials that state no alignment have none.
+
+    Yields
+    ------
+    Nuisance
+        Of each trial and stream: its alignment. Of each link: its latency, which may be anything up to the stated one.
+    """
+    trials = {setting.label: setting for setting in settings}
+    for channel, device in _DEVICES.items():
+        latencies = {label: t.alignments[channel].latency_s for label, t in trials.items() if channel in t.alignments}
+        if latencies:
+            std_s = max(latencies.values()) / np.sqrt(12.0)
+            yield _delay(f"latency of {channel}", std_s, set(latencies), lambda b, s, d=device: _late(b, s, d))
+    for label, setting in trials.items():
+        for channel, known in setting.alignments.items():
+            late = _late_in(channel)
+            if late is not None:
+                yield _delay(f"clock of {channel} in {label}", known.std_s, {label}, late)
+
+
+def _late_in(channel: str) -> Callable[[Baseline, State], Signature] | None:
+    """What a delay of one stream changes, for a second; None for channels that share the stream of another one.
+
+    Motor and battery are read by two nodes, aligned apart: the motor late is all of the bus late less the battery.
+    """
+    if channel == BATTERY_CURRENT.name:
+        return _late_battery
+    if channel == MOTOR_CURRENT.name:
+        return lambda b, s: _sum(_late(b, s, clock_offset.CAN), _late_battery(b, s), -1.0)
+    if channel in _DEVICES:
+        return lambda b, s: _late(b, s, _DEVICES[channel])
+    return None
+
+
+def _delay(name: str, std_s: float, labels: set[str], signature: Callable[[Baseline, State], Signature]) -> Nuisance:
+    return Nuisance(
+        name=name, nominal=0.0, std=std_s, is_plant=False,
+        signature=lambda b, s: signature(b, s) if s.setting.label in labels else {},
+    )  # fmt: skip
+
+
+def _late(baseline: Baseline, state: State, device: float) -> Signature:
+    (found,) = clock_offset.EFFECT.signature(baseline, state, device=device, tau_s=_STEP_S, drifts=0.0)
+    return {name: wave / _STEP_S for name, wave in found.items()}
+
+
+def _late_battery(_: Baseline, state: State) -> Signature:
+    """Voltage and current of the battery late; the supply equation holds both and stays right."""
+
+    def change(wave: Floats) -> Floats:
+        return (filtered(wave, state, lambda f: np.exp(-2j * np.pi * f * _STEP_S)) - wave) / _STEP_S
+
+    found: Signature = {}
+    if state.battery_voltage_v is not None and state.current_a is not None:
+        found["electrical"] = change(state.motor_voltage_v)
+    if state.battery_current_a is not None:
+        found["converter"] = change(state.battery_current_a)
+    return found
+
+
+def _sum(one: Signature, other: Signature, factor: float) -> Signature:
+    return {name: one.get(name, 0.0) + factor * other.get(name, 0.0) for name in {**one, **other}}

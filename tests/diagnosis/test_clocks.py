@@ -1,0 +1,71 @@
+"""Delays that a recording states itself are no gap: they have the form of what late channels do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sawbench.bench.recording import Alignment
+from sawbench.diagnosis.inference.clocks import clock_nuisances
+
+from tests.rigs.drawn_states import setting_of
+from tests.rigs.jigsaw_in_time import BASELINE, Machine, compare, gap
+
+pytestmark = pytest.mark.unit
+
+LATE_S = 3e-4
+CHANNEL_OF = {
+    "force": "force_n", "displacement": "displacement_mm", "motor": "motor_current_a", "battery": "battery_current_a",
+}  # fmt: skip
+
+
+def known(*channels, std_s=2e-4, latency_s=1e-3):
+    return {channel: Alignment(std_s=std_s, latency_s=latency_s) for channel in channels}
+
+
+INTACT = Machine().run()
+
+
+@pytest.mark.parametrize("late", ["force", "displacement", "motor", "battery"])
+def test_a_stream_that_is_late_in_one_trial_leaves_what_its_nuisance_says(late):
+    state = Machine(late={late: LATE_S}).run()
+    intact = gap(INTACT)
+    setting = replace(state.setting, alignments=known(CHANNEL_OF[late]))
+    (nuisance,) = (n for n in clock_nuisances([setting]) if n.name == f"clock of {CHANNEL_OF[late]} in t")
+    seen = {name: wave - intact[name] for name, wave in gap(state).items()}
+    claimed = {name: LATE_S * wave for name, wave in nuisance.signature(BASELINE, state).items()}
+    compare(seen, claimed, 0.15)
+    other = replace(state, setting=replace(state.setting, label="another trial"))
+    assert nuisance.signature(BASELINE, other) == {}
+
+
+def test_each_trial_has_its_alignment_and_all_share_the_latency_of_a_link():
+    channels = (*CHANNEL_OF.values(), "battery_voltage_v")
+    settings = [
+        replace(setting_of(is_idle=False), label=label, alignments=known(*channels, std_s=std_s))
+        for label, std_s in (("t1", 1e-4), ("t1", 1e-4), ("t2", 3e-4))
+    ]
+    found = {n.name: n.std for n in clock_nuisances(settings)}
+    # Anything from 0 to 1 ms, evenly: a standard deviation of 1 ms / sqrt(12).
+    latency = {f"latency of {name}": 1e-3 / np.sqrt(12.0) for name in list(CHANNEL_OF.values())[:3]}
+    clocks = {
+        f"clock of {name} in {label}": std_s
+        for label, std_s in (("t1", 1e-4), ("t2", 3e-4))
+        for name in CHANNEL_OF.values()
+    }
+    assert found == pytest.approx(latency | clocks)
+
+
+def test_a_table_states_nothing_and_leaves_nothing_open():
+    assert list(clock_nuisances([setting_of(is_idle=False)])) == []
+
+
+def test_all_devices_late_alike_are_late_for_nobody():
+    setting = replace(INTACT.setting, alignments=known(*CHANNEL_OF.values()))
+    late = [n.signature(BASELINE, replace(INTACT, setting=setting)) for n in clock_nuisances([setting])]
+    by_link = late[:3]
+    for equation in ("electrical", "mechanical", "cutting"):
+        waves = [one.get(equation, np.zeros_like(INTACT.angle_rad)) for one in by_link]
+        alone = max(float(np.abs(wave).max()) for wave in waves)
+        assert np.abs(sum(waves)).max() < 0.01 * alone
