@@ -221,7 +221,9 @@ def measured_point(trial: AnalysedTrial, k_fc_n_s_per_m: float) -> OperatingPoin
     voltage = trial.processed.mean_values.get("battery_voltage_v")
     held_v = converter.voltage_v if converter.mode == "held_voltage" else None
     duty = converter.default_duty if setting.duty is None else setting.duty
+    angle = trial.processed.angle
     return OperatingPoint(
+        time_s=0.0 if angle is None else 0.5 * float(angle.time_s[0] + angle.time_s[-1]),
         k_fc_n_s_per_m=k_fc_n_s_per_m,
         duty=None if held_v is not None else duty,
         held_voltage_v=held_v,

@@ -26,8 +26,8 @@ from sawbench.modeling.effects.learned import (
 )
 from sawbench.modeling.residuals import Baseline
 
-# A term that closes less than this share of the gap at withheld operating points is not kept.
-_LEAST_CLOSED: Final = 0.1
+# A term that takes away less than this share of the sum of squares at withheld operating points is not kept.
+_LEAST_TAKEN: Final = 0.1
 # Correlation from which a term resembles an effect, and how many effects are listed.
 _RESEMBLES: Final = 0.8
 _MOST_SHOWN: Final = 5
@@ -143,7 +143,8 @@ def learned_answer(
     if found is None:
         return None
     ladder = HoldOut(problem, found.columns).climb([found.columns])
-    if ladder.gap_closed < _LEAST_CLOSED or ladder.gap_closed_ci95[0] <= 0.0:
+    taken = 1.0 - (ladder.whitened.with_effect / ladder.whitened.retuned) ** 2
+    if taken < _LEAST_TAKEN or ladder.gap_closed_ci95[0] <= 0.0:
         return None
     return LearnedAnswer(learned=found, ladder=ladder, resembles=_resembles(problem, columns, found.contribution))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -76,6 +77,13 @@ def whip(state):
     return {"cutting": 3.0 * (state.speed_rad_s / 88.0) ** 2 * np.cos(3.0 * state.angle_rad)}
 
 
+@cache
+def answered(hidden):
+    whole = problem(hidden)
+    names = ("windage_drag", "guide_friction", "edge_force")
+    return learned_answer(whole, catalogue_columns(whole, [EFFECT_BY_NAME[name] for name in names]), UNKNOWN)
+
+
 @pytest.mark.parametrize(
     ("hidden", "site", "quantities"),
     [
@@ -85,8 +93,7 @@ def whip(state):
     ],
 )
 def test_place_dependence_and_values_are_found(hidden, site, quantities):
-    whole = problem(hidden)
-    answer = learned_answer(whole, {}, UNKNOWN)
+    answer = answered(hidden)
     assert answer is not None
     term = answer.learned.term
     assert (term.site, term.quantities) == (site, quantities)
@@ -101,10 +108,7 @@ def test_place_dependence_and_values_are_found(hidden, site, quantities):
 
 
 def test_what_it_resembles_is_the_effect_of_that_form():
-    whole = problem(drag)
-    names = ("windage_drag", "guide_friction", "edge_force")
-    columns = catalogue_columns(whole, [EFFECT_BY_NAME[name] for name in names])
-    answer = learned_answer(whole, columns, UNKNOWN)
+    answer = answered(drag)
     assert answer is not None
     (name, correlation), *_ = answer.resembles
     assert name == "windage_drag" and correlation > 0.97
