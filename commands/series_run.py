@@ -7,6 +7,7 @@ import time
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -20,7 +21,7 @@ from sawbench.acquisition.series.progress import (
     as_facts,
     progress_of,
 )
-from sawbench.bench.errors import SawbenchError, UntrustedResult
+from sawbench.bench.errors import InputError, SawbenchError, UntrustedResult
 from sawbench.bench.recording import Trial
 from sawbench.commands.series_dialogue import Dialogue
 
@@ -135,8 +136,7 @@ class SeriesRun:
         try:
             summary = self._record(planned)
         except SawbenchError as error:
-            self._must_be_attended(error)
-            self._dialogue.say(f"nothing was recorded: {error}")
+            self._raise_unless_worth_another(error, self._attempts.get(planned.id, 1))
             return
         row = self._row(planned)
         is_stopped = summary.is_complete and summary.duration_s < 0.95 * self._seconds(planned)
@@ -182,43 +182,42 @@ class SeriesRun:
         is_tare_due = plan.tare == "trial" or (plan.tare == "block" and planned.block != self._block)
         if not is_tare_due and not plan.check_seconds:
             return
-        is_good = False
-        while not is_good:
-            with self._bench.ports(None, self._seed(planned)) as ports:
-                is_good = (not is_tare_due or self._tare(ports)) and self._check(ports)
-            if not is_good and self._dialogue.ask("a: again, g: go on all the same", default="a", choices="a g") == "g":
+        for attempt in count(1):
+            try:
+                with self._bench.ports(None, self._seed(planned)) as ports:
+                    if is_tare_due:
+                        self._tare(ports)
+                    if plan.check_seconds:
+                        self._check(ports)
+                break
+            except SawbenchError as error:
+                self._raise_unless_worth_another(error, attempt)
+            if self._dialogue.ask("a: again, g: go on all the same", default="a", choices="a g") == "g":
                 break
         self._block = planned.block
 
-    def _tare(self, ports: Mapping[str, str]) -> bool:
+    def _raise_unless_worth_another(self, error: SawbenchError, attempt: int) -> None:
+        """Say what is wrong with the bench; raise it where another attempt changes nothing or nobody looks on."""
+        if isinstance(error, InputError) or (not self._dialogue.is_attended and attempt >= _MOST_ATTEMPTS):
+            raise error
+        self._dialogue.say(str(error))
+
+    def _tare(self, ports: Mapping[str, str]) -> None:
         from sawbench.commands.tare import TareRequest, describe, take_tare
 
         asked = TareRequest(
             book=self._bench.book, seconds=self._plan.plan.tare_seconds, operator=self._bench.operator or ""
         )
-        try:
-            _, resting = take_tare(self._bench.loaded, ports, asked)
-        except SawbenchError as error:
-            self._must_be_attended(error)
-            self._dialogue.say(f"no zero: {error}")
-            return False
+        _, resting = take_tare(self._bench.loaded, ports, asked)
         self._dialogue.say(describe(resting).splitlines()[0])
-        return True
 
-    def _check(self, ports: Mapping[str, str]) -> bool:
+    def _check(self, ports: Mapping[str, str]) -> None:
         from sawbench.commands.check import describe, look
 
-        if not self._plan.plan.check_seconds:
-            return True
         found = look(self._bench.loaded, self._bench.book, ports, seconds=self._plan.plan.check_seconds)
-        self._dialogue.say("check: all good" if found.is_good else describe(found))
         if not found.is_good:
-            self._must_be_attended(UntrustedResult("the bench is not fit to record, see above"))
-        return found.is_good
-
-    def _must_be_attended(self, error: SawbenchError) -> None:
-        if not self._dialogue.is_attended:
-            raise error
+            raise UntrustedResult(f"the bench is not fit to record\n{describe(found)}")
+        self._dialogue.say("check: all good")
 
     def _record(self, planned: PlannedTrial) -> RecordingSummary:
         from sawbench.commands.record import live_view, run_session

@@ -191,8 +191,18 @@ def test_a_silent_instrument_is_said_and_the_trial_stays_to_do(workshop, plan, c
     workshop.fails = [DeviceError("the load cell is silent")]
     answer(monkeypatch, "", "", "", "q")
     code, out, err = call(capsys, "run", path, "--simulated")
-    assert code == 0 and "nothing was recorded: the load cell is silent" in err
+    assert code == 0 and "the load cell is silent" in err
     assert "next: 01-oak (to do)" in out
+
+
+def test_an_unattended_series_tries_a_silent_bench_three_times(workshop, plan, capsys):
+    path = plan(1)
+    workshop.fails = [DeviceError("the load cell is silent")] * 3
+    code, _, err = call(capsys, "run", path, "--simulated", "--yes")
+    assert code == 1 and workshop.n_recorded == 0
+    assert err.count("recording 1.5 s") == 3 and "error: the load cell is silent" in err
+    workshop.fails = [DeviceError("the load cell is silent")] * 2
+    assert call(capsys, "run", path, "--simulated", "--yes")[0] == 0
 
 
 def test_ctrl_c_in_a_recording_repeats_it_and_ends_the_unattended_series(workshop, plan, capsys):
