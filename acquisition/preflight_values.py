@@ -128,7 +128,7 @@ def channel_findings(
         Without the device's name.
     """
     limits = limits or PreflightLimits()
-    if saturated := _saturation(channel, values, limits):
+    if saturated := saturation(channel, values, limits):
         return [saturated]
     if len(values) < limits.min_samples:
         return []
@@ -141,7 +141,15 @@ def channel_findings(
     return found
 
 
-def _saturation(channel: StreamChannel, values: Floats, limits: PreflightLimits) -> Finding | None:
+def saturation(channel: StreamChannel, values: Floats, limits: PreflightLimits) -> Finding | None:
+    """Say whether a channel is saturated: beyond its range, cut off at one level, or near the end of its range.
+
+    Parameters
+    ----------
+    channel : StreamChannel
+    values : ndarray, shape (n,), in the channel's unit
+    limits : PreflightLimits
+    """
     low, high = channel.valid_range
     unit = channel.unit
     outside = float(np.mean(~((values >= low) & (values <= high))))

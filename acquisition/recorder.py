@@ -15,10 +15,12 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Final, Literal
 
 from sawbench.acquisition.device_reader import DeviceReader, LinkBack, LinkLost, Message, Samples
 from sawbench.acquisition.devices.device import Device
+from sawbench.acquisition.live_warnings import LiveWarnings
 from sawbench.acquisition.observers import Observer, ObserverFeed
 from sawbench.acquisition.recording_report import (
     BlockWriter,
@@ -58,6 +60,10 @@ class RecorderLimits:
     status_every_s : float
     queue_length : int
         Reads that may wait for the writer; a reader that is further ahead waits itself.
+    preload_n : float, optional
+        Force above which the carriage lifts off; see `LiveWarnings`.
+    folder : Path, optional
+        Whose disk must have space.
     """
 
     first_sample_s: float = 2.0
@@ -68,6 +74,8 @@ class RecorderLimits:
     grace_s: float = 2.0
     status_every_s: float = 0.2
     queue_length: int = 8192
+    preload_n: float | None = None
+    folder: Path | None = None
 
 
 def record(
@@ -155,6 +163,7 @@ class _Run:
         self._zero_s = 0.0
         self._latest_data_s = 0.0
         self._pending: deque[SampleBlock | Event] = deque()
+        self._warnings: LiveWarnings | None = None
 
     def start_devices(self) -> None:
         """Open all, then start all; DeviceError names the first that fails."""
@@ -216,6 +225,11 @@ class _Run:
         for recorder in self._streams.values():
             recorder.begin(self._zero_s, seconds)
         self._discarded_at_start = {d.name: d.n_discarded_bytes for d in self._devices}
+        self._warnings = LiveWarnings(
+            {key: recorder.stream for key, recorder in self._streams.items()},
+            preload_n=self._limits.preload_n,
+            folder=self._limits.folder,
+        )
         return RecordingStart(started_at=datetime.now(UTC), provenance=self._provenance())
 
     def loop(
@@ -238,6 +252,7 @@ class _Run:
                 message = self._next_message()
                 if message is not None:
                     self._pending += self._take(message)
+                self._warn()
                 self._write(writer)
                 if status is not None and self._clock() >= next_status_s:
                     next_status_s = self._clock() + self._limits.status_every_s
@@ -287,6 +302,21 @@ class _Run:
                 out += recorder.link_lost(message.reason)
         return out
 
+    def _warn(self) -> None:
+        """Judge what was recorded so far; a mistake in that ends the warnings, never the recording."""
+        if self._warnings is None:
+            return
+        try:
+            for item in self._pending:
+                self._warnings.take(item)
+            self._pending += self._warnings.check(
+                self._clock() - self._zero_s,
+                lambda: {key: recorder.timer.drift_ppm() for key, recorder in self._streams.items()},
+            )
+        except Exception as error:
+            self._warnings = None
+            self._pending.append(self._event("warning", f"no live warnings any more: {error!r}"))
+
     def _write(self, writer: BlockWriter) -> None:
         for text in self._feed.failures():
             self._pending.append(self._event("warning", text))
@@ -304,7 +334,10 @@ class _Run:
         try:
             status(
                 RecordingStatus(
-                    elapsed_s=self._clock() - self._zero_s, channels=channels, lost_devices=tuple(self._lost)
+                    elapsed_s=self._clock() - self._zero_s,
+                    channels=channels,
+                    lost_devices=tuple(self._lost),
+                    warnings=() if self._warnings is None else self._warnings.active,
                 )
             )
         except Exception as error:

@@ -81,11 +81,14 @@ class RecordingStatus:
     channels : tuple of ChannelStatus
     lost_devices : tuple of str
         Devices whose link is down at the moment.
+    warnings : tuple of str
+        What is wrong at the moment, see `live_warnings`.
     """
 
     elapsed_s: float
     channels: tuple[ChannelStatus, ...]
     lost_devices: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

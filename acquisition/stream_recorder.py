@@ -11,6 +11,7 @@ from sawbench.acquisition.recording_report import ChannelStatus
 from sawbench.acquisition.stream_timing import Doubt, Loss, StreamTimer, Timed, TimedBlock
 from sawbench.bench.recording import Event, SampleBlock
 
+OUTSIDE = "outside of what the instrument can mean"
 _SMALLEST_SILENCE_S = 0.25
 _CUT_SHORT_S = 1.0
 
@@ -180,7 +181,7 @@ class StreamRecorder:
             bad = np.flatnonzero(~is_valid)
             counter.n_gaps += 1
             counter.n_missing += len(bad)
-            reason = f"outside of what the instrument can mean, {low:g}..{high:g} {channel.unit}"
+            reason = f"{OUTSIDE}, {low:g}..{high:g} {channel.unit}"
             out.append(self._gap_event(channel, float(time_s[bad[0]]), float(time_s[bad[-1]]), len(bad), reason))
         for a, b in _runs(is_valid):
             out.append(

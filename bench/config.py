@@ -243,7 +243,11 @@ class ConverterConfig(BaseModel):
 
 
 class RecordingConfig(BaseModel):
-    """Where recordings go and how often they are made safe."""
+    """Where recordings go and how often they are made safe.
+
+    `preload_n` is the force with which the spindle presses the carriage on the load cell: a warning comes before the
+    cutting force lifts it off.
+    """
 
     model_config = _STRICT
     directory: str = "recordings"
@@ -251,6 +255,7 @@ class RecordingConfig(BaseModel):
     flush_every_s: float = Field(default=1.0, gt=0, le=10)
     preview_rate_hz: float = Field(default=50.0, gt=0, le=100)
     second_copy: str | None = None
+    preload_n: Constant | None = Field(default=None, gt=0)
 
 
 class AnalysisConfig(BaseModel):

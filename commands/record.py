@@ -217,6 +217,7 @@ class LiveCounters:
     def __init__(self, estimate: LiveCuttingEstimate | None = None) -> None:
         self._estimate = estimate
         self._is_trouble_said = False
+        self._warnings: tuple[str, ...] = ()
         self._live: Any = None
         self._next_line_s = 5.0
 
@@ -236,6 +237,7 @@ class LiveCounters:
     def __call__(self, status: RecordingStatus) -> None:
         """Show one snapshot."""
         self._say_trouble()
+        self._ring(status.warnings)
         estimated = "" if self._estimate is None else self._estimate.describe()
         if self._live is not None:
             self._live.update(_as_table(status, estimated))
@@ -250,12 +252,21 @@ class LiveCounters:
                 err=True,
             )
 
+    def _ring(self, warnings: tuple[str, ...]) -> None:
+        """Say a warning once while it lasts, with the bell of the terminal."""
+        for text in warnings:
+            if text not in self._warnings:
+                self._say(f"WARNING {text}")
+                click.echo("\a", err=True, nl=False)
+        self._warnings = warnings
+
     def _say_trouble(self) -> None:
         problem = "" if self._estimate is None else self._estimate.problem
-        if not problem or self._is_trouble_said:
-            return
-        self._is_trouble_said = True
-        text = f"no live k_Fc: {problem}"
+        if problem and not self._is_trouble_said:
+            self._is_trouble_said = True
+            self._say(f"no live k_Fc: {problem}")
+
+    def _say(self, text: str) -> None:
         if self._live is not None:
             self._live.console.print(text)
         else:

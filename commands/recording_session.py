@@ -97,7 +97,7 @@ def record_trial(
         If an instrument is missing, silent or wrong; then no file is left.
     """
     from sawbench.acquisition.calibration_book import CalibrationBook, build_calibrated, provenance, read_book
-    from sawbench.acquisition.recorder import record
+    from sawbench.acquisition.recorder import RecorderLimits, record
     from sawbench.acquisition.recording_report import RecordingStart
     from sawbench.storage.writer import RecordingWriter
 
@@ -125,7 +125,10 @@ def record_trial(
         return writer
 
     try:
-        summary = record(devices, open_writer, seconds=options.seconds, observers=observers, status=status, stop=stop)
+        limits = RecorderLimits(preload_n=settings.preload_n, folder=options.path.parent)
+        summary = record(
+            devices, open_writer, seconds=options.seconds, observers=observers, status=status, stop=stop, limits=limits
+        )
     except BaseException as error:
         for writer in opened:
             writer.__exit__(type(error), error, error.__traceback__)

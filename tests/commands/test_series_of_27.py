@@ -20,6 +20,7 @@ pytestmark = [
 
 CONFIG = Path(__file__).parents[2] / "bench_config.toml"
 N_TRIALS = 27
+MOST_SITTINGS = 4
 # The first time that trial 11 is recorded, somebody has clamped something else.
 RUN = """
 import pathlib, sys
@@ -44,11 +45,11 @@ def sawbench(*arguments, timeout=600):
     return subprocess.run(call, capture_output=True, text=True, check=False, timeout=timeout)
 
 
-def started(folder):
-    """Trials whose recording has begun, in that order."""
+def trials_of(folder, kind):
+    """Trials of the journal's entries of one kind, in their order."""
     journal = folder / "series_journal.jsonl"
     lines = journal.read_text().splitlines() if journal.exists() else []
-    return [entry["trial"] for entry in map(json.loads, lines) if entry["kind"] == "started"]
+    return [entry["trial"] for entry in map(json.loads, lines) if entry["kind"] == kind]
 
 
 def run_until(path, marker, kill_after=None):
@@ -56,7 +57,7 @@ def run_until(path, marker, kill_after=None):
     call = [sys.executable, "-c", RUN, "series", "run", str(path), "--simulated", "--yes", str(marker)]
     with subprocess.Popen(call, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         while kill_after is not None and process.poll() is None:
-            begun = started(path.with_suffix(""))
+            begun = trials_of(path.with_suffix(""), "started")
             part = path.with_suffix("") / f"{begun[-1]}.mcap.part" if begun else None
             if part is not None and len(begun) >= kill_after and part.exists() and part.stat().st_size > 20_000:
                 process.kill()
@@ -80,18 +81,23 @@ def test_27_trials_killed_twice_with_one_bad_trial(tmp_path):
     for n_begun in (5, 16):
         code, said = run_until(path, marker, kill_after=n_begun)
         assert code == -9, said
-    code, said = run_until(path, marker)
+    for _ in range(MOST_SITTINGS):
+        # A computer that is too busy for the simulated bench ends a sitting; the next one goes on.
+        code, said = run_until(path, marker)
+        if code == 0:
+            break
     assert code == 0, said
 
     found = json.loads(sawbench("series", "status", path, "--json").stdout)
     assert found["n_kept"] == N_TRIALS and found["next"] is None
     rejected = {trial["id"]: trial["rejected"] for trial in found["trials"] if trial["rejected"]}
-    killed = [name for name, because in rejected.items() if because == ["the recorder was interrupted"]]
-    assert len(killed) == 2 and len(rejected) == 3
-    (bad,) = (because for name, because in rejected.items() if name not in killed)
-    assert "k_Fc" in bad[0] and "off its" in bad[0]
-    assert next(name for name in rejected if name not in killed).startswith("11-")
-    assert len(started(path.with_suffix(""))) == N_TRIALS + 3
+    because = [reason for reasons in rejected.values() for reason in reasons]
+    assert because.count("the recorder was interrupted") == 2
+    (bad,) = (reasons[0] for name, reasons in rejected.items() if name.startswith("11-"))
+    assert "k_Fc" in bad and "off its repetition" in bad
+    assert not any(trial["measures"]["faults"] for trial in found["trials"])
+    # What is kept is never recorded again.
+    assert sorted(trials_of(path.with_suffix(""), "kept")) == [trial["id"] for trial in found["trials"]]
 
     folder = path.with_suffix("")
     compared = sawbench("compare", folder, "--out", tmp_path / "report.html", "--json")
