@@ -52,6 +52,7 @@ def diagnose_trials(
         "recordings": {_name(trial): trial.sha256 for trial in trials},
         "config_sha256": loaded.sha256,
         "software": f"sawbench {version('sawbench')}",
+        "is_simulated": any("simulated" in trial.recording.trial.source for trial in trials),
     }
     recordings = [trial.recording for trial in trials]
     # The products of matrices here are small: threads of the linear algebra would cost more than they save.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 
 
@@ -28,3 +30,8 @@ def what_to_do(effect: str) -> str:
     if known is None or known.words is None:
         return ""
     return f"{known.words.mend}. To make sure, measure {known.words.measure}"
+
+
+def equations_of(effects: Iterable[str]) -> set[str]:
+    """Return the equations of the report in which effects act; none for what the catalogue does not hold."""
+    return {EFFECT_BY_NAME[effect].place for effect in effects if effect in EFFECT_BY_NAME}

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from sawbench.reporting.figures import CHANNEL_COLOURS, INK, QUIET, WIDTH_IN, figure_style
 from sawbench.reporting.html import Picture, figure_to_svg
+from sawbench.reporting.quantities import format_number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -70,11 +71,11 @@ def strokes_picture(strokes: Sequence[Mapping[str, Any]], after: str, after_word
 
     said = []
     with figure_style():
-        figure = Figure(figsize=(WIDTH_IN, 1.0 + 1.75 * len(channels)), layout="constrained")
+        figure = Figure(figsize=(WIDTH_IN, 1.1 + 1.15 * len(channels)), layout="constrained")
         grid = figure.subplots(len(channels), len(strokes), sharex=True, sharey="row", squeeze=False)
         for row, channel in zip(grid, channels, strict=True):
             unit = next(s["channels"][channel]["unit"] for s in strokes if channel in s["channels"])
-            row[0].set_ylabel(f"{CHANNEL_WORDS[channel]} / {unit}")
+            row[0].set_ylabel(f"{CHANNEL_WORDS[channel]}\n/ {unit}", fontsize=8.5)
             for axes, stroke in zip(row, strokes, strict=True):
                 if channel in stroke["channels"]:
                     said.append(_one_stroke(axes, stroke, channel, after, after_words))
@@ -95,7 +96,7 @@ def strokes_picture(strokes: Sequence[Mapping[str, Any]], after: str, after_word
         svg=svg,
         caption="The mean stroke of a trial, measured and simulated. The simulation was fitted to other operating"
         " points only, the cutting coefficient of the workpiece to its own force. In each panel: how far the model"
-        " is off before and after (root mean square).",
+        f" is off (root mean square), as configured → re-tuned{' → with the cause' if after == 'with_effect' else ''}.",
     )
 
 
@@ -111,13 +112,11 @@ def _one_stroke(axes: Axes, stroke: Mapping[str, Any], channel: str, after: str,
               solid_capstyle="butt", label="measured")  # fmt: skip
     axes.plot(angle, curves["nominal"], color=_NOMINAL_COLOUR, linestyle=(0, (4, 2)), label="model before")
     axes.plot(angle, curves[after], color=INK, linewidth=1.2, label=after_words)
-    before, left = (float(np.sqrt(np.mean((measured - np.array(curves[k])) ** 2))) for k in ("nominal", after))
-    text = f"off by {before:.2g} → {left:.2g} {curves['unit']}"
+    rungs = list(dict.fromkeys(("nominal", "retuned", after)))
+    off = [float(np.sqrt(np.mean((measured - np.array(curves[rung])) ** 2))) for rung in rungs]
+    text = f"off by {' → '.join(format_number(value, digits=2) for value in off)} {curves['unit']}"
     axes.text(1.0, 1.02, text, transform=axes.transAxes, ha="right", va="bottom", fontsize=8.5, color=QUIET)
-    return (
-        f"{CHANNEL_WORDS[channel]} at {point_words(stroke['operating_point'])}: model off by {before:.2g} before,"
-        f" {left:.2g} {curves['unit']} after"
-    )
+    return f"{CHANNEL_WORDS[channel]} at {point_words(stroke['operating_point'])}: model {text}, step by step"
 
 
 def ladder_picture(by_channel: Mapping[str, Mapping[str, Any]], rungs: Sequence[tuple[str, str]]) -> Picture | None:
@@ -148,7 +147,7 @@ def ladder_picture(by_channel: Mapping[str, Mapping[str, Any]], rungs: Sequence[
                 [words for _, words in rungs], values, height=0.7, color=[_BAR_COLOURS[key] for key, _ in rungs],
                 edgecolor=QUIET, linewidth=0.5,
             )  # fmt: skip
-            axes.bar_label(bars, [f"{value:.2g}" for value in values], padding=3, fontsize=8.5)
+            axes.bar_label(bars, [format_number(value, digits=2) for value in values], padding=3, fontsize=8.5)
             axes.set_xlim(0.0, 1.45 * max(*values, 1e-9))
             axes.set_xticks([])
             axes.spines["bottom"].set_visible(False)
@@ -156,10 +155,11 @@ def ladder_picture(by_channel: Mapping[str, Mapping[str, Any]], rungs: Sequence[
             axes.set_title(f"{CHANNEL_WORDS.get(channel, channel)} / {row['unit']}", fontsize=9.0)
         panels[0].invert_yaxis()
         described = "; ".join(
-            f"{CHANNEL_WORDS.get(c, c)}: " + ", ".join(f"{words} {row[key]:.2g}" for key, words in rungs)
+            f"{CHANNEL_WORDS.get(name, name)}: "
+            + ", ".join(f"{words} {format_number(row[key], digits=2)}" for key, words in rungs)
             + f" {row['unit']}"
-            for c, row in by_channel.items()
-        )  # fmt: skip
+            for name, row in by_channel.items()
+        )
         svg = figure_to_svg(figure, name="ladder", title="How far the gap closes, by channel", description=described)
     return Picture(
         svg=svg,
@@ -209,7 +209,7 @@ def map_picture(found: Mapping[str, Any], order: Sequence[str]) -> Picture | Non
             axes.set_facecolor("#e3e6e8")
             axes.set_title(f"{EQUATION_WORDS.get(name, name)}: measured less model / {equation['unit']}", fontsize=9.5)
             bar = figure.colorbar(drawn, ax=axes, pad=0.01, ticks=[-top, 0.0, top], aspect=12)
-            bar.ax.set_yticklabels([f"{-top:.2g}", "0", f"{top:.2g}"], fontsize=8.0)
+            bar.ax.set_yticklabels([format_number(-top, digits=2), "0", format_number(top, digits=2)], fontsize=8.0)
         panels[-1].set_xticks([0, 45, 90, 135, 180, 225, 270, 315, 360])
         panels[-1].set_xlabel("crank angle / °")
         svg = figure_to_svg(

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from sawbench.reporting.cause_words import name_of, what_happens, what_to_do
+from sawbench.reporting.cause_words import equations_of, name_of, what_happens, what_to_do
 from sawbench.reporting.gap_figures import (
     CHANNEL_WORDS,
     EQUATION_WORDS,
@@ -18,14 +18,13 @@ from sawbench.reporting.gap_figures import (
 )
 from sawbench.reporting.html import render, software_version, write_page
 from sawbench.reporting.learned_figure import learned_picture, learned_sentences
-from sawbench.reporting.quantities import format_number
+from sawbench.reporting.quantities import format_duration, format_number, format_quantity, format_to
 from sawbench.reporting.standing_out_figure import standing_out_picture, standing_out_sentence, stands_out
 
 _SURE: Final = 0.8
 _RAD_TO_DEG: Final = 57.29577951308232
 # Shorter times are given in milliseconds.
 _LEAST_S: Final = 0.1
-_LARGE: Final = 1e6
 _SUFFIX: Final = {
     "N": "_n", "N*m": "_n_m", "K/W": "_k_per_w", "Ohm": "_ohm", "s": "_s", "m": "_m", "N/m": "_n_per_m",
     "N*s/m": "_n_s_per_m", "Hz": "_hz", "V": "_v",
@@ -65,6 +64,7 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
     )
     context = {
         "title": "Sim-to-real gap",
+        "is_simulated": report["provenance"].get("is_simulated", False),
         "heading": _heading(report),
         "sentence": verdict_sentence(report),
         "level": {"no_gap": "good", "unknown": "bad"}.get(report["verdict"], "warn"),
@@ -87,10 +87,14 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
             ("re-tuned parameters alone", report["probabilities"]["parameters"]),
             ("something that is not in the catalogue", report["probabilities"]["unknown"]),
         ],
-        "log_evidence": [(name_of(n), value) for n, value in detail.get("log_evidence", {}).items()],
+        "shifts": [_shift_row(name, p) for name, p in report["parameter_shifts"].items()],
+        "ladder_rows": _ladder_rows(report),
+        "log_evidence": [
+            (name_of(n), format_to(value, 1), _percent(detail.get("probabilities", {}).get(n, 0.0)))
+            for n, value in detail.get("log_evidence", {}).items()
+        ],
         "alike": alike_rows(detail["alike"]) if detail.get("alike") else [],
         "signals": [(CHANNEL_WORDS.get(s["channel"], s["channel"]), s["words"]) for s in report.get("signals", [])],
-        "channel_words": CHANNEL_WORDS,
         "warnings": [text for text in report["warnings"] if text != detail.get("resembles")],
         "report": report,
         "version": software_version(),
@@ -162,9 +166,21 @@ def _meaning(report: Mapping[str, Any]) -> list[str]:
         if cause["indistinguishable_from"]:
             names = ", ".join(name_of(n) for n in cause["indistinguishable_from"])
             said.append(f"In this campaign it is indistinguishable from: {names}.")
-        said += [_place_sentence(spot) for spot in _of_the_strokes(report)[:1]]
+        said += _where_it_acts(report, cause)
     said += _runtime_sentence(report)
     return said
+
+
+def _where_it_acts(report: Mapping[str, Any], cause: Mapping[str, Any]) -> list[str]:
+    """The place at which the cause acts, and the largest one where that is another."""
+    spots, acts_in = _of_the_strokes(report), equations_of(cause["effects"])
+    own = next((spot for spot in spots if spot["equation"] in acts_in), None)
+    if own is None or own is spots[0]:
+        return [_place_sentence(spot) for spot in spots[:1]]
+    return [
+        f"{_place_sentence(own)} That is where the cause acts.",
+        f"{_place_sentence(spots[0])} There its consequences are seen.",
+    ]
 
 
 def _explained(cause: Mapping[str, Any]) -> str:
@@ -183,16 +199,11 @@ def _runtime_sentence(report: Mapping[str, Any]) -> list[str]:
         return []
     where = report.get("detail", {}).get("runtime_of", "")
     key, words = ("with_effect", "with the cause") if _has_cause(report) else ("retuned", "re-tuned")
-    after = f", {words} {_duration(runtime[key])}" if key in runtime else ""
+    after = f", {words} {format_duration(runtime[key])}" if key in runtime else ""
     return [
-        f"A full battery lasts {_duration(runtime['measured'])} as measured; the model says"
-        f" {_duration(runtime['nominal'])}{after}{f' ({point_words(where)})' if where else ''}."
+        f"A full battery lasts {format_duration(runtime['measured'])} as measured; the model says"
+        f" {format_duration(runtime['nominal'])}{after}{f' ({point_words(where)})' if where else ''}."
     ]
-
-
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes} min {rest:02d} s"
 
 
 def _of_the_strokes(report: Mapping[str, Any]) -> list[Mapping[str, Any]]:
@@ -221,7 +232,8 @@ def _angles(ranges: Sequence[Sequence[float]]) -> str:
 def _shifted(report: Mapping[str, Any]) -> str:
     shifts = sorted(report["parameter_shifts"].items(), key=lambda item: -abs(item[1]["sigmas"]))[:3]
     return "; ".join(
-        f"{name}, {p['nominal']:.4g} stated, {p['value']:.4g} found ({abs(p['sigmas']):.1f} times its uncertainty)"
+        f"{name}, {format_number(p['nominal'])} stated, {format_quantity(p['value'], p['std'])} found"
+        f" ({format_to(abs(p['sigmas']), 1)} times its uncertainty)"
         for name, p in shifts
         if abs(p["sigmas"]) > 2.0
     )
@@ -252,29 +264,47 @@ def _to_do(report: Mapping[str, Any]) -> list[str]:
 
 
 def _tiles(report: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Headline numbers: what re-tuning alone does, and what the cause adds to it."""
+    rungs = [(key, words) for key, words in rungs_of(report["verdict"]) if key in ("nominal", "retuned", "with_effect")]
+    if not _has_cause(report):
+        rungs = rungs[:2]
+    steps = " → ".join(words for _, words in rungs)
     tiles = []
-    after = "with_effect" if _has_cause(report) else "retuned"
     for name in ("force_n", "motor_current_a"):
         if name in report["gap"]["by_channel"]:
             row = report["gap"]["by_channel"][name]
             tiles.append(
                 {
-                    "label": f"Simulated {CHANNEL_WORDS[name]} is off by",
-                    "value": f"{row['nominal']:.2g} → {row[after]:.2g} {row['unit']}",
-                    "detail": f"before → after; noise {row['noise_floor']:.2g} {row['unit']}",
+                    "label": f"Simulated {CHANNEL_WORDS[name]} is off by (RMS)",
+                    "value": " → ".join(format_number(row[key], digits=2) for key, _ in rungs) + f" {row['unit']}",
+                    "detail": f"{steps}; noise {format_number(row['noise_floor'], digits=2)} {row['unit']}",
                 }
             )
     runtime = report["gap"].get("runtime_s")
     if runtime:
+        said = [f"{words} {format_duration(runtime[key])}" for key, words in rungs if key in runtime]
         tiles.append(
             {
                 "label": "Battery lasts",
-                "value": f"{_duration(runtime['measured'])}",
-                "detail": f"model: {_duration(runtime['nominal'])}"
-                + (f" → {_duration(runtime[after])}" if after in runtime else ""),
+                "value": f"{format_duration(runtime['measured'])}",
+                "detail": f"model {', '.join(said)}",
             }
         )
     return tiles
+
+
+def _shift_row(name: str, p: Mapping[str, Any]) -> tuple[str, str, str, str]:
+    sigmas = round(p["sigmas"], 1) or 0.0
+    shift = ("+" if sigmas > 0.0 else "") + format_to(sigmas, 1)
+    return name, format_number(p["nominal"]), format_quantity(p["value"], p["std"]), shift
+
+
+def _ladder_rows(report: Mapping[str, Any]) -> list[tuple[str, list[str], str]]:
+    """The gap rung by rung: all equations in units of the noise, then channel by channel."""
+    gap, keys = report["gap"], [key for key, _ in rungs_of(report["verdict"])]
+    rows = [("all equations", gap, "of the noise")]
+    rows += [(CHANNEL_WORDS.get(name, name), row, row["unit"]) for name, row in gap["by_channel"].items()]
+    return [(name, [format_number(row[key], digits=3) for key in keys], unit) for name, row, unit in rows]
 
 
 def rungs_of(verdict: str) -> list[tuple[str, str]]:
@@ -317,7 +347,9 @@ def _spot_angles(spot: Mapping[str, Any]) -> str:
         return _angles(spot["crank_angle_rad"]).removeprefix("at crank angles ")
     lines = spot["frequency_hz"]
     return (
-        f"at {lines[0]:.4g} Hz" if len(lines) == 1 else f"at {lines[0]:.4g} to {lines[-1]:.4g} Hz, with the stroke rate"
+        f"at {format_number(lines[0])} Hz"
+        if len(lines) == 1
+        else f"at {format_number(lines[0])} to {format_number(lines[-1])} Hz, with the stroke rate"
     )
 
 
@@ -340,13 +372,4 @@ def _magnitude(name: str, parameter: Mapping[str, Any]) -> str:
     value, std = parameter["value"], parameter["std"]
     if unit == "s" and abs(value) < _LEAST_S:
         unit, value, std = "ms", 1e3 * value, None if std is None else 1e3 * std
-    spread = "" if std is None else f" ± {_plainly(std, 2)}"
-    return f"{words} {_plainly(value, 3)}{spread}{'' if unit == '1' else f' {unit}'}"
-
-
-def _plainly(value: float, digits: int) -> str:
-    """Write a number to so many digits; a power of ten only from a million on."""
-    text = f"{value:.{digits}g}"
-    if "e+" not in text:
-        return text
-    return f"{value:.0f}" if abs(value) < _LARGE else format_number(value, digits=digits)
+    return f"{words} {format_quantity(value, std, '' if unit == '1' else unit.replace('*', '·'), digits=3)}"

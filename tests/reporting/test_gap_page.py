@@ -47,18 +47,18 @@ REPORT = {
 
 def page(tmp_path, **changes):
     report = {**copy.deepcopy(REPORT), **changes}
-    return write_gap_page(tmp_path / "gap.html", report).read_text(encoding="utf-8")
+    return write_gap_page(tmp_path / "gap.html", report).read_text(encoding="utf-8").replace("\N{NO-BREAK SPACE}", " ")
 
 
 def test_cause_is_named_with_its_size_and_the_runner_up_beside_it(tmp_path):
     text = page(tmp_path)
-    above, _, below = text.partition("One stroke, measured and simulated</h2>")
+    above, _, below = text.partition("Error of the model, step by step</h2>")
     assert what_happens("guide_friction")[1:] in above
     assert (
-        "Most probable cause: guide friction (93 %), force 8.3 ± 0.4 N. Adding it explains 96 % (93 to 97 %)" in above
+        "Most probable cause: guide friction (93 %), force 8.30 ± 0.40 N. Adding it explains 96 % (93 to 97 %)" in above
     )
     assert "indistinguishable from: windage drag" in above
-    assert "lasts 13 min 59 s as measured; the model says 16 min 14 s, with the cause 13 min 58 s" in above
+    assert "lasts 13 min 59 s as measured; the model says 16 min 14 s, with the cause 13 min 58 s (oak)" in above
     assert "no operating point was repeated" in above
     assert "motor coulomb friction" in below
     assert "-0 %" not in text
@@ -78,12 +78,12 @@ def test_cause_is_named_with_its_size_and_the_runner_up_beside_it(tmp_path):
 )
 def test_other_verdicts_claim_no_cause(tmp_path, verdict, probabilities, words):
     text = page(tmp_path, verdict=verdict, probabilities=probabilities)
-    above, _, _ = text.partition("One stroke, measured and simulated</h2>")
+    above, _, _ = text.partition("Error of the model, step by step</h2>")
     assert words in above
     assert what_happens("guide_friction")[1:] not in above
-    assert "re-tuned 14 min 01 s" in above
+    assert "re-tuned 14 min 1 s" in above
     if verdict == "parameters":
-        assert "resistance_ohm, 0.176 stated, 0.2 found" in above
+        assert "resistance_ohm, 0.1760 stated, 0.2000 ± 0.0010 found (4.1 times its uncertainty)" in above
 
 
 def test_an_asynchronous_line_is_told_once_with_its_place(tmp_path):
@@ -101,11 +101,11 @@ def test_an_asynchronous_line_is_told_once_with_its_place(tmp_path):
 
     several = with_lines([101.8, 166.8, 210.0], tmp_path / "several")
     assert several.count(seen) == 1
-    assert "what turns or switches at 101.8 to 210 Hz, with the stroke rate" in several
+    assert "what turns or switches at 101.8 to 210.0 Hz, with the stroke rate" in several
     assert "of the gap lies" not in several
     assert "asynchronous" in several
     assert "Look at the map" not in several
-    assert "what turns or switches at 68.2 Hz." in with_lines([68.2], tmp_path / "one")
+    assert "what turns or switches at 68.20 Hz." in with_lines([68.2], tmp_path / "one")
 
 
 def test_a_doubtful_cause_is_called_doubtful():
@@ -176,10 +176,10 @@ def test_a_sensor_at_fault_goes_by_its_channel():
 @pytest.mark.parametrize(
     ("name", "parameter", "words"),
     [
-        ("delay_s", {"value": 0.00162, "std": 8.7e-5, "unit": "s"}, "delay 1.62 ± 0.087 ms"),
-        ("frequency_hz", {"value": 262.0, "std": 123.4, "unit": "Hz"}, "frequency 262 ± 123 Hz"),
+        ("delay_s", {"value": 0.00162, "std": 8.7e-5, "unit": "s"}, "delay 1.620 ± 0.087 ms"),
+        ("frequency_hz", {"value": 262.0, "std": 123.4, "unit": "Hz"}, "frequency 260 ± 120 Hz"),
         ("time_constant_s", {"value": 12.5, "std": None, "unit": "s"}, "time constant 12.5 s"),
-        ("stiffness_n_per_m", {"value": 160400.0, "std": 24000.0, "unit": "N/m"}, "stiffness 160400 ± 24000 N/m"),
+        ("stiffness_n_per_m", {"value": 160400.0, "std": 24000.0, "unit": "N/m"}, "stiffness 160000 ± 24000 N/m"),
     ],
 )
 def test_sizes_are_written_without_powers_of_ten(tmp_path, name, parameter, words):
@@ -190,9 +190,44 @@ def test_large_magnitudes_and_whole_minutes_read_as_people_write_them(tmp_path):
     stiff = {"stiffness_n_per_m": {"value": 2.0e15, "std": 4.46e14, "unit": "N/m"}}
     gap = {**REPORT["gap"], "runtime_s": {"nominal": 4319.7, "measured": 59.6}}
     text = page(tmp_path, causes=[{**CAUSE, "parameters": stiff}, RUNNER_UP], gap=gap)
-    text = text.replace("\N{NO-BREAK SPACE}", " ")
-    assert "stiffness 2.00 × 10¹⁵ ± 4.5 × 10¹⁴ N/m" in text
-    assert "lasts 1 min 00 s as measured; the model says 72 min 00 s" in text
+    assert "stiffness (2.00 ± 0.45) × 10¹⁵ N/m" in text
+    assert "lasts 1 min 0 s as measured; the model says 1 h 12 min" in text
+
+
+def test_cards_credit_re_tuning_and_the_cause_apart(tmp_path):
+    assert "<dd>1.5 → 0.20 → 0.010 A<span>as configured → re-tuned → with the cause; noise 0.020 A</span>" in page(
+        tmp_path
+    )
+    unknown = {"no_gap": 0.0, "parameters": 0.1, "unknown": 0.85}
+    (tmp_path / "gap.html").unlink()
+    text = page(tmp_path, verdict="unknown", probabilities=unknown)
+    assert "<dd>1.5 → 0.20 A<span>as configured → re-tuned; noise 0.020 A</span>" in text
+
+
+def test_the_picture_comes_before_any_explanation_and_a_simulated_bench_is_announced(tmp_path):
+    text = page(tmp_path)
+    assert text.index("<svg") < text.index("What it means")
+    assert "Simulated bench" not in text
+    (tmp_path / "gap.html").unlink()
+    provenance = {**REPORT["provenance"], "is_simulated": True}
+    assert '<p class="banner">Simulated bench' in page(tmp_path, provenance=provenance)
+
+
+def test_the_place_that_is_told_is_where_the_cause_acts(tmp_path):
+    elsewhere = {**REPORT["where"][0], "equation": "cutting", "channel": "force_n", "share": 0.7, "crank_angle_rad": []}
+    own = {**REPORT["where"][0], "share": 0.3}
+    text = page(tmp_path, where=[elsewhere, own])
+    assert "30 % of the gap lies on the mechanical side of motor and drive" in text
+    assert text.index("That is where the cause acts.") < text.index("There its consequences are seen.")
+    (tmp_path / "gap.html").unlink()
+    assert "consequences" not in page(tmp_path)
+
+
+def test_evidence_stands_beside_its_probability(tmp_path):
+    detail = {**copy.deepcopy(REPORT["detail"]), "probabilities": {"guide_friction": 0.93, "no_gap": 0.0}}
+    text = page(tmp_path, detail=detail)
+    assert '<th scope="row">guide friction</th><td class="number">250.0</td><td class="number">93 %</td>' in text
+    assert "so that large evidence alone is no certainty" in text
 
 
 def test_faults_of_sensors_have_a_section_of_their_own(tmp_path):
