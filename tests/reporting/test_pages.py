@@ -300,10 +300,15 @@ def luminance(colour):
 def test_colours_have_contrast(page):
     from sawbench.reporting.figures import CHANNEL_COLOURS, SERIES_COLOURS
 
-    named = dict(re.findall(r"--(\w+): (#\w{6})", page.text))
-    wash = luminance(named["wash"])
-    for name in ("ink", "quiet", "accent", "good", "warn", "bad"):
-        assert (wash + 0.05) / (luminance(named[name]) + 0.05) >= 4.5, name
+    light, dark = (
+        dict(re.findall(r"--(\w+): (#\w{6})", block)) for block in re.findall(r":root {(.*?)}", page.text, re.S)
+    )
+    assert set(light) == set(dark)
+    for named in (light, dark):
+        wash = luminance(named["wash"])
+        for name in ("ink", "quiet", "accent", "good", "warn", "bad"):
+            darker, lighter = sorted((wash, luminance(named[name])))
+            assert (lighter + 0.05) / (darker + 0.05) >= 4.5, name
     for colour in (*CHANNEL_COLOURS.values(), *SERIES_COLOURS):
         assert 1.05 / (luminance(colour) + 0.05) >= 4.5, colour
 
