@@ -277,8 +277,6 @@ def test_missing_channels_are_named(noisy):
         fit_cutting_coefficient(noisy.between(0, 3), plant=plant(), battery=BATTERY)
     with pytest.raises(InputError, match="bounds"):
         fit_cutting_coefficient(noisy, plant=plant(), battery=BATTERY, bounds=(300.0, 200.0))
-    with pytest.raises(InputError, match="plant"):
-        fit_cutting_coefficient(noisy, battery=BATTERY)
 
 
 def test_slider_crank_periodic_stroke_is_a_yoke_for_an_endless_rod():
