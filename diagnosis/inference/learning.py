@@ -225,8 +225,14 @@ def _strokes(baseline: Baseline, part: Part) -> _Strokes:
 
 
 def _scales(problem: LinearProblem, rest: Floats) -> dict[Site, float]:
-    """Sites that hold much of what parameters leave, most first, each with the root mean square of that in its unit."""
-    excess = {e: v for e, v in problem.sums_by_equation(rest**2 - problem.quiet).items() if v > 0.0}
+    """Sites that hold much of what parameters leave, most first, each with the root mean square of that in its unit.
+
+    None where the run-up holds most: a term that is silent there would only make up for what it does to parameters.
+    """
+    sums = {key: float(np.sum(rest[rows] ** 2 - problem.quiet)) for key, rows in problem.rows_by_equation().items()}
+    excess = {equation: v for (equation, kind), v in sums.items() if kind == "running" and v > 0.0}
+    if sum(v for (_, kind), v in sums.items() if kind == "start_up" and v > 0.0) > sum(excess.values()):
+        return {}
     chosen = sorted(excess, key=lambda e: -excess[e])[:_MOST_SITES]
     chosen = [e for e in chosen if excess[e] >= _LEAST_SHARE * sum(excess.values())]
     found: dict[Site, float] = {e: _size(problem, rest, e) for e in chosen}

@@ -11,6 +11,7 @@ import pytest
 from sawbench.diagnosis.answer.learned_term import NOTHING, learned_answer, learned_warnings
 from sawbench.diagnosis.inference.evidence import catalogue_columns
 from sawbench.diagnosis.inference.features import Layout
+from sawbench.diagnosis.inference.learning import learn
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
@@ -119,6 +120,27 @@ def test_no_term_without_a_gap_and_the_report_says_so():
     whole = problem(lambda state: {})
     assert learned_answer(whole, {}, UNKNOWN) is None
     assert learned_warnings(whole, UNKNOWN, None) == [NOTHING]
+
+
+def test_a_gap_of_the_run_up_is_not_put_into_running_strokes():
+    whole = problem(drag)
+    layout = Layout(kind="start_up", equations=("electrical",))
+    state = replace(strokes(0, 0), kind="start_up")
+    start = len(whole.data)
+    part = Part(
+        state=state, smooth=state, layout=layout, blocks=np.eye(1), whitener=np.eye(layout.size),
+        place=slice(start, start + layout.size),
+    )  # fmt: skip
+    far = 1e3 * np.abs(whole.data).max()
+    with_run_up = replace(
+        whole, parts=(*whole.parts, part), data=np.append(whole.data, np.full(layout.size, far)),
+        nuisance=np.vstack([whole.nuisance, np.zeros((layout.size, 1))]),
+    )  # fmt: skip
+    of_point = [with_run_up.rows(lambda setting, k=k: setting.operating_point == f"p{k}") for k in range(6)]
+    assert learn(with_run_up, of_point) is None
+    # A run-up without a gap leaves the term to be found.
+    quiet = replace(with_run_up, data=np.append(whole.data, np.zeros(layout.size)))
+    assert learn(quiet, of_point) is not None
 
 
 @pytest.mark.parametrize("verdict", ["no_gap", "parameters", "effect", "effects"])
