@@ -230,6 +230,26 @@ def calibrated(
     return config.model_copy(update={"devices": tables})
 
 
+def refuse_uncalibrated(book: CalibrationBook, configured: Mapping[tuple[str, str], Calibration]) -> None:
+    """Refuse channels that nobody gave a calibration: what the instrument sends would pass for the channel's unit.
+
+    Raises
+    ------
+    ConfigError
+        Names device and channel.
+    """
+    for (device, channel), present in configured.items():
+        has_own = any(entry.kind == "calibration" for entry in book.in_force(device, channel))
+        if has_own or present != Calibration():
+            continue
+        raise ConfigError(
+            "has no calibration: what the instrument sends, such as mV/V, would pass for the channel's unit",
+            where=f"[devices.{device}] {channel}",
+            remedy=f"`sawbench calibrate --channel {channel}`, or state calibration = {{ scale = ..., raw_unit = ..., "
+            "source = ... }; a source alone where the instrument sends that unit itself",
+        )
+
+
 def calibrations_of(book: CalibrationBook, channel: str) -> CalibrationBook:
     """Return the book with the calibrations of one channel alone: what a new tare builds on."""
     return CalibrationBook(entries=tuple(e for e in book.entries if e.kind == "calibration" and e.channel == channel))

@@ -96,13 +96,20 @@ def record_trial(
     DeviceError
         If an instrument is missing, silent or wrong; then no file is left.
     """
-    from sawbench.acquisition.calibration_book import CalibrationBook, build_calibrated, provenance, read_book
+    from sawbench.acquisition.calibration_book import (
+        CalibrationBook,
+        build_calibrated,
+        provenance,
+        read_book,
+        refuse_uncalibrated,
+    )
     from sawbench.acquisition.recorder import RecorderLimits, record
     from sawbench.acquisition.recording_report import RecordingStart
     from sawbench.storage.writer import RecordingWriter
 
     book = CalibrationBook() if options.calibration_book is None else read_book(options.calibration_book)
     devices, configured = build_calibrated(loaded.config, book, options.endpoints)
+    refuse_uncalibrated(book, configured)
     made = provenance(book, configured)
     settings = loaded.config.recording
     opened: list[RecordingWriter] = []

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
-FaultKind = Literal["drop_bytes", "garble_bytes", "unplug", "silence", "stall"]
+# The latest bytes that can be sent again.
+_KEPT_BYTES: Final = 1 << 16
+
+FaultKind = Literal["drop_bytes", "garble_bytes", "flip_bits", "double_bytes", "unplug", "silence", "stall"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -16,7 +19,8 @@ class Fault:
     ----------
     device : str
     kind : str
-        drop_bytes, garble_bytes: `n_bytes` bytes on the way to the host; unplug: gone for `seconds`, then
+        drop_bytes, garble_bytes, flip_bits (the lowest of each byte), double_bytes (the latest bytes again): `n_bytes`
+        bytes on the way to the host; unplug: gone for `seconds`, then
         switched on anew; silence: samples of `seconds` are never sent; stall: samples of `seconds` are sent
         late, all at once.
     at_s : float
@@ -45,6 +49,9 @@ class FaultySender:
         self._active: list[Fault] = []
         self._n_to_drop = 0
         self._n_to_garble = 0
+        self._garbled_by = 0xFF
+        self._n_to_double = 0
+        self._latest = b""
         self._delayed = b""
 
     def is_unplugged(self, since_s: float) -> bool:
@@ -69,8 +76,12 @@ class FaultySender:
             self._n_to_drop -= n
         if self._n_to_garble and data:
             n = min(self._n_to_garble, len(data) - at)
-            data = data[:at] + bytes(b ^ 0xFF for b in data[at : at + n]) + data[at + n :]
+            data = data[:at] + bytes(b ^ self._garbled_by for b in data[at : at + n]) + data[at + n :]
             self._n_to_garble -= n
+        self._latest = (self._latest + data)[-_KEPT_BYTES:]
+        if self._n_to_double and data:
+            data += self._latest[-self._n_to_double :]
+            self._n_to_double = 0
         return data
 
     def _update(self, since_s: float) -> None:
@@ -78,8 +89,11 @@ class FaultySender:
             fault = self._waiting.pop(0)
             if fault.kind == "drop_bytes":
                 self._n_to_drop += fault.n_bytes
-            elif fault.kind == "garble_bytes":
+            elif fault.kind in {"garble_bytes", "flip_bits"}:
                 self._n_to_garble += fault.n_bytes
+                self._garbled_by = 0x01 if fault.kind == "flip_bits" else 0xFF
+            elif fault.kind == "double_bytes":
+                self._n_to_double += fault.n_bytes
             else:
                 self._active.append(fault)
         self._active = [f for f in self._active if since_s < f.at_s + f.seconds]

@@ -13,6 +13,7 @@ from sawbench.acquisition.calibration_book import (
     build_calibrated,
     provenance,
     read_book,
+    refuse_uncalibrated,
     zeroed,
 )
 from sawbench.bench.config import parse_config
@@ -52,6 +53,18 @@ def in_force(*entries, config=CONFIG):
 
 def test_without_a_book_the_configuration_holds():
     assert in_force()["force_n"] == CONFIGURED
+
+
+def test_a_channel_without_any_calibration_is_refused():
+    """A tare alone gives no scale; a calibration of the book does."""
+    bare = {("cell", "force_n"): Calibration()}
+    for book in (CalibrationBook(), CalibrationBook(entries=(entry("tare", 0, zero_raw=0.1),))):
+        with pytest.raises(ConfigError, match="has no calibration") as caught:
+            refuse_uncalibrated(book, bare)
+        assert "[devices.cell] force_n" in str(caught.value) and "sawbench calibrate" in str(caught.value)
+    refuse_uncalibrated(CalibrationBook(entries=(entry("calibration", 0, scale=245.0),)), bare)
+    refuse_uncalibrated(CalibrationBook(), {("cell", "force_n"): CONFIGURED})
+    refuse_uncalibrated(CalibrationBook(), {("cell", "force_n"): Calibration(source="sends N")})
 
 
 def test_the_latest_calibration_and_the_latest_tare_after_it_are_in_force():
