@@ -240,7 +240,9 @@ def compare(trials: str | Path | Iterable[str | Path], *, config: str | Path | N
     return MaterialComparison(rows=tuple(rows), left_out=tuple(left_out))
 
 
-def diagnose(trials: str | Path | Iterable[Source], *, config: str | Path | None = None) -> GapReport:
+def diagnose(
+    trials: str | Path | Iterable[Source], *, config: str | Path | None = None, until_closed: bool = False
+) -> GapReport:
     """Say where the model misses the measurements of a campaign, and which unmodelled effect causes it.
 
     Parameters
@@ -249,6 +251,9 @@ def diagnose(trials: str | Path | Iterable[Source], *, config: str | Path | None
         Recordings, or folders of recordings, of one machine.
     config : str or Path, optional
         As in `read`; default: that of the first recording.
+    until_closed : bool
+        Add cause after cause to the model until nothing more closes at withheld operating points; the ladder of causes
+        is `report["until_closed"]`.
 
     Returns
     -------
@@ -273,7 +278,7 @@ def diagnose(trials: str | Path | Iterable[Source], *, config: str | Path | None
         else:
             opened += [read(path, config=config) for path in find_recordings([Path(source)])]
     loaded = config_for(opened[0].recording, Path(config)) if config is not None else None
-    return GapReport(report=diagnose_trials(opened, loaded))
+    return GapReport(report=diagnose_trials(opened, loaded, until_closed=until_closed))
 
 
 def _paths(trials: str | Path | Iterable[str | Path]) -> list[Path]:

@@ -18,6 +18,7 @@ def diagnose_trials(
     trials: Sequence[OpenedTrial],
     loaded: LoadedConfig | None = None,
     *,
+    until_closed: bool = False,
     on_step: Callable[[int, int, str], None] | None = None,
 ) -> dict[str, Any]:
     """Diagnose the sim-to-real gap of a campaign.
@@ -27,6 +28,8 @@ def diagnose_trials(
     trials : sequence of OpenedTrial
     loaded : LoadedConfig, optional
         Default: that of the first trial.
+    until_closed : bool
+        Add cause after cause to the model until nothing more closes.
     on_step : callable, optional
         (done, total, what).
 
@@ -57,7 +60,7 @@ def diagnose_trials(
     recordings = [trial.recording for trial in trials]
     # The products of matrices here are small: threads of the linear algebra would cost more than they save.
     with threadpool_limits(limits=1, user_api="blas"):
-        return plain(diagnose(recordings, loaded, provenance=provenance, on_step=on_step))
+        return plain(diagnose(recordings, loaded, provenance=provenance, until_closed=until_closed, on_step=on_step))
 
 
 def _name(trial: OpenedTrial) -> str:

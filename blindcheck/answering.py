@@ -202,17 +202,20 @@ def refuse_key_inside(set_dir: Path) -> None:
             )
 
 
+# What the software on record must agree in: its sources, and whether it was asked for cause after cause.
+_DECIDING = ("source_sha256", "until_closed")
+
+
 def _open_index(answers_dir: Path, set_dir: Path, program: Program, *, force: bool) -> dict[str, Any]:
     commitments = sha256_of(set_dir / COMMITMENTS)
     path = answers_dir / INDEX
     if path.exists():
         index = read_json(path)
         is_same_set = index.get("commitments_sha256") == commitments
-        is_same = index.get("software", {}).get("source_sha256") == program.software["source_sha256"]
-        if is_same_set and is_same:
+        theirs = index.get("software", {})
+        if is_same_set and all(theirs.get(key) == program.software.get(key) for key in _DECIDING):
             return index
         if not force:
-            theirs = index.get("software", {})
             whose = f"software {theirs.get('version')}, commit {theirs.get('commit')}" if is_same_set else "another set"
             raise InputError(
                 f"the answers there are of {whose}, not of this one",

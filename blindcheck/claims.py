@@ -47,7 +47,8 @@ def is_coherent(cause: Mapping[str, Any]) -> bool:
     """
     if cause.get("carried_by_strokes"):
         return True
-    absent = {one.name: one.absent for name in cause["effects"] if (one := REPORTED.get(name)) is not None}
+    reported = {name: one for name in cause["effects"] if (one := REPORTED.get(name)) is not None}
+    absent = {key: one.absent for name, one in reported.items() for key in (one.name, f"{name}.{one.name}")}
     stated = cause.get("parameters", {})
     is_there = all(abs(one["value"] - absent.get(name, 0.0)) > Z95 * one["std"] for name, one in stated.items())
     return bool(stated) and is_there and float(cause["gap_closed_ci95"][0]) > 0.0

@@ -99,8 +99,9 @@ def stated_parameters(truth: Mapping[str, Any], cause: Mapping[str, Any]) -> tup
     Returns
     -------
     tuple of StatedParameter
-        Only effects that are hidden and named. Empty where fewer numbers are stated than effects named: two effects
-        with a number of the same name cannot be told apart then. A number in another unit is left out.
+        Only effects that are hidden and named. Two effects with a number of the same name state it as
+        "effect.number"; empty where fewer numbers are stated than effects named, which then cannot be told apart. A
+        number in another unit is left out.
 
     Raises
     ------
@@ -112,7 +113,7 @@ def stated_parameters(truth: Mapping[str, Any], cause: Mapping[str, Any]) -> tup
         return ()
     found = []
     for effect, true in truth.get("reported_parameters", {}).items():
-        told = stated.get(true["name"]) if effect in cause["effects"] else None
+        told = stated.get(f"{effect}.{true['name']}", stated.get(true["name"])) if effect in cause["effects"] else None
         if told is None or told["unit"] != true["unit"]:
             continue
         value, std = float(told["value"]), float(told["std"])

@@ -61,6 +61,11 @@ def one_named(case: Case) -> bool:
     return case.claims_effect and bool(case.truth & case.answer)
 
 
+def all_but(case: Case, n: int) -> bool:
+    """Whether all hidden effects but at most `n` were declared, whatever else was."""
+    return case.claims_effect and len(case.truth - case.answer) <= n
+
+
 def is_placed(case: Case) -> bool:
     """Whether the largest share of the gap is said to lie where one of the hidden effects acts."""
     return acts_in(case.place, case.effects)
@@ -88,6 +93,10 @@ def _is_intact(case: Case) -> bool:
 
 def _is_typical_pair(case: Case) -> bool:
     return case.kind == "pair" and min(case.effects.values()) >= TYPICAL[0]
+
+
+def _is_several(case: Case) -> bool:
+    return case.kind == "several"
 
 
 Test = Callable[[Case], bool]
@@ -135,6 +144,14 @@ _ROWS: tuple[tuple[str, str, Test, Test], ...] = (
     ("pair_group", "both effects within the named group, pairs", lambda c: c.kind == "pair", in_group),
     ("pair_one", "at least one effect named, pairs", lambda c: c.kind == "pair", one_named),
     ("typical_pair_both", "both effects named and no other, pairs with both typical", _is_typical_pair, is_exact),
+    ("several_exact", "all effects named and no other, three or more hidden", _is_several, is_exact),
+    ("several_all", "all effects named, three or more hidden", _is_several, lambda c: all_but(c, 0)),
+    (
+        "several_but_one",
+        "all effects but at most one named, three or more hidden",
+        _is_several,
+        lambda c: all_but(c, 1),
+    ),
     (
         "where",
         "largest share of `where` in an equation where a hidden effect acts, typical effects and pairs",

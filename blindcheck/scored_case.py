@@ -49,7 +49,7 @@ class Case:
     Attributes
     ----------
     name : str
-    kind : {"none", "parameters", "effect", "pair", "outside"}
+    kind : {"none", "parameters", "effect", "pair", "several", "outside"}
     effects : mapping of str to float
         True severity by effect id.
     probabilities : mapping of str, tuple or frozenset to float

@@ -23,13 +23,16 @@ from typing import Any
 import numpy as np
 from sawbench.bench.errors import InputError
 from sawbench.blindcheck.bench import Nature
-from sawbench.blindcheck.effects.table import DrawnFrom, drawn_from
+from sawbench.blindcheck.effects.table import ACTS_IN, DrawnFrom, drawn_from
 
 COMMITMENTS = "commitments.json"
 SCHEMA_VERSION = 1
 _SHARES: Mapping[str, float] = MappingProxyType(
     {"none": 0.125, "parameters": 0.125, "effect": 0.5, "pair": 0.1, "outside": 0.15}
 )
+_KIND_OF_COUNT: Mapping[int, str] = MappingProxyType({1: "effect", 2: "pair"})
+MOST_EFFECTS = 4
+"""In one case, each in equations of its own."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -40,7 +43,7 @@ class CaseSpec:
     ----------
     name : str
         Folder of the case.
-    kind : {"none", "parameters", "effect", "pair", "outside"}
+    kind : {"none", "parameters", "effect", "pair", "several", "outside"}
     effects : mapping of str to float
         Severity by effect id; empty for "none" and "parameters".
     seed : int
@@ -53,7 +56,9 @@ class CaseSpec:
     seed: int
 
 
-def draw_cases(seed: int, n_cases: int, tables: DrawnFrom | None = None) -> tuple[CaseSpec, ...]:
+def draw_cases(
+    seed: int, n_cases: int, tables: DrawnFrom | None = None, *, effects_per_case: int | None = None
+) -> tuple[CaseSpec, ...]:
     """Draw what every case hides; cases are independent, and the first n do not depend on how many follow.
 
     The shares are 25 % without an effect (half of them with constants beyond their uncertainty), 50 % one
@@ -69,7 +74,26 @@ def draw_cases(seed: int, n_cases: int, tables: DrawnFrom | None = None) -> tupl
     """
     children = np.random.SeedSequence(seed).spawn(n_cases)
     tables = tables or drawn_from()
-    return tuple(_draw_case(f"case-{k:04d}", child, tables) for k, child in enumerate(children, start=1))
+    names = [f"case-{k:04d}" for k in range(1, n_cases + 1)]
+    if effects_per_case is not None:
+        return tuple(
+            _draw_several(name, child, tables, effects_per_case) for name, child in zip(names, children, strict=True)
+        )
+    return tuple(_draw_case(name, child, tables) for name, child in zip(names, children, strict=True))
+
+
+def _draw_several(name: str, child: np.random.SeedSequence, tables: DrawnFrom, count: int) -> CaseSpec:
+    """Draw effects until no two of them act in one equation."""
+    rng = np.random.default_rng(child)
+    chosen: list[str] = []
+    for effect in map(str, rng.permutation(list(tables.catalogue))):
+        if len(chosen) < count and not any(ACTS_IN[effect] & ACTS_IN[other] for other in chosen):
+            chosen.append(effect)
+    if len(chosen) < count:
+        return _draw_several(name, child.spawn(1)[0], tables, count)
+    effects = {effect: _in_range(rng, 0.5, 2.0) for effect in chosen}
+    kind = _KIND_OF_COUNT.get(count, "several")
+    return CaseSpec(name=name, kind=kind, effects=effects, seed=int(rng.integers(2**62)))
 
 
 def _draw_case(name: str, child: np.random.SeedSequence, tables: DrawnFrom) -> CaseSpec:
@@ -84,6 +108,10 @@ def _draw_case(name: str, child: np.random.SeedSequence, tables: DrawnFrom) -> C
 
 def _draw_severity(rng: np.random.Generator) -> float:
     low, high = ((0.5, 2.0), (0.1, 0.5), (2.0, 3.0))[int(rng.choice(3, p=[0.8, 0.1, 0.1]))]
+    return _in_range(rng, low, high)
+
+
+def _in_range(rng: np.random.Generator, low: float, high: float) -> float:
     return round(float(np.exp(rng.uniform(np.log(low), np.log(high)))), 4)
 
 
@@ -94,6 +122,7 @@ def make(
     *,
     nature: Nature | None = None,
     catalogue: Collection[str] = (),
+    effects_per_case: int | None = None,
     key_path: Path | None = None,
     workers: int | None = None,
     on_progress: Callable[[int, int], None] | None = None,
@@ -110,6 +139,8 @@ def make(
     nature : Nature, optional
     catalogue : collection of str
         Ids that the diagnosis at hand lists; of foreign benches, others are hidden as outside the catalogue.
+    effects_per_case : int, optional
+        Hide that many effects in every case, see `draw_cases`; at most `MOST_EFFECTS`.
     key_path : Path, optional
         Where the labels go; beside `out_dir`, with `.key.json` added to its name, unless given. Never inside.
     workers : int, optional
@@ -133,8 +164,10 @@ def make(
     _refuse(n_cases, out_dir, key_path)
     out_dir.mkdir(parents=True, exist_ok=True)
     tables = drawn_from(catalogue) if nature.benches == "foreign" else drawn_from()
-    specs = draw_cases(seed, n_cases, tables)
+    specs = draw_cases(seed, n_cases, tables, effects_per_case=effects_per_case)
     options = asdict(nature) | {"without": list(nature.without), "catalogue": list(tables.catalogue)}
+    if effects_per_case is not None:
+        options["effects_per_case"] = effects_per_case
     key = _open_key(key_path, out_dir, seed, options)
     done = sum(spec.name in key["cases"] for spec in specs)
     waiting = [spec for spec in specs if spec.name not in key["cases"]]

@@ -65,6 +65,10 @@ def command() -> None:
     "--without", multiple=True, metavar="KIND",
     help="Of foreign benches: leave out machine, rate, noise, campaign, operator or one kind of faulty sensor.",
 )  # fmt: skip
+@click.option(
+    "--effects-per-case", type=click.IntRange(1, 4),
+    help="Hide that many effects in every case, each in equations of its own, severity 0.5 to 2.",
+)  # fmt: skip
 @_workers_option
 @json_option
 def make_command(
@@ -72,6 +76,7 @@ def make_command(
     n_cases: int,
     out_dir: Path,
     key_path: Path | None,
+    effects_per_case: int | None,
     workers: int | None,
     as_json: bool,
     **nature: Any,
@@ -82,8 +87,9 @@ def make_command(
 
     with stepper("making") as step:
         key = make(
-            seed, n_cases, out_dir, nature=Nature(**nature), catalogue=_catalogue(), key_path=key_path,
-            workers=workers, on_progress=lambda done, wanted: step(done, wanted, ""),
+            seed, n_cases, out_dir, nature=Nature(**nature), catalogue=_catalogue(),
+            effects_per_case=effects_per_case, key_path=key_path, workers=workers,
+            on_progress=lambda done, wanted: step(done, wanted, ""),
         )  # fmt: skip
     lines = [f"{n_cases} cases in {out_dir}", f"key (answer must not have it): {key}"]
     emit({"set": out_dir, "key": key, "n_cases": n_cases, "seed": seed}, "\n".join(lines), as_json=as_json)
@@ -95,18 +101,25 @@ def make_command(
 @_workers_option
 @click.option("--timeout", "timeout_s", type=click.FloatRange(min=1.0), default=3600.0, show_default=True,
               help="Seconds that one case may take.")  # fmt: skip
+@click.option("--until-closed", is_flag=True, help="Ask `diagnose --until-closed`: cause after cause.")
 @click.option("--force", is_flag=True, help="Throw away answers that other software gave.")
 @json_option
 def answer_command(
-    set_dir: Path, answers_dir: Path | None, workers: int | None, timeout_s: float, force: bool, as_json: bool
+    set_dir: Path,
+    answers_dir: Path | None,
+    workers: int | None,
+    timeout_s: float,
+    until_closed: bool,
+    force: bool,
+    as_json: bool,
 ) -> int:
     """Diagnose every campaign of a set, each in a process that sees nothing else of it; resumable."""
     from sawbench.blindcheck.answering import answer
 
     with stepper("answering") as step:
         found = answer(
-            set_dir, diagnose_program(), answers_dir=answers_dir, workers=workers, timeout_s=timeout_s,
-            force=force, on_progress=step,
+            set_dir, diagnose_program(until_closed=until_closed), answers_dir=answers_dir, workers=workers,
+            timeout_s=timeout_s, force=force, on_progress=step,
         )  # fmt: skip
     lines = [
         f"{found.n_cases} cases, {found.n_new} answered now, {found.n_failed} failed",
@@ -175,7 +188,7 @@ def _catalogue() -> list[str]:
     return [effect.name for effect in EFFECTS]
 
 
-def diagnose_program() -> Program:
+def diagnose_program(*, until_closed: bool = False) -> Program:
     """What answers a case: `sawbench import`, then `sawbench diagnose`, on a copy of its campaign."""
     from sawbench.blindcheck.answering import Program
     from sawbench.commands.source_identity import software_identity, source_fingerprint
@@ -184,10 +197,19 @@ def diagnose_program() -> Program:
     return Program(
         steps=(
             (*sawbench, "import", "campaign.toml", "--out", "../recordings"),
-            (*sawbench, "diagnose", "../recordings", "--config", "bench_config.toml", "--out", "../gap"),
+            (
+                *sawbench,
+                "diagnose",
+                "../recordings",
+                "--config",
+                "bench_config.toml",
+                "--out",
+                "../gap",
+                *(["--until-closed"] if until_closed else []),
+            ),
         ),
         report="../gap/gap_report.json",
-        software=software_identity() | {"catalogue": _catalogue()},
+        software=software_identity() | {"catalogue": _catalogue()} | ({"until_closed": True} if until_closed else {}),
         fingerprint=source_fingerprint,
     )
 

@@ -56,7 +56,7 @@ def oracle_gaps(
 
     known: dict[str, Any] = read_json(cache_path) if cache_path.exists() else {}
     found: dict[str, Any] = known["asked"] if known.get("source_sha256") == source_sha256 and "asked" in known else {}
-    wanted = {name: label["truth"] for name, label in labels.items() if label["kind"] in {"effect", "pair"}}
+    wanted = {name: label["truth"] for name, label in labels.items() if label["kind"] in {"effect", "pair", "several"}}
     wanted = {name: wanted[name] for name in sorted(wanted, key=_hash_of)[:n_cases]}
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(max_workers=workers or os.cpu_count() or 1, mp_context=context) as pool:

@@ -21,9 +21,15 @@ _OPENED, _DRAWING = 10, 95
 @click.argument("paths", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @config_option
 @click.option("--out", "out_dir", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder.")
+@click.option(
+    "--until-closed", is_flag=True,
+    help="Add cause after cause to the model until nothing more closes at withheld operating points.",
+)  # fmt: skip
 @force_option
 @json_option
-def command(paths: tuple[Path, ...], config_path: Path | None, out_dir: Path, force: bool, as_json: bool) -> int:
+def command(
+    paths: tuple[Path, ...], config_path: Path | None, out_dir: Path, until_closed: bool, force: bool, as_json: bool
+) -> int:
     """Say where the model misses the measurement, which unmodelled effect causes it, and how far it closes."""
     from sawbench.analysis import open_trial
     from sawbench.gap import diagnose_trials
@@ -41,6 +47,7 @@ def command(paths: tuple[Path, ...], config_path: Path | None, out_dir: Path, fo
             step(_OPENED * (number + 1) // len(files), 100, f"opening {path.name}")
         report = diagnose_trials(
             trials,
+            until_closed=until_closed,
             on_step=lambda done, total, what: step(_OPENED + (_DRAWING - _OPENED) * done // total, 100, what),
         )
         step(_DRAWING, 100, "drawing the page")
@@ -57,6 +64,8 @@ def _as_text(report: dict[str, Any]) -> str:
 
     gap = report["gap"]
     lines = [verdict_sentence(report), "", table(("cause", "probability", "gap closed", "95 %"), _cause_rows(report))]
+    if "until_closed" in report:
+        lines += ["", *_closing_lines(report["until_closed"])]
     rungs = ("nominal", "retuned", "with_effect", "noise_floor")
     rows = [
         (f"{name} / {row['unit']}", *(f"{row[key]:.3g}" for key in rungs)) for name, row in gap["by_channel"].items()
@@ -80,3 +89,12 @@ def _cause_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:
         )  # fmt: skip
     others = sorted(report["probabilities"].items(), key=lambda item: -item[1])
     return [*rows, *((name.replace("_", " "), f"{p:.1%}", "", "") for name, p in others)]
+
+
+def _closing_lines(closing: dict[str, Any]) -> list[str]:
+    """Lay out the ladder of causes, from the model as configured to the noise."""
+    from sawbench.reporting.closing import closing_rows, closing_sentences
+
+    keys = ("model", "probability", "magnitude", "rms", "closed", "interval")
+    head = ("cause after cause, over noise", "probability", "magnitude", "rms", "closed so far", "95 %")
+    return [table(head, [[row[key] for key in keys] for row in closing_rows(closing)]), *closing_sentences(closing)]

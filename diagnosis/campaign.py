@@ -22,6 +22,7 @@ from sawbench.diagnosis.reduction import CHANNEL_OF_STATE, lock_to_angle, runnin
 from sawbench.diagnosis.screening import is_stock_stated, screen, summary
 from sawbench.diagnosis.signal_health import ChannelHealth, channel_health
 from sawbench.diagnosis.slow_states import SlowTrack, slow_tracks
+from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.machines.known_effects import baseline_of
 from sawbench.modeling.parts.linear import coefficient
 from sawbench.modeling.residuals import Baseline, residuals
@@ -330,6 +331,28 @@ def _operating_point(trial: Trial) -> str:
     if trial.is_idle:
         return f"idle, duty {trial.duty:g}"
     return f"{trial.material}, {trial.thickness_mm} mm, feed {trial.feed_mm_s} mm/s, duty {trial.duty:g}"
+
+
+def with_known(campaign: Campaign, known: Sequence[KnownEffect]) -> Campaign:
+    """Return a reduced campaign whose model holds other effects; nothing is read or reduced again.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    known : sequence of KnownEffect
+        All that the model is to hold.
+
+    Returns
+    -------
+    Campaign
+        With the cutting coefficients that follow.
+    """
+    plant = campaign.plant.with_known(known)
+    if not isinstance(plant, Jigsaw):
+        return replace(campaign, plant=plant)
+    states = list(campaign.states)
+    guesses = _with_guesses(plant.baseline, states)
+    return replace(campaign, plant=plant, states=tuple(states), k_guess_n_s_per_m=guesses)
 
 
 def _with_guesses(baseline: Baseline, states: list[State]) -> dict[str, float]:

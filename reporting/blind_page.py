@@ -23,6 +23,7 @@ _SECTIONS: Final = (
     ("Nothing unmodelled", ("false_alarms", "false_alarms_spoilt", "none", "parameters", "parameters_lenient")),
     ("Outside the catalogue", ("unknown", "unknown_formless", "unknown_wrongly")),
     ("Two effects", ("pair_both", "pair_group", "pair_one", "typical_pair_both")),
+    ("Three or more effects", ("several_exact", "several_all", "several_but_one")),
     ("What a report says beside the name", ("where", "coherent")),
 )
 # Columns of the table of kinds of benches.

@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any, Final
 
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
+from sawbench.reporting.quantities import format_quantity
+
+# Shorter times are given in milliseconds.
+_LEAST_S: Final = 0.1
+_SUFFIX: Final = {
+    "N": "_n", "N*m": "_n_m", "K/W": "_k_per_w", "Ohm": "_ohm", "s": "_s", "m": "_m", "N/m": "_n_per_m",
+    "N*s/m": "_n_s_per_m", "Hz": "_hz", "V": "_v",
+}  # fmt: skip
 
 
 def name_of(effect: str) -> str:
@@ -35,3 +44,21 @@ def what_to_do(effect: str) -> str:
 def equations_of(effects: Iterable[str]) -> set[str]:
     """Return the equations of the report in which effects act; none for what the catalogue does not hold."""
     return {EFFECT_BY_NAME[effect].place for effect in effects if effect in EFFECT_BY_NAME}
+
+
+def magnitude_words(name: str, parameter: Mapping[str, Any]) -> str:
+    r"""Write a magnitude of the report with its standard uncertainty and unit.
+
+    Examples
+    --------
+    >>> magnitude_words("edge_force.force_n", {"value": 8.31, "std": 0.42, "unit": "N"})
+    'edge force: force 8.31\xa0±\xa00.42\xa0N'
+    """
+    effect, _, name = name.rpartition(".")
+    unit = parameter["unit"]
+    words = name_of(name.removesuffix(_SUFFIX.get(unit, "")))
+    value, std = parameter["value"], parameter["std"]
+    if unit == "s" and abs(value) < _LEAST_S:
+        unit, value, std = "ms", 1e3 * value, None if std is None else 1e3 * std
+    whose = f"{name_of(effect)}: " if effect else ""
+    return f"{whose}{words} {format_quantity(value, std, '' if unit == '1' else unit.replace('*', '·'), digits=3)}"

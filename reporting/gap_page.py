@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from sawbench.reporting.cause_words import equations_of, name_of, what_happens, what_to_do
+from sawbench.reporting.cause_words import equations_of, magnitude_words, name_of, what_happens, what_to_do
+from sawbench.reporting.closing import closing_picture, closing_rows, closing_sentences
 from sawbench.reporting.gap_figures import (
     CHANNEL_WORDS,
     EQUATION_WORDS,
@@ -23,12 +24,6 @@ from sawbench.reporting.standing_out_figure import standing_out_picture, standin
 
 _SURE: Final = 0.8
 _RAD_TO_DEG: Final = 57.29577951308232
-# Shorter times are given in milliseconds.
-_LEAST_S: Final = 0.1
-_SUFFIX: Final = {
-    "N": "_n", "N*m": "_n_m", "K/W": "_k_per_w", "Ohm": "_ohm", "s": "_s", "m": "_m", "N/m": "_n_per_m",
-    "N*s/m": "_n_s_per_m", "Hz": "_hz", "V": "_v",
-}  # fmt: skip
 _PLACES: Final = {
     "electrical": "on the motor's electrical side",
     "mechanical": "on the mechanical side of motor and drive",
@@ -74,6 +69,9 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         "strokes": strokes_picture(detail["strokes"], after, after_words) if detail.get("strokes") else None,
         "ladder": ladder_picture(report["gap"]["by_channel"], rungs_of(report["verdict"])),
         "gap_rungs": rungs_of(report["verdict"]),
+        "closing": closing_picture(report["until_closed"]) if "until_closed" in report else None,
+        "closing_rows": closing_rows(report["until_closed"]) if "until_closed" in report else [],
+        "closing_sentences": closing_sentences(report["until_closed"]) if "until_closed" in report else [],
         "map": map_picture(detail["map"], _equations(report, detail))
         if detail.get("map") and report["where"]
         else None,
@@ -123,7 +121,7 @@ def verdict_sentence(report: Mapping[str, Any]) -> str:
     cause = report["causes"][0]
     names = f"{' and '.join(name_of(name) for name in cause['effects'])} ({_percent(cause['probability'])})"
     start = "Most probable cause" if cause["probability"] >= _SURE else "Most probable cause, not certain"
-    magnitudes = [_magnitude(name, parameter) for name, parameter in cause["parameters"].items()]
+    magnitudes = [magnitude_words(name, parameter) for name, parameter in cause["parameters"].items()]
     return f"{start}: {', '.join([names, *magnitudes])}. {_explained(cause)}"
 
 
@@ -361,15 +359,6 @@ def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
         "probability": _percent(cause["probability"]),
         "closed": f"{round(100 * cause['gap_closed'])} %",
         "interval": "cannot be said" if (low, high) == (-1.0, 1.0) else f"{round(100 * low)} to {round(100 * high)} %",
-        "strengths": [_magnitude(name, p) for name, p in cause["parameters"].items()],
+        "strengths": [magnitude_words(name, p) for name, p in cause["parameters"].items()],
         "alike": ", ".join(name_of(name) for name in cause["indistinguishable_from"]) or "none",
     }
-
-
-def _magnitude(name: str, parameter: Mapping[str, Any]) -> str:
-    unit = parameter["unit"]
-    words = name_of(name.removesuffix(_SUFFIX.get(unit, "")))
-    value, std = parameter["value"], parameter["std"]
-    if unit == "s" and abs(value) < _LEAST_S:
-        unit, value, std = "ms", 1e3 * value, None if std is None else 1e3 * std
-    return f"{words} {format_quantity(value, std, '' if unit == '1' else unit.replace('*', '·'), digits=3)}"

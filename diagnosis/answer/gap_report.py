@@ -9,14 +9,16 @@ import numpy as np
 from sawbench.bench.config import LoadedConfig
 from sawbench.bench.recording import Recording
 from sawbench.diagnosis.answer.channel_gap import ChannelGap, forecast
-from sawbench.diagnosis.answer.claim import carried_by_strokes, held_to_predictions, sized_members
+from sawbench.diagnosis.answer.claim import carried_by_strokes, sized_members
 from sawbench.diagnosis.answer.gap_detail import detail, log_odds_at_typical_size
-from sawbench.diagnosis.answer.improved_model import improved_model
+from sawbench.diagnosis.answer.improved_model import improved_model, magnitudes
 from sawbench.diagnosis.answer.ladder import RUNGS, Ladder, Rungs
 from sawbench.diagnosis.answer.learned_term import learned_answer, learned_warnings
 from sawbench.diagnosis.answer.next_trial import next_trial
 from sawbench.diagnosis.answer.prediction import Predictions
 from sawbench.diagnosis.answer.signals import signal_findings
+from sawbench.diagnosis.answer.until_closed import Pass, closing_table, held
+from sawbench.diagnosis.answer.until_closed import until_closed as close
 from sawbench.diagnosis.answer.where import locate
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.evidence import Column, catalogue_columns
@@ -38,7 +40,7 @@ _HELD_OUT = {
     "nothing": "the only trial, which the fits have seen (nothing could be held out)",
 }
 # Where the parts of the work stand on the progress bar, of 100.
-_REDUCED, _SIGNED, _JUDGED, _CLIMBED = 40, 50, 80, 85
+_REDUCED, _SIGNED, _JUDGED = 40, 50, 80
 # Where a line that no equation explains is first to be looked for.
 _EQUATION_OF_CHANNEL = {
     "motor_current_a": "electrical", "force_n": "cutting", "battery_voltage_v": "supply", "battery_current_a": "supply",
@@ -52,6 +54,7 @@ def diagnose(
     loaded: LoadedConfig,
     *,
     provenance: Mapping[str, Any],
+    until_closed: bool = False,
     on_step: Callable[[int, int, str], None] | None = None,
 ) -> dict[str, Any]:
     """Diagnose the sim-to-real gap of a campaign.
@@ -62,6 +65,8 @@ def diagnose(
     loaded : LoadedConfig
     provenance : mapping
         Goes into the report as it is.
+    until_closed : bool
+        Add cause after cause until nothing more closes; see `diagnosis.answer.until_closed`.
     on_step : callable, optional
         (done, total, what).
 
@@ -83,22 +88,34 @@ def diagnose(
     say(_REDUCED, 100, "computing what every effect would do")
     columns = catalogue_columns(problem, campaign.plant.effects)
     say(_SIGNED, 100, "weighing causes")
-    shown = log_odds_at_typical_size(problem, columns)
-    posterior = judge(problem, columns)
+    answer = held(problem, columns, judge(problem, columns))
+    closing = None
+    if until_closed:
+        closing = close(answer, on_pass=lambda _, found: say(_SIGNED, 100, f"weighing what is left beside {found}"))
+        answer = closing.answer
     say(_JUDGED, 100, "predicting held-out operating points")
-    predictions = Predictions(problem, columns, posterior)
-    posterior = held_to_predictions(problem, columns, posterior, predictions)
+    return _report(
+        answer, loaded, provenance, {} if closing is None else {"until_closed": closing_table(closing)},
+        lambda done, total, name: say(_JUDGED + (100 - _JUDGED) * done // total, 100, f"predicting {name}"),
+    )  # fmt: skip
+
+
+def _report(
+    answer: Pass,
+    loaded: LoadedConfig,
+    provenance: Mapping[str, Any],
+    further: Mapping[str, Any],
+    on_trial: Callable[[int, int, str], None],
+) -> dict[str, Any]:
+    """Put an answer into the words of the contract, and further tables beside it."""
+    problem, columns, posterior, predictions = answer.problem, answer.columns, answer.posterior, answer.predictions
+    campaign, shown = problem.campaign, log_odds_at_typical_size(problem, columns)
     shown_causes = _shown_causes(posterior)
     causes = [_cause(problem, columns, posterior, predictions, hypothesis) for hypothesis in shown_causes]
     learned = learned_answer(problem, columns, posterior)
     first = predictions.of(shown_causes[0] if shown_causes else posterior.of("no_gap"))
-    say(_CLIMBED, 100, "predicting held-out operating points")
-    channels = forecast(
-        first.hold_out, first.ladder, first.forms,
-        on_trial=lambda done, total, name: say(
-            _CLIMBED + (100 - _CLIMBED) * done // total, 100, f"predicting {name}"
-        ),
-    )  # fmt: skip
+    channels = forecast(first.hold_out, first.ladder, first.forms, on_trial=on_trial)
+    members = sized_members(problem, columns, posterior, posterior.best)
     return {
         "schema_version": SCHEMA_VERSION,
         "verdict": posterior.verdict,
@@ -109,11 +126,12 @@ def diagnose(
         "gap": _gap(first.ladder, channels),
         "signals": signal_findings(campaign, problem.wander),
         "learned_term": None if learned is None else learned.report(),
-        "improved_model": improved_model(problem, posterior, causes, loaded, learned),
+        "improved_model": improved_model(problem, posterior, members, causes, loaded, learned),
         "next_trial": next_trial(problem, posterior),
         "warnings": [
             *_warnings(campaign, shown, posterior, channels), *learned_warnings(problem, posterior, learned),
         ],
+        **further,
         "detail": {**detail(problem, posterior, channels), "log_odds_at_typical_size": shown},
         "provenance": dict(provenance),
     }  # fmt: skip
@@ -136,14 +154,7 @@ def _cause(
         "effects": list(hypothesis.effects),
         "indistinguishable_from": _alike(problem, hypothesis, posterior),
         "probability": hypothesis.probability,
-        "parameters": {
-            m.effect.strength.name: {
-                "value": m.strength,
-                "std": float(np.hypot(m.strength_std, problem.campaign.plant.scale_rel_std * m.strength)),
-                "unit": m.effect.strength.unit,
-            }
-            for m in sized_members(problem, columns, posterior, hypothesis)
-        },
+        "parameters": magnitudes(problem, sized_members(problem, columns, posterior, hypothesis)),
         "gap_closed": ladder.gap_closed,
         "gap_closed_ci95": list(ladder.gap_closed_ci95),
         "carried_by_strokes": carried_by_strokes(posterior, hypothesis),

@@ -7,7 +7,7 @@ effects fit together. An uncertainty of a parameter stays what the configuration
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -45,6 +45,7 @@ class _Solution:
 def improved_model(
     problem: LinearProblem,
     posterior: Posterior,
+    members: Sequence[Explanation],
     causes: Sequence[Mapping[str, Any]],
     loaded: LoadedConfig,
     learned: LearnedAnswer | None = None,
@@ -55,6 +56,8 @@ def improved_model(
     ----------
     problem : LinearProblem
     posterior : Posterior
+    members : sequence of Explanation
+        Of the likeliest cause, with the magnitudes that the report states.
     causes : sequence of mapping
         Of the report; the first one is what is written where effects are claimed.
     loaded : LoadedConfig
@@ -69,11 +72,8 @@ def improved_model(
     """
     if posterior.verdict not in ("effect", "effects", "parameters") and learned is None:
         return None
-    members = posterior.best.members
-    columns = [m.column.columns * m.effect.strength.high for m in members]
-    found = _solve(
-        problem, columns if learned is None else [learned.learned.columns], is_wide=posterior.verdict == "parameters"
-    )
+    columns = _columns(members) if learned is None else [learned.learned.columns]
+    found = _solve(problem, columns, is_wide=posterior.verdict == "parameters")
     tables = tomllib.loads(loaded.text.removeprefix("\ufeff"))
     n_trials = len({part.setting.label for part in problem.parts})
     comments: dict[tuple[str, ...], tuple[str, ...]] = {
@@ -87,11 +87,11 @@ def improved_model(
     for known in problem.campaign.plant.known:
         effects[known.effect.name] = entry_of(_sharpened(known, found))
         comments["effects", known.effect.name] = ("known before; the magnitude as this campaign has it",)
-    for member, entry in _entries(problem, posterior, members, found, causes):
-        effects[member.effect.name] = entry
+    for known in [] if learned is not None else _found_effects(problem, posterior, members, found):
+        effects[known.effect.name] = entry_of(known)
         cause = causes[0]
         low, high = cause["gap_closed_ci95"]
-        comments["effects", member.effect.name] = (
+        comments["effects", known.effect.name] = (
             f"named with {cause['probability']:.0%}; closes {cause['gap_closed']:.0%} ({low:.0%} to {high:.0%}) of what"
             " re-tuned parameters leave",
         )
@@ -104,6 +104,10 @@ def improved_model(
             " withheld operating points; it must not be used outside of the range of its nodes",
         )
     return toml_text({**tables, "effects": effects} if effects else tables, comments)
+
+
+def _columns(members: Sequence[Explanation]) -> list[Floats]:
+    return [m.column.columns * m.effect.strength.high for m in members]
 
 
 def _solve(problem: LinearProblem, columns: Sequence[Floats], *, is_wide: bool) -> _Solution:
@@ -158,31 +162,73 @@ def _sharpened(known: KnownEffect, found: _Solution) -> KnownEffect:
     )
 
 
-def _entries(
-    problem: LinearProblem, posterior: Posterior, members: Sequence[Explanation], found: _Solution,
-    causes: Sequence[Mapping[str, Any]],
-) -> Iterator[tuple[Explanation, dict[str, Any]]]:  # fmt: skip
-    """Entry of each effect of the cause."""
-    start = 0
+def found_effects(problem: LinearProblem, posterior: Posterior, members: Sequence[Explanation]) -> list[KnownEffect]:
+    """Effects of the likeliest cause as a model can hold them.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    posterior : Posterior
+    members : sequence of Explanation
+        With the magnitudes that the report states.
+    """
+    return _found_effects(problem, posterior, members, _solve(problem, _columns(members), is_wide=False))
+
+
+def _found_effects(
+    problem: LinearProblem, posterior: Posterior, members: Sequence[Explanation], found: _Solution
+) -> list[KnownEffect]:
+    known, start = [], 0
     for member in members:
         effect, count = member.effect, member.column.columns.shape[1]
         sizes = found.amplitudes[start : start + count] * effect.strength.high
         start += count
-        stated = causes[0]["parameters"][effect.strength.name]
+        stated, std = member.strength, stated_std(problem, member)
         value = effect.reported_strength(effect.amplitude(sizes) * effect.strength.typical, member.column.shape)
         is_by_strokes = effect.name in posterior.strokes and posterior.strokes[effect.name].alone > 0.0
         if is_by_strokes or (count == 1 and sizes[0] <= 0.0):
-            value = stated["value"]
+            value = stated
         carried = [key for key in effect.carries if key in member.column.shape]
-        known = KnownEffect(
-            effect=effect,
-            value=_rounded(value),
-            std=_rounded(float(np.hypot(stated["std"], value - stated["value"]))),
-            form={key: number for key, number in member.column.shape.items() if key not in carried},
-            direction=(1.0,) if count == 1 else tuple(_rounded(s) for s in sizes / np.abs(sizes).max()),
-            scales={name: _rounded(_scale(problem, name)) for name in effect.scales},
+        known.append(
+            KnownEffect(
+                effect=effect,
+                value=_rounded(value),
+                std=_rounded(float(np.hypot(std, value - stated))),
+                form={key: number for key, number in member.column.shape.items() if key not in carried},
+                direction=(1.0,) if count == 1 else tuple(_rounded(s) for s in sizes / np.abs(sizes).max()),
+                scales={name: _rounded(_scale(problem, name)) for name in effect.scales},
+            )
         )
-        yield member, entry_of(known)
+    return known
+
+
+def magnitudes(problem: LinearProblem, members: Sequence[Explanation]) -> dict[str, dict[str, Any]]:
+    """State the magnitudes of a cause as the report does.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    members : sequence of Explanation
+        With the magnitudes that the report states.
+
+    Returns
+    -------
+    dict of str to dict
+        By the name of the effect's parameter, that of the effect before it (`edge_force.force_n`) where two have one of
+        the same name: `value`, `std`, `unit`.
+    """
+    plain = [m.effect.strength.name for m in members]
+    return {
+        name if plain.count(name) == 1 else f"{m.effect.name}.{name}": {
+            "value": m.strength, "std": stated_std(problem, m), "unit": m.effect.strength.unit,
+        }
+        for name, m in zip(plain, members, strict=True)
+    }  # fmt: skip
+
+
+def stated_std(problem: LinearProblem, member: Explanation) -> float:
+    """Return the standard uncertainty of a magnitude, that of the scale which all forces share included."""
+    return float(np.hypot(member.strength_std, problem.campaign.plant.scale_rel_std * member.strength))
 
 
 def _scale(problem: LinearProblem, name: str) -> float:

@@ -34,7 +34,15 @@ def noise_factor(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue
         1 where the best effect and the best one of the catalogue beside it leave no more than an intact machine does;
         the same within an equation, while the machine runs and while it starts.
     """
-    rest = _rest_of_two(problem, catalogue, beyond)
+    return _factor(problem, _rest_of_two(problem, catalogue, beyond))
+
+
+def noise_factor_beside(problem: LinearProblem, given: Floats) -> Floats:
+    """`noise_factor` by what columns of any size leave, shape (n, q)."""
+    return _factor(problem, Marginal(problem, extra=given).rest(problem.data))
+
+
+def _factor(problem: LinearProblem, rest: Floats) -> Floats:
     factor = np.ones(len(problem.data))
     for rows in problem.rows_by_equation().values():
         factor[rows] = max(1.0, float(np.mean(rest[rows] ** 2)) / problem.quiet)

@@ -369,6 +369,31 @@ class Report:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class Closing:
+    """Cause after cause: how the model that holds some causes is weighed again.
+
+    Attributes
+    ----------
+    most_passes : int
+        Weighings of one campaign.
+    least_rel_std : float
+        Relative standard uncertainty, at least, of a magnitude that later causes may correct.
+    least_probability : float
+        Below it an alternative of a pass is not carried along.
+    within_noise : float
+        Share of the energy of the noise that nobody can close.
+    left_on_trial : float
+        Share of the gap that causes which were followed although "unknown" was likelier may leave.
+    """
+
+    most_passes: int = _number(6, "convention", "time: a pass costs as much as the first weighing")
+    least_rel_std: float = _number(0.25, "convention", "a second cause moves the first by half at most")
+    least_probability: float = _number(0.02, "convention", "odds of fifty to one against")
+    within_noise: float = _number(0.02, "convention", "as the ladder: less cannot be shown")
+    left_on_trial: float = _number(0.1, "convention", "what a right claim leaves of what can be closed")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Settings:
     """All of them, by topic."""
 
@@ -381,6 +406,7 @@ class Settings:
     axis: Axis = field(default_factory=Axis)
     off_stroke: OffStroke = field(default_factory=OffStroke)
     report: Report = field(default_factory=Report)
+    closing: Closing = field(default_factory=Closing)
 
     def moved(self, name: str, factor: float) -> Settings:
         """Return the same settings with one number multiplied.

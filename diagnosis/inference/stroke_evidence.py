@@ -98,7 +98,14 @@ def strokes_say(
             effect=by_name[name], alone=trend.alone, beside_cutting=trend.beside_cutting, size=trend.size,
             size_std=trend.size_std, is_whole=True,
         )  # fmt: skip
-    return said, spectra.wave_in_time()
+    return said, _wave_in_time(spectra, known)
+
+
+def _wave_in_time(spectra: StrokeSpectra, known: Sequence[KnownEffect]) -> float:
+    """Log evidence of a wave at one frequency in Hz, beyond that of a wave along the feed that the model holds."""
+    held = [one.effect.strokes for one in known if isinstance(one.effect.strokes, StrokeWave)]
+    along_feed = max((spectra.wave(wave).log_evidence for wave in held), default=0.0)
+    return max(spectra.wave_in_time() - max(along_feed, 0.0), 0.0)
 
 
 def with_strokes(

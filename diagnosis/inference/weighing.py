@@ -54,15 +54,52 @@ def weigh(
         if h is not unknown and len(h.effects) < 2
     }
     _share_with_further(score, hypotheses, w)
+    score[unknown] = _open_score(score, unknown, gap=no_gap.left_over, quiet=quiet, w=w)
+    return _normalised(score)
+
+
+def weigh_further(
+    base: Hypothesis,
+    further: Sequence[Hypothesis],
+    unknown: Hypothesis,
+    *,
+    gap: float,
+    quiet: float = SETTINGS.weights.quiet,
+    weights: Weights = SETTINGS.weights,
+) -> tuple[Hypothesis, ...]:
+    """Turn log evidences of further effects beside certain ones into probabilities, by the same rules as `weigh`.
+
+    Parameters
+    ----------
+    base : Hypothesis
+        The effects that are held for certain, which stand for "no gap" and "parameters" beside them too.
+    further : sequence of Hypothesis
+        The same effects and one or more others.
+    unknown : Hypothesis
+        Its log evidence is against that of `base`.
+    gap : float
+        `left_over` of the model without any effect: what remains is a share of that.
+    quiet : float
+    weights : Weights
+
+    Returns
+    -------
+    tuple of Hypothesis
+        With `probability`, most likely first; they sum to 1.
+    """
+    score = {base: float(np.log(weights.prior_no_gap))}
+    _share_with_further(score, further, weights)
+    score[unknown] = _open_score(score, unknown, gap=gap, quiet=quiet, w=weights)
+    return _normalised(score)
+
+
+def _open_score(score: dict[Hypothesis, float], unknown: Hypothesis, *, gap: float, quiet: float, w: Weights) -> float:
+    """Score of "unknown": by its evidence, and by the share of the gap that the best of the others leaves."""
     best = max((h for h in score if np.isfinite(h.left_over)), key=lambda h: score[h])
     left = max(best.left_over - w.left_by_an_intact_machine * quiet, 0.0)
-    gap = max(no_gap.left_over - best.left_over, 0.0) + left
-    share = (left + _LEAST_LEFT) / (gap + _LEAST_GAP)
-    score[unknown] = max(
-        float(np.log(w.prior_unknown)) + unknown.log_evidence / w.temperature,
-        score[best] + w.open_gain * float(np.log(share / w.open_share)),
-    )
-    return _normalised(score)
+    share = (left + _LEAST_LEFT) / (max(gap - best.left_over, 0.0) + left + _LEAST_GAP)
+    by_share = score[best] + w.open_gain * float(np.log(share / w.open_share))
+    return max(float(np.log(w.prior_unknown)) + unknown.log_evidence / w.temperature, by_share)
 
 
 def _share_with_further(score: dict[Hypothesis, float], hypotheses: Sequence[Hypothesis], w: Weights) -> None:

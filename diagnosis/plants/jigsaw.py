@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -67,6 +67,10 @@ class Jigsaw:
     def known(self) -> tuple[KnownEffect, ...]:
         """Those that the model holds."""
         return self.baseline.known
+
+    def with_known(self, known: Sequence[KnownEffect]) -> Jigsaw:
+        """See `Plant.with_known`."""
+        return replace(self, baseline=replace(self.baseline, known=tuple(known)))
 
     @property
     def model(self) -> Baseline:

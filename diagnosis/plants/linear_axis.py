@@ -74,6 +74,10 @@ class LinearAxis:
         """Those that the model holds."""
         return self.model.known
 
+    def with_known(self, known: Sequence[KnownEffect]) -> LinearAxis:
+        """See `Plant.with_known`."""
+        return replace(self, model=replace(self.model, known=tuple(known)))
+
     @property
     def beyond_catalogue(self) -> tuple[Effect, ...]:
         """None are known."""

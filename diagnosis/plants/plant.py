@@ -109,6 +109,10 @@ class Plant(Protocol):
         """Relative uncertainty that all strengths share."""
         ...
 
+    def with_known(self, known: Sequence[KnownEffect]) -> Plant:
+        """Return the same machine with exactly these effects in its model."""
+        ...
+
     def residuals(self, state: State) -> Signature:
         """Evaluate every equation that the measured channels allow, shape of the state, in the equation's unit.
 

@@ -13,6 +13,7 @@ from sawbench.blindcheck.bench import OWN, Nature
 from sawbench.blindcheck.campaign import make_campaign, trial_settings
 from sawbench.blindcheck.csv_table import csv_bytes
 from sawbench.blindcheck.drawing import draw_campaign
+from sawbench.blindcheck.effects.table import ACTS_IN, CATALOGUE
 
 pytestmark = pytest.mark.unit
 
@@ -147,6 +148,20 @@ def test_case_kinds_have_the_stated_shares():
     severities = [size for case in cases for size in case.effects.values()]
     assert np.mean([(0.5 <= size <= 2.0) for size in severities]) == pytest.approx(0.8, abs=0.03)
     assert len({case.seed for case in cases}) == 2000
+
+
+@pytest.mark.parametrize(("count", "kind"), [(1, "effect"), (2, "pair"), (3, "several"), (4, "several")])
+def test_several_effects_of_a_case_share_no_equation(count, kind):
+    cases = sealing.draw_cases(3, 200, effects_per_case=count)
+    assert {case.kind for case in cases} == {kind}
+    assert {len(case.effects) for case in cases} == {count}
+    for case in cases:
+        equations = [ACTS_IN[name] for name in case.effects]
+        assert len(frozenset().union(*equations)) == sum(map(len, equations)), case.effects
+    assert all(0.5 <= size <= 2.0 for case in cases for size in case.effects.values())
+    named = {name for case in cases for name in case.effects}
+    assert len(named) > 0.9 * len(CATALOGUE), "no effect is left out for good"
+    assert sealing.draw_cases(3, 7, effects_per_case=count)[6] == cases[6]
 
 
 @pytest.fixture(scope="module")

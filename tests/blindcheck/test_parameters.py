@@ -175,6 +175,11 @@ def test_a_number_that_two_effects_share_is_not_told_apart():
     }
     cause = report()["causes"][0] | {"effects": ["guide_friction", "edge_force"]}
     assert stated_parameters(truth, cause) == ()
+    shared = {f"{name}.force_n": {"value": size, "std": 1.0, "unit": "N"} for name, size in
+              (("edge_force", 34.0), ("guide_friction", 11.0))}  # fmt: skip
+    told = {one.effect: one for one in stated_parameters(truth, cause | {"parameters": shared})}
+    assert (told["edge_force"].value, told["edge_force"].true_value) == (34.0, 35.0)
+    assert (told["guide_friction"].is_inside, told["guide_friction"].relative_error) == (False, 3.0 / 8.0)
 
 
 def test_a_number_that_is_none_fails_the_answer():

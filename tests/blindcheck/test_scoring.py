@@ -121,6 +121,11 @@ def test_what_are_no_probabilities_is_refused(probabilities):
         single("edge_force", probabilities)
 
 
+def several(probabilities):
+    """Three hidden effects and an answer."""
+    return Case(name="3", kind="several", effects=dict.fromkeys("abc", 1.0), probabilities=probabilities)
+
+
 def test_rows_by_hand():
     cases = [
         single("edge_force", {"edge_force": 0.9, "no_gap": 0.1}),
@@ -139,6 +144,11 @@ def test_rows_by_hand():
         Case(name="r", kind="outside", effects={"blade_whip": 1.0}, probabilities={"no_gap": 1.0}),
         Case(name="s", kind="pair", effects={"a": 1.0, "b": 0.3}, probabilities={"a + b": 1.0}),
         Case(name="t", kind="pair", effects={"a": 1.0, "b": 1.0}, probabilities={"a": 1.0}),
+        several({"a + b + c": 1.0}),
+        several({"a + b + c + d": 1.0}),
+        several({"a + d": 0.6, "a + b": 0.4}),
+        several({"b + c": 1.0}),
+        several({"unknown": 1.0}),
     ]
     found = score(cases)
     counted = {row.key: (row.value.hits, row.value.n) for row in found.rows}
@@ -150,18 +160,21 @@ def test_rows_by_hand():
         "declared_exact": (1, 3),
         "declared_group": (2, 3),
         "declared_top_three": (2, 3),
-        "claims_exact": (3, 8),
+        "claims_exact": (4, 12),
         "false_alarms": (1, 4),
         "none": (1, 2),
         "parameters": (0, 2),
         "parameters_lenient": (1, 2),
         "unknown": (2, 4),
         "unknown_formless": (1, 2),
-        "unknown_wrongly": (0, 12),
+        "unknown_wrongly": (1, 17),
         "pair_both": (1, 2),
         "pair_group": (1, 2),
         "pair_one": (2, 2),
         "typical_pair_both": (0, 1),
+        "several_exact": (1, 5),
+        "several_all": (2, 5),
+        "several_but_one": (3, 5),
         # No case of these says a place or a size, or has a faulty sensor.
         "false_alarms_spoilt": (0, 0),
         "where": (0, 0),

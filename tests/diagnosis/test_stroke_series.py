@@ -8,6 +8,7 @@ from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.stroke_evidence import strokes_say
 from sawbench.diagnosis.inference.stroke_series import StrokeSeries, StrokeSpectra
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME, EFFECTS
+from sawbench.modeling.effects.known import KnownEffect
 
 pytestmark = pytest.mark.unit
 
@@ -75,6 +76,20 @@ def test_a_wave_in_time_convinces_far_less_than_one_in_the_wood():
     assert in_time.wave(wave).log_evidence < 0.5 * in_wood.wave(wave).log_evidence
     assert in_time.wave_in_time() > in_time.wave(wave).log_evidence + 20.0
     assert in_wood.wave(wave).log_evidence > in_wood.wave_in_time() + 20.0
+
+
+def test_a_wave_in_the_wood_that_the_model_holds_is_no_wave_in_time():
+    grain = EFFECT_BY_NAME["grain_variation"]
+    known = KnownEffect(effect=grain, value=DEPTH, form=dict(grain.shapes[0]))
+    others = [e for e in EFFECTS if e is not grain]
+
+    def in_time(trials, *held):
+        return strokes_say(others, [], trials, SETTINGS, held)[1]
+
+    in_wood = campaign("white", 5, wavelength_m=WAVELENGTH_M)
+    assert in_time(in_wood) > 20.0
+    assert in_time(in_wood, known) == 0.0
+    assert in_time(campaign("white", 5, frequency_hz=0.8), known) > 20.0
 
 
 def test_nothing_is_said_without_strokes():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sawbench.diagnosis.inference.hypothesis import named
 from sawbench.diagnosis.inference.settings import SETTINGS
-from sawbench.diagnosis.inference.weighing import weigh
+from sawbench.diagnosis.inference.weighing import weigh, weigh_further
 
 pytestmark = pytest.mark.unit
 
@@ -151,3 +151,25 @@ def test_a_third_effect_pays_for_itself_as_a_second_one_does():
     assert three > 10.0 * pair
     more = three_effects(4000.0)
     assert more[1] / more[0] == pytest.approx(2.0**WEIGHTS.pair_gain * three / pair)
+
+
+def beside_a_sure_pair(added, *, shared=0.0, unknown=-5.0, left=WEIGHTS.quiet):
+    """Probabilities of the pair alone, with a third effect that adds so much, and of "unknown"."""
+    base = named(PAIR, 0.0, left_over=left)
+    further = [named(" + ".join(NAMES), added, left_over=left, shared=shared)]
+    found = weigh_further(base, further, named("unknown", unknown), gap=10.0)
+    return {h.name: h.probability for h in found}
+
+
+def test_a_further_effect_beside_sure_ones_is_even_at_the_least_log_evidence_of_a_second_one():
+    found = beside_a_sure_pair(WEIGHTS.pair_least)
+    assert sum(found.values()) == pytest.approx(1.0)
+    assert found[" + ".join(NAMES)] == pytest.approx(found[PAIR])
+    assert beside_a_sure_pair(0.0)[" + ".join(NAMES)] < 0.01
+    assert beside_a_sure_pair(10.0 * WEIGHTS.pair_least)[" + ".join(NAMES)] > 0.9
+
+
+def test_what_sure_effects_leave_of_the_whole_gap_is_unknown_where_it_is_most_of_it():
+    assert beside_a_sure_pair(0.0, left=9.0)["unknown"] > 0.8
+    assert beside_a_sure_pair(0.0, left=1.0)["unknown"] < 0.2
+    assert beside_a_sure_pair(0.0, unknown=30.0 * UNIT)["unknown"] > 0.99

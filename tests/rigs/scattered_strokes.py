@@ -15,12 +15,12 @@ N_UNITS = 12
 TRIALS = ((0.4375, True, 0.004), (0.35, True, 0.004), (0.55, True, 0.006), (0.4375, False, 0.0), (0.4375, True, 0.004))
 
 
-def strokes(seed=21):
-    """Five trials of twelve units with the scatter of wood and of sensors."""
+def strokes(seed=21, **machine):
+    """Five trials of twelve units with the scatter of wood and of sensors; `machine`: fields of `Machine`."""
     rng = np.random.default_rng(seed)
     found, known = [], {}
     for number, (duty, cuts, feed_m_s) in enumerate(TRIALS):
-        state = known.setdefault((duty, cuts), Machine(duty=duty, cuts=cuts).run(N_UNITS))
+        state = known.setdefault((duty, cuts), Machine(duty=duty, cuts=cuts, **machine).run(N_UNITS))
 
         def noisy(wave, size):
             return wave + size * rng.standard_normal(wave.shape)

@@ -1,0 +1,405 @@
+"""Cause after cause: what was found becomes part of the model, and the rest of the gap is weighed again.
+
+One pass names one effect or two. The next pass weighs the same campaign with these in the model, their magnitudes free
+to be refined, and so on. All causes together are then one hypothesis about the model as configured: they are sized
+beside each other, and each must still predict withheld operating points beside the others. An earlier cause that a
+later one has made needless is dropped by that.
+
+A gap of three effects can leave so much beside the best two that "unknown" is the likeliest answer. So the likeliest
+cause is followed on trial; it is kept only where the causes together leave what an intact machine leaves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any, Literal
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.answer.claim import carried_by_strokes, held_to_predictions, sized_members
+from sawbench.diagnosis.answer.improved_model import found_effects, magnitudes
+from sawbench.diagnosis.answer.ladder import closed_share
+from sawbench.diagnosis.answer.prediction import Predictions, stacked
+from sawbench.diagnosis.campaign import with_known
+from sawbench.diagnosis.inference.dispersion import noise_factor_beside
+from sawbench.diagnosis.inference.evidence import Column, Explanation, catalogue_columns
+from sawbench.diagnosis.inference.forming import shared_energy
+from sawbench.diagnosis.inference.hypothesis import AND, Hypothesis
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, build_problem
+from sawbench.diagnosis.inference.posterior import Posterior, judge
+from sawbench.diagnosis.inference.size import together
+from sawbench.diagnosis.inference.stroke_evidence import sized_by_strokes
+from sawbench.diagnosis.inference.weighing import weigh_further
+
+Stopped = Literal["no_gap", "parameters", "unknown", "nothing_more", "repeatability", "passes"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Pass:
+    """One weighing of the campaign with a certain model.
+
+    Attributes
+    ----------
+    problem : LinearProblem
+    columns : dict of str to list of Column
+        By effect.
+    posterior : Posterior
+        Held to its predictions.
+    predictions : Predictions
+    """
+
+    problem: LinearProblem
+    columns: dict[str, list[Column]]
+    posterior: Posterior
+    predictions: Predictions
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CauseRung:
+    """One cause on the ladder from the model as configured to the floor.
+
+    Attributes
+    ----------
+    effect : str
+    number : int
+        Of the pass that named it, from 1.
+    probability : float
+        That it takes part, as all was weighed after that pass.
+    with_effect : float
+        Withheld residual over its noise, root mean square, with this cause and those before it.
+    closed, added : float
+        Share of what re-tuned parameters leave above the noise that this cause and those before it close, and of what
+        was left before it that this one closes.
+    closed_ci95, added_ci95 : tuple of float
+    """
+
+    effect: str
+    number: int
+    probability: float
+    with_effect: float
+    closed: float
+    closed_ci95: tuple[float, float]
+    added: float
+    added_ci95: tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Closing:
+    """All causes of one campaign.
+
+    Attributes
+    ----------
+    answer : Pass
+        On the model as configured; the likeliest hypothesis of its posterior holds all causes.
+    rungs : tuple of CauseRung
+        In the order in which they were found.
+    dropped : tuple of str
+        Effects that later ones made needless.
+    stopped : Stopped
+        What the last pass answers, or why there is no further one.
+    n_passes : int
+    """
+
+    answer: Pass
+    rungs: tuple[CauseRung, ...]
+    dropped: tuple[str, ...]
+    stopped: Stopped
+    n_passes: int
+
+
+def held(problem: LinearProblem, columns: dict[str, list[Column]], posterior: Posterior) -> Pass:
+    """Hold an answer to its predictions."""
+    predictions = Predictions(problem, columns, posterior)
+    posterior = held_to_predictions(problem, columns, posterior, predictions)
+    return Pass(problem=problem, columns=columns, posterior=posterior, predictions=predictions)
+
+
+def until_closed(first: Pass, *, on_pass: Callable[[int, str], None] | None = None) -> Closing:
+    """Add causes until nothing more closes.
+
+    Parameters
+    ----------
+    first : Pass
+        With the model as configured.
+    on_pass : callable, optional
+        (number, what is in the model by then), before each further pass.
+
+    Returns
+    -------
+    Closing
+    """
+    answer, kept, number, is_on_trial = first, first, 1, False
+    numbers = first.problem.settings.closing
+    if first.posterior.verdict == "unknown":
+        answer, is_on_trial = _on_trial(first), True
+    found = _Found(first=answer)
+    stopped: Stopped = first.posterior.best.other or "nothing_more"
+    rest = 1.0
+    while answer.posterior.best.effects:
+        if _is_within_noise(answer):
+            stopped, rest = "repeatability", 0.0
+            break
+        if number == numbers.most_passes:
+            stopped = "passes"
+            break
+        number += 1
+        if on_pass is not None:
+            on_pass(number, answer.posterior.best.name)
+        step = _beside(answer)
+        rest = _share_left(first, step)
+        after = held(first.problem, first.columns, _joined(first, answer.posterior, step))
+        needs_trial = after.posterior.verdict == "unknown"
+        if needs_trial:
+            after = _on_trial(after)
+        if not found.is_new(after.posterior.best):
+            stopped = "unknown" if needs_trial else _verdict_beside(step)
+            if not needs_trial and after.posterior.best.effects == answer.posterior.best.effects:
+                answer = after
+                kept = kept if is_on_trial else answer
+            break
+        found.add(number, after.posterior)
+        answer, is_on_trial = after, is_on_trial or needs_trial
+        if not is_on_trial:
+            kept = answer
+    if is_on_trial and (stopped in ("unknown", "passes") or rest > numbers.left_on_trial):
+        answer, stopped = kept, "unknown"
+    return Closing(
+        answer=answer, rungs=_rungs(answer, found.named), dropped=found.dropped(answer.posterior.best),
+        stopped=stopped, n_passes=number,
+    )  # fmt: skip
+
+
+def closing_table(closing: Closing) -> dict[str, Any]:
+    """Return the ladder of causes as plain values: the table `until_closed` of the report.
+
+    Parameters
+    ----------
+    closing : Closing
+
+    Returns
+    -------
+    dict
+        "stopped", "n_passes", "dropped", the residual at withheld operating points over its noise ("nominal",
+        "retuned", "noise_floor"), and "rungs": one a cause, in the order in which they were found.
+    """
+    answer = closing.answer
+    best = answer.posterior.best
+    shown = best if best.effects else answer.posterior.of("no_gap")
+    whitened = answer.predictions.of(shown).ladder.whitened
+    members = sized_members(answer.problem, answer.columns, answer.posterior, best)
+    stated = {m.effect.name: magnitudes(answer.problem, [m]) for m in members}
+    return {
+        "stopped": closing.stopped,
+        "n_passes": closing.n_passes,
+        "dropped": list(closing.dropped),
+        "nominal": whitened.nominal,
+        "retuned": whitened.retuned,
+        "noise_floor": whitened.noise_floor,
+        "rungs": [
+            {
+                "effect": rung.effect, "pass": rung.number, "probability": rung.probability,
+                "parameters": stated[rung.effect], "with_effect": rung.with_effect,
+                "gap_closed": rung.closed, "gap_closed_ci95": list(rung.closed_ci95),
+                "added": rung.added, "added_ci95": list(rung.added_ci95),
+                "carried_by_strokes": rung.effect in carried_by_strokes(answer.posterior, best),
+            }
+            for rung in closing.rungs
+        ],
+    }  # fmt: skip
+
+
+class _Found:
+    """In which pass each effect was named, with which probability, and what stood together before."""
+
+    def __init__(self, first: Pass) -> None:
+        best = first.posterior.best
+        self.named = {name: (1, _part(first.posterior, name)) for name in best.effects}
+        self._seen = [best.effects]
+
+    def is_new(self, best: Hypothesis) -> bool:
+        """Whether these effects have not stood together before, nor more than them."""
+        return not any(set(best.effects) <= set(effects) for effects in self._seen)
+
+    def add(self, number: int, posterior: Posterior) -> None:
+        """Note what a pass has added."""
+        effects = posterior.best.effects
+        self.named |= {name: (number, _part(posterior, name)) for name in effects if name not in self.named}
+        self._seen.append(effects)
+
+    def dropped(self, best: Hypothesis) -> tuple[str, ...]:
+        """Effects that stood in the answer once and do no more."""
+        every = dict.fromkeys(name for effects in self._seen for name in effects)
+        return tuple(name for name in every if name not in best.effects)
+
+
+def _part(posterior: Posterior, name: str) -> float:
+    return sum(h.probability for h in posterior.hypotheses if name in h.effects)
+
+
+def _on_trial(asked: Pass) -> Pass:
+    """Follow the likeliest cause although "unknown" is likelier: that stands for what the cause leaves."""
+    posterior = asked.posterior
+    if not any(h.probability > 0.0 for h in posterior.claims):
+        return asked
+    unknown, likeliest = posterior.of("unknown"), posterior.claims[0]
+    moved = {unknown.name: 0.0, likeliest.name: likeliest.probability + unknown.probability}
+    followed = [replace(h, probability=moved.get(h.name, h.probability)) for h in posterior.hypotheses]
+    return held(asked.problem, asked.columns, _with_hypotheses(posterior, followed))
+
+
+def _with_hypotheses(posterior: Posterior, hypotheses: Sequence[Hypothesis]) -> Posterior:
+    """Replace the hypotheses; their probabilities are made to sum to 1."""
+    total = sum(h.probability for h in hypotheses)
+    scaled = [replace(h, probability=h.probability / total) for h in hypotheses]
+    return replace(posterior, hypotheses=tuple(sorted(scaled, key=lambda h: -h.probability)))
+
+
+def _beside(answer: Pass) -> Posterior:
+    """Weigh the campaign again with all causes in the model."""
+    problem, posterior = answer.problem, answer.posterior
+    members = sized_members(problem, answer.columns, posterior, posterior.best)
+    found = [
+        replace(known, std=max(known.std, problem.settings.closing.least_rel_std * abs(known.value)))
+        for known in found_effects(problem, posterior, members)
+    ]
+    campaign = with_known(problem.campaign, (*problem.campaign.plant.known, *found))
+    again = build_problem(campaign, settings=problem.settings)
+    return judge(again, catalogue_columns(again, campaign.plant.effects))
+
+
+def _share_left(first: Pass, step: Posterior) -> float:
+    """Share of the gap of the model as configured that a pass begins with."""
+    problem = first.problem
+    intact = problem.settings.weights.left_by_an_intact_machine * problem.quiet
+    left, gap = (max(p.of("no_gap").left_over - intact, 0.0) for p in (step, first.posterior))
+    return left / gap if gap else 0.0
+
+
+def _verdict_beside(step: Posterior) -> Stopped:
+    """Which answer without a further effect a pass finds likelier."""
+    if any(h.probability > step.of("no_gap").probability for h in step.claims):
+        return "nothing_more"
+    return "parameters" if step.of("parameters").probability > step.of("no_gap").probability else "no_gap"
+
+
+def _joined(first: Pass, before: Posterior, step: Posterior) -> Posterior:
+    """Weigh what a pass says beside the causes before it; probabilities by the chain rule."""
+    problem, base, weights = first.problem, before.best, first.problem.settings.weights
+    # What re-tuned parameters gain beside the causes, these gain without a further one.
+    spare = weights.temperature * float(np.log(weights.prior_no_gap / weights.prior_parameters))
+    gained = max(step.of("parameters").log_evidence - spare, 0.0)
+    held_for_sure = replace(base, log_evidence=gained, left_over=step.of("no_gap").left_over)
+    further = [_further(problem, base, h) for h in step.claims]
+    gap = first.posterior.of("no_gap").left_over
+    weighed_again = weigh_further(
+        held_for_sure, further, step.of("unknown"), gap=gap, quiet=problem.quiet, weights=weights
+    )
+    found = {h.name: h for h in before.hypotheses}
+    found[base.name] = replace(base, probability=0.0)
+    likeliest = next((h for h in weighed_again if len(h.effects) > len(base.effects)), base)
+    joint = _Joint(first, before, step, (*base.members, *likeliest.members))
+    for h in weighed_again:
+        share = base.probability * h.probability
+        if len(h.effects) > len(base.effects):
+            if h.probability > problem.settings.closing.least_probability or h is likeliest:
+                joint.add_parts(found, h)
+                new = joint.hypothesis(h.members, log_evidence=base.log_evidence + h.log_evidence)
+                earlier = found[new.name].probability if new.name in found else 0.0
+                found[new.name] = replace(new, probability=earlier + share)
+        else:
+            found[h.name] = replace(found[h.name], probability=found[h.name].probability + share)
+    return _with_hypotheses(joint.posterior, list(found.values()))
+
+
+def _further(problem: LinearProblem, base: Hypothesis, added: Hypothesis) -> Hypothesis:
+    """Hypothesis of all effects, with what it gains beside the certain ones; its members are not yet sized together."""
+    members = sorted((*base.members, *added.members), key=lambda m: m.effect.name)
+    weak = min(added.members, key=lambda m: m.gain)
+    before = sum(m.contribution for m in members if m is not weak)
+    return replace(
+        added, effects=tuple(m.effect.name for m in members), members=tuple(members),
+        shared=shared_energy(problem, np.asarray(before), weak.contribution),
+    )  # fmt: skip
+
+
+class _Joint:
+    """States causes of several passes beside each other, on the model as configured."""
+
+    def __init__(self, first: Pass, before: Posterior, step: Posterior, members: Sequence[Explanation]) -> None:
+        self._first = first
+        carried = {m.effect.name for m in before.best.members}
+        self._said = {**before.strokes, **{n: said for n, said in step.strokes.items() if n not in carried}}
+        given = stacked([_column(first, m) for m in {m.effect.name: m for m in members}.values()])
+        self._noise = noise_factor_beside(first.problem, given)
+        self.posterior = replace(before, strokes=self._said, dispersion=self._noise)
+
+    def hypothesis(self, members: Sequence[Explanation], *, log_evidence: float) -> Hypothesis:
+        """Size members together, each in its form."""
+        as_found = [replace(m, column=_column(self._first, m), mixture=None) for m in members]
+        sized = together(self._first.problem, as_found, dispersion=self._noise)
+        return Hypothesis(
+            effects=tuple(m.effect.name for m in members), log_evidence=log_evidence, is_fitted_together=True,
+            members=tuple(sized_by_strokes(m, self._said) for m in sized),
+        )  # fmt: skip
+
+    def add_parts(self, found: dict[str, Hypothesis], whole: Hypothesis) -> None:
+        """Add what is left of a hypothesis without some of its effects, which nobody believes yet."""
+        members = {m.effect.name: m for m in whole.members}
+        for count in range(1, len(members)):
+            for names in combinations(whole.effects, count):
+                if _name_of(names) not in found:
+                    part = self.hypothesis([members[name] for name in names], log_evidence=0.0)
+                    found[part.name] = replace(part, probability=0.0)
+
+
+def _name_of(effects: Iterable[str]) -> str:
+    return AND.join(sorted(effects))
+
+
+def _column(first: Pass, member: Explanation) -> Column:
+    """Return the signature of a member's form on the model as configured."""
+    return next(c for c in first.columns[member.effect.name] if c.shape == member.column.shape)
+
+
+def _is_within_noise(answer: Pass) -> bool:
+    rungs, share = answer.predictions.of(answer.posterior.best).ladder.whitened, answer.problem.settings.closing
+    return rungs.with_effect**2 <= (1.0 + share.within_noise) * rungs.noise_floor**2
+
+
+def _rungs(answer: Pass, named: Mapping[str, tuple[int, float]]) -> tuple[CauseRung, ...]:
+    """Climb from re-tuned parameters to all causes, in the order in which they were named; the larger of two first."""
+    posterior, best = answer.posterior, answer.posterior.best
+    if not best.effects:
+        return ()
+    by_trial = answer.predictions.of(best).ladder.held_out == "trials"
+
+    def energy(effects: Sequence[str]) -> dict[str, Floats]:
+        chosen = next(h for h in posterior.claims if h.name == _name_of(effects))
+        return answer.predictions.of(chosen, by_trial=by_trial).ladder.energy
+
+    order: list[str] = []
+    rungs = []
+    while len(order) < len(best.effects):
+        rest = [name for name in best.effects if name not in order]
+        first = min(named[name][0] for name in rest)
+        after = {name: energy([*order, name]) for name in rest if named[name][0] == first}
+        name = min(after, key=lambda name: float(after[name]["with_effect"].sum()))
+        before = energy(order)["with_effect"] if order else after[name]["retuned"]
+        closed, interval = closed_share(after[name])
+        added, of_added = closed_share({**after[name], "retuned": before})
+        order.append(name)
+        rungs.append(
+            CauseRung(
+                effect=name,
+                number=first,
+                probability=named[name][1],
+                with_effect=float(np.sqrt(after[name]["with_effect"].sum() / len(answer.problem.data))),
+                closed=closed,
+                closed_ci95=interval,
+                added=added,
+                added_ci95=of_added,
+            )
+        )
+    return tuple(rungs)

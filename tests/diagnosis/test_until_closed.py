@@ -1,0 +1,92 @@
+"""Cause after cause: three effects in three equations are found, an intact machine gets none, what is needless goes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from sawbench.diagnosis.answer.until_closed import closing_table, held, until_closed
+from sawbench.diagnosis.inference.evidence import catalogue_columns
+from sawbench.diagnosis.inference.posterior import judge
+
+from tests.rigs.jigsaw_in_time import K_CUT, R_BATTERY
+from tests.rigs.scattered_strokes import problem_of, strokes
+
+pytestmark = pytest.mark.pipeline
+
+DRAG_N_M, EXTRA_OHM, EDGE_N = 0.006, 0.06, 15.0
+TRUTH = {"motor_coulomb_friction": DRAG_N_M, "battery_internal_resistance": EXTRA_OHM, "edge_force": EDGE_N}
+
+
+def asked(**machine):
+    problem = problem_of(strokes(**machine))
+    columns = catalogue_columns(problem, problem.campaign.plant.effects)
+    return held(problem, columns, judge(problem, columns))
+
+
+@pytest.fixture(scope="module")
+def first():
+    """Dry friction of the motor, a resistive battery and a blunt edge, integrated in time."""
+    return asked(
+        drag=lambda w, load: DRAG_N_M,
+        battery_resistance=R_BATTERY + EXTRA_OHM,
+        cut=lambda v, x, m: K_CUT * v + EDGE_N * np.tanh(v / 0.01),
+    )
+
+
+@pytest.fixture(scope="module")
+def closing(first):
+    return until_closed(first)
+
+
+def test_all_three_effects_are_named_where_one_weighing_names_two_at_most(first, closing):
+    assert len(first.posterior.best.effects) < 3
+    assert set(closing.answer.posterior.best.effects) == set(TRUTH)
+    assert {rung.effect for rung in closing.rungs} == set(TRUTH)
+    assert closing.n_passes > 1
+
+
+def test_magnitudes_are_those_that_were_put_in(closing):
+    for rung in closing_table(closing)["rungs"]:
+        (stated,) = rung["parameters"].values()
+        assert abs(stated["value"] - TRUTH[rung["effect"]]) < 2.0 * stated["std"]
+        assert stated["value"] == pytest.approx(TRUTH[rung["effect"]], rel=0.1)
+
+
+def test_the_ladder_goes_down_to_the_noise_cause_by_cause(closing):
+    table = closing_table(closing)
+    steps = [table["nominal"], table["retuned"], *(rung["with_effect"] for rung in table["rungs"])]
+    assert all(later < earlier for earlier, later in pairwise(steps))
+    assert steps[-1] == pytest.approx(table["noise_floor"], rel=0.15)
+    assert table["rungs"][-1]["gap_closed"] > 0.98
+    assert table["stopped"] in {"no_gap", "parameters", "repeatability"}
+
+
+def test_probabilities_of_all_answers_sum_to_one_and_the_likeliest_holds_all_causes(closing):
+    posterior = closing.answer.posterior
+    assert sum(h.probability for h in posterior.hypotheses) == pytest.approx(1.0)
+    assert posterior.verdict == "effects"
+    assert posterior.best.probability == max(h.probability for h in posterior.hypotheses)
+
+
+def test_a_machine_without_a_gap_gets_no_cause_and_no_second_pass():
+    found = until_closed(asked())
+    assert (found.rungs, found.n_passes, found.stopped) == ((), 1, "no_gap")
+    assert closing_table(found)["rungs"] == []
+
+
+def certain_of(asked_for, name):
+    sure = [replace(h, probability=float(h.name == name)) for h in asked_for.posterior.hypotheses]
+    posterior = replace(asked_for.posterior, hypotheses=tuple(sorted(sure, key=lambda h: -h.probability)))
+    return held(asked_for.problem, asked_for.columns, posterior)
+
+
+def test_a_wrong_cause_that_a_later_one_makes_needless_is_dropped():
+    """Air resistance is believed for sure where dry friction acts; the friction takes its place."""
+    wrong = certain_of(asked(drag=lambda w, load: 0.012), "windage_drag")
+    assert wrong.posterior.best.effects == ("windage_drag",), "else there is nothing to drop"
+    found = until_closed(wrong)
+    assert found.answer.posterior.best.effects == ("motor_coulomb_friction",)
+    assert found.dropped == ("windage_drag",)

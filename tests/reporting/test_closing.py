@@ -1,0 +1,63 @@
+"""The ladder of causes in words and as a figure."""
+
+from __future__ import annotations
+
+import pytest
+from sawbench.reporting.closing import closing_picture, closing_rows, closing_sentences
+
+from tests.reporting.test_gap_page import REPORT, page
+
+pytestmark = pytest.mark.unit
+
+FRICTION = {
+    "effect": "guide_friction", "pass": 1, "probability": 0.97, "with_effect": 1.0, "gap_closed": 0.75,
+    "gap_closed_ci95": [0.6, 0.85], "added": 0.75, "added_ci95": [0.6, 0.85], "carried_by_strokes": False,
+    "parameters": {"force_n": {"value": 8.3, "std": 0.4, "unit": "N"}},
+}  # fmt: skip
+GRAIN = {
+    **FRICTION, "effect": "grain_variation", "pass": 2, "added": 0.0, "carried_by_strokes": True,
+    "parameters": {"depth": {"value": 0.12, "std": 0.03, "unit": "1"}},
+}  # fmt: skip
+CLOSING = {
+    "stopped": "no_gap", "n_passes": 3, "dropped": [], "nominal": 4.0, "retuned": 2.0, "noise_floor": 0.5,
+    "rungs": [FRICTION, GRAIN],
+}  # fmt: skip
+
+
+def test_rows_go_from_the_configured_model_to_the_noise():
+    rows = closing_rows(CLOSING)
+    assert [row["model"] for row in rows] == [
+        "as configured", "re-tuned", "+ guide friction", "+ grain variation", "noise",
+    ]  # fmt: skip
+    assert [row["rms"] for row in rows] == ["4", "2", "1", "1", "0.5"]
+    assert rows[2]["magnitude"] == "force 8.30\xa0±\xa00.40\xa0N"
+    assert (rows[2]["closed"], rows[2]["interval"], rows[2]["added"]) == ("75 %", "60 to 85 %", "75 %")
+    assert rows[3]["added"] == "by single strokes"
+
+
+def test_the_words_say_why_it_ended():
+    assert closing_sentences(CLOSING) == ["Beside these causes there is no gap left."]
+    unknown = CLOSING | {"stopped": "unknown", "dropped": ["edge_force"]}
+    assert "no effect of the catalogue explains" in closing_sentences(unknown)[0]
+    assert closing_sentences(unknown)[1].endswith("dropped: edge force.")
+    assert closing_sentences(CLOSING | {"rungs": []}) == ["There is no gap to close."]
+
+
+def test_the_figure_names_every_model_and_its_residual():
+    picture = closing_picture(CLOSING)
+    assert picture is not None
+    for text in ("as configured: 4", "re-tuned: 2", "+ guide friction: 1", "noise: 0.5"):
+        assert text in picture.svg
+    assert closing_picture(CLOSING | {"rungs": []}) is None
+
+
+def test_the_page_has_the_ladder_only_where_it_was_asked_for(tmp_path):
+    folders = [tmp_path / name for name in ("plain", "closed")]
+    for folder in folders:
+        folder.mkdir()
+    plain, text = page(folders[0]), page(folders[1], until_closed=CLOSING)
+    assert "Cause after cause" not in plain
+    assert "<h2>Cause after cause</h2>" in text
+    assert text.index("Cause after cause") < text.index("<h2>Causes</h2>")
+    assert text.count("<svg role") == plain.count("<svg role") + 1
+    assert "until_closed" not in REPORT
