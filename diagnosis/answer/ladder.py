@@ -9,18 +9,12 @@ from typing import Literal
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.residuals import Equation
 
 HeldOut = Literal["operating points", "trials", "nothing"]
 RUNGS = ("nominal", "retuned", "with_effect", "noise_floor")
-# A cause cannot be shown to leave less than this share of the noise energy.
-_LEAST_REST = 0.02
-_LEAST_BLOCKS = 3
-# An interval needs the scatter of what is left without each group in turn.
-_LEAST_GROUPS = 3
-# Re-tuned parameters stay within this many widened standard deviations: farther off it is not the same machine.
-_FARTHEST, _FARTHEST_SENSOR = 2.0, 5.0
-_SOLVED_FORMS = 3
+_NUMBERS = SETTINGS.ladder
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -105,7 +99,7 @@ class HoldOut:
         numbers = {nuisance.name for nuisance in plant.nuisances() if nuisance.is_plant}
         self.is_plant = np.array([name in numbers for name in problem.names], dtype=bool)
         self.is_own = problem.is_of_trial
-        self._high = np.where(self.is_own, np.inf, np.where(self.is_plant, _FARTHEST, _FARTHEST_SENSOR))
+        self._high = np.where(self.is_own, np.inf, np.where(self.is_plant, _NUMBERS.farthest, _NUMBERS.farthest_sensor))
         self.held_out, self.group_of = _grouping(problem, by_trial=by_trial)
         self.groups = tuple(dict.fromkeys(self.group_of(part) for part in problem.parts))
         self.rows = {group: self._rows(group) for group in self.groups}
@@ -209,7 +203,7 @@ class HoldOut:
             problems.append((normal, pull))
             free.append(_gain(normal, pull, np.zeros(0), np.zeros(n, dtype=bool)))
             stuck.append(_gain(normal, pull, retuned[is_stuck], is_stuck))
-        chosen = {int(k) for scores in (free, stuck) for k in np.argsort(scores)[-_SOLVED_FORMS:]}
+        chosen = {int(k) for scores in (free, stuck) for k in np.argsort(scores)[-_NUMBERS.solved_forms :]}
         best = (-np.inf, 0, np.zeros(0))
         for k in chosen:
             normal, pull = problems[k]
@@ -256,7 +250,7 @@ def _grouping(problem: LinearProblem, *, by_trial: bool) -> tuple[HeldOut, Calla
     """Name what is held out, and say which group a part belongs to: trials where there are few operating points."""
     n_points = len({part.setting.operating_point for part in problem.parts})
     n_trials = len({part.setting.label for part in problem.parts})
-    if n_points >= min(_LEAST_GROUPS, n_trials) > 1 and not by_trial:
+    if n_points >= min(_NUMBERS.least_groups, n_trials) > 1 and not by_trial:
         return "operating points", lambda part: part.setting.operating_point
     return "trials" if n_trials > 1 else "nothing", lambda part: part.setting.label
 
@@ -267,7 +261,7 @@ def _block_scatter(problem: LinearProblem) -> Floats:
     for part in problem.parts:
         blocks = problem.data[part.place].reshape(-1, part.layout.size)
         n = len(blocks)
-        if n < _LEAST_BLOCKS:
+        if n < _NUMBERS.least_blocks:
             continue
         time = np.arange(n) - 0.5 * (n - 1)
         rest = blocks - blocks.mean(axis=0) - np.outer(time, time @ blocks) / (time @ time)
@@ -313,17 +307,17 @@ def closed_share(energy: dict[str, Floats]) -> tuple[float, tuple[float, float]]
     def left(chosen: np.ndarray) -> float:
         retuned, effect, floor = (float(energy[k][chosen].sum()) for k in ("retuned", "with_effect", "noise_floor"))
         room = retuned - floor
-        if room <= _LEAST_REST * floor:
+        if room <= _NUMBERS.least_rest * floor:
             return 1.0
-        return max(effect - floor, _LEAST_REST * floor) / room
+        return max(effect - floor, _NUMBERS.least_rest * floor) / room
 
     n = len(energy["retuned"])
     everything = np.arange(n)
-    if energy["retuned"].sum() <= (1.0 + _LEAST_REST) * energy["noise_floor"].sum():
+    if energy["retuned"].sum() <= (1.0 + _NUMBERS.least_rest) * energy["noise_floor"].sum():
         return 0.0, (-1.0, 1.0)
     whole = left(everything)
     closed = float(np.clip(1.0 - whole, -1.0, 1.0))
-    if n < _LEAST_GROUPS:
+    if n < _NUMBERS.least_groups:
         return closed, (-1.0, 1.0)
     logs = np.log([left(np.delete(everything, k)) for k in range(n)])
     spread = float(np.sqrt((n - 1) / n * np.sum((logs - logs.mean()) ** 2)))

@@ -328,6 +328,32 @@ class OffStroke:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class Ladder:
+    """How withheld trials are predicted, and what is called closed.
+
+    Attributes
+    ----------
+    least_rest : float
+        Share of the noise energy below which no cause can be shown to leave less.
+    least_blocks, least_groups : int
+        Time blocks of a trial that give a scatter about a straight line; withheld groups that give an interval.
+    farthest, farthest_sensor : float
+        Re-tuned numbers stay within this many widened standard deviations: farther off it is not the same machine.
+    solved_forms : int
+        Forms of a cause that are solved with these bounds.
+    """
+
+    least_rest: float = _number(0.02, "convention", "a closed gap is stated to 2 %")
+    least_blocks: int = _number(3, "convention", "a straight line takes two")
+    least_groups: int = _number(3, "convention", "a standard error from leaving out one in turn")
+    farthest: float = _number(2.0, "convention", "95 %, as every interval")
+    farthest_sensor: float = _number(
+        5.0, "convention", "a sensor's zero and gain are known less than a motor's constants"
+    )
+    solved_forms: int = _number(3, "convention", "time: each costs a bounded least-squares problem")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Report:
     """What the report says, and from when on.
 
@@ -405,6 +431,7 @@ class Settings:
     workpieces: Workpieces = field(default_factory=Workpieces)
     axis: Axis = field(default_factory=Axis)
     off_stroke: OffStroke = field(default_factory=OffStroke)
+    ladder: Ladder = field(default_factory=Ladder)
     report: Report = field(default_factory=Report)
     closing: Closing = field(default_factory=Closing)
 
