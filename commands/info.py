@@ -6,26 +6,93 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
-from sawbench.commands.options import json_option
-from sawbench.commands.terminal import emit, table
+from sawbench.bench.recording import HEAVY_LOSS_SHARE, loss_in_words
+from sawbench.commands.failures import Failures
+from sawbench.commands.options import json_option, recordings_argument
+from sawbench.commands.terminal import emit, progress, table
+from sawbench.inputs import find_recordings
 
 # How an import says in the provenance which column it took for a channel.
 COLUMN_OF: Final = "column of "
 
 if TYPE_CHECKING:
     from sawbench.bench.recording import Trial
-    from sawbench.storage.reader import RecordingInfo
+    from sawbench.storage.reader import ChannelInfo, RecordingInfo
 
 
 @click.command(name="info", epilog="Example: sawbench info recordings/oak-01.mcap")
-@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
+@recordings_argument
 @json_option
-def command(path: Path, as_json: bool) -> None:
-    """Show settings, channels, rates, gaps and events of a recording, complete or not."""
+def command(paths: tuple[Path, ...], as_json: bool) -> int:
+    """Show settings, channels, rates, gaps and events of a recording, complete or not.
+
+    Several files, or a folder, give a table of one row each, and with --json a list of what one file gives.
+    """
     from sawbench.storage.reader import describe_recording
 
-    info = describe_recording(path)
-    emit(info, _as_text(info), as_json=as_json)
+    if len(paths) == 1 and not paths[0].is_dir():
+        info = describe_recording(paths[0])
+        emit(info, _as_text(info), as_json=as_json)
+        return 0
+    files = find_recordings(paths)
+    failures = Failures(len(files))
+    infos: list[RecordingInfo] = []
+    for path in progress(files, "reading"):
+        with failures.collected():
+            infos.append(describe_recording(path))
+    emit(infos, _as_table(infos), as_json=as_json)
+    return failures.exit_code(is_trusted=True)
+
+
+def _as_table(infos: list[RecordingInfo]) -> str:
+    """One row a file, then every loss that matters and every damage."""
+    head = [
+        "file",
+        "trial",
+        "material",
+        "duty",
+        "thickness mm",
+        "feed mm/s",
+        "length s",
+        "channels",
+        "missing",
+        "state",
+    ]
+    lines = [table(head, [_row(info) for info in infos])]
+    for info in infos:
+        lines += [f"{info.path}: {words}" for words in (*_losses(info), *info.problems)]
+    n_sound = sum(_state(info) == "complete" for info in infos)
+    lines.append(f"{len(infos)} recordings, {n_sound} complete without a loss above {HEAVY_LOSS_SHARE:.0%}")
+    return "\n".join(lines)
+
+
+def _row(info: RecordingInfo) -> list[str]:
+    """Name, settings, length and quality of one file; `-` where nobody said."""
+    trial = info.trial
+    said = [None] * 5
+    if trial is not None:
+        said = [trial.trial_id, trial.material, trial.duty, trial.thickness_mm, trial.feed_mm_s]
+    settings = ["-" if value is None else f"{value:g}" if isinstance(value, float) else value for value in said]
+    share = max((_n_missing(c) / (c.n_samples + _n_missing(c)) for c in info.channels), default=None)
+    missing = "-" if share is None else f"{share:.2%}"
+    return [info.path, *settings, f"{info.duration_s:.1f}", str(len(info.channels)), missing, _state(info)]
+
+
+def _state(info: RecordingInfo) -> str:
+    if not info.is_sawbench:
+        return "of another program"
+    if not info.is_complete:
+        return "NOT complete"
+    return "LOSS" if _losses(info) else "complete"
+
+
+def _losses(info: RecordingInfo) -> list[str]:
+    found = (loss_in_words(c.channel, c.n_samples, _n_missing(c)) for c in info.channels)
+    return [words for words in found if words]
+
+
+def _n_missing(channel: ChannelInfo) -> int:
+    return sum(gap.n_missing for gap in channel.gaps)
 
 
 def _as_text(info: RecordingInfo) -> str:
@@ -52,7 +119,7 @@ def _as_text(info: RecordingInfo) -> str:
             f"{c.start_s:.3f}",
             f"{c.duration_s:.3f}",
             str(len(c.gaps)),
-            str(sum(gap.n_missing for gap in c.gaps)),
+            str(_n_missing(c)),
         ]
         for c in info.channels
     ]

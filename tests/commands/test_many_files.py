@@ -1,0 +1,86 @@
+"""`sawbench info` and `sawbench export` over many recordings, with losses and bad files among them."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from sawbench.bench.recording import Gap, Recording, Signal, Trial
+from sawbench.commands.main import main
+from sawbench.storage.reader import write_recording
+
+pytestmark = pytest.mark.contract
+
+
+def write(folder, name, *, n_missing=0, **settings):
+    """Write 100 samples of force at 100 Hz; `n_missing` of them are lost behind the 50th."""
+    time_s = np.r_[0:50, 50 + n_missing : 100 + n_missing] / 100
+    gaps = (Gap(start_s=time_s[49], end_s=time_s[50], n_missing=n_missing),) if n_missing else ()
+    force = Signal(channel="force_n", unit="N", time_s=time_s, values=np.arange(100.0), gaps=gaps)
+    recording = Recording(trial=Trial(trial_id=name, **settings), signals={"force_n": force})
+    return str(write_recording(recording, folder / f"{name}.mcap"))
+
+
+@pytest.fixture
+def bench(tmp_path):
+    write(tmp_path, "a", material="oak", duty=0.4375)
+    write(tmp_path, "b", n_missing=25)
+    return tmp_path
+
+
+def test_info_shows_a_row_for_each_file_and_names_the_loss(bench, capsys):
+    assert main(["info", str(bench)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].split()[1:] == ["a", "oak", "0.4375", "-", "-", "1.0", "1", "0.00%", "complete"]
+    assert lines[2].split()[1:] == ["b", "-", "-", "-", "-", "1.2", "1", "20.00%", "LOSS"]
+    assert lines[3] == f"{bench / 'b.mcap'}: force_n: 25 of 125 samples are missing"
+    assert lines[4].startswith("2 recordings, 1 complete")
+
+
+def test_info_gives_a_list_of_what_one_file_gives(bench, capsys):
+    paths = [str(bench / "a.mcap"), str(bench / "b.mcap")]
+    alone = []
+    for path in paths:
+        assert main(["info", path, "--json"]) == 0
+        alone.append(json.loads(capsys.readouterr().out))
+    assert main(["info", *paths, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == alone
+    assert alone[0]["trial"]["material"] == "oak"
+
+
+def test_info_goes_on_behind_a_file_that_is_no_recording(bench, capsys):
+    (bench / "c.mcap").write_text("no MCAP")
+    assert main(["info", str(bench), "--json"]) == 2
+    shown = capsys.readouterr()
+    assert [info["trial"]["trial_id"] for info in json.loads(shown.out)] == ["a", "b"]
+    assert "c.mcap: is no recording" in shown.err
+
+
+def test_export_writes_every_recording_and_exits_1_for_a_loss(bench, capsys):
+    out = bench / "tables"
+    assert main(["export", str(bench), "--out", str(out), "--json"]) == 1
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["losses"] for row in rows] == [[], ["force_n: 25 of 125 samples are missing"]]
+    assert [row["n_samples"] for row in rows] == [100, 100]
+    assert sorted(path.name for path in out.iterdir()) == ["a.csv", "a.csv.json", "b.csv", "b.csv.json"]
+    assert (out / "a.csv").read_text().splitlines()[:2] == ["time_s,force_n", "0,0"]
+
+
+def test_export_overwrites_nothing_without_force(bench, capsys):
+    call = ["export", str(bench / "a.mcap"), "--out", str(bench / "tables")]
+    assert main(call) == 0
+    (bench / "tables" / "a.csv").write_text("mine")
+    assert main(call) == 2
+    assert "a.csv.json: exists already" in capsys.readouterr().err
+    assert (bench / "tables" / "a.csv").read_text() == "mine"
+    assert main([*call, "--force"]) == 0
+    assert (bench / "tables" / "a.csv").read_text() != "mine"
+
+
+def test_export_refuses_two_recordings_of_one_name(bench, tmp_path, capsys):
+    (tmp_path / "other").mkdir()
+    other = write(tmp_path / "other", "a")
+    assert main(["export", str(bench / "a.mcap"), other, "--out", str(bench / "tables")]) == 2
+    assert "same name" in capsys.readouterr().err
+    assert not (bench / "tables").exists()
