@@ -86,11 +86,11 @@ def simulate_with_effects(
     check_scales(baseline)
     model = _Instants(baseline, point, initial)
     solution = solve_ivp(
-        lambda _, y: model.rates(y), (0.0, max(float(time_s[-1]), 1e-9)), model.begin(), method="LSODA", t_eval=time_s,
+        model.rates, (0.0, max(float(time_s[-1]), 1e-9)), model.begin(), method="LSODA", t_eval=time_s,
         rtol=_RELATIVE_TOLERANCE, atol=1e-6, max_step=_LONGEST_STEP_S,
     )  # fmt: skip
     current, speed, angle, charge = solution.y[:4]
-    state = model.solved(solution.y)
+    state = model.solved(solution.t, solution.y)
     status, message = _judged(bool(solution.success), speed, model.soc(charge))
     message = "; ".join([message, *out_of_range(baseline.known, baseline, [state])])
     assert state.force_n is not None and state.battery_voltage_v is not None and state.battery_current_a is not None
@@ -153,9 +153,9 @@ class _Instants:
         """State of charge."""
         return 1.0 - charge_used_as / self.capacity_as
 
-    def rates(self, y: Floats) -> Floats:
+    def rates(self, time_s: float, y: Floats) -> Floats:
         """Derivative of the states with time, of the shape of `begin`."""
-        state = self.solved(y[:, None])
+        state = self.solved(np.array([time_s]), y[:, None])
         assert state.current_rate_a_s is not None and state.battery_current_a is not None
         drawn = float(state.battery_current_a[0, 0])
         drives = {
@@ -167,11 +167,10 @@ class _Instants:
         rates = (float(state.current_rate_a_s[0, 0]), float(state.acceleration_rad_s2[0, 0]), y[1], drawn)
         return np.array([*rates, *slow])
 
-    def solved(self, y: Floats) -> State:
-        """States that satisfy every equation, one row an instant, from states of shape (n_states, n)."""
+    def solved(self, time_s: Floats, y: Floats) -> State:
+        """States that satisfy every equation, one row an instant, at times (n,) from states (n_states, n)."""
         plant, gear = self.baseline.plant, self.baseline.gear
-        current, speed, angle, used = (row[:, None] for row in y[:4])
-        state = self._at(current, speed, angle, used, y[4:])
+        state = self._at(time_s, y)
         lever = self.baseline.lever(state)
         inertia = (
             plant.rotor_inertia_kg_m2.nominal * gear
@@ -201,9 +200,10 @@ class _Instants:
         held_v = self.point.held_voltage_v
         return self.template.setting.duty if held_v is None else np.minimum(held_v / battery_voltage_v, 1.0)
 
-    def _at(self, current: Floats, speed: Floats, angle: Floats, used: Floats, slow: Floats) -> State:
+    def _at(self, time_s: Floats, y: Floats) -> State:
         """States to start the substitution from."""
         point, baseline = self.point, self.baseline
+        current, speed, angle, used = (row[:, None] for row in y[:4])
         assert baseline.battery is not None
         voltage = baseline.open_circuit_voltage(used)
         duty = self._duty(voltage)
@@ -224,7 +224,8 @@ class _Instants:
             battery_voltage_v=voltage,
             battery_current_a=duty * current,
             motor_voltage_v=duty * voltage,
+            time_s=point.time_s + time_s[:, None],
             charge_used_as=used,
             cut_distance_m=point.cut_distance_m + travel_m,
-            slow={memory: row[:, None] for memory, row in zip(self.memories, slow, strict=True)},
+            slow={memory: row[:, None] for memory, row in zip(self.memories, y[4:], strict=True)},
         )

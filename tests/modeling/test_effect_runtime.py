@@ -12,6 +12,7 @@ from sawbench.modeling.effect_fit import effect_share, fit_with_effects
 from sawbench.modeling.effect_transient import simulate_with_effects
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 from sawbench.modeling.effects.known import KnownEffect
+from sawbench.modeling.effects.learned import LearnedTerm, learned_effect
 from sawbench.modeling.fit import cutting_fits
 from sawbench.modeling.joint_fit import fit_jointly
 from sawbench.modeling.machines.table import JIGSAW
@@ -253,6 +254,19 @@ def test_a_run_that_goes_on_settles_to_the_periodic_stroke():
         stroke = periodic_stroke(baseline, replace(POINT, charge_used_as=used, slow=slow)).state
         mean_a = np.average(stroke.battery_current_a[0], weights=1.0 / stroke.speed_rad_s[0])
         assert run.battery_current_a[last].mean() == pytest.approx(mean_a, rel=3e-3), name
+
+
+def test_a_simulation_in_time_knows_the_time():
+    """A reading that rises by 4 N a second, once as an effect of the catalogue and once as a learned table."""
+    time_s, ends_s = np.linspace(0.0, 0.3, 301), tuple(np.linspace(0.0, 1.0, 4).tolist())
+    values = 4.0 * np.array(ends_s)
+    table = LearnedTerm(site="force_reading", quantities=("time_s",), nodes=(ends_s,), values=values, stds=0.0 * values)
+    learned = replace(BASELINE, known=(KnownEffect(effect=learned_effect(table), value=1.0),))
+    plain = simulate_with_effects(BASELINE, POINT, time_s)
+    for baseline in (knowing("force_offset_drift", 4000.0, {"direction": 1.0, "power": 1.0}), learned):
+        run = simulate_with_effects(baseline, POINT, time_s)
+        np.testing.assert_allclose(run.force_n - plain.force_n, 4.0 * time_s, atol=0.05)
+        np.testing.assert_allclose(run.motor_current_a, plain.motor_current_a, atol=0.05)
 
 
 @pytest.mark.parametrize("effect", [e for e in JIGSAW.effects(BASELINE) if e.is_pointwise], ids=lambda e: e.name)
