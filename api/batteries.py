@@ -161,7 +161,7 @@ def fit_battery_tables(
     InputError
         If a table is wrong, or there are fewer than two discharges.
     UntrustedResult
-        If every model contradicts the discharges it was fitted to.
+        If every model contradicts the discharges it was fitted to, or predicts none of the withheld ones.
     """
     from sawbench.modeling.battery_choice import LARGEST_OWN_MISS, MODELS, battery_config, choose_battery
 

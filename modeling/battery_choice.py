@@ -26,7 +26,9 @@ from sawbench.modeling.measured_discharge import MeasuredDischarge, common_cutof
 MODELS: Final[tuple[BatteryModel, ...]] = get_args(BatteryModel)
 # A fit that misses the runtime of a discharge of its own by more is refused.
 LARGEST_OWN_MISS: Final = 0.05
-# A model that stops short or runs on for longer is as wrong as one that does so by this factor.
+# A model whose withheld runtimes have a larger relative standard uncertainty predicts none of them.
+_LARGEST_REL_STD: Final = 1.0
+# A model that runs on for longer than this many measured runtimes is as wrong as one that does so by this factor.
 _LONGEST_RUN: Final = 3.0
 _A_S_PER_AH: Final = 3600.0
 _CURVE_POINTS, _TABLE_POINTS, _LEAST_SLOPE = 400, 41, 1e-5
@@ -43,8 +45,8 @@ class Miss:
     label : str
     measured_s, predicted_s : float
         Runtime at the measured current to the cut-off voltage.
-    runtime_error, voltage_error : float
-        Relative; the latter of the mean voltage over the measured discharge.
+    voltage_error : float
+        Relative, of the mean voltage over the measured discharge.
     """
 
     label: str
@@ -150,7 +152,7 @@ def choose_battery(
     InputError
         If there are fewer than two discharges, or one does not fall to the cut-off.
     UntrustedResult
-        If every model contradicts the discharges it was fitted to.
+        If every model contradicts the discharges it was fitted to, or predicts none of the withheld ones.
     """
     if len(discharges) < 2:
         raise InputError(
@@ -181,17 +183,25 @@ def _tried(
         return ModelTrial(model=model, refusal=f"cannot be fitted with one discharge withheld: {error.what}")
     own = tuple(miss_of(fit, discharge, cutoff_v) for discharge in discharges)
     withheld = tuple(miss_of(fold, left, cutoff_v) for fold, left in zip(folds, discharges, strict=True))
-    worst = max(own, key=lambda miss: abs(miss.runtime_error))
-    contradicts = abs(worst.runtime_error) > largest_own_miss
+    rel_std = _rel_std(withheld)
     return ModelTrial(
         model=model,
         fit=fit,
         own=own,
         withheld=withheld,
-        rel_std=_rel_std(withheld),
+        rel_std=rel_std,
         parameter_std=_jackknife(folds, cutoff_v),
-        refusal=f"contradicts its own data: misses {worst.label} by {worst.runtime_error:+.0%}" * contradicts,
+        refusal=_refusal(own, rel_std, largest_own_miss),
     )
+
+
+def _refusal(own: Sequence[Miss], rel_std: float, largest_own_miss: float) -> str:
+    worst = max(own, key=lambda miss: abs(miss.runtime_error))
+    if abs(worst.runtime_error) > largest_own_miss:
+        return f"contradicts its own data: misses {worst.label} by {worst.runtime_error:+.0%}"
+    if rel_std > _LARGEST_REL_STD:
+        return f"predicts no withheld discharge: u(runtime) {rel_std:.0%}"
+    return ""
 
 
 def miss_of(fit: BatteryFit, discharge: MeasuredDischarge, cutoff_voltage_v: float) -> Miss:
@@ -260,7 +270,8 @@ def battery_table(fit: BatteryFit, cutoff_voltage_v: float) -> dict[str, Any]:
         own = {
             "nominal_voltage_v": _rounded(fit.nominal_voltage_v),
             "capacity_ah": _rounded(fit.capacity_ah * (1.0 - left)),
-            "beta": _rounded(fit.beta),
+            # The end of a flat curve lies in 1 - beta: rounded itself, beta could become 1.
+            "beta": round(1.0 - _rounded(1.0 - fit.beta), 15),
             "shape_ratio": _rounded(1.0 / (1.0 - left)),
         }
     own["internal_resistance_ohm"] = _rounded(fit.internal_resistance_ohm)
@@ -316,7 +327,8 @@ def _nothing_holds(trials: Sequence[ModelTrial], largest_own_miss: float) -> Unt
     lines = [f"\n  {trial.model}: {trial.refusal}" for trial in trials]
     other = "try the other models; " if len(trials) == 1 else ""
     return UntrustedResult(
-        f"no battery model keeps the runtime of its own discharges within {largest_own_miss:.0%}:{''.join(lines)}",
+        f"no battery model keeps the runtime of its own discharges within {largest_own_miss:.0%} and predicts withheld "
+        f"ones:{''.join(lines)}",
         remedy=f"{other}fit discharges of one kind of cell, from full charge, at temperatures and currents that lie "
         "closer; check time and current of the one that is missed; or allow more with --most-miss",
     )

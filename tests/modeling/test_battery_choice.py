@@ -10,8 +10,14 @@ import numpy as np
 import pytest
 from sawbench.bench.config import BatteryConfig
 from sawbench.bench.errors import InputError, UntrustedResult
-from sawbench.modeling.battery_choice import battery_config, choose_battery, miss_of, predicted_runtime_s
-from sawbench.modeling.battery_fit import fit_battery
+from sawbench.modeling.battery_choice import (
+    battery_config,
+    battery_table,
+    choose_battery,
+    miss_of,
+    predicted_runtime_s,
+)
+from sawbench.modeling.battery_fit import BatteryFit, fit_battery
 from sawbench.modeling.configured_battery import open_circuit_voltage
 from sawbench.modeling.measured_discharge import MeasuredDischarge
 
@@ -81,6 +87,12 @@ def test_a_discharge_that_contradicts_the_others_is_refused_by_name(wrong):
         choose_battery(cells)
 
 
+def test_a_model_that_misses_withheld_runtimes_by_more_than_themselves_is_refused():
+    cells = [measured(1.0), measured(4.0, time_factor=0.55)]
+    with pytest.raises(UntrustedResult, match="eq16: predicts no withheld discharge: u"):
+        choose_battery(cells, models=["eq16"], largest_own_miss=1.0)
+
+
 def test_what_cannot_be_judged_is_wrong_input():
     with pytest.raises(InputError, match="1 discharge cannot be withheld"):
         choose_battery([measured(1.0)])
@@ -111,6 +123,17 @@ def test_the_table_is_the_fitted_battery(model):
     assert config.fitted.runtime_rel_std == pytest.approx(choice.chosen.rel_std, rel=1e-2)
     # From full to the cut-off the generator delivers a little less than its 2 Ah.
     assert config.capacity_ah == pytest.approx(1.97, abs=0.05)
+
+
+def test_the_table_of_a_flat_battery_is_still_its_curve():
+    flat = BatteryFit(
+        model="eq16_end", nominal_voltage_v=3.3, beta=1.0 - 3.7e-7, capacity_ah=2.0, internal_resistance_ohm=0.0,
+        rmse_v=0.0,
+    )  # fmt: skip
+    config = BatteryConfig.model_validate(battery_table(flat, 2.4) | {"cutoff_soc": 0.01})
+    # Eq. 16 solved for 2.4 V: x = (1 - beta) V / (V_nom - beta V) = 9.87e-7 of the charge is left.
+    assert config.capacity_ah == pytest.approx(2.0, rel=1e-5)
+    assert 1.0 - config.beta == pytest.approx(3.7e-7, rel=1e-5)
 
 
 @needs_cells
