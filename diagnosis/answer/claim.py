@@ -131,7 +131,7 @@ def _is_sure(added: Floats) -> bool:
     Learning, 7.10): groups differ by orders of magnitude in what they say of an effect, too much for an interval.
     """
     n = len(added)
-    return n < 2 or float(added.sum()) > np.sqrt(n) * float(np.std(added, ddof=1))  # fmt: skip
+    return n < 2 or float(added.sum()) > np.sqrt(n) * float(np.std(added, ddof=1))
 
 
 def _found(posterior: Posterior, effects: tuple[str, ...]) -> Hypothesis:

@@ -40,6 +40,11 @@ def clock_nuisances(settings: Sequence[TrialSetting]) -> Iterator[Nuisance]:
     ------
     Nuisance
         Of each trial and stream: its alignment. Of each link: its latency, which may be anything up to the stated one.
+
+    Notes
+    -----
+    A latency is even from 0 to the stated one; only its scatter about the middle counts, because devices that are late
+    alike are late for nobody. Where links state different latencies, half their difference is missing.
     """
     trials = {setting.label: setting for setting in settings}
     for channel, device in _DEVICES.items():

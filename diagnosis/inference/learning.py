@@ -199,7 +199,7 @@ def _best_first(found: Iterable[tuple[Design, Floats]]) -> list[tuple[Design, Fl
 
 
 def _simplest(found: Sequence[tuple[Design, Floats]], nothing: Floats) -> Design | None:
-    """Fewest quantities, then fewest columns, of those that are hardly worse than the best; None for none at all."""
+    """Fewest quantities, then the smoother, then the best, of all hardly worse than the best; None for none at all."""
     if not found:
         return None
     _, least = _best_first(found)[0]

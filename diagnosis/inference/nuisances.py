@@ -135,7 +135,7 @@ def _battery_nuisances(baseline: Baseline) -> list[Nuisance]:
     rel_std = SETTINGS.sensors.battery_rel_std
 
     def by_capacity(b: Baseline, s: State) -> Signature:
-        # dE/dQ times the relative error of the capacity; E from Eq. 16.
+        # With a larger capacity the voltage after a charge is that of the stated one after less of it.
         step = 1e-3
         rise = b.open_circuit_voltage(s.charge_used_as / (1.0 + step)) - b.open_circuit_voltage(s.charge_used_as)
         return {"supply": np.broadcast_to(rise / step / battery.capacity_ah, s.angle_rad.shape)}
