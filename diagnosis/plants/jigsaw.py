@@ -146,7 +146,7 @@ class Jigsaw:
         return (*nuisances_of(self.baseline), *map(of_known, self.known))
 
     def trial_nuisances(self, states: Sequence[State]) -> tuple[Nuisance, ...]:
-        """How hard each stock is, how much harder each trial's piece of it, and how far each trial's clocks are off."""
+        """How hard each stock is, how much harder each trial's piece of it, and how late streams and links are."""
         cut = [s for s in states if not s.setting.is_idle]
         felt = [s for s in cut if s.kind == "running" and s.force_n is not None]
         stocks = dict.fromkeys(s.setting.stock for s in felt)

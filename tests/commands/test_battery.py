@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 import tomllib
 from pathlib import Path
+from typing import get_args
 
 import pytest
 from sawbench.bench.config import load_config
+from sawbench.commands.battery import VARIANTS
 from sawbench.commands.main import main
+from sawbench.modeling.battery_fit import BatteryModel
 
 from tests.rigs.cells import shepherd_discharge
 
@@ -54,6 +57,10 @@ def test_fitted_battery_reaches_the_runtime(tmp_path, capsys):
     assert charge_ah == pytest.approx(0.8 * battery.capacity_ah, rel=1e-3)
     assert found["contributions_s"]["battery_fit"] == pytest.approx(battery.fitted.runtime_rel_std * found["runtime_s"])
     assert any("temperature -10 degC" in note for note in found["notes"])
+
+
+def test_every_model_can_be_asked_for():
+    assert get_args(BatteryModel) == VARIANTS
 
 
 def test_discharges_that_contradict_each_other_leave_no_file(tmp_path, capsys):
