@@ -19,25 +19,6 @@ if TYPE_CHECKING:
 _MOST_SAMPLES = 1e7
 
 
-def refuse_effects(loaded: LoadedConfig, what: str) -> None:
-    """Refuse a configuration whose model holds effects, for what cannot honour them.
-
-    Raises
-    ------
-    InputError
-        That names the effects.
-    """
-    from sawbench.modeling.machines.known_effects import known_effects
-
-    known = known_effects(loaded.config, path=loaded.path)
-    if known:
-        raise InputError(
-            f"{what} cannot honour [effects] {', '.join(one.effect.name for one in known)}",
-            where=loaded.path,
-            remedy="use a configuration without [effects]",
-        )
-
-
 def parameters_of(loaded: LoadedConfig) -> JigsawParameters:
     """Plant parameters at their nominal values."""
     from sawbench.modeling.parameters import JigsawParameters

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
@@ -65,13 +66,18 @@ class LiveCuttingEstimate:
 
     def _build(self, loaded: LoadedConfig, trial: Trial) -> None:
         """Make the tables before the recording starts: the first time compiles for a few seconds."""
-        from sawbench.model_setup import refuse_effects
+        from sawbench.modeling.effect_tables import TrialEffects
         from sawbench.modeling.joint_fit import SensorPriors
+        from sawbench.modeling.machines.known_effects import known_effects
         from sawbench.modeling.recursive import RecursiveCuttingEstimator
 
         config = loaded.config
         try:
-            refuse_effects(loaded, "the live estimate")
+            effects = TrialEffects(
+                known=known_effects(config, path=loaded.path),
+                feed_m_s=math.nan if trial.feed_mm_s is None else 1e-3 * trial.feed_mm_s,
+                thickness_m=math.nan if trial.thickness_mm is None else 1e-3 * trial.thickness_mm,
+            )
             self._estimator = RecursiveCuttingEstimator(
                 plant=loaded.plant(),
                 battery=config.battery,
@@ -82,6 +88,7 @@ class LiveCuttingEstimate:
                     force_gain_rel_std=config.analysis.force_gain_rel_std,
                     current_gain_rel_std=config.analysis.current_gain_rel_std,
                 ),
+                effects=effects,
             )
         except Exception as error:
             self.problem = str(error)
@@ -124,6 +131,11 @@ class LiveCuttingEstimate:
             self.n_changes += found.has_changed
             if self._show is not None:
                 self._show(stroke.end_s, found)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What to know of the latest estimate."""
+        return () if self.latest is None else self.latest.notes
 
     def describe(self) -> str:
         """One line for the terminal; empty before the first stroke and where there is no estimate."""

@@ -89,11 +89,12 @@ def command(
     bench = contextlib.nullcontext({})
     if simulated:
         bench = simulated_bench(config_path, material=material, duty=duty, seed=seed)
+    book_path = calibration_book_path(config_path, simulated=simulated)
     options = SessionOptions(
         path=path, trial=trial, seconds=None if until_stopped else seconds or settings.seconds, overwrite=force,
-        calibration_book=calibration_book_path(config_path, simulated=simulated),
+        calibration_book=book_path,
     )  # fmt: skip
-    say_in_force(options.calibration_book)
+    say_in_force(book_path)
     lines = iter(sys.stdin) if sys.stdin is not None and sys.stdin.isatty() else iter(())
     with live_view(trial, live=live, rrd_path=rrd_path, force=force) as views:
         summary, estimate = run_session(loaded, options, bench, views, lines)
@@ -101,7 +102,7 @@ def command(
     said = f"last live estimate: {last}" if last else f"no live k_Fc: {estimate.problem or 'no settled stroke'}"
     emit(
         {"path": path, **summary_rows(summary), "live_estimate": live_rows(estimate)},
-        f"{path}\n{describe(summary)}\n{said}",
+        "\n".join([str(path), describe(summary), said, *(f"  note: {text}" for text in estimate.notes)]),
         as_json=as_json,
     )
     return 1 if summary.losses or not summary.is_complete else 0

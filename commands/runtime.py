@@ -76,13 +76,14 @@ def command(
     choice = SweepChoice(
         k_fc_range=k_fc_range, duties=duties, capacities=capacities, csv_path=csv_path, plot_path=plot_path
     )
+    use = BatteryUse(temperature_c=temperature_c, cycle=cycle)
     if is_sweep:
         if k_fc is None:
             raise click.UsageError("--sweep needs --k-fc")
-        return sweep(config_for(None, config_path), choice, k_fc=k_fc, duty=duty, force=force, as_json=as_json)
+        loaded = config_for(None, config_path)
+        return sweep(loaded, choice, k_fc=k_fc, duty=duty, use=use, force=force, as_json=as_json)
     if choice != SweepChoice():
         raise click.UsageError("--k-fc-range, --duties, --capacities, --csv and --plot need --sweep")
-    use = BatteryUse(temperature_c=temperature_c, cycle=cycle)
     results: list[tuple[str, RuntimePrediction]] = []
     if k_fc is not None:
         loaded = config_for(None, config_path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,11 +13,12 @@ import click
 import numpy as np
 from sawbench.bench.errors import InputError
 from sawbench.commands.options import refuse_unwritable
-from sawbench.commands.terminal import emit, table
+from sawbench.commands.terminal import emit, progress, table
 
 if TYPE_CHECKING:
-    from sawbench.bench.config import LoadedConfig
-    from sawbench.modeling.runtime import RuntimeSweep
+    from sawbench.bench.config import BatteryConfig, LoadedConfig
+    from sawbench.modeling.battery_range import BatteryUse
+    from sawbench.modeling.runtime_sweep import RuntimeSweep
 
 MOST_CASES = 20_000
 
@@ -33,14 +35,18 @@ class SweepChoice:
 
 
 def sweep(
-    loaded: LoadedConfig, choice: SweepChoice, *, k_fc: float, duty: float | None, force: bool, as_json: bool
+    loaded: LoadedConfig,
+    choice: SweepChoice,
+    *,
+    k_fc: float,
+    duty: float | None,
+    use: BatteryUse,
+    force: bool,
+    as_json: bool,
 ) -> int:
     """Run the sweep, print it, write what was asked for; 0 where any case has a runtime."""
-    from sawbench.model_setup import battery_of, parameters_of, refuse_effects
-    from sawbench.modeling.runtime import sweep_runtime
     from sawbench.reporting.runtime_sweep import FORMATS, sweep_rows, write_sweep_picture
 
-    refuse_effects(loaded, "--sweep")
     if loaded.config.converter.mode == "held_voltage":
         raise InputError(
             "[converter] holds the motor's voltage, so there is no duty to sweep",
@@ -59,34 +65,56 @@ def sweep(
             refuse_unwritable(path, force=force)
     if choice.plot_path is not None and choice.plot_path.suffix.lower() not in FORMATS:
         raise click.UsageError(f"--plot must end in {' or '.join(FORMATS)}, got {str(choice.plot_path)!r}")
-    found = sweep_runtime(
-        parameters_of(loaded),
-        battery=battery_of(loaded),
-        k_fc_values=k_values,
-        duties=duties,
-        capacities_ah=capacities,
-        cutting_half=loaded.config.cutting.cutting_half,
-        cutoff_soc=loaded.battery().cutoff_soc,
-        cutoff_voltage_v=loaded.battery().cutoff_voltage_v,
-    )
+    found = _swept(loaded, use, k_fc_values=k_values, duties=duties, capacities_ah=capacities)
     rows = sweep_rows(found)
     if choice.csv_path is not None:
         _write_csv(choice.csv_path, rows)
     if choice.plot_path is not None:
         write_sweep_picture(choice.plot_path, found, overwrite=force)
     written = [str(path) for path in (choice.csv_path, choice.plot_path) if path is not None]
-    emit(rows, "\n".join([describe(found), *written]), as_json=as_json)
+    emit(rows, "\n".join([describe(found, loaded.battery()), *written]), as_json=as_json)
     return 0 if (found.status == "ok").any() else 1
 
 
-def describe(found: RuntimeSweep) -> str:
-    """One table a capacity."""
+def _swept(loaded: LoadedConfig, use: BatteryUse, **cases: list[float]) -> RuntimeSweep:
+    """Run the cases by the model that the configuration describes, its known effects and fitted battery included."""
+    from sawbench.model_setup import battery_of, parameters_of
+    from sawbench.modeling.machines.known_effects import baseline_of
+    from sawbench.modeling.runtime_sweep import sweep_runtime, sweep_runtime_with_effects, with_battery_range
+
+    battery, baseline = loaded.battery(), baseline_of(loaded)
+    steps = partial(progress, description="sweeping")
+    if baseline.known:
+        found = sweep_runtime_with_effects(baseline, **cases, steps=steps)
+    else:
+        found = sweep_runtime(
+            parameters_of(loaded),
+            battery=battery_of(loaded),
+            **cases,
+            cutting_half=loaded.config.cutting.cutting_half,
+            cutoff_soc=battery.cutoff_soc,
+            cutoff_voltage_v=battery.cutoff_voltage_v,
+            steps=steps,
+        )
+    return with_battery_range(found, battery, use)
+
+
+def describe(found: RuntimeSweep, battery: BatteryConfig) -> str:
+    """One table a capacity, then what is known of the uncertainty."""
+    from sawbench.modeling.battery_range import basis_of
     from sawbench.reporting.runtime_sweep import sweep_cells
 
     parts = []
     for c, capacity_ah in enumerate(found.capacity_ah):
         headers, rows = sweep_cells(found, c)
         parts.append(f"runtime with {capacity_ah:g} Ah\n{table(headers, rows)}\n")
+    if found.effects_std_s is not None:
+        share = 100.0 * found.effects_std_s / found.runtime_s
+        parts.append(f"u(runtime) from [effects]: {np.nanmin(share):.2g} to {np.nanmax(share):.2g} %")
+    if battery.fitted is not None:
+        parts.append(basis_of(battery.fitted))
+    if found.notes:
+        parts.append("* outside of what was fitted, so extrapolated; --json and --csv say what of each case")
     return "\n".join(parts)
 
 

@@ -57,7 +57,7 @@ def with_battery_fit(
         prediction,
         std_s=math.hypot(prediction.std_s, own_s),
         contributions_s={**prediction.contributions_s, BATTERY_FIT: own_s},
-        notes=(*prediction.notes, *_outside(prediction, battery, fitted, use or BatteryUse())),
+        notes=(*prediction.notes, *outside_range(prediction.mean_battery_current_a, battery, use)),
         battery_basis=basis_of(fitted),
     )
 
@@ -77,12 +77,32 @@ def basis_of(fitted: BatteryRange) -> str:
     return f"battery fitted to {fitted.n_discharges} discharges at {', '.join(parts)}; u(runtime) {share}"
 
 
-def _outside(
-    prediction: RuntimePrediction, battery: BatteryConfig, fitted: BatteryRange, use: BatteryUse
+def outside_range(
+    mean_battery_current_a: float,
+    battery: BatteryConfig,
+    use: BatteryUse | None = None,
+    *,
+    capacity_ah: float | None = None,
 ) -> Iterator[str]:
-    current_a = prediction.mean_battery_current_a
+    """Say in words where a discharge lies outside of what its battery was fitted to.
+
+    Parameters
+    ----------
+    mean_battery_current_a : float
+        Of the discharge.
+    battery : BatteryConfig
+        Without `fitted` there is nothing to say.
+    use : BatteryUse, optional
+    capacity_ah : float, optional
+        Of another battery than the fitted one.
+    """
+    fitted, use = battery.fitted, use or BatteryUse()
+    if fitted is None:
+        return
+    fitted_ah = battery.capacity_ah
     checks = (
-        ("mean battery current", current_a, " A", fitted.current_a, _NEAR_SHARE * current_a),
+        ("mean battery current", mean_battery_current_a, " A", fitted.current_a, _NEAR_SHARE * mean_battery_current_a),
+        ("capacity", capacity_ah, " Ah", (fitted_ah, fitted_ah), _NEAR_SHARE * fitted_ah),
         ("temperature", use.temperature_c, " degC", fitted.temperature_c, _NEAR_K),
         ("cycle", use.cycle, "", fitted.cycle, _NEAR_CYCLES),
         ("cut-off state of charge", battery.cutoff_soc, "", fitted.soc, _NEAR_SOC),

@@ -143,13 +143,19 @@ def fit_with_effects(
         if abs(k_fc - before) <= _SETTLED * k_fc:
             break
     assert found is not None
-    uncertain = [k for k in baseline.known if isinstance(k, KnownEffect) and k.std > 0.0]
-    shifted = [
-        fitted(replace(baseline, known=tuple(k.at(k.value + k.std) if k is one else k for k in baseline.known)))
-        for one in uncertain
-    ]
+    uncertain = [known for known in baseline.known if known.std > 0.0]
+    shifted = [fitted(model) for model in by_one_std(baseline)]
     notes = (*history_note(baseline), *_range_notes(baseline, replace(point, k_fc_n_s_per_m=k_fc)))
     return _combined(found, uncertain, shifted, notes)
+
+
+def by_one_std(baseline: Baseline) -> list[Baseline]:
+    """Models in which one uncertain effect each is larger by its standard uncertainty."""
+    return [
+        replace(baseline, known=tuple(k.at(k.value + k.std) if k is one else k for k in baseline.known))
+        for one in baseline.known
+        if one.std > 0.0
+    ]
 
 
 def _range_notes(baseline: Baseline, point: OperatingPoint) -> tuple[str, ...]:

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
 from sawbench.bench.config import PlantConfig, Uncertain
 from sawbench.bench.errors import InputError
-from sawbench.modeling.configured_battery import AnyBattery, with_capacity
 from sawbench.modeling.discharge import Discharge, discharge
 from sawbench.modeling.effect_discharge import N_NODES, discharge_with_effects
-from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.operating_point import OperatingPoint, periodic_stroke
 from sawbench.modeling.parameters import JigsawParameters
 from sawbench.modeling.parts.linear import CuttingHalf, LinearCutting
@@ -26,7 +21,6 @@ from sawbench.modeling.results import ParameterEstimates, RuntimePrediction
 from sawbench.modeling.supplies import FixedDuty, HeldVoltage
 from sawbench.modeling.transient import InitialState
 
-Floats = NDArray[np.float64]
 BatterySupply = FixedDuty | HeldVoltage
 
 K_FC: Final = "k_fc_n_s_per_m"
@@ -38,8 +32,6 @@ STEPS_PER_TURN: Final = 32
 SLOPE_STEPS_PER_TURN: Final = 16
 # States of charge at which strokes with effects are solved for a derivative.
 SLOPE_NODES: Final = 3
-# A sweep of more cells than this is worth compiling; below, the interpreter is through first.
-MOST_INTERPRETED: Final = 300
 
 
 def predict_runtime(
@@ -149,22 +141,54 @@ def predict_runtime_with_effects(
     InputError
         If a value is out of its range, or an effect cannot be predicted without a campaign.
     """
+    run, centre = effect_runs(baseline, point)
+    stds = {known.name: known.std for known in baseline.known}
+    covariance = _independent(baseline.plant, k_fc_std)
+    if estimates is not None:
+        centre, covariance = _joint(centre, estimates)
+    for name, std in stds.items():
+        covariance.setdefault((name, name), std**2)
+    nominal = run(centre, N_NODES)
+    battery = baseline.battery
+    assert battery is not None
+    usable_a_s = 3600.0 * battery.capacity_ah * (1.0 - battery.cutoff_soc) - point.charge_used_as
+    appendix_a_s = _appendix_a(usable_a_s, measured_mean_battery_current_a)
+    return _with_uncertainty(nominal, lambda changes: run(centre | dict(changes)), centre, covariance, appendix_a_s)
+
+
+def effect_runs(baseline: Baseline, point: OperatingPoint) -> tuple[Callable[..., Discharge], dict[str, float]]:
+    """Give a function (values, n_nodes) that runs the battery down, and the nominal values of what it takes.
+
+    Parameters
+    ----------
+    baseline : Baseline
+        With a battery, whose cut-offs end the run.
+    point : OperatingPoint
+        At the start.
+
+    Returns
+    -------
+    run : callable
+        Values by name -> Discharge; those it is not given are nominal.
+    centre : dict of str to float
+        Plant constants, k_Fc and the magnitudes of the effects (`KnownEffect.name`).
+
+    Raises
+    ------
+    InputError
+        Without a battery, or where an effect needs what the point does not say.
+    """
     battery = baseline.battery
     if battery is None:
         raise InputError("a runtime needs a battery", remedy="fill in [battery]")
     plant = baseline.plant
-    sizes = {known.name: known for known in baseline.known if isinstance(known, KnownEffect)}
+    sizes = {known.name: known for known in baseline.known}
     centre = {name: getattr(plant, name).nominal for name in PLANT_NAMES}
     centre |= {K_FC: point.k_fc_n_s_per_m, **{name: known.value for name, known in sizes.items()}}
-    covariance = _independent(plant, k_fc_std)
-    if estimates is not None:
-        centre, covariance = _joint(centre, estimates)
-    for name, known in sizes.items():
-        covariance.setdefault((name, name), known.std**2)
     near = periodic_stroke(baseline, point)
 
-    def run(changes: Mapping[str, float], n_nodes: int = SLOPE_NODES) -> Discharge:
-        values = centre | dict(changes)
+    def run(values: Mapping[str, float], n_nodes: int = SLOPE_NODES) -> Discharge:
+        values = centre | dict(values)
         changed = {name: Uncertain(nominal=values[name]) for name in PLANT_NAMES}
         return discharge_with_effects(
             dataclasses.replace(
@@ -179,9 +203,7 @@ def predict_runtime_with_effects(
             start=near if near.is_settled else None,
         )
 
-    usable_a_s = 3600.0 * battery.capacity_ah * (1.0 - battery.cutoff_soc) - point.charge_used_as
-    appendix_a_s = _appendix_a(usable_a_s, measured_mean_battery_current_a)
-    return _with_uncertainty(run({}, N_NODES), run, centre, covariance, appendix_a_s)
+    return run, centre
 
 
 def _with_uncertainty(
@@ -195,7 +217,7 @@ def _with_uncertainty(
     if nominal.status != "ok":
         return _prediction(nominal, 0.0, {}, appendix_a_s)
     names = [name for name in centre if covariance.get((name, name), 0.0) > 0.0]
-    slope = {name: _slope(run, name, centre[name], math.sqrt(covariance[name, name])) for name in names}
+    slope = {name: runtime_slope(run, name, centre[name], math.sqrt(covariance[name, name])) for name in names}
     variance = sum(slope[a] * slope[b] * covariance.get((a, b), 0.0) for a in names for b in names)
     shares = {name: abs(slope[name]) * math.sqrt(covariance[name, name]) for name in names}
     return _prediction(nominal, math.sqrt(max(variance, 0.0)), shares, appendix_a_s)
@@ -236,7 +258,7 @@ def _joint(
     return centre | {name: estimates.value(name) for name in known}, covariance
 
 
-def _slope(run: Callable[[Mapping[str, float]], Discharge], name: str, value: float, std: float) -> float:
+def runtime_slope(run: Callable[[Mapping[str, float]], Discharge], name: str, value: float, std: float) -> float:
     """d(runtime)/d(parameter) across a good part of its uncertainty; one-sided at a boundary or a stall."""
     step = min(STEP_SHARE * std, 0.5 * value) if value > 0 else STEP_SHARE * std
     up, down = run({name: value + step}), run({name: max(value - step, 0.0)})
@@ -261,88 +283,3 @@ def _appendix_a(usable_a_s: float, current_a: float | None) -> float | None:
             remedy="give the battery's current, not the motor's, positive on discharge",
         )
     return usable_a_s / current_a
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class RuntimeSweep:
-    """Runtime over cutting coefficient, duty and capacity.
-
-    Attributes
-    ----------
-    k_fc_n_s_per_m : ndarray, shape (n_k,)
-    duty : ndarray, shape (n_duty,)
-    capacity_ah : ndarray, shape (n_capacity,)
-    runtime_s, mean_battery_current_a : ndarray, shape (n_k, n_duty, n_capacity)
-        nan where the status is not "ok".
-    status : ndarray of str, shape (n_k, n_duty, n_capacity)
-    """
-
-    k_fc_n_s_per_m: Floats
-    duty: Floats
-    capacity_ah: Floats
-    runtime_s: Floats
-    mean_battery_current_a: Floats
-    status: NDArray[np.str_]
-
-
-def sweep_runtime(
-    parameters: JigsawParameters,
-    *,
-    battery: AnyBattery,
-    k_fc_values: Sequence[float],
-    duties: Sequence[float],
-    capacities_ah: Sequence[float],
-    cutting_half: CuttingHalf = "pi_to_2pi",
-    cutoff_soc: float = 0.2,
-    cutoff_voltage_v: float | None = None,
-) -> RuntimeSweep:
-    """Runtime for every combination of k_Fc, duty and capacity.
-
-    Parameters
-    ----------
-    parameters : JigsawParameters
-    battery : Eq16Battery or TableBattery
-        Its capacity is replaced by each of `capacities_ah`.
-    k_fc_values, duties, capacities_ah : sequence of float
-    cutting_half, cutoff_soc, cutoff_voltage_v
-        As in `predict_runtime`.
-
-    Returns
-    -------
-    RuntimeSweep
-
-    Raises
-    ------
-    InputError
-        If a list is empty or a value out of its range.
-    """
-    for name, values in (("k_fc_values", k_fc_values), ("duties", duties), ("capacities_ah", capacities_ah)):
-        if not len(values):
-            raise InputError(f"{name} is empty")
-    shape = (len(k_fc_values), len(duties), len(capacities_ah))
-    runtime_s, current_a = np.full(shape, np.nan), np.full(shape, np.nan)
-    status = np.full(shape, "never_reached", dtype="U16")
-    for place in np.ndindex(*shape):
-        found = discharge(
-            parameters,
-            supply=FixedDuty(
-                duty=duties[place[1]],
-                battery=with_capacity(battery, capacities_ah[place[2]]),
-            ),
-            cutting=LinearCutting(k_fc_n_s_per_m=k_fc_values[place[0]], cutting_half=cutting_half),
-            cutoff_soc=cutoff_soc,
-            cutoff_voltage_v=cutoff_voltage_v,
-            steps_per_turn=STEPS_PER_TURN,
-            compiles=status.size > MOST_INTERPRETED,
-        )
-        status[place] = found.status
-        if found.status == "ok":
-            runtime_s[place], current_a[place] = found.runtime_s, found.mean_battery_current_a
-    return RuntimeSweep(
-        k_fc_n_s_per_m=np.array(k_fc_values, dtype=np.float64),
-        duty=np.array(duties, dtype=np.float64),
-        capacity_ah=np.array(capacities_ah, dtype=np.float64),
-        runtime_s=runtime_s,
-        mean_battery_current_a=current_a,
-        status=status,
-    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -28,9 +28,10 @@ class StrokeTables:
         k_Fc that the mean torques alone would give for `K_GRID`.
     soc : ndarray, shape (n_soc,) or None
         From the cut-off to 1.
-    battery_current_a : ndarray, shape (n_k, n_soc) or None
+    battery_current_a, battery_voltage_v : ndarray, shape (n_k, n_soc) or None
+        Mean of a stroke; the voltage is that at the terminals.
     remaining_s : ndarray, shape (n_k, n_soc) or None
-        Runtime from each state of charge to the cut-off.
+        Runtime from each state of charge to the cut-off, by charge or by voltage; below 0 beyond it.
     capacity_a_s : float or None
     """
 
@@ -41,6 +42,7 @@ class StrokeTables:
     raw_k: Floats
     soc: Floats | None = None
     battery_current_a: Floats | None = None
+    battery_voltage_v: Floats | None = None
     remaining_s: Floats | None = None
     capacity_a_s: float | None = None
 
@@ -60,9 +62,13 @@ class StrokeTables:
         """Mean battery current, A."""
         return self._look_up(self.battery_current_a, k_fc, soc)
 
+    def battery_voltage(self, k_fc: float, soc: float) -> float:
+        """Mean voltage at the battery's terminals, V."""
+        return self._look_up(self.battery_voltage_v, k_fc, soc)
+
     def remaining(self, k_fc: float, soc: float) -> float:
-        """Runtime from `soc` to the cut-off, s."""
-        return self._look_up(self.remaining_s, k_fc, soc)
+        """Runtime from `soc` to the cut-off, s; 0 beyond it."""
+        return max(self._look_up(self.remaining_s, k_fc, soc), 0.0)
 
     def _look_up(self, table: Floats | None, k_fc: float, soc: float) -> float:
         if table is None or self.soc is None:
@@ -116,8 +122,9 @@ def stroke_tables(
         damping=plant.motor_damping_n_m_s_per_rad.nominal,
         radius_m=plant.crank_radius_m.nominal,
         raw_k=raw_k,
+        soc=soc,
     )
-    if battery is None or soc is None:
+    if battery is None:
         return base
     if held_v is not None:
         power_w = held_v * current_a
@@ -128,16 +135,34 @@ def stroke_tables(
         )
     else:
         drawn_a = (duty or 1.0) * current_a
+    return with_draw(base, battery, drawn_a, open_v - battery.internal_resistance_ohm * drawn_a)
+
+
+def with_draw(tables: StrokeTables, battery: BatteryConfig, drawn_a: Floats, voltage_v: Floats) -> StrokeTables:
+    """Return the tables with a battery current and the runtime that follows from it.
+
+    Parameters
+    ----------
+    tables : StrokeTables
+        With states of charge.
+    battery : BatteryConfig
+    drawn_a, voltage_v : ndarray, shape (n_k, n_soc)
+        Mean battery current, and voltage at the terminals.
+    """
+    assert tables.soc is not None
     capacity_a_s = 3600.0 * battery.capacity_ah
-    return StrokeTables(
-        torque_constant=base.torque_constant,
-        gear_ratio=base.gear_ratio,
-        damping=base.damping,
-        radius_m=base.radius_m,
-        raw_k=raw_k,
-        soc=soc,
+    remaining_s = _runtime(tables.soc, drawn_a, capacity_a_s)
+    if battery.cutoff_voltage_v is not None:
+        # On the way down from full the first crossing counts.
+        lowest_yet = np.minimum.accumulate(voltage_v[:, ::-1], axis=1)[:, ::-1]
+        ends = [np.interp(battery.cutoff_voltage_v, volts, tables.soc) for volts in lowest_yet]
+        beyond_s = [np.interp(end, tables.soc, row) for end, row in zip(ends, remaining_s, strict=True)]
+        remaining_s = remaining_s - np.array(beyond_s)[:, None]
+    return replace(
+        tables,
         battery_current_a=drawn_a,
-        remaining_s=_runtime(soc, drawn_a, capacity_a_s),
+        battery_voltage_v=voltage_v,
+        remaining_s=remaining_s,
         capacity_a_s=capacity_a_s,
     )
 

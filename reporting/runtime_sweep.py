@@ -12,7 +12,8 @@ from sawbench.reporting.figures import INK, QUIET, SERIES_COLOURS, SERIES_DASHES
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from sawbench.modeling.runtime import RuntimeSweep
+    from sawbench.bench.recording import Floats
+    from sawbench.modeling.runtime_sweep import RuntimeSweep
 
 FORMATS: Final = (".svg", ".png")
 WORDS: Final = {
@@ -34,21 +35,28 @@ def sweep_rows(sweep: RuntimeSweep) -> list[dict[str, Any]]:
     -------
     list of dict
         `capacity_ah`, `duty`, `k_fc_n_s_per_m`, `runtime_s`, `mean_battery_current_a` (None without a
-        runtime) and `status`.
+        runtime), `status`, `effects_std_s` and `battery_std_s` (None where none is stated) and `note`.
     """
+
+    def at(values: Floats | None, place: tuple[int, int, int]) -> float | None:
+        return float(values[place]) if values is not None and sweep.status[place] == "ok" else None
+
     rows: list[dict[str, Any]] = []
     for c, capacity_ah in enumerate(sweep.capacity_ah):
         for d, duty in enumerate(sweep.duty):
             for k, k_fc in enumerate(sweep.k_fc_n_s_per_m):
-                is_ok = sweep.status[k, d, c] == "ok"
+                place = (k, d, c)
                 rows.append(
                     {
                         "capacity_ah": float(capacity_ah),
                         "duty": float(duty),
                         "k_fc_n_s_per_m": float(k_fc),
-                        "runtime_s": float(sweep.runtime_s[k, d, c]) if is_ok else None,
-                        "mean_battery_current_a": (float(sweep.mean_battery_current_a[k, d, c]) if is_ok else None),
-                        "status": str(sweep.status[k, d, c]),
+                        "runtime_s": at(sweep.runtime_s, place),
+                        "mean_battery_current_a": at(sweep.mean_battery_current_a, place),
+                        "status": str(sweep.status[place]),
+                        "effects_std_s": at(sweep.effects_std_s, place),
+                        "battery_std_s": at(sweep.battery_std_s, place),
+                        "note": "; ".join(sweep.notes.get(place, ())),
                     }
                 )
     return rows
@@ -56,6 +64,8 @@ def sweep_rows(sweep: RuntimeSweep) -> list[dict[str, Any]]:
 
 def sweep_cells(sweep: RuntimeSweep, capacity: int) -> tuple[list[str], list[list[str]]]:
     """Lay the runtimes of one capacity out: a row a k_Fc, a column a duty; the status where there is none.
+
+    A star marks what lies outside of the range that something was fitted to (`RuntimeSweep.notes`).
 
     Parameters
     ----------
@@ -74,7 +84,9 @@ def sweep_cells(sweep: RuntimeSweep, capacity: int) -> tuple[list[str], list[lis
         cells = [f"{k_fc:.4g}"]
         for d in range(len(sweep.duty)):
             status = str(sweep.status[k, d, capacity])
-            cells.append(f"{sweep.runtime_s[k, d, capacity]:.0f} s" if status == "ok" else WORDS.get(status, status))
+            star = "*" if (k, d, capacity) in sweep.notes else ""
+            runtime = f"{sweep.runtime_s[k, d, capacity]:.0f} s{star}"
+            cells.append(runtime if status == "ok" else WORDS.get(status, status))
         rows.append(cells)
     return headers, rows
 
@@ -140,6 +152,9 @@ def draw_sweep(sweep: RuntimeSweep) -> Figure:
     if (sweep.status != "ok").any():
         handles.append(axes[0].plot([], [], "x", color=INK, markersize=7)[0])
         labels.append("no runtime:\nstalls or\ncannot start")
+    if sweep.notes:
+        handles.append(axes[0].plot([], [], "o", color=INK, markerfacecolor="white", markersize=6)[0])
+        labels.append("outside of\nwhat was\nfitted")
     figure.legend(handles, labels, loc="outside right upper", title="PWM duty")
     figure.suptitle("Battery runtime to the cut-off", x=0.01, ha="left", color=QUIET, fontsize=9.5)
     return figure
@@ -158,6 +173,11 @@ def _draw_panel(axis: Axes, sweep: RuntimeSweep, capacity: int) -> None:
             markersize=4,
             label=f"{duty:.4g}",
         )
+        is_outside = [(k, d, capacity) in sweep.notes for k in range(len(k_fc))]
+        axis.plot(
+            k_fc[is_outside], sweep.runtime_s[is_outside, d, capacity] / 60.0, SERIES_MARKERS[d % len(SERIES_MARKERS)],
+            color=colour, markerfacecolor="white", markersize=6,
+        )  # fmt: skip
         is_without = sweep.status[:, d, capacity] != "ok"
         if is_without.any():
             # On the lower edge, one row a duty, so that crosses of several duties do not hide each other.

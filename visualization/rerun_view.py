@@ -282,12 +282,12 @@ class LiveView:
                 )
             except queue.Empty:
                 return
-            if isinstance(item, SampleBlock):
-                self._pending.setdefault(item.channel, []).append(item)
+            if isinstance(item, tuple):
+                self._send_estimate(*item)
             elif isinstance(item, Event):
                 log_event(self._recording, item)
             else:
-                self._send_estimate(*item)
+                self._pending.setdefault(item.channel, []).append(item)
             if left_s <= 0 and not self._is_closing.is_set():
                 return
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sawbench.acquisition.recording_report import RecordingStatus
-from sawbench.analysis import fit_trial, load_and_process
+from sawbench.analysis import fit_trial, load_and_process, runtime_of
 from sawbench.bench.recording import Event, Trial
 from sawbench.commands.live_estimate import LiveCuttingEstimate
 from sawbench.commands.record import LiveCounters
@@ -48,6 +48,25 @@ def test_agrees_with_the_batch_fit_within_its_stated_uncertainty(oak_and_its_sho
     periods = np.diff([time_s for time_s, _ in shown])
     assert 0.07 < periods.min() < periods.max() < 0.08
     assert "N·s/m" in live.describe()
+
+
+def test_known_effects_make_the_same_of_it_as_fit_and_runtime(tmp_path):
+    recording = read_recording(OAK)
+    config = tmp_path / "known.toml"
+    shipped = (OAK.parents[1] / "bench_config.toml").read_text(encoding="utf-8")
+    config.write_text(f"{shipped}\n[effects]\nguide_friction = {{ force_n = 5.1, std = 0.4 }}\n", encoding="utf-8")
+    trial = load_and_process(OAK, config)
+    batch, estimates = fit_trial(trial)
+    live = LiveCuttingEstimate(trial.loaded, recording.trial)
+    for block in iter_blocks(OAK):
+        live(block)
+    assert live.problem == ""
+    assert abs(live.latest.k_fc_n_s_per_m - batch.k_fc_n_s_per_m) < live.latest.std_n_s_per_m
+    predicted = runtime_of(trial, batch, estimates)
+    passed_s = live.latest.n_strokes * 0.075
+    assert abs(live.latest.remaining_s + passed_s - predicted.runtime_s) < np.hypot(
+        predicted.std_s, live.latest.remaining_std_s
+    )
 
 
 def shifted(path, by_s, by_index):

@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 from sawbench.bench.config import BatteryConfig, PlantConfig
 from sawbench.bench.errors import InputError
+from sawbench.modeling.discharge import discharge
 from sawbench.modeling.fit import fit_cutting_coefficient
+from sawbench.modeling.parameters import JigsawParameters
+from sawbench.modeling.parts.eq16 import Eq16Battery
+from sawbench.modeling.parts.linear import LinearCutting
 from sawbench.modeling.recursive import RecursiveCuttingEstimator, StrokeSummary
+from sawbench.modeling.supplies import FixedDuty
 from sawbench.processing.measured_cycles import cycles_from_samples
 
 from benchmarks import synthetic_trials as synthetic
@@ -141,3 +146,34 @@ def test_a_change_after_few_strokes_is_noticed_and_the_old_ones_are_left_out():
         assert [n for n, estimate in enumerate(seen) if estimate.has_changed] == [18]
         assert seen[-1].n_strokes == 12
         assert abs(seen[-1].k_fc_n_s_per_m - 58.0) < 4.0 * seen[-1].std_n_s_per_m
+
+
+def test_a_fitted_battery_widens_what_is_left_and_says_where_it_does_not_hold():
+    """What its fit misses is charge: 4 % of the runtime of a full battery, also when half of it is gone."""
+    fitted = {"n_discharges": 4, "runtime_rel_std": 0.04, "current_a": (6.0, 9.0)}
+    cells = BatteryConfig.model_validate(BATTERY.model_dump() | {"fitted": fitted})
+    stroke = next(live_strokes([240.0], spread=0.0))
+    full, plain, half = (
+        RecursiveCuttingEstimator(plant=PLANT, battery=battery, duty=0.4375, start_soc=soc).update(stroke)
+        for battery, soc in ((cells, 1.0), (BATTERY, 1.0), (cells, 0.6))
+    )
+    assert full.remaining_s == plain.remaining_s
+    assert full.remaining_std_s == pytest.approx(np.hypot(plain.remaining_std_s, 0.04 * full.remaining_s), rel=1e-3)
+    assert half.remaining_s == pytest.approx(0.5 * full.remaining_s, rel=0.02)
+    assert half.remaining_std_s > 0.04 * full.remaining_s
+    assert plain.notes == ()
+    assert full.notes[0].startswith("mean battery current 4.6 A lies outside the 6 to 9 A")
+
+
+def test_a_cutoff_voltage_ends_the_runtime_as_in_a_discharge():
+    parameters = JigsawParameters.from_config(PLANT)
+    cells = BATTERY.model_copy(update={"cutoff_voltage_v": 17.4})
+    supply = FixedDuty(duty=0.4375, battery=Eq16Battery.from_config(cells))
+    cutting = LinearCutting(k_fc_n_s_per_m=240.0, cutting_half="pi_to_2pi")
+    long_way = discharge(parameters, supply=supply, cutting=cutting, cutoff_voltage_v=17.4, compiles=False)
+    stroke = StrokeSummary(period_s=0.072, mean_force_n=240.0 * 2 * 0.01 / 0.072)
+    found = RecursiveCuttingEstimator(plant=PLANT, battery=cells, duty=0.4375).update(stroke)
+    assert long_way.ended_by == "voltage"
+    assert found.remaining_s == pytest.approx(long_way.runtime_s, rel=0.006)
+    emptier = RecursiveCuttingEstimator(plant=PLANT, battery=cells, duty=0.4375, start_soc=0.25).update(stroke)
+    assert emptier.remaining_s == 0.0

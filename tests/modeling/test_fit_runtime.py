@@ -14,7 +14,8 @@ from sawbench.modeling.machines import paper_jigsaw as paper
 from sawbench.modeling.parts.eq16 import Eq16Battery
 from sawbench.modeling.parts.linear import LinearCutting
 from sawbench.modeling.results import ParameterEstimates
-from sawbench.modeling.runtime import predict_runtime, sweep_runtime
+from sawbench.modeling.runtime import predict_runtime
+from sawbench.modeling.runtime_sweep import sweep_runtime
 from sawbench.modeling.supplies import FixedDuty, HeldVoltage
 from sawbench.processing.measured_cycles import cycles_from_samples
 

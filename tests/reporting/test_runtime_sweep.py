@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from sawbench.bench.errors import InputError
 from sawbench.commands.main import main
-from sawbench.modeling.runtime import RuntimeSweep
+from sawbench.modeling.runtime_sweep import RuntimeSweep
 from sawbench.reporting.runtime_sweep import draw_sweep, sweep_cells, sweep_rows, write_sweep_picture
 
 pytestmark = pytest.mark.unit
@@ -83,6 +85,37 @@ def test_command_agrees_with_the_single_prediction(tmp_path, capsys):
     with table.open() as file:
         written = list(csv.DictReader(file))
     assert [float(row["runtime_s"]) for row in written] == pytest.approx([r["runtime_s"] for r in rows])
+
+
+def test_known_effects_and_a_fitted_battery_are_those_of_the_single_prediction(tmp_path, capsys):
+    shipped = Path("bench_config.toml").read_text(encoding="utf-8")
+    fitted = "fitted = { n_discharges = 4, runtime_rel_std = 0.04, current_a = [4.0, 6.0] }\n"
+    effects = "[effects]\nguide_friction = { force_n = 5.1, std = 0.4 }\n"
+    (tmp_path / "known.toml").write_text(
+        shipped.replace("[cutting]", f"{fitted}{effects}[cutting]", 1), encoding="utf-8"
+    )
+    config = ["--config", str(tmp_path / "known.toml"), "--json"]
+    asked = ["--k-fc-range", "120", "240", "2", "--duties", "0.4375", "--capacities", "1.5,3"]
+    assert main(["runtime", "--k-fc", "240", "--sweep", *asked, *config]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert main(["runtime", "--k-fc", "240", *config]) == 0
+    (single,) = json.loads(capsys.readouterr().out)
+    assert rows[1]["runtime_s"] == pytest.approx(single["runtime_s"], rel=1e-4)
+    shares = single["contributions_s"]
+    assert rows[1]["effects_std_s"] == pytest.approx(shares["guide_friction.force_n"], rel=1e-3)
+    assert rows[1]["battery_std_s"] == pytest.approx(shares["battery_fit"], rel=1e-3)
+    assert rows[1]["note"] == ""
+    assert rows[0]["note"].startswith("mean battery current 2.")
+    assert rows[2]["note"].count("capacity 3 Ah lies outside the 1.5 Ah") == 1
+
+
+def test_cases_outside_of_what_was_fitted_are_marked(sweep):
+    sweep = replace(sweep, notes={(0, 0, 1): ("mean battery current 1 A lies outside",)})
+    assert [row[1] for row in sweep_cells(sweep, 1)[1]] == ["1200 s*", "3600 s", "stalls"]
+    assert [cell for row in sweep_cells(sweep, 0)[1] for cell in row if "*" in cell] == []
+    assert [row["note"] for row in sweep_rows(sweep)].count("mean battery current 1 A lies outside") == 1
+    hollow = [line for line in draw_sweep(sweep).axes[1].lines if line.get_markerfacecolor() == "white"]
+    assert [tuple(line.get_xdata()) for line in hollow if len(line.get_xdata())] == [(100.0,)]
 
 
 @pytest.mark.parametrize(
