@@ -8,7 +8,7 @@ import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 _FORMAT: Final = "sawbench export"
 _FORMAT_VERSION: Final = 1
 _LONGEST_NAME: Final = 80
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -295,8 +296,8 @@ def _mf4_content(shown: Sequence[TimeBase], about: str, started_at: datetime | N
                 for name, column in base.columns.items()
             ]
             measurement.append(signals, common_timebase=True)
-        if started_at is not None:
-            measurement.header.start_time = started_at
+        # Left alone, the header would hold the time of the export; MF4 knows no time before 1970.
+        measurement.header.start_time = max(started_at or _EPOCH, _EPOCH)
         measurement.attach(about.encode(), file_name="sawbench.json", mime="application/json")
         measurement.save(content, compression=2)
     return content.getvalue()

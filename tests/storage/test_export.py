@@ -108,6 +108,15 @@ def test_every_bit_of_every_sample_comes_back_from_mf4_with_its_metadata(tmp_pat
         assert bytes(measurement.extract_attachment(index=0)[0]) == files["T1.mf4.json"].read_bytes()
 
 
+@pytest.mark.parametrize("started_at", [None, datetime(1969, 7, 20, tzinfo=UTC)])
+def test_mf4_invents_no_start(tmp_path, started_at):
+    from asammdf import MDF
+
+    files = written(tmp_path, "mf4", a_recording(trial=Trial(trial_id="T1", started_at=started_at)))
+    with MDF(files["T1.mf4"]) as measurement:
+        assert measurement.header.start_time == datetime(1970, 1, 1, tzinfo=UTC)
+
+
 def test_a_gap_is_one_row_without_values(tmp_path):
     files = written(tmp_path, "csv")
     lines = files["T1.force_n.csv"].read_text().splitlines()
