@@ -241,7 +241,11 @@ def compare(trials: str | Path | Iterable[str | Path], *, config: str | Path | N
 
 
 def diagnose(
-    trials: str | Path | Iterable[Source], *, config: str | Path | None = None, until_closed: bool = False
+    trials: str | Path | Iterable[Source],
+    *,
+    config: str | Path | None = None,
+    until_closed: bool = False,
+    plan: int = 0,
 ) -> GapReport:
     """Say where the model misses the measurements of a campaign, and which unmodelled effect causes it.
 
@@ -254,6 +258,9 @@ def diagnose(
     until_closed : bool
         Add cause after cause to the model until nothing more closes at withheld operating points; the ladder of causes
         is `report["until_closed"]`.
+    plan : int
+        How many trials to propose that tell most about what is still possible, 0 to 20: `report["plan"]`, and plan.csv
+        where the report is saved.
 
     Returns
     -------
@@ -278,7 +285,7 @@ def diagnose(
         else:
             opened += [read(path, config=config) for path in find_recordings([Path(source)])]
     loaded = config_for(opened[0].recording, Path(config)) if config is not None else None
-    return GapReport(report=diagnose_trials(opened, loaded, until_closed=until_closed))
+    return GapReport(report=diagnose_trials(opened, loaded, until_closed=until_closed, plan=plan))
 
 
 def _paths(trials: str | Path | Iterable[str | Path]) -> list[Path]:

@@ -19,6 +19,7 @@ def diagnose_trials(
     loaded: LoadedConfig | None = None,
     *,
     until_closed: bool = False,
+    plan: int = 0,
     on_step: Callable[[int, int, str], None] | None = None,
 ) -> dict[str, Any]:
     """Diagnose the sim-to-real gap of a campaign.
@@ -30,6 +31,8 @@ def diagnose_trials(
         Default: that of the first trial.
     until_closed : bool
         Add cause after cause to the model until nothing more closes.
+    plan : int
+        Trials to propose, 0 to 20.
     on_step : callable, optional
         (done, total, what).
 
@@ -60,7 +63,11 @@ def diagnose_trials(
     recordings = [trial.recording for trial in trials]
     # The products of matrices here are small: threads of the linear algebra would cost more than they save.
     with threadpool_limits(limits=1, user_api="blas"):
-        return plain(diagnose(recordings, loaded, provenance=provenance, until_closed=until_closed, on_step=on_step))
+        return plain(
+            diagnose(
+                recordings, loaded, provenance=provenance, until_closed=until_closed, n_planned=plan, on_step=on_step
+            )
+        )  # fmt: skip
 
 
 def _name(trial: OpenedTrial) -> str:

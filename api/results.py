@@ -193,7 +193,8 @@ class GapReport:
     def save(self, folder: str | Path, *, overwrite: bool = False) -> tuple[Path, Path]:
         """Write gap_report.json and gap_report.html, and improved_model.toml where a cause or parameters are claimed.
 
-        An improved model of an earlier diagnosis that is no longer claimed is removed, if `overwrite` is set.
+        Where trials were planned, plan.csv holds them, a table that `sawbench series` reads. An improved model or a
+        plan of an earlier diagnosis that this one has not is removed, if `overwrite` is set.
 
         Parameters
         ----------
@@ -215,13 +216,25 @@ class GapReport:
 
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        improved = folder / "improved_model.toml"
-        if self.report.get("improved_model"):
-            write_page(improved, self.report["improved_model"], overwrite=overwrite)
-        elif overwrite:
-            improved.unlink(missing_ok=True)
+        for name, text in (
+            ("improved_model.toml", self.report.get("improved_model")),
+            ("plan.csv", self._plan_table()),
+        ):
+            if text:
+                write_page(folder / name, text, overwrite=overwrite)
+            elif overwrite:
+                (folder / name).unlink(missing_ok=True)
         json_path = write_page(folder / "gap_report.json", self.as_json(), overwrite=overwrite)
         return json_path, write_gap_page(folder / "gap_report.html", self.report, overwrite=overwrite)
+
+    def _plan_table(self) -> str:
+        """Planned trials as a table; empty where there are none."""
+        from sawbench.acquisition.series.plan import PlannedTrial
+        from sawbench.acquisition.series.plan_design import plan_table
+
+        trials = self.report.get("plan", {}).get("trials", [])
+        known = [{key: row[key] for key in PlannedTrial.model_fields if key in row} for row in trials]
+        return plan_table([PlannedTrial.model_validate(row) for row in known]) if known else ""
 
     def as_json(self) -> str:
         """Return gap_report.json; lists of numbers stand on one line."""

@@ -25,19 +25,24 @@ _OPENED, _DRAWING = 10, 95
     "--until-closed", is_flag=True,
     help="Add cause after cause to the model until nothing more closes at withheld operating points.",
 )  # fmt: skip
+@click.option(
+    "--plan", "n_planned", metavar="N", type=click.IntRange(1, 20), default=None,
+    help="Propose N trials, those that tell most for the time they take: OUT/plan.csv, a table for `series run`.",
+)  # fmt: skip
 @force_option
 @json_option
 def command(
-    paths: tuple[Path, ...], config_path: Path | None, out_dir: Path, until_closed: bool, force: bool, as_json: bool
-) -> int:
+    paths: tuple[Path, ...], config_path: Path | None, out_dir: Path, until_closed: bool, n_planned: int | None,
+    force: bool, as_json: bool,
+) -> int:  # fmt: skip
     """Say where the model misses the measurement, which unmodelled effect causes it, and how far it closes."""
     from sawbench.analysis import open_trial
     from sawbench.gap import diagnose_trials
     from sawbench.results import GapReport
 
     json_path, html_path = out_dir / "gap_report.json", out_dir / "gap_report.html"
-    improved_path = out_dir / "improved_model.toml"
-    for path in (json_path, html_path, improved_path):
+    improved_path, plan_path = out_dir / "improved_model.toml", out_dir / "plan.csv"
+    for path in (json_path, html_path, improved_path, plan_path):
         refuse_unwritable(path, force=force, makes_folder=True)
     files = find_recordings(paths)
     with stepper("diagnosing:") as step:
@@ -48,6 +53,7 @@ def command(
         report = diagnose_trials(
             trials,
             until_closed=until_closed,
+            plan=n_planned or 0,
             on_step=lambda done, total, what: step(_OPENED + (_DRAWING - _OPENED) * done // total, 100, what),
         )
         step(_DRAWING, 100, "drawing the page")
@@ -55,6 +61,8 @@ def command(
     lines = [_as_text(report), "", str(json_path), str(html_path)]
     if report.get("improved_model"):
         lines.append(f"{improved_path}: use it as in `sawbench runtime RECORDING --config {improved_path}`")
+    if plan_path.exists():
+        lines.append(f"{plan_path}: run it as in `sawbench series run {plan_path}`")
     emit(report, "\n".join(lines), as_json=as_json)
     return 0
 
@@ -76,7 +84,8 @@ def _as_text(report: dict[str, Any]) -> str:
         times = ", ".join(f"{name.replace('_', ' ')} {seconds:.0f} s" for name, seconds in gap["runtime_s"].items())
         lines += ["", f"battery runtime: {times}"]
     lines += ["", *(f"note: {text}" for text in report["warnings"])]
-    return "\n".join([*lines, f"next trial: {report['next_trial']}"])
+    lines.append(f"next trial: {report['next_trial']}")
+    return "\n".join([*lines, *(["", *_plan_lines(report["plan"])] if "plan" in report else [])])
 
 
 def _cause_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:
@@ -98,3 +107,11 @@ def _closing_lines(closing: dict[str, Any]) -> list[str]:
     keys = ("model", "probability", "magnitude", "rms", "closed", "interval")
     head = ("cause after cause, over noise", "probability", "magnitude", "rms", "closed so far", "95 %")
     return [table(head, [[row[key] for key in keys] for row in closing_rows(closing)]), *closing_sentences(closing)]
+
+
+def _plan_lines(plan: dict[str, Any]) -> list[str]:
+    """Lay out the proposed trials, in their order."""
+    from sawbench.reporting.trial_plan import PLAN_COLUMNS, plan_rows, plan_sentences
+
+    rows = [[row[key] for key, _ in PLAN_COLUMNS] for row in plan_rows(plan)]
+    return [*([table([words for _, words in PLAN_COLUMNS], rows)] if rows else []), *plan_sentences(plan)]

@@ -21,6 +21,7 @@ from sawbench.reporting.html import render, software_version, write_page
 from sawbench.reporting.learned_figure import learned_picture, learned_sentences
 from sawbench.reporting.quantities import format_duration, format_number, format_quantity, format_to
 from sawbench.reporting.standing_out_figure import standing_out_picture, standing_out_sentence, stands_out
+from sawbench.reporting.trial_plan import PLAN_COLUMNS, plan_rows, plan_sentences
 
 _SURE: Final = 0.8
 _RAD_TO_DEG: Final = 57.29577951308232
@@ -72,6 +73,9 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         "closing": closing_picture(report["until_closed"]) if "until_closed" in report else None,
         "closing_rows": closing_rows(report["until_closed"]) if "until_closed" in report else [],
         "closing_sentences": closing_sentences(report["until_closed"]) if "until_closed" in report else [],
+        "plan_columns": PLAN_COLUMNS,
+        "plan_rows": plan_rows(report["plan"]) if "plan" in report else [],
+        "plan_sentences": plan_sentences(report["plan"]) if "plan" in report else [],
         "map": map_picture(detail["map"], _equations(report, detail))
         if detail.get("map") and report["where"]
         else None,

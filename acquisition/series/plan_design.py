@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import random
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from typing import Literal
@@ -103,6 +105,26 @@ def plan_text(plan: SeriesPlan) -> str:
         ],
     }
     return toml_text(tables, comments)
+
+
+def plan_table(trials: Sequence[PlannedTrial]) -> str:
+    """Write trials as a table that is a plan as well, a row a trial.
+
+    Examples
+    --------
+    >>> print(plan_table([PlannedTrial(id="a", material="oak", duty=0.5, feed_mm_s=4.0, rest_s=900.0)]), end="")
+    id,material,idle,duty,feed,thickness,length,rest,blade,battery
+    a,oak,no,0.5,4,,,900,,
+    """
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(["id", "material", "idle", "duty", "feed", "thickness", "length", "rest", "blade", "battery"])
+    for trial in trials:
+        numbers = (trial.duty, trial.feed_mm_s, trial.thickness_mm, trial.seconds, trial.rest_s)
+        cells = ["" if number is None else f"{number:.10g}" for number in numbers]
+        idle = "yes" if trial.is_idle else "no"
+        table.writerow([trial.id, trial.material, idle, *cells, trial.blade or "", trial.battery or ""])
+    return text.getvalue()
 
 
 def _in_order(design: SeriesDesign) -> Iterator[tuple[int, tuple[str, float | None, float | None, float | None]]]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from sawbench.bench.config import LoadedConfig
+from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Recording
 from sawbench.diagnosis.answer.channel_gap import ChannelGap, forecast
 from sawbench.diagnosis.answer.claim import carried_by_strokes, sized_members
@@ -17,6 +18,7 @@ from sawbench.diagnosis.answer.learned_term import learned_answer, learned_warni
 from sawbench.diagnosis.answer.next_trial import next_trial
 from sawbench.diagnosis.answer.prediction import Predictions
 from sawbench.diagnosis.answer.signals import signal_findings
+from sawbench.diagnosis.answer.trial_plan import plan_report
 from sawbench.diagnosis.answer.until_closed import Pass, closing_table, held
 from sawbench.diagnosis.answer.until_closed import until_closed as close
 from sawbench.diagnosis.answer.where import locate
@@ -27,8 +29,11 @@ from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal,
 from sawbench.diagnosis.inference.posterior import Posterior, judge
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plants.choice import reduce_recordings
+from sawbench.modeling.machines.table import machine_of
 
 SCHEMA_VERSION = 1
+# A longer plan is worth less than a new diagnosis on the way.
+MOST_PLANNED = 20
 _METRIC = (
     "root mean square of the equation residuals over their noise, on {held_out}; by_channel: measured less predicted"
     " mean stroke in the unit of the channel{simulated}; the cutting coefficient of a workpiece is fitted on its own"
@@ -55,6 +60,7 @@ def diagnose(
     *,
     provenance: Mapping[str, Any],
     until_closed: bool = False,
+    n_planned: int = 0,
     on_step: Callable[[int, int, str], None] | None = None,
 ) -> dict[str, Any]:
     """Diagnose the sim-to-real gap of a campaign.
@@ -67,6 +73,8 @@ def diagnose(
         Goes into the report as it is.
     until_closed : bool
         Add cause after cause until nothing more closes; see `diagnosis.answer.until_closed`.
+    n_planned : int
+        Trials to propose; see `diagnosis.answer.trial_plan`.
     on_step : callable, optional
         (done, total, what).
 
@@ -78,9 +86,10 @@ def diagnose(
     Raises
     ------
     InputError
-        If nothing can be diagnosed; the message says why for every trial.
+        If nothing can be diagnosed; the message says why for every trial. If a plan is asked for that cannot be made.
     """
     say = on_step or (lambda done, total, what: None)
+    _refuse_plan(n_planned, loaded)
     campaign = reduce_recordings(
         recordings, loaded, on_trial=lambda done, total, name: say(_REDUCED * done // total, 100, f"reading {name}")
     )
@@ -89,15 +98,30 @@ def diagnose(
     columns = catalogue_columns(problem, campaign.plant.effects)
     say(_SIGNED, 100, "weighing causes")
     answer = held(problem, columns, judge(problem, columns))
-    closing = None
+    further: dict[str, Any] = {}
     if until_closed:
         closing = close(answer, on_pass=lambda _, found: say(_SIGNED, 100, f"weighing what is left beside {found}"))
-        answer = closing.answer
+        answer, further["until_closed"] = closing.answer, closing_table(closing)
+    if n_planned:
+        say(_JUDGED, 100, "planning trials")
+        trials = [recording.trial for recording in recordings]
+        further["plan"] = plan_report(answer.problem, answer.posterior, n_planned, trials)
     say(_JUDGED, 100, "predicting held-out operating points")
     return _report(
-        answer, loaded, provenance, {} if closing is None else {"until_closed": closing_table(closing)},
+        answer, loaded, provenance, further,
         lambda done, total, name: say(_JUDGED + (100 - _JUDGED) * done // total, 100, f"predicting {name}"),
     )  # fmt: skip
+
+
+def _refuse_plan(n_planned: int, loaded: LoadedConfig) -> None:
+    """Refuse a plan that nobody can run, before anything is read."""
+    if not 0 <= n_planned <= MOST_PLANNED:
+        raise InputError(f"{n_planned} trials cannot be planned", remedy=f"ask for 1 to {MOST_PLANNED}")
+    if n_planned and machine_of(loaded.config, path=loaded.path).frame != "crank":
+        raise InputError(
+            "trials are planned for a saw; this configuration describes another machine", where=loaded.path,
+            remedy="leave the plan out; `next_trial` of the report says in words what the campaign lacks",
+        )  # fmt: skip
 
 
 def _report(

@@ -23,6 +23,8 @@ from sawbench.modeling.residuals import Equation, Signature, summed
 from sawbench.modeling.state import TWO_PI, State, TrialSetting
 
 _ZERO = "zero of the force"
+# Before the name of a known effect, in the names of the columns for what its form may leave.
+FORM_OF_KNOWN = "form of "
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -231,12 +233,12 @@ def _with_nuisances(problem: LinearProblem) -> LinearProblem:
         add(nuisance.name, nuisance.std, lambda s, n=nuisance: n.signature(plant.model, s))
     share = problem.settings.forms.screen_share
     for known in plant.known:
-        missed = _missed_by_form(problem, known)
+        missed = missed_by_form(problem, known)
         columns += list(share * missed.T)
-        names += [f"form of {known.effect.name} {k}" for k in range(missed.shape[1])]
+        names += [f"{FORM_OF_KNOWN}{known.effect.name} {k}" for k in range(missed.shape[1])]
         stds += [share] * missed.shape[1]
     wander = plant.zero_wander(campaign.states)
-    zeros = [] if wander is None else _zero_modes(problem, wander)
+    zeros = [] if wander is None else zero_modes(problem, wander)
     return replace(
         problem, nuisance=np.array([*columns, *zeros]).T, wander=wander,
         names=(*names, *(f"{_ZERO}, mode {k + 1}" for k in range(len(zeros)))),
@@ -244,8 +246,19 @@ def _with_nuisances(problem: LinearProblem) -> LinearProblem:
     )  # fmt: skip
 
 
-def _zero_modes(problem: LinearProblem, wander: ZeroWander) -> list[Floats]:
-    """Columns of the wandering zero, times their standard deviation: the Karhunen-Loeve modes that can be seen."""
+def zero_modes(problem: LinearProblem, wander: ZeroWander) -> list[Floats]:
+    """Columns of the wandering zero, times their standard deviation: the Karhunen-Loeve modes that can be seen.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+        Of which parts and the length of the data are used.
+    wander : ZeroWander
+
+    Returns
+    -------
+    list of ndarray, shape (n,)
+    """
     plant = problem.campaign.plant
     parts = [p for p in problem.parts if p.state.kind == "running" and p.state.force_n is not None]
     if not parts:
@@ -266,7 +279,7 @@ def _zero_modes(problem: LinearProblem, wander: ZeroWander) -> list[Floats]:
     return found
 
 
-def _missed_by_form(problem: LinearProblem, known: KnownEffect) -> Floats:
+def missed_by_form(problem: LinearProblem, known: KnownEffect) -> Floats:
     """Columns for what the form of a known effect may leave, shape (n, q); see `diagnosis.inference.form_error`."""
     from sawbench.diagnosis.inference.form_error import form_modes
 

@@ -420,6 +420,28 @@ class Closing:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class Planning:
+    """Which trials are proposed next.
+
+    Attributes
+    ----------
+    handling_s : float
+        What a trial takes beside its duration: to clamp, to zero, to look.
+    rest_s : float
+        Rest before a trial that is to begin with a cold machine.
+    longer : float
+        Duration of a long trial over the usual one of the campaign.
+    least_probability : float
+        Below it an answer is not separated from the others, unless there are fewer than two.
+    """
+
+    handling_s: float = _number(60.0, "convention", "a minute")
+    rest_s: float = _number(900.0, "convention", "a motor's winding has cooled by then")
+    longer: float = _number(3.0, "convention", "what grows with time is three times as large")
+    least_probability: float = _number(0.001, "convention", "as the report lists causes")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Settings:
     """All of them, by topic."""
 
@@ -434,6 +456,7 @@ class Settings:
     ladder: Ladder = field(default_factory=Ladder)
     report: Report = field(default_factory=Report)
     closing: Closing = field(default_factory=Closing)
+    planning: Planning = field(default_factory=Planning)
 
     def moved(self, name: str, factor: float) -> Settings:
         """Return the same settings with one number multiplied.
