@@ -9,16 +9,12 @@ from dataclasses import dataclass
 from typing import Final
 
 from sawbench.acquisition.devices.device import Chunk, Device
-from sawbench.bench.errors import DeviceError
+from sawbench.bench.errors import DeviceError, OtherInstrumentError
 
 _FIRST_PAUSE_S: Final = 0.1
 _LONGEST_PAUSE_S: Final = 2.0
 _QUEUE_WAIT_S: Final = 0.2
 _SERIAL_NUMBER: Final = "serial_number"
-
-
-class OtherInstrumentError(DeviceError):
-    """What answers is not the instrument that the recording began with."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

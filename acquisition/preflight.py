@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sawbench.acquisition.device_probe import DeviceProbe, StreamProbe
 from sawbench.acquisition.devices.device import StreamChannel
 from sawbench.acquisition.preflight_values import Finding, PreflightLimits, channel_findings, robust_std
-from sawbench.bench.errors import NoAnswerError
+from sawbench.bench.errors import NoAnswerError, OtherInstrumentError
 from sawbench.bench.units import CHANNELS
 
 Floats = NDArray[np.float64]
@@ -153,6 +153,7 @@ def _device_findings(probe: DeviceProbe) -> list[Finding]:
             found.append(_fault("no_bytes", probe.device, what=what, remedy=remedy))
         else:
             code = "link_broke" if probe.is_opened else "cannot_open"
+            code = "other_instrument" if isinstance(probe.problem, OtherInstrumentError) else code
             found.append(_fault(code, probe.device, what=f"{probe.port}: {probe.problem.what}", remedy=remedy))
     elif not n_samples:
         found.append(_nothing_useful(probe, n_bytes))

@@ -53,5 +53,9 @@ class NoAnswerError(DeviceError):
     """The port of an instrument opens, but no answer that makes sense comes out of it (exit code 1)."""
 
 
+class OtherInstrumentError(DeviceError):
+    """What answers is not the instrument that is meant: its serial number is another one (exit code 1)."""
+
+
 class UntrustedResult(SawbenchError):
     """The computation ran, but its result must not be relied on (exit code 1)."""

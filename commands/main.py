@@ -17,6 +17,7 @@ from sawbench.bench.errors import SawbenchError
 SUBCOMMANDS: Final = MappingProxyType(
     {
         "demo": "the whole main job on the simulated bench, from instruments to report",
+        "init": "write a bench configuration: finds ports, asks, keeps serial numbers",
         "check": "preflight: live values, rates, noise, missing samples, and what is wrong",
         "tare": "zero the load cell",
         "calibrate": "multi-point calibration of a channel, with its uncertainty",

@@ -96,7 +96,7 @@ def validate_table(
     channels : mapping of str to Channel
         That the table may name.
     endpoint : str, optional
-        Replaces `port`.
+        Replaces `port`; what is there is another instrument, so `serial_number` falls away.
 
     Returns
     -------
@@ -120,7 +120,10 @@ def validate_table(
         instrument = load_instrument(driver)
     except ConfigError as error:
         raise ConfigError(error.what, where=where, remedy=error.remedy) from error
-    given = dict(table) if endpoint is None else {**table, "port": endpoint}
+    given = dict(table)
+    if endpoint is not None:
+        given["port"] = endpoint
+        given.pop("serial_number", None)
     try:
         return instrument, instrument.settings.model_validate(given, context={"channels": channels})
     except ValidationError as error:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, model_validator
 from sawbench.acquisition.calibration import Calibration
 from sawbench.acquisition.can_signals import find_signal, frame_mask, load_dbc, needed_length, raw_signal
 from sawbench.acquisition.devices.dbc_can_emulator import CanEmulator, EmulatedMessage
@@ -54,6 +54,8 @@ class DbcCanSettings(BaseModel):
         Bench channel -> correction of the DBC's physical value; usually not needed.
     noise_std : mapping of Channel to float
         Bench channel -> noise to expect at rest (1 std), in the channel's unit; `sawbench check` compares with it.
+    serial_number : str, optional
+        Of the USB adapter (slcan only); another one at this port is refused. `sawbench init` writes it.
     """
 
     model_config = STRICT
@@ -68,6 +70,15 @@ class DbcCanSettings(BaseModel):
     rate_hz: dict[str, Annotated[float, Field(gt=0)]] = Field(default_factory=dict)
     calibration: dict[BenchChannel, Calibration] = Field(default_factory=dict)
     noise_std: dict[BenchChannel, Annotated[float, Field(gt=0)]] = Field(default_factory=dict)
+    serial_number: str | None = Field(default=None, min_length=1)
+
+    @model_validator(mode="after")
+    def _adapter_is_known(self) -> DbcCanSettings:
+        if self.serial_number is not None and self.interface != "slcan":
+            raise ValueError(
+                f"serial_number is compared for interface slcan alone, not for {self.interface}: remove it"
+            )
+        return self
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -195,6 +206,7 @@ class DbcCan:
             device=name,
             bitrate=settings.bitrate,
             baud_rate=settings.baud_rate,
+            serial_number=settings.serial_number,
             clock=clock,
         )
         self._counters: dict[str, SampleCounter] = {}
@@ -259,6 +271,7 @@ class DbcCan:
             "time_source": self._bus.time_source,
             "n_other_frames": str(self._n_other_frames),
             "n_short_frames": str(self._n_short_frames),
+            **self._bus.facts,
         }
 
     def _chunks_of(

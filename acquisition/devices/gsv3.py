@@ -49,6 +49,9 @@ class Gsv3Settings(BaseModel):
         Bit/s; a frame needs 30 bit, so 38400 Bd carry 1.28 kHz.
     full_scale : float
         Raw value at the largest code, mV/V.
+    serial_number : str, optional
+        Of the USB adapter at the port, as the amplifier states none; another one at this
+        port is refused. `sawbench init` writes it.
     """
 
     model_config = STRICT
@@ -58,6 +61,7 @@ class Gsv3Settings(BaseModel):
     channels: dict[BenchChannel, ChannelTable] = Field(min_length=1, max_length=1)
     baud_rate: int = Field(default=38400, gt=0)
     full_scale: float = Field(default=2.0, gt=0)
+    serial_number: str | None = Field(default=None, min_length=1)
 
     @field_validator("channels")
     @classmethod
@@ -164,7 +168,9 @@ class Gsv3:
         self.port = settings.port
         self._settings = settings
         self._clock = clock
-        self._link = SerialPort(settings.port, device=name, baud_rate=settings.baud_rate)
+        self._link = SerialPort(
+            settings.port, device=name, baud_rate=settings.baud_rate, serial_number=settings.serial_number
+        )
         self._framer = Gsv3Framer()
         self._discarded_before = 0
 
@@ -233,6 +239,7 @@ class Gsv3:
             "model": "GSV-3",
             "rate_hz": f"{self._settings.rate_hz:g}",
             "time_source": "sample count and arrival of the bytes at this machine",
+            **self._link.facts,
         }
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 import time
+import zlib
 from collections.abc import Callable
 from typing import Final
 
@@ -20,7 +21,7 @@ from sawbench.acquisition.devices.instrument import Instrument
 from sawbench.acquisition.simulation.plant_stream import PlantStream
 from sawbench.acquisition.simulation.sensor import EmulatedSensor
 from sawbench.acquisition.transports.serial_port import SerialPort
-from sawbench.bench.errors import DeviceError, NoAnswerError
+from sawbench.bench.errors import DeviceError, NoAnswerError, OtherInstrumentError
 
 GET_INTERFACE: Final = 0x01
 SET_ZERO: Final = 0x0C
@@ -51,6 +52,8 @@ class Gsv8Settings(BaseModel):
         Bit/s; a frame of one float needs 80 bit, so 115200 Bd carry 1.4 kHz. Of no effect over USB.
     integer_full_scale : float
         Raw unit at the largest code of int16 and int24 frames; 2 mV/V inputs reach 2.1 mV/V.
+    serial_number : str, optional
+        Of the amplifier; another one at this port is refused. `sawbench init` writes it.
     """
 
     model_config = STRICT
@@ -60,6 +63,7 @@ class Gsv8Settings(BaseModel):
     channels: dict[BenchChannel, ChannelTable] = Field(min_length=1)
     baud_rate: int = Field(default=115200, gt=0)
     integer_full_scale: float = Field(default=2.1, gt=0)
+    serial_number: str | None = Field(default=None, min_length=1)
 
     @model_validator(mode="after")
     def _inputs_exist(self) -> Gsv8Settings:
@@ -125,6 +129,7 @@ class Gsv8:
             )
         self._discarded_before = self.n_discarded_bytes
         self._framer = self._new_framer(n_values, data_type)
+        serial_number = self._ask_serial_number()
         self._set_rate()
         firmware = self._ask(GET_FIRMWARE_VERSION).payload
         self._facts = {
@@ -132,7 +137,7 @@ class Gsv8:
             "firmware": firmware.hex(" "),
             "frame": f"{n_values} x {data_type}",
             "rate_hz": f"{self._rate_hz:g}",
-            "serial_number": str(int.from_bytes(self._ask(GET_SERIAL_NUMBER).payload[:4], "big")),
+            "serial_number": serial_number,
         }
 
     def start(self) -> None:
@@ -187,6 +192,17 @@ class Gsv8:
             "time_source": "sample count and arrival of the bytes at this machine",
         }
 
+    def _ask_serial_number(self) -> str:
+        present = str(int.from_bytes(self._ask(GET_SERIAL_NUMBER).payload[:4], "big"))
+        wanted = self._settings.serial_number
+        if wanted not in {None, present}:
+            raise OtherInstrumentError(
+                f"another amplifier is at this port: its serial number is {present}, the configuration names {wanted}",
+                where=self._where,
+                remedy=f"change the plugs, or correct `port` or `serial_number` in [devices.{self.name}]",
+            )
+        return present
+
     def _new_framer(self, n_values: int, data_type: DataType) -> Gsv8Framer:
         return Gsv8Framer(n_values=n_values, data_type=data_type, full_scale=self._settings.integer_full_scale)
 
@@ -232,10 +248,16 @@ class Gsv8:
         return DeviceError(what, where=self._where, remedy=remedy)
 
 
-def emulate(_name: str, settings: Gsv8Settings, plant: PlantStream, clock_error_ppm: float) -> Gsv8Emulator:
-    """Build the amplifier of one validated table, seen from the other side."""
+def emulate(name: str, settings: Gsv8Settings, plant: PlantStream, clock_error_ppm: float) -> Gsv8Emulator:
+    """Build the amplifier of one validated table, seen from the other side; its name gives it a serial number."""
     sensors = tuple(EmulatedSensor.of(channel, table) for channel, table in settings.channels.items())
-    return Gsv8Emulator(plant, sensors, rate_hz=settings.rate_hz, clock_error_ppm=clock_error_ppm)
+    return Gsv8Emulator(
+        plant,
+        sensors,
+        rate_hz=settings.rate_hz,
+        clock_error_ppm=clock_error_ppm,
+        serial_number=zlib.crc32(name.encode()),
+    )
 
 
 INSTRUMENT: Final = Instrument(

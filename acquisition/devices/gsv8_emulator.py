@@ -16,7 +16,6 @@ from sawbench.acquisition.simulation.sensor import EmulatedSensor
 _HIGHEST_RATE_HZ = 48_000.0
 _MODEL_GSV8 = 0x08
 _FIRMWARE = b"\x01\x2a"
-_SERIAL_NUMBER = 20_250_815
 
 
 class Gsv8Emulator:
@@ -31,6 +30,8 @@ class Gsv8Emulator:
         After switching on.
     clock_error_ppm : float
         How much faster than nominal its quartz runs.
+    serial_number : int
+        32 bit.
     """
 
     def __init__(
@@ -40,8 +41,10 @@ class Gsv8Emulator:
         *,
         rate_hz: float = 6000.0,
         clock_error_ppm: float = 0.0,
+        serial_number: int = 20_250_815,
     ) -> None:
         self._plant = plant
+        self._serial_number = serial_number
         self._inputs = inputs
         self._n_values = max(i.input for i in inputs)
         self._speed = 1.0 + clock_error_ppm * 1e-6
@@ -116,7 +119,7 @@ class Gsv8Emulator:
         commands = {
             0x01: (1, self._identify),
             0x0C: (1, self._set_zero),
-            0x1F: (0, lambda *_: _answer(0, struct.pack(">I", _SERIAL_NUMBER))),
+            0x1F: (0, lambda *_: _answer(0, struct.pack(">I", self._serial_number))),
             0x23: (0, self._stop),
             0x24: (0, self._start),
             0x2B: (0, lambda *_: _answer(0, _FIRMWARE)),

@@ -128,6 +128,9 @@ class Msc7xxxSettings(BaseModel):
         One channel; its raw value is the sensor voltage, V.
     baud_rate : int
         Bit/s, 8E1.
+    serial_number : str, optional
+        Of the USB adapter at the port, as the controller states none; another one at this
+        port is refused. `sawbench init` writes it.
     """
 
     model_config = STRICT
@@ -136,6 +139,7 @@ class Msc7xxxSettings(BaseModel):
     address: int = Field(default=0x7E, ge=0, le=0xFF)
     channels: dict[BenchChannel, ChannelTable] = Field(min_length=1, max_length=1)
     baud_rate: int = Field(default=256_000, gt=0)
+    serial_number: str | None = Field(default=None, min_length=1)
 
     @model_validator(mode="after")
     def _has_one_input(self) -> Msc7xxxSettings:
@@ -161,7 +165,13 @@ class Msc7xxx:
         self.port = settings.port
         self._settings = settings
         self._clock = clock
-        self._link = SerialPort(settings.port, device=name, baud_rate=settings.baud_rate, parity="E")
+        self._link = SerialPort(
+            settings.port,
+            device=name,
+            baud_rate=settings.baud_rate,
+            parity="E",
+            serial_number=settings.serial_number,
+        )
         self._decoder = Msc7xxxDecoder(address=settings.address)
 
     @property
@@ -218,6 +228,7 @@ class Msc7xxx:
             "model": "MSC7xxx",
             "address": f"{self._settings.address:02X}",
             "time_source": "middle between question and answer",
+            **self._link.facts,
         }
 
 

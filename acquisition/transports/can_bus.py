@@ -36,6 +36,11 @@ class CanSource(Protocol):
         """Bytes that were part of no frame."""
         ...
 
+    @property
+    def facts(self) -> dict[str, str]:
+        """`serial_number` of the adapter, once open; empty where it is not known."""
+        ...
+
     def open(self) -> None:
         """Connect; raise DeviceError where that fails."""
         ...
@@ -88,6 +93,7 @@ class PythonCanBus:
         self._bus: can.BusABC | None = None
         self.time_source = "time stamps of the bus"
         self.n_discarded_bytes = 0
+        self.facts: dict[str, str] = {}
 
     def open(self) -> None:
         """Build the bus.
@@ -154,9 +160,12 @@ def make_can_source(
     device: str,
     bitrate: int,
     baud_rate: int,
+    serial_number: str | None = None,
     clock: Callable[[], float] = time.monotonic,
 ) -> CanSource:
-    """Choose the receiver for `interface`; nothing is opened yet."""
+    """Choose the receiver for `interface`; nothing is opened yet. `baud_rate`, `serial_number`: of slcan alone."""
     if interface == "slcan":
-        return SlcanBus(channel, device=device, bitrate=bitrate, baud_rate=baud_rate, clock=clock)
+        return SlcanBus(
+            channel, device=device, bitrate=bitrate, baud_rate=baud_rate, serial_number=serial_number, clock=clock
+        )
     return PythonCanBus(interface, channel, device=device, bitrate=bitrate, clock=clock)

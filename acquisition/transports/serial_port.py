@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import serial
-from sawbench.bench.errors import DeviceError
+from sawbench.bench.errors import DeviceError, OtherInstrumentError
 from serial.tools import list_ports
 
 # Handler of `emulated://`, see `acquisition.simulation.scripted_bench`.
@@ -30,14 +30,31 @@ class SerialPort:
     baud_rate : int
         Bit/s; of no effect on USB CDC devices, ptys and sockets.
     parity : {"N", "E", "O"}
+    serial_number : str, optional
+        Of the USB adapter that must be at this port.
+
+    Attributes
+    ----------
+    facts : dict of str to str
+        `serial_number` of the USB adapter at the port, once open; empty where it states none.
 
     Notes
     -----
     The constructor does no input or output.
     """
 
-    def __init__(self, url: str, *, device: str, baud_rate: int = 115200, parity: str = "N") -> None:
+    def __init__(
+        self,
+        url: str,
+        *,
+        device: str,
+        baud_rate: int = 115200,
+        parity: str = "N",
+        serial_number: str | None = None,
+    ) -> None:
         self.url = url
+        self.facts: dict[str, str] = {}
+        self._wanted_serial_number = serial_number
         self._device = device
         self._baud_rate = baud_rate
         self._parity = parity
@@ -51,6 +68,8 @@ class SerialPort:
         ------
         DeviceError
             If the port is missing, forbidden, or used by another program.
+        OtherInstrumentError
+            If the USB adapter at the port has another serial number than the one that is wanted.
         """
         options = {} if self._is_socket else {"exclusive": True}
         wait_s = _SOCKET_WAIT_S if self._is_socket else _WAIT_S
@@ -66,6 +85,27 @@ class SerialPort:
             )
         except (OSError, ValueError) as error:
             raise self._open_error(error) from error
+        self._require_adapter()
+
+    def _require_adapter(self) -> None:
+        adapters = {} if self._is_socket or _is_pseudo_terminal(self.url) else usb_adapters()
+        present = adapters.get(self.url) or adapters.get(str(Path(self.url).resolve()))
+        self.facts = {} if present is None else {"serial_number": present}
+        wanted = self._wanted_serial_number
+        if wanted in {None, present}:
+            return
+        self.close()
+        elsewhere = next((port for port, number in adapters.items() if number == wanted), None)
+        raise OtherInstrumentError(
+            f"another adapter is at this port: its serial number is {present or 'not known'}, "
+            f"the configuration names {wanted}",
+            where=f"{self._device} on {self.url}",
+            remedy=(
+                f"plug in the right one, or correct `serial_number` in [devices.{self._device}]"
+                if elsewhere is None
+                else f"that one is at {elsewhere} now: correct `port` in [devices.{self._device}], or change the plugs"
+            ),
+        )
 
     def read(self) -> bytes:
         """Return all bytes that have arrived; wait at most 0.1 s for the first one.
@@ -152,6 +192,11 @@ class SerialPort:
                 remedy=f"plug the instrument in, or correct `port` in [devices.{self._device}]",
             )
         return DeviceError(f"cannot be opened: {text}", where=where, remedy="check the settings of the port")
+
+
+def usb_adapters() -> dict[str, str]:
+    """Port -> serial number of the USB adapter there, for every adapter that states one."""
+    return {port.device: port.serial_number for port in list_ports.comports() if port.serial_number}
 
 
 def _is_pseudo_terminal(url: str) -> bool:

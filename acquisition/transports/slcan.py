@@ -111,6 +111,8 @@ class SlcanBus:
         Of the bus, bit/s.
     baud_rate : int
         Of the serial port, bit/s.
+    serial_number : str, optional
+        Of the adapter that must be at the port.
     clock : callable
         Monotonic seconds.
     """
@@ -122,9 +124,10 @@ class SlcanBus:
         device: str,
         bitrate: int,
         baud_rate: int = 115200,
+        serial_number: str | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._port = SerialPort(url, device=device, baud_rate=baud_rate)
+        self._port = SerialPort(url, device=device, baud_rate=baud_rate, serial_number=serial_number)
         self._where = f"{device} on {url}"
         self._bitrate = bitrate
         self._clock = clock
@@ -139,6 +142,11 @@ class SlcanBus:
     def n_discarded_bytes(self) -> int:
         """Bytes that were part of no frame, since construction."""
         return self._decoder.n_discarded_bytes
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """`serial_number` of the USB adapter, once open; empty where it states none."""
+        return self._port.facts
 
     def open(self) -> None:
         """Open the adapter and the bus; see `SerialPort.open` for the errors, ConfigError for an odd bit rate."""

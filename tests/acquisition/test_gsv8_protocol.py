@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from sawbench.acquisition.devices import gsv8
 from sawbench.acquisition.devices.gsv8 import Gsv8, Gsv8Settings
 from sawbench.acquisition.devices.gsv8_frames import Gsv8Framer, request
-from sawbench.bench.errors import DeviceError
+from sawbench.bench.errors import DeviceError, OtherInstrumentError
 
 pytestmark = pytest.mark.contract
 
@@ -175,11 +175,11 @@ FIRMWARE = ("aa902b85", "aa5200012a85")
 SERIAL = ("aa901f85", "aa540001350caf85")
 
 
-def device_with(monkeypatch, script):
+def device_with(monkeypatch, script, **settings):
     clock = Clock()
     port = ScriptedPort(script, clock)
     monkeypatch.setattr(gsv8, "SerialPort", lambda *_a, **_k: port)
-    table = Gsv8Settings.model_validate({"port": "COM3", "channels": {"force_n": {"input": 1}}})
+    table = Gsv8Settings.model_validate({"port": "COM3", "channels": {"force_n": {"input": 1}}, **settings})
     return Gsv8("load_cell", table, clock=clock), port
 
 
@@ -187,9 +187,9 @@ def test_dialogue_of_a_measurement(monkeypatch):
     script = [
         STOP,
         IDENTITY,
+        SERIAL,
         RATE,
         FIRMWARE,
-        SERIAL,
         ("aa902485", "aa500085"),
         ("aa910c0185", "aa500085"),
         ("aa902385", ""),
@@ -214,7 +214,7 @@ def test_identity_says_one_value_of_type_float():
 
 
 def test_stop_is_repeated_while_values_pour_in(monkeypatch):
-    script = [("aa902385", (ONE * 4).hex()), STOP, IDENTITY, RATE, FIRMWARE, SERIAL]
+    script = [("aa902385", (ONE * 4).hex()), STOP, IDENTITY, SERIAL, RATE, FIRMWARE]
     device, port = device_with(monkeypatch, script)
     device.open()
     assert not port.script
@@ -227,9 +227,9 @@ def test_stop_is_repeated_while_values_pour_in(monkeypatch):
         ([("aa902385", "aa507085")], "access denied"),
         ([STOP, ("aa91010085", "aa54000513400185")], "not as a GSV-8"),
         ([STOP, ("aa91010085", "aa54000803400185")], "input 1 is configured"),
-        ([STOP, IDENTITY, ("aa948b45bb800085", "aa505485")], "value too large"),
+        ([STOP, IDENTITY, SERIAL, ("aa948b45bb800085", "aa505485")], "value too large"),
         (
-            [STOP, IDENTITY, ("aa948b45bb800085", "aa500185"), ("aa908a85", "aa540045 2f000085")],
+            [STOP, IDENTITY, SERIAL, ("aa948b45bb800085", "aa500185"), ("aa908a85", "aa540045 2f000085")],
             "chose 2800 Hz",
         ),
     ],
@@ -243,9 +243,24 @@ def test_what_can_go_wrong_is_said(monkeypatch, script, message):
     assert caught.value.remedy
 
 
+def test_the_amplifier_that_the_configuration_names_is_taken(monkeypatch):
+    script = [STOP, IDENTITY, SERIAL, RATE, FIRMWARE]
+    device, port = device_with(monkeypatch, script, serial_number="20253871")
+    device.open()
+    assert not port.script
+
+
+def test_another_amplifier_is_refused_before_anything_is_set(monkeypatch):
+    device, port = device_with(monkeypatch, [STOP, IDENTITY, SERIAL], serial_number="20253872")
+    with pytest.raises(OtherInstrumentError, match=r"load_cell.*COM3.*20253871.*names 20253872") as caught:
+        device.open()
+    assert "[devices.load_cell]" in caught.value.remedy
+    assert not port.script
+
+
 def test_a_rate_the_amplifier_rounded_is_taken_over(monkeypatch):
     # 5988.0 Hz is 45 BB 20 00.
     rounded = [("aa948b45bb800085", "aa500185"), ("aa908a85", "aa540045bb200085")]
-    device, _ = device_with(monkeypatch, [STOP, IDENTITY, *rounded, FIRMWARE, SERIAL])
+    device, _ = device_with(monkeypatch, [STOP, IDENTITY, SERIAL, *rounded, FIRMWARE])
     device.open()
     assert device.streams[0].rate_hz == 5988.0
