@@ -8,9 +8,7 @@ nothing found on it can reach a recording of the real one.
 from __future__ import annotations
 
 import json
-import os
 import time
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -22,6 +20,8 @@ from sawbench.acquisition.calibration import Calibration
 from sawbench.acquisition.devices import build_devices
 from sawbench.bench.config import BenchConfig, describe_validation
 from sawbench.bench.errors import ConfigError, InputError
+from sawbench.bench.toml_text import parse_toml, read_toml_text
+from sawbench.storage.output import write_whole
 
 if TYPE_CHECKING:
     from sawbench.acquisition.devices.device import Device
@@ -135,14 +135,14 @@ def read_book(path: Path) -> CalibrationBook:
     InputError
         If the file cannot be read or holds something else.
     """
-    try:
-        return CalibrationBook.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except FileNotFoundError:
+    if not path.exists():
         return CalibrationBook()
+    try:
+        return CalibrationBook.model_validate(parse_toml(read_toml_text(path), where=path))
     except ValidationError as error:
         what = describe_validation(error, CalibrationBook)
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        what = f"cannot be read: {error}"
+    except ConfigError as error:
+        what = error.what
     raise InputError(f"is no calibration book: {what}", where=path, remedy="repair it, or move it away to do without")
 
 
@@ -152,19 +152,14 @@ def add_entry(path: Path, entry: BookEntry) -> None:
     Raises
     ------
     InputError
-        If the book that is there cannot be read.
+        If the book that is there cannot be read, or the new one cannot be written.
     """
     import tomli_w
 
     book = read_book(path)
     grown = CalibrationBook(entries=(*book.entries, entry))
     text = _HEADER + tomli_w.dumps(_without_none(grown.model_dump(mode="python")))
-    beside = path.with_name(path.name + ".new")
-    with beside.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    beside.replace(path)
+    write_whole(path, text, overwrite=True)
 
 
 def build_calibrated(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sawbench.acquisition.calibration import Calibration
 from sawbench.bench.errors import InputError, UntrustedResult
+from sawbench.storage.output import write_whole
 
 Floats = NDArray[np.float64]
 _MIN_LOADS: Final = 3
@@ -239,10 +241,11 @@ def read_points(path: Path) -> tuple[CalibrationPoint, ...]:
 
 def write_points(path: Path, points: Sequence[CalibrationPoint]) -> None:
     """Write a table that `read_points` reads back as it is."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(_COLUMNS)
-        writer.writerows([repr(float(getattr(point, name))) for name in _COLUMNS] for point in points)
+    text = io.StringIO(newline="")
+    writer = csv.writer(text)
+    writer.writerow(_COLUMNS)
+    writer.writerows([repr(float(getattr(point, name))) for name in _COLUMNS] for point in points)
+    write_whole(path, text.getvalue())
 
 
 def _point(row: dict[str, str | None], where: str) -> CalibrationPoint:

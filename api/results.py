@@ -212,7 +212,7 @@ class GapReport:
             If a file exists and `overwrite` is not set, or cannot be written.
         """
         from sawbench.reporting.gap_page import write_gap_page
-        from sawbench.reporting.html import write_page
+        from sawbench.storage.output import write_whole
 
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
@@ -221,10 +221,10 @@ class GapReport:
             ("plan.csv", self._plan_table()),
         ):
             if text:
-                write_page(folder / name, text, overwrite=overwrite)
+                write_whole(folder / name, text, overwrite=overwrite)
             elif overwrite:
                 (folder / name).unlink(missing_ok=True)
-        json_path = write_page(folder / "gap_report.json", self.as_json(), overwrite=overwrite)
+        json_path = write_whole(folder / "gap_report.json", self.as_json(), overwrite=overwrite)
         return json_path, write_gap_page(folder / "gap_report.html", self.report, overwrite=overwrite)
 
     def _plan_table(self) -> str:

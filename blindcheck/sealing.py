@@ -24,6 +24,7 @@ import numpy as np
 from sawbench.bench.errors import InputError
 from sawbench.blindcheck.bench import Nature
 from sawbench.blindcheck.effects.table import ACTS_IN, DrawnFrom, drawn_from
+from sawbench.storage.output import write_whole
 
 COMMITMENTS = "commitments.json"
 SCHEMA_VERSION = 1
@@ -353,6 +354,4 @@ def read_json(path: Path) -> dict[str, Any]:
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write through a temporary file, so that a broken-off run leaves the old or the new one."""
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_text(json.dumps(content, indent=1, sort_keys=True), encoding="utf-8")
-    temporary.replace(path)
+    write_whole(path, json.dumps(content, indent=1, sort_keys=True), overwrite=True)

@@ -83,8 +83,8 @@ def fit(
     from sawbench.batteries import Pack, fit_battery_tables
     from sawbench.bench.config import load_config
     from sawbench.reporting.battery_page import write_battery_page
-    from sawbench.reporting.html import write_page
     from sawbench.storage.importers import load_map
+    from sawbench.storage.output import write_whole
 
     page_path = out_path.with_suffix(".html")
     if page_path == out_path:
@@ -106,7 +106,7 @@ def fit(
             largest_own_miss=most_miss,
             on_model=step,
         )
-    write_page(out_path, found.as_toml(base), overwrite=force)
+    write_whole(out_path, found.as_toml(base), overwrite=force)
     write_battery_page(page_path, found.choice, found.table, notes=found.notes, overwrite=force)
     emit(result_of(found, out_path, page_path), describe(found, out_path, page_path), as_json=as_json)
 

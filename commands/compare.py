@@ -47,7 +47,7 @@ def command(
     from sawbench.reporting.compared import compare, comparison_json
     from sawbench.reporting.comparison_data import comparison_table, write_comparison_hdf5
     from sawbench.reporting.comparison_page import write_comparison_page
-    from sawbench.reporting.html import write_page
+    from sawbench.storage.output import write_whole
 
     if not directory.exists():
         raise InputError("no such directory", where=directory)
@@ -57,7 +57,7 @@ def command(
     files = find_recordings([directory])
     rows, left_out = compare_files(progress(files, "comparing"), config_path)
     write_comparison_page(out_path, rows, left_out=left_out, overwrite=force)
-    write_page(csv_path, comparison_table(rows).to_csv(index=False), overwrite=force)
+    write_whole(csv_path, comparison_table(rows).to_csv(index=False), overwrite=force)
     found = compare(rows, left_out)
     write_comparison_hdf5(hdf5_path, rows, found, overwrite=force)
     text = [describe(found), *(str(path) for path in (out_path, csv_path, hdf5_path))]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from dataclasses import dataclass
 from functools import partial
@@ -46,6 +47,7 @@ def sweep(
 ) -> int:
     """Run the sweep, print it, write what was asked for; 0 where any case has a runtime."""
     from sawbench.reporting.runtime_sweep import FORMATS, sweep_rows, write_sweep_picture
+    from sawbench.storage.output import write_whole
 
     if loaded.config.converter.mode == "held_voltage":
         raise InputError(
@@ -68,7 +70,7 @@ def sweep(
     found = _swept(loaded, use, k_fc_values=k_values, duties=duties, capacities_ah=capacities)
     rows = sweep_rows(found)
     if choice.csv_path is not None:
-        _write_csv(choice.csv_path, rows)
+        write_whole(choice.csv_path, _csv(rows), overwrite=force)
     if choice.plot_path is not None:
         write_sweep_picture(choice.plot_path, found, overwrite=force)
     written = [str(path) for path in (choice.csv_path, choice.plot_path) if path is not None]
@@ -141,11 +143,9 @@ def _numbers(option: str, text: str | None, default: list[float], *, most: float
     return sorted(set(values))
 
 
-def _write_csv(path: Path, rows: list[dict[str, object]]) -> None:
-    try:
-        with path.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, fieldnames=list(rows[0]))
-            writer.writeheader()
-            writer.writerows(rows)
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}", where=path) from error
+def _csv(rows: list[dict[str, object]]) -> str:
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, fieldnames=list(rows[0]))
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()

@@ -63,6 +63,7 @@ def plan_command(out_path: Path, config_path: Path | None, force: bool, as_json:
     """
     from sawbench.acquisition.series.plan import SeriesPlan, departures, load_plan
     from sawbench.acquisition.series.plan_design import SeriesDesign, designed_trials, plan_text
+    from sawbench.storage.output import write_whole
 
     refuse_unwritable(out_path, force=force)
     batches = dict(_batch(text, options["materials"]) for text in options.pop("batch_texts"))
@@ -71,7 +72,7 @@ def plan_command(out_path: Path, config_path: Path | None, force: bool, as_json:
     config = None if config_path is None else os.path.relpath(config_path, out_path.parent)
     trials = designed_trials(design)
     plan = SeriesPlan(config=config, seed=design.seed, seconds=design.seconds, trial=trials, **stated)
-    out_path.write_text(plan_text(plan), encoding="utf-8")
+    write_whole(out_path, plan_text(plan), overwrite=force)
     loaded = load_plan(out_path)
     said = [*(f"note: {text}" for text in departures(plan)), *_extent(plan), str(out_path)]
     emit(

@@ -63,6 +63,7 @@ def command(
     from sawbench.acquisition.simulation.held_load import HeldLoad
     from sawbench.blindcheck.streaming import StreamingPlant
     from sawbench.inputs import config_for
+    from sawbench.storage.output import write_whole
 
     loaded = config_for(None, config_path)
     if loaded.config.effects:
@@ -71,7 +72,7 @@ def command(
     settings = true_settings(loaded, material=material, duty=duty, seed=seed)
     if truth_path is not None:
         refuse_unwritable(truth_path, force=False)
-        truth_path.write_text(json.dumps(truth_of(settings), indent=2) + "\n")
+        write_whole(truth_path, json.dumps(truth_of(settings), indent=2) + "\n")
     plant = StreamingPlant(settings)
     run_bench(
         plant if load_text is None else HeldLoad(plant, *load_of(load_text, loaded.config.known_channels)),

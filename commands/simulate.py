@@ -38,6 +38,7 @@ def command(
     """Run the model from rest and say what it does; the columns of the CSV are those of a trial table."""
     from sawbench.model_setup import simulated_run
     from sawbench.modeling.transient import InitialState
+    from sawbench.storage.output import write_whole
 
     if out_path is not None:
         refuse_unwritable(out_path, force=force)
@@ -51,7 +52,7 @@ def command(
         initial=InitialState(crank_angle_rad=angle_rad, soc=soc),
     )
     if out_path is not None:
-        _write_csv(run, out_path)
+        write_whole(out_path, _csv(run), overwrite=force)
     found = _summary(run)
     lines = [
         f"status          {run.status}: {run.message}" if run.message else f"status          {run.status}",
@@ -87,8 +88,8 @@ def _summary(run: Any) -> dict[str, float]:
     }
 
 
-def _write_csv(run: Any, path: Path) -> None:
+def _csv(run: Any) -> str:
     import pandas as pd
     from sawbench.model_setup import bench_channels
 
-    pd.DataFrame({"time_s": run.time_s, **bench_channels(run)}).to_csv(path, index=False, float_format="%.9g")
+    return pd.DataFrame({"time_s": run.time_s, **bench_channels(run)}).to_csv(index=False, float_format="%.9g")

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from sawbench.reporting.figures import INK, SERIES_COLOURS, WIDTH_IN, figure_style
-from sawbench.reporting.html import Picture, figure_to_svg, render, write_page
+from sawbench.reporting.html import Picture, figure_to_svg, render
 from sawbench.reporting.quantities import format_quantity
+from sawbench.storage.output import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -146,7 +147,7 @@ def write_battery_page(
         "parameters": _parameter_rows(table),
         "notes": notes,
     }
-    return write_page(path, render("battery_page.html.j2", context), overwrite=overwrite)
+    return write_whole(path, render("battery_page.html.j2", context), overwrite=overwrite)
 
 
 def _parameter_rows(table: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from sawbench.reporting.blind_figures import calibration_picture, confusion_picture, severity_picture, time_picture
-from sawbench.reporting.html import render, write_page
+from sawbench.reporting.html import render
+from sawbench.storage.output import write_whole
 
 _HEADLINES: Final = (
     ("declared_exact", "exact, of what it declares"),
@@ -93,7 +94,7 @@ def write_blind_page(path: str | Path, record: Mapping[str, Any], *, overwrite: 
         "time": time_picture(score["times_s"]) if score["times_s"] else None,
         "outside": [(name.replace("_", " "), share_words(value)) for name, value in score["outside"].items()],
     }
-    return write_page(path, render("blind_page.html.j2", context), overwrite=overwrite)
+    return write_whole(path, render("blind_page.html.j2", context), overwrite=overwrite)
 
 
 def share_words(value: Mapping[str, Any]) -> tuple[str, str, str]:

@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from sawbench.bench.errors import InputError
 from sawbench.reporting.compared import QUANTITIES, ComparedTrial, Comparison, estimates_of
 from sawbench.reporting.comparison_figures import mean_cycle
 from sawbench.reporting.html import software_version
 from sawbench.reporting.wear import cut_length_m
-from sawbench.storage.results import write_atomically
+from sawbench.storage.output import write_whole
 
 if TYPE_CHECKING:
     import pandas
@@ -95,9 +94,6 @@ def write_comparison_hdf5(
     from pandas import isna
     from pandas.api.types import is_numeric_dtype
 
-    path = Path(path)
-    if path.exists() and not overwrite:
-        raise InputError("exists already", where=path, remedy="choose another name, or overwrite it with --force")
     content = io.BytesIO()
     with h5py.File(content, "w") as store:
         store.attrs["format"] = "sawbench comparison"
@@ -116,5 +112,4 @@ def write_comparison_hdf5(
                 group = store.require_group("cutting_force").create_group(one.label.replace("/", " per "))
                 for name, values in zip(("angle_rad", "mean_n", "std_n"), mean_cycle(cycles), strict=True):
                     group.create_dataset(name, data=values)
-    write_atomically(path, content.getvalue())
-    return path
+    return write_whole(path, content.getvalue(), overwrite=overwrite)

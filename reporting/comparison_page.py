@@ -19,11 +19,12 @@ from sawbench.reporting.compared import (
     estimates_of,
 )
 from sawbench.reporting.comparison_figures import cycles_picture, dots_picture
-from sawbench.reporting.html import render, write_page
+from sawbench.reporting.html import render
 from sawbench.reporting.quantities import decimals_of, format_interval, format_quantity, format_to
 from sawbench.reporting.repetitions import Difference, Estimate, GroupMean
 from sawbench.reporting.trial_page import trial_facts
 from sawbench.reporting.wear import ALLOWED_GROWTH, WornTrial, wear_picture
+from sawbench.storage.output import write_whole
 
 FORMULA: Final = (
     "mean = Σ xᵢ / n\nu²   = max(s², mean(aᵢ²)) / n + mean(bᵢ)²\nh²   = t² · max(s², mean(aᵢ²)) / n + 1.96² · mean(bᵢ)²"
@@ -98,7 +99,7 @@ def write_comparison_page(
         "idle": [_trial_row(row, "blade in air", idle_columns) for row in found.idle],
         "left_out": found.left_out,
     }
-    return write_page(path, render("comparison_page.html.j2", context), overwrite=overwrite)
+    return write_whole(path, render("comparison_page.html.j2", context), overwrite=overwrite)
 
 
 def _block(block: Block, place: int, columns: Sequence[Quantity]) -> dict[str, Any]:

@@ -17,11 +17,12 @@ from sawbench.reporting.gap_figures import (
     point_words,
     strokes_picture,
 )
-from sawbench.reporting.html import render, software_version, write_page
+from sawbench.reporting.html import render, software_version
 from sawbench.reporting.learned_figure import learned_picture, learned_sentences
 from sawbench.reporting.quantities import format_duration, format_number, format_quantity, format_to
 from sawbench.reporting.standing_out_figure import standing_out_picture, standing_out_sentence, stands_out
 from sawbench.reporting.trial_plan import PLAN_COLUMNS, plan_rows, plan_sentences
+from sawbench.storage.output import write_whole
 
 _SURE: Final = 0.8
 _RAD_TO_DEG: Final = 57.29577951308232
@@ -101,7 +102,7 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         "report": report,
         "version": software_version(),
     }
-    return write_page(path, render("gap_page.html.j2", context), overwrite=overwrite)
+    return write_whole(path, render("gap_page.html.j2", context), overwrite=overwrite)
 
 
 def verdict_sentence(report: Mapping[str, Any]) -> str:

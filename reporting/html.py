@@ -14,8 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from sawbench.bench.errors import InputError
-
 if TYPE_CHECKING:
     from jinja2 import Environment
     from markupsafe import Markup
@@ -108,27 +106,6 @@ def software_version() -> str:
 def render(template: str, context: Mapping[str, Any]) -> str:
     """Fill a template of this folder; every value is escaped."""
     return _environment().get_template(template).render(**context)
-
-
-def write_page(path: str | Path, text: str, *, overwrite: bool) -> Path:
-    """Write a page, whole or not at all.
-
-    Raises
-    ------
-    InputError
-        If the file exists and `overwrite` is not set, or cannot be written.
-    """
-    path = Path(path)
-    if path.exists() and not overwrite:
-        raise InputError("exists already", where=path, remedy="choose another name, or overwrite it with --force")
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_text(text, encoding="utf-8", newline="\n")
-        part.replace(path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise InputError(f"cannot be written: {error.strerror}", where=path) from error
-    return path
 
 
 def link_to(target: str | Path, page: str | Path) -> tuple[str, str]:

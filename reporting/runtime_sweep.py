@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from sawbench.bench.errors import InputError
 from sawbench.reporting.figures import INK, QUIET, SERIES_COLOURS, SERIES_DASHES, SERIES_MARKERS, figure_style
+from sawbench.storage.output import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -115,16 +117,12 @@ def write_sweep_picture(path: str | Path, sweep: RuntimeSweep, *, overwrite: boo
     path = Path(path)
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"the picture must end in {' or '.join(FORMATS)}, got {path.suffix!r}", where=path)
-    if path.exists() and not overwrite:
-        raise InputError("exists already", where=path, remedy="choose another name, or overwrite it with --force")
     with figure_style(), mpl.rc_context({"svg.hashsalt": "runtime-sweep", "svg.fonttype": "none"}):
         figure = draw_sweep(sweep)
         metadata = {"Date": None} if path.suffix.lower() == ".svg" else {"Software": None}
-        try:
-            figure.savefig(path, dpi=150, metadata=metadata)
-        except OSError as error:
-            raise InputError(f"cannot be written: {error.strerror}", where=path) from error
-    return path
+        picture = io.BytesIO()
+        figure.savefig(picture, format=path.suffix.lower().removeprefix("."), dpi=150, metadata=metadata)
+    return write_whole(path, picture.getvalue(), overwrite=overwrite)
 
 
 def draw_sweep(sweep: RuntimeSweep) -> Figure:

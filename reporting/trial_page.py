@@ -15,11 +15,12 @@ from sawbench.modeling.discharge import DischargeCurves
 from sawbench.modeling.results import CuttingFit, RuntimePrediction
 from sawbench.processing.spectrum import Spectrum
 from sawbench.reporting.compared import FIT_STATUS_WORDS, RUNTIME_STATUS_WORDS
-from sawbench.reporting.html import Picture, link_to, render, software_version, write_page
+from sawbench.reporting.html import Picture, link_to, render, software_version
 from sawbench.reporting.model_figures import Deviation, deviations_of, discharge_picture, model_picture
 from sawbench.reporting.quantities import format_duration, format_number, format_quantity
 from sawbench.reporting.spectrum_figures import Cycle, harmonics_picture, period_picture
 from sawbench.reporting.trial_figures import cycle_picture, signals_picture, zeroed_picture
+from sawbench.storage.output import write_whole
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -149,7 +150,7 @@ def write_trial_page(
         "quality": [_quality_row(row) for row in sorted(processed.quality, key=_place)],
         "provenance": _provenance(processed, files or {}, path),
     }
-    return write_page(path, render("trial_page.html.j2", context), overwrite=overwrite)
+    return write_whole(path, render("trial_page.html.j2", context), overwrite=overwrite)
 
 
 def verdict(processed: ProcessedTrial, fit: CuttingFit | None, runtime: RuntimePrediction | None) -> str:

@@ -1,12 +1,68 @@
-"""Where a recording is written: a `.part` file, with a second copy if asked, renamed when it is finished."""
+"""How files are written: a recording to a `.part` file, with a copy if asked; all others whole or not at all."""
 
 from __future__ import annotations
 
 import os
+import tempfile
 from contextlib import suppress
 from pathlib import Path
 
-from sawbench.bench.errors import RecordingError
+from sawbench.bench.errors import InputError, RecordingError
+
+
+def write_whole(path: str | Path, content: str | bytes, *, overwrite: bool = False, makes_folder: bool = False) -> Path:
+    """Write a file whole or not at all.
+
+    What cannot be replaced, such as `/dev/stdout`, is written to directly; a link stays, and its target is replaced.
+
+    Parameters
+    ----------
+    path : str or Path
+    content : str or bytes
+        Text is written in UTF-8, its line ends as they are.
+    overwrite : bool
+    makes_folder : bool
+        Make its folder where it is missing.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        If the file exists and `overwrite` is not set, or cannot be written.
+    """
+    path = Path(path)
+    if path.exists() and not overwrite:
+        raise InputError("exists already", where=path, remedy="choose another name, or overwrite it with --force")
+    # A name of a file that is no UTF-8 may stand in a text.
+    data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
+    try:
+        if makes_folder:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        if path.exists() and not path.is_file():
+            path.write_bytes(data)
+        else:
+            _replace(path.resolve(), data)
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror or error}", where=path) from error
+    return path
+
+
+def _replace(target: Path, data: bytes) -> None:
+    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+    beside = Path(name)
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        beside.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o644)
+        beside.replace(target)
+    except BaseException:
+        beside.unlink(missing_ok=True)
+        raise
 
 
 class PartFile:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import os
-import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -25,6 +23,7 @@ from sawbench.bench.processed import (
 )
 from sawbench.bench.units import CHANNEL_BY_NAME, CHANNELS
 from sawbench.storage.codec import trial_from_metadata, trial_to_metadata
+from sawbench.storage.output import write_whole
 
 _FORMAT: Final = "sawbench processed trial"
 _FORMAT_VERSION: Final = 1
@@ -62,13 +61,6 @@ def write_processed(processed: ProcessedTrial, path: str | Path, overwrite: bool
     """
     import h5py
 
-    path = Path(path)
-    if path.exists() and not overwrite:
-        raise InputError(
-            "exists already and is not overwritten",
-            where=path,
-            remedy="choose another folder, or give --force to replace it",
-        )
     content = io.BytesIO()
     with h5py.File(content, "w") as store:
         store.attrs["format"] = _FORMAT
@@ -91,8 +83,7 @@ def write_processed(processed: ProcessedTrial, path: str | Path, overwrite: bool
         for name in ("mean_values", "rms_values"):
             _put(store.create_group(name), getattr(processed, name))
         _put_rows(store.create_group("quality"), processed.quality, ChannelQuality.__slots__)
-    write_atomically(path, content.getvalue())
-    return path
+    return write_whole(path, content.getvalue(), overwrite=overwrite, makes_folder=True)
 
 
 def _put(group: Any, pairs: Attributes) -> None:
@@ -317,28 +308,4 @@ def append_summary_row(processed: ProcessedTrial, path: str | Path) -> Path:
     writer = csv.DictWriter(text, fieldnames=list(row), lineterminator="\n")
     writer.writeheader()
     writer.writerows([*rows, row])
-    write_atomically(path, text.getvalue().encode())
-    return path
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all, its folder too.
-
-    Raises
-    ------
-    InputError
-        If it cannot be written.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(handle, "wb") as stream:
-                stream.write(content)
-            Path(temporary).chmod(0o644)
-            Path(temporary).replace(path)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror or error}", where=path) from error
+    return write_whole(path, text.getvalue(), overwrite=True, makes_folder=True)

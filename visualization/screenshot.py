@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 
 from sawbench.bench.errors import UntrustedResult
+from sawbench.storage.output import write_whole
 from sawbench.visualization.sdk import rr
 from sawbench.visualization.viewer import ViewerProcess
 
@@ -44,9 +45,7 @@ def take_screenshot(
     try:
         deadline = time.monotonic() + timeout_s
         client = _connect(viewer, deadline)
-        png_path = Path(png_path)
-        png_path.write_bytes(_settled_picture(client, deadline))
-        return png_path
+        return write_whole(png_path, _settled_picture(client, deadline), overwrite=True)
     finally:
         viewer.kill()
 
