@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 from sawbench.bench.errors import InputError, UntrustedResult
 from sawbench.commands.options import calibration_book_path, config_option, json_option
-from sawbench.commands.tare import NEVER_S, read_resting
+from sawbench.commands.tare import read_resting
 from sawbench.commands.terminal import emit, table
 from sawbench.inputs import config_for, default_config_path
 from sawbench.plain import plain
@@ -234,16 +233,12 @@ def take_points(
 def _read_point(session: Session, reference: float, *, n_before: int) -> RestingChannel:
     """Read the channel under a load; at a real bench again and again until it rests or the operator gives up."""
     from sawbench.acquisition.calibration_book import CalibrationBook, build_calibrated
-    from sawbench.commands.recording_session import simulated_bench
+    from sawbench.commands.recording_session import bench_ports
 
     while True:
-        bench = (
-            simulated_bench(
-                session.config_path, material="none", duty=None, seed=session.seed + n_before,
-                trigger_after_s=NEVER_S, load=(session.channel, session.factor * reference),
-            )
-            if session.simulated
-            else contextlib.nullcontext({})
+        bench = bench_ports(
+            session.config_path, simulated=session.simulated, seed=session.seed + n_before,
+            load=(session.channel, session.factor * reference),
         )  # fmt: skip
         with bench as endpoints:
             devices, _ = build_calibrated(session.loaded.config, CalibrationBook(), endpoints)

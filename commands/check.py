@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -16,8 +15,7 @@ if TYPE_CHECKING:
     from sawbench.acquisition.preflight import ChannelCheck, Finding, Preflight
     from sawbench.bench.config import LoadedConfig
 
-# The simulated tool stays off, or is switched on at once.
-_NEVER_S: Final = 1e9
+# When the simulated tool is switched on for --running.
 _AT_ONCE_S: Final = 0.1
 
 
@@ -35,19 +33,14 @@ def command(
 
     The tool should be at rest, or say --running. Exit code 1 where something is not to be trusted.
     """
-    from sawbench.commands.recording_session import check_devices, simulated_bench
+    from sawbench.commands.recording_session import NEVER_S, bench_ports, check_devices
 
     config_path = config_path or default_config_path()
     loaded = config_for(None, config_path)
     check_devices(loaded)
     book = calibration_book_path(config_path, simulated=simulated)
-    trigger_after_s = _AT_ONCE_S if is_running else _NEVER_S
-    bench = (
-        simulated_bench(config_path, material="none", duty=None, seed=seed, trigger_after_s=trigger_after_s)
-        if simulated
-        else contextlib.nullcontext({})
-    )
-    with bench as endpoints:
+    trigger_after_s = _AT_ONCE_S if is_running else NEVER_S
+    with bench_ports(config_path, simulated=simulated, seed=seed, trigger_after_s=trigger_after_s) as endpoints:
         found = look(loaded, book, endpoints, seconds=seconds, is_running=is_running)
     emit(
         {"is_good": found.is_good, "seconds": seconds, "channels": found.channels, "findings": found.findings},

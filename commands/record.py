@@ -72,7 +72,7 @@ def command(
     as_json: bool,
 ) -> int:
     """Record one trial. Lines typed meanwhile become notes in the recording; Ctrl-C finishes the file."""
-    from sawbench.commands.recording_session import SessionOptions, check_devices, simulated_bench
+    from sawbench.commands.recording_session import SWITCH_ON_S, SessionOptions, bench_ports, check_devices
 
     config_path = config_path or default_config_path()
     loaded = config_for(None, config_path)
@@ -86,9 +86,9 @@ def command(
         battery=battery, operator=operator, notes="\n".join(note_texts), repetition=repetition,
         source="simulated bench" if simulated else "bench",
     )  # fmt: skip
-    bench = contextlib.nullcontext({})
-    if simulated:
-        bench = simulated_bench(config_path, material=material, duty=duty, seed=seed)
+    bench = bench_ports(
+        config_path, simulated=simulated, seed=seed, material=material, duty=duty, trigger_after_s=SWITCH_ON_S
+    )
     book_path = calibration_book_path(config_path, simulated=simulated)
     options = SessionOptions(
         path=path, trial=trial, seconds=None if until_stopped else seconds or settings.seconds, overwrite=force,

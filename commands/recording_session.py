@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from sawbench.bench.errors import ConfigError, DeviceError, InputError
 from sawbench.bench.recording import Event, Trial
@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from sawbench.bench.config import LoadedConfig
 
 _START_TIMEOUT_S = 60.0
+# After this long the simulated tool is switched on: never.
+NEVER_S: Final = 1e9
+# A second of rest before it shows the zero of the load cell.
+SWITCH_ON_S: Final = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -189,6 +193,32 @@ class NoteBook:
         return thread
 
 
+def bench_ports(
+    config_path: Path,
+    *,
+    simulated: bool,
+    seed: int,
+    material: str = "none",
+    duty: float | None = None,
+    trigger_after_s: float = NEVER_S,
+    load: tuple[str, float] | None = None,
+) -> contextlib.AbstractContextManager[dict[str, str]]:
+    """Give the ports of the simulated bench, whose tool stays off unless asked; none where the configured ones hold.
+
+    Parameters
+    ----------
+    config_path : Path
+    simulated : bool
+    seed, material, duty, trigger_after_s, load
+        As `simulated_bench`.
+    """
+    if not simulated:
+        return contextlib.nullcontext({})
+    return simulated_bench(
+        config_path, material=material, duty=duty, seed=seed, trigger_after_s=trigger_after_s, load=load
+    )
+
+
 @contextlib.contextmanager
 def simulated_bench(
     config_path: Path,
@@ -196,7 +226,7 @@ def simulated_bench(
     material: str,
     duty: float | None,
     seed: int,
-    trigger_after_s: float = 1.0,
+    trigger_after_s: float = SWITCH_ON_S,
     truth_path: Path | None = None,
     load: tuple[str, float] | None = None,
 ) -> Iterator[dict[str, str]]:

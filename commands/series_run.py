@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
 
 # Nobody looks on: a trial that is bad this often is a bench that is bad.
 _MOST_ATTEMPTS: Final = 3
-_NEVER_S: Final = 1e9
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -64,16 +62,17 @@ class Bench:
             What the simulated tool cuts; without it the tool stays off.
         seed : int
         """
-        if not self.simulated:
-            return contextlib.nullcontext({})
-        from sawbench.commands.recording_session import simulated_bench
+        from sawbench.commands.recording_session import SWITCH_ON_S, bench_ports
 
-        return simulated_bench(
+        if planned is None:
+            return bench_ports(self.config_path, simulated=self.simulated, seed=seed)
+        return bench_ports(
             self.config_path,
-            material="none" if planned is None else planned.material,
-            duty=None if planned is None else planned.duty,
+            simulated=self.simulated,
             seed=seed,
-            trigger_after_s=_NEVER_S if planned is None else 1.0,
+            material=planned.material,
+            duty=planned.duty,
+            trigger_after_s=SWITCH_ON_S,
         )
 
 

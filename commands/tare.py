@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 from sawbench.commands.options import calibration_book_path, config_option, json_option
@@ -19,8 +18,6 @@ if TYPE_CHECKING:
     from sawbench.acquisition.devices.device import Device
     from sawbench.acquisition.resting_channel import RestingChannel
     from sawbench.bench.config import LoadedConfig
-
-NEVER_S: Final = 1e9
 
 
 @click.command(name="tare", epilog="Example: sawbench tare --seconds 5 --operator Kim --note 'blade mounted'")
@@ -50,7 +47,7 @@ def command(
 
     Refused while the value moves or drifts. The former zeros stay in the calibration book.
     """
-    from sawbench.commands.recording_session import check_devices, simulated_bench
+    from sawbench.commands.recording_session import bench_ports, check_devices
 
     config_path = config_path or default_config_path()
     loaded = config_for(None, config_path)
@@ -64,12 +61,7 @@ def command(
         note=note,
         force=force,
     )
-    bench = (
-        simulated_bench(config_path, material="none", duty=None, seed=seed, trigger_after_s=NEVER_S)
-        if simulated
-        else contextlib.nullcontext({})
-    )
-    with bench as endpoints:
+    with bench_ports(config_path, simulated=simulated, seed=seed) as endpoints:
         entry, resting = take_tare(loaded, endpoints, asked)
     kept = f"{describe(resting)}\nkept in {asked.book}"
     emit({"book": asked.book, **entry.model_dump(mode="json")}, kept, as_json=as_json)
