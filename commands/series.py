@@ -16,6 +16,7 @@ from sawbench.inputs import config_for, default_config_path
 if TYPE_CHECKING:
     from sawbench.acquisition.series.plan import LoadedPlan, SeriesPlan
     from sawbench.acquisition.series.progress import SeriesProgress, TrialProgress
+    from sawbench.bench.config import LoadedConfig
 
 _EXAMPLE: Final = "Example: sawbench series run wood.toml --operator Kim"
 _plan_argument = click.argument("plan_path", metavar="PLAN", type=click.Path(path_type=Path, dir_okay=False))
@@ -61,17 +62,18 @@ def plan_command(out_path: Path, config_path: Path | None, force: bool, as_json:
 
     The plan is a text file with one line a trial: read it, edit it, then `sawbench series run` it.
     """
-    from sawbench.acquisition.series.plan import SeriesPlan, departures, load_plan
-    from sawbench.acquisition.series.plan_design import SeriesDesign, designed_trials, plan_text
+    from sawbench.acquisition.series.plan import departures, load_plan
+    from sawbench.acquisition.series.plan_design import SeriesDesign, designed_plan, plan_text
     from sawbench.storage.output import write_whole
 
+    if out_path.suffix.lower() == ".csv":
+        raise InputError("--out is a table, the plan is TOML", where=out_path, remedy="name a .toml file")
     refuse_unwritable(out_path, force=force)
     batches = dict(_batch(text, options["materials"]) for text in options.pop("batch_texts"))
     stated = {key: options.pop(key) for key in ("operator", "required", "recordings")}
     design = SeriesDesign(batches=batches, **options)
     config = None if config_path is None else os.path.relpath(config_path, out_path.parent)
-    trials = designed_trials(design)
-    plan = SeriesPlan(config=config, seed=design.seed, seconds=design.seconds, trial=trials, **stated)
+    plan = designed_plan(design, config=config, **stated)
     write_whole(out_path, plan_text(plan), overwrite=force)
     loaded = load_plan(out_path)
     said = [*(f"note: {text}" for text in departures(plan)), *_extent(plan), str(out_path)]
@@ -115,14 +117,13 @@ def run_command(
 
     plan = load_plan(plan_path)
     _refuse_missing_metadata(plan, operator)
-    config_path = config_path or plan.config_path or default_config_path()
-    loaded = config_for(None, config_path)
+    loaded = _config_of(plan, config_path)
     check_devices(loaded)
     refuse_unwritable(plan.folder / "x.mcap", force=True, makes_folder=True)
     bench = Bench(
         loaded=loaded,
-        config_path=config_path,
-        book=calibration_book_path(config_path, simulated=simulated),
+        config_path=Path(loaded.path),
+        book=calibration_book_path(Path(loaded.path), simulated=simulated),
         operator=operator or plan.plan.operator,
         simulated=simulated,
         live=live,
@@ -161,7 +162,8 @@ def status_command(plan_path: Path, as_json: bool) -> int:
 @_plan_argument
 @click.argument("trial_id", metavar="TRIAL")
 @click.option("--because", required=True, help="Why; kept in the journal.")
-def repeat_command(plan_path: Path, trial_id: str, because: str) -> int:
+@config_option
+def repeat_command(plan_path: Path, trial_id: str, because: str, config_path: Path | None) -> int:
     """Reject the recording of TRIAL, kept or not; `series run` records it again. The file is moved, not deleted."""
     from sawbench.acquisition.series.journal import Journal
     from sawbench.acquisition.series.plan import load_plan
@@ -170,13 +172,14 @@ def repeat_command(plan_path: Path, trial_id: str, because: str) -> int:
 
     plan = load_plan(plan_path)
     planned, journal = plan.trial(trial_id), Journal(plan.folder)
+    second_copy = _config_of(plan, config_path).config.recording.second_copy
     with journal.held():
         row = next(t for t in progress_of(plan, journal.read()).trials if t.planned == planned)
         if not row.path.exists():
             raise InputError(
                 f"trial {trial_id} has no recording yet", where=plan_path, remedy="go on with `series run`"
             )
-        click.echo(f"moved to {set_aside(journal, row, because=because)}")
+        click.echo(f"moved to {set_aside(journal, row, because=because, second_copy=second_copy)}")
     return 0
 
 
@@ -263,6 +266,11 @@ def _dialogue(*, is_unattended: bool, simulated: bool) -> Any:
     if sys.stdin is None:
         raise InputError("there is no standard input, so nobody can answer", remedy="run it in a terminal")
     return Dialogue(sys.stdin, is_typed=sys.stdin.isatty())
+
+
+def _config_of(plan: LoadedPlan, config_path: Path | None) -> LoadedConfig:
+    """Return the configuration that is asked for, else that of the plan, else the usual one."""
+    return config_for(None, config_path or plan.config_path or default_config_path())
 
 
 def _refuse_missing_metadata(plan: LoadedPlan, operator: str | None) -> None:

@@ -106,16 +106,25 @@ class SeriesRun:
         """
         self._journal.add("opened", plan_sha256=self._plan.sha256, operator=self._bench.operator)
         while (row := self._progress().next) is not None:
-            if row.state == "to set aside":
-                self._set_aside(row, because=row.rejected[-1], is_said=True)
-            elif row.state == "interrupted":
-                self._dialogue.say(f"\n{row.planned.id}: its recorder was interrupted; the trial is repeated")
-                self._set_aside(row, because="the recorder was interrupted")
-            elif row.state == "undecided":
-                self._dialogue.say(f"\n{row.planned.id}: recorded before, not decided yet")
-                self._decide(row)
-            else:
-                self._trial(row)
+            try:
+                self._go_on_with(row)
+            finally:
+                # Also where the technician stops, or the bench fails: what was noted is kept.
+                for text in self._dialogue.notes:
+                    self._journal.add("note", row.planned.id, text=text)
+                self._dialogue.notes.clear()
+
+    def _go_on_with(self, row: TrialProgress) -> None:
+        if row.state == "to set aside":
+            self._set_aside(row, because=row.rejected[-1], is_said=True)
+        elif row.state == "interrupted":
+            self._dialogue.say(f"\n{row.planned.id}: its recorder was interrupted; the trial is repeated")
+            self._set_aside(row, because="the recorder was interrupted")
+        elif row.state == "undecided":
+            self._dialogue.say(f"\n{row.planned.id}: recorded before, not decided yet")
+            self._decide(row)
+        else:
+            self._trial(row)
 
     def _progress(self) -> SeriesProgress:
         return progress_of(self._plan, self._journal.read())
@@ -236,12 +245,14 @@ class SeriesRun:
             live_view(options.trial, live=bench.live, rrd_path=None, force=False) as views,
             self._dialogue.meanwhile() as lines,
         ):
-            return run_session(bench.loaded, options, bench.ports(planned, seed), views, lines)[0]
+            summary, _ = run_session(bench.loaded, options, bench.ports(planned, seed), views, lines)
+        # They are in the recording now.
+        self._dialogue.notes.clear()
+        return summary
 
     def _described(self, planned: PlannedTrial) -> Trial:
         """Return what is written into the recording."""
         progress, bench = self._progress(), self._bench
-        said, self._dialogue.notes = self._dialogue.notes, []
         return Trial(
             trial_id=planned.id,
             material=planned.material,
@@ -251,7 +262,7 @@ class SeriesRun:
             blade=None if planned.blade is None else progress.identity("blade", planned.blade),
             battery=None if planned.battery is None else progress.identity("battery", planned.battery),
             operator=bench.operator,
-            notes="\n".join(said),
+            notes="\n".join(self._dialogue.notes),
             repetition=planned.repetition,
             batch=planned.batch,
             source="simulated bench" if bench.simulated else "bench",
@@ -269,9 +280,6 @@ class SeriesRun:
         self._dialogue.say("\n".join([describe(measures), *measures.remarks, *(f"BAD: {text}" for text in doubts)]))
         question = "k: keep, r: repeat (n TEXT: note, q: stop)"
         answer = self._dialogue.ask(question, default="r" if doubts else "k", choices="k r")
-        for text in self._dialogue.notes:
-            self._journal.add("note", planned.id, text=text)
-        self._dialogue.notes = []
         if answer == "r":
             self._set_aside(row, because="; ".join(doubts) or "the technician wants it repeated")
             if not self._dialogue.is_attended and self._attempts.get(planned.id, 0) >= _MOST_ATTEMPTS:
@@ -300,11 +308,8 @@ class SeriesRun:
                 )
 
     def _set_aside(self, row: TrialProgress, *, because: str, is_said: bool = False) -> None:
-        set_aside(self._journal, row, because=because, is_said=is_said, copies=self._copies())
-
-    def _copies(self) -> tuple[Path, ...]:
-        second = self._bench.loaded.config.recording.second_copy
-        return () if second is None else (Path(second),)
+        second_copy = self._bench.loaded.config.recording.second_copy
+        set_aside(self._journal, row, because=because, is_said=is_said, second_copy=second_copy)
 
     def _seconds(self, planned: PlannedTrial) -> float:
         return planned.seconds or self._plan.plan.seconds or self._bench.loaded.config.recording.seconds
@@ -337,7 +342,7 @@ def introduction(planned: PlannedTrial, progress: SeriesProgress) -> list[str]:
 
 
 def set_aside(
-    journal: Journal, row: TrialProgress, *, because: str, is_said: bool = False, copies: tuple[Path, ...] = ()
+    journal: Journal, row: TrialProgress, *, because: str, second_copy: str | None, is_said: bool = False
 ) -> Path:
     """Move a recording, or what its recorder left of it, out of the way; nothing is deleted or overwritten.
 
@@ -346,10 +351,10 @@ def set_aside(
     journal : Journal
     row : TrialProgress
     because : str
+    second_copy : str, optional
+        Folder with second copies, as the configuration names it; the one of this recording is moved likewise.
     is_said : bool
         The journal has the rejection already, the file is still where it was.
-    copies : tuple of Path
-        Folders with second copies; those are moved likewise.
 
     Returns
     -------
@@ -360,9 +365,8 @@ def set_aside(
     target = _free(present, row.planned.id)
     if not is_said:
         journal.add("rejected", row.planned.id, because=because, file=target.name)
-    for folder in copies:
-        if (folder / present.name).exists():
-            _move(folder / present.name, _free(folder / present.name, row.planned.id))
+    if second_copy is not None and (copy := Path(second_copy) / present.name).exists():
+        _move(copy, _free(copy, row.planned.id))
     _move(present, target)
     return target
 

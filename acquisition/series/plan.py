@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -159,6 +160,20 @@ class LoadedPlan:
         return found
 
 
+def trial_name(number: int, material: str) -> str:
+    """Name a trial by its place and material; what cannot stand in the name of a file becomes a dash.
+
+    Examples
+    --------
+    >>> trial_name(3, "birch plywood, 9 mm")
+    '03-birch-plywood-9-mm'
+    >>> trial_name(4, "none")
+    '04-idle'
+    """
+    word = "idle" if material == "none" else re.sub(r"[^\w.+-]+", "-", material).strip("-")
+    return f"{number:02d}-{word[:80] or 'trial'}"
+
+
 def load_plan(path: Path) -> LoadedPlan:
     """Read a plan: TOML, or a table (`.csv`) with a row for each trial.
 
@@ -249,7 +264,10 @@ def _table_of(text: str, path: Path) -> dict[str, Any]:
     """Return the keys of a plan for a table with a row for each trial."""
     header = text.partition("\n")[0]
     separator = max(",;\t", key=header.count)
-    rows = list(csv.reader(io.StringIO(text, newline=""), delimiter=separator))
+    try:
+        rows = list(csv.reader(io.StringIO(text, newline=""), delimiter=separator))
+    except csv.Error as error:
+        raise ConfigError(f"cannot be read as a table: {error}", where=path) from error
     names = [name.strip().lower().partition("(")[0].strip() for name in (rows[0] if rows else [])]
     unknown = [name for name in names if name not in {*_COLUMNS, "idle"}]
     if unknown or not names:
@@ -258,6 +276,9 @@ def _table_of(text: str, path: Path) -> dict[str, Any]:
             where=path,
             remedy=f"columns of a plan are {', '.join(dict.fromkeys([*_COLUMNS, 'idle']))}",
         )
+    keys = [_COLUMNS.get(name, name) for name in names]
+    if repeated := next((name for name, key in zip(names, keys, strict=True) if keys.count(key) > 1), None):
+        raise ConfigError(f"has more than one column for {repeated!r}", where=path, remedy="leave one of them out")
     trials: list[dict[str, Any]] = []
     for line, cells in enumerate(rows[1:], start=2):
         if any(cell.strip() for cell in cells):
@@ -283,7 +304,7 @@ def _row(cells: Mapping[str, str], before: Sequence[dict[str, Any]], where: str)
         trial = {key: value for key, value in trial.items() if key not in {"feed_mm_s", "thickness_mm"}}
     same = ("material", "duty", "feed_mm_s", "thickness_mm")
     trial.setdefault("repetition", 1 + sum(all(b.get(k) == trial.get(k) for k in same) for b in before))
-    trial.setdefault("id", f"{len(before) + 1:02d}-{'idle' if trial['material'] == 'none' else trial['material']}")
+    trial.setdefault("id", trial_name(len(before) + 1, trial["material"]))
     trial.setdefault("blade", "B1")
     trial.setdefault("battery", "P1")
     return trial
@@ -295,4 +316,4 @@ def _cell(key: str, cell: str, where: str) -> str | float | int:
     try:
         return int(cell) if key in _WHOLE else float(cell.replace(",", "."))
     except ValueError:
-        raise ConfigError(f"{key} is {cell!r}, expected a number", where=where) from None
+        raise ConfigError(f"{key} is {cell!r}, expected a {'whole ' * (key in _WHOLE)}number", where=where) from None

@@ -8,9 +8,12 @@ import random
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
-from typing import Literal
+from typing import Any, Literal
 
-from sawbench.acquisition.series.plan import PlannedTrial, SeriesPlan
+from pydantic import ValidationError
+from sawbench.acquisition.series.plan import PlannedTrial, SeriesPlan, trial_name
+from sawbench.bench.config import describe_validation
+from sawbench.bench.errors import InputError
 from sawbench.bench.toml_writing import toml_text
 
 _HEAD = (
@@ -73,7 +76,7 @@ def designed_trials(design: SeriesDesign) -> tuple[PlannedTrial, ...]:
         material, duty, feed, thickness = setting
         trials.append(
             PlannedTrial(
-                id=f"{number:02d}-{'idle' if material == 'none' else material}",
+                id=trial_name(number, material),
                 block=block,
                 material=material,
                 duty=duty,
@@ -86,6 +89,21 @@ def designed_trials(design: SeriesDesign) -> tuple[PlannedTrial, ...]:
             )
         )
     return tuple(trials)
+
+
+def designed_plan(design: SeriesDesign, **stated: Any) -> SeriesPlan:
+    """Return the plan of a design; `stated` are other keys of the plan.
+
+    Raises
+    ------
+    InputError
+        If a value is not allowed in a plan.
+    """
+    try:
+        trials = designed_trials(design)
+        return SeriesPlan(seed=design.seed, seconds=design.seconds, trial=trials, **stated)
+    except ValidationError as error:
+        raise InputError(f"no plan can hold this: {describe_validation(error, PlannedTrial)}") from error
 
 
 def plan_text(plan: SeriesPlan) -> str:

@@ -97,6 +97,8 @@ def test_a_table_is_a_plan(tmp_path):
         ("duty,material\nhalf,oak\n", ["line 2", "'half'"]),
         ("duty,material\n0.5,\n", ["line 2", "material"]),
         ("duty,material,idle\n0.5,oak,perhaps\n", ["line 2", "'perhaps'"]),
+        ("trial,id,material\na,b,oak\n", ["more than one column", "'trial'"]),
+        ("block,material\n1.5,oak\n", ["line 2", "block is '1.5'", "whole number"]),
         ("", ["is empty"]),
     ],
 )

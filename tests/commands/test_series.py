@@ -186,6 +186,43 @@ def test_a_bench_that_stays_bad_ends_the_unattended_series(workshop, plan, capsy
     assert status(capsys, path)["n_kept"] == 0
 
 
+def test_notes_survive_a_sitting_that_ends_and_a_recording_that_fails(workshop, plan, capsys, monkeypatch):
+    path = plan()
+    answer(monkeypatch, "B1", "", "n blade is hot", "q")
+    call(capsys, "run", path, "--simulated")
+    workshop.fails = [DeviceError("the load cell is silent")]
+    answer(monkeypatch, "n knot at the end", "", "", "n cracked", "q")
+    call(capsys, "run", path, "--simulated")
+    assert status(capsys, path)["trials"][0]["notes"] == ["blade is hot", "knot at the end", "cracked"]
+
+
+def test_the_second_copy_of_a_repeated_trial_is_out_of_the_way_too(workshop, plan, capsys, tmp_path):
+    copies = tmp_path / "copies"
+    copies.mkdir()
+    config = tmp_path / "bench_config.toml"
+    text = CONFIG.read_text()
+    assert text.count("\n[recording]\n") == 1
+    config.write_text(text.replace("\n[recording]\n", f"\n[recording]\nsecond_copy = '{copies}'\n"))
+    path = plan(1, config='"bench_config.toml"')
+    assert call(capsys, "run", path, "--simulated", "--yes")[0] == 0
+    (copies / "01-oak.mcap").write_bytes(b"the copy")
+    assert call(capsys, "repeat", path, "01-oak", "--because", "clamp was loose")[0] == 0
+    assert (copies / "rejected" / "01-oak-1.mcap").read_bytes() == b"the copy"
+    assert not (copies / "01-oak.mcap").exists()
+
+
+def test_a_material_of_several_words_names_its_trials(plan, capsys, tmp_path):
+    path = tmp_path / "boards.toml"
+    arguments = ["plan", "--material", "birch plywood/9", "--repetitions", 1, "--out"]
+    assert call(capsys, *arguments, path)[0] == 0
+    trial = status(capsys, path)["trials"][0]
+    assert (trial["id"], trial["material"]) == ("01-birch-plywood-9", "birch plywood/9")
+    code, _, err = call(capsys, *arguments, tmp_path / "boards.csv")
+    assert code == 2 and "name a .toml file" in err
+    code, _, err = call(capsys, "plan", "--material", "", "--out", tmp_path / "nothing.toml")
+    assert code == 2 and "material" in err and not (tmp_path / "nothing.toml").exists()
+
+
 def test_a_silent_instrument_is_said_and_the_trial_stays_to_do(workshop, plan, capsys, monkeypatch):
     path = plan(1)
     workshop.fails = [DeviceError("the load cell is silent")]
