@@ -225,24 +225,35 @@ def calibrated(
     return config.model_copy(update={"devices": tables})
 
 
+NO_CALIBRATION: Final = "has no calibration: what the instrument sends, such as mV/V, would pass for the channel's unit"
+
+
+def uncalibrated(
+    book: CalibrationBook, configured: Mapping[tuple[str, str], Calibration]
+) -> list[tuple[str, str, str]]:
+    """Return device, channel and remedy of every channel that nobody gave a calibration."""
+    return [
+        (
+            device,
+            channel,
+            f"`sawbench calibrate --channel {channel}`, or state calibration = {{ scale = ..., raw_unit = ..., "
+            "source = ... }; a source alone where the instrument sends that unit itself",
+        )
+        for (device, channel), present in configured.items()
+        if present == Calibration() and all(entry.kind != "calibration" for entry in book.in_force(device, channel))
+    ]
+
+
 def refuse_uncalibrated(book: CalibrationBook, configured: Mapping[tuple[str, str], Calibration]) -> None:
-    """Refuse channels that nobody gave a calibration: what the instrument sends would pass for the channel's unit.
+    """Refuse channels that nobody gave a calibration.
 
     Raises
     ------
     ConfigError
-        Names device and channel.
+        Names device and channel of the first.
     """
-    for (device, channel), present in configured.items():
-        has_own = any(entry.kind == "calibration" for entry in book.in_force(device, channel))
-        if has_own or present != Calibration():
-            continue
-        raise ConfigError(
-            "has no calibration: what the instrument sends, such as mV/V, would pass for the channel's unit",
-            where=f"[devices.{device}] {channel}",
-            remedy=f"`sawbench calibrate --channel {channel}`, or state calibration = {{ scale = ..., raw_unit = ..., "
-            "source = ... }; a source alone where the instrument sends that unit itself",
-        )
+    for device, channel, remedy in uncalibrated(book, configured):
+        raise ConfigError(NO_CALIBRATION, where=f"[devices.{device}] {channel}", remedy=remedy)
 
 
 def calibrations_of(book: CalibrationBook, channel: str) -> CalibrationBook:

@@ -55,6 +55,8 @@ def _as_uncertain(value: Any) -> Any:
     """Accept a bare number as a value without stated uncertainty."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         return {"nominal": value}
+    if not isinstance(value, dict | Uncertain):
+        raise ValueError("must be a number, or { nominal = ..., rel_std = ... }")
     return value
 
 

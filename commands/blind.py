@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
+from sawbench.bench.errors import InputError
 from sawbench.commands.options import force_option, json_option, refuse_unwritable
 from sawbench.commands.terminal import emit, stepper, table
 from sawbench.plain import plain
@@ -165,6 +166,8 @@ def score_command(  # one parameter an option
     from sawbench.reporting.blind_page import write_blind_page
 
     json_path = page_path.with_suffix(".json") if page_path else None
+    if page_path is not None and page_path == json_path:
+        raise InputError("page and JSON would be one file", where=page_path, remedy="name a page that ends in .html")
     for path in (page_path, json_path):
         if path is not None:
             refuse_unwritable(path, force=force)

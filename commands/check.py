@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -66,17 +67,23 @@ def look(
     is_running : bool
         The tool runs: judge neither noise nor zero.
     """
-    from sawbench.acquisition.calibration_book import build_calibrated, read_book
+    from sawbench.acquisition.calibration_book import NO_CALIBRATION, build_calibrated, read_book, uncalibrated
     from sawbench.acquisition.device_probe import probe_devices
-    from sawbench.acquisition.preflight import judge
+    from sawbench.acquisition.preflight import Finding, judge
 
-    devices, _ = build_calibrated(loaded.config, read_book(book), endpoints)
+    entries = read_book(book)
+    devices, configured = build_calibrated(loaded.config, entries, endpoints)
     tenths = round(10 * seconds)
     with stepper("checking") as step:
         probes = probe_devices(
             devices, seconds=seconds, watch=lambda now_s: step(min(tenths, round(10 * now_s)), tenths, "")
         )
-    return judge(probes, is_running=is_running)
+    found = judge(probes, is_running=is_running)
+    lacking = [
+        Finding(severity="fault", code="not_calibrated", device=device, channel=channel, what=NO_CALIBRATION, remedy=do)
+        for device, channel, do in uncalibrated(entries, configured)
+    ]
+    return replace(found, findings=(*lacking, *found.findings))
 
 
 def describe(found: Preflight) -> str:

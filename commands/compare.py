@@ -52,6 +52,10 @@ def command(
     if not directory.exists():
         raise InputError("no such directory", where=directory)
     csv_path, hdf5_path = csv_path or out_path.with_suffix(".csv"), out_path.with_suffix(".h5")
+    if len({out_path, csv_path, hdf5_path}) < 3:
+        raise InputError(
+            "page, table and HDF5 would be one file", where=out_path, remedy="name a page that ends in .html"
+        )
     for path in (out_path, csv_path, hdf5_path):
         refuse_unwritable(path, force=force)
     files = find_recordings([directory])

@@ -50,7 +50,7 @@ def refuse_unwritable(path: Path, *, force: bool, makes_folder: bool = False) ->
     """
     if path.exists() and not force:
         raise InputError("exists already", where=path, remedy="name another file, or overwrite with --force")
-    if not makes_folder and not path.parent.is_dir():
+    if not makes_folder and not path.parent.exists():
         raise InputError("the folder does not exist", where=path, remedy=f"make {path.parent} first")
     is_device = path.exists() and not path.is_file()
     if not is_device:

@@ -101,6 +101,11 @@ class Dialogue:
                 return self._lines.get(timeout=_LOOK_EVERY_S)
 
     def _read(self, lines: Iterable[str]) -> None:
-        for line in lines:
-            self._lines.put(line)
-        self._lines.put(None)
+        # An end of the input, or a line that is no text, ends the sitting; nobody may wait for more.
+        try:
+            for line in lines:
+                self._lines.put(line)
+        except (OSError, ValueError) as error:
+            self.say(f"the input cannot be read any further: {error}")
+        finally:
+            self._lines.put(None)

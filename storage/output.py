@@ -88,7 +88,9 @@ class PartFile:
         self._overwrite = overwrite
         self._refuse_existing()
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
+            # Where the folder is a file, opening says so.
+            with suppress(FileExistsError):
+                path.parent.mkdir(parents=True, exist_ok=True)
             self._stream = self.part_path.open("xb")
         except FileExistsError:
             raise RecordingError(

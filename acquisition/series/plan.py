@@ -262,13 +262,17 @@ _NO: Final = frozenset({"", "0", "false", "no", "n"})
 
 def _table_of(text: str, path: Path) -> dict[str, Any]:
     """Return the keys of a plan for a table with a row for each trial."""
-    header = text.partition("\n")[0]
+    header, _, rest = text.partition("\n")
+    if header.lower().startswith("sep="):
+        # Excel's line before the header; empty, so that the lines keep their numbers.
+        text, header = f"\n{rest}", rest.partition("\n")[0]
     separator = max(",;\t", key=header.count)
     try:
         rows = list(csv.reader(io.StringIO(text, newline=""), delimiter=separator))
     except csv.Error as error:
         raise ConfigError(f"cannot be read as a table: {error}", where=path) from error
-    names = [name.strip().lower().partition("(")[0].strip() for name in (rows[0] if rows else [])]
+    n_before = 1 if rows and not rows[0] else 0
+    names = [name.strip().lower().partition("(")[0].strip() for name in (rows[n_before] if rows[n_before:] else [])]
     unknown = [name for name in names if name not in {*_COLUMNS, "idle"}]
     if unknown or not names:
         raise ConfigError(
@@ -280,7 +284,7 @@ def _table_of(text: str, path: Path) -> dict[str, Any]:
     if repeated := next((name for name, key in zip(names, keys, strict=True) if keys.count(key) > 1), None):
         raise ConfigError(f"has more than one column for {repeated!r}", where=path, remedy="leave one of them out")
     trials: list[dict[str, Any]] = []
-    for line, cells in enumerate(rows[1:], start=2):
+    for line, cells in enumerate(rows[n_before + 1 :], start=n_before + 2):
         if any(cell.strip() for cell in cells):
             cells_by_name = dict(zip(names, (cell.strip() for cell in cells), strict=False))
             trials.append(_row(cells_by_name, trials, f"{path}: line {line}"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -150,9 +151,10 @@ def progress_of(loaded: LoadedPlan, entries: Sequence[JournalEntry]) -> SeriesPr
 
 
 def as_facts(measures: TrialMeasures) -> dict[str, Any]:
-    """Return measures as plain values for the journal."""
+    """Return measures as plain values for the journal; what is no finite number is not known."""
     found = {field.name: getattr(measures, field.name) for field in fields(measures)}
-    return {key: list(value) if isinstance(value, tuple) else value for key, value in found.items()}
+    known = {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in found.items()}
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in known.items()}
 
 
 def from_facts(facts: Mapping[str, Any]) -> TrialMeasures:

@@ -67,6 +67,16 @@ def test_a_channel_without_any_calibration_is_refused():
     refuse_uncalibrated(CalibrationBook(), {("cell", "force_n"): Calibration(source="sends N")})
 
 
+def test_a_byte_order_mark_and_open_brackets_in_the_book(tmp_path):
+    path = tmp_path / "bench_config.calibration.toml"
+    add_entry(path, entry("calibration", 0, scale=245.0))
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert len(read_book(path).entries) == 1
+    path.write_text("x = " + 20_000 * "[")
+    with pytest.raises(InputError, match="is no calibration book: is not valid TOML: brackets are nested too deeply"):
+        read_book(path)
+
+
 def test_the_latest_calibration_and_the_latest_tare_after_it_are_in_force():
     first, second = entry("tare", 0, scale=250.0, zero_raw=0.1), entry("tare", 1, scale=250.0, zero_raw=0.2)
     made = entry("calibration", 2, scale=245.0, zero_raw=0.3)

@@ -110,6 +110,15 @@ def test_a_wrong_table_is_named(text, words, tmp_path):
     assert all(word in str(caught.value) for word in words)
 
 
+def test_the_line_of_excel_before_the_header_is_no_header(tmp_path):
+    path = tmp_path / "next.csv"
+    path.write_text("sep=;\r\nduty;material\r\n0,5;oak\r\nhalf;oak\r\n")
+    with pytest.raises(ConfigError, match="line 4: duty is 'half'"):
+        load_plan(path)
+    path.write_text("sep=;\r\nduty;material\r\n0,5;oak\r\n")
+    assert load_plan(path).plan.trial[0].setting == ("oak", 0.5, None, None)
+
+
 def test_required_metadata_that_nobody_stated_are_all_named():
     trials = designed_trials(design(materials=("oak",), has_idle=True))
     plan = SeriesPlan(trial=trials, required=("operator", "blade", "batch"))

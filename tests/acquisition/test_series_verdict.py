@@ -147,6 +147,16 @@ def test_the_state_follows_recordings_and_journal(series):
     assert progress.trials[0].measures is None and progress.trials[0].rejected == ("loose",)
 
 
+def test_a_measure_that_is_no_number_is_kept_as_not_known(series):
+    loaded, journal, states = series
+    (loaded.folder / "01.mcap").touch()
+    journal.add("started", "01")
+    journal.add("judged", "01", **as_facts(replace(trial(1, 300.0), peak_force_n=float("nan"))))
+    assert states() == ["undecided", "to do"]
+    measures = progress_of(loaded, journal.read()).trials[0].measures
+    assert measures.peak_force_n is None and measures.k_fc_n_s_per_m == 300.0
+
+
 def test_a_plan_that_was_changed_under_a_kept_trial_is_refused(series):
     loaded, journal, _ = series
     (loaded.folder / "01.mcap").touch()

@@ -30,6 +30,11 @@ TEXT = (Path(__file__).parents[2] / "bench_config.toml").read_text()
             "plant.inductance_h.nominal: no mach",
         ),
         ("capacity_ah = 1.5", "capacity_ah = 1e300", "battery.capacity_ah: no machine"),
+        (
+            "resistance_ohm = { nominal = 0.176, rel_std = 0.05 }",
+            "resistance_ohm = true",
+            "plant.resistance_ohm: must be a number, or { nominal",
+        ),
         ("gear_ratio = 9.333333333333334", "gear_ratio = true", "plant.gear_ratio"),
         ("nominal_voltage_v = 18.0", "nominal_voltage_v = false", "battery.nominal_voltage_v"),
         ("seconds = 10.0", 'seconds = "10"', "recording.seconds"),

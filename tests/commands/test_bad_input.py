@@ -170,6 +170,9 @@ def test_missing_folder_is_said_before_the_work(call, tmp_path, capsys, monkeypa
     code, out, err = run(capsys, *call)
     assert code == 2 and not out
     assert "nowhere/x" in err and "make nowhere first" in err
+    (tmp_path / "nowhere").touch()
+    code, out, err = run(capsys, *call)
+    assert code == 2 and not out and "nowhere: cannot be written to: Not a directory" in err
 
 
 @pytest.mark.parametrize(
@@ -190,6 +193,14 @@ def test_folder_that_cannot_be_made_is_said_before_the_work(call, tmp_path, caps
     code, out, err = run(capsys, *call, "--out", "file/out")
     assert code == 2 and not out
     assert "file/out: cannot be written to: Not a directory" in err and "name another folder" in err
+
+
+@pytest.mark.parametrize("options", [["--out", "a.csv"], ["--out", "a.html", "--csv", "a.html"], ["--out", "a.h5"]])
+def test_one_file_for_page_and_table_is_said_before_the_work(options, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, "compare", CONFIG.with_name("recordings"), *options)
+    assert code == 2 and not out and "would be one file" in err
+    assert not list(tmp_path.iterdir())
 
 
 def test_simulate_refuses_more_samples_than_fit(capsys):

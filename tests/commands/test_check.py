@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import struct
 import threading
 from functools import partial
@@ -135,6 +136,17 @@ def test_wrong_baud_no_bytes_and_no_port_are_told_apart(tmp_path):
         for endpoint in (dead, wrong):
             endpoint.unplug()
     assert codes == {"dead": ["no_bytes"], "wrong": ["wrong_baud_or_instrument"], "none": ["cannot_open"]}
+
+
+def test_a_channel_without_calibration_is_a_fault(monkeypatch, tmp_path, capsys):
+    text = re.sub(r"\ncalibration = \{ scale = 250\.0.*\}\n", "\n", CONFIG.read_text(), count=1)
+    path = tmp_path / "bench_config.toml"
+    path.write_text(text)
+    monkeypatch.setattr(sawbench.acquisition.device_probe, "probe_devices", lambda *_, **__: [])
+    code = main(["check", "--config", str(path), "--json"])
+    found = [f for f in json.loads(capsys.readouterr().out)["findings"] if f["code"] == "not_calibrated"]
+    assert code == 1 and [f["channel"] for f in found] == ["force_n"]
+    assert "sawbench calibrate --channel force_n" in found[0]["remedy"]
 
 
 def test_channels_that_nobody_gives_are_a_note(monkeypatch, tmp_path, capsys):

@@ -19,6 +19,7 @@ from sawbench.bench.units import CHANNEL_BY_NAME
 from sawbench.blindcheck.settings import PlantSettings
 from sawbench.blindcheck.streaming import StreamingPlant
 from sawbench.commands.main import main
+from sawbench.commands.series_dialogue import Dialogue, SeriesStopped
 from sawbench.storage.reader import read_recording
 from sawbench.storage.writer import RecordingWriter
 
@@ -209,6 +210,17 @@ def test_the_second_copy_of_a_repeated_trial_is_out_of_the_way_too(workshop, pla
     assert call(capsys, "repeat", path, "01-oak", "--because", "clamp was loose")[0] == 0
     assert (copies / "rejected" / "01-oak-1.mcap").read_bytes() == b"the copy"
     assert not (copies / "01-oak.mcap").exists()
+
+
+def test_input_that_is_no_text_ends_the_sitting():
+    def lines():
+        yield "B1\n"
+        raise UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte")
+
+    dialogue = Dialogue(lines())
+    assert dialogue.ask("blade", default="") == "B1"
+    with pytest.raises(SeriesStopped, match="the input ended"):
+        dialogue.ask("ready", default="")
 
 
 def test_a_material_of_several_words_names_its_trials(plan, capsys, tmp_path):

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 from sawbench.acquisition.calibration_fit import write_points
-from sawbench.bench.errors import InputError
-from sawbench.storage.output import write_whole
+from sawbench.bench.errors import InputError, RecordingError
+from sawbench.storage.output import PartFile, write_whole
 
 pytestmark = pytest.mark.unit
 
@@ -71,6 +71,12 @@ def test_a_file_name_that_is_no_utf8_does_not_lose_the_page(tmp_path):
     path = tmp_path / "a.html"
     write_whole(path, os.fsdecode(b"oak-\xff.mcap"))
     assert path.read_bytes() == b"oak-\\udcff.mcap"
+
+
+def test_a_folder_that_is_a_file_is_no_interrupted_recording(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(RecordingError, match=r"o\.mcap\.part: cannot be written: Not a directory"):
+        PartFile(tmp_path / "file" / "o.mcap", overwrite=False)
 
 
 def test_points_are_not_written_over_others(tmp_path: Path):
