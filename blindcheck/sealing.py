@@ -345,7 +345,7 @@ def read_json(path: Path) -> dict[str, Any]:
         content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError("no such file", where=path, remedy="make the set with `sawbench blind make`") from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"cannot be read: {error}", where=path) from error
     if not isinstance(content, dict):
         raise InputError("is not a JSON object", where=path)

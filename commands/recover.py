@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from sawbench.commands.options import force_option, json_option
+from sawbench.commands.options import force_option, json_option, refuse_unwritable
 from sawbench.commands.terminal import emit
 
 
@@ -26,6 +26,7 @@ def command(path: Path, out_path: Path | None, force: bool, as_json: bool) -> in
     if out_path is None:
         stem = path.name.removesuffix(".part").removesuffix(".mcap")
         out_path = path.with_name(f"{stem}-recovered.mcap")
+    refuse_unwritable(out_path, force=force, makes_folder=True)
     report = recover_recording(path, out_path, overwrite=force)
     lines = [str(report.path)]
     lines += [f"problem: {problem}" for problem in report.problems]

@@ -159,7 +159,7 @@ def _alignment(content: Content, channel: str) -> Alignment | None:
         return None
     try:
         return Alignment(**json.loads(content.provenance[name]))
-    except (ValueError, TypeError, InputError) as error:
+    except (ValueError, TypeError, RecursionError, InputError) as error:
         raise RecordingError(
             f"`{name}` of its provenance is {content.provenance[name]!r}, which states no alignment",
             where=content.path,

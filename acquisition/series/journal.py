@@ -126,5 +126,5 @@ def _entry(line: bytes) -> JournalEntry | None:
             at=datetime.fromisoformat(fields.pop("at")),
             facts=fields,
         )
-    except (ValueError, KeyError, AttributeError, TypeError):
+    except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
         return None

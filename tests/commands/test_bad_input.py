@@ -227,6 +227,14 @@ def test_view_without_a_display_says_so(capsys, monkeypatch):
     assert "no display" in err and "--no-view --rrd" in err
 
 
+def test_open_brackets_in_a_key_are_no_mistake_of_the_program(tmp_path, capsys):
+    (tmp_path / "set").mkdir()
+    key = tmp_path / "key.json"
+    key.write_text(20_000 * "[")
+    code, _, err = run(capsys, "blind", "score", tmp_path / "set", "--key", key)
+    assert code == 2 and "key.json: cannot be read" in err
+
+
 def test_recover_of_nothing_is_not_trusted(tmp_path, capsys):
     whole = (CONFIG.with_name("recordings") / "oak-01.mcap").read_bytes()
     cut = tmp_path / "cut.mcap"
