@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 from sawbench.bench.errors import InputError
-from sawbench.commands.options import force_option, json_option, refuse_unwritable
+from sawbench.commands.options import force_option, json_option, refuse_unwritable, refuse_unwritable_folder
 from sawbench.commands.terminal import emit, stepper, table
 from sawbench.plain import plain
 
@@ -86,6 +86,7 @@ def make_command(
     from sawbench.blindcheck.bench import Nature
     from sawbench.blindcheck.sealing import make
 
+    refuse_unwritable_folder(out_dir)
     with stepper("making") as step:
         key = make(
             seed, n_cases, out_dir, nature=Nature(**nature), catalogue=_catalogue(),

@@ -183,6 +183,8 @@ def test_missing_folder_is_said_before_the_work(call, tmp_path, capsys, monkeypa
         ["import", "no-table.csv"],
         ["demo"],
         ["record", "--material", "oak", "--simulated"],
+        ["recover", "no-recording.mcap"],
+        ["blind", "make", "--seed", "1", "--cases", "1"],
     ],
     ids=lambda call: call[0],
 )
