@@ -51,9 +51,10 @@ class Bench:
         return self._clock()
 
     @contextlib.contextmanager
-    def _bench(self, config_path, *, load=("force_n", 0.0), **_):
-        assert config_path == self.config_path and load[0] == "force_n"
-        with rest_bench.resting_bench({"force_n": partial(self.force, load[1])}) as rig:
+    def _bench(self, config_path, *, load=None, **_):
+        channel, applied = load or ("force_n", 0.0)
+        assert config_path == self.config_path and channel == "force_n"
+        with rest_bench.resting_bench({"force_n": partial(self.force, applied)}) as rig:
             self._clock = rig.clock
             yield rig.ports
 
