@@ -183,7 +183,6 @@ def test_missing_folder_is_said_before_the_work(call, tmp_path, capsys, monkeypa
         ["import", "no-table.csv"],
         ["demo"],
         ["record", "--material", "oak", "--simulated"],
-        ["recover", "no-recording.mcap"],
         ["blind", "make", "--seed", "1", "--cases", "1"],
     ],
     ids=lambda call: call[0],
@@ -241,6 +240,8 @@ def test_recover_of_nothing_is_not_trusted(tmp_path, capsys):
     whole = (CONFIG.with_name("recordings") / "oak-01.mcap").read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole[:20000])
+    code, out, err = run(capsys, "recover", cut, "--out", cut / "out.mcap")
+    assert code == 2 and not out and "cut.mcap: cannot be written to: Not a directory" in err
     code, out, _ = run(capsys, "recover", cut)
     assert code == 1 and "0 messages kept" in out
     assert cut.read_bytes() == whole[:20000]
