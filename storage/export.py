@@ -17,7 +17,7 @@ import numpy as np
 from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Floats, Recording, Signal
 from sawbench.bench.units import TIME_COLUMN
-from sawbench.storage.results import write_atomically
+from sawbench.storage.output import write_whole
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -125,8 +125,10 @@ def export_recording(
             raise InputError("exists already", where=path, remedy="name another folder, or overwrite with --force")
     about = _metadata(recording, paths, bases, sha256)
     for path, shown in paths.items():
-        write_atomically(path, FORMATS[file_format](shown, about, recording.trial.started_at))
-    write_atomically(about_path, about.encode())
+        write_whole(
+            path, FORMATS[file_format](shown, about, recording.trial.started_at), overwrite=True, makes_folder=True
+        )
+    write_whole(about_path, about, overwrite=True, makes_folder=True)
     n_samples = sum(len(signal.values) for signal in recording.signals.values())
     return ExportReport(paths=(*paths, about_path), n_samples=n_samples)
 
