@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import tempfile
 from contextlib import suppress
 from pathlib import Path
 
 from sawbench.bench.errors import InputError, RecordingError
+
+# No mistake of whoever gave the name.
+_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 def write_whole(path: str | Path, content: str | bytes, *, overwrite: bool = False, makes_folder: bool = False) -> Path:
@@ -31,7 +35,9 @@ def write_whole(path: str | Path, content: str | bytes, *, overwrite: bool = Fal
     Raises
     ------
     InputError
-        If the file exists and `overwrite` is not set, or cannot be written.
+        If the file exists and `overwrite` is not set, or cannot be written there.
+    RecordingError
+        If the disk is full.
     """
     path = Path(path)
     if path.exists() and not overwrite:
@@ -46,7 +52,8 @@ def write_whole(path: str | Path, content: str | bytes, *, overwrite: bool = Fal
         else:
             _replace(path.resolve(), data)
     except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror or error}", where=path) from error
+        kind = RecordingError if error.errno in _FULL else InputError
+        raise kind(f"cannot be written: {error.strerror or error}", where=path) from error
     return path
 
 

@@ -251,7 +251,7 @@ def test_the_page_and_the_terminal_show_what_the_key_knows(sealed, program, monk
     ]
     effect, one = hidden[0]
     code = _SIZES % (effect, one["name"], one["value"] * 1.1, abs(one["value"]) * 0.01, one["unit"])
-    monkeypatch.setattr(sawbench.commands.blind, "diagnose_program", lambda: program(code))
+    monkeypatch.setattr(sawbench.commands.blind, "diagnose_program", lambda **_: program(code))
     assert main(["blind", "answer", str(sealed[0])]) == 0
     capsys.readouterr()
     page = tmp_path / "page.html"

@@ -26,7 +26,7 @@ NOT_LOOKED_FOR = "called unknown, effects outside the catalogue that the diagnos
 
 @pytest.fixture
 def answered(sealed, program, monkeypatch):
-    monkeypatch.setattr(sawbench.commands.blind, "diagnose_program", program)
+    monkeypatch.setattr(sawbench.commands.blind, "diagnose_program", lambda **_: program())
     assert main(["blind", "answer", str(sealed[0]), "--workers", "2"]) == 0
     return str(sealed[0]), str(sealed[1])
 
@@ -53,7 +53,7 @@ def test_foreign_benches_are_made_answered_and_scored_by_kind(tmp_path, program,
     key = json.loads((tmp_path / "set.key.json").read_text())
     assert key["options"]["without"] == ["hum", "rate"]
     assert set(key["options"]["catalogue"]) == {name for name in EFFECT_BY_NAME if name in {**CATALOGUE, **OUTSIDE}}
-    monkeypatch.setattr(sawbench.commands.blind, "diagnose_program", program)
+    monkeypatch.setattr(sawbench.commands.blind, "diagnose_program", lambda **_: program())
     assert main(["blind", "answer", str(out)]) == 0
     capsys.readouterr()
     assert main(["blind", "score", str(out), "--key", str(tmp_path / "set.key.json"), "--out", str(page)]) == 0
@@ -146,7 +146,7 @@ def test_score_without_answers_says_what_to_run(sealed, capsys):
 
 
 def test_a_failed_answer_is_told_by_the_exit_code(sealed, program, monkeypatch, capsys):
-    monkeypatch.setattr(sawbench.commands.blind, "diagnose_program", lambda: program("import sys; sys.exit(2)"))
+    monkeypatch.setattr(sawbench.commands.blind, "diagnose_program", lambda **_: program("import sys; sys.exit(2)"))
     assert main(["blind", "answer", str(sealed[0])]) == 1
     assert "4 failed" in capsys.readouterr().out
 
