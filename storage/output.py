@@ -36,7 +36,7 @@ def write_whole(path: str | Path, content: str | bytes, *, overwrite: bool = Fal
     ------
     InputError
         If the file exists and `overwrite` is not set, or cannot be written there.
-    RecordingError
+    OSError
         If the disk is full.
     """
     path = Path(path)
@@ -52,8 +52,9 @@ def write_whole(path: str | Path, content: str | bytes, *, overwrite: bool = Fal
         else:
             _replace(path.resolve(), data)
     except OSError as error:
-        kind = RecordingError if error.errno in _FULL else InputError
-        raise kind(f"cannot be written: {error.strerror or error}", where=path) from error
+        if error.errno in _FULL:
+            raise
+        raise InputError(f"cannot be written: {error.strerror or error}", where=path) from error
     return path
 
 
