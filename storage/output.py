@@ -53,7 +53,7 @@ def write_whole(path: str | Path, content: str | bytes, *, overwrite: bool = Fal
             _replace(path.resolve(), data)
     except OSError as error:
         if error.errno in _FULL:
-            raise
+            raise OSError(error.errno, error.strerror, str(path)) from error
         raise InputError(f"cannot be written: {error.strerror or error}", where=path) from error
     return path
 
