@@ -77,7 +77,9 @@ def test_least_squares_of_the_curve_alone_is_refused_where_it_misses_its_own_run
     assert max(map(abs, own)) > 0.05
     with pytest.raises(UntrustedResult, match="eq16_free: contradicts its own data"):
         choose_battery(cells, models=["eq16_free"])
-    assert choose_battery(cells, models=["eq16_free"], largest_own_miss=0.9).chosen.model == "eq16_free"
+    # Nor does it help to allow that: withheld runtimes are missed by more than themselves.
+    with pytest.raises(UntrustedResult, match="eq16_free: predicts no withheld discharge"):
+        choose_battery(cells, models=["eq16_free"], largest_own_miss=0.9)
 
 
 @pytest.mark.parametrize("wrong", [{"time_factor": 0.6}, {"start": 0.7}], ids=["wrong clock", "not full at the start"])
