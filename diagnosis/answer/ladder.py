@@ -158,7 +158,7 @@ class HoldOut:
                 ("with_effect", with_effect),
             ):
                 rest = data[held] - known
-                # How hard this piece of wood is, no model predicts: fitted on the held-out trials, for all rungs.
+                # The hardness of a workpiece cannot be predicted: it is fitted to the withheld trials, for all rungs.
                 residuals[name][held] = rest - own @ _ridge(own, rest)
         energy = {n: np.array([float(np.sum(r[self.rows[g]] ** 2)) for g in self.groups]) for n, r in residuals.items()}
         closed, interval = closed_share(energy)

@@ -326,7 +326,7 @@ class _Withheld:
         self._base = problem.nuisance * problem.wide_scale
         self._data = problem.data
         self._groups = [np.flatnonzero(rows) for rows in groups]
-        # How hard a piece of wood is, no model predicts: it is fitted to the withheld trial itself.
+        # The hardness of a workpiece cannot be predicted: it is fitted to the withheld trial itself.
         self._own = [self._base[rows][:, problem.is_of_trial] for rows in self._groups]
         self._normal = self._base.T @ self._base
 
