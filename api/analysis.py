@@ -83,7 +83,8 @@ def open_trial(path: Path, config_path: Path | None) -> OpenedTrial:
     InputError
         If the file is no recording or the configuration is not valid.
     """
-    from sawbench.storage.reader import read_recording, sha256_of
+    from sawbench.storage.digest import sha256_of
+    from sawbench.storage.reader import read_recording
 
     recording = read_recording(path)
     return OpenedTrial(recording=recording, loaded=config_for(recording, config_path), sha256=sha256_of(path))

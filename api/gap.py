@@ -60,6 +60,9 @@ def diagnose_trials(
         "software": f"sawbench {version('sawbench')}",
         "is_simulated": any("simulated" in trial.recording.trial.source for trial in trials),
     }
+    amended = {_name(trial): words for trial in trials if (words := list(trial.recording.trial.amendments))}
+    if amended:
+        provenance["amendments"] = amended
     recordings = [trial.recording for trial in trials]
     # The products of matrices here are small: threads of the linear algebra would cost more than they save.
     with threadpool_limits(limits=1, user_api="blas"):

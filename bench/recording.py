@@ -264,6 +264,8 @@ class Trial:
         Identity of the lot that the workpiece was taken from.
     source : str
         Where the signals come from: "bench", "simulated bench", "import of FILE".
+    amendments : tuple of str
+        Corrections of these settings that were made after the recording, in words; the settings have them in already.
     """
 
     trial_id: str
@@ -279,6 +281,7 @@ class Trial:
     repetition: int | None = None
     batch: str | None = None
     source: str = "bench"
+    amendments: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.duty is not None and not 0.0 <= self.duty <= 1.0:

@@ -37,8 +37,9 @@ def command(
     is one row without values (docs/recording_format.md). The exit code is 1 where a recording is incomplete or
     misses more than a hundredth of the samples of a channel: what there is is written all the same.
     """
+    from sawbench.storage.digest import sha256_of
     from sawbench.storage.export import export_recording, metadata_path
-    from sawbench.storage.reader import read_recording, sha256_of
+    from sawbench.storage.reader import read_recording
 
     files = find_recordings(paths)
     targets = {path: metadata_path(path, out_dir, file_format) for path in files}

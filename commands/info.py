@@ -60,7 +60,8 @@ def _as_table(infos: list[RecordingInfo]) -> str:
     ]
     lines = [table(head, [_row(info) for info in infos])]
     for info in infos:
-        lines += [f"{info.path}: {words}" for words in (*_losses(info), *info.problems)]
+        corrected = () if info.trial is None else (f"corrected: {words}" for words in info.trial.amendments)
+        lines += [f"{info.path}: {words}" for words in (*_losses(info), *info.problems, *corrected)]
     n_sound = sum(_state(info) == "complete" for info in infos)
     lines.append(f"{len(infos)} recordings, {n_sound} complete without a loss above {HEAVY_LOSS_SHARE:.0%}")
     return "\n".join(lines)
@@ -132,7 +133,7 @@ def _as_text(info: RecordingInfo) -> str:
 
 
 def settings_line(trial: Trial) -> str:
-    """What was done in one trial, in one line."""
+    """What was done in one trial, in one line; notes and corrections below it."""
     said = {
         "material": trial.material,
         "duty": trial.duty,
@@ -147,4 +148,5 @@ def settings_line(trial: Trial) -> str:
         "source": trial.source,
     }
     shown = ", ".join(f"{key} {value}" for key, value in said.items() if value is not None)
-    return f"trial {trial.trial_id}: {shown}" + (f"\nnotes: {trial.notes}" if trial.notes else "")
+    lines = [f"trial {trial.trial_id}: {shown}", *([f"notes: {trial.notes}"] if trial.notes else [])]
+    return "\n".join([*lines, *(f"corrected: {words}" for words in trial.amendments)])

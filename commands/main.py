@@ -25,6 +25,7 @@ SUBCOMMANDS: Final = MappingProxyType(
         "series": "a series of trials: plan it, be led through it, go on after a break",
         "import": "turn campaign.toml, tables of other programs or a CAN log into MCAP",
         "info": "what is in recordings: one in full, several as a table",
+        "amend": "correct settings that were entered wrong; the recording stays as it is",
         "recover": "salvage a truncated or damaged recording",
         "export": "every sample as CSV, Parquet or MF4 for other programs",
         "process": "stroke period, folded cycle, quality",

@@ -12,14 +12,8 @@ from typing import TYPE_CHECKING, Final
 
 from sawbench.acquisition.series.journal import Journal
 from sawbench.acquisition.series.plan import LoadedPlan, PlannedTrial
-from sawbench.acquisition.series.progress import (
-    REJECTED,
-    Part,
-    SeriesProgress,
-    TrialProgress,
-    as_facts,
-    progress_of,
-)
+from sawbench.acquisition.series.progress import Part, SeriesProgress, TrialProgress, as_facts, progress_of
+from sawbench.acquisition.series.rejected import free_place, move_to_rejected
 from sawbench.bench.errors import InputError, SawbenchError, UntrustedResult
 from sawbench.bench.recording import Trial
 from sawbench.commands.series_dialogue import Dialogue
@@ -362,23 +356,7 @@ def set_aside(
         Where it is now.
     """
     present = row.path if row.path.exists() else row.part_path
-    target = _free(present, row.planned.id)
+    target = free_place(present, row.planned.id)
     if not is_said:
         journal.add("rejected", row.planned.id, because=because, file=target.name)
-    if second_copy is not None and (copy := Path(second_copy) / present.name).exists():
-        _move(copy, _free(copy, row.planned.id))
-    _move(present, target)
-    return target
-
-
-def _move(path: Path, target: Path) -> None:
-    target.parent.mkdir(exist_ok=True)
-    path.rename(target)
-
-
-def _free(path: Path, trial_id: str) -> Path:
-    """Return the first free name for `path` among the rejected files beside it."""
-    ending, number = path.name.removeprefix(trial_id), 1
-    while (found := path.parent / REJECTED / f"{trial_id}-{number}{ending}").exists():
-        number += 1
-    return found
+    return move_to_rejected(present, row.planned.id, target=target, second_copy=second_copy)

@@ -32,7 +32,8 @@ def command(
     as_json: bool,
 ) -> None:
     """Show a recording with the same layout as the live view."""
-    from sawbench.storage.reader import read_recording, sha256_of
+    from sawbench.storage.digest import sha256_of
+    from sawbench.storage.reader import read_recording
     from sawbench.visualization.replay import view_recording
 
     if (no_view or png_path) and rrd_path is None:

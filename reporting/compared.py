@@ -150,7 +150,7 @@ class Comparison:
     idle : tuple of ComparedTrial
     left_out : tuple of LeftOut
     remarks : tuple of str
-        On the names of materials.
+        On the names of materials, and on settings that were corrected.
     wear : tuple of WornTrial
     """
 
@@ -245,9 +245,15 @@ def compare(rows: Sequence[ComparedTrial], left_out: Sequence[LeftOut] = ()) -> 
         blocks=_blocks(kept, names),
         idle=idle,
         left_out=tuple(missing),
-        remarks=tuple(name_remarks(names)),
+        remarks=(*name_remarks(names), *_amended(rows)),
         wear=wear_of([*kept, *idle], names),
     )
+
+
+def _amended(rows: Sequence[ComparedTrial]) -> tuple[str, ...]:
+    """Say which trials are compared with settings that were corrected after the recording."""
+    named = sorted((row.name, words) for row in rows for words in row.processed.trial.amendments)
+    return tuple(f"{name} was corrected: {words}" for name, words in named)
 
 
 def _blocks(trials: Sequence[ComparedTrial], names: dict[str, str]) -> tuple[Block, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from typing import Final
 
 from sawbench.bench.processed import ProcessedTrial
@@ -49,13 +50,14 @@ def likely_cause(processed: ProcessedTrial, fit: CuttingFit) -> tuple[str, str]:
     if doubts:
         return "; ".join(doubts), "correct the channel or the configuration and import or record the trial again"
     stated, measured = processed.trial.duty, measured_duty(processed)
+    file = shlex.quote(processed.source_path or processed.trial.trial_id)
     if stated and measured is not None and abs(measured / stated - 1.0) > _DUTY_TOLERANCE:
         return (
             f"wrong duty entered: {stated:.4g} is stated, the currents (battery over motor) show {measured:.3g}",
-            f"if the duty was {measured:.3g}, enter it (duty = {measured:.3g} in campaign.toml, or --duty) and import"
-            " or record the trial again; else check the two current sensors",
+            f"if the duty was {measured:.3g}: `sawbench amend {file} --duty {measured:.3g}`, which leaves the recording"
+            " as it is; else check the two current sensors",
         )
-    remedy = f"see `sawbench report {processed.source_path or processed.trial.trial_id}`"
+    remedy = f"see `sawbench report {file}`"
     if fit.status == "contradicted":
         return (
             "; ".join(fit.notes) or "the constants of the plant or a sensor's gain do not fit the measurement",

@@ -228,6 +228,7 @@ def trial_facts(processed: ProcessedTrial) -> list[Row]:
         ("Source", trial.source),
         ("Software", software_version()),
     ]
+    facts += [("Corrected", words) for words in trial.amendments]
     return [Row(label=label, value=value or "not stated") for label, value in facts]
 
 

@@ -252,6 +252,8 @@ def trial_to_metadata(trial: Trial) -> dict[str, str]:
         pairs["repetition"] = str(int(trial.repetition))
     if trial.started_at is not None:
         pairs["started_at"] = trial.started_at.isoformat()
+    if trial.amendments:
+        pairs["amendments"] = "\n".join(trial.amendments)
     return pairs
 
 
@@ -279,4 +281,6 @@ def trial_from_metadata(pairs: Mapping[str, str]) -> Trial:
         found["repetition"] = int(pairs["repetition"])
     if "started_at" in pairs:
         found["started_at"] = datetime.fromisoformat(pairs["started_at"])
+    if "amendments" in pairs:
+        found["amendments"] = tuple(pairs["amendments"].split("\n"))
     return Trial(**{"trial_id": pairs["trial_id"], **found})

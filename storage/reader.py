@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from sawbench.bench.errors import InputError, RecordingError
 from sawbench.bench.recording import Alignment, Event, Floats, Gap, Recording, SampleBlock, Signal, Trial
+from sawbench.storage.amendments import amended
 from sawbench.storage.assembly import join_blocks
 from sawbench.storage.codec import is_equally_spaced
 from sawbench.storage.content import Content, damage_events, iter_samples, require_sawbench
@@ -134,7 +134,7 @@ def _read(content: Content) -> Recording:
             events.append(item)
         elif len(item.time_s):
             blocks.setdefault(item.channel, []).append(item)
-    trial = content.trial() if content.is_sawbench else Trial(trial_id=content.path.stem)
+    trial = amended(content.trial(), content.path) if content.is_sawbench else Trial(trial_id=content.path.stem)
     last_s = max((float(block.time_s[-1]) for row in blocks.values() for block in row), default=0.0)
     events += damage_events(content, last_s)
     signals: dict[str, Signal] = {}
@@ -357,18 +357,3 @@ def _gap_events(recording: Recording) -> Iterator[Event]:
                     device=signal.device,
                     channel=signal.channel,
                 )
-
-
-def sha256_of(path: str | Path) -> str:
-    """Return the SHA-256 of a file, hexadecimal.
-
-    Raises
-    ------
-    RecordingError
-        If the file cannot be read.
-    """
-    try:
-        with Path(path).open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError as error:
-        raise RecordingError(f"cannot be read: {error.strerror or error}", where=path) from error

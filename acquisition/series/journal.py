@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -13,6 +12,7 @@ from types import MappingProxyType
 from typing import Any, Final, Literal
 
 from sawbench.bench.errors import InputError
+from sawbench.storage.json_lines import append_line
 
 NAME: Final = "series_journal.jsonl"
 Kind = Literal["opened", "mounted", "started", "judged", "kept", "rejected", "note", "stopped"]
@@ -77,15 +77,7 @@ class Journal:
         """Append one entry and wait until it is on the disk."""
         entry = JournalEntry(kind=kind, trial=trial, facts=facts)
         fields = {"at": entry.at.isoformat(), "kind": kind, **({"trial": trial} if trial else {}), **facts}
-        line = json.dumps(fields, ensure_ascii=False, allow_nan=False).encode() + b"\n"
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        with self.path.open("ab+", buffering=0) as file:
-            if file.seek(0, os.SEEK_END):
-                file.seek(-1, os.SEEK_END)
-                if file.read(1) != b"\n":
-                    line = b"\n" + line
-            file.write(line)
-            os.fsync(file.fileno())
+        append_line(self.path, fields)
         return entry
 
     @contextlib.contextmanager

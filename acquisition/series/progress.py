@@ -6,14 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 from sawbench.acquisition.series.journal import JournalEntry
 from sawbench.acquisition.series.plan import LoadedPlan, PlannedTrial, SeriesPlan
+from sawbench.acquisition.series.rejected import REJECTED
 from sawbench.acquisition.series.verdict import BladeGrowth, TrialMeasures, blade_growth, outliers
 from sawbench.bench.errors import InputError
 
-REJECTED: Final = "rejected"
 State = Literal["to do", "kept", "undecided", "interrupted", "to set aside"]
 Part = Literal["blade", "battery"]
 

@@ -9,11 +9,12 @@ from typing import Final
 
 from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Event, Recording, Signal, Trial
+from sawbench.storage.digest import sha256_of
 from sawbench.storage.importers.column_choice import choose_columns
 from sawbench.storage.importers.raw_table import RawTable
 from sawbench.storage.importers.table import FramesNeedDbc, signals_of
 from sawbench.storage.importers.table_map import TableMap
-from sawbench.storage.reader import sha256_of, write_recording
+from sawbench.storage.reader import write_recording
 from sawbench.storage.writer import software_version
 
 TEXT_SUFFIXES: Final = (".csv", ".tsv", ".txt", ".dat", ".lvm")

@@ -65,7 +65,7 @@ def test_spellings_are_one_material_and_similar_names_are_asked_about():
             0.55,
             10.0,
             "wrong duty entered: 0.55 is stated, the currents (battery over motor) show 0.438",
-            "duty = 0.438",
+            "--duty 0.438",
         ),
         (0.44, 10.0, "the note of the fit", "sawbench report"),
         (0.55, None, "the note of the fit", "sawbench report"),

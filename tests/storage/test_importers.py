@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 from sawbench.bench.errors import ConfigError, InputError
 from sawbench.bench.recording import Gap
+from sawbench.storage.digest import sha256_of
 from sawbench.storage.importers import FramesNeedDbc, import_path
-from sawbench.storage.reader import read_recording, sha256_of
+from sawbench.storage.reader import read_recording
 
 pytestmark = pytest.mark.unit
 
