@@ -21,7 +21,7 @@ from sawbench.acquisition.devices import build_devices
 from sawbench.bench.config import BenchConfig, describe_validation
 from sawbench.bench.errors import ConfigError, InputError
 from sawbench.bench.toml_text import parse_toml, read_toml_text
-from sawbench.storage.output import write_whole
+from sawbench.storage.output import folder_held, write_whole
 
 if TYPE_CHECKING:
     from sawbench.acquisition.devices.device import Device
@@ -147,7 +147,7 @@ def read_book(path: Path) -> CalibrationBook:
 
 
 def add_entry(path: Path, entry: BookEntry) -> None:
-    """Append `entry`; the file is replaced as a whole, so that a crash leaves the old one.
+    """Append `entry`; the file is replaced as a whole, so that a crash leaves the old one, and two at once both stay.
 
     Raises
     ------
@@ -156,10 +156,10 @@ def add_entry(path: Path, entry: BookEntry) -> None:
     """
     import tomli_w
 
-    book = read_book(path)
-    grown = CalibrationBook(entries=(*book.entries, entry))
-    text = _HEADER + tomli_w.dumps(_without_none(grown.model_dump(mode="python")))
-    write_whole(path, text, overwrite=True)
+    with folder_held(path):
+        grown = CalibrationBook(entries=(*read_book(path).entries, entry))
+        text = _HEADER + tomli_w.dumps(_without_none(grown.model_dump(mode="python")))
+        write_whole(path, text, overwrite=True)
 
 
 def build_calibrated(

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -231,11 +230,13 @@ class ArrivalClock:
         """Line below the arrivals; `former` tells which slots were late as a whole."""
         assert self._origin is not None
         n0, t0 = self._origin
-        points = np.array([(n - n0, self._lateness(n, t)) for n, t in self._lowest])
+        lowest = np.array(self._lowest, dtype=np.float64)
+        index = lowest[:, 0] - n0
+        late_s = lowest[:, 1] - t0 - index * self._nominal_period_s
         if former is not None:
-            above_s = points[:, 1] - (former.period_s - self._nominal_period_s) * points[:, 0]
-            points = points[above_s <= above_s.min() + _LATE_SLOT_S]
-        index, late_s = points[:, 0], points[:, 1]
+            above_s = late_s - (former.period_s - self._nominal_period_s) * index
+            in_time = above_s <= above_s.min() + _LATE_SLOT_S
+            index, late_s = index[in_time], late_s[in_time]
         slope = self._slope(index, late_s)
         above_s = late_s - slope * index
         floor_s = float(above_s.min())
@@ -266,17 +267,13 @@ class ArrivalClock:
 
 def _hull_slope_below_mean(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
     """Slope of the edge of the lower convex hull of (x, y) that lies under the mean of x; x increases."""
-    hull: list[int] = []
-    for i in range(len(x)):
-        while len(hull) >= 2:
-            a, b = hull[-2], hull[-1]
-            if (y[b] - y[a]) * (x[i] - x[a]) >= (y[i] - y[a]) * (x[b] - x[a]):
-                hull.pop()
-            else:
-                break
-        hull.append(i)
     middle = float(np.mean(x))
-    for a, b in pairwise(hull):
-        if x[b] >= middle:
-            return float((y[b] - y[a]) / (x[b] - x[a]))
-    return 0.0
+    a, b = 0, len(x) - 1
+    while True:
+        slope = float((y[b] - y[a]) / (x[b] - x[a]))
+        # The point furthest below the line through two points of the hull is one of the hull too.
+        below = y - slope * x
+        lowest = int(np.argmin(below))
+        if lowest in {a, b} or below[lowest] >= min(below[a], below[b]):
+            return slope
+        a, b = (lowest, b) if x[lowest] < middle else (a, lowest)

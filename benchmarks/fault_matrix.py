@@ -220,7 +220,7 @@ What every fault does to every instrument; `python -m benchmarks.fault_matrix` w
 emulated instruments over real ptys in simulated time, at 3 s of 9 s; the time error is the largest shift of a 10 Hz
 sine, of both instruments, outside of what an event marks. "Said" is what the recording's events, the exit code and the
 processing say. Silent is a fault that loses more than three samples, or moves times by more than 2.5 ms, with nothing
-said. Killed programs, cut files and full disks: [recording format](recording_format.md).
+said. Late links in detail: [arrivals](arrivals.md); cut and altered files: [recording format](recording_format.md).
 
 {summary}
 

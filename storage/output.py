@@ -5,7 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import tempfile
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from sawbench.bench.errors import InputError, RecordingError
@@ -71,6 +72,35 @@ def _replace(target: Path, data: bytes) -> None:
     except BaseException:
         beside.unlink(missing_ok=True)
         raise
+
+
+@contextmanager
+def folder_held(path: Path) -> Iterator[None]:
+    """Keep out others that do this for a file of the same folder, while one is read, changed and replaced.
+
+    Waits for them; the lock ends with this process, however that ends. On systems without `fcntl` it does nothing.
+
+    Parameters
+    ----------
+    path : Path
+        The file; it is replaced, so the lock is on its folder.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    try:
+        folder = os.open(path.parent, os.O_RDONLY)
+    except OSError:
+        # Where there is no folder to open, writing says so.
+        yield
+        return
+    try:
+        fcntl.flock(folder, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(folder)
 
 
 class PartFile:

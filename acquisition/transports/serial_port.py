@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import os
+import select
 from pathlib import Path
 from typing import Any, Final
 
@@ -124,9 +126,7 @@ class SerialPort:
         try:
             if self._is_socket:
                 return bytes(port.read(_LARGEST_READ))
-            first = port.read(1)
-            waiting = port.in_waiting if first else 0
-            return bytes(first + port.read(waiting)) if waiting else bytes(first)
+            return _read_at_once(port) if os.name == "posix" else _read_in_two(port)
         except (OSError, TypeError) as error:
             # TypeError: pyserial's read on a port that another thread has just closed.
             raise self._lost(error) from error
@@ -192,6 +192,25 @@ class SerialPort:
                 remedy=f"plug the instrument in, or correct `port` in [devices.{self._device}]",
             )
         return DeviceError(f"cannot be opened: {text}", where=where, remedy="check the settings of the port")
+
+
+def _read_at_once(port: Any) -> bytes:
+    """All that is waiting, in two calls of the system where pyserial makes five."""
+    descriptor = port.fileno()
+    ready, _, _ = select.select([descriptor], [], [], _WAIT_S)
+    if not ready:
+        return b""
+    received = os.read(descriptor, _LARGEST_READ)
+    if not received:
+        raise OSError("the device is ready to be read but has no data: it was unplugged")
+    return received
+
+
+def _read_in_two(port: Any) -> bytes:
+    """The first byte, for which there is something to wait, and then the rest."""
+    first = port.read(1)
+    waiting = port.in_waiting if first else 0
+    return bytes(first + port.read(waiting)) if waiting else bytes(first)
 
 
 def usb_adapters() -> dict[str, str]:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import threading
 from datetime import UTC, datetime, timedelta
 
 import pytest
+from sawbench.acquisition import calibration_book
 from sawbench.acquisition.calibration import Calibration
 from sawbench.acquisition.calibration_book import (
     BookEntry,
@@ -123,6 +126,25 @@ def test_the_file_keeps_everything_and_comes_back(tmp_path):
         add_entry(path, one)
     assert read_book(path).entries == tuple(entries)
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="this system has no lock of a folder")
+def test_two_entries_at_once_are_both_kept(tmp_path, monkeypatch):
+    """While the first is being written, a second one comes."""
+    path, write, others = tmp_path / "book.toml", calibration_book.write_whole, []
+
+    def slow(*arguments, **options):
+        if not others:
+            second = entry("tare", 1, scale=251.0)
+            others.append(threading.Thread(target=lambda: add_entry(path, second)))
+            others[0].start()
+            others[0].join(0.3)
+        return write(*arguments, **options)
+
+    monkeypatch.setattr(calibration_book, "write_whole", slow)
+    add_entry(path, entry("tare", 0, scale=250.0))
+    others[0].join()
+    assert [kept.result.scale for kept in read_book(path).entries] == [250.0, 251.0]
 
 
 @pytest.mark.parametrize("text", ["entries = 3", "[[entries]]\nkind = 'guess'\n", "=", "schema_version = 2"])

@@ -20,7 +20,8 @@ pytestmark = [
 
 CONFIG = Path(__file__).parents[2] / "bench_config.toml"
 N_TRIALS = 27
-MOST_SITTINGS = 4
+# A computer that is too busy for the simulated bench ends a sitting; the next one goes on.
+MOST_SITTINGS = 8
 # The first time that trial 11 is recorded, somebody has clamped something else.
 RUN = """
 import pathlib, sys
@@ -40,7 +41,7 @@ run()
 """
 
 
-def sawbench(*arguments, timeout=600):
+def sawbench(*arguments, timeout=3600):
     call = [sys.executable, "-m", "sawbench.commands.main", *map(str, arguments)]
     return subprocess.run(call, capture_output=True, text=True, check=False, timeout=timeout)
 
@@ -78,23 +79,20 @@ def test_27_trials_killed_twice_with_one_bad_trial(tmp_path):
     text = path.read_text().replace("tare_seconds = 5.0", "tare_seconds = 1.0")
     path.write_text(text.replace("check_seconds = 2.0", "check_seconds = 0.5"))
 
-    for n_begun in (5, 16):
-        code, said = run_until(path, marker, kill_after=n_begun)
-        assert code == -9, said
-    for _ in range(MOST_SITTINGS):
-        # A computer that is too busy for the simulated bench ends a sitting; the next one goes on.
-        code, said = run_until(path, marker)
-        if code == 0:
-            break
-    assert code == 0, said
+    for kill_after, wanted in ((5, -9), (16, -9), (None, 0)):
+        for _ in range(MOST_SITTINGS):
+            code, said = run_until(path, marker, kill_after=kill_after)
+            if code == wanted:
+                break
+        assert code == wanted, said
 
     found = json.loads(sawbench("series", "status", path, "--json").stdout)
     assert found["n_kept"] == N_TRIALS and found["next"] is None
     rejected = {trial["id"]: trial["rejected"] for trial in found["trials"] if trial["rejected"]}
     because = [reason for reasons in rejected.values() for reason in reasons]
     assert because.count("the recorder was interrupted") == 2
-    (bad,) = (reasons[0] for name, reasons in rejected.items() if name.startswith("11-"))
-    assert "k_Fc" in bad and "off its repetition" in bad
+    bad = [reason for name, reasons in rejected.items() if name.startswith("11-") for reason in reasons]
+    assert any("k_Fc" in reason and "off its repetition" in reason for reason in bad)
     assert not any(trial["measures"]["faults"] for trial in found["trials"])
     # What is kept is never recorded again.
     assert sorted(trials_of(path.with_suffix(""), "kept")) == [trial["id"] for trial in found["trials"]]

@@ -60,7 +60,6 @@ class Rig:
         self._awaited: set[str] = set()
         self._now_s = 0.0
         self._extra: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
-        self._unread: set[str] = set()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self.ports = self._bench.plug_in()
@@ -95,15 +94,11 @@ class Rig:
         return any(self._endpoints[name]._host_side >= 0 for name in self._awaited)
 
     def _wait_until_read(self) -> None:
-        """Wait for the host, until it sends a command; not for a port that nobody reads any more."""
-        waiting = {name for name in self._endpoints if self._n_pending(name)}
-        self._unread &= waiting
-        deadline_s = time.monotonic() + 5.0
-        while waiting - self._unread and not self._stop.is_set() and not self._is_command_there():
-            if time.monotonic() > deadline_s:
-                self._unread |= waiting
+        """Wait for the host, however long it takes, until it sends a command: one that gives up reading says so."""
+        while any(self._n_pending(name) for name in self._endpoints):
+            if self._stop.is_set() or self._is_command_there():
+                break
             time.sleep(0.0002)
-            waiting = {name for name in waiting if self._n_pending(name)}
         time.sleep(0.0001)
 
     def _n_pending(self, name: str) -> int:
