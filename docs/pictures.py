@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import sawbench
+from sawbench.reporting.html import still_svg
 from sawbench.reporting.trial_figures import cycle_picture
 
 ROOT = Path(__file__).parents[1]
@@ -19,7 +20,7 @@ def write(folder: Path) -> Path:
     path = folder / "stroke.svg"
     # A file of its own needs the name space; on a dark page the drawing needs a ground.
     head = '<svg xmlns="http://www.w3.org/2000/svg" style="background:white" '
-    path.write_text(str(picture.svg).replace("<svg ", head, 1) + "\n", encoding="utf-8")
+    path.write_text(still_svg(picture).replace("<svg ", head, 1) + "\n", encoding="utf-8")
     return path
 
 

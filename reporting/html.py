@@ -1,8 +1,11 @@
-"""Pages that need nothing but themselves: no script, no network, no font to fetch."""
+"""Pages that need nothing but themselves: no network, no font to fetch, and readable without their script."""
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import io
+import json
 import os
 import re
 from collections.abc import Mapping
@@ -14,12 +17,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
+from sawbench.bench.recording import Floats
+from sawbench.reporting.charts import chart_data
+
 if TYPE_CHECKING:
     from jinja2 import Environment
     from markupsafe import Markup
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
 _FOLDER = Path(__file__).parent
+_ASSETS = _FOLDER / "assets"
+_UPLOT_LICENCE = "uPlot, MIT licence, copyright (c) 2022 Leon Sorokin; its full text: reporting/assets/uPlot.LICENSE"
+_CHART = re.compile(r" data-chart='[^']*'")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -29,7 +39,7 @@ class Picture:
     Attributes
     ----------
     svg : Markup
-        Inline SVG with a title and a description.
+        Inline SVG with a title and a description, and its data for the script of the page where it is a plot of lines.
     caption : str
         One or two sentences under the figure.
     """
@@ -38,8 +48,15 @@ class Picture:
     caption: str
 
 
-def figure_to_svg(figure: Figure, *, name: str, title: str, description: str) -> Markup:
-    """Turn a figure into inline SVG that a screen reader can announce.
+def figure_to_svg(
+    figure: Figure,
+    *,
+    name: str,
+    title: str,
+    description: str,
+    finer: Mapping[Line2D, tuple[Floats, Floats]] | None = None,
+) -> Markup:
+    """Turn a figure into inline SVG that a screen reader can announce and the script of a page can zoom.
 
     The same figure gives the same bytes: no date, and identifiers made from the content and `name`.
 
@@ -50,6 +67,8 @@ def figure_to_svg(figure: Figure, *, name: str, title: str, description: str) ->
         Unique within the page; letters, digits and "-".
     title, description : str
         What the figure is, and what it shows, in words.
+    finer : mapping of Line2D to (x, y), optional
+        More points of a line than are drawn, for whoever zooms in.
 
     Returns
     -------
@@ -72,11 +91,20 @@ def figure_to_svg(figure: Figure, *, name: str, title: str, description: str) ->
     body = re.sub(r'href="#([^"]+)"', rf'href="#{name}-\1"', body)
     body = re.sub(r"url\(#([^)]+)\)", rf"url(#{name}-\1)", body)
     body = re.sub(r"\n\s*", "\n", body)
+    chart = chart_data(figure, finer)
+    # Between single quotes: the many double ones of JSON stay as they are.
+    text = "" if chart is None else escape(json.dumps(chart, separators=(",", ":")), quote=False).replace("'", "&#39;")
+    data = f" data-chart='{text}'" if text else ""
     head = (
-        f'<svg role="img" viewBox="{view_box[1]}" aria-labelledby="{name}-title {name}-desc">'
+        f'<svg role="img" viewBox="{view_box[1]}" aria-labelledby="{name}-title {name}-desc"{data}>'
         f'<title id="{name}-title">{escape(title)}</title><desc id="{name}-desc">{escape(description)}</desc>'
     )
     return Markup(head + body.strip())
+
+
+def still_svg(picture: Picture) -> str:
+    """Return the drawing of a picture without the data for the script of a page: for a file, for a notebook."""
+    return _CHART.sub("", str(picture.svg), count=1)
 
 
 @cache
@@ -90,7 +118,12 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals["css"] = (_FOLDER / "style.css").read_text(encoding="utf-8")
+    plots = (_ASSETS / "uPlot.min.css").read_text(encoding="utf-8")
+    environment.globals["css"] = plots + "\n" + (_FOLDER / "style.css").read_text(encoding="utf-8")
+    script = "".join((_ASSETS / name).read_text(encoding="utf-8") for name in ("uPlot.iife.min.js", "charts.js"))
+    environment.globals["script"] = f"/* {_UPLOT_LICENCE} */\n{script}"
+    digest = hashlib.sha256(environment.globals["script"].encode()).digest()
+    environment.globals["script_hash"] = f"sha256-{base64.b64encode(digest).decode()}"
     environment.globals["version"] = software_version()
     return environment
 

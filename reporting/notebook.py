@@ -15,7 +15,7 @@ from sawbench.reporting.compared import FIT_STATUS_WORDS, QUANTITIES, RUNTIME_ST
 from sawbench.reporting.comparison_figures import dots_picture
 from sawbench.reporting.gap_figures import ladder_picture
 from sawbench.reporting.gap_page import rungs_of, verdict_sentence
-from sawbench.reporting.html import Picture
+from sawbench.reporting.html import Picture, still_svg
 from sawbench.reporting.quantities import format_duration, format_quantity
 from sawbench.reporting.trial_figures import cycle_picture, signals_picture
 from sawbench.reporting.trial_page import verdict
@@ -150,7 +150,7 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Markup:
 
 def _image(picture: Picture) -> Markup:
     """An SVG in a document of its own: identifiers of two figures in one notebook cannot meet."""
-    svg = str(picture.svg).replace("<svg ", f"<svg {_SVG_NAMESPACE} ", 1)
+    svg = still_svg(picture).replace("<svg ", f"<svg {_SVG_NAMESPACE} ", 1)
     data = base64.b64encode(svg.encode()).decode()
     form = '<figure><img style="max-width:100%;background:white" alt="{0}" src="data:image/svg+xml;base64,{1}">' \
            "<figcaption>{0}</figcaption></figure>"  # fmt: skip

@@ -10,6 +10,7 @@ from sawbench.bench.folded import FoldedCycle
 from sawbench.bench.processed import Phase, ProcessedTrial
 from sawbench.bench.recording import Floats, Recording, Signal
 from sawbench.bench.units import CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
+from sawbench.reporting.charts import FINE_POINTS
 from sawbench.reporting.figures import (
     CHANNEL_COLOURS,
     FORCE_COLOUR,
@@ -69,6 +70,10 @@ def signals_picture(
         return None
     last_s = min(last_s, max(part[0][-1] for part in shown.values()))
     figure = _signal_panels(recording, phases, shown, first_s, last_s)
+    finer = {
+        axes.lines[0]: _window(recording.signals[channel], first_s, last_s, n_points=FINE_POINTS)
+        for axes, channel in zip(figure.axes, shown, strict=True)
+    }
     names = [CHANNEL_BY_NAME[n].label if n in CHANNEL_BY_NAME else n for n in shown]
     marked = [p for p in phases if p.kind != "running" and p.start_s < last_s and p.end_s > first_s]
     kinds = sorted({p.kind.replace("_", "-") for p in marked})
@@ -78,6 +83,7 @@ def signals_picture(
         name=name,
         title="Measured signals over time",
         description=f"{', '.join(names)} from {first_s:.2f} to {last_s:.2f} s, one panel each.",
+        finer=finer,
     )
     caption = f"{first_s:.2f} to {last_s:.2f} s as recorded. A missing stretch of a line is a gap.{grey}"
     return Picture(svg=svg, caption=caption)
@@ -119,9 +125,9 @@ def _few_ticks() -> Any:
     return MaxNLocator(nbins=4, min_n_ticks=2)
 
 
-def _window(signal: Signal, first_s: float, last_s: float) -> tuple[Floats, Floats]:
+def _window(signal: Signal, first_s: float, last_s: float, n_points: int = 1600) -> tuple[Floats, Floats]:
     inside = slice(*np.searchsorted(signal.time_s, [first_s, np.nextafter(last_s, np.inf)]))
-    time_s, values = thin_out(signal.time_s[inside], signal.values[inside])
+    time_s, values = thin_out(signal.time_s[inside], signal.values[inside], n_points=n_points)
     inner = [gap for gap in signal.gaps if first_s <= gap.start_s and gap.end_s <= last_s]
     middle_s = np.array([0.5 * (gap.start_s + gap.end_s) for gap in inner])
     at = np.searchsorted(time_s, middle_s)

@@ -1,0 +1,139 @@
+"""The pages in a browser: zoom, values and toggles, every width, light, dark and paper, and an accessibility check."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+from sawbench.reporting.blind_page import write_blind_page
+from sawbench.reporting.comparison_page import write_comparison_page
+from sawbench.reporting.gap_page import write_gap_page
+from sawbench.reporting.trial_page import write_trial_page
+
+from tests.reporting.test_gap_page import REPORT
+from tests.reporting.test_pages import full_report, make_rows
+from tests.rigs.browser import CHROMIUM, Browser
+
+pytestmark = [pytest.mark.pipeline, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")]
+
+ROOT = Path(__file__).parents[2]
+AXE = Path(__file__).parent / "axe.min.js"
+NAMES = ("trial", "comparison", "gap", "blind")
+MAX_PAGE_BYTES = 6_000_000
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory):
+    """Each kind of page."""
+    folder = tmp_path_factory.mktemp("pages")
+    blind = json.loads((ROOT / "docs" / "blind_result.json").read_text(encoding="utf-8"))
+    return {
+        "trial": write_trial_page(folder / "trial.html", full_report()),
+        "comparison": write_comparison_page(folder / "comparison.html", make_rows()),
+        "gap": write_gap_page(folder / "gap.html", REPORT),
+        "blind": write_blind_page(folder / "blind.html", blind),
+    }
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    found = Browser(tmp_path_factory.mktemp("profile"))
+    yield found
+    found.close()
+
+
+def test_the_browser_reports_complaints_and_requests(browser, tmp_path):
+    page = tmp_path / "control.html"
+    page.write_text("<script>console.error('control')</script><img src='missing.png'>")
+    browser.open(page)
+    assert any("control" in one for one in browser.complaints)
+    assert browser.requests == [(tmp_path / "missing.png").as_uri()]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_page_is_accessible_at_every_width_and_asks_for_nothing(browser, pages, name):
+    assert pages[name].stat().st_size < MAX_PAGE_BYTES
+    for width, is_dark in ((1280, False), (390, True)):
+        browser.open(pages[name], width=width, is_dark=is_dark)
+        assert (browser.complaints, browser.requests) == ([], [])
+        assert browser.run("document.documentElement.scrollWidth") <= width
+        browser.run(AXE.read_text(encoding="utf-8"))
+        found = browser.run("axe.run().then(r => r.violations.map(v => [v.id, v.impact, v.nodes.map(n => n.html)]))")
+        assert [one for one in found if one[1] in {"serious", "critical"}] == []
+
+
+def place_of(browser, selector):
+    return browser.run(
+        f"(() => {{ const e = document.querySelector('{selector}'); e.scrollIntoView({{block: 'center'}});"
+        " const r = e.getBoundingClientRect(); return [r.left, r.top, r.width, r.height]; })()"
+    )
+
+
+def seen(browser, *selectors):
+    return [
+        browser.run(f"getComputedStyle(document.querySelector('{selector}')).display !== 'none'")
+        for selector in selectors
+    ]
+
+
+def test_a_plot_is_read_off_zoomed_and_reset(browser, pages):
+    browser.open(pages["trial"])
+    at_s = "document.querySelector('.chart-at').textContent"
+    left, top, width, height = place_of(browser, ".chart .u-over")
+    middle = top + height / 2
+    browser.mouse("mouseMoved", left + 0.25 * width, middle)
+    start_s = float(browser.run(at_s).split()[1])
+    browser.mouse("mousePressed", left + 0.25 * width, middle)
+    browser.mouse("mouseMoved", left + 0.5 * width, middle, buttons=1)
+    end_s = float(browser.run(at_s).split()[1])
+    browser.mouse("mouseReleased", left + 0.5 * width, middle)
+    browser.mouse("mouseMoved", left + 0.5 * width, middle)
+    assert float(browser.run(at_s).split()[1]) == pytest.approx(0.5 * (start_s + end_s), abs=2e-3)
+    # The signal is sin(80 t), and the panel below it follows.
+    value = browser.run("document.querySelector('.chart-value').textContent").split()
+    at_all = browser.run(
+        "[...document.querySelectorAll('.chart')[0].querySelectorAll('.chart-at')].map(e => e.textContent)"
+    )
+    assert len(set(at_all)) == 1
+    assert value[1] == "N"
+    assert float(value[0]) == pytest.approx(math.sin(80.0 * float(at_all[0].split()[1])), abs=0.05)
+    browser.run("[...document.querySelectorAll('.chart-tools button')].find(b => b.textContent === 'Show all').click()")
+    browser.mouse("mouseMoved", left + 0.25 * width + 1, middle)
+    browser.mouse("mouseMoved", left + 0.25 * width, middle)
+    assert float(browser.run(at_s).split()[1]) == pytest.approx(start_s, abs=2e-3)
+
+
+def test_a_line_is_hidden_by_its_name_and_keys_move_the_cursor(browser, pages):
+    browser.open(pages["trial"])
+    before = browser.run("[...document.querySelectorAll('button.chart-key')].map(b => b.ariaPressed)")
+    assert set(before) == {"true"}
+    browser.run("document.querySelector('button.chart-key').click()")
+    label = browser.run("document.querySelector('button.chart-key').dataset.label")
+    after = browser.run(
+        "[...document.querySelector('button.chart-key').closest('.chart').querySelectorAll('button.chart-key')]"
+        ".map(b => [b.dataset.label, b.ariaPressed])"
+    )
+    assert all((pressed == "false") == (one == label) for one, pressed in after)
+    browser.run("document.querySelector('.chart-tools button').focus()")
+    for _ in range(2):
+        browser.ask("Input.dispatchKeyEvent", type="keyDown", key="ArrowRight")
+    assert browser.run("document.querySelector('.chart-at').textContent").startswith("time ")
+
+
+def test_paper_and_a_page_without_script_show_the_drawing(browser, pages):
+    browser.open(pages["trial"])
+    assert seen(browser, ".chart", "svg.replaced") == [True, False]
+    browser.open(pages["trial"], media="print")
+    assert seen(browser, ".chart", "svg.replaced") == [False, True]
+    browser.ask("Emulation.setScriptExecutionDisabled", value=True)
+    try:
+        browser.open(pages["trial"], waits_for_drawing=False)
+        root = browser.ask("DOM.getDocument", depth=1)["root"]["nodeId"]
+        drawn = browser.ask("DOM.querySelectorAll", nodeId=root, selector="figure svg")["nodeIds"]
+        assert len(drawn) >= 5
+        assert not browser.ask("DOM.querySelectorAll", nodeId=root, selector="svg.replaced, .chart")["nodeIds"]
+        assert browser.ask("DOM.getBoxModel", nodeId=drawn[0])["model"]["height"] > 100
+    finally:
+        browser.ask("Emulation.setScriptExecutionDisabled", value=False)
