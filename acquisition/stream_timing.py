@@ -176,7 +176,7 @@ class StreamTimer:
     def statement(self) -> str:
         """How the times were made, in words."""
         if self.stream.rate_hz <= 0:
-            return "middle between question and answer of each sample"
+            return self.stream.own_time
         return self._clock.statement() if self._n_seen else "no samples"
 
     def push(self, chunk: Chunk) -> list[Timed]:

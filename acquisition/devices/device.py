@@ -7,7 +7,7 @@ from typing import Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
 from sawbench.acquisition.calibration import Calibration
 from sawbench.bench.units import CHANNEL_BY_NAME, Channel
 
@@ -50,11 +50,14 @@ class Stream:
     rate_hz : float
         Nominal rate; 0 where each sample carries its own time (polled instruments).
     channels : tuple of StreamChannel
+    own_time : str
+        Where the times come from, in words, where each sample carries its own.
     """
 
     name: str
     rate_hz: float
     channels: tuple[StreamChannel, ...]
+    own_time: str = "middle between question and answer of each sample"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -172,3 +175,28 @@ def _known_channel(name: Any, info: ValidationInfo) -> Any:
 
 # A key of a settings table: written as the channel's name, read as the channel with its unit.
 BenchChannel = Annotated[Channel, BeforeValidator(_known_channel)]
+
+
+def inputs_within(
+    channels: dict[Channel, ChannelTable], highest: int, what: str = "inputs"
+) -> dict[Channel, ChannelTable]:
+    """Return `channels`; ValueError unless their inputs lie in 1..`highest` and no two are the same."""
+    inputs = [channel.input for channel in channels.values()]
+    if not all(1 <= i <= highest for i in inputs):
+        raise ValueError(f"{what} are numbered 1..{highest}, got {inputs}")
+    if len(set(inputs)) < len(inputs):
+        raise ValueError(f"two channels read the same input: {inputs}")
+    return channels
+
+
+def _has_one_input(channels: dict[Channel, ChannelTable]) -> dict[Channel, ChannelTable]:
+    for channel, table in channels.items():
+        if table.input != 1:
+            raise ValueError(f"{channel.name}: the instrument has one input, got input {table.input}")
+    return channels
+
+
+# `[devices.NAME.channels.CHANNEL]` of an instrument with one input.
+OneChannel = Annotated[
+    dict[BenchChannel, ChannelTable], Field(min_length=1, max_length=1), AfterValidator(_has_one_input)
+]

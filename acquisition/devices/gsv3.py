@@ -14,24 +14,21 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field, field_validator
-from sawbench.acquisition.devices.device import STRICT, BenchChannel, ChannelTable, Chunk, Stream
+from pydantic import BaseModel, Field
+from sawbench.acquisition.devices.device import STRICT, Chunk, OneChannel
 from sawbench.acquisition.devices.instrument import Instrument
+from sawbench.acquisition.devices.serial_instrument import SerialInstrument
 from sawbench.acquisition.simulation.plant_stream import PlantStream
 from sawbench.acquisition.simulation.sensor import EmulatedSensor
-from sawbench.acquisition.transports.serial_port import SerialPort
-from sawbench.bench.errors import DeviceError
 
 SET_ZERO: Final = b"\x0c"
 STOP_TRANSMISSION: Final = b"\x23"
 START_TRANSMISSION: Final = b"\x24"
-STREAM: Final = "frames"
 _PREFIX: Final = 0xA5
 _FRAME_BYTES: Final = 3
 _ZERO_CODE: Final = 32768
 # So many frames in a row make a new beginning after bytes were lost.
 _FRAMES_TO_LOCK: Final = 6
-_QUIET_WAIT_S: Final = 0.5
 
 
 class Gsv3Settings(BaseModel):
@@ -58,18 +55,10 @@ class Gsv3Settings(BaseModel):
     driver: str = "gsv3"
     port: str
     rate_hz: float = Field(default=1000.0, gt=0, le=1280)
-    channels: dict[BenchChannel, ChannelTable] = Field(min_length=1, max_length=1)
+    channels: OneChannel
     baud_rate: int = Field(default=38400, gt=0)
     full_scale: float = Field(default=2.0, gt=0)
     serial_number: str | None = Field(default=None, min_length=1)
-
-    @field_validator("channels")
-    @classmethod
-    def _has_one_input(cls, channels: dict[BenchChannel, ChannelTable]) -> dict[BenchChannel, ChannelTable]:
-        for channel, table in channels.items():
-            if table.input != 1:
-                raise ValueError(f"{channel.name}: the amplifier has one input, got input {table.input}")
-        return channels
 
 
 class Gsv3Framer:
@@ -151,7 +140,7 @@ def _shares(frames: NDArray[np.uint8]) -> NDArray[np.float64]:
     return (codes - _ZERO_CODE) / _ZERO_CODE
 
 
-class Gsv3:
+class Gsv3(SerialInstrument[Gsv3Settings, Gsv3Framer]):
     """One amplifier.
 
     Parameters
@@ -163,50 +152,23 @@ class Gsv3:
         Monotonic seconds; stamps the arrival of samples.
     """
 
+    MODEL = "GSV-3"
+
     def __init__(self, name: str, settings: Gsv3Settings, *, clock: Callable[[], float] = time.monotonic) -> None:
-        self.name = name
-        self.port = settings.port
-        self._settings = settings
-        self._clock = clock
-        self._link = SerialPort(
-            settings.port, device=name, baud_rate=settings.baud_rate, serial_number=settings.serial_number
+        super().__init__(
+            name, settings, Gsv3Framer(), clock=clock, rate_hz=settings.rate_hz, farewell=STOP_TRANSMISSION
         )
-        self._framer = Gsv3Framer()
-        self._discarded_before = 0
-
-    @property
-    def streams(self) -> tuple[Stream, ...]:
-        """One stream of one channel."""
-        channels = tuple(table.stream_channel(channel) for channel, table in self._settings.channels.items())
-        return (Stream(name=STREAM, rate_hz=self._settings.rate_hz, channels=channels),)
-
-    @property
-    def n_discarded_bytes(self) -> int:
-        """Received bytes that were part of no valid frame, since construction."""
-        return self._discarded_before + self._framer.n_discarded_bytes
 
     def open(self) -> None:
         """Connect and stop the transmission; see `Device.open`."""
         self._link.open()
         self._link.write(STOP_TRANSMISSION)
-        deadline_s = self._clock() + _QUIET_WAIT_S
-        while self._link.read():
-            if self._clock() > deadline_s:
-                raise DeviceError(
-                    f"goes on sending {_QUIET_WAIT_S:g} s after it was told to stop",
-                    where=f"{self.name} (GSV-3) on {self.port}",
-                    remedy="check that this port belongs to the amplifier, and that baud_rate is its own",
-                )
-        self._discarded_before = self.n_discarded_bytes
-        self._framer = Gsv3Framer()
+        self._wait_until_quiet()
+        self._begin_anew(Gsv3Framer())
 
     def start(self) -> None:
         """Start the continuous transmission."""
         self._link.write(START_TRANSMISSION)
-
-    def read(self) -> list[Chunk]:
-        """Return the samples that arrived; wait at most 0.1 s for the first byte."""
-        return self.decode(self._link.read(), self._clock())
 
     def decode(self, received: bytes, arrival_s: float) -> list[Chunk]:
         """Turn received bytes into chunks; no input or output."""
@@ -215,18 +177,10 @@ class Gsv3:
             return []
         raw = (shares * self._settings.full_scale)[:, None]
         return [
-            Chunk(stream=STREAM, raw=raw, arrival_s=np.array([arrival_s]), n_lost=n_lost, is_loss_exact=n_lost == 0)
+            Chunk(
+                stream=self.STREAM, raw=raw, arrival_s=np.array([arrival_s]), n_lost=n_lost, is_loss_exact=n_lost == 0
+            )
         ]
-
-    def stop(self) -> None:
-        """Stop the transmission and close the port."""
-        try:
-            self._link.write(STOP_TRANSMISSION)
-        except DeviceError:
-            # Unplugged or never opened: nothing is left to be told to stop.
-            pass
-        finally:
-            self._link.close()
 
     def set_zero(self, channel: str) -> None:
         """Make the present reading the zero of the amplifier (command 0C); it has one channel."""
@@ -236,7 +190,7 @@ class Gsv3:
     def describe(self) -> dict[str, str]:
         """Model, rate, where its times come from."""
         return {
-            "model": "GSV-3",
+            "model": self.MODEL,
             "rate_hz": f"{self._settings.rate_hz:g}",
             "time_source": "sample count and arrival of the bytes at this machine",
             **self._link.facts,

@@ -14,14 +14,14 @@ from typing import Final
 
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
-from sawbench.acquisition.devices.device import STRICT, BenchChannel, ChannelTable, Chunk, Stream
+from sawbench.acquisition.devices.device import STRICT, BenchChannel, ChannelTable, Chunk, inputs_within
 from sawbench.acquisition.devices.gsv8_emulator import Gsv8Emulator
 from sawbench.acquisition.devices.gsv8_frames import ERROR_TEXT, Answer, DataType, Gsv8Framer, request
 from sawbench.acquisition.devices.instrument import Instrument
+from sawbench.acquisition.devices.serial_instrument import SerialInstrument
 from sawbench.acquisition.simulation.plant_stream import PlantStream
 from sawbench.acquisition.simulation.sensor import EmulatedSensor
-from sawbench.acquisition.transports.serial_port import SerialPort
-from sawbench.bench.errors import DeviceError, NoAnswerError, OtherInstrumentError
+from sawbench.bench.errors import OtherInstrumentError
 
 GET_INTERFACE: Final = 0x01
 SET_ZERO: Final = 0x0C
@@ -34,7 +34,6 @@ WRITE_DATA_RATE: Final = 0x8B
 _ANSWER_WAIT_S: Final = 0.5
 _MODELS: Final = {6: "GSV-6", 8: "GSV-8"}
 _DATA_TYPES: Final[dict[int, DataType]] = {1: "int16", 2: "int24", 3: "float32"}
-STREAM: Final = "frames"
 
 
 class Gsv8Settings(BaseModel):
@@ -67,15 +66,11 @@ class Gsv8Settings(BaseModel):
 
     @model_validator(mode="after")
     def _inputs_exist(self) -> Gsv8Settings:
-        inputs = [channel.input for channel in self.channels.values()]
-        if not all(1 <= i <= 15 for i in inputs):
-            raise ValueError(f"inputs are numbered 1..15, got {inputs}")
-        if len(set(inputs)) < len(inputs):
-            raise ValueError(f"two channels read the same input: {inputs}")
+        inputs_within(self.channels, 15)
         return self
 
 
-class Gsv8:
+class Gsv8(SerialInstrument[Gsv8Settings, Gsv8Framer]):
     """One amplifier.
 
     Parameters
@@ -87,28 +82,20 @@ class Gsv8:
         Monotonic seconds; stamps the arrival of samples.
     """
 
+    MODEL = "GSV-8"
+
     def __init__(self, name: str, settings: Gsv8Settings, *, clock: Callable[[], float] = time.monotonic) -> None:
-        self.name = name
-        self.port = settings.port
-        self._settings = settings
-        self._clock = clock
-        self._link = SerialPort(settings.port, device=name, baud_rate=settings.baud_rate)
         self._columns = [channel.input - 1 for channel in settings.channels.values()]
-        self._framer = self._new_framer(max(self._columns) + 1, "float32")
-        self._discarded_before = 0
-        self._rate_hz = settings.rate_hz
+        super().__init__(
+            name,
+            settings,
+            _framer_of(settings, max(self._columns) + 1, "float32"),
+            clock=clock,
+            rate_hz=settings.rate_hz,
+            farewell=request(STOP_TRANSMISSION),
+            has_own_number=True,
+        )
         self._facts: dict[str, str] = {}
-
-    @property
-    def streams(self) -> tuple[Stream, ...]:
-        """One stream: all configured channels at the frame rate."""
-        channels = tuple(table.stream_channel(channel) for channel, table in self._settings.channels.items())
-        return (Stream(name=STREAM, rate_hz=self._rate_hz, channels=channels),)
-
-    @property
-    def n_discarded_bytes(self) -> int:
-        """Received bytes that were part of no valid frame, since construction."""
-        return self._discarded_before + self._framer.n_discarded_bytes
 
     def open(self) -> None:
         """Connect, stop the transmission, identify, set the data rate; see `Device.open`."""
@@ -127,8 +114,7 @@ class Gsv8:
                 f"sends frames of {n_values} x {data_type}, but input {max(self._columns) + 1} is configured",
                 "map the input into the measured-value frame with the maker's program, or correct `input`",
             )
-        self._discarded_before = self.n_discarded_bytes
-        self._framer = self._new_framer(n_values, data_type)
+        self._begin_anew(_framer_of(self._settings, n_values, data_type))
         serial_number = self._ask_serial_number()
         self._set_rate()
         firmware = self._ask(GET_FIRMWARE_VERSION).payload
@@ -144,17 +130,13 @@ class Gsv8:
         """Start the continuous transmission."""
         self._ask(START_TRANSMISSION)
 
-    def read(self) -> list[Chunk]:
-        """Return the samples that arrived; wait at most 0.1 s for the first byte."""
-        return self.decode(self._link.read(), self._clock())
-
     def decode(self, received: bytes, arrival_s: float) -> list[Chunk]:
         """Turn received bytes into chunks; no input or output."""
         self._framer.answers.clear()
         arrival = np.array([arrival_s])
         return [
             Chunk(
-                stream=STREAM,
+                stream=self.STREAM,
                 raw=piece.raw[:, self._columns],
                 arrival_s=arrival,
                 n_lost=piece.n_lost,
@@ -162,16 +144,6 @@ class Gsv8:
             )
             for piece in self._framer.feed(received)
         ]
-
-    def stop(self) -> None:
-        """Stop the transmission and close the port."""
-        try:
-            self._link.write(request(STOP_TRANSMISSION))
-        except DeviceError:
-            # Unplugged or never opened: nothing is left to be told to stop.
-            pass
-        finally:
-            self._link.close()
 
     def set_zero(self, channel: str) -> None:
         """Make the present reading of `channel` the zero of the amplifier (command 0C).
@@ -203,9 +175,6 @@ class Gsv8:
             )
         return present
 
-    def _new_framer(self, n_values: int, data_type: DataType) -> Gsv8Framer:
-        return Gsv8Framer(n_values=n_values, data_type=data_type, full_scale=self._settings.integer_full_scale)
-
     def _set_rate(self) -> None:
         wanted_hz = self._settings.rate_hz
         answer = self._ask(WRITE_DATA_RATE, struct.pack(">f", wanted_hz))
@@ -234,18 +203,14 @@ class Gsv8:
                     f"refused command {command:02X}: {ERROR_TEXT[answer.error]} (code {answer.error:02X})",
                     "check its settings with the maker's program",
                 )
-        raise NoAnswerError(
+        raise self._no_answer(
             f"opens, but did not answer command {command:02X} within {n_tries * _ANSWER_WAIT_S:g} s",
-            where=self._where,
-            remedy="check that it is powered, that this is its port, and that baud_rate is its own",
+            "check that it is powered, that this is its port, and that baud_rate is its own",
         )
 
-    @property
-    def _where(self) -> str:
-        return f"{self.name} (GSV-8) on {self.port}"
 
-    def _error(self, what: str, remedy: str) -> DeviceError:
-        return DeviceError(what, where=self._where, remedy=remedy)
+def _framer_of(settings: Gsv8Settings, n_values: int, data_type: DataType) -> Gsv8Framer:
+    return Gsv8Framer(n_values=n_values, data_type=data_type, full_scale=settings.integer_full_scale)
 
 
 def emulate(name: str, settings: Gsv8Settings, plant: PlantStream, clock_error_ppm: float) -> Gsv8Emulator:

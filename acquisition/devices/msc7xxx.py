@@ -12,22 +12,19 @@ from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, Field, model_validator
-from sawbench.acquisition.devices.device import STRICT, BenchChannel, ChannelTable, Chunk, Stream
+from pydantic import BaseModel, Field
+from sawbench.acquisition.devices.device import STRICT, Chunk, OneChannel
 from sawbench.acquisition.devices.instrument import Instrument
 from sawbench.acquisition.devices.msc7xxx_emulator import Msc7xxxEmulator
+from sawbench.acquisition.devices.serial_instrument import SerialInstrument
 from sawbench.acquisition.simulation.plant_stream import PlantStream
 from sawbench.acquisition.simulation.sensor import EmulatedSensor
-from sawbench.acquisition.transports.serial_port import SerialPort
-from sawbench.bench.errors import NoAnswerError
 
 _SHORT_START: Final = 0x10
 _LONG_START: Final = 0x68
 _END: Final = 0x16
 _READ_VALUES: Final = 0x4C
 _HOST: Final = 0x01
-_ANSWER_WAIT_S: Final = 0.2
-STREAM: Final = "values"
 
 
 class Values(NamedTuple):
@@ -137,19 +134,12 @@ class Msc7xxxSettings(BaseModel):
     driver: str = "msc7xxx"
     port: str
     address: int = Field(default=0x7E, ge=0, le=0xFF)
-    channels: dict[BenchChannel, ChannelTable] = Field(min_length=1, max_length=1)
+    channels: OneChannel
     baud_rate: int = Field(default=256_000, gt=0)
     serial_number: str | None = Field(default=None, min_length=1)
 
-    @model_validator(mode="after")
-    def _has_one_input(self) -> Msc7xxxSettings:
-        for channel, table in self.channels.items():
-            if table.input != 1:
-                raise ValueError(f"{channel.name}: the controller has one input, got input {table.input}")
-        return self
 
-
-class Msc7xxx:
+class Msc7xxx(SerialInstrument[Msc7xxxSettings, Msc7xxxDecoder]):
     """One controller.
 
     Parameters
@@ -160,39 +150,19 @@ class Msc7xxx:
         Monotonic seconds.
     """
 
+    MODEL = "MSC7xxx"
+    STREAM = "values"
+
     def __init__(self, name: str, settings: Msc7xxxSettings, *, clock: Callable[[], float] = time.monotonic) -> None:
-        self.name = name
-        self.port = settings.port
-        self._settings = settings
-        self._clock = clock
-        self._link = SerialPort(
-            settings.port,
-            device=name,
-            baud_rate=settings.baud_rate,
-            parity="E",
-            serial_number=settings.serial_number,
-        )
-        self._decoder = Msc7xxxDecoder(address=settings.address)
-
-    @property
-    def streams(self) -> tuple[Stream, ...]:
-        """One polled stream: every sample carries its own time."""
-        channels = tuple(table.stream_channel(channel) for channel, table in self._settings.channels.items())
-        return (Stream(name=STREAM, rate_hz=0.0, channels=channels),)
-
-    @property
-    def n_discarded_bytes(self) -> int:
-        """Received bytes that were part of no valid frame, since construction."""
-        return self._decoder.n_discarded_bytes
+        super().__init__(name, settings, Msc7xxxDecoder(address=settings.address), clock=clock, parity="E")
 
     def open(self) -> None:
         """Connect and ask once; see `Device.open`."""
         self._link.open()
         if not self.read():
-            raise NoAnswerError(
+            raise self._no_answer(
                 f"opens, but did not answer address {self._settings.address:02X}",
-                where=f"{self.name} (MSC7xxx) on {self.port}",
-                remedy="check power, RS485 wiring, address and baud rate (256000, even parity)",
+                "check power, RS485 wiring, address and baud rate (256000, even parity)",
             )
 
     def start(self) -> None:
@@ -200,32 +170,22 @@ class Msc7xxx:
 
     def read(self) -> list[Chunk]:
         """Ask for one value; its time is the middle between question and answer."""
-        asked_s = self._clock()
-        self._link.write(question(self._settings.address))
-        while self._clock() < asked_s + _ANSWER_WAIT_S:
-            chunks = self.decode(self._link.read(), asked_s, self._clock())
-            if chunks:
-                return chunks
-        return []
+        return self._poll(question(self._settings.address), self.answer)
 
-    def decode(self, received: bytes, asked_s: float, arrival_s: float) -> list[Chunk]:
+    def answer(self, received: bytes, asked_s: float, arrival_s: float) -> list[Chunk]:
         """Turn received bytes into chunks; no input or output."""
-        values = self._decoder.feed(received)
+        values = self._framer.feed(received)
         if not values:
             return []
         # Only the last answer belongs to this question; an older one came too late to have a time.
         middle = np.array([0.5 * (asked_s + arrival_s)])
         raw = np.array([[values[-1].voltage_v]])
-        return [Chunk(stream=STREAM, raw=raw, arrival_s=np.array([arrival_s]), time_s=middle)]
-
-    def stop(self) -> None:
-        """Close the port."""
-        self._link.close()
+        return [Chunk(stream=self.STREAM, raw=raw, arrival_s=np.array([arrival_s]), time_s=middle)]
 
     def describe(self) -> dict[str, str]:
         """Protocol, address, where the times come from."""
         return {
-            "model": "MSC7xxx",
+            "model": self.MODEL,
             "address": f"{self._settings.address:02X}",
             "time_source": "middle between question and answer",
             **self._link.facts,

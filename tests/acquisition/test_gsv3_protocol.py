@@ -85,7 +85,7 @@ class ScriptedPort:
 
 def test_dialogue_of_a_measurement(monkeypatch):
     port = ScriptedPort()
-    monkeypatch.setattr("sawbench.acquisition.devices.gsv3.SerialPort", lambda *_a, **_k: port)
+    monkeypatch.setattr("sawbench.acquisition.devices.serial_instrument.SerialPort", lambda *_a, **_k: port)
     device = Gsv3("cell", Gsv3Settings.model_validate(TABLE), clock=lambda: 0.0)
     # What was under way when the stop arrived is no measurement of ours.
     port.answers = [frames_of([1, 2])]
@@ -102,7 +102,7 @@ def test_dialogue_of_a_measurement(monkeypatch):
 
 def test_an_instrument_that_does_not_stop_is_refused(monkeypatch):
     port, ticks = ScriptedPort(), iter(range(1000))
-    monkeypatch.setattr("sawbench.acquisition.devices.gsv3.SerialPort", lambda *_a, **_k: port)
+    monkeypatch.setattr("sawbench.acquisition.devices.serial_instrument.SerialPort", lambda *_a, **_k: port)
     port.answers = [b"noise"] * 100
     device = Gsv3("cell", Gsv3Settings.model_validate(TABLE), clock=lambda: 0.1 * next(ticks))
     with pytest.raises(DeviceError, match="goes on sending"):

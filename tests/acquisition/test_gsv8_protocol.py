@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sawbench.acquisition.devices import gsv8
+from sawbench.acquisition.devices import serial_instrument
 from sawbench.acquisition.devices.gsv8 import Gsv8, Gsv8Settings
 from sawbench.acquisition.devices.gsv8_frames import Gsv8Framer, request
 from sawbench.bench.errors import DeviceError, OtherInstrumentError
@@ -178,7 +178,7 @@ SERIAL = ("aa901f85", "aa540001350caf85")
 def device_with(monkeypatch, script, **settings):
     clock = Clock()
     port = ScriptedPort(script, clock)
-    monkeypatch.setattr(gsv8, "SerialPort", lambda *_a, **_k: port)
+    monkeypatch.setattr(serial_instrument, "SerialPort", lambda *_a, **_k: port)
     table = Gsv8Settings.model_validate({"port": "COM3", "channels": {"force_n": {"input": 1}}, **settings})
     return Gsv8("load_cell", table, clock=clock), port
 

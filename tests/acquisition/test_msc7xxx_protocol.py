@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from sawbench.acquisition.devices import msc7xxx
+from sawbench.acquisition.devices import serial_instrument
 from sawbench.acquisition.devices.msc7xxx import Msc7xxx, Msc7xxxDecoder, Msc7xxxSettings, question
 from sawbench.bench.errors import DeviceError
 
@@ -58,7 +58,7 @@ class Port:
 def device_with(monkeypatch, answers):
     port = Port(answers)
     ticks = iter(range(10_000))
-    monkeypatch.setattr(msc7xxx, "SerialPort", lambda *_a, **_k: port)
+    monkeypatch.setattr(serial_instrument, "SerialPort", lambda *_a, **_k: port)
     table = {"port": "COM4", "channels": {"displacement_mm": {"input": 1, "calibration": {"scale": 2.5}}}}
     settings = Msc7xxxSettings.model_validate(table)
     return Msc7xxx("stroke", settings, clock=lambda: next(ticks) * 0.01), port
