@@ -118,12 +118,14 @@ def identify(
     """
     found: dict[FoundPort, FoundInstrument] = {}
     for driver in INSTRUMENTS:
+        instrument = load_instrument(driver)
+        if not instrument.is_searched:
+            continue
         waiting = [p for p in ports if p not in found and (p.interface == SERIAL or driver == _CAN_DRIVER)]
         if not waiting:
             continue
         if watch is not None:
             watch(driver)
-        instrument = load_instrument(driver)
         devices = []
         for place in waiting:
             interface = {} if place.interface == SERIAL else {"interface": place.interface}

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from sawbench.acquisition.devices.device import Chunk
 
 # The sample before a jump may have arrived late by this much, so that more were sent in between than the arrivals tell.
 _LATENESS_S: Final = 2.5
@@ -102,3 +104,66 @@ class SampleCounter:
         most = _RATE_TOLERANCE * self._rate_hz * (max(0.0, elapsed_s) + _LATENESS_S)
         is_possible = n_lost <= min(most, 0.5 * self._modulus)
         return (count, True, n_lost, True) if is_possible else (count, True, 0, False)
+
+
+class CountedStream:
+    """Samples that carry a counter -> chunks with what was lost between them.
+
+    Parameters
+    ----------
+    stream : str
+        Name in the chunks.
+    n_bits : int
+        Of the counter.
+    rate_hz : float
+
+    Examples
+    --------
+    >>> stream = CountedStream("frames", n_bits=8, rate_hz=1000.0)
+    >>> chunks = stream.chunks(np.zeros((3, 1)), np.array([254, 255, 3]), np.array([0.0, 0.001, 0.005]))
+    >>> chunks += stream.chunks(np.zeros((1, 1)), np.array([4]), np.array([0.006]))
+    >>> [(len(chunk.raw), chunk.n_lost) for chunk in chunks]
+    [(2, 0), (2, 3)]
+    """
+
+    def __init__(self, stream: str, *, n_bits: int, rate_hz: float) -> None:
+        self._stream = stream
+        self._counter = SampleCounter(n_bits=n_bits, rate_hz=rate_hz)
+        # Samples whose counter jumps, until the next one tells why.
+        self._waiting: tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]] | None = None
+
+    def chunks(
+        self, raw: NDArray[np.float64], counts: NDArray[np.int64], arrival_s: NDArray[np.float64]
+    ) -> list[Chunk]:
+        """Return what is certain.
+
+        Parameters
+        ----------
+        raw : ndarray, shape (n, n_channels)
+        counts : ndarray of int, shape (n,)
+        arrival_s : ndarray, shape (n,), s
+        """
+        if self._waiting is not None:
+            before, counts_before, before_s = self._waiting
+            raw, counts = np.concatenate((before, raw)), np.concatenate((counts_before, counts))
+            arrival_s = np.concatenate((before_s, arrival_s))
+            self._waiting = None
+        counted = self._counter.take(counts, arrival_s)
+        n = counted.n_ready
+        if n < len(raw):
+            self._waiting = raw[n:], counts[n:], arrival_s[n:]
+        kept = np.flatnonzero(counted.keep)
+        raw, arrival_s = raw[kept], arrival_s[kept]
+        n_lost, is_exact = counted.n_lost[kept], counted.is_exact[kept]
+        starts = np.flatnonzero((n_lost > 0) | ~is_exact)
+        edges = sorted({0, *starts.tolist(), len(raw)}) if len(raw) else []
+        return [
+            Chunk(
+                stream=self._stream,
+                raw=raw[a:b],
+                arrival_s=arrival_s[a:b],
+                n_lost=int(n_lost[a]),
+                is_loss_exact=bool(is_exact[a]),
+            )
+            for a, b in pairwise(edges)
+        ]

@@ -33,6 +33,7 @@ INSTRUMENTS: Final[Mapping[str, str]] = MappingProxyType(
         "gsv3": "sawbench.acquisition.devices.gsv3:INSTRUMENT",
         "dbc_can": "sawbench.acquisition.devices.dbc_can:INSTRUMENT",
         "msc7xxx": "sawbench.acquisition.devices.msc7xxx:INSTRUMENT",
+        "text_lines": "sawbench.acquisition.devices.text_lines:INSTRUMENT",
     }
 )
 ENTRY_POINT_GROUP: Final = "sawbench.instruments"

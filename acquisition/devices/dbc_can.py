@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Final
 
 import numpy as np
@@ -17,7 +16,7 @@ from sawbench.acquisition.can_signals import find_signal, frame_mask, load_dbc, 
 from sawbench.acquisition.devices.dbc_can_emulator import CanEmulator, EmulatedMessage
 from sawbench.acquisition.devices.device import STRICT, BenchChannel, Chunk, Stream, StreamChannel
 from sawbench.acquisition.devices.instrument import Instrument
-from sawbench.acquisition.sample_counter import SampleCounter
+from sawbench.acquisition.sample_counter import CountedStream
 from sawbench.acquisition.simulation.plant_stream import PlantStream
 from sawbench.acquisition.transports.can_batch import CanBatch
 from sawbench.acquisition.transports.can_bus import make_can_source
@@ -209,9 +208,7 @@ class DbcCan:
             serial_number=settings.serial_number,
             clock=clock,
         )
-        self._counters: dict[str, SampleCounter] = {}
-        # Frames whose counter jumps, until the next one tells why.
-        self._waiting: dict[str, tuple[NDArray[np.uint8], NDArray[np.float64]]] = {}
+        self._counted: dict[str, CountedStream] = {}
         self._n_other_frames = 0
         self._n_short_frames = 0
 
@@ -233,8 +230,7 @@ class DbcCan:
     def open(self) -> None:
         """Open the bus; see `Device.open`."""
         _ = self.layouts
-        self._counters.clear()
-        self._waiting.clear()
+        self._counted.clear()
         self._bus.open()
 
     def start(self) -> None:
@@ -277,32 +273,13 @@ class DbcCan:
     def _chunks_of(
         self, layout: MessageLayout, payload: NDArray[np.uint8], arrival_s: NDArray[np.float64]
     ) -> list[Chunk]:
+        name, raw = layout.stream.name, _physical(layout, payload)
         if layout.counter is None:
-            return [Chunk(stream=layout.stream.name, raw=_physical(layout, payload), arrival_s=arrival_s)]
-        name = layout.stream.name
-        if name in self._waiting:
-            before, before_s = self._waiting.pop(name)
-            payload, arrival_s = np.concatenate((before, payload)), np.concatenate((before_s, arrival_s))
-        if name not in self._counters:
-            self._counters[name] = SampleCounter(n_bits=layout.counter.length, rate_hz=layout.stream.rate_hz)
-        counted = self._counters[name].take(raw_signal(layout.counter, payload).astype(np.int64), arrival_s)
-        if counted.n_ready < len(payload):
-            self._waiting[name] = payload[counted.n_ready :], arrival_s[counted.n_ready :]
-        kept = np.flatnonzero(counted.keep)
-        raw, arrival_s = _physical(layout, payload[kept]), arrival_s[kept]
-        n_lost, is_exact = counted.n_lost[kept], counted.is_exact[kept]
-        starts = np.flatnonzero((n_lost > 0) | ~is_exact)
-        edges = sorted({0, *starts.tolist(), len(raw)}) if len(raw) else []
-        return [
-            Chunk(
-                stream=name,
-                raw=raw[a:b],
-                arrival_s=arrival_s[a:b],
-                n_lost=int(n_lost[a]),
-                is_loss_exact=bool(is_exact[a]),
-            )
-            for a, b in pairwise(edges)
-        ]
+            return [Chunk(stream=name, raw=raw, arrival_s=arrival_s)]
+        if name not in self._counted:
+            self._counted[name] = CountedStream(name, n_bits=layout.counter.length, rate_hz=layout.stream.rate_hz)
+        counts = raw_signal(layout.counter, payload).astype(np.int64)
+        return self._counted[name].chunks(raw, counts, arrival_s)
 
 
 def _physical(layout: MessageLayout, payload: NDArray[np.uint8]) -> NDArray[np.float64]:

@@ -26,9 +26,12 @@ class Instrument:
     emulate : callable, optional
         (name, settings, plant, clock error in 1e-6) -> EmulatedInstrument; None where there is no emulator, so that
         `sawbench simbench` cannot serve it.
+    is_searched : bool
+        `sawbench init` tries it at every port: only where the instrument can be told from another one.
     """
 
     settings: type[BaseModel]
     make: Callable[[str, Any, Callable[[], float]], Device]
     example: Mapping[str, Any]
     emulate: Callable[[str, Any, PlantStream, float], EmulatedInstrument] | None = None
+    is_searched: bool = True

@@ -1,0 +1,110 @@
+"""An instrument that sends lines, as the host sees it: requests in, lines out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from sawbench.acquisition.simulation.plant_stream import PlantStream
+from sawbench.acquisition.simulation.sampling import Sampler
+from sawbench.acquisition.simulation.sensor import EmulatedSensor
+
+# (readings of all sensors in the raw unit, number of the sample, its time in s) -> the line, its end included
+Render = Callable[[Sequence[float], int, float], bytes]
+# (emulator, time in s) -> answer
+Act = Callable[["LineEmulator", float], bytes]
+
+
+class LineEmulator:
+    """One instrument.
+
+    Parameters
+    ----------
+    plant : PlantStream
+    sensors : tuple of EmulatedSensor
+    render : callable
+        (readings, index, time in s) -> line.
+    requests : mapping of bytes to callable
+        What is obeyed, found anywhere in what the host sends.
+    sampler : Sampler
+    is_always_sending : bool
+        From switching on, without a request.
+    """
+
+    def __init__(
+        self,
+        plant: PlantStream,
+        sensors: tuple[EmulatedSensor, ...],
+        *,
+        render: Render,
+        requests: dict[bytes, Act],
+        sampler: Sampler,
+        is_always_sending: bool = False,
+    ) -> None:
+        self._plant = plant
+        self._sensors = sensors
+        self._render = render
+        self._requests = requests
+        self._sampler = sampler
+        self._is_always_sending = is_always_sending
+        self.power_cycle()
+
+    @property
+    def is_streaming(self) -> bool:
+        """Whether it sends lines, or has been asked for one."""
+        return self._sampler.is_running or self._was_asked
+
+    def power_cycle(self) -> None:
+        """As after switching on: nothing zeroed."""
+        self._incoming = b""
+        self._was_asked = False
+        self._zero = np.zeros(len(self._sensors))
+        self._sampler.end()
+        if self._is_always_sending:
+            self._sampler.begin(0.0)
+
+    def receive(self, commands: bytes, now_s: float) -> bytes:
+        """Obey every request in what came, in their order."""
+        self._incoming += commands
+        answers = b""
+        while places := [(self._incoming.find(r), -len(r), r) for r in self._requests if r in self._incoming]:
+            at, _, request = min(places)
+            self._incoming = self._incoming[at + len(request) :]
+            answers += self._requests[request](self, now_s)
+        self._incoming = self._incoming[-64:]
+        return answers
+
+    def advance(self, now_s: float) -> bytes:
+        """Lines of the samples up to `now_s`."""
+        first = self._sampler.n_taken
+        time_s = self._sampler.due(now_s)
+        return b"".join(
+            self._render(row, first + k, float(time_s[k])) for k, row in enumerate(self._readings(time_s).tolist())
+        )
+
+    def begin(self, now_s: float) -> bytes:
+        """Send from now on."""
+        self._sampler.begin(now_s)
+        return b""
+
+    def end(self, now_s: float) -> bytes:
+        """Send no more."""
+        del now_s
+        self._sampler.end()
+        return b""
+
+    def take_zero(self, now_s: float) -> bytes:
+        """Make the present readings 0."""
+        self._zero = self._zero + self._readings(np.array([now_s]))[0]
+        return b""
+
+    def one_line(self, now_s: float) -> bytes:
+        """Answer with one line."""
+        self._was_asked = True
+        return self._render(self._readings(np.array([now_s]))[0].tolist(), 0, now_s)
+
+    def _readings(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        if not len(time_s):
+            return np.empty((0, len(self._sensors)))
+        return np.stack([s.raw(self._plant, time_s) for s in self._sensors], axis=1) - self._zero

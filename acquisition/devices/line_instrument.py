@@ -1,0 +1,191 @@
+"""An instrument that sends its samples as lines of text, whatever its commands are."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from sawbench.acquisition.devices.device import Chunk, Stream
+from sawbench.acquisition.devices.lines import LineFormat, LineFramer
+from sawbench.acquisition.devices.sample_rows import RowStream, RowTiming
+from sawbench.acquisition.devices.serial_instrument import SerialInstrument, Settings
+
+# A microcontroller begins anew when its port is opened, and first waits for its boot loader, then takes its zero.
+FIRST_LINE_S: Final = 5.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LineProtocol:
+    """What is sent and received.
+
+    Attributes
+    ----------
+    line_format : LineFormat
+        Columns of the channels, in their order; behind them that of the time stamp or the counter.
+    timing : RowTiming
+    question : bytes
+        Asks for one line; empty where lines come without.
+    start, stop : bytes
+        Begin and end the transmission. Without `stop` it never ends, and `start` is sent once the port is open.
+    zero : bytes
+        Makes the present reading the zero; empty where there is no such command.
+    """
+
+    line_format: LineFormat
+    timing: RowTiming
+    question: bytes = b""
+    start: bytes = b""
+    stop: bytes = b""
+    zero: bytes = b""
+
+
+class LineInstrument(SerialInstrument[Settings, LineFramer]):
+    """One instrument; see `devices.device.Device`.
+
+    Parameters
+    ----------
+    name : str
+    settings : SerialSettings
+    protocol : LineProtocol
+    clock : callable
+        Monotonic seconds.
+    has_own_number : bool
+        See `SerialInstrument`.
+    """
+
+    MODEL = "text lines"
+    STREAM = "lines"
+
+    def __init__(
+        self,
+        name: str,
+        settings: Settings,
+        protocol: LineProtocol,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        has_own_number: bool = False,
+    ) -> None:
+        super().__init__(
+            name,
+            settings,
+            LineFramer(protocol.line_format),
+            clock=clock,
+            rate_hz=protocol.timing.rate_hz,
+            farewell=protocol.stop,
+            has_own_number=has_own_number,
+        )
+        self._protocol = protocol
+        self._rows = RowStream(self.STREAM, protocol.timing)
+
+    @property
+    def streams(self) -> tuple[Stream, ...]:
+        """One stream with all channels."""
+        (stream,) = super().streams
+        if self._protocol.timing.tick_s is None:
+            return (stream,)
+        return (Stream(name=stream.name, rate_hz=0.0, channels=stream.channels, own_time=self._protocol.timing.words),)
+
+    def open(self) -> None:
+        """Connect, and see that it is quiet, answers or sends, whatever it does by itself; see `Device.open`."""
+        self._link.open()
+        self._open_dialogue()
+        protocol = self._protocol
+        self._renew(is_begun=bool(protocol.question or protocol.stop))
+        if protocol.question and not self.read():
+            raise self._no_answer(
+                f"opens, but did not answer {protocol.question!r} with a line that can be read",
+                "check power and baud_rate, and that the question and the columns are those of the instrument",
+            )
+        if not protocol.question and not protocol.stop:
+            self._wait_for_lines()
+
+    def start(self) -> None:
+        """Start the transmission where it can be started and stopped."""
+        if self._protocol.stop:
+            self._link.write(self._protocol.start)
+
+    def read(self) -> list[Chunk]:
+        """Return the samples that arrived, or ask for one; wait at most 0.1 s for the first byte of it."""
+        if not self._protocol.question:
+            return super().read()
+        return self._poll(self._protocol.question, self.answer)
+
+    def decode(self, received: bytes, arrival_s: float) -> list[Chunk]:
+        """Turn received bytes into chunks; no input or output."""
+        return [
+            chunk
+            for piece in self._framer.feed(received)
+            for chunk in self._rows.chunks(piece.values, piece.n_lost, arrival_s)
+        ]
+
+    def answer(self, received: bytes, asked_s: float, arrival_s: float) -> list[Chunk]:
+        """Turn the answer to a question into a chunk; its time is the middle between the two."""
+        pieces = self._framer.feed(received)
+        if not pieces:
+            return []
+        # Only the last line answers this question; an older one came too late to have a time.
+        middle = np.array([0.5 * (asked_s + arrival_s)])
+        raw = pieces[-1].values[-1:]
+        return [Chunk(stream=self.STREAM, raw=raw, arrival_s=np.array([arrival_s]), time_s=middle)]
+
+    def set_zero(self, channel: str) -> None:
+        """Make the present reading the zero of the instrument.
+
+        Raises
+        ------
+        DeviceError
+            If it has no such command.
+        """
+        if not self._protocol.zero:
+            raise self._error(f"has no command that zeroes {channel}", "take the zero in the configuration: `zero_raw`")
+        self._link.write(self._protocol.zero)
+
+    def describe(self) -> dict[str, str]:
+        """Model, rate, where its times come from."""
+        timing = self._protocol.timing
+        rate = {"rate_hz": f"{timing.rate_hz:g}"} if timing.rate_hz else {}
+        polled = self._protocol.question
+        words = "middle between question and answer" if polled else timing.words
+        return {"model": self.MODEL, **rate, "time_source": words, **self._link.facts}
+
+    def _open_dialogue(self) -> None:
+        """Stop the transmission, where there is a command for it; an instrument that tells its name adds questions."""
+        if self._protocol.stop:
+            self._link.write(self._protocol.stop)
+            self._wait_until_quiet()
+
+    def _ask_text(self, request: bytes, *, wait_s: float = 0.5) -> str:
+        """Send a request and return the first line of the answer that is not empty; "" where none came."""
+        self._link.write(request)
+        received = b""
+        deadline_s = self._clock() + wait_s
+        while self._clock() < deadline_s:
+            received += self._link.read()
+            *whole, _ = received.replace(b"\n", b"\r").split(b"\r")
+            for line in whole:
+                if text := line.decode("ascii", "replace").strip():
+                    return text
+        return ""
+
+    def _renew(self, *, is_begun: bool) -> None:
+        self._begin_anew(LineFramer(self._protocol.line_format, is_begun=is_begun))
+        self._rows = RowStream(self.STREAM, self._protocol.timing)
+
+    def _wait_for_lines(self) -> None:
+        self._link.write(self._protocol.start)
+        begun_s = self._clock()
+        while not self._framer.feed(self._link.read()):
+            if self._clock() > begun_s + FIRST_LINE_S:
+                raise self._no_answer(
+                    f"opens, but sent no line that can be read within {FIRST_LINE_S:g} s",
+                    "check power and baud_rate, and that the columns are those of the instrument",
+                )
+        self._renew(is_begun=False)
+
+
+def columns_of(inputs: Sequence[int], behind: int | None) -> tuple[int, ...]:
+    """Columns that are read: those of the channels, then that of the stamp or the counter."""
+    return (*inputs, *(() if behind is None else (behind,)))
