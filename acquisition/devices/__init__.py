@@ -33,6 +33,9 @@ INSTRUMENTS: Final[Mapping[str, str]] = MappingProxyType(
         "gsv3": "sawbench.acquisition.devices.gsv3:INSTRUMENT",
         "dbc_can": "sawbench.acquisition.devices.dbc_can:INSTRUMENT",
         "msc7xxx": "sawbench.acquisition.devices.msc7xxx:INSTRUMENT",
+        "loadstar": "sawbench.acquisition.devices.loadstar:INSTRUMENT",
+        "mantracourt": "sawbench.acquisition.devices.mantracourt:INSTRUMENT",
+        "hx711": "sawbench.acquisition.devices.hx711:INSTRUMENT",
         "text_lines": "sawbench.acquisition.devices.text_lines:INSTRUMENT",
     }
 )

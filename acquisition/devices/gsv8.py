@@ -21,7 +21,6 @@ from sawbench.acquisition.devices.instrument import Instrument
 from sawbench.acquisition.devices.serial_instrument import SerialInstrument
 from sawbench.acquisition.simulation.plant_stream import PlantStream
 from sawbench.acquisition.simulation.sensor import EmulatedSensor
-from sawbench.bench.errors import OtherInstrumentError
 
 GET_INTERFACE: Final = 0x01
 SET_ZERO: Final = 0x0C
@@ -166,13 +165,7 @@ class Gsv8(SerialInstrument[Gsv8Settings, Gsv8Framer]):
 
     def _ask_serial_number(self) -> str:
         present = str(int.from_bytes(self._ask(GET_SERIAL_NUMBER).payload[:4], "big"))
-        wanted = self._settings.serial_number
-        if wanted not in {None, present}:
-            raise OtherInstrumentError(
-                f"another amplifier is at this port: its serial number is {present}, the configuration names {wanted}",
-                where=self._where,
-                remedy=f"change the plugs, or correct `port` or `serial_number` in [devices.{self.name}]",
-            )
+        self._require_number(present)
         return present
 
     def _set_rate(self) -> None:

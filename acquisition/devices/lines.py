@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from sawbench.acquisition.devices.row_instrument import Rows
 
 NUMBER: Final = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+# The first number of a line, behind a label that ends in a colon: "Reading: 12.5 kg"; with nothing grown onto it.
+LABELLED_NUMBER: Final = re.compile(rf"^(?:.*?:)?\s*({NUMBER})(?=$|[\s,;|])")
 _NUMBER: Final = re.compile(NUMBER)
 _DIGIT: Final = re.compile(r"\d")
 _LINE_END: Final = re.compile(r"[\r\n]")
@@ -62,30 +64,18 @@ class LineFormat:
         return tuple(map(float, texts))
 
 
-class Lines(NamedTuple):
-    """Lines that came without a break.
-
-    Attributes
-    ----------
-    values : ndarray, shape (n, n_columns)
-    n_lost : int
-        Lines before the first one that were numbers once, and cannot be read.
-    """
-
-    values: NDArray[np.float64]
-    n_lost: int
-
-
 class LineFramer:
     r"""Bytes in, numbers out.
 
     Parameters
     ----------
     line_format : LineFormat
+    is_begun : bool
+        The next byte begins a line; otherwise the first line may have begun before, and is never used.
 
     Notes
     -----
-    The first line may have begun before the port was opened: it is never used. A line without a digit is a label, and
+    A line without a digit, or that ends in a colon, is a label and
     no sample; any other line that does not fit is a lost sample. What cannot be told: a digit that became another.
 
     Examples
@@ -94,7 +84,7 @@ class LineFramer:
     >>> [piece.values[:, 0].tolist() for piece in framer.feed(b"5\r\n12.5\r\nReadings:\r\n13\r\n1")]
     [[12.5, 13.0]]
     >>> framer.feed(b"\xb4.0\r\n15\r\n"), framer.n_discarded_bytes
-    ([Lines(values=array([[15.]]), n_lost=1)], 6)
+    ([Rows(values=array([[15.]]), n_lost=1)], 6)
     """
 
     def __init__(self, line_format: LineFormat, *, is_begun: bool = False) -> None:
@@ -105,7 +95,7 @@ class LineFramer:
         self._n_lost = 0
         self.n_discarded_bytes = 0
 
-    def feed(self, received: bytes) -> list[Lines]:
+    def feed(self, received: bytes) -> list[Rows]:
         """Return the lines that `received` completes."""
         *lines, self._rest = (self._rest + received).split(self._end)
         if len(self._rest) > _LONGEST_LINE:
@@ -114,7 +104,7 @@ class LineFramer:
         if lines and not self._is_begun:
             self._is_begun = True
             del lines[0]
-        pieces: list[Lines] = []
+        pieces: list[Rows] = []
         rows: list[tuple[float, ...]] = []
         n_lost_before = 0
         for line in lines:
@@ -122,13 +112,13 @@ class LineFramer:
             if row is None:
                 continue
             if self._n_lost and rows:
-                pieces.append(Lines(np.array(rows), n_lost_before))
+                pieces.append(Rows(np.array(rows), n_lost_before))
                 rows = []
             if not rows:
                 n_lost_before, self._n_lost = self._n_lost, 0
             rows.append(row)
         if rows:
-            pieces.append(Lines(np.array(rows), n_lost_before))
+            pieces.append(Rows(np.array(rows), n_lost_before))
         return pieces
 
     def _read(self, line: bytes) -> tuple[float, ...] | None:
@@ -136,7 +126,7 @@ class LineFramer:
         text = line.decode("ascii", "replace").strip("\0\r\n\t ")
         # A line end inside: two lines grew together.
         row = None if _LINE_END.search(text) else self._format.numbers(text)
-        is_label = text.isascii() and not _DIGIT.search(text)
+        is_label = text.isascii() and (text.endswith(":") or not _DIGIT.search(text))
         if row is None and not is_label:
             self._discard(line)
             self._n_lost += 1

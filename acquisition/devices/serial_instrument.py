@@ -8,7 +8,7 @@ from typing import Final, Generic, Protocol, TypeVar
 
 from sawbench.acquisition.devices.device import ChannelTable, Chunk, Stream
 from sawbench.acquisition.transports.serial_port import SerialPort
-from sawbench.bench.errors import DeviceError, NoAnswerError
+from sawbench.bench.errors import DeviceError, NoAnswerError, OtherInstrumentError
 from sawbench.bench.units import Channel
 
 ANSWER_WAIT_S: Final = 0.2
@@ -154,6 +154,17 @@ class SerialInstrument(Generic[Settings, AnyFramer]):
             if chunks := answer(self._link.read(), asked_s, self._clock()):
                 return chunks
         return []
+
+    def _require_number(self, present: str) -> None:
+        """Refuse another instrument than the one whose own serial number the configuration names."""
+        wanted = self._settings.serial_number
+        if wanted not in {None, present}:
+            raise OtherInstrumentError(
+                f"another instrument is at this port: its serial number is {present or 'not known'}, "
+                f"the configuration names {wanted}",
+                where=self._where,
+                remedy=f"change the plugs, or correct `port` or `serial_number` in [devices.{self.name}]",
+            )
 
     @property
     def _where(self) -> str:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Callable, Sequence
 from typing import Final, Literal
 
 from pydantic import BaseModel, Field, field_validator, model_validator
 from sawbench.acquisition.devices.device import STRICT, BenchChannel, ChannelTable, inputs_within
 from sawbench.acquisition.devices.instrument import Instrument
-from sawbench.acquisition.devices.line_emulator import LineEmulator
-from sawbench.acquisition.devices.line_instrument import LineInstrument, LineProtocol, columns_of
-from sawbench.acquisition.devices.lines import LineFormat
+from sawbench.acquisition.devices.lines import LineFormat, LineFramer
+from sawbench.acquisition.devices.row_emulator import RowEmulator
+from sawbench.acquisition.devices.row_instrument import RowInstrument, RowProtocol, columns_of
 from sawbench.acquisition.devices.sample_rows import RowTiming
 from sawbench.acquisition.simulation.plant_stream import PlantStream
 from sawbench.acquisition.simulation.sampling import Sampler
@@ -49,8 +50,6 @@ class TextLinesSettings(BaseModel):
         Sent for each line, where the instrument answers only.
     start, stop : str
         Begin and end the transmission. An instrument that always sends has no `stop`.
-    zero : str
-        Zeroes the instrument, for `sawbench tare`.
     separator : str, optional
         Between columns; any white space where it is not given.
     pattern : str, optional
@@ -78,7 +77,6 @@ class TextLinesSettings(BaseModel):
     question: str = ""
     start: str = ""
     stop: str = ""
-    zero: str = ""
     separator: str | None = Field(default=None, min_length=1)
     pattern: str | None = None
     decimal: Literal[".", ","] = "."
@@ -128,11 +126,11 @@ class TextLinesSettings(BaseModel):
         )
 
     @property
-    def protocol(self) -> LineProtocol:
+    def protocol(self) -> RowProtocol:
         """What is sent and received."""
         has_stamp, has_counter = self.time_column is not None, self.counter_column is not None
-        return LineProtocol(
-            line_format=self.line_format,
+        return RowProtocol(
+            new_framer=lambda is_begun: LineFramer(self.line_format, is_begun=is_begun),
             timing=RowTiming(
                 rate_hz=self.rate_hz,
                 tick_s=self.tick_s if has_stamp else None,
@@ -142,16 +140,28 @@ class TextLinesSettings(BaseModel):
             question=self.question.encode(),
             start=self.start.encode(),
             stop=self.stop.encode(),
-            zero=self.zero.encode(),
         )
 
 
-def make(name: str, settings: TextLinesSettings, clock: Callable[[], float]) -> LineInstrument[TextLinesSettings]:
-    """Build the instrument of one validated table."""
-    return LineInstrument(name, settings, settings.protocol, clock=clock)
+class TextLines(RowInstrument[TextLinesSettings]):
+    """One instrument.
+
+    Parameters
+    ----------
+    name : str
+    settings : TextLinesSettings
+    clock : callable
+        Monotonic seconds.
+    """
+
+    MODEL = "text lines"
+    STREAM = "lines"
+
+    def __init__(self, name: str, settings: TextLinesSettings, *, clock: Callable[[], float] = time.monotonic) -> None:
+        super().__init__(name, settings, settings.protocol, clock=clock)
 
 
-def emulate(name: str, settings: TextLinesSettings, plant: PlantStream, clock_error_ppm: float) -> LineEmulator:
+def emulate(name: str, settings: TextLinesSettings, plant: PlantStream, clock_error_ppm: float) -> RowEmulator:
     """Build the instrument of one validated table, seen from the other side.
 
     Raises
@@ -176,12 +186,11 @@ def emulate(name: str, settings: TextLinesSettings, plant: PlantStream, clock_er
         return ((settings.separator or " ").join(cells) + settings.line_end).encode()
 
     acts = {
-        settings.start: LineEmulator.begin,
-        settings.stop: LineEmulator.end,
-        settings.zero: LineEmulator.take_zero,
-        settings.question: LineEmulator.one_line,
+        settings.start: RowEmulator.begin,
+        settings.stop: RowEmulator.end,
+        settings.question: RowEmulator.one_row,
     }
-    return LineEmulator(
+    return RowEmulator(
         plant,
         sensors,
         render=render,
@@ -193,7 +202,7 @@ def emulate(name: str, settings: TextLinesSettings, plant: PlantStream, clock_er
 
 INSTRUMENT: Final = Instrument(
     settings=TextLinesSettings,
-    make=make,
+    make=lambda name, settings, clock: TextLines(name, settings, clock=clock),
     emulate=emulate,
     example={
         "rate_hz": 500.0,

@@ -1,4 +1,4 @@
-"""An instrument that sends lines, as the host sees it: requests in, lines out."""
+"""An instrument that sends rows of numbers, as the host sees it: requests in, lines or frames out."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from sawbench.acquisition.simulation.plant_stream import PlantStream
 from sawbench.acquisition.simulation.sampling import Sampler
 from sawbench.acquisition.simulation.sensor import EmulatedSensor
 
-# (readings of all sensors in the raw unit, number of the sample, its time in s) -> the line, its end included
+# (readings of all sensors in the raw unit, number of the sample, its time in s) -> the line or frame
 Render = Callable[[Sequence[float], int, float], bytes]
 # (emulator, time in s) -> answer
-Act = Callable[["LineEmulator", float], bytes]
+Act = Callable[["RowEmulator", float], bytes]
 
 
-class LineEmulator:
+class RowEmulator:
     """One instrument.
 
     Parameters
@@ -24,7 +24,7 @@ class LineEmulator:
     plant : PlantStream
     sensors : tuple of EmulatedSensor
     render : callable
-        (readings, index, time in s) -> line.
+        (readings, index, time in s) -> line or frame.
     requests : mapping of bytes to callable
         What is obeyed, found anywhere in what the host sends.
     sampler : Sampler
@@ -52,14 +52,13 @@ class LineEmulator:
 
     @property
     def is_streaming(self) -> bool:
-        """Whether it sends lines, or has been asked for one."""
+        """Whether it sends, or was asked."""
         return self._sampler.is_running or self._was_asked
 
     def power_cycle(self) -> None:
-        """As after switching on: nothing zeroed."""
+        """As after switching on."""
         self._incoming = b""
         self._was_asked = False
-        self._zero = np.zeros(len(self._sensors))
         self._sampler.end()
         if self._is_always_sending:
             self._sampler.begin(0.0)
@@ -76,7 +75,7 @@ class LineEmulator:
         return answers
 
     def advance(self, now_s: float) -> bytes:
-        """Lines of the samples up to `now_s`."""
+        """Rows of the samples up to `now_s`."""
         first = self._sampler.n_taken
         time_s = self._sampler.due(now_s)
         return b"".join(
@@ -94,17 +93,12 @@ class LineEmulator:
         self._sampler.end()
         return b""
 
-    def take_zero(self, now_s: float) -> bytes:
-        """Make the present readings 0."""
-        self._zero = self._zero + self._readings(np.array([now_s]))[0]
-        return b""
-
-    def one_line(self, now_s: float) -> bytes:
-        """Answer with one line."""
+    def one_row(self, now_s: float) -> bytes:
+        """Answer with one row."""
         self._was_asked = True
         return self._render(self._readings(np.array([now_s]))[0].tolist(), 0, now_s)
 
     def _readings(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
         if not len(time_s):
             return np.empty((0, len(self._sensors)))
-        return np.stack([s.raw(self._plant, time_s) for s in self._sensors], axis=1) - self._zero
+        return np.stack([s.raw(self._plant, time_s) for s in self._sensors], axis=1)

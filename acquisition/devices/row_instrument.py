@@ -1,69 +1,90 @@
-"""An instrument that sends its samples as lines of text, whatever its commands are."""
+"""An instrument that sends rows of numbers, as lines or frames, whatever its commands are."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from sawbench.acquisition.devices.device import Chunk, Stream
-from sawbench.acquisition.devices.lines import LineFormat, LineFramer
 from sawbench.acquisition.devices.sample_rows import RowStream, RowTiming
 from sawbench.acquisition.devices.serial_instrument import SerialInstrument, Settings
 
 # A microcontroller begins anew when its port is opened, and first waits for its boot loader, then takes its zero.
-FIRST_LINE_S: Final = 5.0
+_FIRST_ROW_S: Final = 5.0
+# A read that is larger than this was waiting before the port was opened.
+_BACKLOG_BYTES: Final = 2048
+
+
+class Rows(NamedTuple):
+    """Rows that came without a break.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n, n_columns)
+    n_lost : int
+        Rows before the first one that cannot be read; a lower bound.
+    """
+
+    values: NDArray[np.float64]
+    n_lost: int
+
+
+class RowFramer(Protocol):
+    """Bytes in, rows out."""
+
+    n_discarded_bytes: int
+
+    def feed(self, received: bytes) -> list[Rows]:
+        """Return the rows that `received` completes."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class LineProtocol:
+class RowProtocol:
     """What is sent and received.
 
     Attributes
     ----------
-    line_format : LineFormat
-        Columns of the channels, in their order; behind them that of the time stamp or the counter.
+    new_framer : callable
+        (whether the next byte begins a row) -> framer; its rows hold the channels in their order, and behind them the
+        time stamp or the counter.
     timing : RowTiming
     question : bytes
-        Asks for one line; empty where lines come without.
+        Asks for one row; empty where rows come without.
     start, stop : bytes
         Begin and end the transmission. Without `stop` it never ends, and `start` is sent once the port is open.
-    zero : bytes
-        Makes the present reading the zero; empty where there is no such command.
     """
 
-    line_format: LineFormat
+    new_framer: Callable[[bool], RowFramer]
     timing: RowTiming
     question: bytes = b""
     start: bytes = b""
     stop: bytes = b""
-    zero: bytes = b""
 
 
-class LineInstrument(SerialInstrument[Settings, LineFramer]):
+class RowInstrument(SerialInstrument[Settings, RowFramer]):
     """One instrument; see `devices.device.Device`.
 
     Parameters
     ----------
     name : str
     settings : SerialSettings
-    protocol : LineProtocol
+    protocol : RowProtocol
     clock : callable
         Monotonic seconds.
     has_own_number : bool
         See `SerialInstrument`.
     """
 
-    MODEL = "text lines"
-    STREAM = "lines"
-
     def __init__(
         self,
         name: str,
         settings: Settings,
-        protocol: LineProtocol,
+        protocol: RowProtocol,
         *,
         clock: Callable[[], float] = time.monotonic,
         has_own_number: bool = False,
@@ -71,7 +92,7 @@ class LineInstrument(SerialInstrument[Settings, LineFramer]):
         super().__init__(
             name,
             settings,
-            LineFramer(protocol.line_format),
+            protocol.new_framer(False),
             clock=clock,
             rate_hz=protocol.timing.rate_hz,
             farewell=protocol.stop,
@@ -96,11 +117,11 @@ class LineInstrument(SerialInstrument[Settings, LineFramer]):
         self._renew(is_begun=bool(protocol.question or protocol.stop))
         if protocol.question and not self.read():
             raise self._no_answer(
-                f"opens, but did not answer {protocol.question!r} with a line that can be read",
-                "check power and baud_rate, and that the question and the columns are those of the instrument",
+                f"opens, but did not answer {protocol.question!r} as it should",
+                "check power, baud_rate and the question, and that the configuration describes the answer",
             )
         if not protocol.question and not protocol.stop:
-            self._wait_for_lines()
+            self._wait_for_rows()
 
     def start(self) -> None:
         """Start the transmission where it can be started and stopped."""
@@ -131,18 +152,6 @@ class LineInstrument(SerialInstrument[Settings, LineFramer]):
         raw = pieces[-1].values[-1:]
         return [Chunk(stream=self.STREAM, raw=raw, arrival_s=np.array([arrival_s]), time_s=middle)]
 
-    def set_zero(self, channel: str) -> None:
-        """Make the present reading the zero of the instrument.
-
-        Raises
-        ------
-        DeviceError
-            If it has no such command.
-        """
-        if not self._protocol.zero:
-            raise self._error(f"has no command that zeroes {channel}", "take the zero in the configuration: `zero_raw`")
-        self._link.write(self._protocol.zero)
-
     def describe(self) -> dict[str, str]:
         """Model, rate, where its times come from."""
         timing = self._protocol.timing
@@ -171,17 +180,22 @@ class LineInstrument(SerialInstrument[Settings, LineFramer]):
         return ""
 
     def _renew(self, *, is_begun: bool) -> None:
-        self._begin_anew(LineFramer(self._protocol.line_format, is_begun=is_begun))
+        self._begin_anew(self._protocol.new_framer(is_begun))
         self._rows = RowStream(self.STREAM, self._protocol.timing)
 
-    def _wait_for_lines(self) -> None:
+    def _wait_for_rows(self) -> None:
+        """Wait until it sends, and read away what waited in buffers before: that was no measurement of ours."""
         self._link.write(self._protocol.start)
         begun_s = self._clock()
-        while not self._framer.feed(self._link.read()):
-            if self._clock() > begun_s + FIRST_LINE_S:
+        has_row = is_backlog = False
+        while not has_row or is_backlog:
+            received = self._link.read()
+            has_row |= bool(self._framer.feed(received))
+            is_backlog = len(received) > _BACKLOG_BYTES
+            if not has_row and self._clock() > begun_s + _FIRST_ROW_S:
                 raise self._no_answer(
-                    f"opens, but sent no line that can be read within {FIRST_LINE_S:g} s",
-                    "check power and baud_rate, and that the columns are those of the instrument",
+                    f"opens, but sent nothing that can be read within {_FIRST_ROW_S:g} s",
+                    "check power and baud_rate, and that the configuration describes what the instrument sends",
                 )
         self._renew(is_begun=False)
 
