@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from sawbench.bench.processed import ProcessedTrial
 from sawbench.bench.recording import Floats, Recording, Trial
 from sawbench.bench.units import DISPLACEMENT
 from sawbench.diagnosis.inference.off_stroke import OffStroke, off_stroke
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.stroke_series import StrokeSeries, stroke_series
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.diagnosis.plants.plant import Plant
@@ -28,15 +28,9 @@ from sawbench.modeling.parts.linear import coefficient
 from sawbench.modeling.residuals import Baseline, residuals
 from sawbench.modeling.state import TWO_PI, State, TrialSetting
 
-# Agreement of the phases of a trial's strokes (measured: above 0.97), and how far a trial's phase may lie from that
-# of the others (measured: 0.1 rad for the force, 0.4 rad for the current in air, at twice the usual effects).
-_LOCKED = 0.8
-_PHASE_SPREAD_RAD = MappingProxyType({"force": 0.6, "current": 1.0, "current in air": 1.0})
-_FOREIGN_SHARE = 0.3
+_NUMBERS = SETTINGS.screening
 # Known effects of the cut and the coefficient that they scale with: each time some per cent of the last change is left.
 _REGRESSIONS = 6
-# Warn where dropouts cost more than this share of the strokes.
-_LOST_STROKES = 0.2
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -213,7 +207,7 @@ def _states(
             warnings.append(f"{name}: {channel} left out: it is missing in most of the strokes")
     turned = np.interp([steady.settled_s, steady.end_s], angle.time_s, angle.angle_rad)
     strokes = float(np.diff(turned)[0]) / TWO_PI
-    if running.n_strokes.sum() < (1.0 - _LOST_STROKES) * strokes - 2.0 * running.n_strokes[0]:
+    if running.n_strokes.sum() < (1.0 - _NUMBERS.lost_strokes) * strokes - 2.0 * running.n_strokes[0]:
         warnings.append(f"{name}: dropouts leave {running.n_strokes.sum():.0f} of {strokes:.0f} strokes")
     start_up = start_up_state(trial, setting)
     return [_with_history(baseline, state, track) for state in (running, start_up) if state is not None]
@@ -257,18 +251,19 @@ def _refuse_foreign_angles(states: list[State], warnings: list[str]) -> None:
             locks.setdefault(lock[0], {})[state.setting.label] = lock[1]
     foreign: list[str] = []
     for name, found in locks.items():
+        spread_rad = _NUMBERS.phase_spread_rad[name]
         usual = sum(lock / abs(lock) for lock in found.values()) if len(found) > 2 else 0.0
         off = [
             label
             for label, lock in found.items()
-            if abs(lock) < _LOCKED or (abs(usual) > 0 and abs(np.angle(lock / usual)) > _PHASE_SPREAD_RAD[name])
+            if abs(lock) < _NUMBERS.locked or (abs(usual) > 0 and abs(np.angle(lock / usual)) > spread_rad)
         ]
         reason = f"the {name} does not follow the strokes of the displacement as it should"
         remedy = "the displacement belongs to another trial, or the clocks of the devices differ"
-        if name == "current in air" and len(off) > _FOREIGN_SHARE * len(found):
+        if name == "current in air" and len(off) > _NUMBERS.foreign_share * len(found):
             warnings.append(f"in most trials {reason}: something else moves it")
             continue
-        if len(off) > _FOREIGN_SHARE * len(found):
+        if len(off) > _NUMBERS.foreign_share * len(found):
             raise InputError(f"in {len(off)} of {len(found)} trials {reason}", where=off[0], remedy=remedy)
         foreign += off
         warnings += [f"{label} left out: {reason}; {remedy}" for label in off]

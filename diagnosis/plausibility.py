@@ -30,6 +30,7 @@ from sawbench.bench.plausible import (
     is_outside,
 )
 from sawbench.bench.recording import Trial
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.trial_reading import Reading, Track, read_trial
 from sawbench.modeling.residuals import Baseline
 
@@ -39,10 +40,7 @@ Kind = Literal[
 ]  # fmt: skip
 # One check: what it is, whether it failed, and what was seen and expected.
 Outcome = tuple[Kind, bool, str]
-MIN_STROKES: Final = 3
-# A cut that takes less shaft power than this says nothing of the force.
-_CLEAR_CUT_W = 2.0
-_OTHER_HALF = 0.4
+_NUMBERS: Final = SETTINGS.screening
 # What it is, channels it spoils, remedy, and the tracks as they would be without it.
 Mistake = tuple[str, tuple[str, ...], str, dict[str, Track]]
 # How a channel is multiplied if it is in the unit named.
@@ -171,7 +169,7 @@ def explain_faults(
         reread = read_trial(mended)
         if channels == ("force_n",) and not _is_on_one_half(reread):
             continue  # the force is wrong in phase, not in size
-        if {"displacement_mm", "time_s"} & {*channels} and reread.n_strokes < MIN_STROKES:
+        if {"displacement_mm", "time_s"} & {*channels} and reread.n_strokes < _NUMBERS.least_strokes:
             continue
         after = check(baseline, trial, reread, idle_current_a)
         # A mistake explains nothing if without it there is nothing left to check.
@@ -205,9 +203,9 @@ def _motion_checks(baseline: Baseline, trial: Trial, reading: Reading) -> Iterat
     nominal_m = 2.0 * baseline.radius_m
     seen = f"displacement_mm travels {1e3 * reading.travel_m:.4g} mm, the crank {1e3 * nominal_m:.4g} mm"
     # A blade that makes no strokes may travel less, never more.
-    least = TRAVEL[0] if reading.n_strokes >= MIN_STROKES else 0.0
+    least = TRAVEL[0] if reading.n_strokes >= _NUMBERS.least_strokes else 0.0
     yield "travel", is_outside(reading.travel_m / nominal_m, (least, TRAVEL[1])), seen
-    if reading.n_strokes < MIN_STROKES or reading.rate_hz is None:
+    if reading.n_strokes < _NUMBERS.least_strokes or reading.rate_hz is None:
         return
     drive_v = _drive_v(baseline, trial, reading)
     if drive_v is not None:
@@ -225,7 +223,7 @@ def _current_checks(baseline: Baseline, trial: Trial, reading: Reading) -> Itera
         stall_a = drive_v / plant.resistance_ohm.nominal
         seen = f"motor_current_a reaches {reading.top_current_a:.4g} A, the blocked motor draws {stall_a:.3g} A"
         yield "start-up", reading.top_current_a > TOP_CURRENT * stall_a, seen
-    if drive_v is not None and reading.rate_hz is not None and reading.n_strokes >= MIN_STROKES:
+    if drive_v is not None and reading.rate_hz is not None and reading.n_strokes >= _NUMBERS.least_strokes:
         speed = 2.0 * np.pi * reading.rate_hz * baseline.gear
         asked_v = plant.resistance_ohm.nominal * motor + plant.back_emf_constant_v_s_per_rad.nominal * speed
         seen = f"current and speed ask for {asked_v:.3g} V at the motor, duty times battery gives {drive_v:.3g} V"
@@ -247,7 +245,7 @@ def blade_power_w(baseline: Baseline, reading: Reading) -> float | None:
 
 def cutting_power_w(baseline: Baseline, reading: Reading, idle_current_a: float) -> float | None:
     """Shaft power that the motor current beyond idling stands for, W."""
-    if reading.motor_current_a is None or reading.rate_hz is None or reading.n_strokes < MIN_STROKES:
+    if reading.motor_current_a is None or reading.rate_hz is None or reading.n_strokes < _NUMBERS.least_strokes:
         return None
     speed = 2.0 * np.pi * reading.rate_hz * baseline.gear
     extra_a = reading.motor_current_a - idle_current_a
@@ -257,18 +255,18 @@ def cutting_power_w(baseline: Baseline, reading: Reading, idle_current_a: float)
 def _power_checks(baseline: Baseline, trial: Trial, reading: Reading, idle_a: float) -> Iterator[Outcome]:
     at_blade = blade_power_w(baseline, reading)
     shaft = cutting_power_w(baseline, reading, 0.0 if trial.is_idle else idle_a)
-    if at_blade is None or reading.n_strokes < MIN_STROKES:
+    if at_blade is None or reading.n_strokes < _NUMBERS.least_strokes:
         return
     if shaft is None:
-        drives = not trial.is_idle and at_blade < -_CLEAR_CUT_W
+        drives = not trial.is_idle and at_blade < -_NUMBERS.clear_cut_w
         yield "blade power", drives, f"the force drives the blade with {-at_blade:.3g} W"
     elif trial.is_idle:
         seen = f"the trial is said to run in air, but the force takes {at_blade:.3g} W of the motor's {shaft:.3g} W"
         yield "blade power", abs(at_blade) > IDLE_POWER_SHARE * abs(shaft) + IDLE_POWER_W, seen
     else:
         seen = f"force along the displacement takes {at_blade:.3g} W, the motor current stands for {shaft:.3g} W"
-        if shaft <= _CLEAR_CUT_W or trial.material is None:
-            yield "no cut", abs(at_blade) > max(4.0 * _CLEAR_CUT_W, BLADE_POWER[1] * shaft), seen
+        if shaft <= _NUMBERS.clear_cut_w or trial.material is None:
+            yield "no cut", abs(at_blade) > max(4.0 * _NUMBERS.clear_cut_w, BLADE_POWER[1] * shaft), seen
         else:
             yield "blade power", is_outside(at_blade / shaft, BLADE_POWER), seen
 
@@ -299,7 +297,7 @@ def _simple_mistakes(baseline: Baseline, trial: Trial, tracks: Mapping[str, Trac
 def _is_on_one_half(reading: Reading) -> bool:
     """Whether one half of the turn has most of the force, as a cut has."""
     weak, strong = sorted((abs(reading.falling_force_n or 0.0), abs(reading.rising_force_n or 0.0)))
-    return weak < _OTHER_HALF * strong
+    return weak < _NUMBERS.other_half * strong
 
 
 def _sign_of_force(baseline: Baseline, tracks: Mapping[str, Track]) -> Mistake:

@@ -13,6 +13,7 @@ from sawbench.bench.processed import CrankAngle, ProcessedTrial
 from sawbench.bench.recording import Floats, Signal
 from sawbench.bench.units import CHANNEL_BY_NAME, DISPLACEMENT, FORCE
 from sawbench.diagnosis.inference.features import HARMONICS
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.parts.mechanism import Mechanism
 from sawbench.modeling.state import START_UP_STEP_S, TWO_PI, State, TrialSetting, angle_derivative
 from sawbench.processing.binning import AngleGrid, time_cell_means
@@ -21,7 +22,7 @@ from sawbench.processing.settled import MOVING_RAD_S
 N_POINTS = 128
 N_HARMONICS = 40
 MIN_SAMPLES_PER_BIN = 1.5
-_MIN_COVERAGE = 0.5
+_NUMBERS = SETTINGS.reading
 # A spline takes 1.4 % off a wave of four samples, 0.06 % off one of eight; longer steps than this miss samples.
 _SAMPLES_A_HARMONIC, _LONGEST_STEP = 4, 2.5
 START_UP_S = 0.4
@@ -34,13 +35,7 @@ CHANNEL_OF_STATE: Final = MappingProxyType(
         "battery_current_a": "battery_current_a",
     }
 )
-# A harmonic counts in a signature as far as its power is above that many times its own variance.
-_NOISE_MARGIN = 3.0
 _MIN_ROWS_TO_SHRINK = 4
-# Displacement that far from the tracked one, as a share of the radius, is a spike; play is less.
-_SPIKE = 0.1
-# Below it the force says nothing of the angle.
-_LEAST_SWING_N = 3.0
 
 
 def lay_grid(
@@ -152,7 +147,7 @@ def _signal_share(spectra: NDArray[np.complex128]) -> Floats:
         return np.ones(spectra.shape[1])
     variance = np.sum(np.abs(np.diff(spectra, axis=0)) ** 2, axis=0) / (2.0 * (n - 1) * n)
     power = np.maximum(np.abs(spectra.mean(axis=0)) ** 2, 1e-30)
-    share = np.clip(1.0 - _NOISE_MARGIN * variance / power, 0.0, 1.0)
+    share = np.clip(1.0 - _NUMBERS.noise_margin * variance / power, 0.0, 1.0)
     share[0] = 1.0
     return share
 
@@ -180,7 +175,7 @@ def lock_to_angle(state: State) -> tuple[str, complex] | None:
         if state.force_n is not None:
             name, wave = "force", state.force_n
             swing_n = 2.0 / N_POINTS * float(np.abs(np.fft.rfft(wave, axis=1)[:, 1]).mean())
-            if swing_n < _LEAST_SWING_N:
+            if swing_n < _NUMBERS.least_swing_n:
                 return None
     if wave is None:
         return None
@@ -213,12 +208,12 @@ def running_state(trial: ProcessedTrial, setting: TrialSetting) -> State | None:
     if grid is None:
         return None
     tracked = grid.place(angle.angle_rad)
-    is_covered = grid.coverage(tracked) > _MIN_COVERAGE
+    is_covered = grid.coverage(tracked) > _NUMBERS.least_coverage
     placed = {}
     for name, signal in present.items():
         at_samples = grid.place_samples(angle.time_s, angle.angle_rad, signal.time_s)
         at_samples[_in_gap(signal.time_s, angle.time_s, np.pi / (2.0 * np.median(angle.speed_rad_s)))] = -1
-        has_samples = grid.coverage(at_samples) > _MIN_COVERAGE
+        has_samples = grid.coverage(at_samples) > _NUMBERS.least_coverage
         # A channel that is mostly away is missing; one that drops out now and then costs the strokes it misses.
         if 2 * (has_samples & is_covered).sum() > is_covered.sum():
             placed[name] = at_samples
@@ -289,7 +284,7 @@ def _missed_stroke(trial: ProcessedTrial, angle: CrankAngle, grid: AngleGrid) ->
     crank = Mechanism(radius_m=angle.radius_m, rod_length_m=angle.rod_length_m)
     beyond = DISPLACEMENT.si_factor * signal.values - crank.displacement(turned)
     at_samples = grid.place(turned)
-    at_samples[np.abs(beyond) > _SPIKE * angle.radius_m] = -1
+    at_samples[np.abs(beyond) > _NUMBERS.spike_share * angle.radius_m] = -1
     return fold(grid, at_samples, beyond)
 
 
@@ -315,7 +310,7 @@ def start_up_state(trial: ProcessedTrial, setting: TrialSetting) -> State | None
     # A channel that drops out during the spin-up counts as missing there.
     present = {
         n: s for n, s in present.items()
-        if len(np.unique(np.searchsorted(edges, s.time_s))) - 2 > _MIN_COVERAGE * len(middle)
+        if len(np.unique(np.searchsorted(edges, s.time_s))) - 2 > _NUMBERS.least_coverage * len(middle)
     }  # fmt: skip
     if "motor_current_a" not in present:
         return None

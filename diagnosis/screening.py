@@ -11,20 +11,13 @@ import numpy as np
 from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Floats, Recording, Signal, Trial
 from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, DISPLACEMENT, FORCE
-from sawbench.diagnosis.plausibility import MIN_STROKES, Suspicion, check, cutting_power_w, explain_faults
+from sawbench.diagnosis.inference.settings import SETTINGS
+from sawbench.diagnosis.inference.trial_settings import Screening
+from sawbench.diagnosis.plausibility import Suspicion, check, cutting_power_w, explain_faults
 from sawbench.diagnosis.trial_reading import Reading, read_trial, tracks_of
 from sawbench.modeling.residuals import Baseline
 
-_SATURATED_RUN = 8
-_SATURATED_SHARE = 0.005
-_STALLED_SHARE = 0.3
-# A duty that lies this far from what current and speed ask for, against the other trials, is doubted.
-_DUTY_DEVIATION = 0.055
-_DUTY_MIN_TRIALS = 6
-_ALIKE_CURRENT = 0.15
-_CUTS_NOTHING = 0.05
-# More cutting trials than this whose force and displacement contradict each other spoil the rest as well.
-_AT_ODDS = 0.3
+_NUMBERS = SETTINGS.screening
 
 
 def screen(recordings: Sequence[Recording], baseline: Baseline) -> tuple[list[Recording], list[str]]:
@@ -137,10 +130,10 @@ def _note_stalls(recordings: Sequence[Recording], baseline: Baseline, warnings: 
     for recording in recordings:
         reading = read_trial(tracks_of(recording))
         drive_v = (recording.trial.duty or 0.0) * (reading.battery_voltage_v or 0.0)
-        if DISPLACEMENT.name not in recording.signals or reading.n_strokes >= MIN_STROKES or drive_v <= 0:
+        if DISPLACEMENT.name not in recording.signals or reading.n_strokes >= _NUMBERS.least_strokes or drive_v <= 0:
             continue
         current = reading.motor_current_a or 0.0
-        if baseline.plant.resistance_ohm.nominal * current > _STALLED_SHARE * drive_v:
+        if baseline.plant.resistance_ohm.nominal * current > _NUMBERS.stalled_share * drive_v:
             warnings.append(
                 f"{recording.trial.trial_id}: the blade makes no strokes while the motor draws {current:.3g} A:"
                 " it is stalled, or the displacement sensor is dead"
@@ -177,10 +170,10 @@ def _defect_of(signal: Signal) -> tuple[str, str] | None:
     for end in (low, high):
         # Any real sensor has noise: the same extreme value many times in a row is the end of its range.
         stuck = np.concatenate([[0], (working == end).astype(np.int8), [0]])
-        if stuck.mean() < _SATURATED_SHARE:
+        if stuck.mean() < _NUMBERS.saturated_share:
             continue
         edges = np.flatnonzero(np.diff(stuck))
-        if (edges[1::2] - edges[::2]).max() >= _SATURATED_RUN:
+        if (edges[1::2] - edges[::2]).max() >= _NUMBERS.saturated_run:
             share = 100.0 * float(stuck.mean())
             return f"{share:.1f} % of its samples are stuck at {end:.6g} {signal.unit}", "range of the sensor exceeded"
     return None
@@ -307,7 +300,7 @@ def _refuse_common(recordings: Sequence[Recording], found: dict[str, Suspicion])
         name for name in cuts if name in found and {fault.kind for fault in found[name].faults} == {"blade power"}
     ]
     at_odds = [name for name in at_odds if not found[name].mistake.startswith("force_n is")]
-    if len(cuts) >= 3 and len(at_odds) > _AT_ODDS * len(cuts):
+    if len(cuts) >= 3 and len(at_odds) > _NUMBERS.at_odds * len(cuts):
         raise InputError(
             f"in {len(at_odds)} of {len(cuts)} cutting trials force and displacement contradict each other, each in its"
             f" own way: {found[at_odds[0]].text}",
@@ -328,9 +321,9 @@ def _without_wrong_duty(recordings: list[Recording], baseline: Baseline, warning
         asked_v = plant.resistance_ohm.nominal * current_a + plant.back_emf_constant_v_s_per_rad.nominal * speed
         names.append(recording.trial.trial_id)
         rows.append((recording.trial.duty or 0.0, asked_v / voltage_v, current_a, reading.top_current_a or 0.0))
-    if len(rows) < _DUTY_MIN_TRIALS:
+    if len(rows) < _NUMBERS.duty_least_trials:
         return recordings
-    fitted = _doubted_duties(*np.array(rows).T)
+    fitted = doubted_duties(*np.array(rows).T)
     doubted = {name: value for name, value in zip(names, fitted.tolist(), strict=True) if np.isfinite(value)}
     for recording in recordings:
         name = recording.trial.trial_id
@@ -343,8 +336,25 @@ def _without_wrong_duty(recordings: list[Recording], baseline: Baseline, warning
     return [recording for recording in recordings if recording.trial.trial_id not in doubted]
 
 
-def _doubted_duties(stated: Floats, asked: Floats, current_a: Floats, top_a: Floats) -> Floats:
-    """Duty that fits the other trials where the stated one does not, NaN elsewhere; all of shape (n_trials,)."""
+def doubted_duties(
+    stated: Floats, asked: Floats, current_a: Floats, top_a: Floats, numbers: Screening = _NUMBERS
+) -> Floats:
+    """Compare what trials say of their duty with what current and speed ask for.
+
+    Parameters
+    ----------
+    stated : ndarray, shape (n_trials,)
+    asked : ndarray, shape (n_trials,)
+        Voltage that current and speed ask for over that of the battery.
+    current_a, top_a : ndarray, shape (n_trials,)
+        Mean motor current, and its peak.
+    numbers : Screening
+
+    Returns
+    -------
+    ndarray, shape (n_trials,)
+        Duty that fits the other trials where the stated one does not, NaN elsewhere.
+    """
     design = np.column_stack([np.ones_like(asked), asked, current_a])
     weight, line = np.ones_like(asked), np.zeros(3)
     for _ in range(50):  # least absolute deviations: a wrong duty must not bend the line it is judged by
@@ -354,12 +364,12 @@ def _doubted_duties(stated: Floats, asked: Floats, current_a: Floats, top_a: Flo
     # The peak of the start-up grows with the duty, too. Where it sides with the stated one, the voltage is missing
     # for another reason: a current limit pulls the duty back under load only.
     by_peak = top_a / np.median(top_a / stated)
-    wrong = (np.abs(stated - fitted) > _DUTY_DEVIATION) & (np.abs(by_peak - fitted) < np.abs(by_peak - stated))
+    wrong = (np.abs(stated - fitted) > numbers.duty_deviation) & (np.abs(by_peak - fitted) < np.abs(by_peak - stated))
     # So is what the repeats of a trial do as well: a slip of the pen is not made twice.
     for k in np.flatnonzero(wrong):
-        alike = (stated == stated[k]) & (np.abs(current_a - current_a[k]) < _ALIKE_CURRENT * current_a[k])
+        alike = (stated == stated[k]) & (np.abs(current_a - current_a[k]) < numbers.alike_current * current_a[k])
         alike[k] = False
-        if alike.any() and abs(float(np.median(asked[alike])) - asked[k]) < 0.5 * _DUTY_DEVIATION:
+        if alike.any() and abs(float(np.median(asked[alike])) - asked[k]) < 0.5 * numbers.duty_deviation:
             wrong[k] = False
     if 3 * wrong.sum() > len(stated):
         wrong[:] = False
@@ -375,7 +385,7 @@ def _without_wrong_labels(recordings: list[Recording], baseline: Baseline, warni
         if not recording.trial.is_idle and found is not None and (recording.trial.duty or 0.0) in idle:
             power[recording.trial.trial_id] = found
     usual = float(np.median(list(power.values()))) if len(power) >= 3 else 0.0
-    nothing = {name for name, value in power.items() if value < _CUTS_NOTHING * usual}
+    nothing = {name for name, value in power.items() if value < _NUMBERS.cuts_nothing * usual}
     for name in sorted(nothing):
         warnings.append(
             f"{name} left out: it states a workpiece, but the motor draws no more than in air; state"

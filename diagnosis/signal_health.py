@@ -8,10 +8,9 @@ import numpy as np
 from sawbench.bench.processed import ProcessedTrial
 from sawbench.bench.recording import Signal
 from sawbench.bench.units import CHANNEL_BY_NAME
+from sawbench.diagnosis.inference.settings import SETTINGS
 
 _MOST_SAMPLES = 20_000
-# Successive samples that are equal: of white noise it is 0.28 where the step is one standard deviation.
-_EQUAL = 0.3
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -76,6 +75,6 @@ def _coarse_step(signal: Signal) -> float:
     middle = len(signal.values) // 2
     values = signal.values[max(middle - _MOST_SAMPLES // 2, 0) : middle + _MOST_SAMPLES // 2]
     change = np.abs(np.diff(values))
-    if not change.any() or np.mean(change == 0.0) < _EQUAL:
+    if not change.any() or np.mean(change == 0.0) < SETTINGS.reading.equal_share:
         return 0.0
     return float(change[change > 1e-9 * float(np.ptp(values))].min())

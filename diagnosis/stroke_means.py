@@ -13,6 +13,7 @@ import numpy as np
 from sawbench.bench.processed import CrankAngle, ProcessedTrial
 from sawbench.bench.recording import Floats, Signal
 from sawbench.bench.units import CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.reduction import CHANNEL_OF_STATE, N_POINTS
 from sawbench.modeling.residuals import Baseline
 from sawbench.modeling.state import TWO_PI, State, TrialSetting
@@ -23,8 +24,6 @@ _STROKES_A_UNIT = 8
 _MIN_UNITS = 2
 # Where to look for the stroke rate, as a share of the one that voltage and current ask for.
 _SEARCH = (0.7, 1.2)
-# Height of the line over the median of the spectrum around it, in amplitude.
-_CLEAR_LINE = 12.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -141,7 +140,7 @@ def _rates(signal: Signal, expected_hz: float) -> tuple[Floats, Floats] | None:
             best = max(best, (height, float(frequency[near][peak]), order))
     height, line_hz, order = best
     n_units = int((end_s - start_s) * line_hz / order / _STROKES_A_UNIT)
-    if height < _CLEAR_LINE or n_units < _MIN_UNITS:
+    if height < SETTINGS.reading.clear_line or n_units < _MIN_UNITS:
         return None
     edges_s = start_s + np.arange(n_units + 1) * _STROKES_A_UNIT * order / line_hz
     turning = (wave - wave.mean()) * np.exp(-1j * TWO_PI * line_hz * time_s)

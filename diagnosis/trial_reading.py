@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from sawbench.bench.recording import Floats, Recording
 from sawbench.bench.units import CHANNEL_BY_NAME, DISPLACEMENT, FORCE
+from sawbench.diagnosis.inference.settings import SETTINGS
 
 # One signal: times in s and values in the unit of its channel.
 Track = tuple[Floats, Floats]
 _SETTLE_S = 0.8
 _HYSTERESIS = 0.25
-# Interquartile range of the stroke times over their median: noise that crosses its middle has about 1.
-_IRREGULAR = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -110,7 +109,7 @@ def _stroke_starts(time_s: Floats, values: Floats) -> Floats:
     if len(starts_s) < 3:
         return starts_s
     first, middle, third = np.quantile(np.diff(starts_s), (0.25, 0.5, 0.75))
-    return starts_s if third - first < _IRREGULAR * middle else np.zeros(0)
+    return starts_s if third - first < SETTINGS.reading.irregular * middle else np.zeros(0)
 
 
 def _late_part(tracks: Mapping[str, Track]) -> tuple[float, float]:

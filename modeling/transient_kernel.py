@@ -25,13 +25,10 @@ STALLED = 1
 NO_CONVERGENCE = 2
 EMPTY = 3
 
-# What `record` holds at the end: five integrals, end state, error estimates, counts.
+# What `record` holds at the end: five integrals, end state.
 E_SUPPLIED, E_COPPER, E_CONVERTED, E_DAMPED, E_CUT = 0, 1, 2, 3, 4
-END_CURRENT, END_SPEED, END_ANGLE, END_SOC, END_TIME = 5, 6, 7, 8, 9
-ERROR_CURRENT, ERROR_SPEED = 10, 11
-N_TIME_STEPS, N_ANGLE_STEPS = 12, 13
-STOOD_S, LARGEST_ERROR, STEPS_PER_TURN = 14, 15, 16
-N_RECORD = 17
+END_CURRENT, END_SPEED, END_ANGLE = 5, 6, 7
+N_RECORD = 8
 MOST_STEPS_PER_TURN = 4096
 
 MOST_TIME_STEPS = 2_000_000
@@ -98,9 +95,7 @@ def simulate_transient(p, spline, ocv, time_s, start, n_steps, tolerances, out, 
             )
             if is_coarse:
                 n_steps *= 2
-    record[END_CURRENT], record[END_SPEED], record[END_SOC], record[END_TIME] = y[0], y[1], y[3], t
-    record[END_ANGLE] = turns * math.pi + y[2]
-    record[STEPS_PER_TURN] = n_steps
+    record[END_CURRENT], record[END_SPEED], record[END_ANGLE] = y[0], y[1], turns * math.pi + y[2]
     if status == OK and y[3] <= 0.0 and m.mode != slots.FIXED_VOLTAGE:
         status = EMPTY
     return status
@@ -184,9 +179,7 @@ _time_step = compiled_step(_time_rate, _add9)
 
 
 @kernel()
-def _angle_phase(  # noqa: PLR0915 - one state in registers: what one step leaves, the next one takes
-    m, tables, ocv, time_s, k, t, y, turns, tolerance, scales, out, record
-):
+def _angle_phase(m, tables, ocv, time_s, k, t, y, turns, tolerance, scales, out, record):
     """Take angle steps until the end is near, the speed changes much, or the steps are too long.
 
     The last value returned says that they are too long: the local error passed the tolerance.
@@ -204,9 +197,8 @@ def _angle_phase(  # noqa: PLR0915 - one state in registers: what one step leave
     start_angle = turns * math.pi + begin * h
     count = 0
     is_coarse = False
-    largest = 0.0
     rates = _over_time(w, first)
-    e0 = e1 = e2 = e3 = e4 = sum_i = sum_w = 0.0
+    e0 = e1 = e2 = e3 = e4 = 0.0
     while True:
         curve = drive(m, ocv, soc)
         y1, last, error_i, error_r = _run_step(
@@ -215,10 +207,7 @@ def _angle_phase(  # noqa: PLR0915 - one state in registers: what one step leave
         i1, r1, t1, w1 = y1[0], y1[1], t + y1[3], 1.0 / y1[1]
         if not (math.fabs(r1 - r) < CALM * r and t1 <= end):
             break
-        local_i = error_i / scales[0]
-        local_w = error_r * w1 * w1 / scales[1]
-        local = max(local_i, local_w)
-        if local > tolerance and n_steps < MOST_STEPS_PER_TURN:
+        if max(error_i / scales[0], error_r * w1 * w1 / scales[1]) > tolerance and n_steps < MOST_STEPS_PER_TURN:
             is_coarse = True
             break
         rates1 = _over_time(w1, last)
@@ -230,9 +219,6 @@ def _angle_phase(  # noqa: PLR0915 - one state in registers: what one step leave
             path = quintic(y1[3], angle, w, rates[1], angle + h, w1, rates1[1])
             k = emit(time_s, k, out, m.gear, t, t1, current, path, soc, rates[2], soc1, rates1[2])
         e0, e1, e2, e3, e4 = y1[4], y1[5], y1[6], y1[7], y1[8]
-        sum_i += local_i
-        sum_w += local_w
-        largest = max(largest, local)
         count += 1
         place += 1
         if place == n_steps:
@@ -240,10 +226,6 @@ def _angle_phase(  # noqa: PLR0915 - one state in registers: what one step leave
         t, i, r, w, soc, first, rates = t1, i1, r1, w1, soc1, last, rates1
     for c, e in ((0, e0), (1, e1), (2, e2), (3, e3), (4, e4)):
         record[c] += e
-    record[ERROR_CURRENT] += sum_i
-    record[ERROR_SPEED] += sum_w
-    record[LARGEST_ERROR] = max(record[LARGEST_ERROR], largest)
-    record[N_ANGLE_STEPS] += count
     done = (begin + count) // half
     return t, k, turns + done, (i, w, (begin + count - done * half) * h, soc), is_coarse
 
@@ -317,10 +299,6 @@ def time_phase(  # noqa: PLR0912, PLR0915 - one state in registers: what one ste
         k = emit(time_s, k, out, m.gear, t, t1, current, path, y[3], rates[3], new[3], rates1[3])
         for kind in range(5):
             record[kind] += new[4 + kind]
-        record[ERROR_CURRENT] += error_i / scales[0]
-        record[ERROR_SPEED] += error_w / scales[1]
-        record[N_TIME_STEPS] += 1
-        record[STOOD_S] += (1.0 - moves) * (t1 - t)
         y, t, h = (new[0], new[1], new[2], new[3]), t1, next_h
         if event == DEAD_CENTRE:
             turns += 1

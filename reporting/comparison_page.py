@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
+from sawbench.bench.wear_rule import BLADE_GROWTH_LIMIT
 from sawbench.reporting.compared import (
     QUANTITIES,
     Block,
@@ -23,7 +24,7 @@ from sawbench.reporting.html import render
 from sawbench.reporting.quantities import decimals_of, format_interval, format_quantity, format_to
 from sawbench.reporting.repetitions import Difference, Estimate, GroupMean
 from sawbench.reporting.trial_page import trial_facts
-from sawbench.reporting.wear import ALLOWED_GROWTH, WornTrial, wear_picture
+from sawbench.reporting.wear import WornTrial, wear_picture
 from sawbench.storage.output import write_whole
 
 FORMULA: Final = (
@@ -138,9 +139,9 @@ def _wear_row(one: WornTrial) -> dict[str, str | bool]:
 
 def _wear_words(found: Sequence[WornTrial]) -> str:
     worn = list(dict.fromkeys(one.blade for one in found if one.is_worn))
-    limit = f"{100.0 * ALLOWED_GROWTH:.0f} %"
+    limit = f"{100.0 * BLADE_GROWTH_LIMIT:.0f} %"
     if worn:
-        return f"Change the blade: k_Fc has grown by more than {limit} with {', '.join(worn)}."
+        return f"Change the blade: k_Fc has grown by {limit} or more with {', '.join(worn)}."
     return f"No blade has to be changed: k_Fc has grown by less than {limit} with each of them."
 
 

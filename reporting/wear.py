@@ -1,6 +1,6 @@
 """Wear of the blade over a series: how far k_Fc has grown since the blade's first trial, and the 20 % rule.
 
-The paper changes the blade when its teeth are rounded or the specific force has grown by more than 20 %.
+The paper changes the blade when its teeth are rounded or the specific force has grown by 20 % (`bench.wear_rule`).
 """
 
 from __future__ import annotations
@@ -8,17 +8,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
+from sawbench.bench.wear_rule import BLADE_GROWTH_LIMIT, is_worn
 from sawbench.reporting.figures import QUIET, SERIES_COLOURS, SERIES_DASHES, SERIES_MARKERS, WIDTH_IN, figure_style
 from sawbench.reporting.grouping import Setting
 from sawbench.reporting.html import Picture, figure_to_svg
 
 if TYPE_CHECKING:
     from sawbench.reporting.compared import ComparedTrial
-
-ALLOWED_GROWTH: Final = 0.20
-"""Growth of k_Fc above which the blade is changed (section 2 of the paper)."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -46,7 +44,7 @@ class WornTrial:
     @property
     def is_worn(self) -> bool:
         """Whether the 20 % rule asks for another blade."""
-        return self.growth > ALLOWED_GROWTH
+        return is_worn(self.growth)
 
 
 def cut_length_m(row: ComparedTrial) -> float | None:
@@ -132,9 +130,9 @@ def wear_picture(found: Sequence[WornTrial]) -> Picture | None:
                 markersize=4.5, capsize=2.5, linewidth=1.1,
                 label=f"{blade}, {material}, {trials[0].setting.label}",
             )  # fmt: skip
-        axis.axhline(100.0 * ALLOWED_GROWTH, color=QUIET, linestyle="--", linewidth=1.0)
+        axis.axhline(100.0 * BLADE_GROWTH_LIMIT, color=QUIET, linestyle="--", linewidth=1.0)
         axis.annotate(
-            f"change the blade above {100.0 * ALLOWED_GROWTH:.0f} %", (0.01, 100.0 * ALLOWED_GROWTH),
+            f"change the blade at {100.0 * BLADE_GROWTH_LIMIT:.0f} %", (0.01, 100.0 * BLADE_GROWTH_LIMIT),
             xycoords=("axes fraction", "data"), va="bottom", fontsize=8.5, color=QUIET,
         )  # fmt: skip
         axis.set_xlabel("length cut by the blade / m")

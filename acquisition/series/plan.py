@@ -15,11 +15,11 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from sawbench.bench.config import describe_validation
 from sawbench.bench.errors import ConfigError, InputError
 from sawbench.bench.toml_text import parse_toml, read_toml_text
+from sawbench.bench.wear_rule import BLADE_GROWTH_LIMIT
 
 _STRICT: Final = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
-# What the paper asks for: repetitions of every setting, and how far the specific force may grow on one blade.
+# Repetitions of every setting that the paper asks for.
 PAPER_REPETITIONS: Final = 3
-PAPER_GROWTH: Final = 0.20
 
 Setting = tuple[str, float | None, float | None, float | None]
 Metadata = Literal["operator", "blade", "battery", "material", "batch"]
@@ -114,7 +114,7 @@ class SeriesPlan(BaseModel):
     tare: Literal["trial", "block", "never"] = "block"
     tare_seconds: float = Field(default=5.0, ge=0.5, le=600)
     check_seconds: float = Field(default=2.0, ge=0, le=600)
-    blade_growth_limit: float = Field(default=PAPER_GROWTH, gt=0)
+    blade_growth_limit: float = Field(default=BLADE_GROWTH_LIMIT, gt=0)
     repeatability: float = Field(default=0.05, gt=0, lt=1)
     trial: tuple[PlannedTrial, ...] = Field(min_length=1, strict=False)
 
@@ -242,8 +242,10 @@ def departures(plan: SeriesPlan) -> list[str]:
     shared = {b for b in {t.blade for t in cut} if len({t.setting for t in cut if t.blade == b}) > 1}
     if shared:
         said.append(f"{len(shared)} blades cut more than one setting: wear and setting are then confounded in part")
-    if plan.blade_growth_limit != PAPER_GROWTH:
-        said.append(f"blades are changed at +{plan.blade_growth_limit:.0%} specific force, not at +{PAPER_GROWTH:.0%}")
+    if plan.blade_growth_limit != BLADE_GROWTH_LIMIT:
+        said.append(
+            f"blades are changed at +{plan.blade_growth_limit:.0%} specific force, not at +{BLADE_GROWTH_LIMIT:.0%}"
+        )
     return said
 
 

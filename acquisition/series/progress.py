@@ -13,6 +13,7 @@ from sawbench.acquisition.series.plan import LoadedPlan, PlannedTrial, SeriesPla
 from sawbench.acquisition.series.rejected import REJECTED
 from sawbench.acquisition.series.verdict import BladeGrowth, TrialMeasures, blade_growth, outliers
 from sawbench.bench.errors import InputError
+from sawbench.bench.wear_rule import is_worn
 
 State = Literal["to do", "kept", "undecided", "interrupted", "to set aside"]
 Part = Literal["blade", "battery"]
@@ -106,7 +107,7 @@ class SeriesProgress:
     def worn(self, blade: str) -> BladeGrowth | None:
         """Return the growth on a blade where it has reached the plan's limit."""
         growth = blade_growth(self.kept, blade)
-        return growth if growth is not None and growth.growth >= self.plan.blade_growth_limit else None
+        return growth if growth is not None and is_worn(growth.growth, self.plan.blade_growth_limit) else None
 
     def _mountings(self, part: Part) -> list[JournalEntry]:
         return [e for e in self.entries if e.kind == "mounted" and e.facts.get("part") == part]

@@ -20,15 +20,15 @@ from sawbench.diagnosis.answer.learned_term import LearnedAnswer
 from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.effects.learned import NAME
 from sawbench.modeling.machines.known_effects import entry_of
 from sawbench.modeling.machines.learned_entry import learned_entry
 
 FILE_NAME: Final = "improved_model.toml"
-# A parameter that moves by less than this share of its standard uncertainty stays as stated; farther than this many of
-# them it is not the same machine.
-_LEAST_MOVE, _FARTHEST = 0.05, 3.0
+# A parameter that moves by less than this share of its standard uncertainty stays as stated.
+_LEAST_MOVE: Final = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -128,7 +128,7 @@ def _retuned(tables: Mapping[str, Any], problem: LinearProblem, found: _Solution
         if not nuisance.is_plant or nuisance.name not in place:
             continue
         k = place[nuisance.name]
-        reach = _FARTHEST * found.width[k]
+        reach = float(SETTINGS.ladder.farthest * problem.wide_scale[k] * problem.prior_std[k])
         shift = float(np.clip(found.values[k] * found.width[k], -reach, reach))
         if abs(shift) < _LEAST_MOVE * nuisance.std:
             continue

@@ -13,7 +13,7 @@ from sawbench.diagnosis.inference.evidence import Column
 from sawbench.diagnosis.inference.learning import Learned, learn
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
-from sawbench.diagnosis.inference.settings import Z95
+from sawbench.diagnosis.inference.settings import SETTINGS, Z95
 from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.effects.learned import (
     NAME,
@@ -26,13 +26,9 @@ from sawbench.modeling.effects.learned import (
 )
 from sawbench.modeling.residuals import Baseline
 
-# A term that takes away less than this share of the sum of squares at withheld operating points is not kept.
-_LEAST_TAKEN: Final = 0.1
-# Correlation from which a term resembles an effect, and how many effects are listed.
-_RESEMBLES: Final = 0.8
+_NUMBERS: Final = SETTINGS.learning
+# How many effects are listed that a term resembles.
 _MOST_SHOWN: Final = 5
-# Of the change over the whole range that goes one way: from it on a curve rises or falls.
-_MOSTLY: Final = 0.8
 _WORDS: Final[Mapping[Site, str]] = {
     "electrical": "in the motor's voltage balance",
     "mechanical": "in the balance of torques",
@@ -109,7 +105,7 @@ class LearnedAnswer:
         term = self.learned.term
         depends = " and ".join(f"{_dependence(term, k)} {QUANTITIES[q].words}" for k, q in enumerate(term.quantities))
         alike = "no known effect"
-        if self.resembles and self.resembles[0][1] >= _RESEMBLES:
+        if self.resembles and self.resembles[0][1] >= _NUMBERS.resembles:
             name, value = self.resembles[0]
             alike = f"{name.replace('_', ' ')} (correlation {value:.2f})"
         when = " while the blade cuts" if term.is_cutting_only else ""
@@ -139,12 +135,12 @@ def learned_answer(
     hold_out = HoldOut(problem)
     if hold_out.held_out == "nothing":
         return None
-    found = learn(problem, [hold_out.rows[group] for group in hold_out.groups])
+    found = learn(problem, hold_out.free_errors)
     if found is None:
         return None
     ladder = HoldOut(problem, found.columns).climb([found.columns])
     taken = 1.0 - (ladder.whitened.with_effect / ladder.whitened.retuned) ** 2
-    if taken < _LEAST_TAKEN or ladder.gap_closed_ci95[0] <= 0.0:
+    if taken < _NUMBERS.least_taken or ladder.gap_closed_ci95[0] <= 0.0:
         return None
     return LearnedAnswer(learned=found, ladder=ladder, resembles=_resembles(problem, columns, found.contribution))
 
@@ -194,4 +190,4 @@ def _dependence(term: LearnedTerm, axis: int) -> str:
     weights = 1.0 / np.maximum(term.stds, 1e-3 * np.abs(term.values).max() + 1e-30) ** 2
     steps = np.diff(np.average(term.values, axis=others, weights=weights) if others else term.values)
     way = float(steps.sum() / max(np.abs(steps).sum(), 1e-30))
-    return "rises with" if way > _MOSTLY else "falls with" if way < -_MOSTLY else "varies with"
+    return "rises with" if way > _NUMBERS.one_way else "falls with" if way < -_NUMBERS.one_way else "varies with"

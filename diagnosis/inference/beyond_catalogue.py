@@ -11,13 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.current_limit import held_back
 from sawbench.modeling.effects.effect import BACKGROUND_SHARE, Effect, Strength
 from sawbench.modeling.residuals import Baseline, Signature, is_angle_known, residuals
 from sawbench.modeling.state import START_UP_STEP_S, State
 
 _N_BENT_HARMONICS = 4
-_BENT_RAD = 0.03
 _STEP_RAD = 1e-4
 # The torque of viscous friction is stated at this speed of the motor.
 _UNIT_RAD_S = 1000.0
@@ -99,7 +99,9 @@ BENT_DISPLACEMENT = Effect(
     name="bent displacement sensor",
     place="sensing",
     equation="displacement is read through a smooth curve instead of a straight line",
-    strength=Strength(name="swing_rad", unit="rad", typical=_BENT_RAD, low=0.1, high=5.0, source="assumed"),
+    strength=Strength(
+        name="swing_rad", unit="rad", typical=SETTINGS.forms.bent_displacement_rad, low=0.1, high=5.0, source="assumed"
+    ),
     signature=_bent_displacement,
     # An ordinary sensor is straight to about 0.15 % of its range, two standard deviations.
     background=(({}, BACKGROUND_SHARE),),

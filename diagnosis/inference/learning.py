@@ -9,7 +9,7 @@ withheld: sum of squares of the whitened residuals there. Of all whose predictio
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from types import MappingProxyType
@@ -19,6 +19,7 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.features import wave_of
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, Part
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.learned import (
     MOST_QUANTITIES,
     QUANTITIES,
@@ -33,20 +34,8 @@ from sawbench.modeling.state import TWO_PI
 # Nodes of a quantity where there are one, two or three, and of the crank angle.
 _N_NODES: Final = {1: 10, 2: 7, 3: 5}
 _N_ANGLES: Final = {1: 32, 2: 20, 3: 12}
-# Length over which values are alike, as a share of the range, or of the turn.
-_SMOOTH, _ROUGH = 0.4, 0.2
-_ANGLE_SHARE: Final = 0.25
-# Prior standard deviation of a term, times the root mean square of what it is to explain.
-_GENEROUS: Final = 3.0
-# Variance of a common level beside that of a bend: products of kernels then hold sums of functions as well.
-_LEVEL: Final = 1.0
+_NUMBERS: Final = SETTINGS.learning
 _LEAST_VARIANCE, _MOST_COLUMNS = 1e-4, 60
-# An equation that holds less of what parameters leave is not looked at; no more than these.
-_LEAST_SHARE, _MOST_SITES = 0.1, 3
-# How many of the best go on to one quantity more.
-_BEAM: Final = 4
-# A quantity that varies by less than that share of its size does not vary.
-_LEAST_RANGE: Final = 1e-3
 # What an equation predicts is no quantity of its own term: with it any gap explains itself.
 _PREDICTED: Final[Mapping[Site, str]] = MappingProxyType(
     {"mechanical": "motor_current_a", "cutting": "force_n", "force_reading": "force_n"}
@@ -69,7 +58,7 @@ class Candidate:
     site: Site
     quantities: tuple[str, ...]
     is_cutting_only: bool
-    length: float = _SMOOTH
+    length: float = _NUMBERS.smooth
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -145,15 +134,16 @@ class _Strokes:
     measured: dict[str, Floats]
 
 
-def learn(problem: LinearProblem, groups: Sequence[np.ndarray]) -> Learned | None:
+def learn(problem: LinearProblem, withheld: Callable[[Floats], Floats]) -> Learned | None:
     """Choose and fit a term.
 
     Parameters
     ----------
     problem : LinearProblem
         Of a saw.
-    groups : sequence of ndarray of bool, shape (n,)
-        Features of each group of trials that is withheld in turn; at least two.
+    withheld : callable
+        Whitened columns, shape (n, m) -> sum of squares that re-tuned parameters and they leave of each group of trials
+        that is withheld in turn, shape (n_groups,), of at least two groups: `answer.ladder.HoldOut.free_errors`.
 
     Returns
     -------
@@ -164,11 +154,10 @@ def learn(problem: LinearProblem, groups: Sequence[np.ndarray]) -> Learned | Non
     assert isinstance(baseline, Baseline)
     strokes = [_strokes(baseline, part) for part in problem.parts if part.state.kind == "running"]
     scales = _scales(problem, Marginal(problem).rest(problem.data))
-    withheld = _Withheld(problem, groups)
 
     def tried(candidates: Iterable[Candidate]) -> list[tuple[Design, Floats]]:
         designs = (_design(problem, strokes, c, scales[c.site]) for c in dict.fromkeys(candidates))
-        return _best_first((d, withheld.errors(d.columns)) for d in designs if d is not None)
+        return _best_first((d, withheld(d.columns)) for d in designs if d is not None)
 
     domains = (False, True) if any(one.part.setting.is_idle for one in strokes) else (False,)
     found = best = tried(
@@ -177,10 +166,10 @@ def learn(problem: LinearProblem, groups: Sequence[np.ndarray]) -> Learned | Non
         if name != _PREDICTED.get(site)
     )
     for _ in range(MOST_QUANTITIES - 1):
-        best = tried(more for design, _ in best[:_BEAM] for more in _with_one_more(design.candidate))
+        best = tried(more for design, _ in best[: _NUMBERS.beam] for more in _with_one_more(design.candidate))
         found = _best_first([*found, *best])
-    rough = tried(replace(design.candidate, length=_ROUGH) for design, _ in found[:_BEAM])
-    chosen = _simplest([*found, *rough], withheld.errors(np.zeros((len(problem.data), 0))))
+    rough = tried(replace(design.candidate, length=_NUMBERS.rough) for design, _ in found[: _NUMBERS.beam])
+    chosen = _simplest([*found, *rough], withheld(np.zeros((len(problem.data), 0))))
     return None if chosen is None else _fitted(problem, strokes, chosen)
 
 
@@ -210,7 +199,7 @@ def _simplest(found: Sequence[tuple[Design, Floats]], nothing: Floats) -> Design
 
     if is_alike(nothing):
         return None
-    alike = [(len(d.nodes), d.candidate.length == _ROUGH, float(e.sum()), k) for k, (d, e) in enumerate(found)
+    alike = [(len(d.nodes), d.candidate.length == _NUMBERS.rough, float(e.sum()), k) for k, (d, e) in enumerate(found)
              if is_alike(e)]  # fmt: skip
     return found[min(alike)[-1]][0]
 
@@ -233,8 +222,8 @@ def _scales(problem: LinearProblem, rest: Floats) -> dict[Site, float]:
     excess = {equation: v for (equation, kind), v in sums.items() if kind == "running" and v > 0.0}
     if sum(v for (_, kind), v in sums.items() if kind == "start_up" and v > 0.0) > sum(excess.values()):
         return {}
-    chosen = sorted(excess, key=lambda e: -excess[e])[:_MOST_SITES]
-    chosen = [e for e in chosen if excess[e] >= _LEAST_SHARE * sum(excess.values())]
+    chosen = sorted(excess, key=lambda e: -excess[e])[: _NUMBERS.most_sites]
+    chosen = [e for e in chosen if excess[e] >= _NUMBERS.least_excess * sum(excess.values())]
     found: dict[Site, float] = {e: _size(problem, rest, e) for e in chosen}
     if "cutting" in found:
         found["force_reading"] = found["cutting"]
@@ -268,7 +257,7 @@ def _design(problem: LinearProblem, strokes: Sequence[_Strokes], candidate: Cand
         nodes.append(found)
         roots.append(_root(found, candidate.length, is_periodic=QUANTITIES[name].is_periodic))
     empty = Design(
-        candidate=candidate, nodes=tuple(nodes), roots=tuple(roots), kept=_kept(roots), scale=_GENEROUS * size,
+        candidate=candidate, nodes=tuple(nodes), roots=tuple(roots), kept=_kept(roots), scale=_NUMBERS.generous * size,
         columns=np.zeros((len(problem.data), 0)),
     )  # fmt: skip
     columns = np.zeros((len(problem.data), empty.kept.shape[1]))
@@ -291,7 +280,7 @@ def _nodes(values: Sequence[Floats], name: str, n_quantities: int) -> tuple[floa
     if QUANTITIES[name].is_periodic:
         return tuple(float(v) for v in np.arange(_N_ANGLES[n_quantities]) * TWO_PI / _N_ANGLES[n_quantities])
     low, high = min(float(v.min()) for v in values), max(float(v.max()) for v in values)
-    if high - low <= _LEAST_RANGE * max(abs(low), abs(high)):
+    if high - low <= _NUMBERS.least_range * max(abs(low), abs(high)):
         return None
     return tuple(float(v) for v in np.linspace(low, high, _N_NODES[n_quantities]))
 
@@ -301,11 +290,11 @@ def _root(nodes: tuple[float, ...], length: float, *, is_periodic: bool) -> Floa
     place = np.array(nodes)
     apart = np.subtract.outer(place, place)
     if is_periodic:
-        kernel = np.exp(-2.0 * (np.sin(0.5 * apart) / (TWO_PI * _ANGLE_SHARE * length)) ** 2)
+        kernel = np.exp(-2.0 * (np.sin(0.5 * apart) / (TWO_PI * _NUMBERS.turn_share * length)) ** 2)
     else:
         kernel = np.exp(-0.5 * (apart / (length * (place[-1] - place[0]))) ** 2)
-    values, vectors = np.linalg.eigh(_LEVEL + kernel)
-    return vectors[:, ::-1] * np.sqrt(np.maximum(values[::-1], 0.0) / (1.0 + _LEVEL))
+    values, vectors = np.linalg.eigh(_NUMBERS.level + kernel)
+    return vectors[:, ::-1] * np.sqrt(np.maximum(values[::-1], 0.0) / (1.0 + _NUMBERS.level))
 
 
 def _kept(roots: Sequence[Floats]) -> np.ndarray:
@@ -317,32 +306,6 @@ def _kept(roots: Sequence[Floats]) -> np.ndarray:
     order = np.argsort(-together, axis=None)[:_MOST_COLUMNS]
     order = order[together.ravel()[order] > _LEAST_VARIANCE * together.max()]
     return np.array(np.unravel_index(order, together.shape))
-
-
-class _Withheld:
-    """What re-tuned parameters and a term, fitted without one group of trials, leave of it."""
-
-    def __init__(self, problem: LinearProblem, groups: Sequence[np.ndarray]) -> None:
-        self._base = problem.nuisance * problem.wide_scale
-        self._data = problem.data
-        self._groups = [np.flatnonzero(rows) for rows in groups]
-        # The hardness of a workpiece cannot be predicted: it is fitted to the withheld trial itself.
-        self._own = [self._base[rows][:, problem.is_of_trial] for rows in self._groups]
-        self._normal = self._base.T @ self._base
-
-    def errors(self, columns: Floats) -> Floats:
-        """Sum of squares of the whitened residual in each group, shape (n_groups,)."""
-        n = self._base.shape[1]
-        cross, gram = self._base.T @ columns, columns.T @ columns
-        normal = np.block([[self._normal, cross], [cross.T, gram]]) + np.eye(n + columns.shape[1])
-        moment = np.concatenate([self._base.T @ self._data, columns.T @ self._data])
-        found = []
-        for rows, own in zip(self._groups, self._own, strict=True):
-            held, data = np.hstack([self._base[rows], columns[rows]]), self._data[rows]
-            rest = data - held @ np.linalg.solve(normal - held.T @ held, moment - held.T @ data)
-            rest = rest - own @ np.linalg.solve(np.eye(own.shape[1]) + own.T @ own, own.T @ rest)
-            found.append(float(rest @ rest))
-        return np.array(found)
 
 
 def _fitted(problem: LinearProblem, strokes: Sequence[_Strokes], design: Design) -> Learned:

@@ -11,22 +11,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from types import MappingProxyType
-from typing import Any, Final, Literal
+from typing import Any, Final
+
+from sawbench.diagnosis.inference.answer_settings import Closing, Ladder, Learning, Planning, Report
+from sawbench.diagnosis.inference.marked_number import BY_HAND, CALIBRATED, CLASS, INTACT, Mark, marked
+from sawbench.diagnosis.inference.trial_settings import OffStroke, Reading, Screening
 
 # Half the 95 % interval of a normal distribution over its standard deviation: the level of every claim, by convention.
 Z95: Final = 1.959964
-Mark = Literal["fitted", "measured", "convention"]
-_CALIBRATED = "`benchmarks.calibrate_diagnosis fit`, seeds 1 to 999"
-_BY_HAND = "answers to development campaigns, seeds 1 to 999, by hand"
-_INTACT = "what development campaigns without an effect, seeds 1 to 999, leave"
-_CLASS = "usual class of such instruments, one standard deviation"
-
-
-def _number(value: Any, mark: Mark, source: str) -> Any:
-    said = {"mark": mark, "source": source}
-    if isinstance(value, dict):
-        return field(default_factory=lambda: MappingProxyType(value), metadata=said)
-    return field(default=value, metadata=said)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -49,24 +41,32 @@ class Weights:
         share at which they are even.
     left_by_an_intact_machine : float
         Times `quiet`: what is left below that is no share of the gap.
+    floor_left, floor_gap : float
+        Whitened misfit over features that is added to what is left and to the gap, so that the share of a gap that
+        nobody could measure is a tenth.
+    least_added : float
+        Of the evidence at which a second effect is even: what a second effect adds counts as no less.
     acts_share : float
         Of a signature's energy: an effect acts in the equations that hold that much.
     prior_no_gap, prior_parameters, prior_unknown : float
         The rest belongs to the effects, evenly.
     """
 
-    temperature: float = _number(3.0, "fitted", f"{_CALIBRATED}; set above its fit, to claim less")
-    quiet: float = _number(0.15, "fitted", _BY_HAND)
-    pair_gain: float = _number(1.4, "fitted", _CALIBRATED)
-    pair_least: float = _number(11.0, "fitted", _CALIBRATED)
-    pair_share: float = _number(0.7, "fitted", _CALIBRATED)
-    open_gain: float = _number(2.6, "fitted", _CALIBRATED)
-    open_share: float = _number(0.47, "fitted", _CALIBRATED)
-    left_by_an_intact_machine: float = _number(1.7, "fitted", _BY_HAND)
-    acts_share: float = _number(0.01, "convention", "a hundredth is what filters and tracking mix into other equations")
-    prior_no_gap: float = _number(0.45, "fitted", f"{_CALIBRATED}; moved: a parameter 5 sigma off is called so")
-    prior_parameters: float = _number(0.15, "fitted", "as prior_no_gap")
-    prior_unknown: float = _number(0.06, "fitted", _CALIBRATED)
+    temperature: float = marked(3.0, "fitted", f"{CALIBRATED}; set above its fit, to claim less")
+    quiet: float = marked(0.15, "fitted", BY_HAND)
+    pair_gain: float = marked(1.4, "fitted", CALIBRATED)
+    pair_least: float = marked(11.0, "fitted", CALIBRATED)
+    pair_share: float = marked(0.7, "fitted", CALIBRATED)
+    open_gain: float = marked(2.6, "fitted", CALIBRATED)
+    open_share: float = marked(0.47, "fitted", CALIBRATED)
+    left_by_an_intact_machine: float = marked(1.7, "fitted", BY_HAND)
+    floor_left: float = marked(0.02, "convention", "an eighth of `quiet`: hidden by what an intact machine leaves")
+    floor_gap: float = marked(0.2, "convention", "a gap as small as `quiet` is hardly a gap")
+    least_added: float = marked(1e-3, "convention", "keeps a logarithm finite where nothing is added")
+    acts_share: float = marked(0.01, "convention", "a hundredth is what filters and tracking mix into other equations")
+    prior_no_gap: float = marked(0.45, "fitted", f"{CALIBRATED}; moved: a parameter 5 sigma off is called so")
+    prior_parameters: float = marked(0.15, "fitted", "as prior_no_gap")
+    prior_unknown: float = marked(0.06, "fitted", CALIBRATED)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -87,11 +87,11 @@ class Noise:
         From which something is said of a campaign as a whole.
     """
 
-    correlation_factor: float = _number(1.5, "fitted", _BY_HAND)
-    quiet_share: float = _number(1.25, "fitted", _BY_HAND)
-    wide: float = _number(5.0, "convention", "re-tuning by five stated standard deviations is still the same machine")
-    memory_strokes: float = _number(3.0, "convention", "as `OffStroke.near_harmonic`")
-    least_trials: int = _number(3, "convention", "two may agree by chance")
+    correlation_factor: float = marked(1.5, "fitted", BY_HAND)
+    quiet_share: float = marked(1.25, "fitted", BY_HAND)
+    wide: float = marked(5.0, "convention", "re-tuning by five stated standard deviations is still the same machine")
+    memory_strokes: float = marked(3.0, "convention", "as `OffStroke.near_harmonic`")
+    least_trials: int = marked(3, "convention", "two may agree by chance")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -114,6 +114,8 @@ class Forms:
         Log evidence of a second effect below which its form does not matter.
     least_amplitude : float
         Of the typical size: less is background, not a cause.
+    bent_displacement_rad : float
+        Typical swing of a displacement sensor that is bent.
     most_std : float
         Relative standard uncertainty of a magnitude that is right to a factor of two; no form leaves more.
     size_temperature : float
@@ -121,17 +123,18 @@ class Forms:
         causes.
     """
 
-    shares: tuple[float, ...] = _number((0.0, 0.03, 0.1, 0.25), "convention", "none, and three sizes a factor 3 apart")
-    steady_share: float = _number(0.1, "fitted", _BY_HAND)
-    harmonic_factor: float = _number(1.5, "fitted", _BY_HAND)
-    screen_share: float = _number(0.05, "convention", "between the two smaller ones of the shares that are tried")
-    n_formed: int = _number(12, "convention", "time: each costs 0.1 s")
-    n_first: int = _number(5, "convention", "time: each costs a pass over the catalogue")
-    n_pairs: int = _number(8, "convention", "time: each costs 0.2 s")
-    worth_forming: float = _number(6.0, "convention", "time: below, no pair reaches even odds (`Weights.pair_least`)")
-    least_amplitude: float = _number(0.15, "convention", "three standard deviations of the background of 5 %")
-    most_std: float = _number(0.5, "convention", "its 95 % interval reaches from just above 0 to nearly twice of it")
-    size_temperature: float = _number(6.0, "fitted", _BY_HAND)
+    shares: tuple[float, ...] = marked((0.0, 0.03, 0.1, 0.25), "convention", "none, and three sizes a factor 3 apart")
+    steady_share: float = marked(0.1, "fitted", BY_HAND)
+    harmonic_factor: float = marked(1.5, "fitted", BY_HAND)
+    screen_share: float = marked(0.05, "convention", "between the two smaller ones of the shares that are tried")
+    n_formed: int = marked(12, "convention", "time: each costs 0.1 s")
+    n_first: int = marked(5, "convention", "time: each costs a pass over the catalogue")
+    n_pairs: int = marked(8, "convention", "time: each costs 0.2 s")
+    worth_forming: float = marked(6.0, "convention", "time: below, no pair reaches even odds (`Weights.pair_least`)")
+    bent_displacement_rad: float = marked(0.03, "convention", "twenty times what an ordinary sensor's background is")
+    least_amplitude: float = marked(0.15, "convention", "three standard deviations of the background of 5 %")
+    most_std: float = marked(0.5, "convention", "its 95 % interval reaches from just above 0 to nearly twice of it")
+    size_temperature: float = marked(6.0, "fitted", BY_HAND)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -157,13 +160,13 @@ class Strokes:
         cut or of a sensor may act, and where none does.
     """
 
-    weight: float = _number(4.0, "fitted", _BY_HAND)
-    price: float = _number(7.0, "fitted", _BY_HAND)
-    against: float = _number(-1.0, "convention", "odds of e to one against")
-    depth_std: float = _number(0.5, "convention", "a factor of two, as `Forms.most_std`")
-    block: int = _number(20, "convention", "about 1.5 s; beyond it half of a wood's memory is gone")
-    free_std: float = _number(0.5, "convention", "the speed exponents and edge forces that occur, as a power")
-    little_std: float = _number(0.03, "convention", "background effects, 5 % of its typical size, as a power")
+    weight: float = marked(4.0, "fitted", BY_HAND)
+    price: float = marked(7.0, "fitted", BY_HAND)
+    against: float = marked(-1.0, "convention", "odds of e to one against")
+    depth_std: float = marked(0.5, "convention", "a factor of two, as `Forms.most_std`")
+    block: int = marked(20, "convention", "about 1.5 s; beyond it half of a wood's memory is gone")
+    free_std: float = marked(0.5, "convention", "the speed exponents and edge forces that occur, as a power")
+    little_std: float = marked(0.03, "convention", "background effects, 5 % of its typical size, as a power")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -192,33 +195,33 @@ class Sensors:
         Of the force's zero where its wander is read, and of its drift in 1000 s.
     """
 
-    std: Mapping[str, float] = _number(
+    std: Mapping[str, float] = marked(
         {
             "motor_current_gain": 0.01, "motor_current_offset_a": 0.03, "force_gain": 0.01, "force_offset_n": 1.0,
             "battery_current_gain": 0.01, "battery_current_offset_a": 0.03, "battery_voltage_gain": 0.003,
             "battery_voltage_offset_v": 0.01, "angle_zero_rad": 0.005,
-        }, "convention", _CLASS,
+        }, "convention", CLASS,
     )  # fmt: skip
-    battery_rel_std: Mapping[str, float] = _number(
+    battery_rel_std: Mapping[str, float] = marked(
         {"internal_resistance_ohm": 0.1, "nominal_voltage_v": 0.005, "capacity_ah": 0.05}, "convention",
         "spread of new packs of one type",
     )  # fmt: skip
-    floor: Mapping[str, tuple[float, float]] = _number(
+    floor: Mapping[str, tuple[float, float]] = marked(
         {
             "electrical": (0.002, 2e-4), "mechanical": (2e-4, 2e-4), "cutting": (0.06, 0.0), "supply": (1e-3, 0.0),
             "converter": (1.5e-3, 0.0),
-        }, "measured", _INTACT,
+        }, "measured", INTACT,
     )  # fmt: skip
-    mean_voltage_floor_v: float = _number(0.005, "convention", "0.05 % of 10 V")
-    force_share: float = _number(1e-3, "convention", "linearity of a load cell: a thousandth of the peak")
-    force_harmonic: float = _number(4.0, "convention", "a bend of the characteristic is smooth over the stroke")
-    start_up_floor: Mapping[str, float] = _number(
+    mean_voltage_floor_v: float = marked(0.005, "convention", "0.05 % of 10 V")
+    force_share: float = marked(1e-3, "convention", "linearity of a load cell: a thousandth of the peak")
+    force_harmonic: float = marked(4.0, "convention", "a bend of the characteristic is smooth over the stroke")
+    start_up_floor: Mapping[str, float] = marked(
         {"electrical": 0.25, "supply": 0.004, "converter": 0.02, "mechanical": 0.01, "cutting": 3.0},
         "measured",
-        _INTACT,
+        INTACT,
     )
-    start_up_decay_s: float = _number(0.006, "measured", _INTACT)
-    zero_std_n: float = _number(5.0, "convention", "free: far beyond the drift of a load cell")
+    start_up_decay_s: float = marked(0.006, "measured", INTACT)
+    zero_std_n: float = marked(5.0, "convention", "free: far beyond the drift of a load cell")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -237,10 +240,10 @@ class Workpieces:
         Degrees of freedom that this counts beside repeats.
     """
 
-    stock_std_n_s_per_m: float = _number(1000.0, "convention", "free: three times a hard wood")
-    stock_log_std: float = _number(3.0, "convention", "free: a factor of twenty")
-    piece_std: float = _number(0.045, "measured", "repeats in wood differ by 4 to 5 %")
-    piece_degrees: float = _number(2.0, "convention", "worth one operating point with three trials")
+    stock_std_n_s_per_m: float = marked(1000.0, "convention", "free: three times a hard wood")
+    stock_log_std: float = marked(3.0, "convention", "free: a factor of twenty")
+    piece_std: float = marked(0.045, "measured", "repeats in wood differ by 4 to 5 %")
+    piece_degrees: float = marked(2.0, "convention", "worth one operating point with three trials")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -261,184 +264,11 @@ class Axis:
         nothing is concluded.
     """
 
-    offset_share: float = _number(0.02, "convention", "zero of a force or current sensor of class 2")
-    floor_share: float = _number(0.005, "convention", "a sensor of class 0.5")
-    form_share: float = _number(0.2, "convention", "assumed: how far guides keep to a friction law")
-    form_harmonic: float = _number(4.0, "convention", "assumed, as form_share")
-    standstill_share: float = _number(0.2, "convention", "above presliding at every usual stroke")
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class OffStroke:
-    """When what does not follow the stroke is a line or a burst, and no scatter.
-
-    Attributes
-    ----------
-    least_strokes : int
-        Complete strokes that a trial needs.
-    lowest_order : float
-        Cycles a stroke below which a wave is one of the wood or of the hand: see `stroke_series`.
-    near_harmonic : float
-        Cycles a stroke: harmonics scatter from stroke to stroke, so no line is looked for that near to one.
-    least_power, seen_power : float
-        Power over the floor around a line: of the strongest of a set, and of its companions.
-    foot_share : float
-        A line is narrow: beside it no more than that share of its power is left.
-    least_share : float
-        Of the variance that does not follow the stroke: what is smaller is a matter of the sensor, not of the machine.
-    same_place : float
-        Relative difference of two lines that are one.
-    in_most : float
-        Share of the trials that could show something, in which it must stand to be common to a campaign.
-    moved : float
-        Times its tolerance a wave of the wood would have to move between trials of other feed a stroke.
-    most_per_trial : float
-        Log evidence that one trial may give, nats.
-    strike : float
-        Robust deviations by which a cell of the crank angle and a neighbour are off: a stray value is shorter.
-    least_struck : float
-        Share of the variance that strikes of a machine hold.
-    least_picked_up : float
-        The same of interference in air: scatter and lines give no strike at all.
-    same_burst, felt : float
-        Of a stroke: strikes that near are one burst; for so long the motor feels a blow.
-    felt_stds : float
-        Significance of the motor's answer to blows.
-    """
-
-    least_strokes: int = _number(32, "convention", "the spectrum's lines are half of near_harmonic apart")
-    lowest_order: float = _number(0.25, "convention", "four strokes a wave")
-    near_harmonic: float = _number(
-        0.06, "convention", "half width, 1/(6 pi), of a harmonic that remembers three strokes"
-    )
-    least_power: float = _number(60.0, "convention", "beyond scatter: the largest of 8000 bins is about 9")
-    seen_power: float = _number(20.0, "convention", "scatter reaches it once in 6 10^4 such spectra")
-    foot_share: float = _number(0.1, "convention", "of a window's line nothing is left there, of a hump most is")
-    least_share: float = _number(0.15, "convention", "less is hidden by the scatter itself")
-    same_place: float = _number(0.003, "convention", "clocks and speeds are known to better than that")
-    in_most: float = _number(0.7, "convention", "more than two of three")
-    moved: float = _number(3.0, "convention", "three standard deviations")
-    most_per_trial: float = _number(20.0, "convention", "no single trial names a cause: one in e^20")
-    strike: float = _number(8.0, "convention", "no scatter reaches it, nor do heavy tails twice in a row")
-    least_struck: float = _number(0.3, "convention", "a third of what is asynchronous")
-    least_picked_up: float = _number(0.03, "convention", "ten times below what a machine is blamed for")
-    same_burst: float = _number(0.15, "convention", "shorter than the cut, which is half a stroke")
-    felt: float = _number(0.25, "convention", "the motor's time constant, in strokes")
-    felt_stds: float = _number(4.0, "convention", "one in 3 10^4 by chance")
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Ladder:
-    """How withheld trials are predicted, and what is called closed.
-
-    Attributes
-    ----------
-    least_rest : float
-        Share of the noise energy below which no cause can be shown to leave less.
-    least_blocks, least_groups : int
-        Time blocks of a trial that give a scatter about a straight line; withheld groups that give an interval.
-    farthest, farthest_sensor : float
-        Re-tuned numbers stay within this many widened standard deviations: farther off it is not the same machine.
-    solved_forms : int
-        Forms of a cause that are solved with these bounds.
-    """
-
-    least_rest: float = _number(0.02, "convention", "a closed gap is stated to 2 %")
-    least_blocks: int = _number(3, "convention", "a straight line takes two")
-    least_groups: int = _number(3, "convention", "a standard error from leaving out one in turn")
-    farthest: float = _number(2.0, "convention", "95 %, as every interval")
-    farthest_sensor: float = _number(
-        5.0, "convention", "a sensor's zero and gain are known less than a motor's constants"
-    )
-    solved_forms: int = _number(3, "convention", "time: each costs a bounded least-squares problem")
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Report:
-    """What the report says, and from when on.
-
-    Attributes
-    ----------
-    odds : float
-        Of the leading cause against one that is called indistinguishable from it.
-    false_discovery_rate : float
-        Of the parts of the crank angle and the spectrum that are called significant.
-    grows_with : float
-        Rank correlation of a gap with speed, load, time, position or feed from which it grows with it.
-    shown_share : float
-        Of the gap: a place with less is not named.
-    shown_log_odds : float
-        Log odds against no gap below which an effect of typical magnitude would probably not be named.
-    settled : float
-        Probability from which the next trial is to confirm, not to decide.
-    worth : float
-        Log odds that one more trial must be worth to be advised.
-    wander_stds : float
-        Significance of a zero that wanders.
-    least_fault : mapping of str to float
-        Below these a fault of a sensor costs nothing: share of samples missing, jitter in sample periods, spikes a
-        second, wander and jumps at restarts in N.
-    """
-
-    odds: float = _number(20.0, "convention", "95 %, as every interval")
-    false_discovery_rate: float = _number(0.05, "convention", "95 %")
-    grows_with: float = _number(0.6, "convention", "a third of the variance of the ranks")
-    shown_share: float = _number(0.02, "convention", "less than what any form leaves")
-    shown_log_odds: float = _number(16.0, "convention", "odds of 200 after `Weights.temperature`")
-    settled: float = _number(0.95, "convention", "95 %")
-    worth: float = _number(1.0, "convention", "odds of e")
-    wander_stds: float = _number(3.0, "convention", "three standard deviations")
-    least_fault: Mapping[str, float] = _number(
-        {"missing": 1e-3, "jitter": 0.05, "spikes_hz": 0.05, "wander_n": 0.1, "restart_n": 0.5}, "convention",
-        "less than the floors of `Sensors`",
-    )  # fmt: skip
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Closing:
-    """Cause after cause: how the model that holds some causes is weighed again.
-
-    Attributes
-    ----------
-    most_passes : int
-        Weighings of one campaign.
-    least_rel_std : float
-        Relative standard uncertainty, at least, of a magnitude that later causes may correct.
-    least_probability : float
-        Below it an alternative of a pass is not carried along.
-    within_noise : float
-        Share of the energy of the noise that nobody can close.
-    left_on_trial : float
-        Share of the gap that causes which were followed although "unknown" was likelier may leave.
-    """
-
-    most_passes: int = _number(6, "convention", "time: a pass costs as much as the first weighing")
-    least_rel_std: float = _number(0.25, "convention", "a second cause moves the first by half at most")
-    least_probability: float = _number(0.02, "convention", "odds of fifty to one against")
-    within_noise: float = _number(0.02, "convention", "as the ladder: less cannot be shown")
-    left_on_trial: float = _number(0.1, "convention", "what a right claim leaves of what can be closed")
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Planning:
-    """Which trials are proposed next.
-
-    Attributes
-    ----------
-    handling_s : float
-        What a trial takes beside its duration: to clamp, to zero, to look.
-    rest_s : float
-        Rest before a trial that is to begin with a cold machine.
-    longer : float
-        Duration of a long trial over the usual one of the campaign.
-    least_probability : float
-        Below it an answer is not separated from the others, unless there are fewer than two.
-    """
-
-    handling_s: float = _number(60.0, "convention", "a minute")
-    rest_s: float = _number(900.0, "convention", "a motor's winding has cooled by then")
-    longer: float = _number(3.0, "convention", "what grows with time is three times as large")
-    least_probability: float = _number(0.001, "convention", "as the report lists causes")
+    offset_share: float = marked(0.02, "convention", "zero of a force or current sensor of class 2")
+    floor_share: float = marked(0.005, "convention", "a sensor of class 0.5")
+    form_share: float = marked(0.2, "convention", "assumed: how far guides keep to a friction law")
+    form_harmonic: float = marked(4.0, "convention", "assumed, as form_share")
+    standstill_share: float = marked(0.2, "convention", "above presliding at every usual stroke")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -452,7 +282,10 @@ class Settings:
     sensors: Sensors = field(default_factory=Sensors)
     workpieces: Workpieces = field(default_factory=Workpieces)
     axis: Axis = field(default_factory=Axis)
+    screening: Screening = field(default_factory=Screening)
+    reading: Reading = field(default_factory=Reading)
     off_stroke: OffStroke = field(default_factory=OffStroke)
+    learning: Learning = field(default_factory=Learning)
     ladder: Ladder = field(default_factory=Ladder)
     report: Report = field(default_factory=Report)
     closing: Closing = field(default_factory=Closing)

@@ -14,10 +14,6 @@ import numpy as np
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.settings import SETTINGS, Weights
 
-# Keep the share of a gap that nobody could measure finite: whitened misfit over features.
-_LEAST_LEFT, _LEAST_GAP = 0.02, 0.2
-_LEAST_ADDED = 1e-3
-
 
 def weigh(
     hypotheses: Sequence[Hypothesis],
@@ -97,7 +93,7 @@ def _open_score(score: dict[Hypothesis, float], unknown: Hypothesis, *, gap: flo
     """Score of "unknown": by its evidence, and by the share of the gap that the best of the others leaves."""
     best = max((h for h in score if np.isfinite(h.left_over)), key=lambda h: score[h])
     left = max(best.left_over - w.left_by_an_intact_machine * quiet, 0.0)
-    share = (left + _LEAST_LEFT) / (max(gap - best.left_over, 0.0) + left + _LEAST_GAP)
+    share = (left + w.floor_left) / (max(gap - best.left_over, 0.0) + left + w.floor_gap)
     by_share = score[best] + w.open_gain * float(np.log(share / w.open_share))
     return max(float(np.log(w.prior_unknown)) + unknown.log_evidence / w.temperature, by_share)
 
@@ -126,12 +122,12 @@ def _share_within(
     added = np.array([h.log_evidence - alone for h in family])
     common = np.array([h.shared for h in family])
     even = w.pair_least + w.pair_share * np.sqrt(common * max(alone, 0.0))
-    odds = w.pair_gain * float(np.log(max(float(np.max(added / even)), _LEAST_ADDED)))
+    odds = w.pair_gain * float(np.log(max(float(np.max(added / even)), w.least_added)))
     # As far as the further one is believed: one that is not must not raise the first.
     believed = -float(np.logaddexp(0.0, -odds))
     total = score[stronger] + np.exp(believed) * max(float(added.max()), 0.0) / w.temperature
     score[stronger] = total - float(np.logaddexp(0.0, odds))
-    among = added / w.temperature + w.pair_gain * np.log(np.maximum(added / even, _LEAST_ADDED))
+    among = added / w.temperature + w.pair_gain * np.log(np.maximum(added / even, w.least_added))
     among -= np.logaddexp.reduce(among)
     for h, share in zip(family, among, strict=True):
         score[h] = total + believed + float(share)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from sawbench.bench.recording import Floats, Signal
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.machines.linear_axis import AxisState
 from sawbench.modeling.state import TWO_PI, TrialSetting
 
@@ -18,11 +19,8 @@ N_HARMONICS = 40
 _MOTION_HARMONICS = 20
 _SAMPLES_PER_COEFFICIENT = 3.0
 _TARGET_UNITS = 16
-# So much of a cycle must be recorded for it to count, and so much may its motion differ from the others'.
-_CYCLE_SHARE = 0.98
-_LARGEST_DEVIATION = 0.1
 _RATE_HARMONICS = 3
-_EXPLAINED_SHARE = 0.8
+_NUMBERS = SETTINGS.reading
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -95,11 +93,11 @@ def find_cycles(displacement: Signal) -> tuple[Cycles | None, str]:
     time_s, values = displacement.time_s, displacement.values
     basis = fourier(TWO_PI * rate_hz * time_s, _RATE_HARMONICS)
     theta = np.linalg.lstsq(basis, values, rcond=None)[0]
-    if float(np.var(values - basis @ theta)) > (1.0 - _EXPLAINED_SHARE) * float(np.var(values)):
+    if float(np.var(values - basis @ theta)) > (1.0 - _NUMBERS.cyclic_share) * float(np.var(values)):
         return None, "its displacement is not cyclic at a constant rate"
     # The fundamental is -cos(phase): lowest where its phase is 0.
     lowest_s = float(np.arctan2(-theta[1 + _RATE_HARMONICS], -theta[1]) / (TWO_PI * rate_hz))
-    n = int(displacement.duration_s * rate_hz + 1.0 - _CYCLE_SHARE)
+    n = int(displacement.duration_s * rate_hz + 1.0 - _NUMBERS.cycle_share)
     if n < 1:
         return None, "it holds no complete cycle"
     starts_s = time_s[-1] - np.arange(n, 0, -1) / rate_hz
@@ -107,7 +105,7 @@ def find_cycles(displacement: Signal) -> tuple[Cycles | None, str]:
     needed = _SAMPLES_PER_COEFFICIENT * (2 * N_HARMONICS + 1) * rate_hz / displacement.rate_hz
     motion = single.fit(displacement, _RATE_HARMONICS)[:, 1:]
     usual = np.median(motion, axis=0)
-    deviates = np.linalg.norm(motion - usual, axis=1) > _LARGEST_DEVIATION * np.linalg.norm(usual)
+    deviates = np.linalg.norm(motion - usual, axis=1) > _NUMBERS.other_motion * np.linalg.norm(usual)
     kept = starts_s[int(np.flatnonzero(deviates)[-1]) + 1 :] if deviates.any() else starts_s
     per_unit = max(int(np.ceil(needed)), len(kept) // _TARGET_UNITS, 1)
     n_units = len(kept) // per_unit

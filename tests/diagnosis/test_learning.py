@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from sawbench.diagnosis.answer.ladder import HoldOut
 from sawbench.diagnosis.answer.learned_term import NOTHING, learned_answer, learned_warnings
 from sawbench.diagnosis.inference.evidence import catalogue_columns
 from sawbench.diagnosis.inference.features import Layout
@@ -136,11 +137,10 @@ def test_a_gap_of_the_run_up_is_not_put_into_running_strokes():
         whole, parts=(*whole.parts, part), data=np.append(whole.data, np.full(layout.size, far)),
         nuisance=np.vstack([whole.nuisance, np.zeros((layout.size, 1))]),
     )  # fmt: skip
-    of_point = [with_run_up.rows(lambda setting, k=k: setting.operating_point == f"p{k}") for k in range(6)]
-    assert learn(with_run_up, of_point) is None
+    assert learn(with_run_up, HoldOut(with_run_up).free_errors) is None
     # A run-up without a gap leaves the term to be found.
     quiet = replace(with_run_up, data=np.append(whole.data, np.zeros(layout.size)))
-    assert learn(quiet, of_point) is not None
+    assert learn(quiet, HoldOut(quiet).free_errors) is not None
 
 
 @pytest.mark.parametrize("verdict", ["no_gap", "parameters", "effect", "effects"])
@@ -148,3 +148,22 @@ def test_other_answers_learn_nothing(verdict):
     posterior = SimpleNamespace(verdict=verdict)
     assert learned_answer(problem(drag), {}, posterior) is None
     assert learned_warnings(problem(drag), posterior, None) == []
+
+
+def test_errors_without_bounds_are_those_of_a_fit_to_the_other_points():
+    whole = problem(drag)
+    hold_out = HoldOut(whole)
+    assert hold_out.held_out == "operating points"
+    column = np.random.default_rng(3).standard_normal((len(whole.data), 1))
+    found = hold_out.free_errors(column)
+    design = np.hstack([whole.nuisance * whole.wide_scale, column])
+    for group, square in zip(hold_out.groups, found, strict=True):
+        held = hold_out.rows[group]
+        # Unit priors as further rows of a least-squares problem.
+        stacked = np.vstack([design[~held], np.eye(design.shape[1])])
+        data = np.append(whole.data[~held], np.zeros(design.shape[1]))
+        rest = whole.data[held] - design[held] @ np.linalg.lstsq(stacked, data, rcond=None)[0]
+        own = design[held][:, :-1][:, whole.is_of_trial]
+        n = own.shape[1]
+        again = np.linalg.lstsq(np.vstack([own, np.eye(n)]), np.append(rest, np.zeros(n)), rcond=None)[0]
+        assert square == pytest.approx(float(np.sum((rest - own @ again) ** 2)), rel=1e-6)

@@ -27,6 +27,7 @@ from sawbench.diagnosis.inference.settings import SETTINGS, Settings
 from sawbench.diagnosis.inference.stroke_evidence import StrokesSay, with_strokes
 from sawbench.diagnosis.inference.weighing import weigh
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
+from sawbench.diagnosis.screening import doubted_duties
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME, EFFECTS
 from sawbench.modeling.residuals import Baseline
 from sawbench.modeling.state import TWO_PI, State, TrialSetting
@@ -322,6 +323,22 @@ def _size_temperature(settings: Settings) -> float:
     return float((size.strength_std / (0.01 * size.strength)) ** 2 / SETTINGS.weights.temperature)
 
 
+def _found_slip(settings: Settings) -> float:
+    """Smallest slip of one duty of 24 that is found where all other trials are exact."""
+    stated = np.tile([0.375, 0.4375, 0.5, 0.5625], 6)
+    asked, current = 0.9 * stated, np.linspace(4.0, 9.0, len(stated))
+    least = SETTINGS.screening.duty_deviation
+
+    def is_found(slip: float) -> float:
+        wrong = stated.copy()
+        wrong[10] += slip
+        # The peak of the start-up goes with the true duty.
+        numbers = settings.screening
+        return 1.0 if np.isfinite(doubted_duties(wrong, asked, current, 100.0 * stated, numbers)[10]) else -1.0
+
+    return _even(is_found, 0.1 * least, 10.0 * least)
+
+
 def _five(number: str) -> Principle:
     return Principle(
         number=number, says="a parameter five of its sigmas off is called so, at odds of about ten to one",
@@ -403,6 +420,11 @@ PRINCIPLES = (
     Principle(
         number="strokes.price", says="one wood in a hundred without a trend may be called worn: 0.5 to 2 %",
         value=_false_trends, low=0.005, high=0.02,
+    ),
+    Principle(
+        number="screening.duty_deviation",
+        says="a duty that is stated one sixteenth off is found, and nothing is looked for below a thirtieth",
+        value=_found_slip, low=1.0 / 30.0, high=1.0 / 16.0,
     ),
 )  # fmt: skip
 

@@ -1,0 +1,164 @@
+"""Settings of the diagnosis, part three: what is claimed, shown and advised once causes are weighed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from sawbench.diagnosis.inference.marked_number import marked
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Learning:
+    """How a term without a name is learned, and when it is kept.
+
+    Attributes
+    ----------
+    smooth, rough : float
+        Lengths over which a term's values are alike, as a share of the range of its quantity.
+    turn_share : float
+        Times these, of a turn, for the crank angle.
+    generous : float
+        Prior standard deviation of a term, times the root mean square of what it is to explain.
+    level : float
+        Variance of a common level beside that of a bend: products of kernels then hold sums of functions as well.
+    least_excess, most_sites : float, int
+        Share of what parameters leave that an equation must hold to be looked at, and how many are.
+    beam : int
+        How many of the best candidates go on to one quantity more.
+    least_range : float
+        A quantity that varies by less than that share of its size does not vary.
+    least_taken : float
+        Share of the sum of squares at withheld operating points that a term must take away to be kept.
+    resembles : float
+        Correlation from which it resembles an effect.
+    one_way : float
+        Share of the change over the whole range that goes one way, from which a curve rises or falls.
+    """
+
+    smooth: float = marked(0.4, "convention", "a bend or two over the range")
+    rough: float = marked(0.2, "convention", "half of it")
+    turn_share: float = marked(0.25, "convention", "a quarter of a turn is the length of one bend of a sine")
+    generous: float = marked(3.0, "convention", "free: three times what is to be explained")
+    level: float = marked(1.0, "convention", "as much as the bend")
+    least_excess: float = marked(0.1, "convention", "less cannot close what a claim must close")
+    most_sites: int = marked(3, "convention", "time: each costs a pass over all candidates")
+    beam: int = marked(4, "convention", "time: each costs a pass over the quantities")
+    least_range: float = marked(1e-3, "convention", "the linearity of a sensor")
+    least_taken: float = marked(0.1, "convention", "what a right claim may leave of what can be closed")
+    resembles: float = marked(0.8, "convention", "two thirds of the variance are common")
+    one_way: float = marked(0.8, "convention", "nine parts up for one down")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Ladder:
+    """How withheld trials are predicted, and what is called closed.
+
+    Attributes
+    ----------
+    least_rest : float
+        Share of the noise energy below which no cause can be shown to leave less.
+    least_blocks, least_groups : int
+        Time blocks of a trial that give a scatter about a straight line; withheld groups that give an interval.
+    farthest, farthest_sensor : float
+        Re-tuned numbers stay within this many widened standard deviations: farther off it is not the same machine.
+    solved_forms : int
+        Forms of a cause that are solved with these bounds.
+    """
+
+    least_rest: float = marked(0.02, "convention", "a closed gap is stated to 2 %")
+    least_blocks: int = marked(3, "convention", "a straight line takes two")
+    least_groups: int = marked(3, "convention", "a standard error from leaving out one in turn")
+    farthest: float = marked(2.0, "convention", "95 %, as every interval")
+    farthest_sensor: float = marked(
+        5.0, "convention", "a sensor's zero and gain are known less than a motor's constants"
+    )
+    solved_forms: int = marked(3, "convention", "time: each costs a bounded least-squares problem")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Report:
+    """What the report says, and from when on.
+
+    Attributes
+    ----------
+    odds : float
+        Of the leading cause against one that is called indistinguishable from it.
+    false_discovery_rate : float
+        Of the parts of the crank angle and the spectrum that are called significant.
+    grows_with : float
+        Rank correlation of a gap with speed, load, time, position or feed from which it grows with it.
+    shown_share : float
+        Of the gap: a place with less is not named.
+    shown_log_odds : float
+        Log odds against no gap below which an effect of typical magnitude would probably not be named.
+    settled : float
+        Probability from which the next trial is to confirm, not to decide.
+    worth : float
+        Log odds that one more trial must be worth to be advised.
+    wander_stds : float
+        Significance of a zero that wanders.
+    least_fault : mapping of str to float
+        Below these a fault of a sensor costs nothing: share of samples missing, jitter in sample periods, spikes a
+        second, wander and jumps at restarts in N.
+    """
+
+    odds: float = marked(20.0, "convention", "95 %, as every interval")
+    false_discovery_rate: float = marked(0.05, "convention", "95 %")
+    grows_with: float = marked(0.6, "convention", "a third of the variance of the ranks")
+    shown_share: float = marked(0.02, "convention", "less than what any form leaves")
+    shown_log_odds: float = marked(16.0, "convention", "odds of 200 after `Weights.temperature`")
+    settled: float = marked(0.95, "convention", "95 %")
+    worth: float = marked(1.0, "convention", "odds of e")
+    wander_stds: float = marked(3.0, "convention", "three standard deviations")
+    least_fault: Mapping[str, float] = marked(
+        {"missing": 1e-3, "jitter": 0.05, "spikes_hz": 0.05, "wander_n": 0.1, "restart_n": 0.5}, "convention",
+        "less than the floors of `Sensors`",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Closing:
+    """Cause after cause: how the model that holds some causes is weighed again.
+
+    Attributes
+    ----------
+    most_passes : int
+        Weighings of one campaign.
+    least_rel_std : float
+        Relative standard uncertainty, at least, of a magnitude that later causes may correct.
+    least_probability : float
+        Below it an alternative of a pass is not carried along.
+    within_noise : float
+        Share of the energy of the noise that nobody can close.
+    left_on_trial : float
+        Share of the gap that causes which were followed although "unknown" was likelier may leave.
+    """
+
+    most_passes: int = marked(6, "convention", "time: a pass costs as much as the first weighing")
+    least_rel_std: float = marked(0.25, "convention", "a second cause moves the first by half at most")
+    least_probability: float = marked(0.02, "convention", "odds of fifty to one against")
+    within_noise: float = marked(0.02, "convention", "as the ladder: less cannot be shown")
+    left_on_trial: float = marked(0.1, "convention", "what a right claim leaves of what can be closed")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Planning:
+    """Which trials are proposed next.
+
+    Attributes
+    ----------
+    handling_s : float
+        What a trial takes beside its duration: to clamp, to zero, to look.
+    rest_s : float
+        Rest before a trial that is to begin with a cold machine.
+    longer : float
+        Duration of a long trial over the usual one of the campaign.
+    least_probability : float
+        Below it an answer is not separated from the others, unless there are fewer than two.
+    """
+
+    handling_s: float = marked(60.0, "convention", "a minute")
+    rest_s: float = marked(900.0, "convention", "a motor's winding has cooled by then")
+    longer: float = marked(3.0, "convention", "what grows with time is three times as large")
+    least_probability: float = marked(0.001, "convention", "as the report lists causes")
