@@ -146,7 +146,7 @@ def soak(minutes: float, folder: Path, *, n_amplifiers: int, live: bool) -> dict
         config.write_text(config_text(n_amplifiers, json.loads(instruments.stdout.readline())))
         call = [sys.executable, "-m", "sawbench.commands.main", "record", "--material", "none", "--trial", "soak"]
         call += ["--seconds", str(60 * minutes), "--out", str(folder), "--config", str(config), "--json"]
-        call += ["--rrd", str(folder / "soak.rrd")] if live else []
+        call += ["--live"] if live else []
         with (folder / "recorder.txt").open("w") as said, (folder / "summary.json").open("w+") as out:
             process = subprocess.Popen(call, stdin=subprocess.DEVNULL, stdout=out, stderr=said, text=True)
             alone, together = watch(process)
@@ -179,7 +179,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--amplifiers", type=int, choices=(1, 2, 4), default=4, help="that share the four channels")
-    parser.add_argument("--live", action="store_true", help="with a live view that is written to an .rrd file")
+    parser.add_argument("--live", action="store_true", help="with a live view, whose process is counted apart")
     parser.add_argument("--folder", type=Path, help="keep the recording there")
     parser.add_argument("--instruments", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()

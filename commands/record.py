@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sawbench.commands.live_estimate import LiveCuttingEstimate
     from sawbench.commands.recording_session import SessionOptions
     from sawbench.modeling.recursive import LiveEstimate
-    from sawbench.visualization.rerun_view import LiveView
+    from sawbench.visualization.live_process import LiveViewProcess
 
 
 @click.command(
@@ -123,7 +123,7 @@ def run_session(
     loaded: LoadedConfig,
     options: SessionOptions,
     bench: contextlib.AbstractContextManager[dict[str, str]],
-    views: list[LiveView],
+    views: list[LiveViewProcess],
     lines: Iterator[str],
 ) -> tuple[RecordingSummary, LiveCuttingEstimate]:
     """Record with estimate and counters on the terminal.
@@ -134,7 +134,7 @@ def run_session(
     options : SessionOptions
     bench : context manager
         Gives the addresses of the instruments, device name -> port, where they are not the configured ones.
-    views : list of LiveView
+    views : list of LiveViewProcess
     lines : iterator of str
         What is typed meanwhile: notes.
     """
@@ -173,14 +173,14 @@ def next_trial_id(folder: Path, material: str) -> str:
 
 
 @contextlib.contextmanager
-def live_view(trial: Trial, *, live: bool, rrd_path: Path | None, force: bool) -> Iterator[list[LiveView]]:
+def live_view(trial: Trial, *, live: bool, rrd_path: Path | None, force: bool) -> Iterator[list[LiveViewProcess]]:
     """Give the observers that `--live` and `--rrd` ask for; trouble with them is said, never raised."""
     if not live and rrd_path is None:
         yield []
         return
-    from sawbench.visualization.rerun_view import LiveView
+    from sawbench.visualization.live_process import LiveViewProcess
 
-    view = LiveView(
+    view = LiveViewProcess(
         trial,
         show="spawn" if live else "none",
         save_path=rrd_path,
@@ -195,7 +195,7 @@ def live_view(trial: Trial, *, live: bool, rrd_path: Path | None, force: bool) -
             click.echo(f"the live view ended early: {view.dead_reason} (the recording is whole)", err=True)
 
 
-def live_estimate(loaded: LoadedConfig, trial: Trial, views: list[LiveView]) -> LiveCuttingEstimate:
+def live_estimate(loaded: LoadedConfig, trial: Trial, views: list[LiveViewProcess]) -> LiveCuttingEstimate:
     """Give the observer that estimates k_Fc once a stroke and shows it in the live views."""
     from sawbench.commands.live_estimate import LiveCuttingEstimate
 

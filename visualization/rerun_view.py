@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Event, Floats, SampleBlock, Trial
 from sawbench.bench.units import DISPLACEMENT
 from sawbench.visualization.envelope import envelope_indices
@@ -35,7 +34,7 @@ from sawbench.visualization.layout import (
 )
 from sawbench.visualization.sdk import rr
 from sawbench.visualization.stroke_rate import LiveStrokeRate
-from sawbench.visualization.viewer import LOOPBACK, ViewerProcess, free_port
+from sawbench.visualization.viewer import LOOPBACK, ViewerProcess, free_port, refuse_rrd
 
 Show = Literal["spawn", "serve", "none"]
 _Item = SampleBlock | Event | tuple[float, float, float, float]
@@ -79,13 +78,9 @@ def open_rrd(path: str | Path, *, overwrite: bool) -> Any:
     Raises
     ------
     InputError
-        If the file exists and `overwrite` is not set, or its folder is missing.
+        See `viewer.refuse_rrd`.
     """
-    path = Path(path)
-    if path.exists() and not overwrite:
-        raise InputError("exists already", where=path, remedy="choose another name, or overwrite it with --force")
-    if not path.parent.is_dir():
-        raise InputError("the folder does not exist", where=path, remedy=f"create {path.parent} first")
+    refuse_rrd(path, overwrite=overwrite)
     return rr.FileSink(path)
 
 
@@ -198,13 +193,9 @@ class LiveView:
         """Process id of the viewer that was started, if any."""
         return None if self._viewer is None else self._viewer.pid
 
-    def __call__(self, block: SampleBlock) -> None:
-        """Show a block of samples; returns at once."""
-        self._put(block)
-
-    def note(self, event: Event) -> None:
-        """Show a note or an event; returns at once."""
-        self._put(event)
+    def __call__(self, item: SampleBlock | Event) -> None:
+        """Show a block of samples, or a note or another event; returns at once."""
+        self._put(item)
 
     def cutting_estimate(
         self, time_s: float, k_fc_n_s_per_m: float, std_n_s_per_m: float, remaining_s: float | None = None

@@ -11,7 +11,10 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from pathlib import Path
 from typing import IO
+
+from sawbench.bench.errors import InputError
 
 LOOPBACK = "127.0.0.1"
 VIEWER_MEMORY_LIMIT = "1GB"
@@ -26,6 +29,21 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind((LOOPBACK, 0))
         return int(probe.getsockname()[1])
+
+
+def refuse_rrd(path: str | Path, *, overwrite: bool) -> None:
+    """Refuse to write an `.rrd` file.
+
+    Raises
+    ------
+    InputError
+        If the file exists and `overwrite` is not set, or its folder is missing.
+    """
+    path = Path(path)
+    if path.exists() and not overwrite:
+        raise InputError("exists already", where=path, remedy="choose another name, or overwrite it with --force")
+    if not path.parent.is_dir():
+        raise InputError("the folder does not exist", where=path, remedy=f"create {path.parent} first")
 
 
 def viewer_environment() -> dict[str, str]:

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import threading
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,9 +20,10 @@ from sawbench.visualization.rerun_view import LiveView
 from sawbench.visualization.screenshot import take_screenshot
 from sawbench.visualization.viewer import ViewerProcess, viewer_environment
 
+from tests.rigs.rrd import joined, read_rrd
+
 pytestmark = pytest.mark.unit
 
-rr_chunk = pytest.importorskip("rerun.chunk")
 TRIAL = Trial(trial_id="oak-01", material="oak", duty=0.4375, source="simulated bench", notes="a | b")
 
 
@@ -88,25 +88,6 @@ def make_processed():
     )
 
 
-def read_rrd(path: Path) -> dict[str, list[tuple[np.ndarray, np.ndarray]]]:
-    """Return time (s) and value of every scalar entity in an .rrd file."""
-    found: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
-    for chunk in rr_chunk.RrdReader(path).stream():
-        batch = chunk.to_record_batch()
-        names = [name for name in batch.schema.names if "Scalars:scalars" in name]
-        if names and "time" in batch.schema.names:
-            time_s = np.array(batch.column("time").cast("int64").to_pylist()) / 1e9
-            values = np.array([row[0] for row in batch.column(names[0]).to_pylist()])
-            found.setdefault(chunk.entity_path.strip("/"), []).append((time_s, values))
-    return found
-
-
-def joined(found, path):
-    time_s, values = (np.concatenate(parts) for parts in zip(*found[path], strict=True))
-    order = np.argsort(time_s, kind="stable")
-    return time_s[order], values[order]
-
-
 def test_live_file_holds_every_peak_and_breaks_at_lost_samples(tmp_path):
     values = np.zeros(5000)
     values[1234], values[4321] = 287.0, -40.0
@@ -114,7 +95,7 @@ def test_live_file_holds_every_peak_and_breaks_at_lost_samples(tmp_path):
     view = LiveView(TRIAL, show="none", save_path=path)
     view(block(n=5000, values=values))
     view(block(n=500, first_index=6000))
-    view.note(Event(kind="note", time_s=0.5, text="fence touched"))
+    view(Event(kind="note", time_s=0.5, text="fence touched"))
     view.close()
     assert (view.is_dead, view.n_dropped) == (False, 0)
     found = read_rrd(path)
