@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,67 +20,21 @@ from sawbench.bench.errors import SawbenchError
 from sawbench.bench.recording import Event, Recording, SampleBlock, Signal, Trial
 from sawbench.processing.process import process_recording
 
+from benchmarks.fault_rig import (
+    FAULT_AT_S,
+    INSTRUMENTS,
+    SECONDS,
+    SILENT_ERROR_S,
+    Instrument,
+    Row,
+    sine_of,
+    worst_time_error_s,
+)
+from benchmarks.process_faults import process_rows
 from tests.rigs.resting import resting_bench
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "faults.md"
-SECONDS, FAULT_AT_S, SINE_HZ = 9.0, 3.0, 10.0
-MEAN = {"displacement_mm": 10.0}
-AMPLITUDE = {"force_n": 200.0, "displacement_mm": 10.0, "motor_current_a": 40.0}
-# What the clock leaves without any fault: see the first row of each instrument.
-SILENT_ERROR_S = 0.0025
-WITNESS = {"driver": "gsv8", "port": "x", "rate_hz": 2000}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Instrument:
-    """One instrument under test, beside a witness that measures another channel."""
-
-    name: str
-    channel: str
-    rate_hz: float
-    table: dict[str, Any]
-    n_bytes_12_ms: int
-    witness: str = "displacement_mm"
-
-    def config(self) -> BenchConfig:
-        """Victim and witness."""
-        calibration = {"displacement_mm": {"scale": 2.5}, "force_n": {"scale": 250.0}}[self.witness]
-        channels = {self.witness: {"input": 1, "raw_range": [-10.5, 10.5], "calibration": calibration}}
-        return BenchConfig(
-            devices={"victim": {"port": "x", **self.table}, "witness": {**WITNESS, "channels": channels}}
-        )
-
-
-FORCE = {"force_n": {"input": 1, "raw_range": [-3.5, 3.5], "calibration": {"scale": 250.0}}}
-INSTRUMENTS = (
-    Instrument(
-        name="gsv8", channel="force_n", rate_hz=6000.0, n_bytes_12_ms=72 * 8,
-        table={"driver": "gsv8", "rate_hz": 6000, "channels": FORCE},
-    ),
-    Instrument(
-        name="gsv3", channel="force_n", rate_hz=1000.0, n_bytes_12_ms=12 * 3,
-        table={"driver": "gsv3", "rate_hz": 1000, "channels": {"force_n": {**FORCE["force_n"], "raw_range": [-2, 2]}}},
-    ),
-    Instrument(
-        name="dbc_can", channel="motor_current_a", rate_hz=1000.0, n_bytes_12_ms=12 * 22,
-        table={
-            "driver": "dbc_can", "interface": "slcan", "dbc": "jigsaw_bench.dbc", "counter": "SampleCounter",
-            "signals": {"motor_current_a": "MotorStatus.MotorCurrent"},
-        },
-    ),
-)  # fmt: skip
-
-
-@dataclass(frozen=True, kw_only=True)
-class Row:
-    """One line of the page."""
-
-    fault: str
-    lost: str
-    said: str
-    time_error_ms: float | None
-    is_silent: bool
 
 
 def link_faults(instrument: Instrument) -> dict[str, list[dict[str, Any]]]:
@@ -134,12 +87,13 @@ def run_link_fault(
     *,
     wrong_value: float | None = None,
     observers: tuple[Callable[[Any], object], ...] = (),
+    on_the_way: Callable[[bytes, float], bytes] | None = None,
 ) -> Row:
     """Record with one fault, and compare with the sine; `wrong_value` is what the sensor says for 12 ms."""
 
     def sensor(channel: str) -> Callable[..., Any]:
         def read(time_s: Any, noise: Any) -> Any:
-            values = MEAN.get(channel, 0.0) - AMPLITUDE[channel] * np.cos(2 * np.pi * SINE_HZ * time_s) + 1e-4 * noise
+            values = sine_of(channel, time_s, noise)
             is_wrong = (time_s > FAULT_AT_S) & (time_s < FAULT_AT_S + 0.012) & (channel == instrument.channel)
             return values if wrong_value is None else np.where(is_wrong, wrong_value, values)
 
@@ -147,7 +101,8 @@ def run_link_fault(
 
     behaviour = {channel: sensor(channel) for channel in (instrument.channel, instrument.witness)}
     writer, config = _Writer(), instrument.config()
-    with resting_bench(behaviour, config=config, faults=faults) as rig:
+    altered = {} if on_the_way is None else {"victim": on_the_way}
+    with resting_bench(behaviour, config=config, faults=faults, on_the_way=altered) as rig:
         devices = build_devices(config, rig.ports, clock=rig.clock)
         try:
             limits = RecorderLimits(queue_length=1)
@@ -161,73 +116,73 @@ def _judged(instrument: Instrument, name: str, writer: _Writer, summary: Recordi
     signals = {channel: writer.signal(channel) for channel in (instrument.channel, instrument.witness)}
     # The last second may hold what waits to be judged; the end is said by its own events.
     marks = [(e.time_s, e.end_s) for e in writer.events if e.kind in {"gap", "warning"} and e.end_s is not None]
-    # Both see the same sine, and the witness has no fault.
-    zero = np.mean(stroke_phases(signals[instrument.witness], []))
-    errors_s = [
-        float(np.max(np.abs(np.angle(found / zero)), initial=0.0)) / (2 * np.pi * SINE_HZ)
-        for found in (
-            stroke_phases(signals[instrument.witness], []),
-            stroke_phases(signals[instrument.channel], marks),
-        )
-    ]
+    error_s = worst_time_error_s(signals[instrument.channel], signals[instrument.witness], marks, SECONDS)
     true_lost = round(instrument.rate_hz * SECONDS) - len(signals[instrument.channel].values)
     (counted,) = [c.n_missing for c in summary.channels if c.channel == instrument.channel]
     said = [f"{e.kind}: {e.text}" for e in writer.events if e.kind in {"gap", "warning"} or e.text.startswith("link ")]
     processed = process_recording(Recording(trial=Trial(trial_id="t"), signals=signals), BenchConfig())
     doubts = [f"process: {text}" for q in processed.quality for text in q.doubts if "strokes" in text]
     exits = summary.losses or (() if summary.is_complete else ("not complete",))
-    is_wrong = abs(true_lost) > 3 or max(errors_s) > SILENT_ERROR_S
+    is_wrong = abs(true_lost) > 3 or error_s > SILENT_ERROR_S
     return Row(
         fault=name,
         lost=f"{true_lost} samples, counted {counted}",
         said="; ".join([*said, *doubts, *(f"exit 1: {text}" for text in exits)]) or "nothing",
-        time_error_ms=1e3 * max(errors_s),
+        time_error_ms=1e3 * error_s,
         is_silent=is_wrong and not (said or doubts or exits),
     )
 
 
-def stroke_phases(signal: Signal, marks: list[tuple[float, float]]) -> Any:
-    """Phase factor of each stroke of the sine, complex, outside of what events mark."""
-    found = []
-    for k in range(int(SECONDS * SINE_HZ)):
-        start_s, end_s = k / SINE_HZ, (k + 1) / SINE_HZ
-        inside = (signal.time_s >= start_s) & (signal.time_s < end_s)
-        if inside.sum() < 20 or any(low < end_s and start_s < high for low, high in marks):
-            continue
-        angle = 2 * np.pi * SINE_HZ * signal.time_s[inside]
-        basis = np.stack([np.cos(angle), np.sin(angle), np.ones_like(angle)], axis=1)
-        cosine, sine, _ = np.linalg.lstsq(basis, signal.values[inside], rcond=None)[0]
-        found.append(-(cosine + 1j * sine) / np.hypot(cosine, sine))
-    return np.array(found)
+def flipped_counter_bit() -> Callable[[bytes, float], bytes]:
+    """Turn bit 14 of the counter of one MotorStatus (id 100, 4 bytes, the counter first, low byte first)."""
+    left = [1]
+
+    def alter(data: bytes, now_s: float) -> bytes:
+        at = data.find(b"t1004") + len(b"t1004") + 2
+        if now_s < FAULT_AT_S or b"t1004" not in data or not left:
+            return data
+        left.clear()
+        return data[:at] + b"%X" % (int(data[at : at + 1], 16) ^ 4) + data[at + 1 :]
+
+    return alter
 
 
 def other_faults(instrument: Instrument) -> list[Row]:
-    """Wrong values, and a live view that dies."""
+    """Wrong values, a wrong counter, and a live view that fails in the recorder."""
 
     def dies(_: Any) -> None:
         raise RuntimeError("the viewer died")
 
-    return [
-        run_link_fault(instrument, "12 ms of NaN", [], wrong_value=float("nan")),
-        run_link_fault(instrument, "12 ms beyond the range of the input", [], wrong_value=1e6),
-        run_link_fault(instrument, "the live view dies", [], observers=(dies,)),
-    ]
+    if instrument.name == "dbc_can":
+        values = [
+            run_link_fault(
+                instrument, "bit 14 of the sample counter flipped, once", [], on_the_way=flipped_counter_bit()
+            )
+        ]
+    else:
+        values = [
+            run_link_fault(instrument, "12 ms of NaN", [], wrong_value=float("nan")),
+            run_link_fault(instrument, "12 ms beyond the range of the input", [], wrong_value=1e6),
+        ]
+    return [*values, run_link_fault(instrument, "an observer of the samples fails", [], observers=(dies,))]
 
 
 HEAD = """# Faults
 
 What every fault does to every instrument; `python -m benchmarks.fault_matrix` writes this page. Link faults run on
-emulated instruments over real ptys in simulated time, at 3 s of 9 s; the time error is the largest shift of a 10 Hz
-sine, of both instruments, outside of what an event marks. "Said" is what the recording's events, the exit code and the
-processing say. Silent is a fault that loses more than three samples, or moves times by more than 2.5 ms, with nothing
-said. Late links in detail: [arrivals](arrivals.md); cut and altered files: [recording format](recording_format.md).
+emulated instruments over real ptys in simulated time, at 3 s of 9 s; what goes wrong around the recorder runs in real
+time with processes of their own, 2 s into 5 s. The time error is the largest shift of a 10 Hz sine, of both
+instruments, outside of what an event marks. "Said" is what the recording's events, the exit code and the processing
+say. Silent is a fault that loses more than three samples, or moves times by more than 2.5 ms, with nothing said. Late
+links in detail: [arrivals](arrivals.md); cut and altered files: [recording format](recording_format.md).
 
 {summary}
 
 Nothing tells a loss or a doubling of whole frames below about 2.5 ms where the protocol has no counter: the times are
 wrong by that much. So it is with five GSV-8 frames lost from the middle of one to the middle of another (40 bytes): the
 two halves look like a whole frame. A value changed on the way stands as it is where the protocol has no checksum
-(GSV-3, GSV-8, serial CAN adapters).
+(GSV-3, GSV-8, serial CAN adapters). A CAN bus that is off is an instrument that is silent. An instrument that is asked
+for every value (MSC7xxx) is not in the table: each value has the time of its own question.
 """
 
 
@@ -253,12 +208,10 @@ def main() -> None:
     options = parser.parse_args()
     tables = {}
     for instrument in INSTRUMENTS:
-        rows = []
-        for name, faults in link_faults(instrument).items():
-            rows.append(run_link_fault(instrument, name, faults))
-            print(instrument.name, name, "SILENT" if rows[-1].is_silent else rows[-1].lost, flush=True)
-        tables[f"`{instrument.name}`, {instrument.rate_hz:g} Hz"] = rows
-    tables["Values and viewers (`gsv8`)"] = other_faults(INSTRUMENTS[0])
+        rows = [run_link_fault(instrument, name, faults) for name, faults in link_faults(instrument).items()]
+        tables[f"`{instrument.name}`, {instrument.rate_hz:g} Hz"] = [*rows, *other_faults(instrument)]
+        tables[f"`{instrument.name}`: around the recorder"] = process_rows(instrument)
+        print(instrument.name, "done", flush=True)
     every = [row for rows in tables.values() for row in rows]
     n_silent = sum(row.is_silent for row in every)
     summary = f"Of {len(every)} faults, {n_silent} {'is' if n_silent == 1 else 'are'} silent."

@@ -327,7 +327,8 @@ class RecordingWriter:
 
     def _flush_regularly(self) -> None:
         """Flush what no later block pushes out, and bring it to the disk without holding anybody up."""
-        # Looking four times an interval and flushing at three quarters, nothing gets older than one.
+        # Looking four times an interval and flushing at half of it, nothing waits here for more than three quarters;
+        # the last quarter is for the age that samples have when they come, and for a busy machine.
         look_every_s = self._flush_every_s / 4
         synced_s = self._last_flush_s
         while not self._stopping.wait(look_every_s):
@@ -337,7 +338,7 @@ class RecordingWriter:
                     return
                 try:
                     if self._is_dirty:
-                        self._flush_if_due(3 * look_every_s)
+                        self._flush_if_due(2 * look_every_s)
                 except OSError:
                     return  # the next block meets the same error and reports it
                 flushed_s = self._last_flush_s

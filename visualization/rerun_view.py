@@ -45,7 +45,7 @@ _MAX_RATE_HZ: Final = 1000.0
 # Width of the moving time window.
 _WINDOW_S: Final = 3.0
 # For viewers that connect late the stream is kept up to this size, the oldest part goes first.
-_MEMORY_LIMIT: Final = "256MB"
+_MEMORY_LIMIT: Final = "64MB"
 _VIEWER_CHECK_EVERY_S: Final = 0.5
 _APPLICATION_ID: Final = "sawbench"
 

@@ -46,15 +46,28 @@ class RestingTool:
 
 
 class Rig:
-    """The instruments in a thread; `clock` is their time and has to be that of the host too."""
+    """The instruments in a thread; `clock` is their time and has to be that of the host too.
+
+    `on_the_way`: instrument -> function of (bytes, time) that gives what arrives of them.
+    """
 
     def __init__(
-        self, folder: Path, behaviour=None, *, faults=(), clock_error_ppm=None, config_path=CONFIG, config=None
+        self,
+        folder: Path,
+        behaviour=None,
+        *,
+        faults=(),
+        clock_error_ppm=None,
+        config_path=CONFIG,
+        config=None,
+        on_the_way=None,
     ) -> None:
         plant = RestingTool(behaviour)
         config = load_config(config_path).config if config is None else config
         self._instruments = make_instruments(plant, config, clock_error_ppm=clock_error_ppm)
         self._endpoints = {name: PtyEndpoint(folder / name) for name in self._instruments}
+        for name, altered in (on_the_way or {}).items():
+            self._alter(self._endpoints[name], altered)
         faults = tuple(Fault(**f) for f in faults)
         self._bench = SimulatedBench(plant, self._instruments, self._endpoints, faults=faults, trigger_after_s=1e9)
         self._awaited: set[str] = set()
@@ -64,6 +77,10 @@ class Rig:
         self._thread = threading.Thread(target=self._run, daemon=True)
         self.ports = self._bench.plug_in()
         self._thread.start()
+
+    def _alter(self, endpoint: PtyEndpoint, altered: Callable[[bytes, float], bytes]) -> None:
+        write = endpoint.write
+        endpoint.write = lambda data: write(altered(data, self._now_s))
 
     def clock(self) -> float:
         return self._now_s

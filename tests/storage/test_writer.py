@@ -9,6 +9,7 @@ import sys
 import threading
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -256,6 +257,34 @@ def test_samples_that_nothing_follows_are_flushed_too(tmp_path):
             writer._is_dirty = True
         assert flushed.wait(timeout=10)
         assert len(read_recording(tmp_path / "T1.mcap.part").signal("force_n").values) == 10
+
+
+def test_samples_wait_for_three_quarters_of_a_flush_interval_at_most(tmp_path, monkeypatch):
+    """They are over a tenth of a second old when they come, and a kill may cost one interval in all."""
+    now_s, waiting_since_s, waited_s = [0.0], [], []
+    writer = open_writer(tmp_path / "T1.mcap", clock=lambda: now_s[0], flush_every_s=1.0)
+    writer._stopping.set()
+    writer._flusher.join()
+    flush = writer._mcap.flush
+
+    def flushed():
+        waited_s.extend(now_s[0] - since_s for since_s in waiting_since_s)
+        waiting_since_s.clear()
+        flush()
+
+    def wait(seconds):
+        """Blocks come just after the thread looked, and it is woken a little late."""
+        waiting_since_s.append(now_s[0])
+        writer.write_block(block(round(1e6 * now_s[0])))
+        now_s[0] += 1.04 * seconds
+        return now_s[0] > 10.0
+
+    monkeypatch.setattr(writer._mcap, "flush", flushed)
+    monkeypatch.setattr(writer, "_stopping", SimpleNamespace(wait=wait, set=lambda: None))
+    writer._flush_regularly()
+    assert len(waited_s) > 30
+    assert max(waited_s) <= 0.75
+    writer.close()
 
 
 def test_threads_may_share_a_writer(tmp_path):
