@@ -36,7 +36,10 @@ INSTRUMENTS: Final[Mapping[str, str]] = MappingProxyType(
         "loadstar": "sawbench.acquisition.devices.loadstar:INSTRUMENT",
         "mantracourt": "sawbench.acquisition.devices.mantracourt:INSTRUMENT",
         "hx711": "sawbench.acquisition.devices.hx711:INSTRUMENT",
+        "micro_epsilon_ethernet": "sawbench.acquisition.devices.micro_epsilon_ethernet:INSTRUMENT",
+        "edge_times": "sawbench.acquisition.devices.edge_times:INSTRUMENT",
         "text_lines": "sawbench.acquisition.devices.text_lines:INSTRUMENT",
+        "binary_frames": "sawbench.acquisition.devices.binary_frames:INSTRUMENT",
     }
 )
 ENTRY_POINT_GROUP: Final = "sawbench.instruments"

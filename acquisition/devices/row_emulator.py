@@ -53,15 +53,13 @@ class RowEmulator:
     @property
     def is_streaming(self) -> bool:
         """Whether it sends, or was asked."""
-        return self._sampler.is_running or self._was_asked
+        return self._sampler.is_running or self._was_asked or self._is_always_sending
 
     def power_cycle(self) -> None:
         """As after switching on."""
         self._incoming = b""
         self._was_asked = False
         self._sampler.end()
-        if self._is_always_sending:
-            self._sampler.begin(0.0)
 
     def receive(self, commands: bytes, now_s: float) -> bytes:
         """Obey every request in what came, in their order."""
@@ -76,6 +74,8 @@ class RowEmulator:
 
     def advance(self, now_s: float) -> bytes:
         """Rows of the samples up to `now_s`."""
+        if self._is_always_sending and not self._sampler.is_running:
+            self._sampler.begin(now_s)
         first = self._sampler.n_taken
         time_s = self._sampler.due(now_s)
         return b"".join(

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from sawbench.acquisition.devices.device import Chunk, Stream
-from sawbench.acquisition.devices.sample_rows import RowStream, RowTiming
+from sawbench.acquisition.devices.sample_rows import OWN_CLOCK, RowStream, RowTiming
 from sawbench.acquisition.devices.serial_instrument import SerialInstrument, Settings
 
 # A microcontroller begins anew when its port is opened, and first waits for its boot loader, then takes its zero.
@@ -76,7 +76,7 @@ class RowInstrument(SerialInstrument[Settings, RowFramer]):
     protocol : RowProtocol
     clock : callable
         Monotonic seconds.
-    has_own_number : bool
+    parity, has_own_number
         See `SerialInstrument`.
     """
 
@@ -87,6 +87,7 @@ class RowInstrument(SerialInstrument[Settings, RowFramer]):
         protocol: RowProtocol,
         *,
         clock: Callable[[], float] = time.monotonic,
+        parity: str = "N",
         has_own_number: bool = False,
     ) -> None:
         super().__init__(
@@ -96,6 +97,7 @@ class RowInstrument(SerialInstrument[Settings, RowFramer]):
             clock=clock,
             rate_hz=protocol.timing.rate_hz,
             farewell=protocol.stop,
+            parity=parity,
             has_own_number=has_own_number,
         )
         self._protocol = protocol
@@ -105,9 +107,8 @@ class RowInstrument(SerialInstrument[Settings, RowFramer]):
     def streams(self) -> tuple[Stream, ...]:
         """One stream with all channels."""
         (stream,) = super().streams
-        if self._protocol.timing.tick_s is None:
-            return (stream,)
-        return (Stream(name=stream.name, rate_hz=0.0, channels=stream.channels, own_time=self._protocol.timing.words),)
+        is_stamped = self._protocol.timing.tick_s is not None
+        return (replace(stream, own_time=OWN_CLOCK) if is_stamped else stream,)
 
     def open(self) -> None:
         """Connect, and see that it is quiet, answers or sends, whatever it does by itself; see `Device.open`."""
