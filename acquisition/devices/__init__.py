@@ -35,6 +35,8 @@ INSTRUMENTS: Final[Mapping[str, str]] = MappingProxyType(
         "msc7xxx": "sawbench.acquisition.devices.msc7xxx:INSTRUMENT",
         "loadstar": "sawbench.acquisition.devices.loadstar:INSTRUMENT",
         "mantracourt": "sawbench.acquisition.devices.mantracourt:INSTRUMENT",
+        "mantracourt_can": "sawbench.acquisition.devices.mantracourt_can:INSTRUMENT",
+        "cia404": "sawbench.acquisition.devices.cia404:INSTRUMENT",
         "hx711": "sawbench.acquisition.devices.hx711:INSTRUMENT",
         "micro_epsilon_ethernet": "sawbench.acquisition.devices.micro_epsilon_ethernet:INSTRUMENT",
         "edge_times": "sawbench.acquisition.devices.edge_times:INSTRUMENT",

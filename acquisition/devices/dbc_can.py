@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, Field, model_validator
 from sawbench.acquisition.calibration import Calibration
 from sawbench.acquisition.can_signals import find_signal, frame_mask, load_dbc, needed_length, raw_signal
+from sawbench.acquisition.devices.can_instrument import CanInstrument, require_slcan
 from sawbench.acquisition.devices.dbc_can_emulator import CanEmulator, EmulatedMessage
 from sawbench.acquisition.devices.device import STRICT, BenchChannel, Chunk, Stream, StreamChannel
 from sawbench.acquisition.devices.instrument import Instrument
 from sawbench.acquisition.sample_counter import CountedStream
 from sawbench.acquisition.simulation.plant_stream import PlantStream
 from sawbench.acquisition.transports.can_batch import CanBatch
-from sawbench.acquisition.transports.can_bus import make_can_source
 from sawbench.bench.errors import ConfigError
 from sawbench.bench.units import Channel
 
@@ -182,7 +182,7 @@ def _channel(where: str, channel: Channel, signal: DbcSignal, settings: DbcCanSe
     )
 
 
-class DbcCan:
+class DbcCan(CanInstrument[DbcCanSettings]):
     """The instruments behind one CAN bus.
 
     Parameters
@@ -194,20 +194,10 @@ class DbcCan:
         Monotonic seconds.
     """
 
+    MODEL = "DBC"
+
     def __init__(self, name: str, settings: DbcCanSettings, *, clock: Callable[[], float] = time.monotonic) -> None:
-        self.name = name
-        self.port = settings.port
-        self._settings = settings
-        self._clock = clock
-        self._bus = make_can_source(
-            settings.interface,
-            settings.port,
-            device=name,
-            bitrate=settings.bitrate,
-            baud_rate=settings.baud_rate,
-            serial_number=settings.serial_number,
-            clock=clock,
-        )
+        super().__init__(name, settings, clock=clock)
         self._counted: dict[str, CountedStream] = {}
         self._n_other_frames = 0
         self._n_short_frames = 0
@@ -222,23 +212,11 @@ class DbcCan:
         """One stream a message."""
         return tuple(layout.stream for layout in self.layouts)
 
-    @property
-    def n_discarded_bytes(self) -> int:
-        """Received bytes that were part of no valid frame, since construction."""
-        return self._bus.n_discarded_bytes
-
     def open(self) -> None:
         """Open the bus; see `Device.open`."""
         _ = self.layouts
         self._counted.clear()
         self._bus.open()
-
-    def start(self) -> None:
-        """Nothing to do: nodes on a bus send by themselves."""
-
-    def read(self) -> list[Chunk]:
-        """Return the samples that arrived; wait at most 0.1 s for the first frame."""
-        return self.decode(self._bus.read())
 
     def decode(self, batch: CanBatch) -> list[Chunk]:
         """Turn frames into chunks; no input or output."""
@@ -253,10 +231,6 @@ class DbcCan:
                 chunks += self._chunks_of(layout, batch.payload[is_whole], batch.arrival_s[is_whole])
         self._n_other_frames += len(batch) - n_taken
         return chunks
-
-    def stop(self) -> None:
-        """Leave the bus."""
-        self._bus.close()
 
     def describe(self) -> dict[str, str]:
         """Bus, DBC, where the times come from, frames that were not ours."""
@@ -303,12 +277,7 @@ def emulate(name: str, settings: DbcCanSettings, plant: PlantStream, clock_error
     ConfigError
         If the interface is another one.
     """
-    if settings.interface != "slcan":
-        raise ConfigError(
-            f"interface {settings.interface!r} cannot be emulated",
-            where=f"[devices.{name}]",
-            remedy='set interface = "slcan" for the simulated bench',
-        )
+    require_slcan(name, settings.interface)
     database = load_dbc(settings.dbc)
     messages = tuple(
         EmulatedMessage(

@@ -49,6 +49,10 @@ class CanSource(Protocol):
         """Return what arrived; wait at most 0.1 s; raise DeviceError where the bus is lost."""
         ...
 
+    def send(self, frame: ParsedFrame) -> None:
+        """Send a frame; raise DeviceError where the bus is lost."""
+        ...
+
     def close(self) -> None:
         """Disconnect; may be called twice."""
         ...
@@ -118,28 +122,45 @@ class PythonCanBus:
         """Return the frames that arrived; wait at most 0.1 s for the first."""
         import can
 
-        if self._bus is None:
-            raise DeviceError("is not open", where=self._where, remedy="call open() first")
+        bus = self._opened()
         messages: list[can.Message] = []
         try:
-            message = self._bus.recv(_WAIT_S)
+            message = bus.recv(_WAIT_S)
             while message is not None:
                 messages.append(message)
-                message = self._bus.recv(0) if len(messages) < _MOST_AT_ONCE else None
+                message = bus.recv(0) if len(messages) < _MOST_AT_ONCE else None
         except (can.CanError, OSError) as error:
-            raise DeviceError(
-                f"the bus failed: {error}", where=self._where, remedy="check cable, termination and power"
-            ) from error
+            raise self._failed(error) from error
         usable = [m for m in messages if not (m.is_error_frame or m.is_remote_frame or m.is_fd)]
         self.n_discarded_bytes += sum(len(m.data) for m in messages) - sum(len(m.data) for m in usable)
         frames = [ParsedFrame(m.arbitration_id, m.is_extended_id, bytes(m.data)) for m in usable]
         return CanBatch.of(frames, self._arrivals([m.timestamp for m in usable]))
+
+    def send(self, frame: ParsedFrame) -> None:
+        """Send a frame; DeviceError where the bus is lost."""
+        import can
+
+        message = can.Message(
+            arbitration_id=frame.identifier, is_extended_id=frame.is_extended, data=frame.payload, check=True
+        )
+        try:
+            self._opened().send(message, timeout=_WAIT_S)
+        except (can.CanError, OSError) as error:
+            raise self._failed(error) from error
 
     def close(self) -> None:
         """Shut the bus down; may be called twice."""
         bus, self._bus = self._bus, None
         if bus is not None:
             bus.shutdown()
+
+    def _opened(self) -> can.BusABC:
+        if self._bus is None:
+            raise DeviceError("is not open", where=self._where, remedy="call open() first")
+        return self._bus
+
+    def _failed(self, error: Exception) -> DeviceError:
+        return DeviceError(f"the bus failed: {error}", where=self._where, remedy="check cable, termination and power")
 
     @property
     def _where(self) -> str:

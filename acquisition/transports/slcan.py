@@ -169,6 +169,12 @@ class SlcanBus:
         arrival_s = self._clock()
         return CanBatch.of(self._decoder.feed(received), arrival_s)
 
+    def send(self, frame: ParsedFrame) -> None:
+        """Send a frame; DeviceError where the adapter is gone."""
+        head = b"T%08X%d" if frame.is_extended else b"t%03X%d"
+        line = head % (frame.identifier, len(frame.payload)) + frame.payload.hex().upper().encode()
+        self._port.write(line + b"\r")
+
     def close(self) -> None:
         """Close bus and adapter."""
         try:
