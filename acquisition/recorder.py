@@ -78,6 +78,7 @@ class RecorderLimits:
     folder: Path | None = None
 
 
+# Size: options by name: what ends a recording, who watches it, and what stands in for clock and threads in a test.
 def record(
     devices: Sequence[Device],
     writer: WriterOrFactory,

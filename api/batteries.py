@@ -121,6 +121,7 @@ def read_discharges(
     return found, notes
 
 
+# Size: options by name, those of `sawbench battery fit`.
 def fit_battery_tables(
     paths: Sequence[Path],
     *,
@@ -134,8 +135,6 @@ def fit_battery_tables(
     on_model: Callable[[int, int, str], None] | None = None,
 ) -> FittedBattery:
     """Fit a battery to measured discharges, each from full charge.
-
-    Every setting has an option of `sawbench battery fit`: as many parameters as options.
 
     Parameters
     ----------

@@ -33,12 +33,8 @@ EQUATIONS = {
 }
 # What an addition touched at 8d2895f, counted by hand: files until the tests were green.
 TOUCHED_BEFORE = {"an effect": "4 files, 5 edits", "an instrument": "6 files", "a machine": "several packages"}
-# A file that only one addition brought; the files of its commit are what the addition touches.
-ADDED = {
-    "an effect": "modeling/effects/cogging_torque.py",
-    "an instrument": "acquisition/devices/gsv3.py",
-    "a machine": "modeling/machines/slider_crank_saw.toml",
-}
+# What names an addition; the files of the product that do are what it touches. `blindcheck` hides effects on its own.
+ADDED = {"an effect": "cogging_torque", "an instrument": "gsv3", "a machine": "slider_crank_saw"}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -49,6 +45,7 @@ class Function:
     n_lines: int
     n_parameters: int
     text: str
+    reason: str
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -57,6 +54,7 @@ class Tree:
 
     lines: Mapping[str, int]
     functions: tuple[Function, ...]
+    product: Mapping[str, str]
     longest_module: tuple[int, str]
 
 
@@ -65,16 +63,32 @@ def git(*arguments: str) -> bytes:
 
 
 def sources(commit: str) -> dict[str, str]:
-    """Every Python file of a commit that people wrote."""
+    """Every Python and TOML file of a commit that people wrote."""
     with tarfile.open(fileobj=io.BytesIO(git("archive", commit))) as archive:
         return {
             member.name: archive.extractfile(member).read().decode()  # type: ignore[union-attr]
             for member in archive
-            if member.name.endswith(".py") and not member.name.endswith("_pb2.py")
+            if member.name.endswith((".py", ".toml")) and not member.name.endswith("_pb2.py")
         }
 
 
+def reason_above(lines: list[str], node: ast.FunctionDef | ast.AsyncFunctionDef) -> str:
+    """What the comment "# Size: ..." right above a function gives as the reason for its size; empty without one."""
+    above = min([node.lineno, *(d.lineno for d in node.decorator_list)]) - 2
+    found = ""
+    while above >= 0 and lines[above].lstrip().startswith("#"):
+        found, above = f"{lines[above].strip('# ')} {found}".strip(), above - 1
+    return found.removeprefix("Size: ") if found.startswith("Size: ") else ""
+
+
+def is_oversized(function: Function) -> bool:
+    """Too long, or with too many parameters; a command has as many as options."""
+    is_wide = function.n_parameters > MANY_PARAMETERS and not function.name.startswith("commands/")
+    return function.n_lines > LONG_LINES or is_wide
+
+
 def functions_of(path: str, text: str) -> Iterator[Function]:
+    lines = text.splitlines()
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             first = node.body[0]
@@ -85,12 +99,15 @@ def functions_of(path: str, text: str) -> Iterator[Function]:
                 name=f"{path}:{node.name}",
                 n_lines=node.end_lineno - node.lineno + 1 - docstring,  # type: ignore[operator]
                 n_parameters=len([name for name in names if name not in {"self", "cls"}]),
-                text=ast.get_source_segment(text, node) or "",
+                text="\n".join(lines[node.lineno - 1 : node.end_lineno]),
+                reason=reason_above(lines, node),
             )
 
 
 def read_tree(commit: str) -> Tree:
-    files = sources(commit)
+    found = sources(commit)
+    files = {path: text for path, text in found.items() if path.endswith(".py")}
+    tables = {path: text for path, text in found.items() if path not in files and path.split("/")[0] in PACKAGES}
     product = {path: text for path, text in files.items() if path.split("/")[0] in PACKAGES}
     lines = {
         package: sum(text.count("\n") for path, text in files.items() if path.split("/")[0] == package)
@@ -98,7 +115,7 @@ def read_tree(commit: str) -> Tree:
     }
     functions = tuple(function for path, text in product.items() for function in functions_of(path, text))
     longest = max((text.count("\n"), path) for path, text in product.items())
-    return Tree(lines=lines, functions=functions, longest_module=longest)
+    return Tree(lines=lines, functions=functions, product=product | tables, longest_module=longest)
 
 
 def stated(tree: Tree, pattern: str) -> list[str]:
@@ -108,17 +125,14 @@ def stated(tree: Tree, pattern: str) -> list[str]:
     return [f.name for f in found if not any(g is not f and g.text in f.text for g in found)]
 
 
-def touched(path: str, commit: str) -> str:
-    """Count the files of the commit that added `path`: product, then tests and pages."""
-    added = git("log", "--diff-filter=A", "--format=%H", "-1", commit, "--", path).decode().strip()
-    if not added:
-        return "not added yet"
-    files = git("show", "--name-only", "--format=", added).decode().split()
-    others = [name for name in files if name.split("/")[0] in {"tests", "docs", "benchmarks"} or name.endswith(".md")]
-    return f"{len(files) - len(others)} files, {len(others)} of tests and pages ({added[:7]})"
+def touched(tree: Tree, word: str) -> str:
+    """Count the files of the product that name an addition, in their text or by their own name."""
+    own = re.compile(rf"\b{word}\b", re.IGNORECASE)
+    found = [path for path, text in tree.product.items() if own.search(text) or own.search(path)]
+    return f"{len([path for path in found if not path.startswith('blindcheck/')])} files ({word})"
 
 
-def rows(before: Tree, after: Tree, commit: str) -> Iterator[tuple[str, str, str]]:
+def rows(before: Tree, after: Tree) -> Iterator[tuple[str, str, str]]:
     for package in before.lines:
         yield f"lines, {package}", f"{before.lines[package]:,}", f"{after.lines[package]:,}"
     yield "lines, product", *(f"{sum(tree.lines[p] for p in PACKAGES):,}" for tree in (before, after))
@@ -130,10 +144,12 @@ def rows(before: Tree, after: Tree, commit: str) -> Iterator[tuple[str, str, str
         for tree in (before, after)
     ]
     yield f"functions over {MANY_PARAMETERS} parameters, options of commands aside", *(str(len(w)) for w in wide)
+    bare = [[f for f in tree.functions if is_oversized(f) and not f.reason] for tree in (before, after)]
+    yield "of these, without a reason above them", *(str(len(found)) for found in bare)
     for name, pattern in EQUATIONS.items():
         yield f"functions that state: {name}", *(str(len(stated(tree, pattern))) for tree in (before, after))
-    for name, path in ADDED.items():
-        yield f"files to touch for {name}", TOUCHED_BEFORE[name], touched(path, commit)
+    for name, word in ADDED.items():
+        yield f"files to touch for {name}", TOUCHED_BEFORE[name], touched(after, word)
 
 
 def main() -> None:
@@ -144,12 +160,13 @@ def main() -> None:
     chosen = parser.parse_args()
     before, after = read_tree(chosen.before), read_tree(chosen.after)
     print(f"| what | {chosen.before} | {chosen.after} |\n|---|---|---|")
-    for row in rows(before, after, chosen.after):
+    for row in rows(before, after):
         print(f"| {' | '.join(row)} |")
     if chosen.list:
         for function in after.functions:
-            if function.n_lines > LONG_LINES or function.n_parameters > MANY_PARAMETERS:
-                print(f"{function.n_lines:4} lines {function.n_parameters:3} parameters  {function.name}")
+            if is_oversized(function):
+                size = f"{function.n_lines:4} lines {function.n_parameters:3} parameters"
+                print(f"{size}  {function.name}: {function.reason or 'no reason stated'}")
         for name, pattern in EQUATIONS.items():
             print(f"{name}: {', '.join(stated(after, pattern))}")
 

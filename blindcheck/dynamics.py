@@ -240,6 +240,7 @@ def _drag_torque(y, p):
     return torque
 
 
+# Size: compiled, so what it takes and gives are numbers and arrays, each on its own.
 @njit(cache=True)
 def _blade_side(t, y, v, x, pin_m_s2, p, strokes, grain, dy, out):
     """Force of guide, blade and workpiece on the plunger, N, +x, and the speed of the tooth line, m/s.

@@ -58,6 +58,7 @@ def _dense(y, k, h, part, result):
         result[j] = y[j] + h * total
 
 
+# Size: compiled, so what it takes and gives are numbers and arrays, each on its own.
 @njit(cache=True)
 def _stages(t, y, h, p, strokes, grain, wander, k, trial, out):
     """Fill the stages 1..6 (stage 0 is given); `trial` ends as the state after the step."""
@@ -96,13 +97,13 @@ def _part_at_crank(y, k, h, target, scratch):
     return high
 
 
+# Size: it holds `integrate` whole.
 def _build(source_stamp: int):
     """Compile `integrate`; the stamp enters numba's cache key: a change of `dynamics.py` recompiles it."""
 
+    # Size: compiled as a whole, with plain arrays.
     def integrate(y, t, t_end, step_s, first, grid_s, outputs, record, strokes, grain, wander, rtol, atol, stop_charge):
         """Advance `y` in place from `t` to `t_end`, or to where the charge drawn reaches `stop_charge`.
-
-        Long, and with many arguments, since numba compiles the loop with plain arrays as a whole.
 
         Parameters
         ----------

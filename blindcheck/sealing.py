@@ -116,6 +116,7 @@ def _in_range(rng: np.random.Generator, low: float, high: float) -> float:
     return round(float(np.exp(rng.uniform(np.log(low), np.log(high)))), 4)
 
 
+# Size: options by name, those of `sawbench blind make`.
 def make(
     seed: int,
     n_cases: int,

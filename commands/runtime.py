@@ -14,6 +14,7 @@ from sawbench.inputs import config_for, find_recordings
 from sawbench.plain import plain
 
 if TYPE_CHECKING:
+    from sawbench.modeling.battery_range import BatteryUse
     from sawbench.modeling.results import RuntimePrediction
 
 
@@ -67,7 +68,7 @@ def command(
     as_json: bool,
 ) -> int:
     """Predict how long the battery lasts if the tool goes on cutting as in each trial."""
-    from sawbench.analysis import fit_trial, load_and_process, predict, runtime_of
+    from sawbench.analysis import predict
     from sawbench.commands.runtime_sweep import SweepChoice, sweep
     from sawbench.modeling.battery_range import BatteryUse
 
@@ -92,25 +93,34 @@ def command(
     failures = Failures(len(files))
     for path in progress(files, "predicting"):
         with failures.collected():
-            trial = load_and_process(path, config_path)
-            if len(files) > 1 and trial.recording.trial.is_idle:
-                click.echo(f"{path}: the blade runs in air, so there is no cutting runtime", err=True)
-                continue
-            fit, estimates = fit_trial(trial)
-            if fit.status != "ok":
-                raise UntrustedResult(
-                    "no runtime, because k_Fc is not to be relied on: "
-                    + "; ".join((fit.status.replace("_", " "), *fit.notes)),
-                    where=path,
-                    remedy=f"see `sawbench fit {path}`",
-                )
-            results.append((trial.recording.trial.trial_id, runtime_of(trial, fit, estimates, use)))
+            found = _of_recording(path, config_path, use, is_alone=len(files) == 1)
+            results += [] if found is None else [found]
     emit(
         [{"trial": name, **plain(result)} for name, result in results],
         "\n".join(describe(name, result) for name, result in results),
         as_json=as_json,
     )
     return failures.exit_code(is_trusted=all(result.status == "ok" for _, result in results))
+
+
+def _of_recording(
+    path: Path, config_path: Path | None, use: BatteryUse, *, is_alone: bool
+) -> tuple[str, RuntimePrediction] | None:
+    """Trial and runtime; None, with a line that says so, for one of several whose blade runs in air."""
+    from sawbench.analysis import fit_trial, load_and_process, runtime_of
+
+    trial = load_and_process(path, config_path)
+    if not is_alone and trial.recording.trial.is_idle:
+        click.echo(f"{path}: the blade runs in air, so there is no cutting runtime", err=True)
+        return None
+    fit, estimates = fit_trial(trial)
+    if fit.status != "ok":
+        raise UntrustedResult(
+            "no runtime, because k_Fc is not to be relied on: " + "; ".join((fit.status.replace("_", " "), *fit.notes)),
+            where=path,
+            remedy=f"see `sawbench fit {path}`",
+        )
+    return trial.recording.trial.trial_id, runtime_of(trial, fit, estimates, use)
 
 
 def describe(name: str, result: RuntimePrediction) -> str:

@@ -40,9 +40,10 @@ def slope_at(c, u):
     return c[1] + u * (2.0 * c[2] + u * (3.0 * c[3] + u * (4.0 * c[4] + u * 5.0 * c[5])))
 
 
+# Size: compiled, so what it takes and gives are numbers and arrays, each on its own.
 @kernel()
 def emit(time_s, k, out, gear, t0, t1, current, angle, soc0, soc_rate0, soc1, soc_rate1):
-    """Write every sample with time <= t1 from place k on; returns the next place. Compiled: numbers and arrays only.
+    """Write every sample with time <= t1 from place k on; returns the next place.
 
     `out` has the rows motor current, motor speed, crank angle, state of charge.
     """

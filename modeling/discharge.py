@@ -90,6 +90,7 @@ class Discharge:
         return self._make_curves()
 
 
+# Size: options by name: what is cut, when it ends, where it begins, how exact it is.
 def discharge(
     parameters: JigsawParameters,
     *,

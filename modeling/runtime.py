@@ -34,6 +34,7 @@ SLOPE_STEPS_PER_TURN: Final = 16
 SLOPE_NODES: Final = 3
 
 
+# Size: options by name: what is cut, how well that is known, when it ends.
 def predict_runtime(
     parameters: JigsawParameters,
     *,

@@ -61,6 +61,7 @@ class RuntimeSweep:
     notes: Mapping[Place, tuple[str, ...]] = field(default_factory=dict)
 
 
+# Size: options by name: three ranges, and when each run ends.
 def sweep_runtime(
     parameters: JigsawParameters,
     *,

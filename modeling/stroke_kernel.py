@@ -214,9 +214,10 @@ def periodic_state(p, spline, ocv, soc, n_steps, tolerance, accept, result):
     return status
 
 
+# Size: compiled, so what it takes and gives are numbers and arrays, each on its own.
 @kernel()
 def waveform(p, spline, ocv, soc, n_steps, i, w, current, speed):
-    """Fill current and crank speed at the angles 2*pi*j/n_steps of a stroke from (i, W). Compiled: arrays only."""
+    """Fill current and crank speed at the angles 2*pi*j/n_steps of a stroke from (i, W)."""
     m = machine(p)
     tables = load_tables(m, spline, n_steps)
     curve = drive(m, ocv, soc)

@@ -35,11 +35,10 @@ MOST_TIME_STEPS = 2_000_000
 NOTHING, DEAD_CENTRE, STANDSTILL, RELEASE = 0, 1, 2, 3
 
 
+# Size: compiled, so what it takes and gives are numbers and arrays, each on its own.
 @kernel()
 def simulate_transient(p, spline, ocv, time_s, start, n_steps, tolerances, out, record):
     """Integrate from `start` = (i, W, a, soc) at time 0 to the last sample; fill `out` and `record`.
-
-    Compiled, so what it takes and gives are numbers and arrays, each on its own.
 
     Parameters
     ----------
@@ -178,6 +177,7 @@ _run_step = compiled_step(_run_rate, _add9)
 _time_step = compiled_step(_time_rate, _add9)
 
 
+# Size: compiled; one state in registers: what one step leaves, the next one takes.
 @kernel()
 def _angle_phase(m, tables, ocv, time_s, k, t, y, turns, tolerance, scales, out, record):
     """Take angle steps until the end is near, the speed changes much, or the steps are too long.
@@ -240,8 +240,9 @@ def is_calm(m, y, n_steps):
     return change < CALM and (m.damping + m.k_fc * m.radius**2) * part < CALM
 
 
+# Size: compiled; one state in registers: what one step leaves, the next one takes.
 @kernel()
-def time_phase(  # noqa: PLR0912, PLR0915 - one state in registers: what one step leaves, the next one takes
+def time_phase(  # noqa: PLR0912, PLR0915
     m, spline, ocv, time_s, k, t, y, turns, n_steps, tolerance, scales, ends_at_once, out, record
 ):
     """Time steps with error control until a dead centre is reached at a calm speed (or at any), or the end.

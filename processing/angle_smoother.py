@@ -40,12 +40,13 @@ def linearise(mechanism: Mechanism, about_rad: Floats, above_m: Floats, variance
     return np.where(is_used, lever_m, 0.0), np.where(is_used, above_m - displacement_m + lever_m * about_rad, 0.0)
 
 
+# Size: compiled, so what it takes and gives are numbers and arrays, each on its own.
 @njit(cache=True, nogil=True)
 def smooth(time, slope, target, variance, is_rest, start, start_std, jerk_density, rest_std, out):
     """One forward and one backward pass over linear measurements of the angle.
 
     Every second sample at rest measures "speed is 0" instead of the displacement. The filter step is written out
-    for its three states, and all that it reads comes as arrays and numbers: it is compiled, and called most.
+    for its three states: it is called most.
 
     Parameters
     ----------

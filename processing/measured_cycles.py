@@ -65,6 +65,7 @@ def measured_cycles(trial: ProcessedTrial) -> MeasuredCycles:
     )
 
 
+# Size: arrays of any origin, each on its own.
 def cycles_from_samples(
     angle_time_s: ArrayLike,
     unwrapped_angle_rad: ArrayLike,
@@ -77,7 +78,7 @@ def cycles_from_samples(
     duty: float | None = None,
     label: str = "trial",
 ) -> MeasuredCycles:
-    """Lay samples over the crank angle, stroke by stroke; for arrays of any origin, hence so many parameters.
+    """Lay samples over the crank angle, stroke by stroke.
 
     The angle at each sample is interpolated linearly between the angle samples; a bin holds the mean of
     the samples that fall into it. A bin mean of a curve of curvature f'' is off by f''*width^2/24, and the

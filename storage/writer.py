@@ -107,6 +107,7 @@ class RecordingWriter:
     ['T1.mcap']
     """
 
+    # Size: options by name: what a file says of itself, and how often and where it is secured.
     def __init__(
         self,
         *,

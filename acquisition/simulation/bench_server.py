@@ -163,6 +163,7 @@ def make_instruments(
     return instruments
 
 
+# Size: options by name, those of `sawbench simbench` and what stands in for its process in a test.
 def run_bench(
     plant: PlantStream,
     config: BenchConfig,

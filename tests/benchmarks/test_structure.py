@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
-from benchmarks.structure import EQUATIONS, Tree, functions_of, stated
+from benchmarks.structure import EQUATIONS, PACKAGES, Tree, functions_of, is_oversized, stated, touched
 
 pytestmark = pytest.mark.unit
 
@@ -33,6 +35,49 @@ def test_functions_are_counted_without_docstring_and_self():
 
 def test_an_equation_counts_once_where_it_stands():
     functions = (*functions_of("modeling/part.py", SOURCE), *functions_of("blindcheck/own.py", SOURCE))
-    tree = Tree(lines={}, functions=functions, longest_module=(0, ""))
+    tree = Tree(lines={}, functions=functions, product={}, longest_module=(0, ""))
     assert stated(tree, EQUATIONS["lever or displacement of the mechanism"]) == ["modeling/part.py:inner"]
     assert stated(tree, EQUATIONS["stages of Dormand-Prince 5(4)"]) == []
+
+
+def test_an_addition_touches_the_files_that_name_it():
+    product = {
+        "modeling/drag.py": "",
+        "modeling/table.py": "DRAG, drag",
+        "modeling/a.py": "dragging",
+        "blindcheck/a.py": "drag",
+    }
+    tree = Tree(lines={}, functions=(), product=product, longest_module=(0, ""))
+    assert touched(tree, "drag") == "2 files (drag)"
+
+
+WIDE = """
+# Size: nine numbers,
+# each on its own.
+@compiled
+def f(a, b, c, d, e, f, g, h, i): ...
+
+# No reason.
+def g(a, b, c, d, e, f, g, h, i): ...
+"""
+
+
+def test_a_reason_for_the_size_stands_right_above_the_function():
+    found = {f.name.split(":")[1]: f for f in functions_of("modeling/part.py", WIDE)}
+    assert found["f"].reason == "nine numbers, each on its own."
+    assert found["g"].reason == ""
+    assert is_oversized(found["g"])
+    assert not is_oversized(next(iter(functions_of("commands/part.py", WIDE))))
+
+
+def test_every_function_of_more_than_60_lines_or_8_parameters_says_why():
+    root = Path(__file__).parents[2]
+    bare = [
+        function.name
+        for package in PACKAGES
+        for path in sorted((root / package).rglob("*.py"))
+        if not path.name.endswith("_pb2.py")
+        for function in functions_of(path.relative_to(root).as_posix(), path.read_text(encoding="utf-8"))
+        if is_oversized(function) and not function.reason
+    ]
+    assert not bare, f'split them, or write "# Size: ..." with the reason above: {", ".join(bare)}'
