@@ -133,7 +133,6 @@ class StreamTimer:
         self._base = 0
         self._last_time_s: float | None = None
         self._reason_before_restart = ""
-        self._last_polled = 0
         self._begin_session()
 
     @property

@@ -18,8 +18,9 @@ from pathlib import Path
 from sawbench.modeling.machines import paper_jigsaw as paper
 from sawbench.modeling.parts.linear import LinearCutting
 from sawbench.modeling.supplies import FixedVoltage
-from sawbench.modeling.trace_fit import current_trace, fit_current_trace
 from sawbench.modeling.transient import simulate
+
+from benchmarks.current_trace import current_trace, fit_current_trace
 
 TRUTH = 240.29
 

@@ -17,17 +17,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.errors import InputError, UntrustedResult
-from sawbench.modeling.annealing import anneal_current_trace
 from sawbench.modeling.discharge import discharge
 from sawbench.modeling.machines import paper_jigsaw as paper
 from sawbench.modeling.parts.linear import CuttingHalf, LinearCutting
 from sawbench.modeling.parts.measured import MeasuredForce
 from sawbench.modeling.steady_state import steady_state
 from sawbench.modeling.supplies import FixedVoltage, HeldVoltage
-from sawbench.modeling.trace_fit import TraceFit, fit_current_trace
 from sawbench.modeling.transient import Trajectory, simulate
 
 from benchmarks.appendix_a import PaperRow, appendix_a_rows
+from benchmarks.current_trace import TraceFit, anneal_current_trace, fit_current_trace
 from benchmarks.deviations import Deviations, deviations
 
 FORCE_PEAK_N: Final = 280.16

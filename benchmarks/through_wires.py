@@ -25,12 +25,13 @@ from sawbench.bench.config import LoadedConfig, load_config
 from sawbench.bench.recording import Trial
 from sawbench.blindcheck.campaign import measured_trials
 from sawbench.blindcheck.drawing import draw_campaign
-from sawbench.blindcheck.playback import Playback
 from sawbench.diagnosis.answer.gap_report import diagnose
 from sawbench.inputs import config_for, default_config_path
 from sawbench.storage.reader import read_recording
 from sawbench.storage.writer import RecordingWriter
 from threadpoolctl import threadpool_limits
+
+from benchmarks.playback import Playback
 
 _STARTED: Final = datetime(2026, 3, 2, 9, tzinfo=UTC)
 # Three times as fast as the fastest instrument; quartzes are off by some 10 ppm.

@@ -32,8 +32,6 @@ _SHARES: Mapping[str, float] = MappingProxyType(
     {"none": 0.125, "parameters": 0.125, "effect": 0.5, "pair": 0.1, "outside": 0.15}
 )
 _KIND_OF_COUNT: Mapping[int, str] = MappingProxyType({1: "effect", 2: "pair"})
-MOST_EFFECTS = 4
-"""In one case, each in equations of its own."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -142,7 +140,7 @@ def make(
     catalogue : collection of str
         Ids that the diagnosis at hand lists; of foreign benches, others are hidden as outside the catalogue.
     effects_per_case : int, optional
-        Hide that many effects in every case, see `draw_cases`; at most `MOST_EFFECTS`.
+        Hide that many effects in every case, see `draw_cases`; at most 4.
     key_path : Path, optional
         Where the labels go; beside `out_dir`, with `.key.json` added to its name, unless given. Never inside.
     workers : int, optional

@@ -4,8 +4,7 @@ Read from the MATLAB call `simulannealbnd(fun, d_init, d_l, d_u)` with its defau
 of the temperature in a random direction, wrapped into the bounds; a worse point is taken with probability
 1 / (1 + exp(rise / T)); T = 100 * 0.95^k with a reannealing every 100 accepted points. It stops, as that
 function does, when the best value has moved by less than 1e-6 on average over 500 iterations. Kept to
-reproduce the paper; `fit_current_trace` finds the same minimum in a hundredth of the simulations and does
-not depend on luck.
+compare with the paper; the other methods of `fit` take a hundredth of the simulations and do not depend on luck.
 """
 
 from __future__ import annotations
@@ -16,20 +15,18 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from sawbench.bench.config import BatteryConfig, ConverterConfig, PlantConfig
 from sawbench.bench.errors import InputError
 from sawbench.modeling.cycle_observation import FeatureModel, TrialObservation, drive_of, observe
 from sawbench.modeling.measured_cycles import MeasuredCycles
-from sawbench.modeling.parameters import JigsawParameters
 from sawbench.modeling.periodic_cycle import PLANT_NAMES, CuttingHalf
 from sawbench.modeling.results import CuttingFit, FitStatus
-from sawbench.modeling.supplies import Supply
-from sawbench.modeling.trace_fit import APPENDIX_B_BOUNDS, APPENDIX_B_START, current_trace
-from sawbench.modeling.transient import AT_REST, InitialState
 
 Floats = NDArray[np.float64]
 
+APPENDIX_B_BOUNDS: Final = (100.0, 500.0)
+APPENDIX_B_START: Final = 130.0
 START_TEMPERATURE: Final = 100.0
 COOLING: Final = 0.95
 REANNEAL_EVERY: Final = 100
@@ -133,37 +130,6 @@ def anneal(
         n_evaluations=len(history),
         is_settled=len(history) < most_evaluations,
     )
-
-
-def anneal_current_trace(
-    time_s: ArrayLike,
-    current_a: ArrayLike,
-    *,
-    parameters: JigsawParameters,
-    supply: Supply,
-    cutting_half: CuttingHalf = "pi_to_2pi",
-    initial: InitialState = AT_REST,
-    seed: int = 0,
-) -> Annealed:
-    """Appendix B: the squared error of the current over time (Eq. 15), minimised by annealing.
-
-    Parameters
-    ----------
-    time_s, current_a : array_like, shape (n,), s and A
-        The paper uses 1 s from rest at 1 kHz.
-    parameters, supply, cutting_half, initial
-        The model, as in `fit_current_trace`.
-    seed : int
-        As in `anneal`; bounds and start are those of Appendix B.
-
-    Returns
-    -------
-    Annealed
-    """
-    trace = current_trace(
-        time_s, current_a, parameters=parameters, supply=supply, cutting_half=cutting_half, initial=initial
-    )
-    return anneal(trace.ise, bounds=APPENDIX_B_BOUNDS, start=APPENDIX_B_START, seed=seed)
 
 
 def anneal_cycles(

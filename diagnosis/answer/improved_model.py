@@ -26,7 +26,6 @@ from sawbench.modeling.effects.learned import NAME
 from sawbench.modeling.machines.known_effects import entry_of
 from sawbench.modeling.machines.learned_entry import learned_entry
 
-FILE_NAME: Final = "improved_model.toml"
 # A parameter that moves by less than this share of its standard uncertainty stays as stated.
 _LEAST_MOVE: Final = 0.05
 

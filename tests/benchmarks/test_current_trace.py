@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sawbench.bench.errors import InputError
-from sawbench.modeling.annealing import anneal, anneal_current_trace
+from sawbench.modeling.annealing import anneal
 from sawbench.modeling.machines import paper_jigsaw as paper
 from sawbench.modeling.parts.linear import LinearCutting
 from sawbench.modeling.parts.measured import MeasuredForce
 from sawbench.modeling.supplies import FixedVoltage
-from sawbench.modeling.trace_fit import current_trace, fit_current_trace
 from sawbench.modeling.transient import simulate
+
+from benchmarks.current_trace import anneal_current_trace, current_trace, fit_current_trace
 
 pytestmark = pytest.mark.unit
 

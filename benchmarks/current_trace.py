@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sawbench.bench.errors import InputError
 from sawbench.modeling import slots
+from sawbench.modeling.annealing import APPENDIX_B_BOUNDS, APPENDIX_B_START, Annealed, anneal
 from sawbench.modeling.parameters import JigsawParameters
 from sawbench.modeling.parts.linear import CuttingHalf, LinearCutting
 from sawbench.modeling.results import FitStatus
@@ -23,8 +24,6 @@ from sawbench.modeling.transient import AT_REST, NO_TABLE, InitialState, run_vec
 
 Floats = NDArray[np.float64]
 
-APPENDIX_B_BOUNDS: Final = (100.0, 500.0)
-APPENDIX_B_START: Final = 130.0
 FIRST_WINDOW_S: Final = 1.0
 # Strokes that two neighbouring scan points slip against each other over the window; a basin is about one
 # wide.
@@ -289,3 +288,34 @@ def _vertex(left: tuple[float, float], middle: tuple[float, float], right: tuple
     if below == 0.0:
         return None
     return float(middle[0] - 0.5 * (a * a * fa - b * b * fb) / below)
+
+
+def anneal_current_trace(
+    time_s: ArrayLike,
+    current_a: ArrayLike,
+    *,
+    parameters: JigsawParameters,
+    supply: Supply,
+    cutting_half: CuttingHalf = "pi_to_2pi",
+    initial: InitialState = AT_REST,
+    seed: int = 0,
+) -> Annealed:
+    """Appendix B: the squared error of the current over time (Eq. 15), minimised by annealing.
+
+    Parameters
+    ----------
+    time_s, current_a : array_like, shape (n,), s and A
+        The paper uses 1 s from rest at 1 kHz.
+    parameters, supply, cutting_half, initial
+        The model, as in `fit_current_trace`.
+    seed : int
+        As in `anneal`; bounds and start are those of Appendix B.
+
+    Returns
+    -------
+    Annealed
+    """
+    trace = current_trace(
+        time_s, current_a, parameters=parameters, supply=supply, cutting_half=cutting_half, initial=initial
+    )
+    return anneal(trace.ise, bounds=APPENDIX_B_BOUNDS, start=APPENDIX_B_START, seed=seed)
