@@ -11,6 +11,7 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.ladder import RUNGS, Fit, HoldOut, Ladder, Rungs
 from sawbench.diagnosis.inference.evidence import Column
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.residuals import Baseline
 from sawbench.modeling.state import State
 from sawbench.modeling.stroke import Prediction, Term, mean_stroke, predict
@@ -25,7 +26,6 @@ CHANNELS: Final = (
 MODELS: Final = ("nominal", "retuned", "with_effect")
 # States of charge, as shares of what may be used, at which a stroke is predicted for the runtime.
 _RUNTIME_NODES, _RUNTIME_WEIGHTS = np.polynomial.legendre.leggauss(3)
-_LARGEST_AUTOCORRELATION = 0.9
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -209,7 +209,7 @@ def _std_of_mean(units: Floats, explained: Floats) -> float:
     if variance <= 0.0:
         return 0.0
     neighbours = float(np.sum(rest[1:] * rest[:-1]) / np.sum(rest**2))
-    rho = float(np.clip(neighbours, 0.0, _LARGEST_AUTOCORRELATION))
+    rho = float(np.clip(neighbours, 0.0, SETTINGS.ladder.most_autocorrelation))
     return float(np.sqrt(variance / n * (1.0 + rho) / (1.0 - rho)))
 
 

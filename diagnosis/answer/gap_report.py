@@ -50,7 +50,6 @@ _REDUCED, _SIGNED, _JUDGED = 40, 50, 80
 _EQUATION_OF_CHANNEL = {
     "motor_current_a": "electrical", "force_n": "cutting", "battery_voltage_v": "supply", "battery_current_a": "supply",
 }  # fmt: skip
-_SHOWN_PROBABILITY = 0.001
 _LEAST_SHOWN, _MOST_SHOWN = 2, 5
 
 
@@ -163,7 +162,7 @@ def _report(
 
 def _shown_causes(posterior: Posterior) -> list[Hypothesis]:
     """Claims that the report lists; what has most evidence, where hardly any is probable."""
-    chosen = [h for h in posterior.claims if h.probability > _SHOWN_PROBABILITY][:_MOST_SHOWN]
+    chosen = [h for h in posterior.claims if h.probability > SETTINGS.report.shown_probability][:_MOST_SHOWN]
     names = [e.effect.name for e in posterior.explanations if (e.effect.name,) not in {h.effects for h in chosen}]
     return chosen + [posterior.of(name) for name in names[: max(_LEAST_SHOWN - len(chosen), 0)]]
 

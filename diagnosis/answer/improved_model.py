@@ -10,7 +10,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from sawbench.bench.config import BatteryConfig, LoadedConfig
@@ -25,9 +25,6 @@ from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.effects.learned import NAME
 from sawbench.modeling.machines.known_effects import entry_of
 from sawbench.modeling.machines.learned_entry import learned_entry
-
-# A parameter that moves by less than this share of its standard uncertainty stays as stated.
-_LEAST_MOVE: Final = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -129,7 +126,7 @@ def _retuned(tables: Mapping[str, Any], problem: LinearProblem, found: _Solution
         k = place[nuisance.name]
         reach = float(SETTINGS.ladder.farthest * problem.wide_scale[k] * problem.prior_std[k])
         shift = float(np.clip(found.values[k] * found.width[k], -reach, reach))
-        if abs(shift) < _LEAST_MOVE * nuisance.std:
+        if abs(shift) < SETTINGS.report.least_move * nuisance.std:
             continue
         table = _table_of(nuisance.name, out)
         value = float(f"{nuisance.nominal + shift:.6g}")

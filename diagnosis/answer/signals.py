@@ -14,7 +14,7 @@ from sawbench.diagnosis.inference.strikes import foreign_bursts
 from sawbench.diagnosis.inference.zero_wander import ZeroWander
 from sawbench.diagnosis.signal_health import ChannelHealth
 
-_MAINS_HZ, _MAINS_TOLERANCE, _HIGHEST_MULTIPLE = (50.0, 60.0), 0.005, 7
+_MAINS_HZ, _HIGHEST_MULTIPLE = (50.0, 60.0), 7
 _LEAST: Final = SETTINGS.report.least_fault
 
 Entry = dict[str, Any]
@@ -66,7 +66,9 @@ def _lines(trials: Sequence[OffStroke], health: dict[str, list[ChannelHealth]]) 
 
 def _is_mains(frequency_hz: float) -> bool:
     multiples = [(frequency_hz / mains_hz, round(frequency_hz / mains_hz)) for mains_hz in _MAINS_HZ]
-    return any(1 <= n <= _HIGHEST_MULTIPLE and abs(of / n - 1.0) < _MAINS_TOLERANCE for of, n in multiples)
+    return any(
+        1 <= n <= _HIGHEST_MULTIPLE and abs(of / n - 1.0) < SETTINGS.report.mains_tolerance for of, n in multiples
+    )
 
 
 def _bursts(trials: Sequence[OffStroke]) -> Iterator[Entry]:

@@ -122,7 +122,7 @@ def _sectors(problem: LinearProblem, gap: Floats, equation: Equation) -> tuple[t
         square += wave_of(features[:, part.layout.slices[equation]].mean(axis=0), angle) ** 2
     if square.sum() <= 0:
         return ()
-    high = square > 1.5 * square.mean()
+    high = square > SETTINGS.report.high_square * square.mean()
     if not high.any() or high.all():
         return ((0.0, float(TWO_PI)),)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], high.astype(int), [0]])))

@@ -64,6 +64,8 @@ class Ladder:
         Re-tuned numbers stay within this many widened standard deviations: farther off it is not the same machine.
     solved_forms : int
         Forms of a cause that are solved with these bounds.
+    most_autocorrelation : float
+        Of neighbouring units of a trial, as far as it raises the noise of their mean.
     """
 
     least_rest: float = marked(0.02, "convention", "a closed gap is stated to 2 %")
@@ -74,6 +76,7 @@ class Ladder:
         5.0, "convention", "a sensor's zero and gain are known less than a motor's constants"
     )
     solved_forms: int = marked(3, "convention", "time: each costs a bounded least-squares problem")
+    most_autocorrelation: float = marked(0.9, "convention", "keeps the noise finite: a factor of 4.4")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -90,6 +93,14 @@ class Report:
         Rank correlation of a gap with speed, load, time, position or feed from which it grows with it.
     shown_share : float
         Of the gap: a place with less is not named.
+    shown_probability : float
+        Causes with less are not listed.
+    high_square : float
+        Times the average square of the mean gap over the turn, from which a part of the turn is named.
+    mains_tolerance : float
+        Relative difference of a line from a multiple of the mains frequency.
+    least_move : float
+        Of its standard uncertainty: a parameter that moves by less stays as stated in the improved model.
     shown_log_odds : float
         Log odds against no gap below which an effect of typical magnitude would probably not be named.
     settled : float
@@ -107,6 +118,10 @@ class Report:
     false_discovery_rate: float = marked(0.05, "convention", "95 %")
     grows_with: float = marked(0.6, "convention", "a third of the variance of the ranks")
     shown_share: float = marked(0.02, "convention", "less than what any form leaves")
+    shown_probability: float = marked(0.001, "convention", "a thousand to one against")
+    high_square: float = marked(1.5, "convention", "half again the average")
+    mains_tolerance: float = marked(0.005, "convention", "grids stay within 0.4 %, clocks within less")
+    least_move: float = marked(0.05, "convention", "a twentieth changes nothing")
     shown_log_odds: float = marked(16.0, "convention", "odds of 200 after `Weights.temperature`")
     settled: float = marked(0.95, "convention", "95 %")
     worth: float = marked(1.0, "convention", "odds of e")

@@ -12,8 +12,6 @@ from sawbench.modeling.state import State
 
 # (blade in air, equation) -> covariance of a single stroke's features
 Scatter = Mapping[tuple[bool, str], Floats]
-_LEAST_UNITS = 3
-_LEAST_BLOCKS = 4
 
 
 def scatter_of(found: Sequence[tuple[State, Layout, Floats]]) -> dict[tuple[bool, str], Floats]:
@@ -37,7 +35,7 @@ def scatter_of(found: Sequence[tuple[State, Layout, Floats]]) -> dict[tuple[bool
     pools: dict[tuple[bool, str], list[Floats]] = {}
     for state, layout, features in found:
         n = len(features)
-        if state.kind != "running" or n < _LEAST_UNITS:
+        if state.kind != "running" or n < SETTINGS.noise.least_units:
             continue
         time = np.arange(n) - 0.5 * (n - 1)
         trend = np.outer(time, time @ features) / (time @ time)
@@ -121,7 +119,7 @@ def contrast_misfit(whitened: Sequence[Floats]) -> float:
     squares, count = 0.0, 0
     for rows in whitened:
         n = len(rows)
-        if n < _LEAST_BLOCKS:
+        if n < SETTINGS.noise.least_blocks:
             continue
         basis, _ = np.linalg.qr(np.stack([np.ones(n), np.arange(n)], axis=1))
         squares += float(np.sum((rows - basis @ (basis.T @ rows)) ** 2))

@@ -85,6 +85,9 @@ class Noise:
         A stroke's mean is remembered for that many: what drifts slowly is the same in neighbouring bins of a start.
     least_trials : int
         From which something is said of a campaign as a whole.
+    least_units, least_blocks : int
+        Of a trial: units that give the scatter of single strokes about a straight line, and time blocks that give what
+        blocks scatter more than that.
     """
 
     correlation_factor: float = marked(1.5, "fitted", BY_HAND)
@@ -92,6 +95,8 @@ class Noise:
     wide: float = marked(5.0, "convention", "re-tuning by five stated standard deviations is still the same machine")
     memory_strokes: float = marked(3.0, "convention", "as `OffStroke.near_harmonic`")
     least_trials: int = marked(3, "convention", "two may agree by chance")
+    least_units: int = marked(3, "convention", "a straight line takes two")
+    least_blocks: int = marked(4, "convention", "two more than a straight line takes")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -151,6 +156,8 @@ class Strokes:
         Taken off a trend for which strokes speak: with a dozen pieces of wood luck looks like one.
     against : float
         Log evidence of the strokes below which they speak against an effect.
+    least_strokes : int
+        That a trial must have for its single strokes to be looked at.
     depth_std : float
         Relative standard uncertainty of a wave's depth: the wood's wave is no sine.
     block : int
@@ -163,6 +170,7 @@ class Strokes:
     weight: float = marked(4.0, "fitted", BY_HAND)
     price: float = marked(7.0, "fitted", BY_HAND)
     against: float = marked(-1.0, "convention", "odds of e to one against")
+    least_strokes: int = marked(24, "convention", "two seconds, some waves of a wood")
     depth_std: float = marked(0.5, "convention", "a factor of two, as `Forms.most_std`")
     block: int = marked(20, "convention", "about 1.5 s; beyond it half of a wood's memory is gone")
     free_std: float = marked(0.5, "convention", "the speed exponents and edge forces that occur, as a power")

@@ -15,13 +15,13 @@ import numpy as np
 from sawbench.bench.processed import ProcessedTrial
 from sawbench.bench.recording import Floats
 from sawbench.bench.units import FORCE
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.log_mean import log_mean_exp
 from sawbench.modeling.effects.strokes import StrokeWave
 from sawbench.modeling.parts.mechanism import Mechanism
 from sawbench.modeling.state import TWO_PI
 from sawbench.processing.binning import AngleGrid
 
-_MIN_STROKES = 24
 # Widths of the hump as a share of its place, and how many of them it reaches.
 _WIDTHS, _REACH = (0.03, 0.1, 0.25), 8.0
 # Frequencies and depths of a wave that is locked to time, Hz: what a hand or a controller does.
@@ -83,7 +83,7 @@ def stroke_series(trial: ProcessedTrial, *, mechanism: Mechanism, cutting_sign: 
     cutting = np.maximum(cutting_sign * mechanism.lever(turned) * speed, 0.0)
     # The first and the last turn of the settled part are not whole.
     first, last = int(np.floor(turned[0] / TWO_PI)) + 1, int(np.floor(turned[-1] / TWO_PI))
-    if last - first < _MIN_STROKES:
+    if last - first < SETTINGS.strokes.least_strokes:
         return None
     strokes = AngleGrid(first_turn=first, n_rows=last - first, n_bins=1)
     placed = strokes.place(turned)
