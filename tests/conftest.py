@@ -1,4 +1,4 @@
-"""A small sealed set, and programs that stand in for the diagnosis."""
+"""One thread a worker, a small sealed set, and programs that stand in for the diagnosis."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import shutil
 import sys
 
 import pytest
+import scipy.linalg  # noqa: F401 - loads the linear algebra whose threads are limited
 from sawbench.blindcheck import sealing
 from sawbench.blindcheck.answering import Program
 from sawbench.blindcheck.bench import Nature
+from threadpoolctl import threadpool_limits
 
 N_CASES = 4
 # Answers from nothing but the campaign's files, and notes where it ran and what it could see.
@@ -26,6 +28,13 @@ pathlib.Path("../gap_report.json").write_text(json.dumps({
                 "gap_closed_ci95": [0.8, 1.0]}],
     "probabilities": {"no_gap": 0.2, "parameters": 0.1, "unknown": 0.1}}))
 """
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _one_thread():
+    """Small matrix products on one thread, as `sawbench diagnose` has them: workers share the cores already."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield
 
 
 @pytest.fixture(scope="session")
