@@ -29,12 +29,13 @@ from sawbench.modeling.machines.learned_entry import learned_entry
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Solution:
-    """Nuisances in units of their prior standard deviation with their standard uncertainty, and the cause's columns."""
+    """Nuisances in units of their prior standard deviation, how far they may move, and the cause's columns."""
 
     names: tuple[str, ...]
     values: Floats
     stds: Floats
     width: Floats
+    reach: Floats
     amplitudes: Floats
 
 
@@ -111,9 +112,12 @@ def _solve(problem: LinearProblem, columns: Sequence[Floats], *, is_wide: bool) 
     extra = np.hstack(columns) if columns else np.zeros((len(problem.data), 0))
     values, stds = Marginal(problem, scale=scale, extra=extra).estimate()
     n = len(problem.names)
+    width = scale * problem.prior_std
+    farthest = SETTINGS.ladder.farthest if is_wide else SETTINGS.ladder.farthest_stated
     return _Solution(
-        names=problem.names, values=values[:n], stds=stds[:n], width=scale * problem.prior_std, amplitudes=values[n:]
-    )
+        names=problem.names, values=values[:n], stds=stds[:n], width=width, reach=farthest * width,
+        amplitudes=values[n:],
+    )  # fmt: skip
 
 
 def _retuned(tables: Mapping[str, Any], problem: LinearProblem, found: _Solution) -> dict[str, Any]:
@@ -124,8 +128,7 @@ def _retuned(tables: Mapping[str, Any], problem: LinearProblem, found: _Solution
         if not nuisance.is_plant or nuisance.name not in place:
             continue
         k = place[nuisance.name]
-        reach = float(SETTINGS.ladder.farthest * problem.wide_scale[k] * problem.prior_std[k])
-        shift = float(np.clip(found.values[k] * found.width[k], -reach, reach))
+        shift = float(np.clip(found.values[k] * found.width[k], -found.reach[k], found.reach[k]))
         if abs(shift) < SETTINGS.report.least_move * nuisance.std:
             continue
         table = _table_of(nuisance.name, out)

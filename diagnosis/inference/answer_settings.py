@@ -61,7 +61,10 @@ class Ladder:
     least_blocks, least_groups : int
         Time blocks of a trial that give a scatter about a straight line; withheld groups that give an interval.
     farthest, farthest_sensor : float
-        Re-tuned numbers stay within this many widened standard deviations: farther off it is not the same machine.
+        Numbers that are re-tuned freely stay within this many widened standard deviations: farther off it is not the
+        same machine.
+    farthest_stated : float
+        Numbers that are re-tuned beside a cause move no further than this many stated ones in the improved model.
     solved_forms : int
         Forms of a cause that are solved with these bounds.
     most_autocorrelation : float
@@ -72,6 +75,7 @@ class Ladder:
     least_blocks: int = marked(3, "convention", "a straight line takes two")
     least_groups: int = marked(3, "convention", "a standard error from leaving out one in turn")
     farthest: float = marked(2.0, "convention", "95 %, as every interval")
+    farthest_stated: float = marked(3.0, "convention", "one number in 400 is further off than it is stated to be")
     farthest_sensor: float = marked(
         5.0, "convention", "a sensor's zero and gain are known less than a motor's constants"
     )
