@@ -105,14 +105,15 @@ def stroke_waves(angle: CrankAngle, time_s: Floats, values: Floats, cycles: Cycl
     stroke, middle, held, step = stroke[inside], middle[inside], held[inside], step[inside]
 
     def sums(weights: Floats) -> Floats:
-        return np.bincount(stroke, weights=weights * step, minlength=len(cycles.index))
+        found = np.bincount(stroke, weights=weights * step, minlength=len(cycles.index))
+        return np.asarray(found, dtype=np.float64)
 
     mean = sums(held) / np.maximum(sums(np.ones_like(held)), 1e-12)
     left = held - mean[stroke]
     return (sums(left * np.cos(middle)) - 1j * sums(left * np.sin(middle))) / np.pi
 
 
-def _slips_of(channel: str, cycles: Cycles, waves: Floats) -> list[Slip]:
+def _slips_of(channel: str, cycles: Cycles, waves: NDArray[np.complex128]) -> list[Slip]:
     size = np.abs(waves)
     if not size.min() > 0:
         return []

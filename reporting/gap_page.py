@@ -306,7 +306,7 @@ def _ladder_rows(report: Mapping[str, Any]) -> list[tuple[str, list[str], str]]:
     """The gap rung by rung: all equations in units of the noise, then channel by channel."""
     gap, keys = report["gap"], [key for key, _ in rungs_of(report["verdict"])]
     rows = [("all equations", gap, "of the noise")]
-    rows += [(CHANNEL_WORDS.get(name, name), row, row["unit"]) for name, row in gap["by_channel"].items()]
+    rows += [(str(CHANNEL_WORDS.get(name, name)), row, row["unit"]) for name, row in gap["by_channel"].items()]
     return [(name, [format_number(row[key], digits=3) for key in keys], unit) for name, row, unit in rows]
 
 

@@ -121,7 +121,7 @@ def wear_picture(found: Sequence[WornTrial]) -> Picture | None:
         axis = figure.subplots()
         for index, ((blade, material, _), trials) in enumerate(sorted(lines.items(), key=lambda item: str(item[0]))):
             axis.errorbar(
-                [one.cut_m for one in trials],
+                [one.cut_m for one in trials if one.cut_m is not None],
                 [100.0 * one.growth for one in trials],
                 yerr=[100.0 * one.growth_std for one in trials],
                 color=SERIES_COLOURS[index % len(SERIES_COLOURS)],

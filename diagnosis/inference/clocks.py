@@ -100,4 +100,7 @@ def _late_battery(_: Baseline, state: State) -> Signature:
 
 
 def _sum(one: Signature, other: Signature, factor: float) -> Signature:
-    return {name: one.get(name, 0.0) + factor * other.get(name, 0.0) for name in {**one, **other}}
+    summed = dict(one)
+    for name, wave in other.items():
+        summed[name] = summed.get(name, 0.0) + factor * wave
+    return summed

@@ -218,8 +218,13 @@ def _scales(problem: LinearProblem, rest: Floats) -> dict[Site, float]:
 
     None where the run-up holds most: a term that is silent there would only make up for what it does to parameters.
     """
-    sums = {key: float(np.sum(rest[rows] ** 2 - problem.quiet)) for key, rows in problem.rows_by_equation().items()}
-    excess = {equation: v for (equation, kind), v in sums.items() if kind == "running" and v > 0.0}
+    places = problem.rows_by_equation()
+    sums: dict[tuple[Equation, str], float] = {
+        k: float(np.sum(rest[p] ** 2 - problem.quiet)) for k, p in places.items()
+    }
+    excess: dict[Equation, float] = {
+        equation: v for (equation, kind), v in sums.items() if kind == "running" and v > 0.0
+    }
     if sum(v for (_, kind), v in sums.items() if kind == "start_up" and v > 0.0) > sum(excess.values()):
         return {}
     chosen = sorted(excess, key=lambda e: -excess[e])[: _NUMBERS.most_sites]
