@@ -34,6 +34,7 @@ _STROKE_SHARE: Final = 0.2
 _NOISE_FACTOR: Final = 3.0
 _BASE_WINDOWS: Final = 3
 _PRELOAD_SHARE: Final = 0.9
+_SPOILS: Final = frozenset({"saturated", "flat", "preload", "stroke", "silent", "disk"})
 _LEAST_FREE_BYTES: Final = 500e6
 
 
@@ -96,6 +97,11 @@ class LiveWarnings:
     def active(self) -> tuple[str, ...]:
         """What is wrong now, in words."""
         return tuple(_named(key, text) for key, text in self._active.items())
+
+    @property
+    def is_spoilt(self) -> bool:
+        """Whether one of them makes a trial that is not to be trusted; noise, rate and clock can be looked into."""
+        return any(what in _SPOILS for what, _, _ in self._active)
 
     def take(self, item: SampleBlock | Event) -> None:
         """Take what was written into the recording."""

@@ -261,6 +261,8 @@ class _Run:
                 reason = self._end_reason(seconds, stop)
             except KeyboardInterrupt as stopped:
                 reason = ("stop", str(stopped) or "stopped by the operator (Ctrl-C)")
+        if status is not None:
+            self._report(status, phase="finishing")
         return self._finish(writer, start, *reason, seconds)
 
     def close(self) -> None:
@@ -330,7 +332,9 @@ class _Run:
                 writer.write_event(item)
             self._feed.offer(item)
 
-    def _report(self, status: Callable[[RecordingStatus], object]) -> Callable[[RecordingStatus], object] | None:
+    def _report(
+        self, status: Callable[[RecordingStatus], object], phase: Literal["recording", "finishing"] = "recording"
+    ) -> Callable[[RecordingStatus], object] | None:
         channels = tuple(c for r in self._streams.values() for c in r.status())
         try:
             status(
@@ -339,6 +343,8 @@ class _Run:
                     channels=channels,
                     lost_devices=tuple(self._lost),
                     warnings=() if self._warnings is None else self._warnings.active,
+                    is_spoilt=self._warnings is not None and self._warnings.is_spoilt,
+                    phase=phase,
                 )
             )
         except Exception as error:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from types import MappingProxyType
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 from sawbench.bench.recording import Event, SampleBlock, loss_in_words
 
@@ -83,12 +83,29 @@ class RecordingStatus:
         Devices whose link is down at the moment.
     warnings : tuple of str
         What is wrong at the moment, see `live_warnings`.
+    is_spoilt : bool
+        One of them spoils the trial: it is not to be trusted if this goes on.
+    phase : {"recording", "finishing"}
+        "finishing": the end is decided, what is on its way is stored and the file closed.
     """
 
     elapsed_s: float
     channels: tuple[ChannelStatus, ...]
     lost_devices: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    is_spoilt: bool = False
+    phase: Literal["recording", "finishing"] = "recording"
+
+    @property
+    def light(self) -> Literal["ok", "look", "stop"]:
+        """One word for somebody who looks up for a second.
+
+        "stop": a link is lost, a channel misses more than a hundredth of its samples, or a warning spoils the trial.
+        "look": another warning, or a gap.
+        """
+        if self.lost_devices or self.is_spoilt or any(_loss(channel) for channel in self.channels):
+            return "stop"
+        return "look" if self.warnings or any(channel.n_missing for channel in self.channels) else "ok"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -151,5 +168,8 @@ class RecordingSummary:
     @property
     def losses(self) -> tuple[str, ...]:
         """Channels that miss more than a hundredth of their samples, in words; then the trial is not to be trusted."""
-        said = (loss_in_words(c.channel, c.n_samples, c.n_missing) for c in self.channels)
-        return tuple(text for text in said if text)
+        return tuple(text for text in map(_loss, self.channels) if text)
+
+
+def _loss(channel: ChannelStatus) -> str:
+    return loss_in_words(channel.channel, channel.n_samples, channel.n_missing)

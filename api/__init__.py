@@ -20,7 +20,7 @@ __all__ = ["compare", "diagnose", "fit", "process", "read", "runtime", "simulate
 
 PACKAGES = (
     "bench", "storage", "acquisition", "processing", "modeling", "diagnosis", "blindcheck", "reporting",
-    "visualization", "commands",
+    "visualization", "panel", "commands",
 )  # fmt: skip
 
 

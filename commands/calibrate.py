@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 from sawbench.bench.errors import InputError, UntrustedResult
+from sawbench.commands.link import current_link
 from sawbench.commands.options import calibration_book_path, config_option, json_option
 from sawbench.commands.tare import read_resting
 from sawbench.commands.terminal import emit, table
@@ -256,7 +257,13 @@ def _read_point(session: Session, reference: float, *, n_before: int) -> Resting
 
 def _ask(text: str) -> str:
     """Say what to do or to type; the answer, which may be empty."""
-    return click.prompt(text, default="", show_default=False, err=True)
+    link = current_link()
+    if link is None:
+        return click.prompt(text, default="", show_default=False, err=True)
+    answer = link.ask(text)
+    if answer is None:
+        raise KeyboardInterrupt("stopped by the operator")
+    return answer
 
 
 def _keep_for_later(session: Session, points: list[CalibrationPoint]) -> None:

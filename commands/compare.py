@@ -25,7 +25,7 @@ _SHORT: Final = {
 
 
 @click.command(name="compare", epilog="Example: sawbench compare recordings --out report.html")
-@click.argument("directory", metavar="DIR", type=click.Path(path_type=Path))
+@click.argument("paths", metavar="DIR...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--out", "out_path", required=True, type=click.Path(path_type=Path, dir_okay=False), help="HTML page.")
 @click.option(
     "--csv", "csv_path", type=click.Path(path_type=Path, dir_okay=False),
@@ -35,22 +35,23 @@ _SHORT: Final = {
 @force_option
 @json_option
 def command(
-    directory: Path,
+    paths: tuple[Path, ...],
     out_path: Path,
     csv_path: Path | None,
     config_path: Path | None,
     force: bool,
     as_json: bool,
 ) -> int:
-    """Process, fit and compare every recording of DIR: materials at equal settings; page, CSV and HDF5."""
+    """Process, fit and compare every recording of DIR: materials at equal settings; page, CSV and HDF5.
+
+    Several folders, or single recordings, are compared together.
+    """
     from sawbench.comparison import compare_files
     from sawbench.reporting.compared import compare, comparison_json
     from sawbench.reporting.comparison_data import comparison_table, write_comparison_hdf5
     from sawbench.reporting.comparison_page import write_comparison_page
     from sawbench.storage.output import write_whole
 
-    if not directory.exists():
-        raise InputError("no such directory", where=directory)
     csv_path, hdf5_path = csv_path or out_path.with_suffix(".csv"), out_path.with_suffix(".h5")
     if len({out_path, csv_path, hdf5_path}) < 3:
         raise InputError(
@@ -58,7 +59,7 @@ def command(
         )
     for path in (out_path, csv_path, hdf5_path):
         refuse_unwritable(path, force=force)
-    files = find_recordings([directory])
+    files = find_recordings(paths)
     rows, left_out = compare_files(progress(files, "comparing"), config_path)
     write_comparison_page(out_path, rows, left_out=left_out, overwrite=force)
     write_whole(csv_path, comparison_table(rows).to_csv(index=False), overwrite=force)

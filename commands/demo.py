@@ -94,7 +94,8 @@ def _say(text: str, as_json: bool) -> None:
 
 
 def _record(files: DemoFiles, *, seconds: float, seed: int, config_path: Path | None, show: bool, force: bool) -> None:
-    from sawbench.commands.record import LiveCounters, live_view
+    from sawbench.commands.live_counters import LiveCounters
+    from sawbench.commands.record import live_view
     from sawbench.commands.recording_session import SessionOptions, record_trial, simulated_bench
 
     path = config_path or default_config_path()

@@ -38,6 +38,7 @@ SUBCOMMANDS: Final = MappingProxyType(
         "compare": "material-comparison report",
         "diagnose": "the sim-to-real gap: where it lies, what causes it, how far it closes",
         "blind": "the withheld-effect check of the diagnosis: make, answer, score",
+        "panel": "the operator panel: the bench in a browser, from tare to diagnosis",
         "view": "replay a recording in Rerun",
         "simbench": "the simulated instruments, on ports of their own",
     }
@@ -128,11 +129,11 @@ def _fail(message: str, code: int) -> int:
 
 def run() -> None:
     """Console-script entry: exit with the code of `main`."""
-    signal.signal(signal.SIGTERM, _terminated)
+    signal.signal(signal.SIGTERM, raise_terminated)
     sys.exit(main())
 
 
-def _terminated(*_: object) -> Never:
+def raise_terminated(*_: object) -> Never:
     """End on SIGTERM as on Ctrl-C: a recording is finished, the simulated instruments are stopped."""
     raise KeyboardInterrupt("stopped from outside (SIGTERM)")
 

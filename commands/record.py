@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 import click
 from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Trial
+from sawbench.commands.link import current_link
 from sawbench.commands.options import calibration_book_path, config_option, force_option, json_option, refuse_unwritable
 from sawbench.commands.terminal import emit
+from sawbench.commands.typed_lines import TypedLines, typed_lines
 from sawbench.inputs import config_for, default_config_path
 
 if TYPE_CHECKING:
@@ -95,9 +97,10 @@ def command(
         calibration_book=book_path,
     )  # fmt: skip
     say_in_force(book_path)
-    lines = iter(sys.stdin) if sys.stdin is not None and sys.stdin.isatty() else iter(())
+    typed = typed_lines()
+    lines = typed if typed is not None else sys.stdin if sys.stdin is not None and sys.stdin.isatty() else ()
     with live_view(trial, live=live, rrd_path=rrd_path, force=force) as views:
-        summary, estimate = run_session(loaded, options, bench, views, lines)
+        summary, estimate = run_session(loaded, options, bench, views, iter(lines), typed)
     last = estimate.describe()
     said = f"last live estimate: {last}" if last else f"no live k_Fc: {estimate.problem or 'no settled stroke'}"
     emit(
@@ -125,8 +128,9 @@ def run_session(
     bench: contextlib.AbstractContextManager[dict[str, str]],
     views: list[LiveViewProcess],
     lines: Iterator[str],
+    typed: TypedLines | None = None,
 ) -> tuple[RecordingSummary, LiveCuttingEstimate]:
-    """Record with estimate and counters on the terminal.
+    """Record with estimate and counters on the terminal, and in the panel where it was started there.
 
     Parameters
     ----------
@@ -137,20 +141,41 @@ def run_session(
     views : list of LiveViewProcess
     lines : iterator of str
         What is typed meanwhile: notes.
+    typed : TypedLines, optional
+        The terminal that gives the lines.
     """
+    from sawbench.commands.live_counters import LiveCounters
     from sawbench.commands.recording_session import NoteBook, record_trial
 
-    notes = NoteBook()
-    notes.listen(lines)
+    notes, link = NoteBook(), current_link()
     estimate = live_estimate(loaded, options.trial, views)
-    with bench as endpoints, LiveCounters(estimate) as counters:
+    with contextlib.ExitStack() as stack:
+        if link is not None:
+            link.stop.clear()
+            link.phase("opening the instruments …")
+            lines = stack.enter_context(link.notes())
+        notes.listen(lines)
+        counters = stack.enter_context(
+            LiveCounters(estimate, trial_id=options.trial.trial_id, seconds=options.seconds, typed=typed)
+        )
+        endpoints = stack.enter_context(bench)
+
+        def show(status: RecordingStatus) -> None:
+            counters(status)
+            if link is not None:
+                link.status(status, options.seconds, estimate)
+
         summary = record_trial(
             loaded,
             replace(options, endpoints=endpoints),
-            observers=[*views, estimate],
-            status=counters,
+            observers=[*views, estimate, *([link.signals] if link is not None else [])],
+            status=show,
             notes=notes,
+            stop=None if link is None else link.stop,
         )
+    if link is not None:
+        link.stop.clear()
+        link.phase("recorded")
     return summary, estimate
 
 
@@ -204,94 +229,6 @@ def live_estimate(loaded: LoadedConfig, trial: Trial, views: list[LiveViewProces
             view.cutting_estimate(time_s, found.k_fc_n_s_per_m, found.std_n_s_per_m, found.remaining_s)
 
     return LiveCuttingEstimate(loaded, trial, show=show)
-
-
-class LiveCounters:
-    """Samples, rates, gaps and the live k_Fc on the terminal; a plain line every few seconds where it is none.
-
-    Parameters
-    ----------
-    estimate : LiveCuttingEstimate, optional
-        Its trouble, if any, is said once.
-    """
-
-    def __init__(self, estimate: LiveCuttingEstimate | None = None) -> None:
-        self._estimate = estimate
-        self._is_trouble_said = False
-        self._warnings: tuple[str, ...] = ()
-        self._live: Any = None
-        self._next_line_s = 5.0
-
-    def __enter__(self) -> LiveCounters:
-        if sys.stderr.isatty():
-            from rich.console import Console
-            from rich.live import Live
-
-            self._live = Live(console=Console(stderr=True), refresh_per_second=5, transient=True)
-            self._live.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._live is not None:
-            self._live.stop()
-
-    def __call__(self, status: RecordingStatus) -> None:
-        """Show one snapshot."""
-        self._say_trouble()
-        self._ring(status.warnings)
-        estimated = "" if self._estimate is None else self._estimate.describe()
-        if self._live is not None:
-            self._live.update(_as_table(status, estimated))
-        elif status.elapsed_s >= self._next_line_s:
-            self._next_line_s += 5.0
-            missing = sum(channel.n_missing for channel in status.channels)
-            n_samples = sum(channel.n_samples for channel in status.channels)
-            click.echo(
-                f"{status.elapsed_s:6.1f} s  {n_samples} samples  {missing} missing"
-                + (f"  {estimated}" if estimated else "")
-                + (f"  LOST: {', '.join(status.lost_devices)}" if status.lost_devices else ""),
-                err=True,
-            )
-
-    def _ring(self, warnings: tuple[str, ...]) -> None:
-        """Say a warning once while it lasts, with the bell of the terminal."""
-        for text in warnings:
-            if text not in self._warnings:
-                self._say(f"WARNING {text}")
-                click.echo("\a", err=True, nl=False)
-        self._warnings = warnings
-
-    def _say_trouble(self) -> None:
-        problem = "" if self._estimate is None else self._estimate.problem
-        if problem and not self._is_trouble_said:
-            self._is_trouble_said = True
-            self._say(f"no live k_Fc: {problem}")
-
-    def _say(self, text: str) -> None:
-        if self._live is not None:
-            self._live.console.print(text)
-        else:
-            click.echo(text, err=True)
-
-
-def _as_table(status: RecordingStatus, estimated: str = "") -> Any:
-    from rich.table import Table
-
-    shown = Table(
-        title=f"recording, {status.elapsed_s:.1f} s",
-        title_justify="left",
-        caption=estimated or None,
-        caption_justify="left",
-    )
-    for header in ("channel", "now", "unit", "samples", "rate Hz", "gaps", "missing"):
-        shown.add_column(header, justify="left" if header in {"channel", "unit"} else "right")
-    for c in status.channels:
-        style = "red" if c.device in status.lost_devices else "yellow" if c.n_gaps else ""
-        shown.add_row(
-            c.channel, "-" if c.latest is None else f"{c.latest:.3f}", c.unit, str(c.n_samples),
-            f"{c.rate_hz:.1f}", str(c.n_gaps), str(c.n_missing), style=style,
-        )  # fmt: skip
-    return shown
 
 
 def summary_rows(summary: RecordingSummary) -> dict[str, Any]:

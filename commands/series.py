@@ -254,8 +254,13 @@ def _row(progress: SeriesProgress, row: TrialProgress) -> list[str]:
 
 
 def _dialogue(*, is_unattended: bool, simulated: bool) -> Any:
-    from sawbench.commands.series_dialogue import Dialogue
+    from sawbench.commands.link import current_link
+    from sawbench.commands.series_dialogue import Dialogue, PanelDialogue
+    from sawbench.commands.typed_lines import typed_lines
 
+    link = current_link()
+    if link is not None:
+        return PanelDialogue(link)
     if is_unattended:
         if not simulated:
             raise InputError(
@@ -265,7 +270,8 @@ def _dialogue(*, is_unattended: bool, simulated: bool) -> Any:
         return Dialogue(None)
     if sys.stdin is None:
         raise InputError("there is no standard input, so nobody can answer", remedy="run it in a terminal")
-    return Dialogue(sys.stdin, is_typed=sys.stdin.isatty())
+    typed = typed_lines()
+    return Dialogue(sys.stdin if typed is None else typed, is_typed=sys.stdin.isatty())
 
 
 def _config_of(plan: LoadedPlan, config_path: Path | None) -> LoadedConfig:

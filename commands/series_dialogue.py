@@ -9,6 +9,8 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 import click
+from sawbench.commands.link import Link
+from sawbench.commands.typed_lines import TypedLines
 
 _LOOK_EVERY_S: Final = 0.1
 _NOTE: Final = "n "
@@ -33,6 +35,7 @@ class Dialogue:
         self.is_attended = lines is not None
         self._is_typed = is_typed
         self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self.typed = lines if isinstance(lines, TypedLines) else None
         self.notes: list[str] = []
         if lines is not None:
             threading.Thread(target=self._read, args=(lines,), name="technician", daemon=True).start()
@@ -109,3 +112,32 @@ class Dialogue:
             self.say(f"the input cannot be read any further: {error}")
         finally:
             self._lines.put(None)
+
+
+class PanelDialogue(Dialogue):
+    """The technician at the panel: questions and notes go through its link.
+
+    Parameters
+    ----------
+    link : Link
+    """
+
+    def __init__(self, link: Link) -> None:
+        super().__init__(None)
+        self.is_attended = True
+        self._link = link
+
+    def ask(self, question: str, *, default: str, choices: str = "") -> str:
+        """Return the answer; notes that were written meanwhile are taken into `notes`.
+
+        Raises
+        ------
+        SeriesStopped
+            If somebody presses stop.
+        """
+        answer = self._link.ask(question.partition(" (n TEXT")[0], default=default, choices=choices)
+        self.notes += self._link.waiting_notes()
+        if answer is None:
+            raise SeriesStopped("by the technician")
+        self.say(f"{question.partition(' (n TEXT')[0]}: {answer}")
+        return answer

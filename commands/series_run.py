@@ -239,7 +239,9 @@ class SeriesRun:
             live_view(options.trial, live=bench.live, rrd_path=None, force=False) as views,
             self._dialogue.meanwhile() as lines,
         ):
-            summary, _ = run_session(bench.loaded, options, bench.ports(planned, seed), views, lines)
+            summary, _ = run_session(
+                bench.loaded, options, bench.ports(planned, seed), views, lines, self._dialogue.typed
+            )
         # They are in the recording now.
         self._dialogue.notes.clear()
         return summary

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, TypeVar
 
 import click
+from sawbench.commands.link import current_link
 from sawbench.plain import plain
 
 T = TypeVar("T")
@@ -23,6 +24,12 @@ def progress(items: Sequence[T], description: str) -> Iterator[T]:
     items : sequence
     description : str
     """
+    link = current_link()
+    if link is not None:
+        for number, item in enumerate(items):
+            link.progress(number, len(items), f"{description}: {number + 1} of {len(items)}")
+            yield item
+        return
     if len(items) < 2 or not sys.stderr.isatty():
         yield from items
         return
@@ -68,7 +75,11 @@ def table(headers: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 @contextlib.contextmanager
 def stepper(description: str) -> Iterator[Callable[[int, int, str], None]]:
-    """Give a function (done, total, name) that moves a progress bar; it does nothing off a terminal."""
+    """Give a function (done, total, name) that moves a progress bar, here or in the panel; else it does nothing."""
+    link = current_link()
+    if link is not None:
+        yield lambda done, total, name: link.progress(done, total, f"{description} {name}".strip())
+        return
     if not sys.stderr.isatty():
         yield lambda done, total, name: None
         return

@@ -10,8 +10,8 @@ import pytest
 from sawbench.acquisition.recording_report import RecordingStatus
 from sawbench.analysis import fit_trial, load_and_process, runtime_of
 from sawbench.bench.recording import Event, Trial
+from sawbench.commands.live_counters import LiveCounters
 from sawbench.commands.live_estimate import LiveCuttingEstimate
-from sawbench.commands.record import LiveCounters
 from sawbench.inputs import config_for
 from sawbench.storage.reader import iter_blocks, read_recording
 

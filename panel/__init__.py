@@ -1,0 +1,1 @@
+"""The operator panel: a local web page that starts the commands of sawbench and shows what they say."""

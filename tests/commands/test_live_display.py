@@ -1,0 +1,93 @@
+"""What the terminal shows while a trial is recorded: phase, time, light, and the note that is being typed."""
+
+from __future__ import annotations
+
+import io
+import os
+import threading
+import time
+from dataclasses import replace
+
+import pytest
+from rich.console import Console
+from sawbench.acquisition.recording_report import ChannelStatus, RecordingStatus
+from sawbench.commands.live_counters import LiveCounters
+from sawbench.commands.typed_lines import TypedLines
+
+pytestmark = pytest.mark.unit
+
+FORCE = ChannelStatus(
+    device="cell", channel="force_n", unit="N", n_samples=1000, rate_hz=500.0, n_gaps=0, n_missing=0, latest=12.5
+)
+STATUS = RecordingStatus(elapsed_s=2.0, channels=(FORCE,))
+
+
+def drawn(counters: LiveCounters) -> str:
+    console = Console(file=io.StringIO(), width=120)
+    console.print(counters._drawn())
+    return console.file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("changes", "light"),
+    [
+        ({}, "ok"),
+        ({"warnings": ("force_n: noise",)}, "look"),
+        ({"channels": (replace(FORCE, n_gaps=1, n_missing=5),)}, "look"),
+        ({"channels": (replace(FORCE, n_gaps=1, n_missing=50),)}, "stop"),
+        ({"warnings": ("force_n: saturated",), "is_spoilt": True}, "stop"),
+        ({"lost_devices": ("cell",)}, "stop"),
+    ],
+)
+def test_the_light_says_whether_the_trial_will_be_trusted(changes, light):
+    assert replace(STATUS, **changes).light == light
+
+
+def test_the_display_goes_through_its_phases():
+    counters = LiveCounters(trial_id="oak-01", seconds=10.0)
+    assert "opening the instruments oak-01 ..." in drawn(counters)
+    counters(STATUS)
+    assert "recording oak-01  2.0 of 10 s   OK " in drawn(counters)
+    counters(replace(STATUS, lost_devices=("cell",)))
+    assert " STOP " in drawn(counters)
+    counters(replace(STATUS, phase="finishing"))
+    assert "finishing oak-01 ..." in drawn(counters)
+
+
+def test_off_a_terminal_the_end_is_said_too(capsys):
+    counters = LiveCounters()
+    for elapsed_s in (2.0, 5.1):
+        counters(replace(STATUS, elapsed_s=elapsed_s))
+    counters(replace(STATUS, elapsed_s=6.0, phase="finishing"))
+    assert capsys.readouterr().err.splitlines() == ["   5.1 s  OK  1000 samples  0 missing", "finishing ..."]
+
+
+def test_a_note_shows_in_the_display_and_is_not_echoed_beside_it():
+    pytest.importorskip("termios", reason="the terminal of this system cannot be told not to echo")
+    outer, inner = os.openpty()
+    try:
+        typed = TypedLines(inner)
+        counters = LiveCounters(typed=typed)
+        lines, came = [], threading.Event()
+
+        def read():
+            for line in typed:
+                lines.append(line)
+                came.set()
+
+        with typed.silent():
+            threading.Thread(target=read, daemon=True).start()
+            os.write(outer, b"cla")
+            until_s = time.monotonic() + 30.0
+            while typed.pending != "cla" and time.monotonic() < until_s:
+                time.sleep(0.01)
+            assert "cla_" in drawn(counters)
+            os.write(outer, b"np\x7f\x7fmp\n")
+            assert came.wait(30.0)
+        assert lines == ["clamp"]
+        assert typed.pending == ""
+        os.set_blocking(outer, False)
+        with pytest.raises(BlockingIOError):
+            os.read(outer, 100)
+    finally:
+        os.close(outer)
