@@ -118,6 +118,17 @@ class Link:
                 found.append(self._notes.get_nowait())
         return found
 
+    def raise_if_stopped(self) -> None:
+        """Give way to a wish to stop that came before there was anything to finish.
+
+        Raises
+        ------
+        KeyboardInterrupt
+        """
+        if self.stop.is_set():
+            self.stop.clear()
+            raise KeyboardInterrupt("stopped by the operator")
+
     def signals(self, item: SampleBlock | Event) -> None:
         """Take what was recorded, for the live plot: an observer of the recording."""
         self._plot.take(item)

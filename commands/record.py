@@ -151,7 +151,7 @@ def run_session(
     estimate = live_estimate(loaded, options.trial, views)
     with contextlib.ExitStack() as stack:
         if link is not None:
-            link.stop.clear()
+            link.raise_if_stopped()
             link.phase("opening the instruments …")
             lines = stack.enter_context(link.notes())
         notes.listen(lines)
