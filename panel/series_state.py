@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from sawbench.acquisition.series.journal import Journal
 from sawbench.acquisition.series.plan import LoadedPlan, load_plan
 from sawbench.acquisition.series.progress import SeriesProgress, progress_of
 from sawbench.bench.errors import SawbenchError
+
+
+_TRIALS: Final = re.compile(r"^\s*(\[\[trial\]\]|trial\s*=)", re.MULTILINE)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -80,7 +85,8 @@ def _is_plan(path: Path) -> bool:
     except OSError:
         return False
     if path.suffix == ".toml":
-        return "[[trial]]" in head and "workpiece" not in head
+        # The trials of a campaign name the table that they come from.
+        return _TRIALS.search(head) is not None and "\nfile" not in head
     return {"material", "duty"} <= {
         name.strip().lower().partition("(")[0].strip() for name in head.partition("\n")[0].replace(";", ",").split(",")
     }

@@ -20,6 +20,7 @@ from sawbench.panel import jobs as panel_jobs
 from sawbench.panel.app import Follower, PanelSettings, build_app
 from sawbench.panel.commands_of import BenchOptions, record
 from sawbench.panel.jobs import Jobs
+from sawbench.panel.series_state import known_plans, series_state
 
 pytestmark = pytest.mark.contract
 
@@ -207,6 +208,18 @@ def test_a_correction_and_a_rejection_leave_the_recording_as_it_was(tmp_path):
     assert ask(app, "/reject", form={"secret": secret, "file": "oak-01.mcap"})[0] == 303
     assert (tmp_path / "rejected" / "oak-01-1.mcap").read_bytes() == before
     assert ask(app, "/recording?file=oak-01.mcap")[0] == 400
+
+
+def test_plans_are_told_from_other_tables(tmp_path, capsys):
+    (tmp_path / "campaign.toml").write_text('[[trial]]\nfile = "a.csv"\nworkpiece = "oak"\n')
+    (tmp_path / "bench.toml").write_text("[plant]\ngear_ratio = 9.3\n")
+    (tmp_path / "trial.csv").write_text("time_s,force_n\n0,1\n")
+    (tmp_path / "next.csv").write_text("duty,feed (mm/s),material\n0.5,4,oak\n")
+    assert main(["series", "plan", "--material", "oak", "--out", str(tmp_path / "wood.toml")]) == 0
+    assert list(known_plans([tmp_path])) == ["wood.toml", "next.csv"]
+    state = series_state(tmp_path / "wood.toml")
+    assert state.progress is not None and len(state.progress.trials) == 3
+    assert "oak" in ask(panel(tmp_path), "/series/wood.toml")[2]
 
 
 def test_orders_reach_the_command(tmp_path, started):
