@@ -13,7 +13,6 @@ from sawbench.acquisition.series.plan import LoadedPlan, load_plan
 from sawbench.acquisition.series.progress import SeriesProgress, progress_of
 from sawbench.bench.errors import SawbenchError
 
-
 _TRIALS: Final = re.compile(r"^\s*(\[\[trial\]\]|trial\s*=)", re.MULTILINE)
 
 
