@@ -161,7 +161,7 @@ class Jobs:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._processes: dict[str, subprocess.Popen[Any]] = {}
         self._lock = threading.Lock()
 
     def start(self, kind: str, title: str, arguments: Sequence[str], *, form: Mapping[str, str] | None = None) -> Job:
