@@ -134,16 +134,19 @@ def _record(files: DemoFiles, *, seconds: float, seed: int, config_path: Path | 
 
 
 def _write(files: DemoFiles, trial: AnalysedTrial, found: Evaluation) -> None:
+    from sawbench.model_cycles import LINEAR
     from sawbench.reporting.trial_page import write_trial_page
     from sawbench.storage.results import write_processed
     from sawbench.trial_report import trial_report
     from sawbench.visualization.replay import view_recording
 
     write_processed(trial.processed, files.processed)
-    view_recording(trial.recording, save_path=files.view, spawn=False, processed=trial.processed)
+    report = trial_report(trial, found)
+    model = report.model.get(LINEAR)
+    view_recording(trial.recording, save_path=files.view, spawn=False, processed=trial.processed, model=model)
     write_trial_page(
         files.report,
-        trial_report(trial, found),
+        report,
         files={"Recording": files.recording, "Processed": files.processed, "Rerun": files.view},
     )
 

@@ -226,7 +226,9 @@ def live_estimate(loaded: LoadedConfig, trial: Trial, views: list[LiveViewProces
 
     def show(time_s: float, found: LiveEstimate) -> None:
         for view in views:
-            view.cutting_estimate(time_s, found.k_fc_n_s_per_m, found.std_n_s_per_m, found.remaining_s)
+            view.cutting_estimate(
+                time_s, found.k_fc_n_s_per_m, found.std_n_s_per_m, found.remaining_s, found.remaining_std_s
+            )
 
     return LiveCuttingEstimate(loaded, trial, show=show)
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from sawbench.bench.errors import InputError, SawbenchError
 from sawbench.commands.options import config_option, force_option, json_option
 from sawbench.commands.terminal import emit, has_display
-from sawbench.inputs import config_for
+
+if TYPE_CHECKING:
+    from sawbench.analysis import AnalysedTrial
+    from sawbench.bench.recording import Floats
 
 
 @click.command(name="view", epilog="Example: sawbench view recordings/oak-01.mcap --rrd oak-01.rrd")
@@ -31,8 +35,7 @@ def command(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Show a recording with the same layout as the live view."""
-    from sawbench.storage.digest import sha256_of
+    """Show a recording as the live view does, with the crank at its angle and the fitted model over the signals."""
     from sawbench.storage.reader import read_recording
     from sawbench.visualization.replay import view_recording
 
@@ -49,20 +52,22 @@ def command(
             )
         click.echo("there is no display here: the view is saved, no viewer is opened", err=True)
         shows = False
+    processed, model = None, None
     try:
-        from sawbench.processing.process import process_recording
+        from sawbench.analysis import load_and_process
 
-        config = config_for(recording, config_path).config
-        processed = process_recording(recording, config, source_sha256=sha256_of(path))
+        trial = load_and_process(path, config_path)
+        processed = trial.processed
+        model = _fitted_stroke(trial)
     except SawbenchError as error:
         # The signals are worth seeing also where they cannot be processed.
-        click.echo(f"shown without the folded cycle: {error}", err=True)
-        processed = None
+        click.echo(f"shown without {'the folded cycle' if processed is None else 'the model'}: {error}", err=True)
     view_recording(
         recording,
         save_path=rrd_path,
         spawn=shows,
         processed=processed,
+        model=model,
         overwrite=force,
     )
     if png_path is not None and rrd_path is not None:
@@ -71,3 +76,14 @@ def command(
         take_screenshot(rrd_path, png_path)
     made = [item for item in (rrd_path, png_path) if item is not None]
     emit({"files": made}, "\n".join(map(str, made)) or "viewer started", as_json=as_json)
+
+
+def _fitted_stroke(trial: AnalysedTrial) -> dict[str, Floats] | None:
+    """One stroke of the fitted model; None where there is nothing to fit."""
+    from sawbench.analysis import fit_trial
+    from sawbench.model_cycles import fitted_cycle
+
+    if trial.processed.status != "cutting" or trial.loaded.config.linear_axis is not None:
+        return None
+    fit, _ = fit_trial(trial)
+    return fitted_cycle(trial, fit) if fit.status == "ok" else None

@@ -105,7 +105,7 @@ def _panel(axes: Axes, finer: Mapping[Line2D, tuple[Floats, Floats]]) -> dict[st
     return {
         "title": title, "x": x_axis, "y": y_axis, "height": round(_CSS_PX_PER_IN * height_in) + 60,
         "series": [_series(line, label, x, coded(y, n_steps=y_steps)) for (line, x, y), label in named],
-        "shapes": [_coded_shape(one) for one in shapes], "guides": guides, "texts": _texts(axes),
+        "shapes": [_coded_shape(one) for one in shapes], "guides": guides, **_texts(axes),
     }  # fmt: skip
 
 
@@ -203,17 +203,19 @@ def _axis(axes: Axes, name: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _texts(axes: Axes) -> list[dict[str, Any]]:
-    """Texts inside the panel, where the layout put them, in the numbers of the axes."""
-    found = []
+def _texts(axes: Axes) -> dict[str, Any]:
+    """Texts inside the panel, where the layout put them, in the numbers of the axes; those above it as a note."""
+    found, above = [], []
     for text in axes.texts:
         box = text.get_window_extent()
         x, y = axes.transData.inverted().transform((box.x0, 0.5 * (box.y0 + box.y1)))
         low, high = sorted(axes.get_ylim())
-        if text.get_text() and low <= y <= high:
+        if y > high:
+            above.append(_plain(text.get_text()))
+        elif text.get_text() and y >= low:
             found.append({"text": _plain(text.get_text()), "x": float(f"{x:.6g}"), "y": float(f"{y:.6g}"),
                           "colour": _hex(text.get_color())})  # fmt: skip
-    return found
+    return {"texts": found, "note": ", ".join(filter(None, above))}
 
 
 def coded(values: Floats, *, n_steps: float) -> dict[str, Any]:

@@ -118,6 +118,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["set_text"] = set_text
     plots = (_ASSETS / "uPlot.min.css").read_text(encoding="utf-8")
     environment.globals["css"] = plots + "\n" + (_FOLDER / "style.css").read_text(encoding="utf-8")
     script = "".join((_ASSETS / name).read_text(encoding="utf-8") for name in ("uPlot.iife.min.js", "charts.js"))
@@ -126,6 +127,24 @@ def _environment() -> Environment:
     environment.globals["script_hash"] = f"sha256-{base64.b64encode(digest).decode()}"
     environment.globals["version"] = software_version()
     return environment
+
+
+def set_text(page: Markup) -> Markup:
+    """Keep a percent sign with its number, and show what stands between backquotes as something to type.
+
+    Examples
+    --------
+    >>> from markupsafe import Markup
+    >>> print(set_text(Markup("<p title='5 %'>run `sawbench fit`</p>")))
+    <p title='5 %'>run <code>sawbench fit</code></p>
+    """
+    from markupsafe import Markup
+
+    def of_node(found: re.Match[str]) -> str:
+        text = re.sub(r"(?<=\d) %", "\N{NO-BREAK SPACE}%", found[0])
+        return re.sub(r"`([^`]+)`", r"<code>\1</code>", text)
+
+    return Markup(re.sub(r">[^<>]+", of_node, page))
 
 
 def software_version() -> str:

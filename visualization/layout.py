@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import textwrap
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -19,7 +20,9 @@ REMAINING: Final = "remaining_runtime_s"
 TRIAL_PATH: Final = "trial"
 EVENTS_PATH: Final = "events"
 CYCLE_PATH: Final = "cycle"
-CYCLE_TITLE: Final = "Mean force / N, crank angle / ° (grey: zeroed)"
+CYCLE_TITLE: Final = "Mean force / N, crank angle / °"
+MECHANISM_PATH: Final = "mechanism"
+SIMULATED: Final = "simulated"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -59,6 +62,7 @@ SERIES: Final = {
 }
 _HIDDEN_TIME: Final = TimelineColumn(TIMELINE, visible=False)
 """Rerun cuts its time column short; the text of an event begins with the time instead."""
+_TEXT_COLUMNS: Final = 160
 _LEFT: Final = (FORCE.name, DISPLACEMENT.name, "stroke_rate_hz", K_FC)
 _RIGHT: Final = (MOTOR_CURRENT.name, BATTERY_CURRENT.name, BATTERY_VOLTAGE.name, REMAINING)
 
@@ -75,7 +79,9 @@ def make_blueprint(
     *,
     channels: Mapping[str, str] | None = None,
     has_cycle: bool = False,
+    has_mechanism: bool = False,
     has_estimate: bool = False,
+    simulated: Collection[str] = (),
     live_window_s: float | None = None,
 ) -> Any:
     """Lay out the panels.
@@ -87,8 +93,12 @@ def make_blueprint(
         is shown where there is a displacement.
     has_cycle : bool
         Add the folded force cycle.
+    has_mechanism : bool
+        Add the crank and what hangs on it.
     has_estimate : bool
         Add k_Fc and the remaining runtime, which only a live view has.
+    simulated : collection of str
+        Channels that the fitted model is laid over; their panels get a legend.
     live_window_s : float, optional
         Show the last seconds only, moving along; the whole trial where absent.
 
@@ -106,18 +116,26 @@ def make_blueprint(
         if name not in SERIES:
             min(columns, key=len).append(name)
     plots = [
-        rrb.Vertical(*[_panel(series_of(name, shown[name]), live_window_s) for name in column])
+        rrb.Vertical(
+            *[_panel(series_of(name, shown[name]), live_window_s, has_legend=name in simulated) for name in column]
+        )
         for column in columns
         if column
     ]
     side: list[Any] = [rrb.TextDocumentView(origin=TRIAL_PATH, name="Trial")]
+    shares = [5]
+    if has_mechanism:
+        side.append(rrb.Spatial2DView(origin=MECHANISM_PATH, name="Crank (yellow) and blade (orange)"))
+        shares.append(2)
     if has_cycle:
         side.append(rrb.BarChartView(origin=CYCLE_PATH, name=CYCLE_TITLE, plot_legend=rrb.PlotLegend(visible=False)))
+        shares.append(3)
     columns_shown = rrb.TextLogColumns(timeline_columns=[_HIDDEN_TIME], text_log_columns=["LogLevel", "Body"])
-    side.append(rrb.TextLogView(origin=EVENTS_PATH, name="Notes and events", columns=columns_shown))
-    shares = [5, 3, 2] if has_cycle else [5, 2]
+    # As wide as the window, so that few texts need a second line.
+    events = rrb.TextLogView(origin=EVENTS_PATH, name="Notes and events", columns=columns_shown)
+    panels = rrb.Horizontal(*plots, rrb.Vertical(*side, row_shares=shares), column_shares=[3] * len(plots) + [2])
     return rrb.Blueprint(
-        rrb.Horizontal(*plots, rrb.Vertical(*side, row_shares=shares), column_shares=[3] * len(plots) + [2]),
+        rrb.Vertical(panels, events, row_shares=[6, 1]),
         rrb.TimePanel(
             state="collapsed",
             timeline=TIMELINE,
@@ -130,7 +148,7 @@ def make_blueprint(
     )
 
 
-def _panel(series: Series, live_window_s: float | None) -> Any:
+def _panel(series: Series, live_window_s: float | None, *, has_legend: bool) -> Any:
     options: dict[str, Any] = {}
     if live_window_s:
         options["time_ranges"] = rrb.VisibleTimeRange(
@@ -142,7 +160,7 @@ def _panel(series: Series, live_window_s: float | None) -> Any:
         origin=f"/{series.path}",
         name=series.title,
         axis_x=rrb.TimeAxis(link="LinkToGlobal"),
-        plot_legend=rrb.PlotLegend(visible=False),
+        plot_legend=rrb.PlotLegend(visible=has_legend),
         **options,
     )
 
@@ -161,12 +179,22 @@ def log_bounds_style(recording: Any, series: Series) -> None:
         recording.log(f"{series.path}/{bound}", style, static=True)
 
 
+def log_simulated_style(recording: Any, series: Series) -> None:
+    """Draw what the fitted model gives, `simulated` below the path of the series: thin and light."""
+    style = rr.SeriesLines(colors=(250, 250, 250), names="fitted model", widths=1.0)
+    recording.log(f"{series.path}/{SIMULATED}", style, static=True)
+
+
 def log_event(recording: Any, event: Event) -> None:
     """Put a note or an event into the event list at its time."""
     level = {"warning": "WARN", "gap": "WARN", "interrupted": "ERROR"}.get(event.kind, "INFO")
     what = " ".join(part for part in (event.kind, event.device, event.channel) if part)
     recording.set_time(TIMELINE, duration=event.time_s)
-    recording.log(EVENTS_PATH, rr.TextLog(f"{event.time_s:.3f} s  {what}: {event.text}", level=level))
+    # The view cuts a line that is too long.
+    text = "\n".join(
+        textwrap.wrap(f"{event.time_s:.3f} s  {what}: {event.text}", _TEXT_COLUMNS, subsequent_indent="    ")
+    )
+    recording.log(EVENTS_PATH, rr.TextLog(text, level=level))
 
 
 def log_trial(recording: Any, trial: Trial, processed: ProcessedTrial | None = None) -> None:

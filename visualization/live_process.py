@@ -25,7 +25,7 @@ from sawbench.visualization.viewer import refuse_rrd
 
 _QUEUE_LENGTH: Final = 4096
 _COMMAND: Final = (sys.executable, "-m", "sawbench.visualization.live_process")
-_Estimate = tuple[float, float, float, float | None]
+_Estimate = tuple[float, float, float, float | None, float | None]
 
 
 class LiveViewProcess:
@@ -106,10 +106,15 @@ class LiveViewProcess:
         self._put(item)
 
     def cutting_estimate(
-        self, time_s: float, k_fc_n_s_per_m: float, std_n_s_per_m: float, remaining_s: float | None = None
+        self,
+        time_s: float,
+        k_fc_n_s_per_m: float,
+        std_n_s_per_m: float,
+        remaining_s: float | None = None,
+        remaining_std_s: float | None = None,
     ) -> None:
-        """Show k_Fc with its standard uncertainty as a band, and the battery's remaining time; returns at once."""
-        self._put((time_s, k_fc_n_s_per_m, std_n_s_per_m, remaining_s))
+        """Show k_Fc and the battery's remaining time, each with its standard uncertainty as a band; returns at once."""
+        self._put((time_s, k_fc_n_s_per_m, std_n_s_per_m, remaining_s, remaining_std_s))
 
     def close(self, timeout_s: float = 15.0) -> None:
         """Let the view show what waits and end; a viewer stays open. One that hangs for `timeout_s` is killed."""

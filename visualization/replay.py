@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 import uuid
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from sawbench.bench.processed import ProcessedTrial
+from sawbench.bench.processed import CrankAngle, ProcessedTrial
 from sawbench.bench.recording import Floats, Recording, Signal
 from sawbench.bench.units import DISPLACEMENT, FORCE
+from sawbench.modeling.parts.mechanism import Mechanism
 from sawbench.processing.binning import AngleGrid
 from sawbench.visualization.layout import (
     CYCLE_PATH,
+    MECHANISM_PATH,
+    SIMULATED,
     STROKE_RATE_PATH,
+    TIMELINE,
     log_event,
+    log_simulated_style,
     log_style,
     log_trial,
     make_blueprint,
     series_of,
 )
+from sawbench.visualization.motion import cycle_as_it_grows, frame_times, log_mechanism
 from sawbench.visualization.rerun_view import open_rrd, send_samples
 from sawbench.visualization.sdk import rr
 from sawbench.visualization.stroke_rate import LiveStrokeRate
@@ -35,6 +42,7 @@ def view_recording(
     save_path: str | Path | None = None,
     spawn: bool = True,
     processed: ProcessedTrial | None = None,
+    model: Mapping[str, Floats] | None = None,
     overwrite: bool = False,
 ) -> ViewerProcess | None:
     """Write a recording as `.rrd` and, if asked, open it in a viewer.
@@ -50,7 +58,10 @@ def view_recording(
     spawn : bool
         Open the viewer; it stays when this program ends.
     processed : ProcessedTrial, optional
-        Adds the folded force cycle, the stroke rate found by the processing, and the results as text.
+        Adds the mechanism at its crank angle, the folded force cycle as it builds up stroke by stroke (whole before the
+        first stroke is complete), the stroke rate found by the processing, and the results as text.
+    model : mapping of str to ndarray, shape (n,), optional
+        One turn of the fitted model, `angle_rad` and channels by name; laid over the measurement while the saw runs.
     overwrite : bool
         Allow `save_path` to exist.
 
@@ -72,17 +83,22 @@ def view_recording(
         save_path = Path(tempfile.mkdtemp(prefix="sawbench-")) / f"{uuid.uuid4().hex}.rrd"
     stream = rr.RecordingStream("sawbench", recording_id=uuid.uuid4())
     stream.set_sinks(open_rrd(save_path, overwrite=overwrite))
-    _fill(stream, recording, processed)
+    _fill(stream, recording, processed, model or {})
     stream.flush(timeout_sec=60.0)
     stream.disconnect()
     return ViewerProcess([str(save_path)]) if spawn else None
 
 
-def _fill(stream: Any, recording: Recording, processed: ProcessedTrial | None) -> None:
+def _fill(stream: Any, recording: Recording, processed: ProcessedTrial | None, model: Mapping[str, Floats]) -> None:
     has_cycle = processed is not None and FORCE.name in processed.folded
+    angle = None if processed is None else processed.angle
+    has_mechanism = angle is not None and angle.is_absolute and angle.radius_m > 0.0
+    simulated = sorted(set(model) & set(recording.signals)) if has_mechanism else []
     stream.send_recording_name(recording.trial.trial_id)
     units = {name: signal.unit for name, signal in recording.signals.items()}
-    stream.send_blueprint(make_blueprint(channels=units, has_cycle=has_cycle))
+    stream.send_blueprint(
+        make_blueprint(channels=units, has_cycle=has_cycle, has_mechanism=has_mechanism, simulated=simulated)
+    )
     log_trial(stream, recording.trial, processed)
     for event in recording.events:
         log_event(stream, event)
@@ -99,7 +115,27 @@ def _fill(stream: Any, recording: Recording, processed: ProcessedTrial | None) -
         rates = np.array(sorted([*rates.tolist(), min(ends), max(ends)]))
         send_samples(stream, STROKE_RATE_PATH, rates[:, 0], rates[:, 1])
     if processed is not None and has_cycle:
-        _log_cycle(stream, processed)
+        _log_cycle(stream, recording, processed)
+    if processed is not None and angle is not None and has_mechanism:
+        mechanism = Mechanism(radius_m=angle.radius_m, rod_length_m=angle.rod_length_m)
+        log_mechanism(stream, MECHANISM_PATH, TIMELINE, mechanism, angle)
+        for name in simulated:
+            series = series_of(name, units[name])
+            log_simulated_style(stream, series)
+            send_samples(stream, f"{series.path}/{SIMULATED}", *_simulated(processed, angle, model, name))
+
+
+def _simulated(
+    processed: ProcessedTrial, angle: CrankAngle, model: Mapping[str, Floats], name: str
+) -> tuple[Floats, Floats]:
+    """Return times and the model's values at the measured crank angle, NaN while the saw does not run steadily."""
+    time_s = frame_times(angle)
+    at_rad = np.interp(time_s, angle.time_s, angle.angle_rad)
+    values = np.interp(at_rad, model["angle_rad"], model[name], period=2.0 * np.pi)
+    is_running = np.zeros(len(time_s), dtype=bool)
+    for phase in processed.phases:
+        is_running |= (phase.kind == "running") & (time_s >= phase.start_s) & (time_s <= phase.end_s)
+    return time_s, np.where(is_running, values, np.nan)
 
 
 def _with_breaks(signal: Signal) -> tuple[Floats, Floats]:
@@ -130,24 +166,38 @@ def _stroke_rates(recording: Recording, processed: ProcessedTrial | None) -> Flo
     return np.asarray(found, dtype=np.float64).reshape(-1, 2)
 
 
-def _log_cycle(stream: Any, processed: ProcessedTrial) -> None:
-    """Draw the mean force over the crank angle: measured in grey, what counts as cutting in colour."""
-    measured = processed.folded[FORCE.name]
-    _log_bars(stream, f"{CYCLE_PATH}/measured", measured.angle_rad, measured.mean, _REMOVED_COLOUR)
-    if processed.cutting_force is not None:
-        cutting = processed.cutting_force
-        colour = series_of(FORCE.name).colour
-        _log_bars(stream, f"{CYCLE_PATH}/cutting", cutting.angle_rad, cutting.mean, colour)
+def _log_cycle(stream: Any, recording: Recording, processed: ProcessedTrial) -> None:
+    """Draw the mean force over the crank angle, measured in grey, what counts as cutting in colour.
+
+    Before the first stroke is complete it is the mean of all; from then on it builds up.
+    """
+    measured, angle = processed.folded[FORCE.name], processed.angle
+    signal = recording.signals.get(FORCE.name)
+    rows = [(0.0, _in_bars(measured.angle_rad, measured.mean))]
+    if angle is not None and angle.is_absolute and signal is not None:
+        rows += zip(*cycle_as_it_grows(angle, signal, _N_BARS), strict=True)
+    removed = processed.removed
+    for at_s, mean in rows:
+        stream.set_time(TIMELINE, duration=at_s)
+        _log_bars(stream, f"{CYCLE_PATH}/measured", mean, _REMOVED_COLOUR)
+        if removed is not None:
+            is_first = np.arange(_N_BARS) < _N_BARS // 2
+            is_cutting = ~is_first if removed.half == "zero_to_pi" else is_first
+            _log_bars(stream, f"{CYCLE_PATH}/cutting", np.where(is_cutting, mean, 0.0), series_of(FORCE.name).colour)
+    stream.reset_time()
 
 
-def _log_bars(stream: Any, path: str, angle_rad: Floats, mean: Floats, colour: tuple[int, int, int]) -> None:
-    """Draw at most 90 bars, means over neighbouring bins: more than that flicker on a screen."""
+def _in_bars(angle_rad: Floats, mean: Floats) -> Floats:
+    """Means over neighbouring cells: more than 90 bars flicker on a screen."""
     finite = np.isfinite(mean)
-    if not finite.any():
-        return
     grid = AngleGrid(first_turn=0, n_rows=1, n_bins=_N_BARS)
-    height = grid.means(grid.place(angle_rad[finite]), mean[finite])[0]
+    return grid.means(grid.place(angle_rad[finite]), mean[finite])[0]
+
+
+def _log_bars(stream: Any, path: str, height: Floats, colour: tuple[int, int, int]) -> None:
     is_filled = np.isfinite(height)
-    angle_deg = np.degrees(grid.middles_rad)[is_filled]
+    if not is_filled.any():
+        return
+    angle_deg = 360.0 * (np.flatnonzero(is_filled) + 0.5) / _N_BARS
     width = np.full(len(angle_deg), 360.0 / _N_BARS)
-    stream.log(path, rr.BarChart(height[is_filled], abscissa=angle_deg, widths=width, color=colour), static=True)
+    stream.log(path, rr.BarChart(height[is_filled], abscissa=angle_deg, widths=width, color=colour))

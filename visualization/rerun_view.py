@@ -37,7 +37,7 @@ from sawbench.visualization.stroke_rate import LiveStrokeRate
 from sawbench.visualization.viewer import LOOPBACK, ViewerProcess, free_port, refuse_rrd
 
 Show = Literal["spawn", "serve", "none"]
-_Item = SampleBlock | Event | tuple[float, float, float, float]
+_Item = SampleBlock | Event | tuple[float, float, float, float, float]
 _QUEUE_LENGTH: Final = 4096
 _SEND_EVERY_S: Final = 0.05
 # Points a second and channel that are shown: the envelope keeps every peak.
@@ -198,11 +198,16 @@ class LiveView:
         self._put(item)
 
     def cutting_estimate(
-        self, time_s: float, k_fc_n_s_per_m: float, std_n_s_per_m: float, remaining_s: float | None = None
+        self,
+        time_s: float,
+        k_fc_n_s_per_m: float,
+        std_n_s_per_m: float,
+        remaining_s: float | None = None,
+        remaining_std_s: float | None = None,
     ) -> None:
-        """Show k_Fc with its standard uncertainty as a band, and the battery's remaining time; returns at once."""
-        remaining = math.nan if remaining_s is None else remaining_s
-        self._put((time_s, k_fc_n_s_per_m, std_n_s_per_m, remaining))
+        """Show k_Fc and the battery's remaining time, each with its standard uncertainty as a band; returns at once."""
+        remaining = (math.nan if value is None else value for value in (remaining_s, remaining_std_s))
+        self._put((time_s, k_fc_n_s_per_m, std_n_s_per_m, *remaining))
 
     def close(self, timeout_s: float = 5.0) -> None:
         """Send what is waiting, finish the file and let go of the viewer, which stays open.
@@ -309,17 +314,22 @@ class LiveView:
             found = np.asarray(rates, dtype=np.float64)
             send_samples(self._recording, STROKE_RATE_PATH, found[:, 0], found[:, 1])
 
-    def _send_estimate(self, time_s: float, k_fc: float, std: float, remaining_s: float) -> None:
-        if K_FC not in self._styled:
-            log_bounds_style(self._recording, series_of(K_FC))
-        self._style_once(K_FC, "")
-        self._style_once(REMAINING, "")
-        path, at_s = series_of(K_FC).path, np.array([time_s])
-        send_samples(self._recording, path, at_s, np.array([k_fc]))
-        send_samples(self._recording, f"{path}/lower", at_s, np.array([k_fc - std]))
-        send_samples(self._recording, f"{path}/upper", at_s, np.array([k_fc + std]))
+    def _send_estimate(
+        self, time_s: float, k_fc: float, std: float, remaining_s: float, remaining_std_s: float
+    ) -> None:
+        self._send_with_band(K_FC, time_s, k_fc, std)
         if math.isfinite(remaining_s):
-            send_samples(self._recording, series_of(REMAINING).path, at_s, np.array([remaining_s]))
+            self._send_with_band(REMAINING, time_s, remaining_s, remaining_std_s)
+
+    def _send_with_band(self, channel: str, time_s: float, value: float, std: float) -> None:
+        series, at_s = series_of(channel), np.array([time_s])
+        if channel not in self._styled:
+            log_bounds_style(self._recording, series)
+        self._style_once(channel, "")
+        send_samples(self._recording, series.path, at_s, np.array([value]))
+        if math.isfinite(std):
+            send_samples(self._recording, f"{series.path}/lower", at_s, np.array([value - std]))
+            send_samples(self._recording, f"{series.path}/upper", at_s, np.array([value + std]))
 
     def _style_once(self, channel: str, unit: str) -> None:
         if channel not in self._styled:

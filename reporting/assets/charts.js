@@ -17,6 +17,12 @@
     return made;
   }
 
+  function swatchOf(colour) {
+    const made = element("span", { className: "chart-swatch" });
+    made.style.background = colour;
+    return made;
+  }
+
   function shown(value) {
     if (value === null || value === undefined) return "–";
     const size = Math.abs(value);
@@ -47,6 +53,7 @@
       const head = element("div", { className: "chart-head" }, ...this.keys(), this.at);
       this.root = element("div", { className: "chart-panel" });
       if (spec.title && this.labels().join() !== spec.title) this.root.append(element("p", { className: "chart-title", textContent: spec.title }));
+      if (spec.note) this.root.append(element("p", { className: "chart-note", textContent: spec.note }));
       this.root.append(head, this.box);
     }
 
@@ -54,21 +61,22 @@
       return [...new Set([...this.series, ...this.shapes].map((one) => one.label).filter(Boolean))];
     }
 
+    // Names stand once, in the tools of the figure; a panel shows the values of its own colours.
     keys() {
       const labels = this.labels();
       return labels.map((label) => {
-        const owner = this.series.find((one) => one.label === label) || this.shapes.find((one) => one.label === label);
-        const swatch = element("span", { className: "chart-swatch" });
-        swatch.style.background = owner.colour;
         const value = element("span", { className: "chart-value" });
+        const isAlone = labels.length === 1;
         this.readouts.push([label, value]);
-        if (labels.length === 1) return element("span", { className: "chart-key chart-alone" }, swatch, label, value);
-        const key = element("button", { className: "chart-key", type: "button" }, swatch, label, value);
-        key.dataset.label = label;
-        key.setAttribute("aria-pressed", "true");
-        key.addEventListener("click", () => this.chart.toggle(label));
-        return key;
+        return element(
+          "span", { className: isAlone ? "chart-key chart-alone" : "chart-key" }, swatchOf(this.colourOf(label)), isAlone ? label : "", value,
+        );
       });
+    }
+
+    colourOf(label) {
+      const owner = [...this.series, ...this.shapes].find((one) => one.label === label);
+      return owner && owner.colour;
     }
 
     draw() {
@@ -265,7 +273,20 @@
         button.addEventListener("click", action);
         return button;
       });
-      return element("div", { className: "chart-tools" }, ...made);
+      return element("div", { className: "chart-tools" }, ...this.toggles(), element("span", { className: "chart-space" }), ...made);
+    }
+
+    // With every colour that a name has in one of the panels.
+    toggles() {
+      const labels = this.panels.map((panel) => panel.labels()).filter((names) => names.length > 1).flat();
+      return [...new Set(labels)].map((label) => {
+        const colours = new Set(this.panels.map((panel) => panel.colourOf(label)).filter(Boolean));
+        const swatches = [...colours].map(swatchOf);
+        const button = element("button", { className: "chart-toggle", type: "button" }, ...swatches, label);
+        button.setAttribute("aria-pressed", "true");
+        button.addEventListener("click", () => button.setAttribute("aria-pressed", String(this.toggle(label))));
+        return button;
+      });
     }
 
     onKey(event) {
@@ -282,17 +303,16 @@
       event.preventDefault();
     }
 
+    // Hide or show a name in every panel; returns whether it is shown now.
     toggle(label) {
+      let isShown = true;
       for (const panel of this.panels) {
-        const isHidden = panel.hidden.has(label);
-        if (isHidden) panel.hidden.delete(label);
-        else panel.hidden.add(label);
-        panel.series.forEach((one, k) => one.label === label && panel.plot.setSeries(k + 1, { show: isHidden }));
+        isShown = panel.hidden.delete(label);
+        if (!isShown) panel.hidden.add(label);
+        panel.series.forEach((one, k) => one.label === label && panel.plot.setSeries(k + 1, { show: isShown }));
         panel.plot.redraw();
-        for (const key of panel.root.querySelectorAll("button.chart-key")) {
-          if (key.dataset.label === label) key.setAttribute("aria-pressed", String(isHidden));
-        }
       }
+      return isShown;
     }
 
     linked(panel) {

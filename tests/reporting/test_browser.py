@@ -107,15 +107,20 @@ def test_a_plot_is_read_off_zoomed_and_reset(browser, pages):
 
 def test_a_line_is_hidden_by_its_name_and_keys_move_the_cursor(browser, pages):
     browser.open(pages["trial"])
-    before = browser.run("[...document.querySelectorAll('button.chart-key')].map(b => b.ariaPressed)")
-    assert set(before) == {"true"}
-    browser.run("document.querySelector('button.chart-key').click()")
-    label = browser.run("document.querySelector('button.chart-key').dataset.label")
-    after = browser.run(
-        "[...document.querySelector('button.chart-key').closest('.chart').querySelectorAll('button.chart-key')]"
-        ".map(b => [b.dataset.label, b.ariaPressed])"
-    )
-    assert all((pressed == "false") == (one == label) for one, pressed in after)
+    figure = "document.querySelector('.chart-toggle').closest('.chart')"
+    painted = f"[...{figure}.querySelectorAll('canvas')].map(c => c.toDataURL())"
+    pressed = f"[...{figure}.querySelectorAll('.chart-toggle')].map(b => b.ariaPressed)"
+    settle = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))"
+    before = browser.run(painted)
+    assert set(browser.run(pressed)) == {"true"}
+    browser.run("document.querySelector('.chart-toggle').click()")
+    browser.run(settle)
+    assert browser.run(pressed)[0] == "false"
+    assert browser.run(painted) != before
+    browser.run("document.querySelector('.chart-toggle').click()")
+    browser.run(settle)
+    assert browser.run(pressed)[0] == "true"
+    assert browser.run(painted) == before
     browser.run("document.querySelector('.chart-tools button').focus()")
     for _ in range(2):
         browser.ask("Input.dispatchKeyEvent", type="keyDown", key="ArrowRight")

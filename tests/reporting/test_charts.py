@@ -43,6 +43,7 @@ def test_lines_bands_guides_and_texts_are_told_as_they_were_drawn():
     upper.axvline(90.0, color="#445566")
     upper.axvspan(10.0, 20.0, color="#eeeeee")
     upper.text(180.0, 0.0, "turning point")
+    upper.text(1.0, 1.02, "0.2 → 0.1 N", transform=upper.transAxes)
     lower.plot(angle, angle**2, color="#112233")
     lower.set_xlabel("crank angle / °")
     figure.draw_without_rendering()
@@ -59,6 +60,7 @@ def test_lines_bands_guides_and_texts_are_told_as_they_were_drawn():
     assert [(one["axis"], one["at"]) for one in first["guides"]] == [("x", 90.0)]
     assert first["texts"][0]["text"] == "turning point"
     assert first["texts"][0]["x"] == pytest.approx(180.0, abs=2.0)
+    assert (first["note"], second["note"]) == ("0.2 → 0.1 N", "")
     assert (second["x"]["name"], second["x"]["unit"], second["x"]["is_angle"]) == ("crank angle", " °", True)
 
 

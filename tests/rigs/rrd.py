@@ -25,3 +25,18 @@ def joined(found, path):
     time_s, values = (np.concatenate(parts) for parts in zip(*found[path], strict=True))
     order = np.argsort(time_s, kind="stable")
     return time_s[order], values[order]
+
+
+def times_and_texts(path: Path) -> tuple[dict[str, list[float]], list[str]]:
+    """Return the times of every entity, s, and the texts of all events."""
+    times: dict[str, list[float]] = {}
+    texts: list[str] = []
+    for chunk in rr_chunk.RrdReader(path).stream():
+        batch = chunk.to_record_batch()
+        if "time" in batch.schema.names:
+            at_s = np.array(batch.column("time").cast("int64").to_pylist()) / 1e9
+            times.setdefault(chunk.entity_path.strip("/"), []).extend(at_s.tolist())
+        for name in batch.schema.names:
+            if "TextLog:text" in name:
+                texts += [row[0] for row in batch.column(name).to_pylist()]
+    return times, texts

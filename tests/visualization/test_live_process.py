@@ -41,7 +41,7 @@ def test_what_is_handed_over_is_in_the_file(tmp_path):
     view(block())
     view(block(500, values))
     view(Event(kind="note", time_s=0.1, text="fence touched"))
-    view.cutting_estimate(0.15, 320.0, 4.0, 900.0)
+    view.cutting_estimate(0.15, 320.0, 4.0, 900.0, 30.0)
     # However long the other process takes to start.
     view.close(timeout_s=600.0)
     view.close()

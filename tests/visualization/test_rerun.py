@@ -7,12 +7,13 @@ import signal
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from sawbench.bench.errors import InputError, UntrustedResult
 from sawbench.bench.folded import FoldedCycle
-from sawbench.bench.processed import ProcessedTrial
+from sawbench.bench.processed import CrankAngle, Phase, ProcessedTrial
 from sawbench.bench.recording import Event, Gap, Recording, SampleBlock, Signal, Trial
 from sawbench.visualization.layout import trial_markdown
 from sawbench.visualization.replay import view_recording
@@ -20,7 +21,7 @@ from sawbench.visualization.rerun_view import LiveView
 from sawbench.visualization.screenshot import take_screenshot
 from sawbench.visualization.viewer import ViewerProcess, viewer_environment
 
-from tests.rigs.rrd import joined, read_rrd
+from tests.rigs.rrd import joined, read_rrd, times_and_texts
 
 pytestmark = pytest.mark.unit
 
@@ -240,7 +241,7 @@ def test_screenshot_of_the_layout(tmp_path):
 def test_live_view_shows_the_cutting_estimate_with_its_bounds(tmp_path):
     path = tmp_path / "live.rrd"
     view = LiveView(TRIAL, show="none", save_path=path, has_estimate=True)
-    view.cutting_estimate(1.0, 240.0, 6.0, 900.0)
+    view.cutting_estimate(1.0, 240.0, 6.0, 900.0, 30.0)
     view.cutting_estimate(1.1, 241.0, 5.0)
     view.close()
     assert not view.is_dead
@@ -249,3 +250,46 @@ def test_live_view_shows_the_cutting_estimate_with_its_bounds(tmp_path):
     np.testing.assert_array_equal(joined(found, "signals/k_fc_n_s_per_m/lower")[1], [234.0, 236.0])
     np.testing.assert_array_equal(joined(found, "signals/k_fc_n_s_per_m/upper")[1], [246.0, 246.0])
     np.testing.assert_array_equal(joined(found, "signals/remaining_runtime_s")[1], [900.0])
+    np.testing.assert_array_equal(joined(found, "signals/remaining_runtime_s/lower")[1], [870.0])
+    np.testing.assert_array_equal(joined(found, "signals/remaining_runtime_s/upper")[1], [930.0])
+
+
+def with_angle(processed):
+    time_s = np.arange(5000) / 5000.0
+    angle = CrankAngle(
+        time_s=time_s, angle_rad=2.0 * np.pi * 12.0 * time_s, speed_rad_s=np.full(5000, 75.4),
+        angle_std_rad=np.full(5000, 1e-3), radius_m=0.01, source="displacement_mm", is_absolute=True,
+    )  # fmt: skip
+    return replace(processed, angle=angle, phases=(Phase(kind="running", start_s=0.25, end_s=1.0),))
+
+
+def test_the_fitted_model_lies_over_the_measurement_while_the_saw_runs(tmp_path):
+    path, turn = tmp_path / "replay.rrd", np.linspace(0.0, 2.0 * np.pi, 200)
+    model = {"angle_rad": turn, "force_n": np.clip(-180.0 * np.sin(turn), 0.0, None)}
+    view_recording(make_recording(), save_path=path, spawn=False, processed=with_angle(make_processed()), model=model)
+    time_s, values = joined(read_rrd(path), "signals/force_n/simulated")
+    is_shown = np.isfinite(values)
+    assert time_s[is_shown].min() == pytest.approx(0.25, abs=2e-3)
+    expected = np.clip(-180.0 * np.sin(2.0 * np.pi * 12.0 * time_s[is_shown]), 0.0, None)
+    np.testing.assert_allclose(values[is_shown], expected, atol=3.0)
+
+
+def test_crank_and_folded_cycle_move_with_the_time(tmp_path):
+    path = tmp_path / "replay.rrd"
+    view_recording(make_recording(), save_path=path, spawn=False, processed=with_angle(make_processed()))
+    times, _ = times_and_texts(path)
+    # 12 strokes: the whole mean at 0, then a step a stroke.
+    np.testing.assert_allclose(sorted(set(times["cycle/measured"]))[:12], np.arange(12) / 12.0, atol=1e-3)
+    for part in ("crank", "link", "blade"):
+        assert len(times[f"mechanism/{part}"]) > 12 * 40
+        assert min(times[f"mechanism/{part}"]) == 0.0
+
+
+def test_a_long_event_is_told_whole(tmp_path):
+    path, text = tmp_path / "live.rrd", "word " * 100 + "end"
+    view = LiveView(TRIAL, show="none", save_path=path)
+    view(Event(kind="note", time_s=0.5, text=text))
+    view.close()
+    (body,) = times_and_texts(path)[1]
+    assert max(map(len, body.splitlines())) <= 160
+    assert " ".join(body.split()).endswith(text)
