@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import os
 import signal
 import sys
@@ -91,16 +92,21 @@ def main(arguments: list[str] | None = None) -> int:
     -------
     int
     """
+    as_json = "--json" in (sys.argv[1:] if arguments is None else arguments)
     try:
         code = cli.main(args=arguments, prog_name="sawbench", standalone_mode=False)
         return code if isinstance(code, int) else 0
     except SawbenchError as error:
+        _say_as_json(as_json, error.exit_code, what=error.what, where=error.where, remedy=error.remedy)
         return _fail(f"error: {error}", error.exit_code)
     except click.ClickException as error:
+        _say_as_json(as_json, error.exit_code, what=error.format_message())
         error.show()
         return error.exit_code
     except (KeyboardInterrupt, click.exceptions.Abort) as error:
-        return _fail(str(error) or "interrupted", 130)
+        message = str(error) or "interrupted"
+        _say_as_json(as_json, 130, what=message)
+        return _fail(message, 130)
     except BrokenPipeError:
         # The reader of our output (head, less) has gone: nothing to say and nobody to say it to.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -108,7 +114,9 @@ def main(arguments: list[str] | None = None) -> int:
     except Exception as error:
         if os.environ.get("SAWBENCH_DEBUG"):
             raise
-        return _fail(_unexpected(error), 1)
+        message = _unexpected(error)
+        _say_as_json(as_json, 1, what=message.removeprefix("error: "))
+        return _fail(message, 1)
 
 
 def _unexpected(error: Exception) -> str:
@@ -120,6 +128,15 @@ def _unexpected(error: Exception) -> str:
         f"internal error, please report it: {type(error).__name__}: {error}\n"
         "  -> run again with SAWBENCH_DEBUG=1 for the traceback"
     )
+
+
+def _say_as_json(
+    as_json: bool, exit_code: int, *, what: str, where: str | None = None, remedy: str | None = None
+) -> None:
+    """Print an error for a program, beside the message for people (docs/json_output.md)."""
+    if as_json:
+        error = {"what": what, "where": where, "remedy": remedy, "exit_code": exit_code}
+        click.echo(json.dumps({"error": error}, indent=2))
 
 
 def _fail(message: str, code: int) -> int:

@@ -1,0 +1,72 @@
+"""`--json`: the documented schema, errors too."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import jsonschema
+import pytest
+from sawbench.commands.main import SUBCOMMANDS, main
+
+from tests.commands.conftest import SCHEMA, check_json
+
+pytestmark = pytest.mark.contract
+
+OAK = str(Path(__file__).parents[2] / "recordings" / "oak-01.mcap")
+NOTHING_PRINTED = {"blind", "simbench", "battery", "series"}
+
+
+def printed(capsys, *arguments):
+    code = main([*map(str, arguments), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_the_schema_is_one_and_names_the_commands():
+    jsonschema.Draft202012Validator.check_schema(SCHEMA)
+    named = {command.split()[0] for command in SCHEMA["properties"]}
+    assert named <= set(SUBCOMMANDS)
+    assert set(SUBCOMMANDS) - named <= NOTHING_PRINTED
+    for definition in SCHEMA["properties"].values():
+        assert definition["$ref"].removeprefix("#/$defs/") in SCHEMA["$defs"]
+
+
+@pytest.mark.parametrize(
+    ("command", "arguments"),
+    [
+        ("info", (OAK,)),
+        ("info", (OAK, OAK)),
+        ("machines", ()),
+        ("export", (OAK, "--format", "csv", "--out", "{folder}/tables")),
+        ("recover", (OAK, "--out", "{folder}/whole.mcap")),
+        ("series plan", ("--material", "oak", "--feed", "2", "--seed", "1", "--out", "{folder}/plan.toml")),
+        ("init", ("--simulated", "{folder}/bench")),
+    ],
+)
+def test_what_a_command_prints_is_as_documented(capsys, tmp_path, command, arguments):
+    code, found = printed(capsys, *command.split(), *(one.format(folder=tmp_path) for one in arguments))
+    assert code == 0
+    check_json(command, found)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "where", "words"),
+    [
+        (("fit", "nowhere.mcap"), "nowhere.mcap", ""),
+        (("info", OAK, "--no-such-option"), None, "--no-such-option"),
+        (("recover", OAK, "--out", OAK), OAK, ""),
+    ],
+)
+def test_an_error_is_json_with_the_exit_code(capsys, arguments, where, words):
+    code, found = printed(capsys, *arguments)
+    check_json("error", found)
+    assert code == found["error"]["exit_code"] == 2
+    assert found["error"]["where"] == where
+    assert words in found["error"]["what"]
+
+
+def test_the_schema_refuses_what_it_should():
+    with pytest.raises(jsonschema.ValidationError):
+        check_json("fit", [{"trial": "oak-01"}])
+    with pytest.raises(jsonschema.ValidationError):
+        check_json("error", {"error": "text"})
