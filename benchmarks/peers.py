@@ -199,7 +199,7 @@ def _casadi(u, kfc, times):
 
 def whole_discharge(duty, kfc, beta, r_b, sign, near_s):
     """Pairs (name, solve) with solve(tolerance) -> runtime to 20 %, s; `near_s` brackets it."""
-    from scipy.integrate import odeint, solve_ivp
+    from scipy.integrate import odeint
 
     start = np.array([0.0, 0.0, 0.0, 1.0])
     args = (duty, kfc, beta, r_b, sign)
@@ -218,13 +218,6 @@ def whole_discharge(duty, kfc, beta, r_b, sign, near_s):
             )[:, 3]
         ),
     )
-    for method in ("RK45", "LSODA"):
-        yield f"scipy solve_ivp {method}", lambda tol, method=method: crossing(
-            solve_ivp(
-                fast_battery_rhs, (0, times[-1]), start, method=method, t_eval=times, args=args, rtol=tol,
-                atol=tol * 1e-3,
-            ).y[3]
-        )  # fmt: skip
 
 
 def _heyoka_discharge(duty, kfc, beta, r_b, sign, near_s):

@@ -1,137 +1,31 @@
-"""Speed and accuracy of the signal processing, as ratios within one run.
+"""Errors of the signal processing, as docs/processing.md quotes them: `python -m benchmarks.processing`.
 
-Prints, beside one pass over the memory and numpy in the same process: folding (1 and 2 threads), cycle
-boundaries, the crank-angle smoother, the whole of `process_recording`; and the errors that
-`docs/processing.md` quotes.
-
-Run: python -m benchmarks.processing [--minutes 10] [--quick]
+How fast it is measures `python -m benchmarks --only signals`.
 """
 
 from __future__ import annotations
-
-import argparse
-import time
 
 import numpy as np
 from sawbench.bench.config import BenchConfig
 from sawbench.bench.recording import Recording, Signal, Trial
 from sawbench.processing.crank_angle import track_crank_angle
-from sawbench.processing.demodulation import demodulate
-from sawbench.processing.folding import fold_channels
 from sawbench.processing.process import process_recording
 from sawbench.processing.spectrum import find_lines, power_spectrum
 
+from benchmarks.signals import RATE_HZ, make_trial, recording_of
 from benchmarks.synthetic_trials import GEAR_RATIO, NOMINAL, simulate
 
-RATE_HZ = 10_000.0
-STROKE_HZ = 18.0
-N_BINS = 256
 
-
-def shortest_s(run, repeats=9):
-    """Shortest duration of `run`, s, after one call that compiles: other users of the machine only add."""
-    run()
-    spent = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        run()
-        spent.append(time.perf_counter() - start)
-    return min(spent)
-
-
-def make_trial(n, rng):
-    """Four channels with stroke-locked content, noise and a slow drift of the speed."""
-    t = np.arange(n) / RATE_HZ
-    angle = 2 * np.pi * (STROKE_HZ * t - 0.02 * STROKE_HZ * t**2 / max(t[-1], 1.0) / 2) + 0.03 * np.sin(0.7 * t)
-    channels = np.empty((4, n))
-    channels[0] = 10 * (1 - np.cos(angle)) + 0.01 * rng.standard_normal(n)
-    channels[1] = 200 * np.maximum(-np.sin(angle), 0) + rng.standard_normal(n)
-    channels[2] = 10 + 2 * np.sin(angle + 0.3) + 0.1 * rng.standard_normal(n)
-    channels[3] = 18 - 0.1 * channels[2] + 0.01 * rng.standard_normal(n)
-    return t, angle, channels
-
-
-def numpy_fold(t, starts, channels):
-    """What most people write: np.interp per cycle, then mean and std."""
-    result = []
-    grid = (np.arange(N_BINS) + 0.5) / N_BINS
-    for values in channels:
-        folded = np.empty((len(starts) - 1, N_BINS))
-        for k in range(len(starts) - 1):
-            at = starts[k] + grid * (starts[k + 1] - starts[k])
-            first, last = np.searchsorted(t, [starts[k], starts[k + 1]])
-            part = slice(max(first - 1, 0), last + 1)
-            folded[k] = np.interp(at, t[part], values[part])
-        result.append((folded.mean(axis=0), folded.std(axis=0, ddof=1)))
-    return result
-
-
-def boundaries(values, n):
-    """Crank angle at every sample from the phase of the first harmonic."""
-    line = demodulate(0.0, 1 / RATE_HZ, values, STROKE_HZ)
-    return line.time_s, line.phase_rad + np.pi
-
-
-def main():
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--minutes", type=float, default=10.0, help="length of the trial")
-    parser.add_argument("--quick", action="store_true", help="20 s instead, for a look")
-    options = parser.parse_args()
-    n = int((20.0 if options.quick else 60.0 * options.minutes) * RATE_HZ)
-    rng = np.random.default_rng(1)
-    t, angle, channels = make_trial(n, rng)
-    turns = np.arange(1, int(angle[-1] / (2 * np.pi)) - 1)
-    starts = np.interp(2 * np.pi * np.r_[turns, turns[-1] + 1], angle, t)
-    pass_s = shortest_s(channels.sum)
-    print(
-        f"{n} samples x 4 channels ({channels.nbytes / 1e6:.0f} MB), {len(turns)} strokes; "
-        f"one pass {1e3 * pass_s:.1f} ms"
-    )
-    peer_s = shortest_s(lambda: numpy_fold(t, starts, channels), 1)
-    print(f"fold, np.interp per cycle               {peer_s / pass_s:7.2f} passes")
-    for threads in (1, 2):
-        own_s = shortest_s(lambda k=threads: fold_channels(t, angle, t, channels, turns, n_bins=N_BINS, n_threads=k))
-        print(
-            f"fold + mean + std, {threads} thread(s)           {own_s / pass_s:7.2f} passes, "
-            f"numpy/own {peer_s / own_s:.1f}"
-        )
-    bound_s = shortest_s(lambda: boundaries(channels[0], n))
-    coarse_t, coarse = boundaries(channels[0], n)
-    shift = coarse - np.interp(coarse_t, t, angle)
-    shift = shift - 2 * np.pi * np.round(np.median(shift) / (2 * np.pi))
-    inner = slice(64, -64)
-    print(
-        f"boundaries by demodulation              {bound_s / pass_s:7.2f} passes, {1e3 * np.std(shift[inner]):.1f} mrad"
-    )
-
-    def with_boundaries():
-        at, phase = boundaries(channels[0], n)
-        fold_channels(at, phase, t, channels, turns[4:-4], n_bins=N_BINS, n_threads=1)
-
-    print(f"boundaries + fold, 1 thread             {shortest_s(with_boundaries) / pass_s:7.2f} passes")
-    smooth_s = shortest_s(lambda: track_crank_angle(t, 1e-3 * channels[0]), 1)
+def print_drifting_trial(seconds=600.0):
+    """Errors of angle and period on a long trial whose speed drifts by 2 %."""
+    t, angle, channels = make_trial(seconds)
     track = track_crank_angle(t, 1e-3 * channels[0])
     error = track.angle_rad - np.interp(track.time_s, t, angle)
-    print(f"crank-angle smoother                    {smooth_s / pass_s:7.2f} passes, {1e3 * np.std(error):.2f} mrad")
-    names = (
-        ("displacement_mm", "mm"),
-        ("force_n", "N"),
-        ("motor_current_a", "A"),
-        ("battery_voltage_v", "V"),
-    )
-    signals = {
-        name: Signal(channel=name, unit=unit, time_s=t, values=row)
-        for (name, unit), row in zip(names, channels, strict=True)
-    }
-    recording = Recording(trial=Trial(trial_id="benchmark"), signals=signals)
-    whole_s = shortest_s(lambda: process_recording(recording, BenchConfig()), 1)
-    period = process_recording(recording, BenchConfig()).period
-    print(f"process_recording, everything           {whole_s / pass_s:7.2f} passes ({whole_s:.2f} s)")
-    true_period = (starts[-1] - starts[0]) / len(turns)
-    print(f"period of the drifting trial            {1e6 * (period.period_s / true_period - 1):7.1f} ppm")
-    print_period_errors(rng)
-    print_angle_errors(rng)
+    period = process_recording(recording_of(seconds, RATE_HZ, 4), BenchConfig()).period
+    turns = int(angle[-1] / (2 * np.pi)) - 2
+    first, last = np.interp([2 * np.pi, 2 * np.pi * (1 + turns)], angle, t)
+    ppm = 1e6 * (period.period_s * turns / (last - first) - 1)
+    print(f"{seconds:g} s of a drifting speed: angle {1e3 * np.std(error):.2f} mrad, period {ppm:.1f} ppm")
 
 
 def print_period_errors(rng):
@@ -179,4 +73,6 @@ def print_angle_errors(rng):
 
 
 if __name__ == "__main__":
-    main()
+    print_drifting_trial()
+    print_period_errors(np.random.default_rng(1))
+    print_angle_errors(np.random.default_rng(2))

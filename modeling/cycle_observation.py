@@ -6,6 +6,7 @@ A stroke becomes the Fourier coefficients of current and force over the crank an
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final, Literal
 
 import numpy as np
@@ -226,8 +227,12 @@ class FeatureModel:
             blocks.append(values["current_gain"][:, None] * features)
         n_force = int((observation.channel == 1).sum())
         if n_force:
+            kernel = _force_kernel(
+                n_force, observation.n_bins, crank_radius_m=self.crank_radius_m, rod_length_m=self.rod_length_m,
+                cutting_half=self.cutting_half,
+            )  # fmt: skip
             scale = values["force_gain"] * values["k_fc_n_s_per_m"] * values["crank_radius_m"]
-            features = scale[:, None] * (speed_rad_s @ self._force_kernel(n_force, observation.n_bins))
+            features = scale[:, None] * (speed_rad_s @ kernel)
             features[:, 0] += values["force_offset_n"] * np.sqrt(observation.n_bins)
             blocks.append(features)
         rotated = [_rotate(block, values["angle_zero_rad"]) for block in blocks]
@@ -235,17 +240,21 @@ class FeatureModel:
         period_s = TWO_PI * np.mean(1.0 / positive, axis=1)
         return np.hstack([*rotated, period_s[:, None]]), is_valid
 
-    def _force_kernel(self, n_features: int, n_bins: int) -> Floats:
-        """Map crank speed at the nodes to force features per k_Fc * r_c, the kinks resolved."""
-        n_fine = FINE_PER_STEP * N_STEPS
-        angle = np.arange(n_fine) * TWO_PI / n_fine
-        lever = (
-            Mechanism(radius_m=self.crank_radius_m, rod_length_m=self.rod_length_m).lever(angle) / self.crank_radius_m
-        )
-        cuts = np.sin(angle) < 0 if self.cutting_half == "pi_to_2pi" else np.sin(angle) > 0
-        spectrum = np.fft.rfft(np.eye(N_STEPS), axis=1)
-        finer = np.fft.irfft(spectrum, n=n_fine, axis=1) * FINE_PER_STEP
-        return (finer * (np.abs(lever) * cuts)) @ _node_basis(n_features, n_bins, n_fine).T
+
+@lru_cache(maxsize=16)
+def _force_kernel(
+    n_features: int, n_bins: int, *, crank_radius_m: float, rod_length_m: float | None, cutting_half: CuttingHalf
+) -> Floats:
+    """Map crank speed at the nodes to force features per k_Fc * r_c, the kinks resolved."""
+    n_fine = FINE_PER_STEP * N_STEPS
+    angle = np.arange(n_fine) * TWO_PI / n_fine
+    lever = Mechanism(radius_m=crank_radius_m, rod_length_m=rod_length_m).lever(angle) / crank_radius_m
+    cuts = np.sin(angle) < 0 if cutting_half == "pi_to_2pi" else np.sin(angle) > 0
+    spectrum = np.fft.rfft(np.eye(N_STEPS), axis=1)
+    finer = np.fft.irfft(spectrum, n=n_fine, axis=1) * FINE_PER_STEP
+    kernel = (finer * (np.abs(lever) * cuts)) @ _node_basis(n_features, n_bins, n_fine).T
+    kernel.flags.writeable = False
+    return kernel
 
 
 def _node_basis(n_features: int, n_bins: int, n_nodes: int) -> Floats:

@@ -1,0 +1,70 @@
+"""Sections as Markdown with small drawings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from benchmarks.measuring import Goal, Plot, Section
+
+COLOURS = ("#00507f", "#b23a48", "#5a8f29", "#c98a00", "#6b4fa0", "#555555")
+
+
+def goal_row(goal: Goal) -> str:
+    """One row of the table of goals."""
+    bound = f"{'≥' if goal.at_least else '≤'} {goal.bound:g}{' ' if goal.unit else ''}{goal.unit}"
+    if goal.value is None:
+        return f"| {goal.what} | {bound} | not measured here | |"
+    value = f"{goal.value:.3g}{' ' if goal.unit else ''}{goal.unit}"
+    return f"| {goal.what} | {bound} | {value} | {'met' if goal.is_met else '**not met**'} |"
+
+
+def goals_text(goals: list[Goal]) -> str:
+    """All goals as a table."""
+    return "\n".join(["| goal | bound | measured | |", "|---|---|---|---|", *map(goal_row, goals)])
+
+
+def section_text(section: Section, pictures: dict[str, str] | None = None) -> str:
+    """One section; `pictures` gives the path of each plot, without it plots are left out."""
+    parts = [f"## {section.title}", *section.words]
+    for table in section.tables:
+        rows = [table.head, tuple("---" for _ in table.head), *table.rows]
+        lines = ["| " + " | ".join(row) + " |" for row in rows]
+        parts += [f"### {table.title}"] if table.title else []
+        parts.append("\n".join(lines))
+    if section.goals and pictures is None:
+        parts.append(goals_text(section.goals))
+    parts += [f"![{plot.title}]({pictures[plot.name]})" for plot in section.plots if pictures]
+    return "\n\n".join(parts)
+
+
+def draw(plot: Plot, path: Path) -> None:
+    """Write one plot as SVG: the same numbers give the same bytes."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    style = {
+        "svg.hashsalt": plot.name, "svg.fonttype": "none", "font.size": 9, "font.family": "sans-serif",
+        "axes.spines.top": False, "axes.spines.right": False, "path.simplify": True,
+    }  # fmt: skip
+    with mpl.rc_context(style):
+        figure = Figure(figsize=(6.2, 0.9 + 0.24 * len(plot.bars) if plot.bars else 3.0), layout="constrained")
+        axes = figure.subplots()
+        if plot.bars:
+            names = list(plot.bars)[::-1]
+            colours = [COLOURS[0] if name.startswith("sawbench") else "#a9b4bd" for name in names]
+            axes.barh(names, [plot.bars[name] for name in names], color=colours, height=0.65)
+            axes.set_xscale("log")
+            for row, name in enumerate(names):
+                axes.annotate(f" {plot.bars[name]:.3g}", (plot.bars[name], row), va="center", fontsize=8)
+            axes.margins(x=0.12)
+        for (label, (x, y)), colour in zip(plot.lines.items(), COLOURS, strict=False):
+            axes.plot(x, y, "o-", color=colour, label=label, markersize=3.5, linewidth=1.4)
+        if plot.lines:
+            axes.set_xscale("log")
+            axes.set_yscale("log")
+            axes.grid(True, which="major", color="#e3e6e8")
+            axes.legend(frameon=False, fontsize=8)
+        axes.set_title(plot.title, fontsize=10, loc="left")
+        axes.set_xlabel(plot.x_label)
+        axes.set_ylabel(plot.y_label)
+        figure.savefig(path, format="svg", metadata={"Date": None, "Creator": None}, facecolor="white")
