@@ -21,11 +21,11 @@ from sawbench.modeling.parts.eq16 import Eq16Battery
 from sawbench.modeling.parts.linear import LinearCutting
 from sawbench.modeling.steady_state import steady_state
 from sawbench.modeling.supplies import FixedDuty, FixedVoltage
-from sawbench.modeling.trace_fit import current_trace, fit_current_trace
 from sawbench.modeling.transient import NO_TABLE, Method, simulate
 
 from benchmarks import limit_kernels as limit
 from benchmarks import peers
+from benchmarks.current_trace import current_trace, fit_current_trace
 from benchmarks.measuring import Clock, Goal, Plot, Section, Table, Timing, time_words
 
 VOLTAGE, K_FC = paper.MOTOR_VOLTAGE_V, 240.29
