@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from benchmarks.measuring import Goal, Plot, Section
+
+if TYPE_CHECKING:
+    from matplotlib.axis import Axis
 
 COLOURS = ("#00507f", "#b23a48", "#5a8f29", "#c98a00", "#6b4fa0", "#555555")
 
@@ -37,6 +42,19 @@ def section_text(section: Section, pictures: dict[str, str] | None = None) -> st
     return "\n\n".join(parts)
 
 
+def logarithmic(axis: Axis, values: Iterable[float]) -> None:
+    """Make an axis logarithmic with plain numbers, unless a value is 0."""
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+    low, high = min(values := list(values)), max(values)
+    if low <= 0:
+        return
+    getattr(axis.axes, f"set_{axis.axis_name}scale")("log")
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100 * low else (1.0,)))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
 def draw(plot: Plot, path: Path) -> None:
     """Write one plot as SVG: the same numbers give the same bytes."""
     import matplotlib as mpl
@@ -53,15 +71,15 @@ def draw(plot: Plot, path: Path) -> None:
             names = list(plot.bars)[::-1]
             colours = [COLOURS[0] if name.startswith("sawbench") else "#a9b4bd" for name in names]
             axes.barh(names, [plot.bars[name] for name in names], color=colours, height=0.65)
-            axes.set_xscale("log")
+            logarithmic(axes.xaxis, plot.bars.values())
             for row, name in enumerate(names):
                 axes.annotate(f" {plot.bars[name]:.3g}", (plot.bars[name], row), va="center", fontsize=8)
             axes.margins(x=0.12)
         for (label, (x, y)), colour in zip(plot.lines.items(), COLOURS, strict=False):
             axes.plot(x, y, "o-", color=colour, label=label, markersize=3.5, linewidth=1.4)
         if plot.lines:
-            axes.set_xscale("log")
-            axes.set_yscale("log")
+            for axis, k in ((axes.xaxis, 0), (axes.yaxis, 1)):
+                logarithmic(axis, [value for line in plot.lines.values() for value in line[k]])
             axes.grid(True, which="major", color="#e3e6e8")
             axes.legend(frameon=False, fontsize=8)
         axes.set_title(plot.title, fontsize=10, loc="left")

@@ -70,7 +70,7 @@ def over_effects(
         )  # fmt: skip
         rows.append((str(n), *map(str, found.values())))
         for name, timing in found.items():
-            lines[name][0].append(n + 1.0)
+            lines[name][0].append(float(n))
             lines[name][1].append(timing.median_s)
     return rows, lines
 
@@ -113,7 +113,7 @@ def measure(clock: Clock) -> Section:
             ),
         ],
         plots=[
-            Plot(name="effects", title="Known effects in the model", x_label="1 + number of effects", y_label="s",
+            Plot(name="effects", title="Known effects in the model", x_label="effects", y_label="s",
                  lines=lines),
         ],
         numbers={f"{name}_s": timing.median_s for name, timing in long.items()} | {"samples": float(n_long)},
