@@ -227,7 +227,7 @@ def _scales(problem: LinearProblem, rest: Floats) -> dict[Site, float]:
     }
     if sum(v for (_, kind), v in sums.items() if kind == "start_up" and v > 0.0) > sum(excess.values()):
         return {}
-    chosen = sorted(excess, key=lambda e: -excess[e])[: _NUMBERS.most_sites]
+    chosen: list[Equation] = sorted(excess, key=lambda e: -excess[e])[: _NUMBERS.most_sites]
     chosen = [e for e in chosen if excess[e] >= _NUMBERS.least_excess * sum(excess.values())]
     found: dict[Site, float] = {e: _size(problem, rest, e) for e in chosen}
     if "cutting" in found:
