@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from sawbench.modeling.measured_cycles import MeasuredCycles
     from sawbench.modeling.operating_point import OperatingPoint
     from sawbench.modeling.results import CuttingFit, ParameterEstimates, RuntimePrediction
+    from sawbench.storage.places import Place
 
 _NO_FIT = {
     "no_cutting": "the blade ran without cutting, so there is no cutting force to fit",
@@ -75,8 +76,8 @@ class AnalysedTrial:
         return processed_block(self.processed)
 
 
-def open_trial(path: Path, config_path: Path | None) -> OpenedTrial:
-    """Read one recording.
+def open_trial(path: Place, config_path: Path | LoadedConfig | None) -> OpenedTrial:
+    """Read one recording, on the disk or in an object store.
 
     Raises
     ------
@@ -84,10 +85,12 @@ def open_trial(path: Path, config_path: Path | None) -> OpenedTrial:
         If the file is no recording or the configuration is not valid.
     """
     from sawbench.storage.digest import sha256_of
+    from sawbench.storage.places import on_disk
     from sawbench.storage.reader import read_recording
 
-    recording = read_recording(path)
-    return OpenedTrial(recording=recording, loaded=config_for(recording, config_path), sha256=sha256_of(path))
+    with on_disk(path) as local:
+        recording = replace(read_recording(local), path=str(path))
+        return OpenedTrial(recording=recording, loaded=config_for(recording, config_path), sha256=sha256_of(local))
 
 
 def process_opened(trial: OpenedTrial) -> AnalysedTrial:
@@ -103,7 +106,7 @@ def process_opened(trial: OpenedTrial) -> AnalysedTrial:
     return AnalysedTrial(recording=trial.recording, loaded=trial.loaded, processed=processed)
 
 
-def load_and_process(path: Path, config_path: Path | None) -> AnalysedTrial:
+def load_and_process(path: Place, config_path: Path | LoadedConfig | None) -> AnalysedTrial:
     """Read one recording and process it; see `open_trial`."""
     return process_opened(open_trial(path, config_path))
 

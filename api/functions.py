@@ -236,7 +236,10 @@ def compare(trials: str | Path | Iterable[str | Path], *, config: str | Path | N
     >>> compare("recordings").table()["material"].unique()  # doctest: +SKIP
     array(['oak', 'nylon'], dtype=object)
     """
-    rows, left_out = compare_files(find_recordings(_paths(trials)), None if config is None else Path(config))
+    from sawbench.bench.config import load_config
+
+    loaded = None if config is None else load_config(Path(config))
+    rows, left_out = compare_files(find_recordings(_paths(trials)), loaded)
     return MaterialComparison(rows=tuple(rows), left_out=tuple(left_out))
 
 

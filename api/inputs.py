@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, overload
 
 from sawbench.bench.errors import InputError
+from sawbench.storage.places import FoundFile, Place, find_recording, list_recordings
 
 if TYPE_CHECKING:
     from sawbench.bench.config import LoadedConfig
@@ -24,49 +25,59 @@ def shipped_config() -> Path:
     return Path(sawbench.bench.__path__[0]) / "default_config.toml"
 
 
-def find_recordings(paths: Iterable[Path]) -> list[Path]:
+@overload
+def find_recordings(paths: Iterable[Path]) -> list[Path]: ...
+@overload
+def find_recordings(paths: Iterable[Place]) -> list[Place]: ...
+def find_recordings(paths: Iterable[Place]) -> Sequence[Place]:
+    """Expand directories to the finished recordings in them, in the order of their names; see `find_files`."""
+    return [file.place for file in find_files(paths)]
+
+
+def find_files(paths: Iterable[Place]) -> list[FoundFile]:
     """Expand directories to the finished recordings in them, in the order of their names.
 
     Parameters
     ----------
-    paths : iterable of Path
-        Files, or directories that hold `.mcap` files.
+    paths : iterable of Path or StoreFile
+        Files, or directories that hold recordings, on the disk or in an object store.
 
     Returns
     -------
-    list of Path
+    list of FoundFile
 
     Raises
     ------
     InputError
         If a path does not exist or a directory holds no recording.
     """
-    found: list[Path] = []
+    found: list[FoundFile] = []
     for path in paths:
-        if path.is_dir():
-            inside = sorted(path.glob("*.mcap"))
-            if not inside:
-                raise InputError(
-                    "holds no .mcap file",
-                    where=path,
-                    remedy="name the directory the recordings are in, or make some with `sawbench import`",
-                )
-            found += inside
-        elif path.exists():
-            found.append(path)
-        else:
+        file = find_recording(path)
+        if file is not None:
+            found.append(file)
+            continue
+        inside = list_recordings(path)
+        if not inside and isinstance(path, Path) and not path.is_dir():
             raise InputError("no such file", where=path)
-    return list(dict.fromkeys(found))
+        if not inside:
+            raise InputError(
+                "holds no .mcap file",
+                where=path,
+                remedy="name the directory the recordings are in, or make some with `sawbench import`",
+            )
+        found += inside
+    return list({file.place: file for file in found}.values())
 
 
-def config_for(recording: Recording | None, config_path: Path | None) -> LoadedConfig:
+def config_for(recording: Recording | None, config_path: Path | LoadedConfig | None) -> LoadedConfig:
     """Choose the configuration: the named one, the recording's own, ./bench_config.toml, or the shipped one.
 
     Parameters
     ----------
     recording : Recording, optional
-    config_path : Path, optional
-        The file that was named.
+    config_path : Path or LoadedConfig, optional
+        The file that was named, or what was read from it.
 
     Returns
     -------
@@ -77,8 +88,10 @@ def config_for(recording: Recording | None, config_path: Path | None) -> LoadedC
     ConfigError
         If the configuration cannot be read or is not valid.
     """
-    from sawbench.bench.config import load_config, parse_config
+    from sawbench.bench.config import LoadedConfig, load_config, parse_config
 
+    if isinstance(config_path, LoadedConfig):
+        return config_path
     if config_path is not None:
         return load_config(config_path)
     if recording is not None and recording.config_toml:

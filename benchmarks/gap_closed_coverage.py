@@ -131,7 +131,7 @@ def of_a_perfect_interval(n_repeats: int) -> float:
 
 def main() -> int:
     """Collect what is missing and print the table."""
-    from sawbench.commands.source_identity import source_fingerprint
+    from sawbench.bench.source_identity import source_fingerprint
 
     parser = argparse.ArgumentParser(description="How often the 95 % interval of gap_closed is right.")
     parser.add_argument("out", type=Path)

@@ -194,8 +194,8 @@ def _catalogue() -> list[str]:
 
 def diagnose_program(*, until_closed: bool = False) -> Program:
     """What answers a case: `sawbench import`, then `sawbench diagnose`, on a copy of its campaign."""
+    from sawbench.bench.source_identity import software_identity, source_fingerprint
     from sawbench.blindcheck.answering import Program
-    from sawbench.commands.source_identity import software_identity, source_fingerprint
 
     sawbench = (sys.executable, "-m", "sawbench.commands.main")
     return Program(
@@ -389,8 +389,8 @@ def _sizes(one: EffectParameter) -> list[str]:
 def _oracle(
     set_dir: Path, labels: Mapping[str, Mapping[str, Any]], key_path: Path, workers: int | None, n_cases: int | None
 ) -> dict[str, dict[str, float | None]]:
+    from sawbench.bench.source_identity import source_fingerprint
     from sawbench.commands.blind_oracle import oracle_gaps
-    from sawbench.commands.source_identity import source_fingerprint
 
     # Beside the key, not in the set: which cases an oracle has a number for tells their labels.
     cache = key_path.with_name(key_path.name.removesuffix(".json") + ".oracle.json")

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
 from sawbench.bench.errors import InputError
-from sawbench.commands.options import config_option, force_option, json_option, refuse_unwritable
-from sawbench.commands.terminal import emit, progress, table
-from sawbench.inputs import find_recordings
+from sawbench.commands.batch import Batch, batch_options, named_config
+from sawbench.commands.options import PLACE, config_option, force_option, json_option, refuse_unwritable
+from sawbench.commands.terminal import emit, table
+from sawbench.inputs import find_files
+from sawbench.storage.places import with_suffix
 
 if TYPE_CHECKING:
-    from sawbench.reporting.compared import Comparison
+    from sawbench.archive.batch import Outcome
+    from sawbench.reporting.compared import ComparedTrial, Comparison
+    from sawbench.storage.places import Place
 
 # Short enough for one line of a terminal.
 _SHORT: Final = {
@@ -25,49 +30,58 @@ _SHORT: Final = {
 
 
 @click.command(name="compare", epilog="Example: sawbench compare recordings --out report.html")
-@click.argument("paths", metavar="DIR...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--out", "out_path", required=True, type=click.Path(path_type=Path, dir_okay=False), help="HTML page.")
-@click.option(
-    "--csv", "csv_path", type=click.Path(path_type=Path, dir_okay=False),
-    help="Table of the trials; default: beside the page, as the HDF5 file.",
-)  # fmt: skip
+@click.argument("paths", metavar="DIR...", nargs=-1, required=True, type=PLACE)
+@click.option("--out", "out_path", required=True, type=PLACE, help="HTML page.")
+@click.option("--csv", "csv_path", type=PLACE, help="Table of the trials; default: beside the page, as the HDF5 file.")
 @config_option
+@batch_options()
 @force_option
 @json_option
 def command(
-    paths: tuple[Path, ...],
-    out_path: Path,
-    csv_path: Path | None,
+    paths: tuple[Place, ...],
+    out_path: Place,
+    csv_path: Place | None,
     config_path: Path | None,
+    batch: Batch,
     force: bool,
     as_json: bool,
 ) -> int:
     """Process, fit and compare every recording of DIR: materials at equal settings; page, CSV and HDF5.
 
-    Several folders, or single recordings, are compared together.
+    Several folders, or single recordings, are compared together. DIR may also be an archive: then its results are
+    compared as they are.
     """
-    from sawbench.comparison import compare_files
+    from sawbench.comparison import compared, save_comparison
     from sawbench.reporting.compared import compare, comparison_json
-    from sawbench.reporting.comparison_data import comparison_table, write_comparison_hdf5
-    from sawbench.reporting.comparison_page import write_comparison_page
-    from sawbench.storage.output import write_whole
 
-    csv_path, hdf5_path = csv_path or out_path.with_suffix(".csv"), out_path.with_suffix(".h5")
-    if len({out_path, csv_path, hdf5_path}) < 3:
+    csv_path, hdf5_path = csv_path or with_suffix(out_path, ".csv"), with_suffix(out_path, ".h5")
+    targets = (out_path, csv_path, hdf5_path)
+    if len(set(targets)) < 3:
         raise InputError(
             "page, table and HDF5 would be one file", where=out_path, remedy="name a page that ends in .html"
         )
-    for path in (out_path, csv_path, hdf5_path):
+    for path in targets:
         refuse_unwritable(path, force=force)
-    files = find_recordings(paths)
-    rows, left_out = compare_files(progress(files, "comparing"), config_path)
-    write_comparison_page(out_path, rows, left_out=left_out, overwrite=force)
-    write_whole(csv_path, comparison_table(rows).to_csv(index=False), overwrite=force)
-    found = compare(rows, left_out)
-    write_comparison_hdf5(hdf5_path, rows, found, overwrite=force)
-    text = [describe(found), *(str(path) for path in (out_path, csv_path, hdf5_path))]
+    rows, left_out = compared(_outcomes(paths, config_path, batch))
+    save_comparison(rows, left_out, targets, overwrite=force)
+    text = [describe(compare(rows, left_out)), *(str(path) for path in targets)]
     emit(comparison_json(rows, left_out), "\n".join(text), as_json=as_json)
     return 1 if left_out or any(row.left_out_because for row in rows) else 0
+
+
+def _outcomes(
+    paths: tuple[Place, ...], config_path: Path | None, batch: Batch
+) -> Iterator[Outcome[Place, ComparedTrial]]:
+    """What became of every recording of the folders, or what an archive holds."""
+    from sawbench.archive.table import ResultTable
+    from sawbench.archive.trials import kept_trials
+
+    table = ResultTable(paths[0])
+    if len(paths) > 1 or not table.exists():
+        return batch.outcomes(find_files(paths), named_config(config_path), "comparing")
+    if config_path is not None or batch != Batch():
+        raise click.UsageError("an archive is compared as it is: leave out --config, --jobs, --scheduler and --archive")
+    return kept_trials(table)
 
 
 def describe(found: Comparison) -> str:

@@ -2,44 +2,56 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from sawbench.commands.batch import Batch, batch_options, named_config
 from sawbench.commands.failures import Failures
-from sawbench.commands.options import config_option, json_option, recordings_argument
-from sawbench.commands.terminal import emit, progress, table
-from sawbench.inputs import find_recordings
+from sawbench.commands.options import config_option, json_option, places_argument
+from sawbench.commands.terminal import emit, table
+from sawbench.inputs import find_files
 from sawbench.plain import plain
 
 if TYPE_CHECKING:
     from sawbench.modeling.results import CuttingFit
+    from sawbench.storage.places import Place
 
 METHODS = ("current_and_force", "current", "force", "annealing")
 
 
 @click.command(name="fit", epilog="Example: sawbench fit recordings/oak-01.mcap --method current")
-@recordings_argument
+@places_argument
 @config_option
 @click.option(
     "--method", type=click.Choice(METHODS),
     help="Default: every channel there is. 'annealing' is the paper's search, kept for comparison.",
 )  # fmt: skip
+@batch_options()
 @json_option
-def command(paths: tuple[Path, ...], config_path: Path | None, method: Any, as_json: bool) -> int:
+def command(paths: tuple[Place, ...], config_path: Path | None, method: Any, batch: Batch, as_json: bool) -> int:
     """Fit the linear cutting coefficient of each trial."""
-    from sawbench.analysis import fit_trial, load_and_process
+    from sawbench.archive.files import fit_file
+    from sawbench.archive.trials import fit_or_reason
 
-    files = find_recordings(paths)
-    fits: list[tuple[str, CuttingFit]] = []
-    failures = Failures(len(files))
-    for path in progress(files, "fitting"):
-        with failures.collected():
-            trial = load_and_process(path, config_path)
-            if len(files) > 1 and trial.recording.trial.is_idle:
-                click.echo(f"{path}: the blade runs in air, so there is no k_Fc", err=True)
-                continue
-            fits.append((trial.recording.trial.trial_id, fit_trial(trial, method)[0]))
+    if method is not None and batch.archive is not None:
+        raise click.UsageError("an archive holds the fit with every channel there is: leave out --method")
+    files = find_files(paths)
+    failures, config = Failures(len(files)), named_config(config_path)
+    if batch.archive is None:
+        work = partial(fit_file, config=config, method=method, skips_idle=len(files) > 1)
+        places = [file.place for file in files]
+        found = [(places[k], *fitted) for k, fitted in sorted(batch.each(places, work, failures, "fitting"))]
+    else:
+        found = []
+        for trial in batch.kept(files, config, failures, "fitting"):
+            with failures.collected():
+                found.append((trial.processed.source_path, trial.processed.trial.trial_id, fit_or_reason(trial)))
+    for place, _, fit in found:
+        if fit is None:
+            click.echo(f"{place}: the blade runs in air, so there is no k_Fc", err=True)
+    fits = [(name, fit) for _, name, fit in found if fit is not None]
     emit([{"trial": name, **plain(fit)} for name, fit in fits], describe(fits), as_json=as_json)
     return failures.exit_code(is_trusted=all(fit.status == "ok" for _, fit in fits))
 

@@ -37,6 +37,8 @@ SUBCOMMANDS: Final = MappingProxyType(
         "simulate": "the electromechanical model alone",
         "report": "the page of a trial: signals, stroke, fit, model, battery runtime",
         "compare": "material-comparison report",
+        "catalogue": "what an archive holds: material, blade, battery, operator, period, k_Fc, quality",
+        "watch": "process what arrives in a folder, and keep the comparison page current",
         "diagnose": "the sim-to-real gap: where it lies, what causes it, how far it closes",
         "blind": "the withheld-effect check of the diagnosis: make, answer, score",
         "panel": "the operator panel: the bench in a browser, from tare to diagnosis",

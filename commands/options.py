@@ -5,11 +5,12 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import click
 from sawbench.bench.errors import InputError
 from sawbench.inputs import shipped_config
+from sawbench.storage.places import Place, StoreFile, find_file, place_of
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
@@ -19,8 +20,23 @@ config_option: Decorator = click.option(
     type=click.Path(path_type=Path, dir_okay=False),
     help="Bench configuration; default: that of the recording, else ./bench_config.toml, else the one that ships.",
 )
+
+
+class PlaceType(click.Path):
+    """A path, or the URL of a file or folder in an object store."""
+
+    name = "place"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return a `Path` or a `StoreFile`."""
+        found = place_of(value)
+        return super().convert(found, param, ctx) if isinstance(found, Path) else found
+
+
+PLACE: Final = PlaceType(path_type=Path)
 json_option: Decorator = click.option("--json", "as_json", is_flag=True, help="Print machine-readable JSON.")
 force_option: Decorator = click.option("--force", is_flag=True, help="Overwrite files that exist.")
+places_argument: Decorator = click.argument("paths", metavar="FILE...", nargs=-1, required=True, type=PLACE)
 recordings_argument: Decorator = click.argument(
     "paths", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
@@ -33,7 +49,7 @@ def calibration_book_path(config_path: Path, *, simulated: bool) -> Path:
     return book_path(config_path, simulated=simulated, shipped=shipped_config())
 
 
-def refuse_unwritable(path: Path, *, force: bool, makes_folder: bool = False) -> None:
+def refuse_unwritable(path: Place, *, force: bool, makes_folder: bool = False) -> None:
     """Raise, before any work is done, if a result cannot be written to `path`.
 
     Parameters
@@ -48,8 +64,10 @@ def refuse_unwritable(path: Path, *, force: bool, makes_folder: bool = False) ->
     ------
     InputError
     """
-    if path.exists() and not force:
+    if find_file(path) is not None and not force:
         raise InputError("exists already", where=path, remedy="name another file, or overwrite with --force")
+    if isinstance(path, StoreFile):
+        return
     if not makes_folder and not path.parent.exists():
         raise InputError("the folder does not exist", where=path, remedy=f"make {path.parent} first")
     is_device = path.exists() and not path.is_file()

@@ -2,54 +2,56 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from sawbench.archive.files import result_path
+from sawbench.commands.batch import Batch, batch_options, named_config
 from sawbench.commands.failures import Failures
-from sawbench.commands.options import config_option, force_option, json_option, recordings_argument, refuse_unwritable
-from sawbench.commands.terminal import emit, progress, table
-from sawbench.inputs import find_recordings
+from sawbench.commands.options import (
+    PLACE,
+    config_option,
+    force_option,
+    json_option,
+    places_argument,
+    refuse_unwritable,
+)
+from sawbench.commands.terminal import emit, table
+from sawbench.inputs import find_files
 from sawbench.plain import plain
 
 if TYPE_CHECKING:
     from sawbench.bench.processed import ProcessedTrial
+    from sawbench.storage.places import FoundFile, Place
 
 SUMMARY_NAME = "summary.csv"
 
 
 @click.command(name="process", epilog="Example: sawbench process recordings/*.mcap --out processed")
-@recordings_argument
+@places_argument
 @config_option
-@click.option(
-    "--out", "out_dir", type=click.Path(path_type=Path, file_okay=False),
-    help="Folder for one HDF5 file per recording and summary.csv.",
-)  # fmt: skip
+@click.option("--out", "out_dir", type=PLACE, help="Folder for one HDF5 file per recording and summary.csv.")
+@batch_options()
 @force_option
 @json_option
-def command(paths: tuple[Path, ...], config_path: Path | None, out_dir: Path | None, force: bool, as_json: bool) -> int:
+def command(
+    paths: tuple[Place, ...], config_path: Path | None, out_dir: Place | None, batch: Batch, force: bool, as_json: bool
+) -> int:
     """Find the stroke period, fold every channel onto one turn of the crank, judge the channels."""
-    from sawbench.analysis import load_and_process
-    from sawbench.storage.results import append_summary_row, summary_row, write_processed
+    from sawbench.storage.results import summary_row
 
-    files = find_recordings(paths)
-    targets = {path: None if out_dir is None else out_dir / f"{path.stem}.h5" for path in files}
-    if len(set(targets.values())) < len(files) and out_dir is not None:
-        raise click.UsageError("two recordings have the same name; process them into different folders")
-    for target in targets.values():
-        if target is not None:
-            refuse_unwritable(target, force=force, makes_folder=True)
-    results: list[ProcessedTrial] = []
+    if out_dir is not None and batch.archive is not None:
+        raise click.UsageError("--archive keeps the results in its own table: leave out --out")
+    files = find_files(paths)
     failures = Failures(len(files))
-    for path in progress(files, "processing"):
-        with failures.collected():
-            processed = load_and_process(path, config_path).processed
-            results.append(processed)
-            target = targets[path]
-            if target is not None:
-                target.parent.mkdir(parents=True, exist_ok=True)
-                write_processed(processed, target, overwrite=force)
-                append_summary_row(processed, target.parent / SUMMARY_NAME)
+    if batch.archive is None:
+        _refuse_targets(files, out_dir, force=force)
+        results = _process(files, config_path, out_dir, batch, failures, force=force)
+    else:
+        results = [trial.processed for trial in batch.kept(files, named_config(config_path), failures, "processing")]
     rows = [summary_row(processed) for processed in results]
     shown = [{**row, "warnings": list(r.warnings), "rivals": plain(r.period.rivals if r.period else ())}
              for row, r in zip(rows, results, strict=True)]  # fmt: skip
@@ -58,6 +60,36 @@ def command(paths: tuple[Path, ...], config_path: Path | None, out_dir: Path | N
         text += f"\nwritten to {out_dir}: {len(results)} HDF5 files, {SUMMARY_NAME}"
     emit(shown, text, as_json=as_json)
     return failures.exit_code(is_trusted=all(is_trusted(processed) for processed in results))
+
+
+def _refuse_targets(files: Sequence[FoundFile], out_dir: Place | None, *, force: bool) -> None:
+    if out_dir is None:
+        return
+    targets = {result_path(file.place, out_dir) for file in files}
+    if len(targets) < len(files):
+        raise click.UsageError("two recordings have the same name; process them into different folders")
+    for target in targets:
+        refuse_unwritable(target, force=force, makes_folder=True)
+
+
+def _process(
+    files: Sequence[FoundFile], config_path: Path | None, out_dir: Place | None, batch: Batch, failures: Failures, *,
+    force: bool,
+) -> list[ProcessedTrial]:  # fmt: skip
+    """Process every file; what is finished stands in the summary also when the rest is broken off."""
+    from sawbench.archive.files import process_file
+    from sawbench.storage.results import append_summary_rows
+
+    work = partial(process_file, config=named_config(config_path), out_dir=out_dir, overwrite=force)
+    found: dict[int, ProcessedTrial] = {}
+    try:
+        for index, processed in batch.each([file.place for file in files], work, failures, "processing"):
+            found[index] = processed
+    finally:
+        results = [found[index] for index in sorted(found)]
+        if out_dir is not None:
+            append_summary_rows(results, out_dir / SUMMARY_NAME)
+    return results
 
 
 def is_trusted(processed: ProcessedTrial) -> bool:

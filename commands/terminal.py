@@ -16,27 +16,30 @@ from sawbench.plain import plain
 T = TypeVar("T")
 
 
-def progress(items: Sequence[T], description: str) -> Iterator[T]:
-    """Yield `items`, with a progress bar on standard error where that is a terminal.
+def progress(items: Iterable[T], description: str, total: int | None = None) -> Iterator[T]:
+    """Yield `items`, with a progress bar and the time left on standard error where that is a terminal.
 
     Parameters
     ----------
-    items : sequence
+    items : iterable
     description : str
+    total : int, optional
+        Number of items; needed where they have no length.
     """
+    total = len(items) if isinstance(items, Sequence) else total
     link = current_link()
     if link is not None:
         for number, item in enumerate(items):
-            link.progress(number, len(items), f"{description}: {number + 1} of {len(items)}")
+            link.progress(number, total or 0, f"{description}: {number + 1} of {total}")
             yield item
         return
-    if len(items) < 2 or not sys.stderr.isatty():
+    if (total is not None and total < 2) or not sys.stderr.isatty():
         yield from items
         return
     from rich.console import Console
     from rich.progress import track
 
-    yield from track(items, description=description, console=Console(stderr=True), transient=True)
+    yield from track(items, description=description, total=total, console=Console(stderr=True), transient=True)
 
 
 def emit(result: Any, text: str, *, as_json: bool) -> None:

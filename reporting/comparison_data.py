@@ -14,6 +14,7 @@ from sawbench.reporting.comparison_figures import mean_cycle
 from sawbench.reporting.html import software_version
 from sawbench.reporting.wear import cut_length_m
 from sawbench.storage.output import write_whole
+from sawbench.storage.places import Place
 
 if TYPE_CHECKING:
     import pandas
@@ -67,8 +68,8 @@ def comparison_table(rows: Sequence[ComparedTrial]) -> pandas.DataFrame:
 
 
 def write_comparison_hdf5(
-    path: str | Path, rows: Sequence[ComparedTrial], found: Comparison, *, overwrite: bool = False
-) -> Path:
+    path: str | Place, rows: Sequence[ComparedTrial], found: Comparison, *, overwrite: bool = False
+) -> Place:
     """Write the table and the folded cutting force of every series to HDF5; the same input gives the same bytes.
 
     Datasets are named as the columns of the table, and end in their unit.

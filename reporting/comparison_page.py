@@ -26,6 +26,7 @@ from sawbench.reporting.repetitions import Difference, Estimate, GroupMean
 from sawbench.reporting.trial_page import trial_facts
 from sawbench.reporting.wear import WornTrial, wear_picture
 from sawbench.storage.output import write_whole
+from sawbench.storage.places import Place
 
 FORMULA: Final = (
     "mean = Σ xᵢ / n\nu²   = max(s², mean(aᵢ²)) / n + mean(bᵢ)²\nh²   = t² · max(s², mean(aᵢ²)) / n + 1.96² · mean(bᵢ)²"
@@ -50,7 +51,7 @@ class Cell:
 
 
 def write_comparison_page(
-    path: str | Path,
+    path: str | Place,
     rows: Sequence[ComparedTrial],
     *,
     left_out: Sequence[LeftOut] = (),

@@ -13,8 +13,8 @@ from sawbench.bench.errors import InputError, RecordingError
 from sawbench.bench.recording import Trial
 from sawbench.storage.digest import sha256_of
 from sawbench.storage.json_lines import append_line
+from sawbench.storage.places import AMENDMENTS
 
-ENDING: Final = ".amendments.jsonl"
 # Setting -> words and unit.
 AMENDABLE: Final[Mapping[str, tuple[str, str]]] = {
     "material": ("material", ""),
@@ -72,7 +72,7 @@ class Amendment:
 
 def amendments_path(recording: Path) -> Path:
     """Return the file with the amendments of a recording: beside it, its name with `.amendments.jsonl` behind."""
-    return recording.with_name(recording.name + ENDING)
+    return recording.with_name(recording.name + AMENDMENTS)
 
 
 def read_amendments(recording: Path) -> list[Amendment]:

@@ -8,21 +8,33 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import overload
 
 from sawbench.bench.errors import InputError, RecordingError
+from sawbench.storage.places import Place, StoreFile, write_to_store
 
 # No mistake of whoever gave the name.
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
-def write_whole(path: str | Path, content: str | bytes, *, overwrite: bool = False, makes_folder: bool = False) -> Path:
+@overload
+def write_whole(
+    path: str | Path, content: str | bytes, *, overwrite: bool = False, makes_folder: bool = False
+) -> Path: ...
+@overload
+def write_whole(
+    path: str | Place, content: str | bytes, *, overwrite: bool = False, makes_folder: bool = False
+) -> Place: ...
+def write_whole(
+    path: str | Place, content: str | bytes, *, overwrite: bool = False, makes_folder: bool = False
+) -> Place:
     """Write a file whole or not at all.
 
     What cannot be replaced, such as `/dev/stdout`, is written to directly; a link stays, and its target is replaced.
 
     Parameters
     ----------
-    path : str or Path
+    path : str, Path or StoreFile
     content : str or bytes
         Text is written in UTF-8, its line ends as they are.
     overwrite : bool
@@ -31,7 +43,7 @@ def write_whole(path: str | Path, content: str | bytes, *, overwrite: bool = Fal
 
     Returns
     -------
-    Path
+    Path or StoreFile
 
     Raises
     ------
@@ -40,11 +52,13 @@ def write_whole(path: str | Path, content: str | bytes, *, overwrite: bool = Fal
     OSError
         If the disk is full.
     """
+    # A name of a file that is no UTF-8 may stand in a text.
+    data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
+    if isinstance(path, StoreFile):
+        return write_to_store(path, data, overwrite=overwrite)
     path = Path(path)
     if path.exists() and not overwrite:
         raise InputError("exists already", where=path, remedy="choose another name, or overwrite it with --force")
-    # A name of a file that is no UTF-8 may stand in a text.
-    data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
     try:
         if makes_folder:
             path.parent.mkdir(parents=True, exist_ok=True)

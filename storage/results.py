@@ -24,6 +24,7 @@ from sawbench.bench.processed import (
 from sawbench.bench.units import CHANNEL_BY_NAME, CHANNELS
 from sawbench.storage.codec import trial_from_metadata, trial_to_metadata
 from sawbench.storage.output import write_whole
+from sawbench.storage.places import Place, find_file, read_bytes
 
 _FORMAT: Final = "sawbench processed trial"
 _FORMAT_VERSION: Final = 1
@@ -38,7 +39,7 @@ _ANGLE_NUMBERS: Final = ("radius_m", "source", "is_absolute", "rod_length_m")
 Attributes = Mapping[str, Any]
 
 
-def write_processed(processed: ProcessedTrial, path: str | Path, overwrite: bool = False) -> Path:
+def write_processed(processed: ProcessedTrial, path: str | Place, overwrite: bool = False) -> Place:
     """Write a processed trial to HDF5.
 
     Every dataset carries its unit in the attribute `unit`; numbers that are no arrays are attributes whose
@@ -271,41 +272,44 @@ def summary_row(processed: ProcessedTrial) -> dict[str, str | float | int | None
     return row
 
 
-def append_summary_row(processed: ProcessedTrial, path: str | Path) -> Path:
-    """Add the line about a trial to a CSV table; a line with the same `source_path` is replaced.
+def append_summary_rows(trials: Iterable[ProcessedTrial], path: Place) -> Place:
+    """Add a line about each trial to a CSV table; a line with the same `source_path` is replaced.
 
     The table is written whole under another name and then renamed: a reader never sees half of it.
 
     Parameters
     ----------
-    processed : ProcessedTrial
-    path : str or Path
+    trials : iterable of ProcessedTrial
+    path : Path or StoreFile
         Made with its header if missing.
 
     Returns
     -------
-    Path
+    Path or StoreFile
 
     Raises
     ------
     InputError
         If the file has other columns: it is another table.
     """
-    path = Path(path)
-    row = {name: "" if value is None else str(value) for name, value in summary_row(processed).items()}
+    added = [
+        {name: "" if value is None else str(value) for name, value in summary_row(trial).items()} for trial in trials
+    ]
+    if not added:
+        return path
+    columns, replaced = list(added[0]), {row["source_path"] for row in added}
     rows: list[dict[str, str]] = []
-    if path.exists():
-        with path.open(newline="", encoding="utf-8") as stream:
-            reader = csv.DictReader(stream)
-            if list(reader.fieldnames or ()) != list(row):
-                raise InputError(
-                    "has other columns than the summary of `sawbench process`",
-                    where=path,
-                    remedy="move the file away or choose another folder with --out",
-                )
-            rows = [other for other in reader if other["source_path"] != row["source_path"]]
+    if find_file(path) is not None:
+        reader = csv.DictReader(io.StringIO(read_bytes(path).decode(), newline=""))
+        if list(reader.fieldnames or ()) != columns:
+            raise InputError(
+                "has other columns than the summary of `sawbench process`",
+                where=path,
+                remedy="move the file away or choose another folder with --out",
+            )
+        rows = [other for other in reader if other["source_path"] not in replaced]
     text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, fieldnames=list(row), lineterminator="\n")
+    writer = csv.DictWriter(text, fieldnames=columns, lineterminator="\n")
     writer.writeheader()
-    writer.writerows([*rows, row])
+    writer.writerows([*rows, *added])
     return write_whole(path, text.getvalue(), overwrite=True, makes_folder=True)

@@ -101,7 +101,7 @@ def score_set(
     InputError
         If the seal is broken or nobody has answered.
     """
-    from sawbench.commands.source_identity import software_identity
+    from sawbench.bench.source_identity import software_identity
 
     set_dir = Path(set_dir)
     sealed = verify(set_dir, key_path)

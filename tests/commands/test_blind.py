@@ -10,13 +10,13 @@ from collections import Counter
 import pytest
 import sawbench.commands.blind
 from sawbench.bench.config import load_config
+from sawbench.bench.source_identity import software_identity, source_fingerprint
 from sawbench.blindcheck.campaign import make_campaign
 from sawbench.blindcheck.drawing import draw_campaign
 from sawbench.blindcheck.effects.table import CATALOGUE, OUTSIDE
 from sawbench.blindcheck.sealing import draw_cases
 from sawbench.commands.blind_oracle import closable_share, make_twin, oracle_gaps
 from sawbench.commands.main import main
-from sawbench.commands.source_identity import software_identity, source_fingerprint
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 
 pytestmark = pytest.mark.pipeline

@@ -21,7 +21,7 @@ from sawbench.bench.processed import (
     RemovedForce,
 )
 from sawbench.bench.recording import Trial
-from sawbench.storage.results import append_summary_row, read_processed, summary_row, write_processed
+from sawbench.storage.results import append_summary_rows, read_processed, summary_row, write_processed
 
 pytestmark = pytest.mark.unit
 
@@ -171,9 +171,9 @@ def test_other_files_are_refused(tmp_path):
 
 def test_the_table_has_one_line_a_recording(tmp_path):
     path = tmp_path / "summary.csv"
-    append_summary_row(processed(), path)
-    append_summary_row(processed(source_path="recordings/T2.mcap", **EMPTY), path)
-    append_summary_row(processed(peak_force_n=300.0), path)
+    append_summary_rows([processed()], path)
+    append_summary_rows([processed(source_path="recordings/T2.mcap", **EMPTY)], path)
+    append_summary_rows([processed(peak_force_n=300.0)], path)
     with path.open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert [row["source_path"] for row in rows] == ["recordings/T2.mcap", "recordings/T1.mcap"]
@@ -192,5 +192,5 @@ def test_another_table_is_not_spoilt(tmp_path):
     path = tmp_path / "summary.csv"
     path.write_text("a,b\n1,2\n")
     with pytest.raises(InputError, match="other columns"):
-        append_summary_row(processed(), path)
+        append_summary_rows([processed()], path)
     assert path.read_text() == "a,b\n1,2\n"

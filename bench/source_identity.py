@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import subprocess
+from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,13 +22,30 @@ _JUDGING: Final = (
 )
 
 
-def source_fingerprint() -> str:
-    """Return SHA-256 over names and contents of every source file that decides a diagnosis, hexadecimal."""
+_ANALYSING: Final = ("bench", "storage", "processing", "modeling")
+
+
+def source_fingerprint(names: Iterable[str] = _JUDGING) -> str:
+    """Return SHA-256 over names and contents of source files, hexadecimal.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Folders and files, relative to the package; default: those that decide a diagnosis.
+    """
     total = hashlib.sha256()
-    for path in _sources():
+    for path in _sources(names):
         total.update(path.relative_to(ROOT).as_posix().encode() + b"\0")
         total.update(hashlib.sha256(path.read_bytes()).digest())
     return total.hexdigest()
+
+
+@cache
+def analysis_identity() -> str:
+    """Return version and hash of the sources that decide what is found in a recording, such as "0.1.0+9f86d081884c"."""
+    from importlib.metadata import version
+
+    return f"{version('sawbench')}+{source_fingerprint(_ANALYSING)[:12]}"
 
 
 def software_identity() -> dict[str, Any]:
@@ -49,9 +68,9 @@ def software_identity() -> dict[str, Any]:
     }
 
 
-def _sources() -> list[Path]:
+def _sources(names: Iterable[str]) -> list[Path]:
     found: list[Path] = []
-    for name in _JUDGING:
+    for name in names:
         place = ROOT / name
         inside = [place] if place.is_file() else sorted(place.rglob("*"))
         found += [p for p in inside if p.is_file() and "__pycache__" not in p.parts and p.suffix != ".part"]

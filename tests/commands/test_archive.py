@@ -1,0 +1,100 @@
+"""`process`, `fit`, `compare`, `catalogue` and `watch` over an archive."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import fsspec
+import pytest
+from sawbench.commands.main import main
+
+pytestmark = pytest.mark.pipeline
+
+SAMPLES = Path(__file__).parents[2] / "recordings"
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory):
+    """Two recordings of oak, one of nylon and one that is none, evaluated by two processes."""
+    folder = tmp_path_factory.mktemp("lab")
+    (folder / "in").mkdir()
+    for name in ("oak-01", "oak-02", "nylon-01"):
+        shutil.copy(SAMPLES / f"{name}.mcap", folder / "in")
+    (folder / "in" / "bad.mcap").write_bytes(b"no MCAP")
+    assert main(["process", str(folder / "in"), "--archive", str(folder / "archive"), "--jobs", "2"]) == 2
+    return folder
+
+
+def test_the_page_of_an_archive_is_that_of_its_recordings(lab, tmp_path, capsys):
+    assert main(["compare", str(lab / "in"), "--out", str(tmp_path / "direct.html")]) == 1
+    assert main(["compare", str(lab / "archive"), "--out", str(tmp_path / "kept.html")]) == 1
+    assert "bad.mcap: is no recording" in capsys.readouterr().out
+    for suffix in (".html", ".csv", ".h5"):
+        direct, kept = ((tmp_path / f"{name}{suffix}").read_bytes() for name in ("direct", "kept"))
+        assert direct == kept, suffix
+
+
+def test_a_second_run_does_nothing(lab, capsys):
+    assert main(["process", str(lab / "in"), "--archive", str(lab / "archive"), "--json"]) == 2
+    shown = capsys.readouterr()
+    assert "4 recordings: 0 evaluated now, 4 were in" in shown.err
+    assert [row["trial_id"] for row in json.loads(shown.out)] == ["nylon-01", "oak-01", "oak-02"]
+
+
+def test_fit_takes_its_results_from_the_archive(lab, capsys):
+    files = [str(lab / "in" / f"{name}.mcap") for name in ("oak-01", "oak-02")]
+    assert main(["fit", *files, "--json"]) == 0
+    direct = json.loads(capsys.readouterr().out)
+    assert main(["fit", *files, "--archive", str(lab / "archive"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == direct
+
+
+def test_the_catalogue_lists_and_filters(lab, capsys):
+    archive = str(lab / "archive")
+    assert main(["catalogue", archive]) == 0
+    shown = capsys.readouterr().out
+    assert "4 of 4 recordings" in shown
+    assert "bad.mcap: is no recording" in shown
+    assert main(["catalogue", archive, "--material", "oak", "--since", "2026-11-21", "--json"]) == 0
+    assert [row["trial_id"] for row in json.loads(capsys.readouterr().out)] == ["oak-01", "oak-02"]
+    assert main(["catalogue", archive, "--until", "2026-11-20", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == []
+    assert main(["catalogue", archive, "--quality", "failed", "--json"]) == 0
+    assert [row["error"][:15] for row in json.loads(capsys.readouterr().out)] == ["is no recording"]
+
+
+def test_what_is_no_archive_is_one_error(tmp_path, capsys):
+    assert main(["catalogue", str(tmp_path)]) == 2
+    assert "is no archive" in capsys.readouterr().err
+
+
+def test_an_object_store_is_read_and_written(tmp_path, capsys):
+    store = fsspec.filesystem("memory")
+    store.pipe_file("/lab/nylon-01.mcap", (SAMPLES / "nylon-01.mcap").read_bytes())
+    store.pipe_file("/lab/bad.mcap", b"no MCAP")
+    try:
+        assert main(["process", "memory://lab", "--out", "memory://out"]) == 2
+        assert "memory://lab/bad.mcap: is no recording" in capsys.readouterr().err.replace("memory:///", "memory://")
+        assert sorted(store.ls("/out", detail=False)) == ["/out/nylon-01.h5", "/out/summary.csv"]
+        assert main(["process", "memory://lab/nylon-01.mcap", "--out", "memory://out"]) == 2
+        assert "exists already" in capsys.readouterr().err
+        assert main(["compare", "memory://lab", "--archive", "memory://arc", "--out", "memory://pages/p.html"]) == 1
+        assert b"nylon" in store.cat_file("/pages/p.html")
+        assert main(["catalogue", "memory://arc"]) == 0
+        assert "2 of 2 recordings" in capsys.readouterr().out
+        assert main(["process", "memory://nowhere"]) == 2
+        assert "holds no .mcap file" in capsys.readouterr().err
+    finally:
+        store.store.clear()
+
+
+def test_watch_once_processes_and_writes_the_page(lab, tmp_path):
+    call = ["watch", str(lab / "in"), "--archive", str(lab / "archive"), "--once", "--out", str(tmp_path / "page.html")]
+    shutil.copy(SAMPLES / "none-01.mcap", lab / "in")
+    assert main(call) == 0
+    assert "none-01" in (tmp_path / "page.html").read_text()
+    (lab / "in" / "none-01.mcap").unlink()
+    assert main(call) == 2
+    assert main(["watch", str(lab / "in")]) == 2
