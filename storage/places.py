@@ -216,8 +216,11 @@ def write_to_store(place: StoreFile, content: bytes, *, overwrite: bool) -> Stor
     with _store(place) as (store, path):
         if not overwrite and store.exists(path):
             raise InputError("exists already", where=place, remedy="choose another name, or overwrite it with --force")
-        store.makedirs(path.rpartition("/")[0], exist_ok=True)
-        store.pipe_file(path, content)
+        try:
+            store.pipe_file(path, content)
+        except FileNotFoundError:  # some stores have folders, and all have buckets, that must be there first
+            store.makedirs(path.rpartition("/")[0], exist_ok=True)
+            store.pipe_file(path, content)
     return place
 
 
