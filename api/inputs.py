@@ -26,7 +26,7 @@ def shipped_config() -> Path:
 
 
 @overload
-def find_recordings(paths: Iterable[Path]) -> list[Path]: ...
+def find_recordings(paths: Iterable[Path]) -> list[Path]: ...  # pyright: ignore[reportOverlappingOverload]
 @overload
 def find_recordings(paths: Iterable[Place]) -> list[Place]: ...
 def find_recordings(paths: Iterable[Place]) -> Sequence[Place]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 
 class SawbenchError(Exception):
     """Base of every error that is meant for the user.
@@ -13,14 +11,14 @@ class SawbenchError(Exception):
     what : str
         What failed, with what was got and its unit.
     where : str or Path, optional
-        File, device, channel or time the failure belongs to.
+        Anything whose text names it: file, place in a store, device, channel or time the failure belongs to.
     remedy : str, optional
         What to do next, one sentence.
     """
 
     exit_code = 1
 
-    def __init__(self, what: str, *, where: str | Path | None = None, remedy: str | None = None) -> None:
+    def __init__(self, what: str, *, where: object = None, remedy: str | None = None) -> None:
         self.what = what
         self.where = None if where is None else str(where)
         self.remedy = remedy

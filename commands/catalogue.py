@@ -42,7 +42,7 @@ def command(
     """List the recordings of an archive, with what was found in them; make one with `process --archive DIR`."""
     from sawbench.archive.table import ResultTable
 
-    found = ResultTable(directory).read(_SHOWN)
+    found: Any = ResultTable(directory).read(_SHOWN)
     n_all = len(found)
     for name, value in wanted.items():
         if value is not None:

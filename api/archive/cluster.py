@@ -85,7 +85,7 @@ def _finished(
         return list(begun)
 
     first = submit(n_ahead)
-    running = as_completed(first, loop=client.loop) if first else ()
+    running: Any = as_completed(first, loop=client.loop) if first else ()
     for future in running:
         for following in submit(1):
             running.add(following)

@@ -160,7 +160,7 @@ class ResultTable:
 
         names = [name for name in dict.fromkeys((*_KEY, *columns)) if name not in PARTITIONS]
         try:
-            table = pq.read_table(pa.BufferReader(read_bytes(file)), columns=names, partitioning=None)
+            table = pq.ParquetFile(pa.BufferReader(read_bytes(file))).read(columns=names)
         except (OSError, pa.ArrowException) as error:
             raise InputError(
                 f"is damaged: {error}", where=file, remedy="delete it and run the batch again: it does what is missing"
