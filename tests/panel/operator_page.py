@@ -40,7 +40,7 @@ class OperatorPage(Browser):
         until_s = time.monotonic() + seconds
         while time.monotonic() < until_s:
             with contextlib.suppress(AssertionError):
-                if self.run(condition):
+                if self.run(f"Boolean({condition})"):
                     return
             time.sleep(0.1)
         raise TimeoutError(f"{condition}\n{self.run('document.body.innerText')}")
