@@ -109,7 +109,7 @@ def _cutting_force(v_tip, x_tip, gain, p):
         travelled = x_tip / (2.0 * p.radius)
         if p.cut_direction < 0.0:
             travelled = 1.0 - travelled
-        force *= 0.5 * (1.0 + tanh((travelled - p.delay_share) / 0.012))
+        force *= 0.5 * (1.0 + tanh(10.0 * (travelled / p.delay_share - 1.0)))
     return force
 
 

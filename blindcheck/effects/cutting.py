@@ -93,8 +93,8 @@ def grain_variation(severity: float, setting: Setting) -> Change:
 def engagement_delay(severity: float, setting: Setting) -> Change:
     """Cut nothing in the first part of the cutting stroke.
 
-    Factor (1 + tanh((x / stroke - f) / 0.012)) / 2, smooth because the teeth do not all arrive at once; f =
-    0.12 of the stroke.
+    Factor (1 + tanh(10 (x / (stroke f) - 1))) / 2, smooth because the teeth do not all arrive at once; f = 0.12 of
+    the stroke. The blur is a share of f: a little of the effect moves little of the force.
     """
     del setting
     return Change(plant={"delay_share": min(0.12 * severity, 0.6)})

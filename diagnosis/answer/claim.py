@@ -3,7 +3,9 @@
 Evidence alone finds the best name for whatever is in the data, a sensor's wandering zero too. What predicts no
 withheld data has no evidence. So the magnitude of every effect of a declared cause differs from zero in its own 95 %
 interval, the cause closes the withheld gap, and each of several effects predicts it better than the others do without
-it. Where the single strokes carry an effect, mean strokes hold little of what it closes: the report says so instead.
+it, by a tenth of what these leave at least: where a hundredth is added and the rest stays unexplained, what explains
+the rest may well explain the hundredth. Where the single strokes carry an effect, mean strokes hold little of what it
+closes: the report says so instead.
 """
 
 from __future__ import annotations
@@ -19,9 +21,11 @@ from sawbench.diagnosis.inference.evidence import Column, Explanation
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.posterior import Posterior
-from sawbench.diagnosis.inference.settings import Z95
+from sawbench.diagnosis.inference.settings import SETTINGS, Z95
 from sawbench.diagnosis.inference.size import sized
 from sawbench.diagnosis.inference.weighing import weigh
+from sawbench.modeling.effects.effect import Effect
+from sawbench.modeling.effects.strokes import ZeroTrend
 
 # Of the typical size: so little of an effect that its number is the one that stands where there is none.
 _NONE, _HARDLY = 0.0, 1e-6
@@ -64,10 +68,16 @@ def sized_members(
     )  # fmt: skip
 
 
-def carried_by_strokes(posterior: Posterior, hypothesis: Hypothesis) -> list[str]:
+def carried_by_strokes(problem: LinearProblem, posterior: Posterior, hypothesis: Hypothesis) -> list[str]:
     """Effects of a hypothesis that the single strokes show."""
-    said = posterior.strokes
-    return [name for name in hypothesis.effects if name in said and said[name].beside_cutting > 0.0]
+    said, wander = posterior.strokes, problem.wander
+
+    def is_shown(effect: Effect) -> bool:
+        if isinstance(effect.strokes, ZeroTrend):
+            return wander is not None and wander.is_drifting
+        return effect.name in said and said[effect.name].beside_cutting > 0.0
+
+    return [member.effect.name for member in hypothesis.members if is_shown(member.effect)]
 
 
 def is_there(member: Explanation) -> bool:
@@ -88,14 +98,15 @@ def _failing(
 ) -> str | None:
     """Effect of the likeliest hypothesis that must not be declared, the one that adds least; None where all may."""
     best = posterior.best
-    carried = carried_by_strokes(posterior, best)
+    carried = carried_by_strokes(problem, posterior, best)
     in_means = tuple(name for name in best.effects if name not in carried)
     closes = bool(in_means) and _closes(predictions.of(_found(posterior, in_means)).ladder)
     failing: dict[str, float] = {}
     for member in sized_members(problem, columns, posterior, best):
         name = member.effect.name
-        added = _added(posterior, predictions, best, name)
-        predicts = name in carried or (closes and (len(best.effects) == 1 or _is_sure(added)))
+        added, left = _added(posterior, predictions, best, name)
+        is_worth = _is_sure(added) and added.sum() > SETTINGS.ladder.least_added * left
+        predicts = name in carried or (closes and (len(best.effects) == 1 or is_worth))
         if not (predicts and is_there(member)):
             failing[name] = float(added.sum())
     return min(failing, key=lambda name: failing[name], default=None)
@@ -114,14 +125,20 @@ def _closes(ladder: Ladder) -> bool:
     return ladder.gap_closed > 0.0 and (ladder.gap_closed_ci95[0] > 0.0 or closes_everywhere)
 
 
-def _added(posterior: Posterior, predictions: Predictions, hypothesis: Hypothesis, name: str) -> Floats:
-    """Log probability of each withheld group that an effect adds to what the others of the hypothesis predict."""
+def _added(
+    posterior: Posterior, predictions: Predictions, hypothesis: Hypothesis, name: str
+) -> tuple[Floats, float]:  # fmt: skip
+    """What an effect adds to what the others of the hypothesis predict, and what these leave to be added.
+
+    Log probability of each withheld group, and the sum of what the others leave above the noise.
+    """
     whole = predictions.of(hypothesis).ladder
     without = whole.energy["retuned"]
     if len(hypothesis.effects) > 1:
         fewer = _found(posterior, hypothesis.without(name))
         without = predictions.of(fewer, by_trial=whole.held_out == "trials").ladder.energy["with_effect"]
-    return 0.5 * (without - whole.energy["with_effect"])
+    left = float(np.sum(without - whole.energy["noise_floor"]))
+    return 0.5 * (without - whole.energy["with_effect"]), 0.5 * left
 
 
 def _is_sure(added: Floats) -> bool:

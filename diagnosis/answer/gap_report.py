@@ -180,7 +180,7 @@ def _cause(
         "parameters": magnitudes(problem, sized_members(problem, columns, posterior, hypothesis)),
         "gap_closed": ladder.gap_closed,
         "gap_closed_ci95": list(ladder.gap_closed_ci95),
-        "carried_by_strokes": carried_by_strokes(posterior, hypothesis),
+        "carried_by_strokes": carried_by_strokes(problem, posterior, hypothesis),
     }
 
 

@@ -144,13 +144,14 @@ class HoldOut:
         whole = self._products(np.ones(len(data), dtype=bool), forms, columns[0].shape[1])
         residuals = {name: np.array(data) for name in RUNGS}
         residuals["noise_floor"] = self._noise
+        energy = {name: np.zeros(len(self.groups)) for name in RUNGS}
         fits = {}
-        for group in self.groups:
+        for k, group in enumerate(self.groups):
             fit = self._fit(group, forms, whole)
             fits[group] = fit
             held = self.rows[group]
             chosen = columns[fit.alternative][held]
-            own = self.base[held][:, self.is_own]
+            own = self.base[held][:, self.is_own] @ self._unknown_still(held)
             with_effect = self.base[held] @ fit.nuisances + chosen @ fit.amplitudes
             for name, known in (
                 ("nominal", 0.0),
@@ -158,9 +159,12 @@ class HoldOut:
                 ("with_effect", with_effect),
             ):
                 rest = data[held] - known
-                # The hardness of a workpiece cannot be predicted: it is fitted to the withheld trials, for all rungs.
-                residuals[name][held] = rest - own @ _ridge(own, rest)
-        energy = {n: np.array([float(np.sum(r[self.rows[g]] ** 2)) for g in self.groups]) for n, r in residuals.items()}
+                # The hardness of a workpiece cannot be predicted: it is fitted to the withheld trials, for all rungs,
+                # at the price that the others say it has: the energy is that of the whole prediction.
+                fitted = _ridge(own, rest)
+                residuals[name][held] = rest - own @ fitted
+                energy[name][k] = float(np.sum(residuals[name][held] ** 2) + fitted @ fitted)
+            energy["noise_floor"][k] = float(np.sum(self._noise[held] ** 2))
         closed, interval = closed_share(energy)
         return Ladder(
             whitened=Rungs(**{name: float(np.sqrt(values.sum() / len(data))) for name, values in energy.items()}),
@@ -171,6 +175,12 @@ class HoldOut:
             held_out=self.held_out,
             energy=energy,
         )
+
+    def _unknown_still(self, held: np.ndarray) -> Floats:
+        """Root of the covariance that the kept trials leave to what is a trial's own, in units of its prior."""
+        kept = self.base[~held] if self.held_out != "nothing" else self.base
+        covariance = np.linalg.inv(np.eye(self.base.shape[1]) + kept.T @ kept)
+        return np.linalg.cholesky(covariance[np.ix_(self.is_own, self.is_own)])
 
     def _products(self, rows: np.ndarray, forms: Floats, width: int) -> tuple[Floats, Floats, Floats, Floats]:
         """Inner products over some trials: of nuisances with forms, of each form, and of both with the data."""

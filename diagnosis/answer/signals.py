@@ -8,13 +8,12 @@ from typing import Any, Final
 import numpy as np
 from sawbench.bench.units import CHANNEL_BY_NAME, FORCE
 from sawbench.diagnosis.campaign import Campaign
-from sawbench.diagnosis.inference.off_stroke import OffStroke, fixed_lines
+from sawbench.diagnosis.inference.off_stroke import OffStroke, fixed_lines, is_mains
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.strikes import foreign_bursts
 from sawbench.diagnosis.inference.zero_wander import ZeroWander
 from sawbench.diagnosis.signal_health import ChannelHealth
 
-_MAINS_HZ, _HIGHEST_MULTIPLE = (50.0, 60.0), 7
 _LEAST: Final = SETTINGS.report.least_fault
 
 Entry = dict[str, Any]
@@ -56,19 +55,12 @@ def _lines(trials: Sequence[OffStroke], health: dict[str, list[ChannelHealth]]) 
         if line.amplitude < noise:
             continue
         unit, place = CHANNEL_BY_NAME[line.channel].unit, f"{line.amplitude:.2g} {{}} at {line.frequency_hz:.1f} Hz"
-        if _is_mains(line.frequency_hz):
+        if is_mains(line.frequency_hz):
             words = f"hum of {place.format(unit)}: pickup from the mains; check shield and ground of the cable"
             yield _entry(line.channel, "hum", line.amplitude, unit, words, line.frequency_hz)
         else:
             words = f"line of {place.format(unit)} in this channel alone, whatever the stroke rate: look for its source"
             yield _entry(line.channel, "line", line.amplitude, unit, words, line.frequency_hz)
-
-
-def _is_mains(frequency_hz: float) -> bool:
-    multiples = [(frequency_hz / mains_hz, round(frequency_hz / mains_hz)) for mains_hz in _MAINS_HZ]
-    return any(
-        1 <= n <= _HIGHEST_MULTIPLE and abs(of / n - 1.0) < SETTINGS.report.mains_tolerance for of, n in multiples
-    )
 
 
 def _bursts(trials: Sequence[OffStroke]) -> Iterator[Entry]:

@@ -69,6 +69,8 @@ class Ladder:
         Forms of a cause that are solved with these bounds.
     most_autocorrelation : float
         Of neighbouring units of a trial, as far as it raises the noise of their mean.
+    least_added : float
+        Of what the other effects of a cause leave above the noise: a further one that takes away less is not named.
     """
 
     least_rest: float = marked(0.02, "convention", "a closed gap is stated to 2 %")
@@ -81,6 +83,7 @@ class Ladder:
     )
     solved_forms: int = marked(3, "convention", "time: each costs a bounded least-squares problem")
     most_autocorrelation: float = marked(0.9, "convention", "keeps the noise finite: a factor of 4.4")
+    least_added: float = marked(0.1, "convention", "one direction of ten smooth ones takes up as much by chance")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

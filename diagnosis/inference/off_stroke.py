@@ -34,6 +34,7 @@ _MOST_EMPTY = 0.02
 # Bins of a spectrum: of its floor, of a line, and beside a line.
 _FLOOR_BINS, _LINE_BINS, _FOOT_BINS = 40, 3, (5, 8)
 _PEAKS = 4
+_MAINS_HZ, _HIGHEST_MULTIPLE = (50.0, 60.0), 7
 _NUMBERS: Final = SETTINGS.off_stroke
 # They follow from each other, and are read by different sensors.
 _ELECTRICAL = (MOTOR_CURRENT.name, BATTERY_VOLTAGE.name, BATTERY_CURRENT.name)
@@ -342,9 +343,13 @@ def _is_not_the_wood(line: Sequence[tuple[OffStroke, Peak]], lock: Lock) -> bool
 
 
 def _is_no_pickup(group: Sequence[OffStroke], lock: Lock, name: str, line: Sequence[tuple[OffStroke, Peak]]) -> bool:
-    """A fixed frequency is hum of a sensor unless two currents or voltages show it; what follows the stroke is not."""
+    """A fixed frequency is hum of a sensor unless two currents or voltages show it; what follows the stroke is not.
+
+    Where all trials run at nearly one speed, a fixed frequency stands at nearly one order of the stroke as well: what
+    stands at the mains' then is their hum.
+    """
     if lock == "stroke":
-        return True
+        return not is_mains(float(np.median([peak.place * trial.rate_hz for trial, peak in line])))
     middle = max((p for _, p in line), key=lambda p: p.power)
     channels = {n for t in group for _, n in t.peaks}
     seen = [n for n in channels if len(_at(group, lock, n, middle)) >= _enough(group, lock, middle)]
@@ -425,3 +430,17 @@ def _keeps_its_frequency(line: Sequence[tuple[OffStroke, Peak]]) -> bool:
     places = np.array([p.place for _, p in line])
     orders = places / np.array([t.rate_hz for t, _ in line])
     return bool(places.std() / places.mean() < orders.std() / orders.mean())
+
+
+def is_mains(frequency_hz: float) -> bool:
+    """Whether a frequency is that of the mains or a multiple.
+
+    Examples
+    --------
+    >>> is_mains(150.1), is_mains(57.0)
+    (True, False)
+    """
+    multiples = [(frequency_hz / mains_hz, round(frequency_hz / mains_hz)) for mains_hz in _MAINS_HZ]
+    return any(
+        1 <= n <= _HIGHEST_MULTIPLE and abs(of / n - 1.0) < SETTINGS.report.mains_tolerance for of, n in multiples
+    )

@@ -85,9 +85,12 @@ def mixed(
     scaled = with_noise(problem, variance)
     stacked = stacked_with_noise(problem, [c.columns for c in columns], variance)
     signs = np.array([_direction(c) for c in columns])
-    size, known = _sum_of_weights(Marginal(scaled, extra=stacked_with_noise(problem, fixed, variance)), stacked, signs)
+    most = problem.settings.forms.most_std
+    size, known = _sum_of_weights(
+        Marginal(scaled, extra=stacked_with_noise(problem, fixed, variance)), stacked, signs, most_std=most
+    )
     _, std = _sum_of_weights(
-        Marginal(scaled, extra=stacked_with_noise(problem, [*fixed, *others], variance)), stacked, signs
+        Marginal(scaled, extra=stacked_with_noise(problem, [*fixed, *others], variance)), stacked, signs, most_std=most
     )
     return replace(member, mixture=(size, std)) if np.isfinite(known + std) else member
 
@@ -161,10 +164,12 @@ def together(problem: LinearProblem, members: Sequence[Explanation], *, dispersi
     return found
 
 
-def _sum_of_weights(marginal: Marginal, columns: Floats, signs: Floats) -> tuple[float, float]:
+def _sum_of_weights(marginal: Marginal, columns: Floats, signs: Floats, *, most_std: float) -> tuple[float, float]:
     """Sum of the non-negative weights of columns, shape (n, q), times signs, and its standard deviation.
 
-    Only weights above zero are uncertain; without any the sum is 0, known not at all.
+    Only weights above zero are uncertain; without any the sum is 0, known not at all. How much of the effect is there
+    is what the mixture as it stands says; how the weights are shared among its forms adds `most_std` of the size at
+    most: forms that look alike but state different numbers make a size uncertain, never doubtful.
     """
     from scipy.optimize import nnls
 
@@ -181,6 +186,9 @@ def _sum_of_weights(marginal: Marginal, columns: Floats, signs: Floats) -> tuple
     kept = weights > 0.0
     if not kept.any():
         return 0.0, np.inf
-    each = (signs / scale)[kept]
-    covariance = np.linalg.inv(correlation[np.ix_(kept, kept)])
-    return float(np.sum(signs / scale * weights)), float(np.sqrt(each @ covariance @ each))
+    each, found = (signs / scale)[kept], weights[kept]
+    correlation = correlation[np.ix_(kept, kept)]
+    size, variance = float(each @ found), float(each @ np.linalg.inv(correlation) @ each)
+    of_whole = size**2 / float(found @ correlation @ found)
+    of_forms = min(max(variance - of_whole, 0.0), (most_std * size) ** 2)
+    return size, float(np.sqrt(of_whole + of_forms))

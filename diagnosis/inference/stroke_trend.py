@@ -8,7 +8,7 @@ the effect's own, and it needs hardly any tempering, which the features of all c
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -21,11 +21,12 @@ from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.effects.strokes import StrokeTrend
 from sawbench.modeling.state import State
 
-# Size of a block's scatter as a multiple of what trials show about their trend, memory from block to block, and scatter
-# from piece to piece: all are averaged over.
-_SCATTERS = (0.8, 1.0, 1.25, 1.6)
+# Size of a block's scatter in standard errors of its logarithm from what trials show, but in steps of a quarter at
+# least; memory from block to block, and scatter from piece to piece: all are averaged over.
+_SCATTERS = (-1.0, 0.0, 1.0, 2.0)
+_LEAST_STEP = 0.25
 _MEMORIES = (0.0, 0.3, 0.6, 0.85)
-_PIECES = (0.012, 0.025, 0.045, 0.07)
+_PIECES = (0.012, 0.025, 0.05, 0.1, 0.2)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -35,7 +36,8 @@ class Blocks:
     Attributes
     ----------
     log_k, distance_m, log_speed, log_feed : ndarray, shape (n,)
-        Speed and feed over their means.
+        Speed and feed over their means. The speed is that of the operating point: a hard piece slows its own strokes,
+        and a trial's own speed would be taken for the cause.
     trial, stock : ndarray of int, shape (n,)
     """
 
@@ -67,6 +69,7 @@ def blocks_of(
     """
     running = {s.setting.label: s for s in states if s.kind == "running" and not s.setting.is_idle}
     stocks = {name: k for k, name in enumerate(dict.fromkeys(s.setting.stock for s in running.values()))}
+    speeds = _speeds(running.values())
     trials: list[Floats] = []
     block = SETTINGS.strokes.block
     for series in strokes:
@@ -79,11 +82,10 @@ def blocks_of(
         if not np.all(hardness > 0.0):
             continue
         at_s = series.time_s[cut].reshape(n, block).mean(axis=1)
-        known_s = state.time_s[:, 0]
-        distance = np.interp(at_s, known_s, state.cut_distance_m[:, 0])
-        speed = np.interp(at_s, known_s, state.speed_rad_s.mean(axis=1))
-        same = [np.full(n, v) for v in (np.log(series.feed_m_s), len(trials), stocks[state.setting.stock])]
-        trials.append(np.column_stack([np.log(hardness), distance, np.log(speed), *same]))
+        distance = np.interp(at_s, state.time_s[:, 0], state.cut_distance_m[:, 0])
+        setting = state.setting
+        of_trial = (speeds[setting.operating_point], np.log(series.feed_m_s), len(trials), stocks[setting.stock])
+        trials.append(np.column_stack([np.log(hardness), distance, *(np.full(n, v) for v in of_trial)]))
     if len(trials) < SETTINGS.noise.least_trials:
         return None
     log_k, distance, log_speed, log_feed, trial, stock = np.vstack(trials).T
@@ -100,6 +102,14 @@ def blocks_of(
         trial=trial.astype(int),
         stock=stock.astype(int),
     )
+
+
+def _speeds(running: Iterable[State]) -> dict[str, float]:
+    """Logarithm of the crank speed by operating point, mean of its trials."""
+    found: dict[str, list[float]] = {}
+    for state in running:
+        found.setdefault(state.setting.operating_point, []).append(float(np.log(state.speed_rad_s.mean())))
+    return {point: float(np.mean(logs)) for point, logs in found.items()}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -198,24 +208,28 @@ def _log_likelihoods(blocks: Blocks, means: Floats, *, speed_std: float, feed_st
     free += feed_std**2 * np.outer(blocks.log_feed, blocks.log_feed)
     place = np.arange(len(blocks.trial))
     lag = np.abs(place[:, None] - place)
-    variance = _scatter_within(blocks)
+    variance, degrees = _scatter_within(blocks)
+    step = max(_LEAST_STEP, 1.0 / np.sqrt(2.0 * degrees))
     rest = (blocks.log_k - means).T
     found = []
     for scatter, memory, piece in product(_SCATTERS, _MEMORIES, _PIECES):
-        within = np.where(same_trial, memory**lag, 0.0) * variance * scatter**2
+        within = np.where(same_trial, memory**lag, 0.0) * variance * np.exp(2.0 * scatter * step)
         root = np.linalg.cholesky(free + piece**2 * same_trial + within)
         half = solve_triangular(root, rest, lower=True)
         found.append(-0.5 * np.sum(half**2, axis=0) - np.sum(np.log(np.diag(root))))
     return log_mean_exp_rows(np.array(found).T)
 
 
-def _scatter_within(blocks: Blocks) -> float:
-    """Variance of the blocks about the line through those of their trial."""
+def _scatter_within(blocks: Blocks) -> tuple[float, int]:
+    """Variance of the blocks about the line through those of their trial, and its degrees of freedom.
+
+    Two blocks are about their mean: a trend within the trial counts as scatter then, which is on the safe side.
+    """
     squares, degrees = 0.0, 0
     for trial in range(int(blocks.trial.max()) + 1):
         values = blocks.log_k[blocks.trial == trial]
         count = np.arange(len(values))
-        if len(values) > 2:
-            squares += float(np.sum((values - np.polyval(np.polyfit(count, values, 1), count)) ** 2))
-            degrees += len(values) - 2
-    return max(squares / max(degrees, 1), 1e-6)
+        order = min(len(values) - 2, 1)
+        squares += float(np.sum((values - np.polyval(np.polyfit(count, values, order), count)) ** 2))
+        degrees += len(values) - 1 - order
+    return max(squares / degrees, 1e-6), degrees

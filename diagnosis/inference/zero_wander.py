@@ -7,11 +7,14 @@ beyond. The blade cuts one way only, so the middle of the return stroke reads th
     zero(t) = b . columns + a g(t) + u(trial) + w(t) + white,    dw = -w/tau dt + sqrt(q) dB
 
 with u of standard deviation s. The density q and the white noise come from what the zeros of one trial differ by (a
-restricted likelihood: the trial's mean is taken out), tau and s from all trials together. A lasting trend a g(t), in
-each form that the catalogue knows or none, competes with them, so that a true drift is not taken for wander. The
-density and the variance of restarts are posterior means over grids that are even in the logarithm, no size being
+restricted likelihood: the trial's straight line is taken out), tau and s from all trials together. A lasting trend
+a g(t), in each form that the catalogue knows or none, competes with them, so that a true drift is not taken for wander.
+The density and the variance of restarts are posterior means over grids that are even in the logarithm, no size being
 preferred, with the most likely tau. The grids reach from a hundredth of what a load cell resolves to what would be
 called broken. 1/f noise is approximated by the sum of walk, restarts and white noise.
+
+Such a wander interpolates the zero of a withheld trial as well as a drift does. What tells them apart is the future:
+the zero drifts where a lasting trend predicts stretches of the session from those before better than the wander does.
 """
 
 from __future__ import annotations
@@ -35,6 +38,10 @@ _DRIFT_S = 1000.0
 _WARM_UPS_S = (100.0, 400.0)
 # A trend is one effect of some thirty, in one of four forms.
 _LOG_PRIOR_TREND = -float(np.log(30.0 * 4.0))
+
+
+# Of a session, of the same number of trials each.
+_STRETCHES = 4
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -70,6 +77,8 @@ class ZeroWander:
         Time in which the walk forgets.
     restart_n : float
         Standard deviation from restart to restart.
+    is_drifting : bool
+        Whether a lasting trend says of the zeros of later trials what the wander alone does not.
     """
 
     density_n2_s: float
@@ -77,6 +86,7 @@ class ZeroWander:
     white_n: float
     memory_s: float
     restart_n: float
+    is_drifting: bool = False
 
     def covariance(self, at_s: Floats, trial: np.ndarray) -> Floats:
         """Of the zero at some times of some trials, N^2, shape (n, n).
@@ -144,22 +154,26 @@ def zero_wander(trials: Sequence[ZeroReadings]) -> ZeroWander | None:
     if len(long) < SETTINGS.noise.least_trials:
         return None
     density, density_std, white = _within(long)
-    memory_s, restart_n = _between(trials, density, white)
+    means = _Means.of(trials, density, white)
+    memory_s, restart_n = _between(means)
     return ZeroWander(
-        density_n2_s=density, density_std_n2_s=density_std, white_n=white, memory_s=memory_s, restart_n=restart_n
-    )
+        density_n2_s=density, density_std_n2_s=density_std, white_n=white, memory_s=memory_s, restart_n=restart_n,
+        is_drifting=_is_drifting(means, memory_s, restart_n),
+    )  # fmt: skip
 
 
 def _within(trials: Sequence[ZeroReadings]) -> tuple[float, float, float]:
-    """Density of the walk and its uncertainty, and the white noise, from contrasts within trials."""
+    """Density of the walk and its uncertainty, and the white noise, from contrasts within trials, free of any line."""
     grows, squares = [], []
     for trial in trials:
         n = len(trial.at_s)
-        contrasts = np.eye(n) - 1.0 / n
         times_s = trial.at_s - trial.at_s[0]
+        # Whatever line the trial has is taken out, the mean and a lasting drift: what is left is independent of it.
+        line, _ = np.linalg.qr(np.column_stack([np.ones(n), times_s]))
+        contrasts = np.eye(n) - line @ line.T
         values, vectors = np.linalg.eigh(contrasts @ np.minimum(times_s[:, None], times_s) @ contrasts)
-        grows.append(values[1:])  # the first is that of the mean, which is taken out
-        squares.append((vectors[:, 1:].T @ trial.zero_n) ** 2)
+        grows.append(values[2:])
+        squares.append((vectors[:, 2:].T @ trial.zero_n) ** 2)
     grown_s, square = np.concatenate(grows), np.concatenate(squares)
     usual_s = float(np.median([np.ptp(t.at_s) for t in trials]))
 
@@ -184,28 +198,68 @@ def _around(grid: Floats, weight: Floats) -> Floats:
     return np.geomspace(grid[max(seen[0] - 1, 0)], grid[min(seen[-1] + 1, len(grid) - 1)], len(grid))
 
 
-def _between(trials: Sequence[ZeroReadings], density: float, white: float) -> tuple[float, float]:
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Means:
+    """Mean zeros of the trials, in the order of the session; `known` is their covariance without walk and restarts."""
+
+    at_s: Floats
+    zero_n: Floats
+    known: Floats
+    density_n2_s: float
+
+    @classmethod
+    def of(cls, trials: Sequence[ZeroReadings], density: float, white: float) -> _Means:
+        ordered = sorted(trials, key=lambda t: float(t.at_s.mean()))
+        not_zero = np.array([t.not_zero for t in ordered])
+        columns = SETTINGS.sensors.zero_std_n * np.column_stack([np.ones(len(ordered)), not_zero])
+        # A mean over a walk is off its middle by that much.
+        walked = density * np.array([float(np.ptp(t.at_s)) for t in ordered]) / 12.0
+        read = white**2 / np.array([len(t.at_s) for t in ordered])
+        return cls(
+            at_s=np.array([float(t.at_s.mean()) for t in ordered]),
+            zero_n=np.array([float(t.zero_n.mean()) for t in ordered]),
+            known=columns @ columns.T + np.diag(read + walked),
+            density_n2_s=density,
+        )
+
+    def covariance(self, memory_s: float, restart_n: float) -> Floats:
+        """Shape (n_trials, n_trials), N^2."""
+        apart_s = np.abs(self.at_s[:, None] - self.at_s)
+        walked = 0.5 * self.density_n2_s * memory_s * np.exp(-apart_s / memory_s)
+        return self.known + walked + restart_n**2 * np.eye(len(self.at_s))
+
+
+def _between(means: _Means) -> tuple[float, float]:
     """Most likely memory, and scatter of restarts: from the trials' mean zeros, whatever lasting trend there is."""
-    at_s = np.array([float(t.at_s.mean()) for t in trials])
-    zero_n = np.array([float(t.zero_n.mean()) for t in trials])
-    length_s = np.array([float(np.ptp(t.at_s)) for t in trials])
-    not_zero = np.array([t.not_zero for t in trials])
-    columns = SETTINGS.sensors.zero_std_n * np.column_stack([np.ones(len(trials)), not_zero])
-    known = columns @ columns.T + np.diag(white**2 / np.array([len(t.at_s) for t in trials]))
-    # A mean over a walk is off its middle by that much.
-    known += np.diag(density * length_s / 12.0)
-    trends = _trends(at_s)
-    apart_s = np.abs(at_s[:, None] - at_s)
+    trends = _trends(means.at_s)
     logs = np.empty((len(_MEMORIES_S), len(_RESTARTS_N)))
     for k, memory_s in enumerate(_MEMORIES_S):
-        walked = known + 0.5 * density * memory_s * np.exp(-apart_s / memory_s)
         for j, restart_n in enumerate(_RESTARTS_N):
-            covariance = walked + restart_n**2 * np.eye(len(trials))
-            with_trend = [_LOG_PRIOR_TREND + _log_likelihood(covariance, g, zero_n) for g in trends]
-            logs[k, j] = np.logaddexp.reduce([_log_likelihood(covariance, np.zeros(len(trials)), zero_n), *with_trend])
+            covariance = means.covariance(memory_s, restart_n)
+            with_trend = [_LOG_PRIOR_TREND + _log_likelihood(covariance, g, means.zero_n) for g in trends]
+            none = _log_likelihood(covariance, np.zeros(len(means.at_s)), means.zero_n)
+            logs[k, j] = np.logaddexp.reduce([none, *with_trend])
     weights = np.exp(logs - logs.max())
     k = int(np.argmax(weights.sum(axis=1)))
     return _MEMORIES_S[k], float(np.sqrt(weights[k] @ _RESTARTS_N**2 / weights[k].sum()))
+
+
+def _is_drifting(means: _Means, memory_s: float, restart_n: float) -> bool:
+    """Whether a lasting trend predicts stretches of the session from those before, beyond the standard error of that.
+
+    Interpolated, a zero that wanders is known as well as one that drifts; ahead it is not.
+    """
+    covariance, trends = means.covariance(memory_s, restart_n), _trends(means.at_s)
+    ends = np.unique(np.linspace(0, len(means.at_s), _STRETCHES + 1).astype(int))[1:]
+
+    def gained(n: int) -> float:
+        part, zero_n = covariance[:n, :n], means.zero_n[:n]
+        with_trend = [_log_likelihood(part, g[:n], zero_n) for g in trends]
+        none = _log_likelihood(part, np.zeros(n), zero_n)
+        return float(np.logaddexp.reduce(with_trend)) - float(np.log(len(trends))) - none
+
+    ahead = np.diff([gained(int(n)) for n in ends])
+    return len(ahead) > 1 and float(ahead.sum()) > np.sqrt(len(ahead)) * float(np.std(ahead, ddof=1))
 
 
 def _trends(at_s: Floats) -> list[Floats]:

@@ -136,7 +136,7 @@ class Effect:
         the sizes of the machine's model.
     same_as : tuple of str
         Ids whose equation on this plant is the very same term: no campaign can tell them apart.
-    strokes : StrokeWave or StrokeTrend, optional
+    strokes : StrokeWave, StrokeTrend or ZeroTrend, optional
         How single strokes bear on it, where they do.
     keeps_hardness : bool
         Of an effect of a sensor: the cutting coefficient, the slope of force over cutting speed, stays as it is.

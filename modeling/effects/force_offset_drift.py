@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from sawbench.modeling.effects.effect import Effect, Strength, Words
+from sawbench.modeling.effects.strokes import ZeroTrend
 from sawbench.modeling.effects.transfer import force_reading
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
@@ -83,5 +84,6 @@ EFFECT = Effect(
     confused_with=("blade_wear", "return_stroke_rubbing"),
     told_apart_by="idle runs before and after",
     keeps_hardness=True,
+    strokes=ZeroTrend(),
     variants={"linear_axis": _on_axis},
 )

@@ -1,7 +1,7 @@
 """How single strokes bear on an effect that mean strokes hardly show.
 
 Every stroke has one number, its cutting coefficient. Along the feed these numbers may wave; over blade life and
-from trial to trial they may grow.
+from trial to trial they may grow. And every return stroke reads the zero of the force.
 """
 
 from __future__ import annotations
@@ -60,4 +60,12 @@ class StrokeTrend:
     goes_with_feed: bool = False
 
 
-Strokes = StrokeWave | StrokeTrend
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ZeroTrend:
+    """The zero of the force, which the middle of every return stroke reads, goes its way over the session.
+
+    Where the zero wanders as well, no mean stroke of a withheld trial can tell the two; the zeros of later trials can.
+    """
+
+
+Strokes = StrokeWave | StrokeTrend | ZeroTrend

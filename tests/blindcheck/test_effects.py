@@ -82,6 +82,18 @@ def test_effect_shows_beyond_noise_and_vanishes_at_zero(effect, base):
     assert none.sensors == _draw({}).sensors
 
 
+def test_a_little_of_a_late_engagement_takes_little_of_the_force(base):
+    """Backgrounds are a hundredth of the typical size: a form that does not shrink with its size is no background."""
+    oak = 1
+    lost = {
+        severity: float(np.mean(base[oak].values["force_n"]) - np.mean(found[oak].values["force_n"]))
+        for severity in (0.01, 1.0)
+        for found in [_readings({"engagement_delay": severity})]
+    }
+    assert lost[1.0] > 1.0
+    assert abs(lost[0.01]) < 0.01 * lost[1.0]
+
+
 def test_the_other_draws_do_not_depend_on_the_effect():
     plain, hidden = draw_campaign(SEED), draw_campaign(SEED, effects={"edge_force": 2.0})
     assert plain.parameters == hidden.parameters

@@ -99,6 +99,30 @@ def test_what_predicts_nothing_hands_its_probability_to_what_is_left_without_it(
     assert sum(held.of(name).probability for name in ("no_gap", "parameters", "unknown")) == pytest.approx(1.0)
 
 
+def test_a_second_effect_that_adds_a_hundredth_of_what_stays_unexplained_is_not_named(problem, columns):
+    """The same little of friction, beside a pattern of no catalogue in every trial, and without it."""
+
+    def pattern(state: State):
+        return {"cutting": 150.0 * np.sign(np.sin(7.0 * state.angle_rad))}
+
+    both = " + ".join(sorted((FRICTION, RUBBING)))
+    data = with_columns(with_columns(problem, columns, RUBBING, 1.0), columns, FRICTION, 0.5)
+    unexplained = replace(data, data=data.data + problem.project(pattern))
+    judged = certain_of(judge(data, columns), both)
+    for nature, expected in ((data, (FRICTION, RUBBING)), (unexplained, (RUBBING,))):
+        held = held_to_predictions(nature, columns, judged, Predictions(nature, columns, judged))
+        assert set(held.best.effects) <= set(expected)
+        assert (FRICTION in held.best.effects) == (FRICTION in expected)
+
+
+def test_a_withheld_trial_that_is_off_costs_what_its_kind_says(problem):
+    """A piece six standard deviations harder is fitted on its own trial, and counts as that unlikely."""
+    own = next(k for k, name in enumerate(problem.names) if name.startswith("k_fc spread of"))
+    harder = replace(problem, data=problem.data + 6.0 * problem.nuisance[:, own])
+    usual, found = (float(HoldOut(p).climb([]).energy["retuned"].sum()) for p in (problem, harder))
+    assert 0.7 * 36.0 < found - usual < 1.4 * 36.0
+
+
 def test_an_effect_that_one_operating_point_shows_is_withheld_trial_by_trial(problem, columns, judged):
     """Three repeats of the first point, and friction in them alone."""
     data = with_columns(problem, columns, FRICTION, 1.0)

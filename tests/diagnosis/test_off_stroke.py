@@ -31,11 +31,11 @@ def rounded(exact, resolution):
     return signal(exact.channel.name, exact.time_s, values)
 
 
-def trials(disturb, seed=3, noise=NOISE, resolution=0.0):
+def trials(disturb, seed=3, noise=NOISE, resolution=0.0, plan=TRIALS):
     """Trials whose channels are a stroke's wave, noise and `disturb(rng, time_s, turns, feed) -> {channel: values}`."""
     rng = np.random.default_rng(seed)
     found = []
-    for number, (strokes_hz, feed_mm_s) in enumerate(TRIALS):
+    for number, (strokes_hz, feed_mm_s) in enumerate(plan):
         time_s = np.arange(0.0, DURATION_S, 1.0 / RATE_HZ)
         turns = strokes_hz * time_s + 0.003 * np.cumsum(rng.standard_normal(len(time_s))) / np.sqrt(RATE_HZ)
         added = disturb(rng, time_s, turns, feed_mm_s)
@@ -186,6 +186,12 @@ def test_hum_of_single_sensors_is_measured(seed):
     for channel, amplitude in ((FORCE.name, 4.0), (MOTOR_CURRENT.name, 0.4)):
         assert found[channel].frequency_hz == pytest.approx(50.0, abs=0.2)
         assert found[channel].amplitude == pytest.approx(amplitude, rel=0.1)
+
+
+def test_hum_is_no_order_of_the_stroke_where_all_trials_run_at_one_speed():
+    one_speed = tuple((13.7 + 0.02 * k, None) for k in range(6))
+    assert campaign(mains, plan=one_speed) is None
+    assert campaign(at_order, plan=one_speed) is not None
 
 
 @pytest.mark.parametrize("disturb", [nothing, at_order, ripple, grain])

@@ -56,6 +56,14 @@ def test_a_form_between_two_of_the_catalogue_keeps_its_size():
         assert found.strength_std >= 0.8 * std
 
 
+def test_forms_that_look_alike_and_state_other_numbers_make_a_size_uncertain_not_doubtful():
+    """The same wave stands for 1 or for 20: which it is nobody can say, but something is there beyond doubt."""
+    nearly = FIRST + 1e-3 * OTHER
+    columns = columns_of("brush_voltage_drop", FIRST, nearly / 20.0)
+    size, std = size_of(problem_of(2.0 * FIRST + noise(3)), columns).mixture
+    assert 0.0 < 1.96 * std < 1.2 * size
+
+
 def test_what_a_nuisance_may_hide_is_known_no_better_on_a_quiet_bench():
     """Sure data, and a gain of 30 % that looks like the effect: the size is known to 30 %, whatever the noise."""
     columns = columns_of("edge_force", FIRST)

@@ -29,19 +29,22 @@ TRIALS = (
 )  # fmt: skip
 
 
-def campaign(seed, *, growth_per_10_m=0.0, exponent=0.0, speed_power=0.0, memory=0.3, piece=0.04):
-    """States and strokes of a bench whose wood scatters by 4.5 % a stroke and 4 % a piece."""
+def campaign(
+    seed, *, trials=TRIALS, growth_per_10_m=0.0, exponent=0.0, speed_power=0.0, memory=0.3, piece=0.04, slowed=0.0
+):
+    """States and strokes of a bench whose wood scatters by 4.5 % a stroke and 4 % a piece; hard pieces slow the saw."""
     rng = np.random.default_rng(seed)
     states, strokes, cut_m = [], [], 0.0
-    for number, (duty, feed_mm_s, seconds) in enumerate(TRIALS):
-        rate_hz = RATE_HZ * duty / 0.44
+    for number, (duty, feed_mm_s, seconds) in enumerate(trials):
+        hard = piece * rng.standard_normal()
+        rate_hz = RATE_HZ * duty / 0.44 * np.exp(-slowed * hard)
         n = int(seconds * rate_hz)
         scatter = rng.standard_normal(n)
         for k in range(1, n):
             scatter[k] = memory * scatter[k - 1] + np.sqrt(1.0 - memory**2) * scatter[k]
         distance_m = cut_m + STROKE_M * np.arange(n)
         chip = (feed_mm_s / rate_hz) / (4 / RATE_HZ)
-        k = 300.0 * np.exp(0.045 * scatter + piece * rng.standard_normal())
+        k = 300.0 * np.exp(0.045 * scatter + hard)
         k *= (1.0 + growth_per_10_m * (distance_m / 10.0) ** 0.8) * chip**exponent * (rate_hz / RATE_HZ) ** speed_power
         time_s = np.arange(n) / rate_hz
         strokes.append(
@@ -89,6 +92,21 @@ def test_a_wood_that_only_scatters_is_neither_worn_nor_thick(memory):
         assert max(max(t[effect].alone, t[effect].beside_cutting) for t in found) < 4.0
 
 
+def test_short_trials_that_only_scatter_are_neither_worn_nor_thick():
+    """Two blocks a trial leave no scatter about a line; six trials of 4 s were called worn with 40 nats and more."""
+    short = tuple((duty, feed, 4) for duty, feed, _ in TRIALS[:6])
+    found = [trend(seed, trials=short) for seed in range(12)]
+    for effect in (WEAR, CHIP):
+        assert max(max(t[effect].alone, t[effect].beside_cutting) for t in found) < 4.0
+
+
+def test_a_hard_piece_that_slows_the_saw_is_no_thin_chip():
+    """Cause and effect the other way round: the speed of a trial follows the hardness of its piece."""
+    one_setting = ((0.44, 4, 8),) * 25
+    found = [trend(seed, trials=one_setting, slowed=0.5)[CHIP] for seed in range(6)]
+    assert max(max(t.alone, t.beside_cutting) for t in found) < 2.0
+
+
 def test_wear_is_seen_whether_or_not_another_effect_of_the_cut_may_act():
     found = trend(3, growth_per_10_m=0.12)
     assert found[WEAR].alone > 6.0
@@ -131,7 +149,7 @@ def test_strokes_state_the_size_where_they_speak_for_it():
 def test_a_cutting_law_that_bends_with_speed_is_no_chip_where_it_may_act():
     """Hardness falls with speed as it would for a thick chip; the feed changes nothing."""
     found = [trend(seed, speed_power=-0.5) for seed in (5, 6, 7)]
-    assert np.mean([t[CHIP].alone for t in found]) > 3.0
+    assert np.mean([t[CHIP].alone for t in found]) > 1.0
     assert np.mean([t[CHIP].beside_cutting for t in found]) < 0.5
 
 

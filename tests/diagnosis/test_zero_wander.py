@@ -73,6 +73,21 @@ def test_a_lasting_drift_is_no_wander():
     assert between_n < 0.25 * 5.0 * APART_S * N_TRIALS / 1000.0
 
 
+def test_a_zero_drifts_where_a_trend_says_what_comes_next_and_not_where_it_walks():
+    drifting = [zero_wander(readings(np.random.default_rng(k), size_n=0.1, drift_n_per_1000_s=8.0)) for k in range(20)]
+    assert np.mean([w.is_drifting for w in drifting]) >= 0.9
+    for walks in ({"size_n": 0.3, "goes_on": True}, {"size_n": 0.1, "restart_n": 1.0}, {"size_n": 0.02}):
+        still = [zero_wander(readings(np.random.default_rng(k), **walks)) for k in range(20)]
+        assert np.mean([w.is_drifting for w in still]) <= 0.2
+
+
+def test_a_drift_within_the_trials_is_no_walk():
+    """A tenth of the drift of a fast warm-up passes within each trial: the walk is what is left about that line."""
+    fast = zero_wander(readings(np.random.default_rng(2), size_n=0.0, drift_n_per_1000_s=60.0))
+    assert np.sqrt(fast.density_n2_s * LENGTH_S) < 0.1
+    assert 60.0 * LENGTH_S / 1000.0 > 0.4
+
+
 def test_too_few_or_short_trials_cannot_tell():
     trials = readings(np.random.default_rng(1), size_n=1.0)
     assert zero_wander(trials[:2]) is None
