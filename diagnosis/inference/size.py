@@ -169,7 +169,7 @@ def _sum_of_weights(marginal: Marginal, columns: Floats, signs: Floats, *, most_
 
     Only weights above zero are uncertain; without any the sum is 0, known not at all. How much of the effect is there
     is what the mixture as it stands says; how the weights are shared among its forms adds `most_std` of the size at
-    most: forms that look alike but state different numbers make a size uncertain, never doubtful.
+    most: forms with nearly one signature that state different numbers make a size uncertain, never doubtful.
     """
     from scipy.optimize import nnls
 
