@@ -83,10 +83,14 @@ def carried_by_strokes(problem: LinearProblem, posterior: Posterior, hypothesis:
 def is_there(member: Explanation) -> bool:
     """Whether the magnitude differs, in its 95 % interval, from the number that stands where there is no effect.
 
-    That is 0, except where the number does not vanish with the effect (an exponent of 1), and 0 too where it grows
+    And from what every machine has a little of: whose interval ends below `Forms.least_amplitude` is background.
+    The number is 0, except where the number does not vanish with the effect (an exponent of 1), and 0 too where it grows
     without bound (a stiffness) or belongs to the form (a frequency).
     """
     effect, shape = member.effect, member.column.shape
+    amplitude, std = member.mixture or (member.amplitude, member.amplitude_std)
+    if abs(amplitude) + Z95 * std < SETTINGS.forms.least_amplitude:
+        return False
     none, hardly = (effect.reported_strength(part * effect.strength.typical, shape) for part in (_NONE, _HARDLY))
     is_plain = member.mixture is not None or abs(hardly - none) > _SAME * abs(hardly) or none == member.strength
     absent = 0.0 if is_plain else none

@@ -16,6 +16,7 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.features import Layout, block_matrix, layout_of
 from sawbench.diagnosis.inference.noise import contrast_misfit, noise_of, scatter_of
+from sawbench.diagnosis.inference.sensor_faults import SensorFaults
 from sawbench.diagnosis.inference.settings import SETTINGS, Settings
 from sawbench.diagnosis.inference.zero_wander import ZeroWander
 from sawbench.modeling.effects.known import KnownEffect
@@ -185,6 +186,7 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True, settings: S
     scatter = scatter_of(found)
     rates = [float(state.speed_rad_s.mean()) / TWO_PI for state, _, _ in found if state.kind == "running"]
     rate_hz = float(np.mean(rates)) if rates else 1.0
+    faults = SensorFaults(campaign)
     parts: list[Part] = []
     expected = 0.0
     data: list[Floats] = []
@@ -192,7 +194,8 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True, settings: S
     for state, layout, features in found:
         blocks = block_matrix(len(features)) if state.kind == "running" else np.eye(1)
         noise = noise_of(state, layout, blocks, scatter, rate_hz)
-        covariance = plant.model_error(layout, state) + settings.noise.correlation_factor * noise
+        missed = plant.model_error(layout, state) + np.diag(faults.variance(layout, state))
+        covariance = missed + settings.noise.correlation_factor * noise
         whitener: Floats = np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.float64)
         size = blocks.shape[0] * layout.size
         part = Part(

@@ -6,9 +6,10 @@ uncertainty the configuration (or the sensor class) grants it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from types import MappingProxyType
+from typing import Any, Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
@@ -46,6 +47,26 @@ class Nuisance:
     std: float
     is_plant: bool
     signature: SignatureFunction
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Reading:
+    """One channel, as a state holds it, and what its errors do.
+
+    Attributes
+    ----------
+    attribute : str
+        Of `State`.
+    signature : callable
+        (baseline, state) -> change of the residuals for one unit more in the reading.
+    """
+
+    attribute: str
+    signature: SignatureFunction
+
+    def of(self, state: State) -> Floats | None:
+        """Values of a state, shape (n_units, n_points); None where it has none."""
+        return getattr(state, self.attribute)
 
 
 def nuisances_of(baseline: Baseline) -> tuple[Nuisance, ...]:
@@ -181,7 +202,7 @@ def _sensor_nuisances() -> list[Nuisance]:
         "force_gain": _force_gain,
         "force_offset_n": force_offset,
         "battery_current_gain": _battery_current_gain,
-        "battery_current_offset_a": lambda _, s: {"converter": np.ones_like(s.angle_rad)},
+        "battery_current_offset_a": _battery_current_offset,
         "battery_voltage_gain": _battery_voltage_gain,
         "battery_voltage_offset_v": _battery_voltage_offset,
         "angle_zero_rad": angle_shift,
@@ -235,6 +256,10 @@ def _battery_current_gain(baseline: Baseline, state: State) -> Signature:
     return {"converter": drawn, "supply": drop}
 
 
+def _battery_current_offset(_: Baseline, state: State) -> Signature:
+    return {"converter": np.ones_like(state.angle_rad)}
+
+
 def _battery_voltage_gain(baseline: Baseline, state: State) -> Signature:
     if state.battery_voltage_v is None:
         return {}
@@ -254,6 +279,16 @@ def _battery_voltage_offset(_: Baseline, state: State) -> Signature:
         return {}
     ones = np.ones_like(state.angle_rad)
     return {"electrical": state.setting.duty * ones, "supply": ones}
+
+
+READINGS: Final[Mapping[str, Reading]] = MappingProxyType(
+    {
+        "force_n": Reading(attribute="force_n", signature=force_offset),
+        "motor_current_a": Reading(attribute="current_a", signature=_motor_current_offset),
+        "battery_voltage_v": Reading(attribute="battery_voltage_v", signature=_battery_voltage_offset),
+        "battery_current_a": Reading(attribute="battery_current_a", signature=_battery_current_offset),
+    }
+)
 
 
 def angle_shift(baseline: Baseline, state: State, step_rad: float = 1e-4) -> Signature:

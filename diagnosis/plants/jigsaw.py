@@ -11,7 +11,7 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.beyond_catalogue import BEYOND_CATALOGUE
 from sawbench.diagnosis.inference.clocks import clock_nuisances
 from sawbench.diagnosis.inference.features import HARMONICS, N_BLOCKS, START_UP_EDGES_S, Layout
-from sawbench.diagnosis.inference.nuisances import Nuisance, force_offset, nuisances_of, of_known
+from sawbench.diagnosis.inference.nuisances import READINGS, Nuisance, Reading, force_offset, nuisances_of, of_known
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.zero_wander import ZeroWander, zero_readings, zero_wander
 from sawbench.diagnosis.plants.plant import EquationForm
@@ -31,12 +31,6 @@ _PLACES: Final[dict[Equation, tuple[Place, str, str]]] = {
     "supply": ("supply", "battery_voltage_v", "V"),
     "converter": ("supply", "battery_current_a", "A"),
 }
-_STATE_OF: Final = (
-    ("force_n", "force_n"),
-    ("motor_current_a", "current_a"),
-    ("battery_voltage_v", "battery_voltage_v"),
-    ("battery_current_a", "battery_current_a"),
-)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -145,6 +139,10 @@ class Jigsaw:
         """See `diagnosis.inference.nuisances.nuisances_of`."""
         return (*nuisances_of(self.baseline), *map(of_known, self.known))
 
+    def readings(self) -> Mapping[str, Reading]:
+        """See `diagnosis.inference.nuisances.READINGS`."""
+        return READINGS
+
     def trial_nuisances(self, states: Sequence[State]) -> tuple[Nuisance, ...]:
         """How hard each stock is, how much harder each trial's piece of it, and how late streams and links are."""
         cut = [s for s in states if not s.setting.is_idle]
@@ -166,8 +164,8 @@ class Jigsaw:
     def weaknesses(self, states: Sequence[State]) -> list[str]:
         """Name the trials that lack a channel."""
         said = []
-        for channel, attribute in _STATE_OF:
-            missing = [s.setting.label for s in states if s.kind == "running" and getattr(s, attribute) is None]
+        for channel, reading in READINGS.items():
+            missing = [s.setting.label for s in states if s.kind == "running" and reading.of(s) is None]
             if missing:
                 said.append(f"{channel} is missing in {', '.join(missing)}: effects that show there cannot be named")
         return said

@@ -12,7 +12,7 @@ from sawbench.bench.recording import Floats, Recording
 from sawbench.bench.units import DISPLACEMENT
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.features import Layout
-from sawbench.diagnosis.inference.nuisances import Nuisance, of_known
+from sawbench.diagnosis.inference.nuisances import Nuisance, Reading, of_known
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plants.axis_motion import average, axis_state, find_cycles
 from sawbench.diagnosis.plants.plant import EquationForm
@@ -140,6 +140,10 @@ class LinearAxis:
     def zero_wander(self, states: Sequence[State]) -> None:
         """An axis never moves without its load: no part of the cycle reads the zero."""
         return
+
+    def readings(self) -> Mapping[str, Reading]:
+        """None: `model_floor_n` holds what the sensors of an axis leave."""
+        return {}
 
     def zero_signature(self, state: State) -> Signature:
         """Nothing: see `zero_wander`."""

@@ -18,7 +18,7 @@ from sawbench.modeling.state import State
 
 if TYPE_CHECKING:
     from sawbench.diagnosis.inference.features import Layout
-    from sawbench.diagnosis.inference.nuisances import Nuisance
+    from sawbench.diagnosis.inference.nuisances import Nuisance, Reading
     from sawbench.diagnosis.inference.zero_wander import ZeroWander
     from sawbench.modeling.effects.effect import Effect, Place
     from sawbench.modeling.effects.known import KnownEffect
@@ -130,6 +130,10 @@ class Plant(Protocol):
 
     def nuisances(self) -> tuple[Nuisance, ...]:
         """List parameters, gains and offsets that all trials share."""
+        ...
+
+    def readings(self) -> Mapping[str, Reading]:
+        """Channels whose faults reach the equations, and how."""
         ...
 
     def trial_nuisances(self, states: Sequence[State]) -> tuple[Nuisance, ...]:

@@ -115,6 +115,15 @@ def test_a_second_effect_that_adds_a_hundredth_of_what_stays_unexplained_is_not_
         assert (FRICTION in held.best.effects) == (FRICTION in expected)
 
 
+def test_a_little_of_an_effect_is_no_cause(problem, columns, judged):
+    """However sure: a twentieth of the typical size is what every machine has."""
+    data = with_columns(problem, columns, RUBBING, 1.0)
+    member = explain(Marginal(data), columns[RUBBING])
+    assert is_there(replace(member, mixture=(1.0, 0.02)))
+    assert is_there(replace(member, mixture=(0.12, 0.03)))
+    assert not is_there(replace(member, mixture=(0.05, 0.001)))
+
+
 def test_a_withheld_trial_that_is_off_costs_what_its_kind_says(problem):
     """A piece six standard deviations harder is fitted on its own trial, and counts as that unlikely."""
     own = next(k for k, name in enumerate(problem.names) if name.startswith("k_fc spread of"))

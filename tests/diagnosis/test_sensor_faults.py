@@ -1,0 +1,90 @@
+"""Coarse steps and hum, as far as averaging over strokes leaves them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from sawbench.diagnosis.inference import sensor_faults
+from sawbench.diagnosis.inference.features import HARMONICS, Layout
+from sawbench.diagnosis.inference.off_stroke import Line
+from sawbench.diagnosis.inference.sensor_faults import SensorFaults
+from sawbench.diagnosis.plants.jigsaw import Jigsaw
+from sawbench.diagnosis.signal_health import ChannelHealth
+
+from tests.rigs.jigsaw_in_time import BASELINE
+from tests.rigs.scattered_strokes import strokes
+
+pytestmark = pytest.mark.unit
+
+STEP_V, N_UNITS = 0.02, 64
+LAYOUT = Layout(kind="running", equations=("cutting", "supply"), n_harmonics=HARMONICS)
+SUPPLY_MEAN = LAYOUT.slices["supply"].start
+
+
+@pytest.fixture(scope="module")
+def state():
+    found = next(s for s in strokes() if s.kind == "running" and not s.setting.is_idle)
+    wave = np.ones((N_UNITS, 1)) * found.angle_rad[:1]
+    return replace(
+        found, angle_rad=wave, speed_rad_s=0.0 * wave + found.speed_rad_s.mean(), battery_voltage_v=0.0 * wave,
+        force_n=0.0 * wave, n_strokes=np.full(N_UNITS, 4.0),
+    )  # fmt: skip
+
+
+def faults(*health, monkeypatch=None, lines=()):
+    if monkeypatch is not None:
+        monkeypatch.setattr(sensor_faults, "fixed_lines", lambda trials: list(lines))
+    campaign = SimpleNamespace(plant=Jigsaw(baseline=BASELINE), health=health, off_stroke=())
+    return SensorFaults(campaign)
+
+
+def coarse(channel, step):
+    return ChannelHealth(
+        channel=channel, seconds=5.0, rate_hz=1000.0, noise=0.001, step=step, spikes=0, missing_share=0.0,
+        jitter_share=0.0,
+    )  # fmt: skip
+
+
+def test_sound_sensors_add_nothing(state):
+    assert not faults(coarse("battery_voltage_v", 0.0)).variance(LAYOUT, state).any()
+
+
+def test_a_step_that_nothing_blurs_is_as_wrong_as_rounding_a_constant(state):
+    """Rounding values that lie anywhere in a step, and every trial elsewhere: q^2 / 12, of which the line is most."""
+    rng = np.random.default_rng(1)
+    exact = rng.uniform(0.0, 1.0, 20000)
+    rounded = np.mean((STEP_V * (np.round(exact / STEP_V) - exact / STEP_V)) ** 2)
+    found = faults(coarse("battery_voltage_v", STEP_V)).variance(LAYOUT, state)[SUPPLY_MEAN]
+    assert 0.5 * rounded < found < 1.1 * rounded
+
+
+def test_strokes_that_scatter_blur_the_step(state):
+    """Means over 256 strokes of rounded values, against what is stated: of the same order down to a hundredth."""
+    rng = np.random.default_rng(2)
+    for scatter in (0.15, 0.3):
+        exact = rng.uniform(0.0, STEP_V, 400)[:, None]
+        read = STEP_V * np.round((exact + scatter * STEP_V * rng.standard_normal((400, 20000))) / STEP_V)
+        true = float(np.mean((read.mean(axis=1) - exact[:, 0]) ** 2))
+        units = scatter * STEP_V * rng.standard_normal((N_UNITS, state.angle_rad.shape[1])) / 2.0
+        blurred = replace(state, battery_voltage_v=units)
+        found = faults(coarse("battery_voltage_v", STEP_V)).variance(LAYOUT, blurred)[SUPPLY_MEAN]
+        assert 0.5 * true < found < 2.0 * true
+
+
+@pytest.mark.parametrize(("orders_off", "expected"), [(0.0, 0.5), (0.01, None), (0.4, 0.0)])
+def test_hum_stays_where_the_stroke_rate_is_a_fraction_of_it(state, monkeypatch, orders_off, expected):
+    rate_hz = 50.0 / (4.0 + orders_off)
+    at = replace(state, speed_rad_s=0.0 * state.speed_rad_s + 2.0 * np.pi * rate_hz)
+    line = Line(channel="force_n", frequency_hz=50.0, amplitude=2.0)
+    found = faults(monkeypatch=monkeypatch, lines=[line]).variance(LAYOUT, at)
+    of_fourth = found[LAYOUT.slices["cutting"].start + 4] / line.amplitude**2
+    if expected is None:
+        # A block of 64 strokes turns such a line by 0.64 of a turn: |sin(x) / x|, x = pi 0.64.
+        left = np.sin(np.pi * 0.64) / (np.pi * 0.64)
+        assert 0.5 < of_fourth / (0.5 * left**2) < 2.0
+    else:
+        assert of_fourth == pytest.approx(expected, abs=2e-3)
+    assert found[LAYOUT.slices["cutting"].start + 1] < 1e-3 * line.amplitude**2
