@@ -84,8 +84,8 @@ def is_there(member: Explanation) -> bool:
     """Whether the magnitude differs, in its 95 % interval, from the number that stands where there is no effect.
 
     And from what every machine has a little of: whose interval ends below `Forms.least_amplitude` is background.
-    The number is 0, except where the number does not vanish with the effect (an exponent of 1), and 0 too where it grows
-    without bound (a stiffness) or belongs to the form (a frequency).
+    The number is 0, except where it does not vanish with the effect (an exponent of 1), and 0 where it grows without
+    bound (a stiffness) or belongs to the form (a frequency).
     """
     effect, shape = member.effect, member.column.shape
     amplitude, std = member.mixture or (member.amplitude, member.amplitude_std)
