@@ -41,6 +41,42 @@ def what_to_do(effect: str) -> str:
     return f"{known.words.mend}. To make sure, measure {known.words.measure}"
 
 
+def in_words_of(report: Mapping[str, Any], text: str) -> str:
+    """Write a text of a gap report in the words of the machine that it is about.
+
+    Parameters
+    ----------
+    report : mapping
+        Its `detail` names the machine's frame, unless that is a saw's.
+    text : str
+        With the words of a saw.
+
+    Examples
+    --------
+    >>> in_words_of({"detail": {"frame": "linear_axis"}}, "Gap: yoke backlash at crank angles 0 to 20°")
+    'Gap: backlash at phases of the cycle 0 to 20°'
+    """
+    frame = report.get("detail", {}).get("frame")
+    if frame is None:
+        return text
+    pairs = [("crank angle", "phase of the cycle"), ("phase of the cycles", "phases of the cycle")]
+    for effect in EFFECT_BY_NAME.values():
+        here = effect.words_on.get(frame)
+        if here is None or effect.words is None:
+            continue
+        for was, now in ((effect.words.happens, here.happens), (effect.words.measure, here.measure)):
+            pairs += [(was, now), (_sentence(was), _sentence(now))]
+        pairs += [(_sentence(effect.words.mend), _sentence(here.mend))]
+        pairs += [(name_of(effect.name), here.name)] if here.name else []
+    for was, now in pairs:
+        text = text.replace(was, now)
+    return text
+
+
+def _sentence(words: str) -> str:
+    return f"{words[0].upper()}{words[1:]}"
+
+
 def equations_of(effects: Iterable[str]) -> set[str]:
     """Return the equations of the report in which effects act; none for what the catalogue does not hold."""
     return {EFFECT_BY_NAME[effect].place for effect in effects if effect in EFFECT_BY_NAME}

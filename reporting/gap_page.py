@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from sawbench.reporting.cause_words import equations_of, magnitude_words, name_of, what_happens, what_to_do
+from sawbench.reporting.cause_words import equations_of, in_words_of, magnitude_words, name_of, what_happens, what_to_do
 from sawbench.reporting.closing import closing_picture, closing_rows, closing_sentences
 from sawbench.reporting.gap_figures import (
     CHANNEL_WORDS,
@@ -102,7 +102,7 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         "report": report,
         "version": software_version(),
     }
-    return write_whole(path, render("gap_page.html.j2", context), overwrite=overwrite)
+    return write_whole(path, in_words_of(report, render("gap_page.html.j2", context)), overwrite=overwrite)
 
 
 def verdict_sentence(report: Mapping[str, Any]) -> str:
@@ -127,7 +127,7 @@ def verdict_sentence(report: Mapping[str, Any]) -> str:
     names = f"{' and '.join(name_of(name) for name in cause['effects'])} ({_percent(cause['probability'])})"
     start = "Most probable cause" if cause["probability"] >= _SURE else "Most probable cause, not certain"
     magnitudes = [magnitude_words(name, parameter) for name, parameter in cause["parameters"].items()]
-    return f"{start}: {', '.join([names, *magnitudes])}. {_explained(cause)}"
+    return in_words_of(report, f"{start}: {', '.join([names, *magnitudes])}. {_explained(cause)}")
 
 
 def _has_cause(report: Mapping[str, Any]) -> bool:

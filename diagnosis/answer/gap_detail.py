@@ -38,10 +38,12 @@ def detail(problem: LinearProblem, posterior: Posterior, channels: ChannelGap | 
     Returns
     -------
     dict
-        "strokes", "map", "standing_out", "probabilities", "log_evidence", "resembles", "alike", "runtime_of"; plain
-        values, some 80 kB as JSON.
+        "frame" of a machine that is no saw, "strokes", "map", "standing_out", "probabilities", "log_evidence",
+        "resembles", "alike", "runtime_of"; plain values, some 80 kB as JSON.
     """
+    frame = problem.campaign.plant.machine.frame
     return {
+        **({} if frame == "crank" else {"frame": frame}),
         "strokes": [] if channels is None else [_stroke(cycle) for cycle in _telling(channels.cycles)],
         "map": _map(problem, posterior),
         "standing_out": _standing_out(problem, posterior.small),

@@ -139,6 +139,9 @@ def _report(
     first = predictions.of(shown_causes[0] if shown_causes else posterior.of("no_gap"))
     channels = forecast(first.hold_out, first.ladder, first.forms, on_trial=on_trial)
     members = sized_members(problem, columns, posterior, posterior.best)
+    by_direction, asymmetry = campaign.plant.asymmetry(campaign.states, posterior.best.effects)
+    if by_direction:
+        causes[0]["by_direction"] = by_direction
     return {
         "schema_version": SCHEMA_VERSION,
         "verdict": posterior.verdict,
@@ -152,6 +155,7 @@ def _report(
         "improved_model": improved_model(problem, posterior, members, causes, loaded, learned),
         "next_trial": next_trial(problem, posterior),
         "warnings": [
+            *([asymmetry] if asymmetry else []),
             *_warnings(campaign, shown, posterior, channels), *learned_warnings(problem, posterior, learned),
         ],
         **further,

@@ -44,9 +44,24 @@ def noise_factor_beside(problem: LinearProblem, given: Floats) -> Floats:
 
 def _factor(problem: LinearProblem, rest: Floats) -> Floats:
     factor = np.ones(len(problem.data))
-    for rows in problem.rows_by_equation().values():
+    for rows in _alike(problem):
         factor[rows] = max(1.0, float(np.mean(rest[rows] ** 2)) / problem.quiet)
     return factor
+
+
+def _alike(problem: LinearProblem) -> list[np.ndarray]:
+    """Indices of the features that share a factor: those of an equation, in bands of harmonics where it has any."""
+    forms, found = problem.campaign.plant.equations, []
+    for (equation, kind), rows in problem.rows_by_equation().items():
+        form = forms[equation]
+        if not form.noise_bands or kind != "running":
+            found.append(rows)
+            continue
+        order = np.concatenate([[0], *2 * [np.arange(1, form.n_harmonics + 1)]])
+        band = np.digitize(order, form.noise_bands)
+        by_feature = rows.reshape(-1, len(order))
+        found += [by_feature[:, band == k].ravel() for k in range(len(form.noise_bands) + 1)]
+    return found
 
 
 def _rest_of_two(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue) -> Floats:

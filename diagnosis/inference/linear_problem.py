@@ -215,7 +215,14 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True, settings: S
         nuisance=np.zeros((start, 0)),
         names=(),
         prior_std=np.zeros(0),
-        quiet=min(max(settings.weights.quiet, settings.noise.quiet_share * max(expected / start, contrasts)), 1.0),
+        quiet=min(
+            max(
+                settings.weights.quiet,
+                plant.expected_rest,
+                settings.noise.quiet_share * max(expected / start, contrasts),
+            ),
+            1.0,
+        ),
         settings=settings,
     )
     return _with_nuisances(empty)

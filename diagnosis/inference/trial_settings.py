@@ -86,8 +86,8 @@ class Reading:
         Share of successive samples that are equal from which a channel's step hides its noise.
     cyclic_share : float
         Of the variance of an axis's displacement that cycles at one rate must hold.
-    cycle_share : float
-        Of a cycle of an axis that must be recorded for it to count.
+    lacking_samples : float
+        Of a cycle of an axis that may lack at an end of the record for it to count.
     other_motion : float
         Relative difference of a cycle's motion from the usual one from which it is another motion.
     """
@@ -100,7 +100,7 @@ class Reading:
     clear_line: float = marked(12.0, "convention", "the largest of 8000 bins of noise is 3.6 times their median")
     equal_share: float = marked(0.3, "convention", "of white noise it is 0.28 where the step is one standard deviation")
     cyclic_share: float = marked(0.8, "convention", "as locked")
-    cycle_share: float = marked(0.98, "convention", "a cycle is whole but for a few samples")
+    lacking_samples: float = marked(3.0, "convention", "what is not recorded has any acceleration")
     other_motion: float = marked(0.1, "convention", "repeats of a controlled axis differ by far less")
 
 

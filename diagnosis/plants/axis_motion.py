@@ -1,12 +1,16 @@
 """Recordings of an axis that moves to and fro at a constant rate, as states over the phase of its cycle.
 
 Phase 0 is where the fundamental of the displacement is lowest. Every channel is fitted over whole cycles by a
-Fourier series in the phase, which needs no equal spacing and gives speed and acceleration without differences.
+Fourier series in the phase, which needs no equal spacing and gives speed and acceleration without differences. How
+many harmonics the motion has is read off the displacement: a sine has one, a move of constant acceleration dozens.
+Any other motion: `axis_windows`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Final
 
 import numpy as np
 from sawbench.bench.recording import Floats, Signal
@@ -14,13 +18,21 @@ from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.machines.linear_axis import AxisState
 from sawbench.modeling.state import TWO_PI, TrialSetting
 
-N_POINTS = 128
-N_HARMONICS = 40
-_MOTION_HARMONICS = 20
+# Points over the cycle for the most harmonics of a motion; fewer where the motion has fewer.
+MOST_HARMONICS: Final = 128
+LEAST_POINTS: Final = 128
+_LEAST_HARMONICS: Final = 40
 _SAMPLES_PER_COEFFICIENT = 3.0
 _TARGET_UNITS = 16
 _RATE_HARMONICS = 3
 _NUMBERS = SETTINGS.reading
+# A harmonic of the motion counts where its power is that many times its own variance.
+_NOISE_MARGIN = 9.0
+_NEIGHBOURS = 5
+_MOST_SAMPLES = 10000
+_REFINEMENTS = 3
+# Where the swing is less than this share of its usual size the axis rests, starts or comes to a halt.
+_LEAST_SWING = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -35,20 +47,26 @@ class Cycles:
     starts_s : ndarray, shape (n_units,)
     per_unit : int
         Cycles a unit.
+    n_fitted : int
+        Harmonics that the samples of a unit allow.
+    n_motion : int
+        Harmonics of the motion above its noise.
     """
 
     rate_hz: float
     lowest_s: float
     starts_s: Floats
     per_unit: int
+    n_fitted: int = _LEAST_HARMONICS
+    n_motion: int = _LEAST_HARMONICS
 
-    def fit(self, signal: Signal, n_harmonics: int = N_HARMONICS) -> Floats:
+    def fit(self, signal: Signal, n_harmonics: int | None = None) -> Floats:
         """Fourier coefficients of a channel, shape (n_units, 2 n_harmonics + 1): mean, cosines, sines."""
-        rows = []
+        rows, n = [], self.n_fitted if n_harmonics is None else n_harmonics
         for start_s in self.starts_s:
             end_s = start_s + self.per_unit / self.rate_hz
             inside = (signal.time_s >= start_s) & (signal.time_s < end_s)
-            basis = fourier(TWO_PI * self.rate_hz * (signal.time_s[inside] - self.lowest_s), n_harmonics)
+            basis = fourier(TWO_PI * self.rate_hz * (signal.time_s[inside] - self.lowest_s), n)
             normal = basis.T @ basis + 1e-6 * np.eye(basis.shape[1])
             rows.append(np.linalg.solve(normal, basis.T @ signal.values[inside]))
         return np.array(rows)
@@ -75,7 +93,7 @@ def derivative(coefficients: Floats) -> Floats:
 
 
 def find_cycles(displacement: Signal) -> tuple[Cycles | None, str]:
-    """Find the cycles of a trial, counted back from its end.
+    """Find the cycles of a trial; rest, ramps and whatever moves differently before and after them are left out.
 
     Parameters
     ----------
@@ -85,41 +103,114 @@ def find_cycles(displacement: Signal) -> tuple[Cycles | None, str]:
     -------
     cycles : Cycles or None
     reason : str
-        Why there are none, or which cycles are left out ("" if none).
+        Why there are none, or what does not belong to them ("" if nothing).
     """
     if len(displacement.time_s) < 64 or float(np.ptp(displacement.values)) == 0.0:
         return None, "its displacement does not move"
-    rate_hz = _rate_hz(displacement)
+    swinging = _swinging(displacement)
+    rate_hz = _rate_hz(swinging)
+    for _ in range(2):
+        found = _fundamental(swinging, rate_hz)
+        if isinstance(found, str):
+            return None, found
+        first, end = _alike(found.fit(displacement, _RATE_HARMONICS)[:, 1:])
+        kept, n = found.starts_s[first:end], len(found.starts_s)
+        # Ramps pull at the rate: it is found again from the cycles that are alike.
+        rate_hz = _refined(_between(displacement, kept[0], kept[-1] + 1.0 / rate_hz), rate_hz)
+    found = replace(found, rate_hz=rate_hz)
+    wanted = _SAMPLES_PER_COEFFICIENT * (2 * _LEAST_HARMONICS + 1) * rate_hz / displacement.rate_hz
+    per_unit = max(int(np.ceil(wanted)), len(kept) // _TARGET_UNITS, 1)
+    n_units = len(kept) // per_unit
+    if n_units < 1:
+        return None, f"only {len(kept)} of its {n} cycles are alike, too few samples for {_LEAST_HARMONICS} harmonics"
+    found = replace(found, starts_s=kept[len(kept) - n_units * per_unit :: per_unit], per_unit=per_unit)
+    left_s = kept[0] - displacement.time_s[0], displacement.time_s[-1] - kept[-1] - 1.0 / rate_hz
+    return _with_harmonics(found, displacement), _left_out(*(float(seconds) * rate_hz for seconds in left_s))
+
+
+def _fundamental(displacement: Signal, rate_hz: float) -> Cycles | str:
+    """Whole cycles of a rate, counted back from the end; or why there are none."""
     time_s, values = displacement.time_s, displacement.values
     basis = fourier(TWO_PI * rate_hz * time_s, _RATE_HARMONICS)
     theta = np.linalg.lstsq(basis, values, rcond=None)[0]
     if float(np.var(values - basis @ theta)) > (1.0 - _NUMBERS.cyclic_share) * float(np.var(values)):
-        return None, "its displacement is not cyclic at a constant rate"
+        return "its displacement is not cyclic at a constant rate"
+    n = int((displacement.duration_s + _NUMBERS.lacking_samples / displacement.rate_hz) * rate_hz)
+    if n < 1:
+        return "it holds no complete cycle"
     # The fundamental is -cos(phase): lowest where its phase is 0.
     lowest_s = float(np.arctan2(-theta[1 + _RATE_HARMONICS], -theta[1]) / (TWO_PI * rate_hz))
-    n = int(displacement.duration_s * rate_hz + 1.0 - _NUMBERS.cycle_share)
-    if n < 1:
-        return None, "it holds no complete cycle"
     starts_s = time_s[-1] - np.arange(n, 0, -1) / rate_hz
-    single = Cycles(rate_hz=rate_hz, lowest_s=lowest_s, starts_s=starts_s, per_unit=1)
-    needed = _SAMPLES_PER_COEFFICIENT * (2 * N_HARMONICS + 1) * rate_hz / displacement.rate_hz
-    motion = single.fit(displacement, _RATE_HARMONICS)[:, 1:]
+    return Cycles(rate_hz=rate_hz, lowest_s=lowest_s, starts_s=starts_s, per_unit=1)
+
+
+def _between(signal: Signal, start_s: float, end_s: float) -> Signal:
+    inside = (signal.time_s >= start_s) & (signal.time_s <= end_s)
+    return Signal(channel=signal.channel, unit=signal.unit, time_s=signal.time_s[inside], values=signal.values[inside])
+
+
+def _left_out(before: float, after: float) -> str:
+    """What is said of cycles at the ends that count for nothing; "" where it is less than one on either side."""
+    said = [f"{n:.1f} cycles at the {end}" for n, end in ((before, "beginning"), (after, "end")) if n >= 1.0]
+    return f"{' and '.join(said)} move differently (rest, ramp)" if said else ""
+
+
+def _swinging(displacement: Signal) -> Signal:
+    """Longest part that swings: without rest, and without ramps that would blur the rate.
+
+    The swing is the root mean square about a straight line over stretches of two cycles of the strongest line.
+    """
+    time_s, values = displacement.time_s, displacement.values
+    n_stretches = max(int(displacement.duration_s * _crude_rate_hz(displacement) * 2.0), 1)
+    if n_stretches < 8:
+        return displacement
+    edges = np.linspace(time_s[0], time_s[-1], n_stretches + 1)
+    swing = np.array(
+        [np.ptp(values[(time_s >= a) & (time_s <= b)]) for a, b in zip(edges[:-2], edges[2:], strict=True)]
+    )
+    first, end = _longest(swing > _LEAST_SWING * float(np.quantile(swing, 0.75)))
+    return _between(displacement, edges[first], edges[end + 1])
+
+
+def _alike(motion: Floats) -> tuple[int, int]:
+    """First and one past the last of the longest run of cycles whose motion is the usual one."""
     usual = np.median(motion, axis=0)
-    deviates = np.linalg.norm(motion - usual, axis=1) > _NUMBERS.other_motion * np.linalg.norm(usual)
-    kept = starts_s[int(np.flatnonzero(deviates)[-1]) + 1 :] if deviates.any() else starts_s
-    per_unit = max(int(np.ceil(needed)), len(kept) // _TARGET_UNITS, 1)
-    n_units = len(kept) // per_unit
-    if n_units < 1:
-        return None, f"only {len(kept)} of its {n} cycles are alike, too few samples for {N_HARMONICS} harmonics"
-    kept = kept[len(kept) - n_units * per_unit :: per_unit]
-    said = f"its first {int(deviates.nonzero()[0][-1]) + 1} cycles move differently" if deviates.any() else ""
-    return replace(single, starts_s=kept, per_unit=per_unit), said
+    return _longest(np.linalg.norm(motion - usual, axis=1) <= _NUMBERS.other_motion * np.linalg.norm(usual))
 
 
-def _rate_hz(displacement: Signal) -> float:
-    """Rate of the cycle: strongest line, refined by least squares with a few harmonics."""
-    from scipy.optimize import minimize_scalar
+def _longest(is_good: np.ndarray) -> tuple[int, int]:
+    """First and one past the last of the longest run of true values; the later one of two.
 
+    Examples
+    --------
+    >>> _longest(np.array([True, False, True, True, False]))
+    (2, 4)
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], is_good.astype(int), [0]])))
+    runs = list(pairwise(edges))[::2]
+    first, end = max(runs, key=lambda run: (run[1] - run[0], run[1]), default=(0, 0))
+    return int(first), int(end)
+
+
+def _with_harmonics(cycles: Cycles, displacement: Signal) -> Cycles:
+    """Take the number of harmonics from the samples of a unit, and that of the motion from the displacement."""
+    samples = displacement.rate_hz / cycles.rate_hz * cycles.per_unit
+    n_fitted = int(np.clip((samples / _SAMPLES_PER_COEFFICIENT - 1.0) // 2, _LEAST_HARMONICS, MOST_HARMONICS))
+    motion = cycles.fit(displacement, n_fitted)
+    lines = motion[:, 1 : n_fitted + 1] + 1j * motion[:, n_fitted + 1 :]
+    power = np.abs(lines.mean(axis=0)) ** 2
+    if len(lines) > 2:
+        variance = np.var(lines, axis=0, ddof=1) / len(lines)
+    else:
+        variance = np.full(n_fitted, float(np.median(power[n_fitted // 2 :])))
+    width = np.ones(_NEIGHBOURS) / _NEIGHBOURS
+    above = np.convolve(power, width, "same") > _NOISE_MARGIN * np.convolve(variance, width, "same")
+    n_motion = int(np.flatnonzero(above)[-1]) + 1 if above.any() else 1
+    return replace(cycles, n_fitted=n_fitted, n_motion=n_motion)
+
+
+def _crude_rate_hz(displacement: Signal) -> float:
+    """Strongest line of the spectrum."""
     time_s, values = displacement.time_s, displacement.values
     n = len(time_s)
     even = np.interp(np.linspace(time_s[0], time_s[-1], n), time_s, values)
@@ -127,9 +218,16 @@ def _rate_hz(displacement: Signal) -> float:
     duration_s = displacement.duration_s
     line_hz = np.arange(len(spectrum)) * (n - 1) / (8 * n * duration_s)
     spectrum[line_hz < 0.7 / duration_s] = 0.0
-    crude_hz = float(line_hz[int(np.argmax(spectrum))])
-    step = max(1, n // 4000)
-    few_s, few = time_s[::step], values[::step]
+    return float(line_hz[int(np.argmax(spectrum))])
+
+
+def _rate_hz(displacement: Signal) -> float:
+    """Rate of the cycle: strongest line, refined by least squares with a few harmonics."""
+    from scipy.optimize import minimize_scalar
+
+    crude_hz, duration_s = _crude_rate_hz(displacement), displacement.duration_s
+    step = max(1, len(displacement.time_s) // 4000)
+    few_s, few = displacement.time_s[::step], displacement.values[::step]
 
     def misfit(rate_hz: float) -> float:
         basis = fourier(TWO_PI * rate_hz * few_s, _RATE_HARMONICS)
@@ -139,6 +237,38 @@ def _rate_hz(displacement: Signal) -> float:
     reach_hz = min(0.5 / duration_s, 0.3 * crude_hz)
     found = minimize_scalar(misfit, bounds=(crude_hz - reach_hz, crude_hz + reach_hz), method="bounded")
     return float(found.x)
+
+
+def _refined(displacement: Signal, rate_hz: float) -> float:
+    """Rate with all harmonics that count: a cycle that is cut too late by a millisecond jumps at its ends.
+
+    Gauss-Newton: beside the harmonics, the change of the motion with the rate is fitted.
+    """
+    time_s, values = displacement.time_s, displacement.values
+    step = max(1, len(time_s) // _MOST_SAMPLES)
+    since_s, few = time_s[::step] - time_s[0], values[::step]
+    most = int(len(few) / (displacement.duration_s * rate_hz) / _SAMPLES_PER_COEFFICIENT) // 2
+    n = min(_LEAST_HARMONICS, most)
+    if n <= _RATE_HARMONICS:
+        return rate_hz
+    for _ in range(_REFINEMENTS):
+        basis = fourier(TWO_PI * rate_hz * since_s, n)
+        theta = np.linalg.lstsq(basis, few, rcond=None)[0]
+        change = TWO_PI * since_s * (basis @ derivative(theta))
+        both = np.linalg.lstsq(np.hstack([basis, change[:, None]]), few, rcond=None)[0]
+        rate_hz += float(np.clip(both[-1], -0.1 / displacement.duration_s, 0.1 / displacement.duration_s))
+    return rate_hz
+
+
+def n_points(n_harmonics: int) -> int:
+    """Points over a cycle for so many harmonics: four or more each, a power of two.
+
+    Examples
+    --------
+    >>> n_points(20), n_points(100)
+    (128, 512)
+    """
+    return max(LEAST_POINTS, 1 << int(np.ceil(np.log2(4 * n_harmonics))))
 
 
 def axis_state(
@@ -160,15 +290,18 @@ def axis_state(
     Returns
     -------
     AxisState
-        Arrays of shape (n_units, 128); the load's time derivative is in `force_rate_n_s`.
+        Arrays of shape (n_units, n_points); the load's time derivative is in `force_rate_n_s`.
     """
-    points = (np.arange(N_POINTS) + 0.5) * TWO_PI / N_POINTS
-    wide, narrow = fourier(points, N_HARMONICS).T, fourier(points, _MOTION_HARMONICS).T
+    n, n_motion = cycles.n_fitted, cycles.n_motion
+    points = (np.arange(n_points(n_motion)) + 0.5) * TWO_PI / n_points(n_motion)
+    # Beyond half of the points a harmonic would be taken for another one.
+    wide = fourier(points, n).T * (np.concatenate([[0], *2 * [np.arange(1, n + 1)]]) < len(points) // 2)[:, None]
+    narrow = fourier(points, n_motion).T
     rate = TWO_PI * cycles.rate_hz
     motion = 1e-3 * cycles.fit(displacement)
-    motion = np.hstack([motion[:, : _MOTION_HARMONICS + 1], motion[:, N_HARMONICS + 1 :][:, :_MOTION_HARMONICS]])
+    motion = np.hstack([motion[:, : n_motion + 1], motion[:, n + 1 :][:, :n_motion]])
     force = None if load is None else cycles.fit(load)
-    shape = (len(motion), N_POINTS)
+    shape = (len(motion), len(points))
     middle_s = (cycles.starts_s + 0.5 * cycles.per_unit / cycles.rate_hz)[:, None]
     return AxisState(
         kind="running",

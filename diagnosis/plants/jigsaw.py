@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
@@ -44,6 +44,7 @@ class Jigsaw:
 
     baseline: Baseline
     scale_rel_std = 0.0
+    expected_rest = 0.0
     beyond_catalogue: tuple[Effect, ...] = BEYOND_CATALOGUE
 
     @property
@@ -169,6 +170,11 @@ class Jigsaw:
             if missing:
                 said.append(f"{channel} is missing in {', '.join(missing)}: effects that show there cannot be named")
         return said
+
+    def asymmetry(self, states: Sequence[State], effects: Sequence[str]) -> tuple[dict[str, Any], str]:
+        """Nothing: a stroke of a saw has a cutting and a return half anyway."""
+        del states, effects
+        return {}, ""
 
     def next_trial(self, states: Sequence[State]) -> str | None:
         """Idle run, duties, repeat, feed: what the campaign lacks first."""

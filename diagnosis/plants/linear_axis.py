@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from sawbench.bench.config import LinearAxisConfig, LoadedConfig
@@ -14,7 +15,9 @@ from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.features import Layout
 from sawbench.diagnosis.inference.nuisances import Nuisance, Reading, of_known
 from sawbench.diagnosis.inference.settings import SETTINGS
-from sawbench.diagnosis.plants.axis_motion import average, axis_state, find_cycles
+from sawbench.diagnosis.plants.axis_friction import friction_by_direction, friction_n
+from sawbench.diagnosis.plants.axis_motion import LEAST_POINTS, average, axis_state, find_cycles
+from sawbench.diagnosis.plants.axis_windows import find_windows, window_states
 from sawbench.diagnosis.plants.plant import EquationForm
 from sawbench.modeling.effects.effect import Effect
 from sawbench.modeling.effects.known import KnownEffect
@@ -26,6 +29,9 @@ from sawbench.modeling.residuals import Equation, Signature
 from sawbench.modeling.state import State, TrialSetting
 
 N_HARMONICS = 32
+_FRICTION = "guide_friction"
+# Octaves of the cycle.
+_NOISE_BANDS = (4, 8, 16)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -60,6 +66,7 @@ class LinearAxis:
             channel_unit="N" if constant is None else "A",
             to_channel=1.0 if constant is None else 1.0 / constant.nominal,
             n_harmonics=N_HARMONICS,
+            noise_bands=_NOISE_BANDS,
         )
         return {"mechanical": form}
 
@@ -82,6 +89,11 @@ class LinearAxis:
     def beyond_catalogue(self) -> tuple[Effect, ...]:
         """None are known."""
         return ()
+
+    @property
+    def expected_rest(self) -> float:
+        """All that its model error says: it holds what the form of a cause may miss, not only a floor."""
+        return 1.0
 
     @property
     def scale_rel_std(self) -> float:
@@ -107,7 +119,9 @@ class LinearAxis:
         floor = np.hypot(floor_n, SETTINGS.axis.form_share * np.linalg.norm(gap) * shape / np.linalg.norm(shape))
         speed = np.abs(as_axis(state).velocity_m_s.mean(axis=0))
         impulses = np.eye(len(speed))[speed < SETTINGS.axis.standstill_share * speed.max()]
-        standstill = np.linalg.norm(gap) * layout.place({"mechanical": impulses}, len(impulses))
+        # White over the grid: on a finer one as much of it falls on each harmonic.
+        size_n = float(np.linalg.norm(gap)) * np.sqrt(len(speed) / LEAST_POINTS)
+        standstill = size_n * layout.place({"mechanical": impulses}, len(impulses))
         return np.diag(floor**2) + standstill.T @ standstill
 
     def nuisances(self) -> tuple[Nuisance, ...]:
@@ -155,6 +169,11 @@ class LinearAxis:
         if self.config.load_channel is not None:
             return []
         return ["no load_channel: a load that no sensor sees cannot be told from what the axis itself lacks"]
+
+    def asymmetry(self, states: Sequence[State], effects: Sequence[str]) -> tuple[dict[str, Any], str]:
+        """Dry friction by direction, where the cause holds it."""
+        by = friction_by_direction([as_axis(s) for s in states], self.config) if _FRICTION in effects else None
+        return ({}, "") if by is None else (by.report(), by.words() if by.is_significant else "")
 
     def next_trial(self, states: Sequence[State]) -> str | None:
         """Another rate, another load, a repeat."""
@@ -246,9 +265,7 @@ def reduce_axis(
     warnings: list[str] = []
     states: list[AxisState] = []
     for number, recording in enumerate(recordings):
-        state = _state(recording, recordings[0], number, config, warnings)
-        if state is not None:
-            states.append(state)
+        states += _states(recording, recordings[0], number, config, warnings)
         if on_trial is not None:
             on_trial(number + 1, len(recordings), recording.trial.trial_id)
     if not states:
@@ -259,15 +276,17 @@ def reduce_axis(
         force_scale_n=float(np.sqrt(2.0) * max(np.std(s.drive_n) for s in states)),
         stroke_m=max(float(np.ptp(s.position_m)) for s in states),
         top_speed_m_s=max(float(np.abs(s.velocity_m_s).max()) for s in states),
+        friction_n=friction_n(states, config),
     )
     known = known_effects(loaded.config, path=loaded.path, model=baseline)
     axis = LinearAxis(model=replace(baseline, known=known))
     return Campaign(plant=axis, states=tuple(states), k_guess_n_s_per_m={}, warnings=tuple(warnings))
 
 
-def _state(
+def _states(
     recording: Recording, first: Recording, index: int, config: LinearAxisConfig, warnings: list[str]
-) -> AxisState | None:
+) -> list[AxisState]:
+    """States of one trial: its cycles, or windows of a motion that has none; none where it is left out."""
     trial = recording.trial
     loaded_axis = config.load_channel is not None and not (
         trial.is_idle and config.load_channel not in recording.signals
@@ -276,34 +295,51 @@ def _state(
     missing = [name for name in needed if name not in recording.signals]
     if missing:
         warnings.append(f"{trial.trial_id} left out: it has no {' and no '.join(str(name) for name in missing)}")
-        return None
-    displacement = recording.signals[DISPLACEMENT.name]
+        return []
+    displacement, drive = recording.signals[DISPLACEMENT.name], recording.signals[config.drive_channel]
+    load = recording.signals[str(config.load_channel)] if loaded_axis else None
+    newton = 1.0 if config.force_constant_n_per_a is None else config.force_constant_n_per_a.nominal
     cycles, said = find_cycles(displacement)
-    if cycles is None:
-        warnings.append(f"{trial.trial_id} left out: {said}")
-        return None
-    if said:
-        warnings.append(f"{trial.trial_id}: {said} and are left out")
-    begun, here = first.trial.started_at, trial.started_at
-    stroke_mm = float(np.ptp(np.quantile(displacement.values, (0.01, 0.99))))
+    if cycles is not None:
+        warnings += [f"{trial.trial_id}: {said} and are left out"] if said else []
+        setting = _setting(recording, first, index, cycles.rate_hz, f"{cycles.rate_hz:.2g} Hz")
+        return [axis_state(cycles, setting, displacement, drive, load, newton)]
+    windows, why = find_windows(displacement, drive, N_HARMONICS)
+    if windows is None:
+        warnings.append(f"{trial.trial_id} left out: {why}")
+        return []
+    warnings.append(
+        f"{trial.trial_id}: {said}; its motion is compared over time, in {_counted(len(windows.edges_s) - 1)}"
+    )
+    # Steps as long as the shortest motion: the noise of single samples is no path.
+    step = max(1, int(displacement.rate_hz / (4.0 * windows.cutoff_hz)))
+    path_mm = float(np.abs(np.diff(displacement.values[::step])).sum())
+    rate_hz = path_mm / max(2.0 * float(np.ptp(displacement.values)) * displacement.duration_s, 1e-12)
+    setting = _setting(recording, first, index, rate_hz, f"{displacement.duration_s:.2g} s of free motion")
+    signals = {"displacement": displacement, "drive": drive, "load": load}
+    return window_states(windows, setting, signals, newton)
+
+
+def _counted(n: int) -> str:
+    return "one window" if n == 1 else f"{n} windows"
+
+
+def _setting(recording: Recording, first: Recording, index: int, rate_hz: float, motion: str) -> TrialSetting:
+    trial, begun = recording.trial, first.trial.started_at
+    here = trial.started_at
+    stroke_mm = float(np.ptp(np.quantile(recording.signals[DISPLACEMENT.name].values, (0.01, 0.99))))
     load = trial.material or "load not stated"
-    setting = TrialSetting(
+    return TrialSetting(
         label=trial.trial_id,
         index=index,
-        duty=cycles.rate_hz,
+        duty=rate_hz,
         is_idle=trial.is_idle,
         stock=load,
         feed_m_s=np.nan,
         thickness_m=np.nan,
-        operating_point=f"{load}, {cycles.rate_hz:.2g} Hz, stroke {stroke_mm:.2g} mm",
+        operating_point=f"{load}, {motion}, stroke {stroke_mm:.2g} mm",
         session_s=0.0 if begun is None or here is None else (here - begun).total_seconds(),
     )
-    constant = config.force_constant_n_per_a
-    return axis_state(
-        cycles, setting, displacement, recording.signals[config.drive_channel],
-        recording.signals[str(config.load_channel)] if loaded_axis else None,
-        1.0 if constant is None else constant.nominal,
-    )  # fmt: skip
 
 
 def _refuse_wrong_sign(states: Sequence[AxisState], config: LinearAxisConfig) -> None:

@@ -43,6 +43,9 @@ class EquationForm:
         its own.
     n_harmonics : int
         Harmonics of the cycle that are compared.
+    noise_bands : tuple of int
+        Harmonics from which on the noise may be larger than below, each on its own: what rings in the machine is no
+        noise of its slow forces. Empty where one factor holds for all.
     """
 
     unit: str
@@ -51,6 +54,7 @@ class EquationForm:
     channel_unit: str
     to_channel: float | None
     n_harmonics: int
+    noise_bands: tuple[int, ...] = ()
 
 
 class Plant(Protocol):
@@ -70,6 +74,8 @@ class Plant(Protocol):
         What may be missing from it.
     beyond_catalogue : tuple of Effect
         Forms that count as "unknown" where they win.
+    expected_rest : float
+        Whitened misfit over features that is no sign of more noise.
     scale_rel_std : float
         Relative uncertainty that every strength found shares, because the equations fix sizes only up to it.
     """
@@ -107,6 +113,11 @@ class Plant(Protocol):
     @property
     def scale_rel_std(self) -> float:
         """Relative uncertainty that all strengths share."""
+        ...
+
+    @property
+    def expected_rest(self) -> float:
+        """Whitened misfit over features that its `model_error` makes ordinary, of 1; 0 where it is a floor only."""
         ...
 
     def with_known(self, known: Sequence[KnownEffect]) -> Plant:
@@ -150,6 +161,10 @@ class Plant(Protocol):
 
     def weaknesses(self, states: Sequence[State]) -> list[str]:
         """Say which missing channels weaken the answer."""
+        ...
+
+    def asymmetry(self, states: Sequence[State], effects: Sequence[str]) -> tuple[dict[str, Any], str]:
+        """How effects of a cause differ by direction, as numbers and in words; empty where they have none."""
         ...
 
     def next_trial(self, states: Sequence[State]) -> str | None:

@@ -86,6 +86,8 @@ def _shapes() -> tuple[dict[str, float], ...]:
 
 
 def _axis_signature(axis: AxisBaseline, state: AxisState, device: float, tau_s: float) -> tuple[Signature, ...]:
+    if not state.is_cyclic:
+        return ({},)
     if device == FORCE:
         if state.force_n is None:
             return ({},)

@@ -30,6 +30,8 @@ def _signature(baseline: Baseline, state: State, tau_s: float) -> tuple[Signatur
 
 
 def _axis_signature(_: AxisBaseline, state: AxisState, tau_s: float) -> tuple[Signature, ...]:
+    if not state.is_cyclic:
+        return ({},)
     return ({"mechanical": filtered(state.drive_n, state, low_pass(tau_s)) - state.drive_n},)
 
 
@@ -46,6 +48,14 @@ EFFECT = Effect(
         measure="a step of the current on this sensor beside a shunt",
         mend="widen the filter of the current sensor",
     ),
+    words_on={
+        "linear_axis": Words(
+            name="lag of the drive's sensor",
+            happens="the current or force of the drive is read late and rounded off",
+            measure="a step of the drive on this sensor beside an unfiltered one",
+            mend="widen the filter of the drive's sensor",
+        )
+    },
     parts=("drive_sensor",),
     strength=Strength(
         name="time_constant_s",

@@ -67,11 +67,14 @@ class Words:
         What to measure at the machine itself, apart from any trial, that shows it.
     mend : str
         What to do about it.
+    name : str
+        What the effect is called, where its id says it in the words of another machine.
     """
 
     happens: str
     measure: str
     mend: str
+    name: str = ""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -88,6 +91,8 @@ class Effect:
         The term it adds, in words and symbols.
     words : Words, optional
         Every entry of the catalogue has them.
+    words_on : mapping of str to Words
+        Frame of a machine (`modeling.machines`) -> the words there, where those of a saw do not fit.
     parts : tuple of Part
         Parts that a machine must have to show it.
     silent_in : tuple of {"air", "start_up"}
@@ -148,6 +153,7 @@ class Effect:
     strength: Strength
     signature: SignatureFunction
     words: Words | None = None
+    words_on: Mapping[str, Words] = field(default_factory=dict)
     parts: tuple[Part, ...] = ()
     silent_in: tuple[Phase, ...] = ()
     n_signatures: Callable[[dict[str, float]], int] = lambda shape: 1

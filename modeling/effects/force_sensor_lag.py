@@ -47,7 +47,7 @@ def _signature(
 
 
 def _axis_signature(axis: AxisBaseline, state: AxisState, tau_s: float) -> tuple[Signature, ...]:
-    if state.force_n is None:
+    if state.force_n is None or not state.is_cyclic:
         return ({},)
     return ({"mechanical": state.force_n - filtered(state.force_n, state, low_pass(tau_s))},)
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from sawbench.modeling.effects.effect import Effect, Strength, Words
-from sawbench.modeling.effects.friction import PRESLIDING, direction, stribeck
+from sawbench.modeling.effects.friction import PRESLIDING, direction, stribeck, through_play
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -36,11 +36,15 @@ def _signature(baseline: Baseline, state: State, static_ratio: float, stribeck_m
 def _axis_signature(
     axis: AxisBaseline,
     state: AxisState,
-    presliding: float,
+    presliding: float = 0.0,
     slope: float = 0.0,
     static_ratio: float = 1.0,
     stribeck_share: float = 1.0,
+    gap: float = 0.0,
+    spring: float = 0.0,
 ) -> tuple[Signature, ...]:
+    if spring > 0.0:
+        return ({"mechanical": through_play(state, gap * axis.stroke_m, spring * axis.stroke_m)},)
     grip = stribeck(np.abs(state.velocity_m_s), static_ratio, stribeck_share * axis.top_speed_m_s)
     place = (state.position_m - np.mean(state.position_m)) / (0.5 * axis.stroke_m)
     return ({"mechanical": direction(state, presliding * axis.stroke_m) * grip * (1.0 + slope * place)},)
@@ -56,6 +60,11 @@ def _on_axis(axis: AxisBaseline) -> Effect:
         signature=_axis_signature,
         shapes=(
             *({"presliding": p, "slope": k} for p in PRESLIDING for k in (0.0, 0.25, -0.25)),
+            *(
+                {"gap": g, "spring": s}
+                for g in (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.25, 0.33)
+                for s in (0.01, 0.02, 0.05, 0.1, 0.2)
+            ),
             *({"presliding": p, "static_ratio": s, "stribeck_share": v} for p in (0.0, 0.004, 0.012) for s, v in dip),
         ),
         scales=("stroke_m", "top_speed_m_s"),
@@ -76,6 +85,13 @@ EFFECT = Effect(
         measure="the force of a spring balance that pulls the plunger through its stroke, motor uncoupled",
         mend="clean, oil and align the guides",
     ),
+    words_on={
+        "linear_axis": Words(
+            happens="dry friction brakes the axis, the same at every speed",
+            measure="the force of a spring balance that pulls the axis through its stroke, drive off",
+            mend="clean, oil and align the guides; check seals and preload",
+        )
+    },
     parts=("guide",),
     strength=Strength(name="force_n", unit="N", typical=5.0, low=0.1, high=4.0, source="assumed"),
     signature=_signature,

@@ -76,6 +76,13 @@ EFFECT = Effect(
         measure="the motor current with a known weight hung on the plunger, moving up and down",
         mend="check lubrication of gear, yoke slot and crank pin",
     ),
+    words_on={
+        "linear_axis": Words(
+            happens="drive and guides rub the harder they are loaded",
+            measure="the force of the drive with known loads, moving to and fro",
+            mend="check the lubrication of drive and guides",
+        )
+    },
     parts=("drive", "load"),
     strength=Strength(
         name="friction_share",

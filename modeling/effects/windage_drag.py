@@ -63,6 +63,14 @@ EFFECT = Effect(
         measure="the idle current at several speeds, with and without the fan",
         mend="check the fan and its duct",
     ),
+    words_on={
+        "linear_axis": Words(
+            name="drag that grows with speed squared",
+            happens="drag of air or oil on the axis grows with the square of its speed",
+            measure="the force of the drive at several constant speeds",
+            mend="check lubricant, seals and air gaps",
+        )
+    },
     parts=("drive",),
     strength=Strength(name="torque_at_1000_rad_s_n_m", unit="N*m", typical=0.006, low=0.1, high=4.0, source="assumed"),
     signature=_signature,

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.effect import BACKGROUND_SHARE, Effect, Strength, Words
-from sawbench.modeling.effects.friction import direction
+from sawbench.modeling.effects.friction import direction, through_play
 from sawbench.modeling.parts.mechanism import Mechanism
 from sawbench.modeling.residuals import Baseline, Signature, residuals
 from sawbench.modeling.state import State, angle_derivative
@@ -110,21 +110,39 @@ def swing(baseline: Baseline, state: State, deviation_rad: Floats) -> Signature:
     return found
 
 
-def _axis_signature(axis: AxisBaseline, state: AxisState, gap: float) -> tuple[Signature, ...]:
-    """Between the flanks the drive carries nothing: the required force is missing until the gap is crossed."""
-    crossed = np.abs(direction(state, gap * axis.stroke_m) - np.sign(state.velocity_m_s))
-    is_free = crossed > 2.0 * np.exp(-1.0)
-    return ({"mechanical": -axis.required_force(state) * is_free},)
+def _axis_signature(
+    axis: AxisBaseline, state: AxisState, gap: float, spring: float = 0.0, before: float = 0.0
+) -> tuple[Signature, ...]:
+    """Between the flanks nothing is carried: what is required is missing until the gap is crossed.
+
+    Without a spring that is the force of the rigid axis. With one the play is in series with the dry friction, which
+    `before` is taken to turn round over that share of the stroke.
+    """
+    gap_m = gap * axis.stroke_m
+    if spring == 0.0:
+        crossed = np.abs(direction(state, gap_m) - np.sign(state.velocity_m_s))
+        return ({"mechanical": -axis.required_force(state) * (crossed > 2.0 * np.exp(-1.0))},)
+    felt = through_play(state, gap_m, spring * axis.stroke_m)
+    return ({"mechanical": axis.friction_n * (felt - direction(state, before * axis.stroke_m))},)
 
 
 def _on_axis(axis: AxisBaseline) -> Effect:
     return replace(
         EFFECT,
-        equation="no force across a gap after each reversal",
+        equation="nothing carried across a gap after each reversal: no force, or none of a friction behind a spring",
         strength=replace(EFFECT.strength, typical=1.0, low=0.7, high=1.4),
         signature=_axis_signature,
         n_signatures=lambda shape: 1,
-        shapes=tuple({"gap": g} for g in (0.005, 0.01, 0.02, 0.05)),
+        shapes=(
+            *({"gap": g} for g in (0.005, 0.01, 0.02, 0.05)),
+            *(
+                {"gap": g, "spring": s, "before": b}
+                for g in (0.03, 0.06, 0.1, 0.15, 0.2, 0.25, 0.33)
+                for s in (0.02, 0.05, 0.1, 0.2)
+                for b in (0.0, 0.06, 0.1)
+            ),
+        ),
+        scales=("stroke_m", "friction_n"),
         shape_strength=lambda amplitude, shape: amplitude * shape["gap"] * axis.stroke_m,
         carries=("gap",),
         needs=(),
@@ -136,6 +154,12 @@ def _on_axis(axis: AxisBaseline) -> Effect:
     )
 
 
+_AXIS_WORDS = Words(
+    name="backlash",
+    happens="there is play between drive and load: after each reversal the force stands still across it",
+    measure="the free travel of the load with a dial gauge, drive held",
+    mend="measure the play; take it up, or renew the worn joint",
+)
 EFFECT = Effect(
     name="yoke_backlash",
     place="mechanical",
@@ -145,6 +169,7 @@ EFFECT = Effect(
         measure="the free travel of the plunger with a dial gauge, crank held",
         mend="measure the play; renew pin or yoke",
     ),
+    words_on={"linear_axis": _AXIS_WORDS},
     parts=("joint",),
     silent_in=("start_up",),
     strength=Strength(name="gap_m", unit="m", typical=2.5e-4, low=0.3, high=3.0, source="assumed"),

@@ -31,12 +31,15 @@ class AxisState(State):
     position_m, velocity_m_s, acceleration_m_s2 : ndarray, shape (n_units, n_points)
     drive_n : ndarray, shape (n_units, n_points)
         Force of the drive, at its nominal force constant.
+    is_cyclic : bool
+        The end of a unit is followed by its beginning.
     """
 
     position_m: Floats
     velocity_m_s: Floats
     acceleration_m_s2: Floats
     drive_n: Floats
+    is_cyclic: bool = True
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -48,6 +51,8 @@ class AxisBaseline:
     config : LinearAxisConfig
     force_scale_n, stroke_m, top_speed_m_s : float
         Largest force of the drive, travel and speed in the campaign: what "typical" sizes are shares of.
+    friction_n : float
+        Dry friction by which the drive reverses its force: what is not felt across play in series with it.
     known : tuple of KnownEffect
         Effects that belong to the model.
     """
@@ -56,6 +61,7 @@ class AxisBaseline:
     force_scale_n: float
     stroke_m: float
     top_speed_m_s: float
+    friction_n: float = 0.0
     known: tuple[KnownEffect, ...] = ()
 
     def known_signature(self, state: State) -> Signature:

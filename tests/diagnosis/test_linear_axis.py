@@ -228,3 +228,38 @@ def test_dry_friction_of_a_real_cable_tool_is_named(tmp_path):
     assert report["causes"][0]["gap_closed"] > 0.8
     channel = report["gap"]["by_channel"]["back_force_n"]
     assert channel["with_effect"] < 0.5 * min(channel["nominal"], channel["retuned"])
+
+
+@pytest.mark.skipif(not (SHARED / "data" / "emps").is_dir(), reason="the record of the ball screw is not here")
+def test_dry_friction_of_a_ball_screw_is_named_and_closed(tmp_path):
+    (tmp_path / "map.toml").write_text(
+        """[columns]
+time_s = "t"
+displacement_mm = { column = "qm", unit = "m" }
+drive_force_n = { column = "vir", scale = 35.15065188, unit = "N" }
+"""
+    )
+    (tmp_path / "axis.toml").write_text(
+        """[linear_axis]
+moving_mass_kg = { nominal = 95.0, rel_std = 0.1 }
+viscous_damping_n_s_per_m = { nominal = 200.0, rel_std = 0.3 }
+drive_channel = "drive_force_n"
+"""
+    )
+    table = str(SHARED / "data" / "emps" / "DATA_EMPS.mat")
+    command = ["import", table, "--map", str(tmp_path / "map.toml"), "--material", "none", "--out", str(tmp_path)]
+    assert main(command) == 0
+    record = str(tmp_path / "DATA_EMPS.mcap")
+    for config, out in (("axis.toml", "gap"), ("gap/improved_model.toml", "again")):
+        assert main(["diagnose", record, "--config", str(tmp_path / config), "--out", str(tmp_path / out)]) == 0
+    report = json.loads((tmp_path / "gap" / "gap_report.json").read_text())
+    first = report["causes"][0]
+    assert first["effects"] == ["guide_friction"]
+    assert first["probability"] > 0.9
+    # As published: Coulomb friction 20.39 N, offset -3.16 N.
+    assert abs(first["parameters"]["force_n"]["value"] - 20.39) < first["parameters"]["force_n"]["std"]
+    assert first["by_direction"]["difference_n"] == pytest.approx(2.0 * -3.16, abs=1.5)
+    assert any("F+ ≠ F-" in text for text in report["warnings"])
+    page = (tmp_path / "gap" / "gap_report.html").read_text().lower()
+    assert not any(word in page for word in ("plunger", "blade", "crank"))
+    assert json.loads((tmp_path / "again" / "gap_report.json").read_text())["verdict"] == "no_gap"

@@ -1,0 +1,106 @@
+"""Dry friction of an axis straight from its balance of forces: how large, and whether it is the same both ways."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from sawbench.bench.config import LinearAxisConfig
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.settings import SETTINGS
+from sawbench.modeling.machines.linear_axis import AxisState
+
+_LEAST_POINTS = 8
+_LEAST_UNITS = 3
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ByDirection:
+    """Dry friction by the direction of the motion, means over cycles.
+
+    Attributes
+    ----------
+    forward_n, backward_n : float
+        Towards larger and smaller displacement.
+    difference_n, difference_std_n : float
+        Forward less backward; standard uncertainty by the scatter of the cycles.
+    is_significant : bool
+        The difference is outside of its 95 % interval about 0.
+    """
+
+    forward_n: float
+    backward_n: float
+    difference_n: float
+    difference_std_n: float
+    is_significant: bool
+
+    def report(self) -> dict[str, float | bool]:
+        """Entry of the report."""
+        return asdict(self)
+
+    def words(self) -> str:
+        """Say it for the page."""
+        return (
+            f"dry friction differs by direction (F+ ≠ F-): {self.forward_n:.3g} N towards larger displacement,"
+            f" {self.backward_n:.3g} N towards smaller; a constant force of {0.5 * self.difference_n:.2g} N (a weight,"
+            " the zero of the drive) is indistinguishable from it"
+        )
+
+
+def friction_n(states: Sequence[AxisState], config: LinearAxisConfig) -> float:
+    """Dry friction of the campaign: half the step of the drive's force between the directions, N; at least 0."""
+    rows = np.concatenate([_rows(state, config, unit) for state in states for unit in range(len(state.position_m))])
+    return 0.0 if len(rows) < _LEAST_POINTS else max(float(_by_direction(rows).mean()), 0.0)
+
+
+def friction_by_direction(states: Sequence[AxisState], config: LinearAxisConfig) -> ByDirection | None:
+    """Size the dry friction in each direction, cycle by cycle.
+
+    Parameters
+    ----------
+    states : sequence of AxisState
+    config : LinearAxisConfig
+
+    Returns
+    -------
+    ByDirection or None
+        None with fewer than three cycles or windows that move both ways.
+    """
+    from scipy.special import stdtrit
+
+    found = []
+    for state in states:
+        for unit in range(len(state.position_m)):
+            rows = _rows(state, config, unit)
+            forward, backward = (np.count_nonzero(rows[:, k]) for k in (0, 1))
+            if min(forward, backward) >= _LEAST_POINTS:
+                found.append(_by_direction(rows))
+    if len(found) < _LEAST_UNITS:
+        return None
+    forward_n, backward_n = np.mean(found, axis=0)
+    differences = np.array([a - b for a, b in found])
+    std = float(np.std(differences, ddof=1) / np.sqrt(len(found)))
+    difference = float(differences.mean())
+    return ByDirection(
+        forward_n=float(forward_n), backward_n=float(backward_n), difference_n=difference, difference_std_n=std,
+        is_significant=bool(abs(difference) > float(stdtrit(len(found) - 1, 0.975)) * std),
+    )  # fmt: skip
+
+
+def _rows(state: AxisState, config: LinearAxisConfig, unit: int) -> Floats:
+    """Forward, backward, speed and drive less load and inertia, a row each, where the axis slows down.
+
+    Play that a reversal has opened is closed there. Near standstill friction is whatever holds the axis.
+    """
+    v, a = state.velocity_m_s[unit], state.acceleration_m_s2[unit]
+    speed = np.abs(v)
+    kept = (speed > SETTINGS.axis.standstill_share * speed.max()) & (a * v <= 0.0)
+    load = 0.0 if state.force_n is None else state.force_n[unit]
+    left = state.drive_n[unit] - load - config.moving_mass_kg.nominal * a
+    return np.stack([v > 0.0, -1.0 * (v < 0.0), v, left], axis=1)[kept]
+
+
+def _by_direction(rows: Floats) -> Floats:
+    """Friction forward and backward, N: what the force has at no speed, the damping being the same both ways."""
+    return np.linalg.lstsq(rows[:, :3], rows[:, 3], rcond=None)[0][:2]
