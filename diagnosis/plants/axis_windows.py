@@ -21,8 +21,10 @@ from sawbench.modeling.state import TWO_PI, TrialSetting
 _LEAST_SAMPLES: Final = 64
 _MOST_WINDOWS: Final = 16
 _N_POINTS: Final = n_points(128)
-# Power over the floor from which on a frequency belongs to the motion, and the largest share of the Nyquist frequency.
+# Power over the floor from which on a frequency belongs to the motion, the share of all power that such have at least,
+# and the largest share of the Nyquist frequency.
 _OVER_FLOOR: Final = 10.0
+_MOTION_SHARE: Final = 0.5
 _MOST_OF_NYQUIST: Final = 0.5
 _FILTER_ORDER: Final = 4
 # Share of the drive's variance that the compared harmonics of a window are to hold.
@@ -64,7 +66,7 @@ def find_windows(displacement: Signal, drive: Signal, n_harmonics: int) -> tuple
     frequency_hz, power = _spectrum(displacement)
     floor = float(np.median(power[len(power) // 2 :]))
     above = np.flatnonzero(power > _OVER_FLOOR * floor)
-    if not len(above):
+    if not len(above) or power[: above[-1] + 1].sum() < _MOTION_SHARE * power.sum():
         return None, "its displacement is noise, no motion exceeds it"
     nyquist_hz = 0.5 * displacement.rate_hz
     cutoff_hz = float(np.clip(frequency_hz[above[-1]], frequency_hz[1], _MOST_OF_NYQUIST * nyquist_hz))
