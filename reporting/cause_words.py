@@ -59,7 +59,10 @@ def in_words_of(report: Mapping[str, Any], text: str) -> str:
     frame = report.get("detail", {}).get("frame")
     if frame is None:
         return text
-    pairs = [("crank angle", "phase of the cycle"), ("phase of the cycles", "phases of the cycle")]
+    pairs = [
+        ("crank angle", "phase of the cycle"), ("Crank angle", "Phase of the cycle"),
+        ("phase of the cycles", "phases of the cycle"),
+    ]  # fmt: skip
     for effect in EFFECT_BY_NAME.values():
         here = effect.words_on.get(frame)
         if here is None or effect.words is None:
