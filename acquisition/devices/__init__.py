@@ -40,6 +40,8 @@ INSTRUMENTS: Final[Mapping[str, str]] = MappingProxyType(
         "hx711": "sawbench.acquisition.devices.hx711:INSTRUMENT",
         "micro_epsilon_ethernet": "sawbench.acquisition.devices.micro_epsilon_ethernet:INSTRUMENT",
         "edge_times": "sawbench.acquisition.devices.edge_times:INSTRUMENT",
+        "ni_daqmx": "sawbench.acquisition.devices.ni_daqmx:INSTRUMENT",
+        "labjack": "sawbench.acquisition.devices.labjack:INSTRUMENT",
         "text_lines": "sawbench.acquisition.devices.text_lines:INSTRUMENT",
         "binary_frames": "sawbench.acquisition.devices.binary_frames:INSTRUMENT",
     }
