@@ -16,6 +16,8 @@ _OUTPUT = MappingProxyType(
         "motor_current_a": ("current_a", 1.0, "current_noise_a"),
         "battery_voltage_v": ("battery_v", 1.0, "voltage_noise_v"),
         "battery_current_a": ("battery_a", 1.0, "battery_current_noise_a"),
+        # What a proximity switch beside the displacement sensor faces.
+        "switch_mm": ("plunger_m", 1e3, "displacement_noise_mm"),
     }
 )
 _CHUNK_S = 0.25
@@ -112,7 +114,7 @@ class StreamingPlant:
         Parameters
         ----------
         channel : str
-            One of the five of `bench.units`.
+            One of the five of `bench.units`, or `switch_mm`.
         time_s : ndarray, shape (n,), s
             Increasing within a call and from call to call.
 

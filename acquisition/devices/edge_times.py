@@ -21,8 +21,7 @@ from sawbench.acquisition.devices.lines import LABELLED_NUMBER, LineFormat, Line
 from sawbench.acquisition.devices.sample_rows import OWN_CLOCK
 from sawbench.acquisition.devices.serial_instrument import SerialInstrument
 from sawbench.acquisition.instrument_clock import InstrumentClock
-from sawbench.acquisition.simulation.plant_stream import PlantStream
-from sawbench.bench.units import DISPLACEMENT
+from sawbench.acquisition.simulation.plant_stream import SWITCH_CHANNEL, PlantStream
 
 Floats = NDArray[np.float64]
 _LINE: Final = LineFormat(columns=(1,), pattern=LABELLED_NUMBER)
@@ -192,7 +191,7 @@ class EdgeTimesEmulator:
         self._n_looked = n_due
         lines = b""
         # The switch opens a millimetre further than it closes, as proximity switches do.
-        for at_s, displacement_mm in zip(time_s, self._plant.read(DISPLACEMENT.name, time_s), strict=True):
+        for at_s, displacement_mm in zip(time_s, self._plant.read(SWITCH_CHANNEL, time_s), strict=True):
             if not self._was_near and displacement_mm > _EMULATED_SWITCH_MM:
                 self._was_near = True
                 ticks = round(at_s * self._speed / self._settings.tick_s)

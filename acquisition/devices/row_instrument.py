@@ -15,8 +15,6 @@ from sawbench.acquisition.devices.serial_instrument import SerialInstrument, Set
 
 # A microcontroller begins anew when its port is opened, and first waits for its boot loader, then takes its zero.
 _FIRST_ROW_S: Final = 5.0
-# A read that is larger than this was waiting before the port was opened.
-_BACKLOG_BYTES: Final = 2048
 
 
 class Rows(NamedTuple):
@@ -125,9 +123,12 @@ class RowInstrument(SerialInstrument[Settings, RowFramer]):
             self._wait_for_rows()
 
     def start(self) -> None:
-        """Start the transmission where it can be started and stopped."""
+        """Start the transmission; where it never ends, forget what came while other instruments were opened."""
         if self._protocol.stop:
             self._link.write(self._protocol.start)
+        elif not self._protocol.question:
+            self._link.drop_waiting()
+            self._renew(is_begun=False)
 
     def read(self) -> list[Chunk]:
         """Return the samples that arrived, or ask for one; wait at most 0.1 s for the first byte of it."""
@@ -185,15 +186,11 @@ class RowInstrument(SerialInstrument[Settings, RowFramer]):
         self._rows = RowStream(self.STREAM, self._protocol.timing)
 
     def _wait_for_rows(self) -> None:
-        """Wait until it sends, and read away what waited in buffers before: that was no measurement of ours."""
+        """Wait until it sends; what it sent before the start was no measurement of ours."""
         self._link.write(self._protocol.start)
         begun_s = self._clock()
-        has_row = is_backlog = False
-        while not has_row or is_backlog:
-            received = self._link.read()
-            has_row |= bool(self._framer.feed(received))
-            is_backlog = len(received) > _BACKLOG_BYTES
-            if not has_row and self._clock() > begun_s + _FIRST_ROW_S:
+        while not self._framer.feed(self._link.read()):
+            if self._clock() > begun_s + _FIRST_ROW_S:
                 raise self._no_answer(
                     f"opens, but sent nothing that can be read within {_FIRST_ROW_S:g} s",
                     "check power and baud_rate, and that the configuration describes what the instrument sends",

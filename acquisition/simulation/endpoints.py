@@ -5,12 +5,15 @@ from __future__ import annotations
 import errno
 import os
 import socket
+import struct
 from pathlib import Path
 from typing import Final, Protocol
 
 # What stands in for the buffers of a USB adapter; when it is full, bytes are lost as they would be there.
 _BACKLOG_BYTES: Final = 1 << 18
 _READ_BYTES: Final = 4096
+# TIOCPKT_FLUSHREAD, which Python's termios does not name on every system.
+_FLUSHED_BY_HOST: Final = 1
 
 
 class Endpoint(Protocol):
@@ -59,10 +62,14 @@ class PtyEndpoint:
 
     def plug(self) -> None:
         """Make the pty and the link."""
+        import fcntl
         import pty
+        import termios
         import tty
 
         self._our_side, self._host_side = pty.openpty()
+        # Each read of ours then begins with a byte that says whether the host threw away what waited for it.
+        fcntl.ioctl(self._our_side, termios.TIOCPKT, struct.pack("i", 1))
         # Raw from the beginning; and the host's side stays open here, so that reading ours is no error while
         # nobody is connected.
         tty.setraw(self._host_side)
@@ -83,9 +90,13 @@ class PtyEndpoint:
         if self._our_side < 0:
             return b""
         try:
-            return os.read(self._our_side, _READ_BYTES)
+            kind, *data = os.read(self._our_side, _READ_BYTES)
         except BlockingIOError:
             return b""
+        if kind & _FLUSHED_BY_HOST:
+            # As it opens the port: an adapter keeps nothing for a port that is closed.
+            self.drop_backlog()
+        return b"" if kind else bytes(data)
 
     def write(self, data: bytes) -> None:
         """Send what fits."""

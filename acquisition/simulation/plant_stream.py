@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+# What a proximity switch faces: the displacement, read beside the displacement sensor and with noise of its own.
+SWITCH_CHANNEL: Final = "switch_mm"
 
 
 class PlantStream(Protocol):
@@ -17,7 +20,7 @@ class PlantStream(Protocol):
         Parameters
         ----------
         channel : str
-            Name from `bench.units`.
+            Name from `bench.units`, or `SWITCH_CHANNEL`.
         time_s : ndarray, shape (n,), s
             Bench time, increasing within a call and from call to call of the same channel.
 

@@ -54,5 +54,9 @@ class Serial:
             self._plug.write(data)
         return len(data)
 
+    def reset_input_buffer(self) -> None:
+        """Forget what waits."""
+        self.read(0)
+
     def flush(self) -> None:
         """Nothing waits to be sent."""

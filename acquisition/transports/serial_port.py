@@ -131,6 +131,14 @@ class SerialPort:
             # TypeError: pyserial's read on a port that another thread has just closed.
             raise self._lost(error) from error
 
+    def drop_waiting(self) -> None:
+        """Forget what has arrived and was not read; raise DeviceError if the link is gone."""
+        port = self._opened()
+        try:
+            port.reset_input_buffer()
+        except OSError as error:
+            raise self._lost(error) from error
+
     def write(self, data: bytes) -> None:
         """Send `data`; raise DeviceError if the link is gone."""
         port = self._opened()

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from sawbench.acquisition.calibration import Calibration
 from sawbench.acquisition.devices import INSTRUMENTS, build_devices, load_instrument, validate_table
+from sawbench.acquisition.simulation.plant_stream import SWITCH_CHANNEL
 from sawbench.bench.config import BenchConfig
 from sawbench.bench.errors import ConfigError, DeviceError
 from sawbench.bench.units import CHANNEL_BY_NAME
@@ -50,7 +51,7 @@ def build(driver, **options):
 @contextlib.contextmanager
 def streaming(driver):
     """Give the device, open and started, and the rig with its emulator, on a pty and in simulated time."""
-    behaviour = dict.fromkeys(CHANNEL_BY_NAME, sine)
+    behaviour = dict.fromkeys((*CHANNEL_BY_NAME, SWITCH_CHANNEL), sine)
     with resting_bench(behaviour, config=config_for(driver)) as rig:
         device = build(driver, endpoints=rig.ports, clock=rig.clock)
         try:

@@ -33,6 +33,9 @@ class Dialogue:
     def read(self) -> bytes:
         return self._waiting.pop(0) if self._waiting else b""
 
+    def drop_waiting(self) -> None:
+        self._waiting.clear()
+
     def close(self) -> None:
         self.is_open = False
 
