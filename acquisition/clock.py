@@ -56,6 +56,8 @@ class ArrivalClock:
         Nominal sample rate.
     window_s : float
         Arrivals older than this are forgotten, so that drift is followed.
+    can_be_rounded : bool
+        The instrument may have rounded its rate, so that a slope far beyond a quartz is believed.
 
     Notes
     -----
@@ -77,10 +79,11 @@ class ArrivalClock:
     (6.0, 0.001)
     """
 
-    def __init__(self, *, rate_hz: float, window_s: float = _WINDOW_S) -> None:
+    def __init__(self, *, rate_hz: float, window_s: float = _WINDOW_S, can_be_rounded: bool = True) -> None:
         if not rate_hz > 0:
             raise ValueError(f"rate_hz must be greater than 0, got {rate_hz!r}")
         self._nominal_period_s = 1.0 / rate_hz
+        self._can_be_rounded = can_be_rounded
         self._n_slots = max(4, round(window_s / _SLOT_S))
         self._lowest: deque[tuple[int, float]] = deque(maxlen=self._n_slots)
         self._slot = -1
@@ -259,7 +262,8 @@ class ArrivalClock:
         self._hull_slope = slope
         std = 2**0.5 * max(self._spread_s, _LATENCY_STD_S) / span_s
         relative = slope / self._nominal_period_s
-        if abs(relative) < _ROUNDED_SIGMAS * (_QUARTZ_STD**2 + std**2) ** 0.5:
+        is_quartz = abs(relative) < _ROUNDED_SIGMAS * (_QUARTZ_STD**2 + std**2) ** 0.5
+        if is_quartz or not self._can_be_rounded:
             slope *= _QUARTZ_STD**2 / (_QUARTZ_STD**2 + std**2)
         self._learnt = (slope, span_s)
         return slope

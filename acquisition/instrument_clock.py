@@ -40,7 +40,7 @@ class InstrumentClock:
     def __init__(self, *, tick_s: float, n_bits: int | None = None) -> None:
         self._tick_s = tick_s
         self._n_bits = n_bits
-        self._clock = ArrivalClock(rate_hz=1.0 / _STEP_S)
+        self._clock = _new_clock()
         self._elapsed_ticks = 0.0
         # Stamp and arrival of the last sample that was used, and of one that was left out behind it.
         self._last: tuple[float, float] | None = None
@@ -68,7 +68,7 @@ class InstrumentClock:
             step, is_new = self._step_to(float(stamp), arrival_s)
             if is_new:
                 # What came before in the same read is left out.
-                self._clock = ArrivalClock(rate_hz=1.0 / _STEP_S)
+                self._clock = _new_clock()
                 is_used[:k] = False
                 index.clear()
             if step is not None:
@@ -97,3 +97,8 @@ class InstrumentClock:
         passed_s = arrival_s - before[1]
         is_possible = ticks * self._tick_s > _STEP_S / 2 and abs(ticks * self._tick_s - passed_s) <= _CONTRADICTION_S
         return ticks if is_possible else None
+
+
+def _new_clock() -> ArrivalClock:
+    # Stamps are few: a slope beyond that of a quartz would be the scatter of their latencies.
+    return ArrivalClock(rate_hz=1.0 / _STEP_S, can_be_rounded=False)

@@ -61,11 +61,11 @@ class ScriptedBench:
         self._tick = 0
         self._woken_s = self._seen_s = 0.0
         self._stream_since_s: float | None = None
-        self._is_triggered = False
+        self._is_triggered = self._is_stepped = False
         self.endpoints = {name: f"emulated://{id(self)}/{name}" for name in self._instruments}
         waits = {name: (latency_s or {}).get(name, 0.0) for name in self._instruments}
         self._plugs = {
-            self.endpoints[name]: _Plug(instrument, partial(self._look, waits[name]))
+            self.endpoints[name]: _Plug(instrument, partial(self._look, waits[name]), self._wait_for_more)
             for name, instrument in self._instruments.items()
         }
 
@@ -83,6 +83,15 @@ class ScriptedBench:
 
     def step(self) -> None:
         """Go on to the next tick: everything that the instruments send until then waits for the host."""
+        self._is_stepped = True
+        self._go_on()
+
+    def _wait_for_more(self) -> None:
+        """Go on while instruments are opened: nobody steps, and a read waits for what comes."""
+        if not self._is_stepped:
+            self._go_on()
+
+    def _go_on(self) -> None:
         self._tick += 1
         self._woken_s = self._seen_s = max(self._seen_s, self._tick * TICK_S) + float(self._rng.exponential(_WAKE_S))
         if self._stream_since_s is None and all(i.is_streaming for i in self._instruments.values()):
@@ -106,8 +115,10 @@ class ScriptedBench:
 class _Plug:
     """One instrument and what it has sent."""
 
-    def __init__(self, instrument: EmulatedInstrument, look: Callable[[], float]) -> None:
-        self._instrument, self._look = instrument, look
+    def __init__(
+        self, instrument: EmulatedInstrument, look: Callable[[], float], wait_for_more: Callable[[], None]
+    ) -> None:
+        self._instrument, self._look, self._wait_for_more = instrument, look, wait_for_more
         self._waiting = b""
 
     def send_until(self, now_s: float) -> None:
@@ -117,6 +128,8 @@ class _Plug:
         self._waiting += self._instrument.receive(data, self._look())
 
     def read(self) -> bytes:
+        if not self._waiting:
+            self._wait_for_more()
         self._look()
         waiting, self._waiting = self._waiting, b""
         return waiting
