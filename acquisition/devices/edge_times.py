@@ -205,6 +205,6 @@ INSTRUMENT: Final = Instrument(
     settings=EdgeTimesSettings,
     make=lambda name, settings, clock: EdgeTimes(name, settings, clock=clock),
     emulate=lambda _name, settings, plant, ppm: EdgeTimesEmulator(plant, settings, clock_error_ppm=ppm),
-    example={"channels": {"stroke_rate_hz": {"input": 1, "raw_range": [0, 200]}}},
+    example={"channels": {"stroke_rate_hz": {"input": 1, "raw_range": [-100, 100]}}},
     is_searched=False,
 )
