@@ -185,7 +185,7 @@ class EdgeTimesEmulator:
         n_due = int(now_s / _EMULATED_STEP_S)
         if self._is_new:
             self._n_looked, self._is_new = n_due, False
-        time_s = np.arange(self._n_looked, n_due) * _EMULATED_STEP_S
+        time_s = np.arange(self._n_looked, n_due, dtype=np.float64) * _EMULATED_STEP_S
         if not len(time_s):
             return b""
         self._n_looked = n_due
