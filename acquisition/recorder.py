@@ -14,7 +14,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Final, Literal
 
@@ -22,6 +22,7 @@ from sawbench.acquisition.device_reader import DeviceReader, LinkBack, LinkLost,
 from sawbench.acquisition.devices.device import Device
 from sawbench.acquisition.live_warnings import LiveWarnings
 from sawbench.acquisition.observers import Observer, ObserverFeed
+from sawbench.acquisition.pre_trigger import Touch, TouchWatch
 from sawbench.acquisition.recording_report import (
     BlockWriter,
     DeviceSummary,
@@ -35,6 +36,8 @@ from sawbench.bench.recording import Event, SampleBlock
 
 _WAIT_S: Final = 0.05
 _JOIN_S: Final = 3.0
+# A touch is seen this late at most: samples wait while a link is late.
+_LATEST_TOUCH_S: Final = 3.0
 
 WriterOrFactory = BlockWriter | Callable[[RecordingStart], BlockWriter]
 
@@ -64,6 +67,8 @@ class RecorderLimits:
         Force above which the carriage lifts off; see `LiveWarnings`.
     folder : Path, optional
         Whose disk must have space.
+    touch : Touch, optional
+        Recording begins when the blade touches, some seconds in the past.
     """
 
     first_sample_s: float = 2.0
@@ -76,6 +81,7 @@ class RecorderLimits:
     queue_length: int = 8192
     preload_n: float | None = None
     folder: Path | None = None
+    touch: Touch | None = None
 
 
 # Size: options by name: what ends a recording, who watches it, and what stands in for clock and threads in a test.
@@ -133,7 +139,7 @@ def record(
     try:
         run.start_devices()
         run.wait_until_settled(stop)
-        start = run.begin(seconds)
+        start = run.begin(seconds, run.wait_for_touch(stop))
         target = writer if isinstance(writer, BlockWriter) else writer(start)
         return run.loop(target, start, seconds, stop, status)
     finally:
@@ -220,18 +226,61 @@ class _Run:
             return False
         return waited_s >= self._limits.rate_s or not any(timer.rate_error() for timer in timers)
 
-    def begin(self, seconds: float | None) -> RecordingStart:
-        """Set t = 0 to now."""
-        self._zero_s = self._latest_data_s = self._clock()
+    def wait_for_touch(self, stop: threading.Event | None) -> float | None:
+        """Wait until the blade touches; return the monotonic time of t = 0, None where nothing is waited for."""
+        touch = self._limits.touch
+        if touch is None:
+            return None
+        recorder, column = self._stream_with(touch.channel)
+        watch = TouchWatch(touch, recorder.stream.channels[column])
+        for each in self._streams.values():
+            each.keep(touch.before_s + _LATEST_TOUCH_S)
+        seen_s = -float("inf")
+        while True:
+            if stop is not None and stop.is_set():
+                raise InputError("stopped before the blade touched")
+            message = self._next_message()
+            if isinstance(message, LinkLost):
+                raise DeviceError(message.reason, where=self._where(message.device), remedy="check cable and power")
+            if message is not None:
+                self._take(message)
+            for block in recorder.kept:
+                if block.time_s[-1] <= seen_s:
+                    continue
+                seen_s = float(block.time_s[-1])
+                touched_s = watch.first_above(block.time_s, block.raw[:, column])
+                if touched_s is not None:
+                    return self._zero_before(touch, touched_s)
+
+    def _stream_with(self, channel: str) -> tuple[StreamRecorder, int]:
         for recorder in self._streams.values():
-            recorder.begin(self._zero_s, seconds)
+            names = [c.name for c in recorder.stream.channels]
+            if channel in names:
+                return recorder, names.index(channel)
+        raise InputError(f"no instrument gives {channel}, so it is not known when the blade touches")
+
+    def _zero_before(self, touch: Touch, touched_s: float) -> float:
+        """Return t = 0: `before_s` before the touch, or later where not every stream reaches back that far."""
+        first_s = [float(recorder.kept[0].time_s[0]) for recorder in self._streams.values() if recorder.kept]
+        zero_s = max([touched_s - touch.before_s, *first_s])
+        text = f"{touch.channel} above {touch.above:g} at {touched_s - zero_s:.3f} s: the blade touched"
+        self._pending.append(Event(kind="trigger", time_s=touched_s - zero_s, text=text, channel=touch.channel))
+        return zero_s
+
+    def begin(self, seconds: float | None, zero_s: float | None = None) -> RecordingStart:
+        """Set t = 0 to `zero_s` (monotonic), to now without it."""
+        self._latest_data_s = self._clock()
+        self._zero_s = self._latest_data_s if zero_s is None else zero_s
+        begun = [item for recorder in self._streams.values() for item in recorder.begin(self._zero_s, seconds)]
+        self._pending.extend(begun)
         self._discarded_at_start = {d.name: d.n_discarded_bytes for d in self._devices}
         self._warnings = LiveWarnings(
             {key: recorder.stream for key, recorder in self._streams.items()},
             preload_n=self._limits.preload_n,
             folder=self._limits.folder,
         )
-        return RecordingStart(started_at=datetime.now(UTC), provenance=self._provenance())
+        started_at = datetime.now(UTC) - timedelta(seconds=self._latest_data_s - self._zero_s)
+        return RecordingStart(started_at=started_at, provenance=self._provenance())
 
     def loop(
         self,
@@ -242,7 +291,7 @@ class _Run:
         status: Callable[[RecordingStatus], object] | None,
     ) -> RecordingSummary:
         """Move everything from the readers to the writer until the end."""
-        self._pending.append(self._event("start", f"t = 0 at {start.started_at.isoformat()}"))
+        self._pending.appendleft(Event(kind="start", time_s=0.0, text=f"t = 0 at {start.started_at.isoformat()}"))
         for (device, stream), recorder in self._streams.items():
             text = f"clock of {stream}: {recorder.timer.statement()}"
             self._pending.append(Event(kind="device", time_s=0.0, text=text, device=device))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,6 +46,8 @@ class StreamRecorder:
         self._counters = {channel.name: _Counter() for channel in stream.channels}
         self._reached_s = -np.inf
         self._is_cut_short = False
+        self._keep_s = 0.0
+        self._kept: deque[Timed] = deque()
 
     @property
     def reached_s(self) -> float:
@@ -56,10 +59,22 @@ class StreamRecorder:
         """Whether the samples ended over a second before the recording did; known after `finish`."""
         return self._is_cut_short
 
-    def begin(self, zero_s: float, duration_s: float | None) -> None:
-        """Let samples from monotonic time `zero_s` on into the recording, for `duration_s`."""
+    def keep(self, seconds: float) -> None:
+        """From now on, keep samples of the latest `seconds` for a recording that begins in the past."""
+        self._keep_s = seconds
+
+    @property
+    def kept(self) -> tuple[TimedBlock, ...]:
+        """What is kept, the latest last."""
+        return tuple(item for item in self._kept if isinstance(item, TimedBlock))
+
+    def begin(self, zero_s: float, duration_s: float | None) -> list[SampleBlock | Event]:
+        """Let samples from monotonic time `zero_s` on into the recording, for `duration_s`; return those kept."""
         self._zero_s = zero_s
         self._end_s = np.inf if duration_s is None else duration_s
+        kept = list(self._kept)
+        self._kept.clear()
+        return self._to_recording(kept)
 
     def push(self, chunk: Chunk) -> list[SampleBlock | Event]:
         """Take one chunk; return what belongs into the recording now."""
@@ -100,6 +115,7 @@ class StreamRecorder:
 
     def _to_recording(self, items: list[Timed]) -> list[SampleBlock | Event]:
         if self._zero_s is None:
+            self._keep(items)
             return []
         out: list[SampleBlock | Event] = []
         for item in items:
@@ -110,6 +126,14 @@ class StreamRecorder:
             else:
                 out += self._block(item, self._zero_s)
         return out
+
+    def _keep(self, items: list[Timed]) -> None:
+        if not self._keep_s:
+            return
+        self._kept.extend(items)
+        newest_s = max((float(block.time_s[-1]) for block in self.kept[-1:]), default=-np.inf)
+        while self._kept and _end_of(self._kept[0]) < newest_s - self._keep_s:
+            self._kept.popleft()
 
     def _loss(self, loss: Loss, zero_s: float) -> list[Event]:
         start_s, end_s = loss.start_s - zero_s, loss.end_s - zero_s
@@ -202,6 +226,11 @@ class StreamRecorder:
             counter.last_s = float(time_s[b - 1])
             counter.latest = float(values[b - 1])
         return out
+
+
+def _end_of(item: Timed) -> float:
+    """Monotonic time at which it ends, s."""
+    return float(item.time_s[-1]) if isinstance(item, TimedBlock) else item.end_s
 
 
 def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:

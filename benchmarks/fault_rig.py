@@ -96,6 +96,9 @@ def stroke_phases(signal: Signal, marks: list[tuple[float, float]], seconds: flo
 
 def worst_time_error_s(victim: Signal, witness: Signal, marks: list[tuple[float, float]], seconds: float) -> float:
     """Largest shift of a stroke of either against the witness as a whole, outside of `marks` of the victim."""
-    zero = np.mean(stroke_phases(witness, [], seconds))
-    found = (stroke_phases(witness, [], seconds), stroke_phases(victim, marks, seconds))
+    strokes = stroke_phases(witness, [], seconds)
+    if not len(strokes):
+        return 0.0
+    zero = np.mean(strokes)
+    found = (strokes, stroke_phases(victim, marks, seconds))
     return max(float(np.max(np.abs(np.angle(f / zero)), initial=0.0)) / (2 * np.pi * SINE_HZ) for f in found)

@@ -31,7 +31,7 @@ from benchmarks.fault_rig import SILENT_ERROR_S, Instrument, Row, sine_of, worst
 
 SECONDS, FAULT_AFTER_S = 5.0, 2.0
 NOBODY = 65534
-DISK_BYTES = 40_000
+DISK_BYTES = 80_000
 NO_FILE_S = 60.0
 
 
@@ -129,10 +129,13 @@ class Recorder:
 def row(name: str, instrument: Instrument, recorder: Recorder, said: list[str], *, until_s: float = SECONDS) -> Row:
     """One line: what the recording holds of the `until_s` that it should, and what was said."""
     recording = recorder.recording()
-    victim, witness = (recording.signals[c] for c in (instrument.channel, instrument.witness))
+    victim, witness = (recording.signals.get(c) for c in (instrument.channel, instrument.witness))
     marks = [(e.time_s, e.end_s) for e in recording.events if e.kind in {"gap", "warning"} and e.end_s is not None]
-    error_s = worst_time_error_s(victim, witness, marks, min(until_s, float(victim.time_s[-1])))
-    n_lost = round(instrument.rate_hz * until_s) - len(victim.time_s)
+    error_s = 0.0
+    if victim is not None and witness is not None:
+        last_s = min(until_s, float(victim.time_s[-1]), float(witness.time_s[-1]))
+        error_s = worst_time_error_s(victim, witness, marks, last_s)
+    n_lost = round(instrument.rate_hz * until_s) - (0 if victim is None else len(victim.time_s))
     texts = [f"{e.kind}: {e.text}" for e in recording.events if e.kind in {"gap", "warning", "interrupted"}]
     said = [*said, *texts, *([] if recording.is_complete else ["file: not complete"])]
     is_wrong = abs(n_lost) > 3 or error_s > SILENT_ERROR_S

@@ -19,6 +19,7 @@ from sawbench.commands.typed_lines import TypedLines, typed_lines
 from sawbench.inputs import config_for, default_config_path
 
 if TYPE_CHECKING:
+    from sawbench.acquisition.pre_trigger import Touch
     from sawbench.acquisition.recording_report import RecordingStatus, RecordingSummary
     from sawbench.bench.config import LoadedConfig
     from sawbench.commands.live_estimate import LiveCuttingEstimate
@@ -35,6 +36,14 @@ if TYPE_CHECKING:
 @click.option("--trial", "trial_id", help="Identifier and file name; default: material and the next free number.")
 @click.option("--seconds", type=click.FloatRange(0, min_open=True), help="Duration; default: the configuration's.")
 @click.option("--until-stopped", is_flag=True, help="Record until Ctrl-C.")
+@click.option(
+    "--touch",
+    "touch_n",
+    type=click.FloatRange(0, min_open=True),
+    metavar="N",
+    help="Begin when the blade touches: when the force exceeds this.",
+)
+@click.option("--before", "before_s", type=click.FloatRange(0, 60), help="With --touch: s from before; default 3.")
 @click.option("--duty", type=click.FloatRange(0, 1, min_open=True), help="Commanded PWM duty, 0..1.")
 @click.option("--thickness", "thickness_mm", type=click.FloatRange(0, min_open=True), help="mm")
 @click.option("--feed", "feed_mm_s", type=click.FloatRange(0), help="mm/s")
@@ -56,6 +65,8 @@ def command(
     trial_id: str | None,
     seconds: float | None,
     until_stopped: bool,
+    touch_n: float | None,
+    before_s: float | None,
     duty: float | None,
     thickness_mm: float | None,
     feed_mm_s: float | None,
@@ -80,6 +91,7 @@ def command(
     loaded = config_for(None, config_path)
     settings = loaded.config.recording
     path = recording_path(directory or Path(settings.directory), trial_id, material)
+    touch = touch_of(touch_n, before_s)
     check_devices(loaded)
     refuse_unwritable(path, force=force, makes_folder=True)
     duty = loaded.config.converter.default_duty if duty is None else duty
@@ -94,9 +106,11 @@ def command(
     book_path = calibration_book_path(config_path, simulated=simulated)
     options = SessionOptions(
         path=path, trial=trial, seconds=None if until_stopped else seconds or settings.seconds, overwrite=force,
-        calibration_book=book_path,
+        calibration_book=book_path, touch=touch,
     )  # fmt: skip
     say_in_force(book_path)
+    if touch is not None:
+        click.echo(f"the recording begins when {touch.channel} exceeds {touch.above:g}: waiting", err=True)
     typed = typed_lines()
     lines = typed if typed is not None else sys.stdin if sys.stdin is not None and sys.stdin.isatty() else ()
     with live_view(trial, live=live, rrd_path=rrd_path, force=force) as views:
@@ -109,6 +123,17 @@ def command(
         as_json=as_json,
     )
     return 1 if summary.losses or not summary.is_complete else 0
+
+
+def touch_of(touch_n: float | None, before_s: float | None) -> Touch | None:
+    """When the recording begins, from `--touch` and `--before`; None: at once."""
+    from sawbench.acquisition.pre_trigger import Touch
+
+    if touch_n is None:
+        if before_s is not None:
+            raise click.UsageError("--before needs --touch N: before what?")
+        return None
+    return Touch(above=touch_n) if before_s is None else Touch(above=touch_n, before_s=before_s)
 
 
 def recording_path(folder: Path, trial_id: str | None, material: str) -> Path:

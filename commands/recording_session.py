@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -16,6 +17,7 @@ from sawbench.bench.errors import ConfigError, DeviceError, InputError
 from sawbench.bench.recording import Event, Trial
 
 if TYPE_CHECKING:
+    from sawbench.acquisition.pre_trigger import Touch
     from sawbench.acquisition.recording_report import RecordingStatus, RecordingSummary
     from sawbench.bench.config import LoadedConfig
 
@@ -43,6 +45,8 @@ class SessionOptions:
     overwrite : bool
     calibration_book : Path, optional
         Tares and calibrations to apply; without it the configuration's alone.
+    touch : Touch, optional
+        Recording begins when the blade touches.
     """
 
     path: Path
@@ -51,6 +55,7 @@ class SessionOptions:
     endpoints: Mapping[str, str] = field(default_factory=dict)
     overwrite: bool = False
     calibration_book: Path | None = None
+    touch: Touch | None = None
 
 
 def check_devices(loaded: LoadedConfig) -> None:
@@ -133,11 +138,11 @@ def record_trial(
         )
         opened.append(writer)
         if notes is not None:
-            notes.attach(writer)
+            notes.attach(writer, (datetime.now(UTC) - start.started_at).total_seconds())
         return writer
 
     try:
-        limits = RecorderLimits(preload_n=settings.preload_n, folder=options.path.parent)
+        limits = RecorderLimits(preload_n=settings.preload_n, folder=options.path.parent, touch=options.touch)
         summary = record(
             devices, open_writer, seconds=options.seconds, observers=observers, status=status, stop=stop, limits=limits
         )
@@ -160,12 +165,12 @@ class NoteBook:
         self._begun_s = 0.0
         self._lock = threading.Lock()
 
-    def attach(self, writer: Any) -> None:
-        """Start to take notes into `writer`; its time 0 is now."""
+    def attach(self, writer: Any, elapsed_s: float = 0.0) -> None:
+        """Start to take notes into `writer`; its time 0 was `elapsed_s` ago."""
         import time
 
         with self._lock:
-            self._writer, self._begun_s = writer, time.monotonic()
+            self._writer, self._begun_s = writer, time.monotonic() - elapsed_s
 
     def detach(self) -> None:
         """Take no more notes."""
