@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ START_TRANSMISSION: Final = b"\x24"
 _PREFIX: Final = 0xA5
 _FRAME_BYTES: Final = 3
 _ZERO_CODE: Final = 32768
+_LAST_CODE: Final = 65535
 # So many frames in a row make a new beginning after bytes were lost.
 _FRAMES_TO_LOCK: Final = 6
 
@@ -137,6 +138,11 @@ class Gsv3Framer:
 
 def _shares(frames: NDArray[np.uint8]) -> NDArray[np.float64]:
     codes = frames[:, 1].astype(np.int64) * 256 + frames[:, 2]
+    return _shares_of(codes)
+
+
+def _shares_of(codes: Any) -> Any:
+    """Share of full scale that a number stands for."""
     return (codes - _ZERO_CODE) / _ZERO_CODE
 
 
@@ -175,7 +181,9 @@ class Gsv3(SerialInstrument[Gsv3Settings, Gsv3Framer]):
         shares, n_lost = self._framer.feed(received)
         if not len(shares):
             return []
-        raw = (shares * self._settings.full_scale)[:, None]
+        # An overloaded input stands on the first or last number: that is no measurement.
+        is_overloaded = (shares <= _shares_of(0)) | (shares >= _shares_of(_LAST_CODE))
+        raw = np.where(is_overloaded, np.nan, shares * self._settings.full_scale)[:, None]
         return [
             Chunk(
                 stream=self.STREAM, raw=raw, arrival_s=np.array([arrival_s]), n_lost=n_lost, is_loss_exact=n_lost == 0

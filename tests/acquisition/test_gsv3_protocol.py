@@ -13,6 +13,7 @@ from sawbench.acquisition.simulation.sensor import EmulatedSensor
 from sawbench.bench.config import BenchConfig, load_config
 from sawbench.bench.errors import ConfigError, DeviceError
 from sawbench.bench.recording import Trial
+from sawbench.bench.units import CHANNEL_BY_NAME
 from sawbench.storage.reader import read_recording
 from sawbench.storage.writer import RecordingWriter
 
@@ -34,6 +35,13 @@ def test_the_number_is_a_share_of_full_scale(frame, share):
     values, n_lost = Gsv3Framer().feed(bytes.fromhex(frame))
     assert values.tolist() == pytest.approx([share], abs=1e-8)
     assert n_lost == 0
+
+
+def test_the_ends_of_the_converter_are_no_measurement():
+    """An overloaded input stands on the last code, whatever the force is."""
+    device = Gsv3("cell", Gsv3Settings.model_validate(TABLE, context={"channels": CHANNEL_BY_NAME}))
+    (chunk,) = device.decode(frames_of([0, 1, 32768, 65534, 65535]), 1.0)
+    assert np.isnan(chunk.raw[:, 0]).tolist() == [True, False, False, False, True]
 
 
 def test_split_anywhere():
