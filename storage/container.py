@@ -309,6 +309,12 @@ def _check_end(scan: Scan, offset: int, size: int) -> None:
     if scan.is_finished and n_behind > 0:
         what = f"{n_behind} bytes behind the end of the recording are not read: another file was appended"
         scan.damages.append(Damage(offset=offset, n_bytes=n_behind, what=what, is_chunk=False))
+    elif not scan.is_finished and n_behind >= 0:
+        what = (
+            f"another file begins at byte {offset}: the {size - offset} bytes from there on are not read, and what is "
+            "before has no checksum as a whole: the samples cannot be vouched for"
+        )
+        scan.damages.append(Damage(offset=offset, n_bytes=size - offset, what=what, is_tail=True))
     elif not scan.is_finished and not any(damage.is_tail for damage in scan.damages):
         what = "the end record is missing: the program that wrote it was stopped"
         scan.damages.append(Damage(offset=size, n_bytes=0, what=what, is_tail=True))

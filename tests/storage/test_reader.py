@@ -307,6 +307,16 @@ def test_a_chunk_without_checksum_is_not_vouched_for(whole):
     assert not any("samples are whole" in problem for problem in info.problems)
 
 
+def test_another_recording_in_the_middle_is_said(whole):
+    content = whole.read_bytes()
+    header_end = 17 + int.from_bytes(content[9:17], "little")
+    whole.write_bytes(content[:header_end] + content + content[header_end:])
+    info = describe_recording(whole)
+    assert not info.is_complete
+    (problem,) = [text for text in info.problems if f"another file begins at byte {header_end}" in text]
+    assert f"{2 * len(content) - header_end} bytes" in problem and "cannot be vouched for" in problem
+
+
 def test_two_recordings_glued_together_are_said(whole):
     content = whole.read_bytes()
     whole.write_bytes(content + content)
