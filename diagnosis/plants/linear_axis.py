@@ -271,12 +271,14 @@ def reduce_axis(
     if not states:
         raise InputError(f"no trial can be diagnosed: {'; '.join(warnings)}")
     _refuse_wrong_sign(states, config)
+    force_scale_n = float(np.sqrt(2.0) * max(np.std(s.drive_n) for s in states))
     baseline = AxisBaseline(
         config=config,
-        force_scale_n=float(np.sqrt(2.0) * max(np.std(s.drive_n) for s in states)),
+        force_scale_n=force_scale_n,
         stroke_m=max(float(np.ptp(s.position_m)) for s in states),
         top_speed_m_s=max(float(np.abs(s.velocity_m_s).max()) for s in states),
-        friction_n=friction_n(states, config),
+        # Less is what the model of a real axis misses anyway.
+        friction_n=max(friction_n(states, config), SETTINGS.axis.floor_share * force_scale_n),
     )
     known = known_effects(loaded.config, path=loaded.path, model=baseline)
     axis = LinearAxis(model=replace(baseline, known=known))

@@ -52,7 +52,7 @@ class AxisBaseline:
     force_scale_n, stroke_m, top_speed_m_s : float
         Largest force of the drive, travel and speed in the campaign: what "typical" sizes are shares of.
     friction_n : float
-        Dry friction by which the drive reverses its force: what is not felt across play in series with it.
+        Dry friction by which the drive reverses its force, above 0: what is not felt across play in series with it.
     known : tuple of KnownEffect
         Effects that belong to the model.
     """
@@ -61,7 +61,7 @@ class AxisBaseline:
     force_scale_n: float
     stroke_m: float
     top_speed_m_s: float
-    friction_n: float = 0.0
+    friction_n: float = 1.0
     known: tuple[KnownEffect, ...] = ()
 
     def known_signature(self, state: State) -> Signature:
