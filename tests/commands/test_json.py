@@ -14,7 +14,7 @@ from tests.commands.conftest import SCHEMA, check_json
 pytestmark = pytest.mark.contract
 
 OAK = str(Path(__file__).parents[2] / "recordings" / "oak-01.mcap")
-NOTHING_PRINTED = {"blind", "simbench", "battery", "series", "panel"}
+NOTHING_PRINTED = {"blind", "simbench", "battery", "series", "panel", "watch"}
 
 
 def printed(capsys, *arguments):
@@ -47,6 +47,14 @@ def test_what_a_command_prints_is_as_documented(capsys, tmp_path, command, argum
     code, found = printed(capsys, *command.split(), *(one.format(folder=tmp_path) for one in arguments))
     assert code == 0
     check_json(command, found)
+
+
+def test_what_the_catalogue_prints_is_as_documented(capsys, tmp_path):
+    assert main(["process", OAK, "--archive", str(tmp_path / "archive")]) == 0
+    capsys.readouterr()
+    code, found = printed(capsys, "catalogue", tmp_path / "archive")
+    assert (code, [entry["trial_id"] for entry in found]) == (0, ["oak-01"])
+    check_json("catalogue", found)
 
 
 @pytest.mark.parametrize(

@@ -9,12 +9,16 @@ import pytest
 from sawbench.diagnosis.inference.dispersion import columns_with_noise, noise_factor, stacked_with_noise, with_noise
 from sawbench.diagnosis.inference.evidence import Catalogue, Column, explain
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
+
+from tests.rigs.jigsaw_in_time import BASELINE
 
 pytestmark = pytest.mark.unit
 
 N_BLOCKS, N_CUTTING, N_ELECTRICAL = 40, 6, 4
 QUIET = 0.2
+CAMPAIGN = SimpleNamespace(plant=Jigsaw(baseline=BASELINE))
 NO_CAUSE = Catalogue({}, np.zeros(N_BLOCKS * (N_CUTTING + N_ELECTRICAL)))
 
 
@@ -31,7 +35,7 @@ def problem_of(cutting, electrical, n_start_up=0):
         start_up = SimpleNamespace(kind="start_up")
         parts.append(SimpleNamespace(place=slice(split, both.size), layout=layout, state=start_up))
     return LinearProblem(
-        campaign=None, parts=tuple(parts), data=both.ravel(), nuisance=np.zeros((both.size, 0)), names=(),
+        campaign=CAMPAIGN, parts=tuple(parts), data=both.ravel(), nuisance=np.zeros((both.size, 0)), names=(),
         prior_std=np.zeros(0), quiet=QUIET,
     )  # fmt: skip
 
