@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 PACKAGES = (
     "api", "bench", "storage", "acquisition", "processing", "modeling", "diagnosis", "blindcheck", "reporting",
-    "visualization", "commands",
+    "visualization", "panel", "commands",
 )  # fmt: skip
 LONG_LINES, MANY_PARAMETERS = 60, 8
 EQUATIONS = {

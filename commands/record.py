@@ -115,14 +115,16 @@ def command(
     lines = typed if typed is not None else sys.stdin if sys.stdin is not None and sys.stdin.isatty() else ()
     with live_view(trial, live=live, rrd_path=rrd_path, force=force) as views:
         summary, estimate = run_session(loaded, options, bench, views, iter(lines), typed)
+    found = {"path": path, **summary_rows(summary), "live_estimate": live_rows(estimate)}
+    emit(found, "\n".join([str(path), describe(summary), *said_live(estimate)]), as_json=as_json)
+    return 1 if summary.losses or not summary.is_complete else 0
+
+
+def said_live(estimate: LiveCuttingEstimate) -> list[str]:
+    """What the live estimate found last, or why there is none, and its notes."""
     last = estimate.describe()
     said = f"last live estimate: {last}" if last else f"no live k_Fc: {estimate.problem or 'no settled stroke'}"
-    emit(
-        {"path": path, **summary_rows(summary), "live_estimate": live_rows(estimate)},
-        "\n".join([str(path), describe(summary), said, *(f"  note: {text}" for text in estimate.notes)]),
-        as_json=as_json,
-    )
-    return 1 if summary.losses or not summary.is_complete else 0
+    return [said, *(f"  note: {text}" for text in estimate.notes)]
 
 
 def touch_of(touch_n: float | None, before_s: float | None) -> Touch | None:
