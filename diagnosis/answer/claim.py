@@ -24,6 +24,7 @@ from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.settings import SETTINGS, Z95
 from sawbench.diagnosis.inference.size import sized
 from sawbench.diagnosis.inference.weighing import weigh
+from sawbench.diagnosis.standard_error import exceeds_its_error
 from sawbench.modeling.effects.effect import Effect
 from sawbench.modeling.effects.strokes import ZeroTrend
 
@@ -146,13 +147,11 @@ def _added(
 
 
 def _is_sure(added: Floats) -> bool:
-    """Whether what is added exceeds its own standard error: below, the simpler of two models is kept.
+    """Whether what is added exceeds its own standard error, or one group says all.
 
-    The one-standard-error rule of cross-validation (Hastie, Tibshirani, Friedman, The Elements of Statistical
-    Learning, 7.10): groups differ by orders of magnitude in what they say of an effect, too much for an interval.
+    Groups differ by orders of magnitude in what they say of an effect, too much for an interval.
     """
-    n = len(added)
-    return n < 2 or float(added.sum()) > np.sqrt(n) * float(np.std(added, ddof=1))
+    return len(added) < 2 or exceeds_its_error(added)
 
 
 def _found(posterior: Posterior, effects: tuple[str, ...]) -> Hypothesis:

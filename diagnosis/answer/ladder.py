@@ -105,6 +105,8 @@ class HoldOut:
         self.groups = tuple(dict.fromkeys(self.group_of(part) for part in problem.parts))
         self.rows = {group: self._rows(group) for group in self.groups}
         self._normal = self.base.T @ self.base
+        self._kept = {group: self._kept_without(rows) for group, rows in self.rows.items()}
+        self._own = {group: self._own_of(group) for group in self.groups}
         self._to_features: list[Floats] = [
             np.asarray(np.linalg.inv(part.whitener), dtype=np.float64).T for part in problem.parts
         ]
@@ -115,6 +117,17 @@ class HoldOut:
         for part in self.problem.parts:
             rows[part.place] = self.group_of(part) == group
         return rows
+
+    def _kept_without(self, rows: np.ndarray) -> Floats:
+        """Normal matrix of the nuisances by the trials that are kept, their priors included, shape (p, p)."""
+        least = np.eye(self.base.shape[1]) + self._normal
+        held = self.base[rows]
+        return least if self.held_out == "nothing" else least - held.T @ held
+
+    def _own_of(self, group: str) -> Floats:
+        """What is a withheld trial's own, on its rows, times the root of the covariance that the kept ones leave."""
+        covariance = np.linalg.inv(self._kept[group])[np.ix_(self.is_own, self.is_own)]
+        return self.base[self.rows[group]][:, self.is_own] @ np.linalg.cholesky(covariance)
 
     def _noise_of(self, design: Floats) -> Floats:
         """Whitened noise: the scatter of the time blocks, or what a fit to the group itself leaves."""
@@ -151,7 +164,7 @@ class HoldOut:
             fits[group] = fit
             held = self.rows[group]
             chosen = columns[fit.alternative][held]
-            own = self.base[held][:, self.is_own] @ self._unknown_still(held)
+            own = self._own[group]
             with_effect = self.base[held] @ fit.nuisances + chosen @ fit.amplitudes
             for name, known in (
                 ("nominal", 0.0),
@@ -176,12 +189,6 @@ class HoldOut:
             energy=energy,
         )
 
-    def _unknown_still(self, held: np.ndarray) -> Floats:
-        """Root of the covariance that the kept trials leave to what is a trial's own, in units of its prior."""
-        kept = self.base[~held] if self.held_out != "nothing" else self.base
-        covariance = np.linalg.inv(np.eye(self.base.shape[1]) + kept.T @ kept)
-        return np.linalg.cholesky(covariance[np.ix_(self.is_own, self.is_own)])
-
     def _products(self, rows: np.ndarray, forms: Floats, width: int) -> tuple[Floats, Floats, Floats, Floats]:
         """Inner products over some trials: of nuisances with forms, of each form, and of both with the data."""
         base, data, stacked = self.base[rows], self.problem.data[rows], forms[rows]
@@ -196,12 +203,12 @@ class HoldOut:
         drives to a bound.
         """
         held = self.rows[group] if self.held_out != "nothing" else np.zeros(len(self.problem.data), dtype=bool)
-        base, n, width = self.base[held], self.base.shape[1], whole[1].shape[1]
+        n, width = self.base.shape[1], whole[1].shape[1]
         # What all trials say, less what the held-out ones say.
         cross, own, pull_base, pull_forms = (
             a - b for a, b in zip(whole, self._products(held, forms, width), strict=True)
         )
-        least = np.eye(n) + self._normal - base.T @ base
+        least = self._kept[group]
         retuned = self._bounded(least, pull_base)
         if not width:
             return Fit(retuned=retuned, nuisances=retuned, amplitudes=np.zeros(0), alternative=0)

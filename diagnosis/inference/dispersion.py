@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.evidence import Catalogue, Column
+from sawbench.diagnosis.inference.features import orders
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
 
 
@@ -57,7 +58,7 @@ def _alike(problem: LinearProblem) -> list[np.ndarray]:
         if not form.noise_bands or kind != "running":
             found.append(rows)
             continue
-        order = np.concatenate([[0], *2 * [np.arange(1, form.n_harmonics + 1)]])
+        order = orders(form.n_harmonics)
         band = np.digitize(order, form.noise_bands)
         by_feature = rows.reshape(-1, len(order))
         found += [by_feature[:, band == k].ravel() for k in range(len(form.noise_bands) + 1)]

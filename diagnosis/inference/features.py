@@ -94,6 +94,11 @@ def harmonics(waves: Floats, n: int) -> Floats:
     return np.concatenate([spectrum[..., :1].real, 2 * spectrum[..., 1:].real, -2 * spectrum[..., 1:].imag], axis=-1)
 
 
+def orders(n: int) -> Floats:
+    """Order of each amplitude that `harmonics` gives, shape (2 n + 1,)."""
+    return np.concatenate([[0.0], *2 * [np.arange(1.0, n + 1)]])
+
+
 def wave_of(series: Floats, angle_rad: Floats) -> Floats:
     """Value at some angles of a series as `harmonics` gives it, shape of `angle_rad`."""
     n = (len(series) - 1) // 2

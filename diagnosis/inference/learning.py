@@ -20,6 +20,7 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.features import wave_of
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, Part
 from sawbench.diagnosis.inference.settings import SETTINGS
+from sawbench.diagnosis.standard_error import exceeds_its_error
 from sawbench.modeling.effects.learned import (
     MOST_QUANTITIES,
     QUANTITIES,
@@ -195,7 +196,7 @@ def _simplest(found: Sequence[tuple[Design, Floats]], nothing: Floats) -> Design
 
     def is_alike(errors: Floats) -> bool:
         more = errors - least
-        return float(more.sum()) <= float(np.sqrt(len(more)) * more.std(ddof=1))
+        return not exceeds_its_error(more)
 
     if is_alike(nothing):
         return None

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.campaign import Campaign
-from sawbench.diagnosis.inference.features import N_BLOCKS, Layout
+from sawbench.diagnosis.inference.features import N_BLOCKS, Layout, orders
 from sawbench.diagnosis.inference.off_stroke import Line, fixed_lines, is_mains
 from sawbench.modeling.state import TWO_PI, State
 
@@ -66,8 +66,7 @@ def _hum(lines: Sequence[Line], size: int, state: State) -> Floats:
     """Mean square of what strokes leave of hum at each harmonic, shape (size,)."""
     if state.kind == "start_up":
         return np.full(size, sum(0.5 * line.amplitude**2 for line in lines))
-    n = (size - 1) // 2
-    order = np.concatenate([[0.0], np.arange(1.0, n + 1), np.arange(1.0, n + 1)])
+    order = orders((size - 1) // 2)
     rate_hz, found = float(state.speed_rad_s.mean()) / TWO_PI, np.zeros(size)
     n_strokes = float(state.n_strokes.sum()) / N_BLOCKS
     for line in lines:

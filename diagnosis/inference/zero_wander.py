@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.settings import SETTINGS
+from sawbench.diagnosis.standard_error import exceeds_its_error
 from sawbench.modeling.residuals import Baseline
 from sawbench.modeling.state import State
 
@@ -259,7 +260,7 @@ def _is_drifting(means: _Means, memory_s: float, restart_n: float) -> bool:
         return float(np.logaddexp.reduce(with_trend)) - float(np.log(len(trends))) - none
 
     ahead = np.diff([gained(int(n)) for n in ends])
-    return len(ahead) > 1 and float(ahead.sum()) > np.sqrt(len(ahead)) * float(np.std(ahead, ddof=1))
+    return len(ahead) > 1 and exceeds_its_error(ahead)
 
 
 def _trends(at_s: Floats) -> list[Floats]:

@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 from sawbench.bench.recording import Floats, Signal
+from sawbench.diagnosis.inference.features import orders
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.machines.linear_axis import AxisState
 from sawbench.modeling.state import TWO_PI, TrialSetting
@@ -295,7 +296,7 @@ def axis_state(
     n, n_motion = cycles.n_fitted, cycles.n_motion
     points = (np.arange(n_points(n_motion)) + 0.5) * TWO_PI / n_points(n_motion)
     # Beyond half of the points a harmonic would be taken for another one.
-    wide = fourier(points, n).T * (np.concatenate([[0], *2 * [np.arange(1, n + 1)]]) < len(points) // 2)[:, None]
+    wide = fourier(points, n).T * (orders(n) < len(points) // 2)[:, None]
     narrow = fourier(points, n_motion).T
     rate = TWO_PI * cycles.rate_hz
     motion = 1e-3 * cycles.fit(displacement)

@@ -10,7 +10,7 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.beyond_catalogue import BEYOND_CATALOGUE
 from sawbench.diagnosis.inference.clocks import clock_nuisances
-from sawbench.diagnosis.inference.features import HARMONICS, N_BLOCKS, START_UP_EDGES_S, Layout
+from sawbench.diagnosis.inference.features import HARMONICS, N_BLOCKS, START_UP_EDGES_S, Layout, orders
 from sawbench.diagnosis.inference.nuisances import READINGS, Nuisance, Reading, force_offset, nuisances_of, of_known
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.zero_wander import ZeroWander, zero_readings, zero_wander
@@ -108,8 +108,7 @@ class Jigsaw:
                 at_first = sensors.start_up_floor[equation]
                 floor[part] = 2.0 * least + at_first / (1.0 + middle_s / sensors.start_up_decay_s)
             else:
-                n = (part.stop - part.start - 1) // 2
-                order = np.concatenate([[0.0], np.arange(1.0, n + 1), np.arange(1.0, n + 1)])
+                order = orders((part.stop - part.start - 1) // 2)
                 floor[part] = np.hypot(least, growth * order ** (2.0 if equation == "mechanical" else 1.0))
                 if equation == "electrical":
                     floor[part.start] = sensors.mean_voltage_floor_v

@@ -12,7 +12,7 @@ from sawbench.bench.errors import ConfigError, InputError
 from sawbench.bench.recording import Floats, Recording
 from sawbench.bench.units import DISPLACEMENT
 from sawbench.diagnosis.campaign import Campaign
-from sawbench.diagnosis.inference.features import Layout
+from sawbench.diagnosis.inference.features import Layout, orders
 from sawbench.diagnosis.inference.nuisances import Nuisance, Reading, of_known
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plants.axis_friction import friction_by_direction, friction_n
@@ -113,8 +113,7 @@ class LinearAxis:
         """Covariance, N^2: a floor at every harmonic, a share of the gap itself, and anything at standstill."""
         floor_n = self.config.model_floor_n or SETTINGS.axis.floor_share * self.model.force_scale_n
         gap = layout.place(residuals(self.model, state), len(state.angle_rad)).mean(axis=0)
-        n = (layout.size - 1) // 2
-        order = np.concatenate([[0.0], np.arange(1.0, n + 1), np.arange(1.0, n + 1)])
+        order = orders((layout.size - 1) // 2)
         shape = 1.0 / (1.0 + order / SETTINGS.axis.form_harmonic)
         floor = np.hypot(floor_n, SETTINGS.axis.form_share * np.linalg.norm(gap) * shape / np.linalg.norm(shape))
         speed = np.abs(as_axis(state).velocity_m_s.mean(axis=0))
