@@ -12,14 +12,11 @@ from pydantic import AfterValidator, BaseModel, Field, model_validator
 from sawbench.acquisition.devices.device import STRICT, BenchChannel, ChannelTable, inputs_within
 from sawbench.acquisition.devices.frames import FrameFormat, FrameFramer
 from sawbench.acquisition.devices.instrument import Instrument
-from sawbench.acquisition.devices.row_emulator import RowEmulator
+from sawbench.acquisition.devices.row_emulator import RowEmulator, described
 from sawbench.acquisition.devices.row_instrument import RowInstrument, RowProtocol, columns_of
 from sawbench.acquisition.devices.sample_rows import RowTiming
 from sawbench.acquisition.simulation.plant_stream import PlantStream
-from sawbench.acquisition.simulation.sampling import Sampler
 from sawbench.acquisition.simulation.sensor import EmulatedSensor
-
-_EMULATED_STAMPS_HZ: Final = 200.0
 
 
 def _is_hexadecimal(text: str) -> str:
@@ -193,19 +190,7 @@ def emulate(_name: str, settings: BinaryFramesSettings, plant: PlantStream, cloc
         covered = sync + body if settings.covers_sync else body
         return sync + body + _check_bytes(covered, settings.checksum, settings.fields[0]) + bytes.fromhex(settings.end)
 
-    acts = {
-        settings.start: RowEmulator.begin,
-        settings.stop: RowEmulator.end,
-        settings.question: RowEmulator.one_row,
-    }
-    return RowEmulator(
-        plant,
-        sensors,
-        render=render,
-        requests={bytes.fromhex(request): act for request, act in acts.items() if request},
-        sampler=Sampler(settings.rate_hz or _EMULATED_STAMPS_HZ, clock_error_ppm),
-        is_always_sending=not settings.question and not settings.start,
-    )
+    return described(settings, plant, sensors, render=render, as_sent=bytes.fromhex, clock_error_ppm=clock_error_ppm)
 
 
 def _check_bytes(data: bytes, checksum: str, order: str) -> bytes:

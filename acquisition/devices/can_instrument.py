@@ -44,6 +44,19 @@ class CanSettings(Protocol):
 Settings = TypeVar("Settings", bound=CanSettings)
 
 
+def require_slcan_for_number(settings: CanSettings) -> None:
+    """Refuse the serial number of an adapter that nobody can ask for it.
+
+    Raises
+    ------
+    ValueError
+    """
+    if settings.serial_number is not None and settings.interface != "slcan":
+        raise ValueError(
+            f"serial_number is compared for interface slcan alone, not for {settings.interface}: remove it"
+        )
+
+
 class CanInstrument(Generic[Settings]):
     """One instrument; see `devices.device.Device`. A driver adds `streams`, `open`, `start` and `decode`.
 

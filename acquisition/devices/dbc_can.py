@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, Field, model_validator
 from sawbench.acquisition.calibration import Calibration
 from sawbench.acquisition.can_signals import find_signal, frame_mask, load_dbc, needed_length, raw_signal
-from sawbench.acquisition.devices.can_instrument import CanInstrument, require_slcan
+from sawbench.acquisition.devices.can_instrument import CanInstrument, require_slcan, require_slcan_for_number
 from sawbench.acquisition.devices.dbc_can_emulator import CanEmulator, EmulatedMessage
 from sawbench.acquisition.devices.device import STRICT, BenchChannel, Chunk, Stream, StreamChannel
 from sawbench.acquisition.devices.instrument import Instrument
@@ -73,10 +73,7 @@ class DbcCanSettings(BaseModel):
 
     @model_validator(mode="after")
     def _adapter_is_known(self) -> DbcCanSettings:
-        if self.serial_number is not None and self.interface != "slcan":
-            raise ValueError(
-                f"serial_number is compared for interface slcan alone, not for {self.interface}: remove it"
-            )
+        require_slcan_for_number(self)
         return self
 
 

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, Field, model_validator
-from sawbench.acquisition.devices.can_instrument import CanInstrument, require_slcan
+from sawbench.acquisition.devices.can_instrument import CanInstrument, require_slcan, require_slcan_for_number
 from sawbench.acquisition.devices.device import STRICT, Chunk, OneChannel, Stream
 from sawbench.acquisition.devices.instrument import Instrument
 from sawbench.acquisition.devices.slcan_emulator import SentFrame, SlcanAdapter, line_of
@@ -81,6 +81,11 @@ class MantracourtCanSettings(BaseModel):
     def _stream_has_a_rate(self) -> MantracourtCanSettings:
         if (self.stream_id is None) != (self.rate_hz == 0):
             raise ValueError("stream_id and rate_hz belong together: give both for a stream, none for polling")
+        return self
+
+    @model_validator(mode="after")
+    def _adapter_is_known(self) -> MantracourtCanSettings:
+        require_slcan_for_number(self)
         return self
 
 

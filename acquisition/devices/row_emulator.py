@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,33 @@ from sawbench.acquisition.simulation.sensor import EmulatedSensor
 Render = Callable[[Sequence[float], int, float], bytes]
 # (emulator, time in s) -> answer
 Act = Callable[["RowEmulator", float], bytes]
+
+# Of an instrument whose rows carry time stamps and whose table states no rate.
+_STAMPS_HZ: Final = 200.0
+
+
+class DescribedRows(Protocol):
+    """What a table says that describes an instrument by itself: requests, each empty where there is none, and rate."""
+
+    @property
+    def start(self) -> str:
+        """Begins the transmission."""
+        ...
+
+    @property
+    def stop(self) -> str:
+        """Ends it."""
+        ...
+
+    @property
+    def question(self) -> str:
+        """Asks for one row."""
+        ...
+
+    @property
+    def rate_hz(self) -> float:
+        """Rows per second; 0 where their stamps say it."""
+        ...
 
 
 class RowEmulator:
@@ -102,3 +130,28 @@ class RowEmulator:
         if not len(time_s):
             return np.empty((0, len(self._sensors)))
         return np.stack([s.raw(self._plant, time_s) for s in self._sensors], axis=1)
+
+
+def described(
+    settings: DescribedRows,
+    plant: PlantStream,
+    sensors: tuple[EmulatedSensor, ...],
+    *,
+    render: Render,
+    as_sent: Callable[[str], bytes],
+    clock_error_ppm: float,
+) -> RowEmulator:
+    """Build the instrument that a table describes by itself; `as_sent` makes bytes of a request as it is written."""
+    acts: dict[str, Act] = {
+        settings.start: RowEmulator.begin,
+        settings.stop: RowEmulator.end,
+        settings.question: RowEmulator.one_row,
+    }
+    return RowEmulator(
+        plant,
+        sensors,
+        render=render,
+        requests={as_sent(request): act for request, act in acts.items() if request},
+        sampler=Sampler(settings.rate_hz or _STAMPS_HZ, clock_error_ppm),
+        is_always_sending=not settings.question and not settings.start,
+    )

@@ -11,16 +11,14 @@ from pydantic import BaseModel, Field, field_validator, model_validator
 from sawbench.acquisition.devices.device import STRICT, BenchChannel, ChannelTable, inputs_within
 from sawbench.acquisition.devices.instrument import Instrument
 from sawbench.acquisition.devices.lines import LineFormat, LineFramer
-from sawbench.acquisition.devices.row_emulator import RowEmulator
+from sawbench.acquisition.devices.row_emulator import RowEmulator, described
 from sawbench.acquisition.devices.row_instrument import RowInstrument, RowProtocol, columns_of
 from sawbench.acquisition.devices.sample_rows import RowTiming
 from sawbench.acquisition.simulation.plant_stream import PlantStream
-from sawbench.acquisition.simulation.sampling import Sampler
 from sawbench.acquisition.simulation.sensor import EmulatedSensor
 from sawbench.bench.errors import ConfigError
 
 _MOST_COLUMNS: Final = 64
-_EMULATED_STAMPS_HZ: Final = 200.0
 
 
 class TextLinesSettings(BaseModel):
@@ -185,19 +183,7 @@ def emulate(name: str, settings: TextLinesSettings, plant: PlantStream, clock_er
             cells[settings.time_column - 1] = str(ticks % (1 << (settings.time_bits or 53)))
         return ((settings.separator or " ").join(cells) + settings.line_end).encode()
 
-    acts = {
-        settings.start: RowEmulator.begin,
-        settings.stop: RowEmulator.end,
-        settings.question: RowEmulator.one_row,
-    }
-    return RowEmulator(
-        plant,
-        sensors,
-        render=render,
-        requests={request.encode(): act for request, act in acts.items() if request},
-        sampler=Sampler(settings.rate_hz or _EMULATED_STAMPS_HZ, clock_error_ppm),
-        is_always_sending=not settings.question and not settings.start,
-    )
+    return described(settings, plant, sensors, render=render, as_sent=str.encode, clock_error_ppm=clock_error_ppm)
 
 
 INSTRUMENT: Final = Instrument(
