@@ -124,6 +124,18 @@ def test_simulated_instruments_need_not_be_the_ones_that_are_named():
     assert settings.serial_number is None
 
 
-def test_a_number_that_is_never_compared_is_refused():
+@pytest.mark.parametrize(
+    "table",
+    [
+        CAN,
+        {
+            "driver": "mantracourt_can",
+            "port": "can0",
+            "channels": {"force_n": {"input": 1, "calibration": {"scale": 1.0}}},
+        },
+    ],
+    ids=lambda table: table["driver"],
+)
+def test_a_number_that_is_never_compared_is_refused(table):
     with pytest.raises(ConfigError, match="slcan alone"):
-        validate_table("power", {**CAN, "interface": "socketcan", "serial_number": "A1"})
+        validate_table("power", {**table, "interface": "socketcan", "serial_number": "A1"})
