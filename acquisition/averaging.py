@@ -104,10 +104,6 @@ def resting_mean(time_s: Floats, values: Floats) -> RestingMean:
     time_s : ndarray, shape (n,), s
     values : ndarray, shape (n,)
 
-    Returns
-    -------
-    RestingMean
-
     Raises
     ------
     InputError
@@ -148,10 +144,6 @@ def unsteady(found: RestingMean, *, tolerance: float, unit: str) -> str:
     tolerance : float
         Change that does not matter, in `unit`. Single samples may scatter ten times as much.
     unit : str
-
-    Returns
-    -------
-    str
 
     Notes
     -----

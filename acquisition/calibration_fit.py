@@ -103,10 +103,6 @@ def fit_line(points: Sequence[CalibrationPoint], *, common_rel_std: float = 0.0)
     common_rel_std : float
         Relative standard uncertainty that all references share (the set of weights, gravity).
 
-    Returns
-    -------
-    StraightLine
-
     Raises
     ------
     InputError
@@ -167,10 +163,6 @@ def judge_line(line: StraightLine, former: Calibration, *, largest_deviation: fl
         What was in force before; a polynomial is compared by its slope at the zero.
     largest_deviation : float
         Of nonlinearity and hysteresis, share of the range.
-
-    Returns
-    -------
-    list of str
     """
     said = []
     former_gain = former.slope_at(former.zero_raw)

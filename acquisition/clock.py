@@ -154,10 +154,6 @@ class ArrivalClock:
     def stamp(self, first_index: int, n_samples: int) -> tuple[float, float]:
         """Give `n_samples` samples their times; later calls never go back.
 
-        Parameters
-        ----------
-        first_index, n_samples : int
-
         Returns
         -------
         first_time_s, period_s : float

@@ -87,10 +87,6 @@ def judge(
         The tool runs: noise and zero are then not judged, and a value that stands still always is.
     limits : PreflightLimits, optional
 
-    Returns
-    -------
-    Preflight
-
     Notes
     -----
     Fails: a node that repeats its last value with noise added is not seen as frozen; a wrong scale is not seen at

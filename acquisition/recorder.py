@@ -120,10 +120,6 @@ def record(
     between_rounds : callable, optional
         For devices whose time is scripted: they are read in turn in this thread, and this is called before every round.
 
-    Returns
-    -------
-    RecordingSummary
-
     Raises
     ------
     DeviceError

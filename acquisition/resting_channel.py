@@ -72,10 +72,6 @@ def resting_channel(probe: DeviceProbe, channel: str, *, tolerance: float | None
     tolerance : float, optional
         Change that does not matter, in the channel's unit; default 0.1 % of half the range.
 
-    Returns
-    -------
-    RestingChannel
-
     Raises
     ------
     UntrustedResult
@@ -122,10 +118,6 @@ def tare(resting: RestingChannel, base: Calibration, *, force: bool = False) -> 
         Without any tare.
     force : bool
         Take a zero that no unloaded sensor has.
-
-    Returns
-    -------
-    Calibration
 
     Raises
     ------

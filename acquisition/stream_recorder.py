@@ -29,13 +29,7 @@ class _Counter:
 
 
 class StreamRecorder:
-    """Chunks in, sample blocks and gap events on the recording's clock out. Starts no thread, reads no clock.
-
-    Parameters
-    ----------
-    device : str
-    stream : Stream
-    """
+    """Chunks in, sample blocks and gap events on the recording's clock out. Starts no thread, reads no clock."""
 
     def __init__(self, device: str, stream: Stream) -> None:
         self.device = device

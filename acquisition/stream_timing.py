@@ -115,10 +115,6 @@ class _Hold:
 class StreamTimer:
     """Number and time the samples of one stream.
 
-    Parameters
-    ----------
-    stream : Stream
-
     Notes
     -----
     A loss that no counter and no broken byte shows is found once it is longer than 4 ms (3 samples at low rates,

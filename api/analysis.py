@@ -52,14 +52,7 @@ class OpenedTrial:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class AnalysedTrial:
-    """A recording with what was found in it.
-
-    Attributes
-    ----------
-    recording : Recording
-    loaded : LoadedConfig
-    processed : ProcessedTrial
-    """
+    """A recording with what was found in it."""
 
     recording: Recording
     loaded: LoadedConfig

@@ -151,10 +151,6 @@ def fit_battery_tables(
     models, largest_own_miss, on_model
         As in `choose_battery`.
 
-    Returns
-    -------
-    FittedBattery
-
     Raises
     ------
     InputError

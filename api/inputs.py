@@ -42,10 +42,6 @@ def find_files(paths: Iterable[Place]) -> list[FoundFile]:
     paths : iterable of Path or StoreFile
         Files, or directories that hold recordings, on the disk or in an object store.
 
-    Returns
-    -------
-    list of FoundFile
-
     Raises
     ------
     InputError
@@ -78,10 +74,6 @@ def config_for(recording: Recording | None, config_path: Path | LoadedConfig | N
     recording : Recording, optional
     config_path : Path or LoadedConfig, optional
         The file that was named, or what was read from it.
-
-    Returns
-    -------
-    LoadedConfig
 
     Raises
     ------

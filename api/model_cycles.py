@@ -67,12 +67,6 @@ def fitted_cycle(trial: AnalysedTrial, fit: CuttingFit, *, n_points: int = 256) 
     Plant constants, sensor gains, the force's zero and the angle's zero are those of the fit; the motor gets
     the measured battery voltage, as in the fit. What the fit did not estimate keeps its nominal value.
 
-    Parameters
-    ----------
-    trial : AnalysedTrial
-    fit : CuttingFit
-    n_points : int
-
     Returns
     -------
     dict
@@ -101,12 +95,6 @@ def fitted_cycle(trial: AnalysedTrial, fit: CuttingFit, *, n_points: int = 256) 
 
 def measured_force_cycle(trial: AnalysedTrial, fit: CuttingFit, *, n_points: int = 256) -> dict[str, Floats] | None:
     """The same stroke with the measured force replayed over the crank angle (section 4.1 of the paper).
-
-    Parameters
-    ----------
-    trial : AnalysedTrial
-    fit : CuttingFit
-    n_points : int
 
     Returns
     -------

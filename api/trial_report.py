@@ -18,10 +18,6 @@ def trial_report(trial: AnalysedTrial, found: Evaluation | None = None) -> Trial
     trial : AnalysedTrial
     found : Evaluation, optional
         Where fit and runtime are known already.
-
-    Returns
-    -------
-    TrialReport
     """
     from sawbench.bench.units import FORCE
     from sawbench.model_cycles import LINEAR, MEASURED, discharges_of, fitted_cycle, measured_force_cycle

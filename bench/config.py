@@ -380,14 +380,6 @@ def _missing(table: str, path: str) -> ConfigError:
 def load_config(path: str | Path) -> LoadedConfig:
     """Read and validate a bench configuration.
 
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    LoadedConfig
-
     Raises
     ------
     ConfigError
@@ -423,10 +415,6 @@ def describe_validation(error: ValidationError, model: type[BaseModel]) -> str:
     error : ValidationError
     model : type of BaseModel
         The model that was validated, for the suggestions.
-
-    Returns
-    -------
-    str
     """
     lines = []
     for item in error.errors():

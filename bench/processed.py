@@ -259,10 +259,6 @@ class ProcessedTrial:
         ----------
         channels : str
             Channel names; those the trial does not have are passed over.
-
-        Returns
-        -------
-        tuple of str
         """
         found = [f"{q.channel}: {text}" for q in self.quality if q.channel in channels for text in q.doubts]
         rests_on_half = "force_n" in channels or "displacement_mm" in channels

@@ -23,10 +23,6 @@ def toml_text(tables: Mapping[str, Any], comments: Mapping[tuple[str, ...], Sequ
         Lines above a table (its name), an entry (table, key) or an entry of no table (its name); `()` is the head of
         the file. A list of tables has a line for each.
 
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> print(toml_text({"plant": {"r_ohm": {"nominal": 0.2}}}, {("plant", "r_ohm"): ["warm"]}), end="")

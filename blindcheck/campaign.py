@@ -64,10 +64,6 @@ def trial_settings(draw: CampaignDraw, index: int) -> PlantSettings:
 def measured_trials(draw: CampaignDraw) -> Iterator[tuple[TrialPlan, float, Readings]]:
     """Simulate and measure the trials in their order; charge, wear and heat carry over.
 
-    Parameters
-    ----------
-    draw : CampaignDraw
-
     Yields
     ------
     TrialPlan, float, Readings

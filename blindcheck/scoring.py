@@ -134,14 +134,6 @@ class Score:
 def score(cases: Sequence[Case]) -> Score:
     """Score answers.
 
-    Parameters
-    ----------
-    cases : sequence of Case
-
-    Returns
-    -------
-    Score
-
     Examples
     --------
     >>> told = {"kind": "effect", "effects": {"edge_force": 1.0}}

@@ -31,10 +31,6 @@ class StreamingPlant:
     What a read returns depends only on the settings, the times, and when the tool was switched; not on how
     the times were split into calls. Before `trigger` the tool is at rest.
 
-    Parameters
-    ----------
-    settings : PlantSettings
-
     Examples
     --------
     >>> import numpy as np

@@ -45,10 +45,6 @@ class Reported:
 def true_parameters(draw: CampaignDraw) -> dict[str, dict[str, Any]]:
     """Return the true value of the reported number of every hidden effect that has one.
 
-    Parameters
-    ----------
-    draw : CampaignDraw
-
     Returns
     -------
     dict of str to dict

@@ -26,12 +26,7 @@ _INTERRUPTED: Final = 130
 
 
 def run_job(folder: Path) -> int:
-    """Run the command of a folder, keep its exit code there, and return it.
-
-    Parameters
-    ----------
-    folder : Path
-    """
+    """Run the command of a folder, keep its exit code there, and return it."""
     job = json.loads((folder / JOB).read_text(encoding="utf-8"))
     os.environ[VARIABLE] = str(folder.resolve())
     if job["is_background"] and hasattr(os, "nice"):

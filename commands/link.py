@@ -51,10 +51,6 @@ def current_link() -> Link | None:
 class Link:
     """The command's end of the link.
 
-    Parameters
-    ----------
-    folder : Path
-
     Attributes
     ----------
     stop : threading.Event

@@ -89,10 +89,6 @@ def main(arguments: list[str] | None = None) -> int:
     ----------
     arguments : list of str, optional
         Instead of `sys.argv[1:]`.
-
-    Returns
-    -------
-    int
     """
     as_json = "--json" in (sys.argv[1:] if arguments is None else arguments)
     try:

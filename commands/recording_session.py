@@ -97,10 +97,6 @@ def record_trial(
         Operator's notes taken while recording.
     stop : threading.Event, optional
 
-    Returns
-    -------
-    RecordingSummary
-
     Raises
     ------
     DeviceError

@@ -115,12 +115,7 @@ class Dialogue:
 
 
 class PanelDialogue(Dialogue):
-    """The technician at the panel: questions and notes go through its link.
-
-    Parameters
-    ----------
-    link : Link
-    """
+    """The technician at the panel: questions and notes go through its link."""
 
     def __init__(self, link: Link) -> None:
         super().__init__(None)

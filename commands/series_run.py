@@ -71,14 +71,7 @@ class Bench:
 
 
 class SeriesRun:
-    """One sitting at a series; what was done before is found in the folder and the journal.
-
-    Parameters
-    ----------
-    plan : LoadedPlan
-    bench : Bench
-    dialogue : Dialogue
-    """
+    """One sitting at a series; what was done before is found in the folder and the journal."""
 
     def __init__(self, plan: LoadedPlan, bench: Bench, dialogue: Dialogue) -> None:
         self._plan = plan

@@ -119,10 +119,6 @@ def true_settings(loaded: LoadedConfig, *, material: str, duty: float | None, se
     seed : int
         Seed 0 is a plant like any other, not the nominal one.
 
-    Returns
-    -------
-    PlantSettings
-
     Raises
     ------
     InputError

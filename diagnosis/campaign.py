@@ -88,10 +88,6 @@ def reduce_campaign(
     on_trial : callable, optional
         (done, total, name).
 
-    Returns
-    -------
-    Campaign
-
     Raises
     ------
     InputError
@@ -125,10 +121,6 @@ def campaign_of(trials: Sequence[ProcessedTrial], baseline: Baseline, warnings: 
     baseline : Baseline
     warnings : list of str
         What was said before; what is left out here is added.
-
-    Returns
-    -------
-    Campaign
 
     Raises
     ------

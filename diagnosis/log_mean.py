@@ -20,10 +20,6 @@ def log_mean_exp(logs: ArrayLike) -> float:
     ----------
     logs : array_like, shape (n,)
 
-    Returns
-    -------
-    float
-
     Examples
     --------
     >>> round(log_mean_exp([1000.0, 1000.0]), 6)

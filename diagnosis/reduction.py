@@ -158,10 +158,6 @@ def lock_to_angle(state: State) -> tuple[str, complex] | None:
     A displacement that belongs to another trial drifts against the other channels: the phases of their first or
     second harmonic then scatter over the turn.
 
-    Parameters
-    ----------
-    state : State
-
     Returns
     -------
     (str, complex) or None

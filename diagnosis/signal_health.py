@@ -43,16 +43,7 @@ class ChannelHealth:
 
 
 def channel_health(trial: ProcessedTrial) -> tuple[ChannelHealth, ...]:
-    """Health of every known channel of a trial.
-
-    Parameters
-    ----------
-    trial : ProcessedTrial
-
-    Returns
-    -------
-    tuple of ChannelHealth
-    """
+    """Health of every known channel of a trial."""
     return tuple(
         ChannelHealth(
             channel=q.channel,

@@ -49,10 +49,6 @@ def slow_tracks(trials: Sequence[ProcessedTrial], *, stroke_m: float) -> list[Sl
         With a crank angle each.
     stroke_m : float
         Blade travel a stroke, one way, m.
-
-    Returns
-    -------
-    list of SlowTrack
     """
     from scipy.signal import lfilter
 

@@ -64,10 +64,6 @@ def read_trial(tracks: Mapping[str, Track]) -> Reading:
     ----------
     tracks : mapping of str to (time_s, values)
         By channel name; nothing is assumed of their plausibility.
-
-    Returns
-    -------
-    Reading
     """
     displacement = tracks.get(DISPLACEMENT.name)
     starts_s = np.zeros(0) if displacement is None else _stroke_starts(*displacement)

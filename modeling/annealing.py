@@ -77,10 +77,6 @@ def anneal(
         Of the random steps: the same seed gives the same answer.
     most_evaluations : int
 
-    Returns
-    -------
-    Annealed
-
     Raises
     ------
     InputError
@@ -145,10 +141,6 @@ def anneal_cycles(
 
     The squared error is that of the mean stroke over the crank angle, the model's stroke interpolated between a grid of
     k_Fc. The uncertainty is that of the least-squares fit on the current: annealing itself has none.
-
-    Returns
-    -------
-    CuttingFit
 
     Raises
     ------

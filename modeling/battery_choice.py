@@ -143,10 +143,6 @@ def choose_battery(
     on_model : callable, optional
         Called with models done, models in all and the name of the next one.
 
-    Returns
-    -------
-    BatteryChoice
-
     Raises
     ------
     InputError

@@ -93,10 +93,6 @@ def fit_battery(
     model : {"eq16", "eq16_free", "eq16_free_r", "eq16_end", "eq16_end_r", "ocv_r"}
         "eq16" takes the largest charge delivered for its own.
 
-    Returns
-    -------
-    BatteryFit
-
     Raises
     ------
     InputError

@@ -42,10 +42,6 @@ def autocorrelation_time(series: ArrayLike) -> float:
     ----------
     series : array_like, shape (n_strokes,)
 
-    Returns
-    -------
-    float
-
     Examples
     --------
     >>> import numpy as np

@@ -126,10 +126,6 @@ def discharge(
     compiles : bool
         False has the averaging interpreted: some 20 ms in place of 0.1 ms, without the seconds to compile it once.
 
-    Returns
-    -------
-    Discharge
-
     Examples
     --------
     >>> from sawbench.modeling.machines import paper_jigsaw as paper

@@ -67,10 +67,6 @@ def discharge_with_effects(
     start : Prediction, optional
         Of a stroke nearby, to search from.
 
-    Returns
-    -------
-    Discharge
-
     Raises
     ------
     InputError

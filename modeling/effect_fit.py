@@ -53,10 +53,6 @@ def effect_share(baseline: Baseline, point: OperatingPoint, angle_rad: Floats) -
     point : OperatingPoint
     angle_rad : ndarray, shape (n_angles,)
 
-    Returns
-    -------
-    EffectShare
-
     Raises
     ------
     InputError

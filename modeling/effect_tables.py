@@ -108,10 +108,6 @@ def effect_tables(bare: StrokeTables, baseline: Baseline, point: OperatingPoint)
     point : OperatingPoint
         Duty or held voltage, feed and thickness; its k_Fc does not count.
 
-    Returns
-    -------
-    EffectTables
-
     Raises
     ------
     InputError

@@ -71,10 +71,6 @@ def simulate_with_effects(
     initial : InitialState
         Its charge counts, not that of the point.
 
-    Returns
-    -------
-    EffectRun
-
     Raises
     ------
     InputError

@@ -60,10 +60,6 @@ def fit_force(cycles: MeasuredCycles, *, plant: PlantConfig, cutting_half: Cutti
         Only the mechanism is used.
     cutting_half : {"pi_to_2pi", "zero_to_pi"}
 
-    Returns
-    -------
-    ForceFit
-
     Raises
     ------
     InputError

@@ -153,10 +153,6 @@ def fit_jointly(
     bounds : tuple of float
         Lowest and highest k_Fc allowed, N*s/m.
 
-    Returns
-    -------
-    JointFit
-
     Raises
     ------
     InputError

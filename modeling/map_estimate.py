@@ -85,10 +85,6 @@ def most_probable(predict: Predict, data: Floats, covariance: Floats, parameters
     covariance : ndarray, shape (m, m)
         Working covariance of `data`.
     parameters : Parameters
-
-    Returns
-    -------
-    Estimate
     """
     weight: Floats = np.linalg.inv(covariance).astype(np.float64)
     values = np.clip(parameters.start, parameters.lower, parameters.upper)

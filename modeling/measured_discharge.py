@@ -132,10 +132,6 @@ def discharges_in(log: BatteryLog) -> tuple[list[MeasuredDischarge], list[str]]:
 
     Which sign of the current discharges is told from the voltage, which then falls. Rests inside a discharge stay.
 
-    Parameters
-    ----------
-    log : BatteryLog
-
     Returns
     -------
     discharges : list of MeasuredDischarge

@@ -133,10 +133,6 @@ def predict_runtime_with_effects(
         As in `predict_runtime`; magnitudes of effects may be among them.
     measured_mean_battery_current_a : float, optional
 
-    Returns
-    -------
-    RuntimePrediction
-
     Raises
     ------
     InputError

@@ -87,10 +87,6 @@ def sweep_runtime(
     steps : callable
         Goes through the cases, such as with a progress bar.
 
-    Returns
-    -------
-    RuntimeSweep
-
     Raises
     ------
     InputError
@@ -169,10 +165,6 @@ def with_battery_range(sweep: RuntimeSweep, battery: BatteryConfig, use: Battery
     battery : BatteryConfig
         Without `fitted` the sweep stays as it is.
     use : BatteryUse, optional
-
-    Returns
-    -------
-    RuntimeSweep
     """
     if battery.fitted is None:
         return sweep

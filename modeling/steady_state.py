@@ -139,10 +139,6 @@ def steady_state(
     compiles : bool
         False has it interpreted: some 30 ms in place of 0.1 ms, without the seconds to compile it once.
 
-    Returns
-    -------
-    PeriodicState
-
     Examples
     --------
     >>> from sawbench.modeling.machines import paper_jigsaw as paper

@@ -125,10 +125,6 @@ def predict(
         Cutting coefficient, where it shall not be fitted.
     start : Prediction, optional
         A solution nearby.
-
-    Returns
-    -------
-    Prediction
     """
     known = [Term(amplitude=1.0, signature=lambda s, one=one: one.signature(baseline, s)) for one in baseline.known]
     problem = _Stroke(replace(baseline, known=()), measured, [*known, *terms], wood_n_s_per_m)

@@ -70,10 +70,6 @@ def simulate(
     initial : InitialState
     method : Method
 
-    Returns
-    -------
-    Trajectory
-
     Raises
     ------
     InputError

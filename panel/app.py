@@ -98,12 +98,7 @@ def build_app(settings: PanelSettings, *, token: str = "") -> Starlette:
 
 
 class Panel:
-    """Handlers of the pages and forms.
-
-    Parameters
-    ----------
-    settings : PanelSettings
-    """
+    """Handlers of the pages and forms."""
 
     def __init__(self, settings: PanelSettings) -> None:
         self._settings = settings

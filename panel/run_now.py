@@ -11,12 +11,7 @@ _PATIENCE_S: Final = 60.0
 
 
 def run_now(arguments: Sequence[str]) -> str:
-    """Run a command of sawbench; return why it refused, empty where it is done.
-
-    Parameters
-    ----------
-    arguments : sequence of str
-    """
+    """Run a command of sawbench; return why it refused, empty where it is done."""
     call = [sys.executable, "-m", "sawbench.commands.main", *arguments]
     try:
         ended = subprocess.run(

@@ -56,12 +56,7 @@ class ShelfRow:
 
 
 class Shelf:
-    """Recordings of a folder and of the folders in it: series, imports.
-
-    Parameters
-    ----------
-    root : Path
-    """
+    """Recordings of a folder and of the folders in it: series, imports."""
 
     def __init__(self, root: Path) -> None:
         self.root = root

@@ -55,10 +55,6 @@ def find_cycles(time_s: Floats, angle_rad: Floats, windows: Sequence[tuple[float
     windows : sequence of (start_s, end_s)
         Running, without gaps.
 
-    Returns
-    -------
-    Cycles
-
     Examples
     --------
     >>> t = np.linspace(0, 1, 1001)
@@ -293,10 +289,6 @@ def fold_signals(
     cycles : mapping of channel to Cycles
         Channels without a cycle are left out of the result.
     n_bins, n_threads : int
-
-    Returns
-    -------
-    dict of str to FoldedCycle
     """
     groups: list[list[str]] = []
     for name in signals:

@@ -167,10 +167,6 @@ class LiveStrokeSplitter:
         ----------
         block : SampleBlock
             Channels that a stroke does not need are ignored.
-
-        Returns
-        -------
-        list of LiveStroke
         """
         stream = self._streams.get(block.channel)
         if stream is None or not len(block.time_s):

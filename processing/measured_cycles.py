@@ -25,10 +25,6 @@ def measured_cycles(trial: ProcessedTrial) -> MeasuredCycles:
     trial : ProcessedTrial
         With its channels, so not one that was read back from a file.
 
-    Returns
-    -------
-    MeasuredCycles
-
     Raises
     ------
     InputError
@@ -101,10 +97,6 @@ def cycles_from_samples(
         Only complete strokes inside this stretch are used.
     duty : float, optional
     label : str
-
-    Returns
-    -------
-    MeasuredCycles
 
     Raises
     ------

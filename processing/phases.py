@@ -79,10 +79,6 @@ def find_phases(
 def stroke_mean_speed(angle: CrankAngle) -> Floats:
     """Speed averaged over the turn around each sample, so that the ripple within a stroke drops out.
 
-    Parameters
-    ----------
-    angle : CrankAngle
-
     Returns
     -------
     ndarray, shape (n,), rad/s

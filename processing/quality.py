@@ -52,14 +52,6 @@ class CleanChannel:
 def clean_channel(signal: Signal) -> CleanChannel:
     """Judge one channel; drop its spikes.
 
-    Parameters
-    ----------
-    signal : Signal
-
-    Returns
-    -------
-    CleanChannel
-
     Notes
     -----
     A spike is one or two samples off the median of the five around it by over 12 noise standard deviations

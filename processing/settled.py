@@ -25,14 +25,6 @@ _STOPPING_TURNS = 2
 def find_steady_part(angle: CrankAngle) -> SteadyPart:
     """Longest stretch in which the blade neither stands nor spins down.
 
-    Parameters
-    ----------
-    angle : CrankAngle
-
-    Returns
-    -------
-    SteadyPart
-
     Examples
     --------
     >>> t = np.arange(0, 4, 1e-3)

@@ -82,10 +82,6 @@ def power_spectrum(values: Floats, rate_hz: float) -> Spectrum:
     values : ndarray, shape (n,)
         Equally spaced.
     rate_hz : float
-
-    Returns
-    -------
-    Spectrum
     """
     from scipy.fft import next_fast_len, rfft
     from scipy.ndimage import median_filter
@@ -112,16 +108,6 @@ def power_spectrum(values: Floats, rate_hz: float) -> Spectrum:
 
 def find_lines(spectrum: Spectrum, low_hz: float, high_hz: float, count: int = 12) -> tuple[Line, ...]:
     """Strongest separate lines in a band, strongest first.
-
-    Parameters
-    ----------
-    spectrum : Spectrum
-    low_hz, high_hz : float
-    count : int
-
-    Returns
-    -------
-    tuple of Line
 
     Notes
     -----

@@ -164,10 +164,6 @@ def estimate_travel(time_s: Floats, displacement_m: Floats, turns: Turns, nomina
     nominal_radius_m : float or None
         Used where fewer than two complete dead centres of either kind were passed.
 
-    Returns
-    -------
-    Travel
-
     Notes
     -----
     Where the stroke itself changes by over 2 % of the radius (not a crank: a hydraulic actuator, say) the

@@ -112,10 +112,6 @@ def write_battery_page(
         How the tables were read.
     overwrite : bool
 
-    Returns
-    -------
-    Path
-
     Raises
     ------
     InputError

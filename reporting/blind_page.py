@@ -50,10 +50,6 @@ def write_blind_page(path: str | Path, record: Mapping[str, Any], *, overwrite: 
         The score as plain values, with what it is a score of, as `sawbench blind score --json` prints it.
     overwrite : bool
 
-    Returns
-    -------
-    Path
-
     Raises
     ------
     InputError

@@ -23,10 +23,6 @@ if TYPE_CHECKING:
 def comparison_table(rows: Sequence[ComparedTrial]) -> pandas.DataFrame:
     """Return one row a trial, with every number of the page, for CSV.
 
-    Parameters
-    ----------
-    rows : sequence of ComparedTrial
-
     Returns
     -------
     pandas.DataFrame

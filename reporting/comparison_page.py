@@ -71,10 +71,6 @@ def write_comparison_page(
     title : str
     overwrite : bool
 
-    Returns
-    -------
-    Path
-
     Raises
     ------
     InputError

@@ -177,10 +177,6 @@ def map_picture(found: Mapping[str, Any], order: Sequence[str]) -> Picture | Non
         `detail.map` of the report.
     order : sequence of str
         Equations, the one with the largest share first; others follow.
-
-    Returns
-    -------
-    Picture or None
     """
     names = [name for name in order if name in found["equations"]][:_MOST_MAPS]
     if not names:

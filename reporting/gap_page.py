@@ -46,10 +46,6 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         The content of `gap_report.json`; without its "detail" the page has neither strokes nor map.
     overwrite : bool
 
-    Returns
-    -------
-    Path
-
     Raises
     ------
     InputError

@@ -18,13 +18,7 @@ _SIMILAR: Final = 0.8
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Setting:
-    """How a trial was run; None where nobody said.
-
-    Attributes
-    ----------
-    duty : float or None
-    feed_mm_s, thickness_mm : float or None
-    """
+    """How a trial was run; None where nobody said."""
 
     duty: float | None
     feed_mm_s: float | None

@@ -69,10 +69,6 @@ def figure_to_svg(
         What the figure is, and what it shows, in words.
     finer : mapping of Line2D to (x, y), optional
         More points of a line than are drawn, for whoever zooms in.
-
-    Returns
-    -------
-    markupsafe.Markup
     """
     import matplotlib as mpl
     from markupsafe import Markup
@@ -162,10 +158,6 @@ def render(template: str, context: Mapping[str, Any]) -> str:
 
 def link_to(target: str | Path, page: str | Path) -> tuple[str, str]:
     """Return the link from a page to a file beside it, and the text to show.
-
-    Parameters
-    ----------
-    target, page : str or Path
 
     Returns
     -------

@@ -53,10 +53,6 @@ def deviations_of(processed: ProcessedTrial, model: Mapping[str, Cycle]) -> tupl
     processed : ProcessedTrial
     model : mapping of str to mapping
         By name of the model: `angle_rad`, `force_n`, `motor_current_a`, shape (n,) each.
-
-    Returns
-    -------
-    tuple of Deviation
     """
     found = []
     for name in _shown(processed):

@@ -17,14 +17,6 @@ def measured_duty(processed: ProcessedTrial) -> float | None:
     """Duty that the currents show: mean battery current over mean motor current.
 
     Holds for a converter without losses of its own; None where a current is missing or doubted.
-
-    Parameters
-    ----------
-    processed : ProcessedTrial
-
-    Returns
-    -------
-    float or None
     """
     battery = processed.mean_values.get(BATTERY_CURRENT.name)
     motor = processed.mean_values.get(MOTOR_CURRENT.name)

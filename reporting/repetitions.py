@@ -113,10 +113,6 @@ def group_mean(estimates: Sequence[Estimate]) -> GroupMean:
     estimates : sequence of Estimate
         At least one, finite.
 
-    Returns
-    -------
-    GroupMean
-
     Examples
     --------
     >>> found = group_mean([Estimate(value=v) for v in (9.0, 10.0, 11.0)])

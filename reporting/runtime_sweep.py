@@ -29,10 +29,6 @@ MOST_PANELS_ABREAST: Final = 3
 def sweep_rows(sweep: RuntimeSweep) -> list[dict[str, Any]]:
     """Give one row a case, also for those without a runtime.
 
-    Parameters
-    ----------
-    sweep : RuntimeSweep
-
     Returns
     -------
     list of dict
@@ -102,10 +98,6 @@ def write_sweep_picture(path: str | Path, sweep: RuntimeSweep, *, overwrite: boo
         `.svg` or `.png`; its folder must exist.
     sweep : RuntimeSweep
     overwrite : bool
-
-    Returns
-    -------
-    Path
 
     Raises
     ------

@@ -190,10 +190,6 @@ def cycle_picture(processed: ProcessedTrial, simulated: Mapping[str, Floats] | N
 def zeroed_picture(processed: ProcessedTrial) -> Picture | None:
     """Draw the folded force as measured, and beside it with the return stroke set to zero.
 
-    Parameters
-    ----------
-    processed : ProcessedTrial
-
     Returns
     -------
     Picture or None

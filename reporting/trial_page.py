@@ -126,10 +126,6 @@ def write_trial_page(
         How much of the signals is plotted in detail, s.
     overwrite : bool
 
-    Returns
-    -------
-    Path
-
     Raises
     ------
     InputError
@@ -161,10 +157,6 @@ def verdict(processed: ProcessedTrial, fit: CuttingFit | None, runtime: RuntimeP
     processed : ProcessedTrial
     fit, runtime : CuttingFit, RuntimePrediction or None
         Results whose status is not "ok" are not quoted.
-
-    Returns
-    -------
-    str
     """
     what = _STATUS_WORDS[processed.status]
     if processed.status == "cutting":
@@ -202,16 +194,7 @@ def _stroke_rate(processed: ProcessedTrial) -> str:
 
 
 def trial_facts(processed: ProcessedTrial) -> list[Row]:
-    """Return what was done in a trial, fact by fact; what nobody stated is said so.
-
-    Parameters
-    ----------
-    processed : ProcessedTrial
-
-    Returns
-    -------
-    list of Row
-    """
+    """Return what was done in a trial, fact by fact; what nobody stated is said so."""
     trial = processed.trial
     date = None if trial.started_at is None else f"{trial.started_at:%Y-%m-%d %H:%M %Z}".strip()
     facts: list[tuple[str, str | None]] = [
@@ -265,10 +248,6 @@ def _tiles(processed: ProcessedTrial, fit: CuttingFit | None, runtime: RuntimePr
 
 def trust_in(report: TrialReport) -> Trust:
     """Judge how far the results of a trial can be relied on.
-
-    Parameters
-    ----------
-    report : TrialReport
 
     Returns
     -------

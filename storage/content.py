@@ -189,10 +189,6 @@ def damage_events(content: Content, last_s: float) -> list[Event]:
         After all messages were read.
     last_s : float
         Time of the last sample, s on the recording's clock.
-
-    Returns
-    -------
-    list of Event
     """
     origin_ns = content.origin_ns
     events = [_damage_event(damage, origin_ns, last_s) for damage in content.scan.damages]

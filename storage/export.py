@@ -108,10 +108,6 @@ def export_recording(
     overwrite : bool
         Replace files that exist; otherwise none is written if one exists.
 
-    Returns
-    -------
-    ExportReport
-
     Raises
     ------
     InputError

@@ -26,12 +26,7 @@ _OF_STORES: Final = ("botocore", "aiohttp", "aiobotocore")
 
 @dataclass(frozen=True, order=True, slots=True)
 class StoreFile:
-    """A file or folder of an object store, as a URL such as `s3://lab/recordings/oak-01.mcap`.
-
-    Attributes
-    ----------
-    url : str
-    """
+    """A file or folder of an object store, as a URL such as `s3://lab/recordings/oak-01.mcap`."""
 
     url: str
 

@@ -170,10 +170,6 @@ def _alignment(content: Content, channel: str) -> Alignment | None:
 def iter_blocks(path: str | Path) -> Iterator[SampleBlock]:
     """Yield the blocks of a recording in the order of the file, without reading it whole.
 
-    Parameters
-    ----------
-    path : str or Path
-
     Yields
     ------
     SampleBlock
@@ -193,14 +189,6 @@ def iter_blocks(path: str | Path) -> Iterator[SampleBlock]:
 
 def describe_recording(path: str | Path) -> RecordingInfo:
     """Say what is in an MCAP file, also in one of another program.
-
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    RecordingInfo
 
     Raises
     ------

@@ -59,10 +59,6 @@ def recover_recording(path: str | Path, out: str | Path, overwrite: bool = False
         Another file.
     overwrite : bool
 
-    Returns
-    -------
-    RecoveryReport
-
     Raises
     ------
     RecordingError

@@ -136,14 +136,6 @@ def _put_array(group: Any, name: str, values: Any, unit: str) -> None:
 def read_processed(path: str | Path) -> ProcessedTrial:
     """Read what `write_processed` wrote.
 
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    ProcessedTrial
-
     Raises
     ------
     InputError
@@ -231,10 +223,6 @@ def _get_folded(group: Any) -> FoldedCycle:
 
 def summary_row(processed: ProcessedTrial) -> dict[str, str | float | int | None]:
     """Return one line about a trial; None where something was not found.
-
-    Parameters
-    ----------
-    processed : ProcessedTrial
 
     Returns
     -------

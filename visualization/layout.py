@@ -206,15 +206,6 @@ def log_trial(recording: Any, trial: Trial, processed: ProcessedTrial | None = N
 def trial_markdown(trial: Trial, processed: ProcessedTrial | None = None) -> str:
     """Describe a trial, and what the processing found, as Markdown.
 
-    Parameters
-    ----------
-    trial : Trial
-    processed : ProcessedTrial, optional
-
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> print(trial_markdown(Trial(trial_id="oak-01", material="oak", duty=0.4375)))

@@ -160,10 +160,6 @@ def build_devices(
     clock : callable
         Monotonic seconds, shared by all instruments.
 
-    Returns
-    -------
-    list of Device
-
     Raises
     ------
     ConfigError

@@ -149,10 +149,6 @@ class FrameFormat:
 class FrameFramer:
     """Bytes in, numbers out; finds the frames again after bytes were lost or garbled.
 
-    Parameters
-    ----------
-    frame_format : FrameFormat
-
     Notes
     -----
     Frames that follow each other are taken together. Behind a break the next beginning is where the sync bytes and the

@@ -42,13 +42,7 @@ class RowTiming:
 
 
 class RowStream:
-    """One stream.
-
-    Parameters
-    ----------
-    stream : str
-    timing : RowTiming
-    """
+    """One stream."""
 
     def __init__(self, stream: str, timing: RowTiming) -> None:
         self._stream = stream

@@ -48,10 +48,6 @@ class Journal:
 
     A line is written in one piece and waited for until it is on the disk, so that a crash leaves it whole or, at worst,
     torn at the very end; a torn line is passed over and the next one starts anew.
-
-    Parameters
-    ----------
-    folder : Path
     """
 
     def __init__(self, folder: Path) -> None:

@@ -177,14 +177,6 @@ def trial_name(number: int, material: str) -> str:
 def load_plan(path: Path) -> LoadedPlan:
     """Read a plan: TOML, or a table (`.csv`) with a row for each trial.
 
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    LoadedPlan
-
     Raises
     ------
     ConfigError

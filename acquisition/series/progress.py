@@ -122,10 +122,6 @@ def progress_of(loaded: LoadedPlan, entries: Sequence[JournalEntry]) -> SeriesPr
     entries : sequence of JournalEntry
         Oldest first.
 
-    Returns
-    -------
-    SeriesProgress
-
     Raises
     ------
     InputError

@@ -141,10 +141,6 @@ def make_instruments(
     clock_error_ppm : mapping of str to float, optional
         Device -> how much too fast its quartz runs, 1e-6.
 
-    Returns
-    -------
-    dict of str to EmulatedInstrument
-
     Raises
     ------
     ConfigError

@@ -37,12 +37,7 @@ class Fault:
 
 
 class FaultySender:
-    """Passes bytes on, with the faults of one device applied.
-
-    Parameters
-    ----------
-    faults : tuple of Fault
-    """
+    """Passes bytes on, with the faults of one device applied."""
 
     def __init__(self, faults: tuple[Fault, ...]) -> None:
         self._waiting = sorted(faults, key=lambda f: f.at_s)

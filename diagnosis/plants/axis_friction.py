@@ -57,11 +57,6 @@ def friction_n(states: Sequence[AxisState], config: LinearAxisConfig) -> float:
 def friction_by_direction(states: Sequence[AxisState], config: LinearAxisConfig) -> ByDirection | None:
     """Size the dry friction in each direction, cycle by cycle.
 
-    Parameters
-    ----------
-    states : sequence of AxisState
-    config : LinearAxisConfig
-
     Returns
     -------
     ByDirection or None

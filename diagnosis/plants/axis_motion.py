@@ -96,10 +96,6 @@ def derivative(coefficients: Floats) -> Floats:
 def find_cycles(displacement: Signal) -> tuple[Cycles | None, str]:
     """Find the cycles of a trial; rest, ramps and whatever moves differently before and after them are left out.
 
-    Parameters
-    ----------
-    displacement : Signal
-
     Returns
     -------
     cycles : Cycles or None

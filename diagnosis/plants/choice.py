@@ -30,10 +30,6 @@ def reduce_recordings(
     on_trial : callable, optional
         (done, total, name).
 
-    Returns
-    -------
-    Campaign
-
     Raises
     ------
     ConfigError

@@ -35,12 +35,7 @@ _PLACES: Final[dict[Equation, tuple[Place, str, str]]] = {
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Jigsaw:
-    """A saw as a plant; see `diagnosis.plants.plant.Plant`.
-
-    Attributes
-    ----------
-    baseline : Baseline
-    """
+    """A saw as a plant; see `diagnosis.plants.plant.Plant`."""
 
     baseline: Baseline
     scale_rel_std = 0.0

@@ -36,12 +36,7 @@ _NOISE_BANDS = (4, 8, 16)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LinearAxis:
-    """The axis as a plant; see `diagnosis.plants.plant.Plant`.
-
-    Attributes
-    ----------
-    model : AxisBaseline
-    """
+    """The axis as a plant; see `diagnosis.plants.plant.Plant`."""
 
     model: AxisBaseline
 

@@ -127,10 +127,6 @@ def lag_on_axis(effect: Effect, equation: str, signature: SignatureFunction) -> 
     equation : str
     signature : callable
         (axis, state, tau_s) -> tuple of Signature.
-
-    Returns
-    -------
-    Effect
     """
     return replace(
         effect,

@@ -93,10 +93,6 @@ class Campaign(BaseModel):
 def load_campaign(path: Path) -> tuple[Campaign, LoadedConfig | None]:
     """Read `campaign.toml` and the configuration it names.
 
-    Parameters
-    ----------
-    path : Path
-
     Returns
     -------
     campaign : Campaign

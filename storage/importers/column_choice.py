@@ -64,10 +64,6 @@ def choose_columns(raw: RawTable, table_map: TableMap | None = None) -> Choice:
         their words with a unit in brackets, "Force [kN]". Other columns keep their name; with a map they are left
         out.
 
-    Returns
-    -------
-    Choice
-
     Raises
     ------
     InputError

@@ -85,10 +85,6 @@ def read_discharge_tables(path: str | Path, table_map: TableMap | None = None) -
         Columns of `time_s`, `battery_current_a`, `battery_voltage_v`, and where there are any `temperature_c` and
         `cycle`.
 
-    Returns
-    -------
-    list of DischargeTable
-
     Raises
     ------
     InputError

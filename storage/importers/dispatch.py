@@ -107,10 +107,6 @@ def import_path(
     config_toml : str
         Bench configuration that is kept with a single table.
 
-    Returns
-    -------
-    ImportReport
-
     Raises
     ------
     InputError
@@ -217,10 +213,6 @@ def read_table(path: Path, table_map: TableMap | None = None, *, is_idle: bool =
     table_map : TableMap, optional
     is_idle : bool
         The blade ran in air.
-
-    Returns
-    -------
-    TableContent
 
     Raises
     ------

@@ -18,10 +18,6 @@ def read_hdf5_table(path: Path) -> RawTable:
         Datasets are named with their groups, joined with points; an attribute `unit` or `units` is the unit the
         file states. One row or one column of a matrix is a vector too.
 
-    Returns
-    -------
-    RawTable
-
     Raises
     ------
     InputError

@@ -21,10 +21,6 @@ def read_json_table(path: Path) -> RawTable:
         Lists inside objects are named with them, joined with points. The columns of a list of rows are named by
         their places, "1", "2", ..., or by a list `columns` beside it. `null` is a missing sample.
 
-    Returns
-    -------
-    RawTable
-
     Raises
     ------
     InputError

@@ -20,10 +20,6 @@ def read_mat_table(path: Path) -> RawTable:
     path : Path
         A vector in a struct is named with it: `run.force`.
 
-    Returns
-    -------
-    RawTable
-
     Raises
     ------
     InputError

@@ -14,10 +14,6 @@ from sawbench.storage.importers.table import FramesNeedDbc
 def read_mf4_signals(path: Path) -> RawTable:
     """Read the numeric channels of an MF4 file.
 
-    Parameters
-    ----------
-    path : Path
-
     Returns
     -------
     RawTable

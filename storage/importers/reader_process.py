@@ -30,10 +30,6 @@ def read_apart(reader: str, path: Path) -> RawTable:
         "mat" or "mf4".
     path : Path
 
-    Returns
-    -------
-    RawTable
-
     Raises
     ------
     InputError

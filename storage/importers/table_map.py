@@ -116,14 +116,6 @@ class TableMap(BaseModel):
 def load_map(path: str | Path) -> TableMap:
     """Read and validate `map.toml`.
 
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    TableMap
-
     Raises
     ------
     ConfigError

@@ -91,10 +91,6 @@ def find_layout(path: Path, lines: list[str], rules: ReadingRules) -> TextLayout
         First lines of the file, enough to hold the header and some rows.
     rules : ReadingRules
 
-    Returns
-    -------
-    TextLayout
-
     Raises
     ------
     InputError

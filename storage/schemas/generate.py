@@ -15,10 +15,6 @@ PROTO_FILES = tuple(sorted(Path(__file__).parent.glob("*.proto")))
 def generate(out_dir: Path) -> None:
     """Write `storage/schemas/*_pb2.py` and `.pyi` below `out_dir`.
 
-    Parameters
-    ----------
-    out_dir : Path
-
     Raises
     ------
     RuntimeError
