@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 
 _WINDOW_S: Final = 30.0
 _SLOT_S: Final = 0.1
+# The line is fitted with every slot until it is this long, then with every fifth: a quartz does not change so fast.
+_EVERY_SLOT_S: Final = 5.0
+_FIT_SLOTS: Final = 5
 # Slots whose least late arrival lies further above the line than this were late as a whole and bound nothing.
 _LATE_SLOT_S: Final = 0.003
 # Smallest latency of a link is not repeatable to better than this, however little the slots scatter.
@@ -140,7 +143,9 @@ class ArrivalClock:
         if slot != self._slot:
             self._slot = slot
             self._lowest.append((index, arrival_s))
-            self._line = self._fit(self._line)
+            is_below = self._line is not None and arrival_s < self._line.time_of(index)
+            if is_below or slot % _FIT_SLOTS == 0 or self.span_s < _EVERY_SLOT_S:
+                self._line = self._fit(self._line)
         elif self._lateness(index, arrival_s) < self._lateness(*self._lowest[-1]):
             self._lowest[-1] = (index, arrival_s)
             # A line that lies above an arrival is wrong; one that lies below can wait for the next slot.

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Callable
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
+import numpy as np
 from sawbench.acquisition.devices.device import Chunk, Device
 from sawbench.bench.errors import DeviceError, OtherInstrumentError
 
@@ -15,6 +17,13 @@ _FIRST_PAUSE_S: Final = 0.1
 _LONGEST_PAUSE_S: Final = 2.0
 _QUEUE_WAIT_S: Final = 0.2
 _SERIAL_NUMBER: Final = "serial_number"
+# So many samples may gather: an adapter keeps no more than a few kilobytes.
+_GATHERED_SAMPLES: Final = 250
+# Slower instruments are read as they send; and all are while the clock settles, which wants every arrival.
+_GATHER_FROM_HZ: Final = 200.0
+_EAGER_S: Final = 3.0
+# A read that took no longer found something waiting.
+_AT_ONCE_S: Final = 3e-4
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -58,6 +67,9 @@ class DeviceReader(threading.Thread):
         Monotonic seconds.
     silence_s : float
         Without a sample for this long the link counts as lost.
+    gather_s : float
+        Samples that the instrument sends by itself may gather for so long before they are read: waking up costs more
+        than they do. What follows them is waited for, so that the arrival of the newest is known. 0: read as they come.
     """
 
     def __init__(
@@ -67,6 +79,7 @@ class DeviceReader(threading.Thread):
         *,
         clock: Callable[[], float],
         silence_s: float,
+        gather_s: float = 0.0,
     ) -> None:
         super().__init__(name=f"read {device.name}", daemon=True)
         self.device = device
@@ -75,6 +88,8 @@ class DeviceReader(threading.Thread):
         self._clock = clock
         self._silence_s = silence_s
         self._stopping = threading.Event()
+        self._gather_s = _gather_s(device, gather_s)
+        self._keeps_up = True
         self._serial_number = device.describe().get(_SERIAL_NUMBER)
 
     def stop(self) -> None:
@@ -100,15 +115,34 @@ class DeviceReader(threading.Thread):
                 self._reconnect()
 
     def _read_until_lost(self) -> None:
-        latest_s = self._clock()
+        begun_s = latest_s = self._clock()
         while not self._stopping.is_set():
-            chunks = self.device.read()
+            may_gather = self._keeps_up and self._gather_s > 0 and self._clock() - begun_s > _EAGER_S
+            chunks = self._gathered() if may_gather else self._read()
             now_s = self._clock()
             if chunks:
                 latest_s = now_s
                 self._send(Samples(device=self.device.name, chunks=chunks))
             elif now_s - latest_s > self._silence_s:
                 raise DeviceError(f"sent nothing for {now_s - latest_s:.1f} s", where=self.device.name)
+
+    def _read(self) -> list[Chunk]:
+        begun_s = self._clock()
+        chunks = self.device.read()
+        self._keeps_up = self._clock() - begun_s > _AT_ONCE_S
+        return chunks
+
+    def _gathered(self) -> list[Chunk]:
+        """Let samples gather, take them, and wait for those behind them, whose arrival is then known."""
+        time.sleep(self._gather_s)
+        chunks = self.device.read()
+        if not chunks:
+            return []
+        try:
+            return joined(chunks, self._read())
+        except DeviceError:
+            self._send(Samples(device=self.device.name, chunks=chunks))
+            raise
 
     def _reconnect(self) -> None:
         pause_s = _FIRST_PAUSE_S
@@ -147,3 +181,38 @@ class DeviceReader(threading.Thread):
             except queue.Full:
                 continue
             return
+
+
+def _gather_s(device: Device, longest_s: float) -> float:
+    """How long samples of a device may gather before they are read, s."""
+    rates_hz = [stream.rate_hz for stream in device.streams]
+    if not rates_hz or min(rates_hz) < _GATHER_FROM_HZ:
+        return 0.0
+    return min(longest_s, _GATHERED_SAMPLES / max(rates_hz))
+
+
+def joined(before: Sequence[Chunk], after: Sequence[Chunk]) -> list[Chunk]:
+    """Chunks of two reads, those that follow each other without a break as one.
+
+    Where a chunk has one arrival for all its samples, that of the later one holds for both.
+
+    Parameters
+    ----------
+    before, after : sequence of Chunk
+
+    Returns
+    -------
+    list of Chunk
+    """
+    out = list(before)
+    latest = {chunk.stream: k for k, chunk in enumerate(out)}
+    for chunk in after:
+        k = latest.pop(chunk.stream, None)
+        if k is None or chunk.n_lost or not chunk.is_loss_exact or chunk.time_s is not None:
+            out.append(chunk)
+            continue
+        first = out[k]
+        each_has_its_own = all(len(c.arrival_s) == len(c.raw) for c in (first, chunk))
+        arrival_s = np.concatenate((first.arrival_s, chunk.arrival_s)) if each_has_its_own else chunk.arrival_s
+        out[k] = replace(first, raw=np.concatenate((first.raw, chunk.raw)), arrival_s=arrival_s)
+    return out

@@ -63,6 +63,8 @@ class RecorderLimits:
     status_every_s : float
     queue_length : int
         Reads that may wait for the writer; a reader that is further ahead waits itself.
+    gather_s : float
+        Samples that an instrument sends by itself may gather for so long before they are read; see `DeviceReader`.
     preload_n : float, optional
         Force above which the carriage lifts off; see `LiveWarnings`.
     folder : Path, optional
@@ -79,6 +81,7 @@ class RecorderLimits:
     grace_s: float = 2.0
     status_every_s: float = 0.2
     queue_length: int = 8192
+    gather_s: float = 0.025
     preload_n: float | None = None
     folder: Path | None = None
     touch: Touch | None = None
@@ -177,7 +180,13 @@ class _Run:
                 self._streams[device.name, stream.name] = StreamRecorder(device.name, stream)
         for device in self._devices:
             device.start()
-            reader = DeviceReader(device, self._messages, clock=self._clock, silence_s=self._limits.silence_s)
+            reader = DeviceReader(
+                device,
+                self._messages,
+                clock=self._clock,
+                silence_s=self._limits.silence_s,
+                gather_s=self._limits.gather_s,
+            )
             self._readers.append(reader)
         for reader in self._readers if self._between_rounds is None else ():
             reader.start()

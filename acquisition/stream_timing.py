@@ -19,7 +19,7 @@ from sawbench.bench.recording import Alignment
 
 _SETTLE_S: Final = 0.4
 _SETTLE_SAMPLES: Final = 5
-_BLOCK_S: Final = 0.1
+_BLOCK_S: Final = 0.2
 _LATE_S: Final = 0.004
 _LATE_SAMPLES: Final = 3
 _LATE_STDS: Final = 6.0

@@ -31,6 +31,7 @@ from sawbench.storage.codec import (
     trial_to_metadata,
 )
 from sawbench.storage.output import Output
+from sawbench.storage.packed_index import pack_index
 from sawbench.storage.preview import PreviewBuilder
 
 MAX_PREVIEW_RATE_HZ: Final = 100.0
@@ -140,6 +141,7 @@ class RecordingWriter:
         self._output: Output | None = Output(self.path, second_copy=second_copy, overwrite=overwrite)
         # The writer's Output has the three methods of a binary stream that the library calls.
         self._mcap = Writer(self._output, compression=CompressionType.ZSTD, enable_data_crcs=True)  # type: ignore[arg-type]
+        pack_index(self._mcap)
         trial = replace(trial, started_at=started_at)
         self._write_settings(trial, config_toml, provenance)
         self._last_flush_s = clock()

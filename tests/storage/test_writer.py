@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 from datetime import UTC, datetime, timedelta
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -395,3 +396,22 @@ def test_time_zones_are_kept(tmp_path):
     info = describe_recording(tmp_path / "T1.mcap")
     assert info.trial.started_at == STARTED_AT
     assert info.trial.started_at.utcoffset() == timedelta(hours=1)
+
+
+def test_the_index_of_a_long_recording_stays_small_and_is_whole(tmp_path):
+    writer = open_writer(tmp_path / "long.mcap")
+    for second in range(200):
+        writer.write_block(block(1000 * second))
+        writer.flush()
+    kept = writer._mcap._Writer__chunk_indices
+    # An hour of two chunks a second with nine topics is to stay below 2 MB; here two topics a chunk.
+    assert 200 * 80 < len(kept.content) < 200 * 130
+    writer.close()
+    with (tmp_path / "long.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    chunks = summary.chunk_indexes
+    assert len(chunks) == summary.statistics.chunk_count == 201
+    assert all(a.chunk_start_offset + a.chunk_length < b.chunk_start_offset for a, b in pairwise(chunks))
+    # The reader of the library finds every block through the index.
+    with (tmp_path / "long.mcap").open("rb") as stream:
+        assert sum(1 for _ in make_reader(stream).iter_messages(topics=["/signals/force_n"])) == 200

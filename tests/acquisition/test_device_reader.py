@@ -1,0 +1,76 @@
+"""The thread that reads an instrument: samples gather, and lose neither order, count nor arrival."""
+
+from __future__ import annotations
+
+import queue
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sawbench.acquisition.device_reader import DeviceReader, LinkLost, Samples, joined
+from sawbench.acquisition.devices.device import Chunk
+from sawbench.bench.errors import DeviceError
+
+from tests.acquisition.test_recorder import Scripted
+
+pytestmark = pytest.mark.unit
+
+
+def chunk(first, last, arrival_s, **options):
+    raw = np.arange(first, last, dtype=float)[:, None]
+    return Chunk(stream="frames", raw=raw, arrival_s=np.atleast_1d(np.asarray(arrival_s, dtype=float)), **options)
+
+
+def test_samples_that_follow_each_other_are_one_chunk_with_the_later_arrival():
+    (both,) = joined([chunk(0, 3, 1.0, n_lost=2)], [chunk(3, 5, 1.1)])
+    assert both.raw[:, 0].tolist() == [0, 1, 2, 3, 4]
+    assert both.arrival_s.tolist() == [1.1]
+    assert both.n_lost == 2
+
+
+def test_every_sample_keeps_its_own_stamp():
+    (both,) = joined([chunk(0, 2, [1.0, 1.1])], [chunk(2, 4, [1.2, 1.3])])
+    assert both.arrival_s.tolist() == [1.0, 1.1, 1.2, 1.3]
+
+
+@pytest.mark.parametrize("options", [{"n_lost": 1}, {"is_loss_exact": False}, {"time_s": np.array([1.1])}])
+def test_a_break_between_two_reads_stays(options):
+    assert [len(c.raw) for c in joined([chunk(0, 2, 1.0)], [chunk(2, 3, 1.1, **options)])] == [2, 1]
+
+
+def test_streams_are_joined_each_with_its_own():
+    other = replace(chunk(7, 8, 1.0), stream="other")
+    found = joined([chunk(0, 1, 1.0), other], [replace(chunk(8, 9, 1.1), stream="other"), chunk(1, 2, 1.1)])
+    assert [(c.stream, c.raw[:, 0].tolist()) for c in found] == [("frames", [0, 1]), ("other", [7, 8])]
+
+
+class Ending(Scripted):
+    """Delivers so many reads, then breaks; to open it again ends the thread that reads it."""
+
+    n_left = 1000
+    reader: DeviceReader
+
+    def open(self):
+        if self.n_opened:
+            self.reader.stop()
+        super().open()
+
+    def read(self):
+        if not self.n_left:
+            raise DeviceError("unplugged")
+        self.n_left -= 1
+        return super().read()
+
+
+@pytest.mark.parametrize("gather_s", [0.0, 1e-6])
+def test_nothing_is_lost_where_samples_gather(gather_s):
+    device, messages = Ending(), queue.Queue()
+    device.open()
+    device.reader = DeviceReader(device, messages, clock=device.clock, silence_s=1e6, gather_s=gather_s)
+    device.reader.run()
+    found = [messages.get() for _ in range(messages.qsize())]
+    chunks = [c for m in found if isinstance(m, Samples) for c in m.chunks]
+    assert np.concatenate([c.raw[:, 0] for c in chunks]).tolist() == list(range(10_000))
+    # Every read is 10 ms: 3 s are read as they come, then two reads are one chunk.
+    assert len(chunks) == (1000 if not gather_s else pytest.approx(300 + 700 / 2, abs=2))
+    assert [m.reason for m in found if isinstance(m, LinkLost)] == ["unplugged"]
