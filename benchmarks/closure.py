@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import tempfile
 import zlib
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,8 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from sawbench.bench.config import load_config
-from sawbench.blindcheck.campaign import make_campaign
 from sawbench.blindcheck.effects.table import CATALOGUE
 from sawbench.diagnosis.answer.channel_gap import forecast
 from sawbench.diagnosis.answer.until_closed import Pass, held
@@ -30,24 +27,19 @@ from sawbench.diagnosis.campaign import Campaign, with_known
 from sawbench.diagnosis.inference.evidence import Column, catalogue_columns
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, build_problem
 from sawbench.diagnosis.inference.posterior import judge
-from sawbench.diagnosis.plants.choice import reduce_recordings
 from sawbench.modeling.effects.known import KnownEffect
-from sawbench.storage.importers.dispatch import import_path
-from sawbench.storage.reader import read_recording
+
+from benchmarks.blind_campaigns import blind_campaign, severity
 
 # Nobody knows a magnitude better than that, relative.
 _REL_STD = 0.05
 
 
-def reduced(seed: int, effect: str, severity: float, length: float) -> tuple[Campaign, float | None]:
+def reduced(seed: int, effect: str, size: float, length: float) -> tuple[Campaign, float | None]:
     """Simulate and reduce one campaign; with the true value of the effect's parameter, where its form has one."""
-    with tempfile.TemporaryDirectory() as folder:
-        tables, recorded = Path(folder) / "tables", Path(folder) / "mcap"
-        truth = make_campaign(seed, tables, effects={effect: severity}, length=length)
-        recordings = [read_recording(path) for path in import_path(tables / "campaign.toml", recorded).paths]
-        campaign = reduce_recordings(recordings, load_config(tables / "bench_config.toml"))
-    reported = truth["reported_parameters"].get(effect)
-    return campaign, None if reported is None else float(reported["value"])
+    made = blind_campaign(seed, {effect: size}, length=length)
+    reported = made.truth["reported_parameters"].get(effect)
+    return made.reduced(), None if reported is None else float(reported["value"])
 
 
 def known_in_best_form(problem: LinearProblem, columns: Sequence[Column], value: float | None) -> KnownEffect:
@@ -92,8 +84,8 @@ def diagnosed(campaign: Campaign) -> Pass:
 def closure_of(effect: str, seed: int, length: float) -> dict[str, Any]:
     """Diagnose one campaign with its true effect in the model."""
     rng = np.random.default_rng([seed, zlib.crc32(effect.encode())])
-    severity = round(float(np.exp(rng.uniform(np.log(0.5), np.log(2.0)))), 3)
-    campaign, value = reduced(seed, effect, severity, length)
+    size = severity(rng)
+    campaign, value = reduced(seed, effect, size, length)
     problem = build_problem(campaign)
     columns = catalogue_columns(problem, [e for e in campaign.plant.effects if e.name == effect])[effect]
     known = known_in_best_form(problem, columns, value)
@@ -101,7 +93,7 @@ def closure_of(effect: str, seed: int, length: float) -> dict[str, Any]:
     answer = diagnosed(with_known(campaign, (replace(known, std=_REL_STD * abs(known.value)),)))
     best = answer.posterior.best
     found = {
-        "effect": effect, "severity": severity, "seed": seed, "value": known.value, "form": dict(known.form),
+        "effect": effect, "severity": size, "seed": seed, "value": known.value, "form": dict(known.form),
         "is_true_value": value is not None, "verdict": answer.posterior.verdict, "named": list(best.effects),
         "probability": best.probability, "left_before": before,
         "left": answer.posterior.of("no_gap").left_over, "quiet": answer.problem.quiet,

@@ -12,23 +12,18 @@ left out. About 30 s a campaign.
 from __future__ import annotations
 
 import argparse
-import tempfile
 from dataclasses import replace
-from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
 import numpy as np
-from sawbench.bench.config import load_config
-from sawbench.blindcheck.campaign import make_campaign
 from sawbench.diagnosis.answer.learned_term import LearnedAnswer, learned_answer
 from sawbench.diagnosis.inference.evidence import catalogue_columns
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import build_problem
 from sawbench.diagnosis.inference.posterior import judge
-from sawbench.diagnosis.plants.choice import reduce_recordings
-from sawbench.storage.importers.dispatch import import_path
-from sawbench.storage.reader import read_recording
+
+from benchmarks.blind_campaigns import blind_campaign
 
 FIRST_SEED: Final = 801
 # Quantities of which the term must name one at least, and whose equation it must stand in: as the effect's formula has
@@ -47,11 +42,7 @@ TRUE: Final = MappingProxyType(
 
 def answer_of(seed: int, effect: str | None, size: float, length: float) -> tuple[str, LearnedAnswer | None]:
     """Verdict, and the term that is learned for one simulated campaign."""
-    with tempfile.TemporaryDirectory() as folder:
-        tables, recorded = Path(folder) / "tables", Path(folder) / "mcap"
-        make_campaign(seed, tables, effects={} if effect is None else {effect: size}, length=length)
-        recordings = [read_recording(path) for path in import_path(tables / "campaign.toml", recorded).paths]
-        campaign = reduce_recordings(recordings, load_config(tables / "bench_config.toml"))
+    campaign = blind_campaign(seed, {} if effect is None else {effect: size}, length=length).reduced()
     problem = build_problem(campaign)
     columns = catalogue_columns(problem, campaign.plant.effects)
     posterior = judge(problem, columns)

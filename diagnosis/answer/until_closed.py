@@ -290,22 +290,26 @@ def _joined(first: Pass, before: Posterior, step: Posterior) -> Posterior:
     # What re-tuned parameters gain beside the causes, these gain without a further one.
     spare = weights.temperature * float(np.log(weights.prior_no_gap / weights.prior_parameters))
     gained = max(step.of("parameters").log_evidence - spare, 0.0)
-    held_for_sure = replace(base, log_evidence=gained, left_over=step.of("no_gap").left_over)
+    held_for_sure = replace(base, log_evidence=base.log_evidence + gained, left_over=step.of("no_gap").left_over)
     further = [_further(problem, base, h) for h in step.claims]
     gap = first.posterior.of("no_gap").left_over
     weighed_again = weigh_further(
         held_for_sure, further, step.of("unknown"), gap=gap, quiet=problem.quiet, weights=weights
     )
     found = {h.name: h for h in before.hypotheses}
-    found[base.name] = replace(base, probability=0.0)
+    asked, found[base.name] = base.probability, replace(base, probability=0.0)
+    doubt = found["unknown"]
+    if doubt.log_evidence < base.log_evidence:
+        # It stands for what these causes leave, and that is weighed anew.
+        asked, found["unknown"] = asked + doubt.probability, replace(doubt, probability=0.0)
     likeliest = next((h for h in weighed_again if len(h.effects) > len(base.effects)), base)
     joint = _Joint(first, before, step, (*base.members, *likeliest.members))
     for h in weighed_again:
-        share = base.probability * h.probability
+        share = asked * h.probability
         if len(h.effects) > len(base.effects):
             if h.probability > problem.settings.closing.least_probability or h is likeliest:
                 joint.add_parts(found, h)
-                new = joint.hypothesis(h.members, log_evidence=base.log_evidence + h.log_evidence)
+                new = joint.hypothesis(h.members, log_evidence=h.log_evidence)
                 earlier = found[new.name].probability if new.name in found else 0.0
                 found[new.name] = replace(new, probability=earlier + share)
         else:
@@ -314,13 +318,17 @@ def _joined(first: Pass, before: Posterior, step: Posterior) -> Posterior:
 
 
 def _further(problem: LinearProblem, base: Hypothesis, added: Hypothesis) -> Hypothesis:
-    """Hypothesis of all effects, with what it gains beside the certain ones; its members are not yet sized together."""
+    """Hypothesis of all effects, with the evidence of all; its members are not yet sized together.
+
+    What forms miss is not shared with an effect that single strokes carry, as within one weighing.
+    """
     members = sorted((*base.members, *added.members), key=lambda m: m.effect.name)
     weak = min(added.members, key=lambda m: m.gain)
     before = sum(m.contribution for m in members if m is not weak)
+    shared = 0.0 if added.is_by_strokes else shared_energy(problem, np.asarray(before), weak.contribution)
     return replace(
-        added, effects=tuple(m.effect.name for m in members), members=tuple(members),
-        shared=shared_energy(problem, np.asarray(before), weak.contribution),
+        added, effects=tuple(m.effect.name for m in members), members=tuple(members), shared=shared,
+        log_evidence=base.log_evidence + added.log_evidence,
     )  # fmt: skip
 
 

@@ -68,9 +68,10 @@ def weigh_further(
     Parameters
     ----------
     base : Hypothesis
-        The effects that are held for certain, which stand for "no gap" and "parameters" beside them too.
+        The effects that are held for certain, which stand for "no gap" and "parameters" beside them too. Its log
+        evidence is all that they have: what their forms may miss grows with it.
     further : sequence of Hypothesis
-        The same effects and one or more others.
+        The same effects and one or more others, with the log evidence of all.
     unknown : Hypothesis
         Its log evidence is against that of `base`.
     gap : float

@@ -36,14 +36,15 @@ _NAMES: Final = MappingProxyType(
         },
         BATTERY_CURRENT.name: {
             "batterycurrenta": "A", "current": "", "currenta": "A", "ima": "mA", "ia": "A", "amps": "A", "cur": "",
-            "currvec": "A",
+            "currvec": "A", "currentmeasured": "A",
         },
         BATTERY_VOLTAGE.name: {
             "batteryvoltagev": "V", "voltage": "", "voltagev": "V", "ecellv": "V", "volts": "V", "vol": "",
-            "volvec": "V",
+            "volvec": "V", "voltagemeasured": "V",
         },
         TEMPERATURE: {
             "temperaturec": "", "temperature": "", "auxtemperature1": "", "temp": "", "celltemp": "", "celltempmid": "",
+            "batterytempdegc": "", "temperaturemeasured": "",
         },
         CYCLE: {"cycleindex": "", "cyclenumber": "", "cycle": "", "cyc": "", "cycleid": ""},
     }

@@ -18,7 +18,8 @@ def read_mat_table(path: Path) -> RawTable:
     Parameters
     ----------
     path : Path
-        A vector in a struct is named with it: `run.force`.
+        A vector in a struct is named with it, `run.force`; one in an array of structs with its number from 1,
+        `cycle.3.voltage`.
 
     Raises
     ------
@@ -43,5 +44,7 @@ def _vectors(content: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Raw
     for key, value in content.items():
         if isinstance(value, Mapping):
             yield from _vectors(value, f"{prefix}{key}.")
+        elif isinstance(value, list):
+            yield from _vectors({f"{key}.{k}": one for k, one in enumerate(value, start=1)}, prefix)
         elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and 1 < value.size == max(value.shape):
             yield f"{prefix}{key}", RawColumn(values=value.ravel().astype(np.float64))

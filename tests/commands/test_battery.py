@@ -7,11 +7,13 @@ import tomllib
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
 import pytest
 from sawbench.bench.config import load_config
 from sawbench.commands.battery import VARIANTS
 from sawbench.commands.main import main
 from sawbench.modeling.battery_fit import BatteryModel
+from scipy.io import savemat
 
 from tests.rigs.cells import shepherd_discharge
 
@@ -57,6 +59,25 @@ def test_fitted_battery_reaches_the_runtime(tmp_path, capsys):
     assert charge_ah == pytest.approx(0.8 * battery.capacity_ah, rel=1e-3)
     assert found["contributions_s"]["battery_fit"] == pytest.approx(battery.fitted.runtime_rel_std * found["runtime_s"])
     assert any("temperature -10 degC" in note for note in found["notes"])
+
+
+def test_a_testers_mat_files_are_fitted_without_a_map(tmp_path, capsys):
+    """Structs as one common cycler exports them: meas.Time, .Voltage, .Current, .Battery_Temp_degC; cells of text."""
+    tables = []
+    for current_a in (1.0, 3.0, 6.0):
+        time_s, current, voltage = (v[::10] for v in shepherd_discharge(current_a))
+        told = {"Time": time_s, "Current": -current, "Voltage": voltage, "Ah": -np.cumsum(current)}
+        told |= {"Battery_Temp_degC": np.full(len(time_s), 24.5), "TimeStamp": np.array(["noon"] * 3, dtype=object)}
+        tables.append(tmp_path / f"rate-{current_a:g}.mat")
+        savemat(tables[-1], {"meas": told})
+    out = tmp_path / "battery.toml"
+    assert main(["battery", "fit", *map(str, tables), "--series", "5", "--out", str(out)]) == 0
+    assert "meas.Battery_Temp_degC" in capsys.readouterr().out
+    (battery,) = tomllib.loads(out.read_text(encoding="utf-8")).values()
+    assert battery["fitted"]["temperature_c"] == [24.5, 24.5]
+    assert battery["fitted"]["current_a"] == [1.0, 6.0]
+    # As from text: 1.97 Ah until 3 V; a tenth of the samples, so that a discharge may end 0.5 % early.
+    assert battery["capacity_ah"] == pytest.approx(1.97, abs=0.06)
 
 
 def test_every_model_can_be_asked_for():

@@ -153,10 +153,10 @@ def test_a_third_effect_pays_for_itself_as_a_second_one_does():
     assert more[1] / more[0] == pytest.approx(2.0**WEIGHTS.pair_gain * three / pair)
 
 
-def beside_a_sure_pair(added, *, shared=0.0, unknown=-5.0, left=WEIGHTS.quiet):
+def beside_a_sure_pair(added, *, alone=0.0, shared=0.0, unknown=-5.0, left=WEIGHTS.quiet):
     """Probabilities of the pair alone, with a third effect that adds so much, and of "unknown"."""
-    base = named(PAIR, 0.0, left_over=left)
-    further = [named(" + ".join(NAMES), added, left_over=left, shared=shared)]
+    base = named(PAIR, alone, left_over=left)
+    further = [named(" + ".join(NAMES), alone + added, left_over=left, shared=shared)]
     found = weigh_further(base, further, named("unknown", unknown), gap=10.0)
     return {h.name: h.probability for h in found}
 
@@ -167,6 +167,15 @@ def test_a_further_effect_beside_sure_ones_is_even_at_the_least_log_evidence_of_
     assert found[" + ".join(NAMES)] == pytest.approx(found[PAIR])
     assert beside_a_sure_pair(0.0)[" + ".join(NAMES)] < 0.01
     assert beside_a_sure_pair(10.0 * WEIGHTS.pair_least)[" + ".join(NAMES)] > 0.9
+
+
+def test_a_further_effect_pays_for_what_the_forms_of_sure_ones_may_miss_where_it_acts():
+    alone, common = 4800.0, 0.3
+    even = WEIGHTS.pair_least + WEIGHTS.pair_share * np.sqrt(common * alone)
+    found = beside_a_sure_pair(even, alone=alone, shared=common)
+    assert found[" + ".join(NAMES)] == pytest.approx(found[PAIR])
+    elsewhere = beside_a_sure_pair(even, alone=alone, shared=0.0)
+    assert elsewhere[" + ".join(NAMES)] > 3.0 * elsewhere[PAIR]
 
 
 def test_what_sure_effects_leave_of_the_whole_gap_is_unknown_where_it_is_most_of_it():

@@ -92,3 +92,24 @@ def test_several_columns_of_one_name_are_not_guessed_between(tmp_path):
     with pytest.raises(InputError, match="holds 2 columns that may be time_s") as caught:
         read_discharge_tables(path)
     assert "'*.time'" in str(caught.value)
+
+
+def test_runs_in_an_array_of_structs_are_taken_one_after_the_other(tmp_path):
+    """As in cycling archives: cycle(k).data holds a charge, an impedance sweep without time, a discharge."""
+
+    def run(current_a):
+        return {"Time": 10.0 * np.arange(3), "Current_measured": np.full(3, current_a),
+                "Voltage_measured": np.array([4.0, 3.9, 3.8])}  # fmt: skip
+
+    cycle = np.empty(3, dtype=object)
+    cycle[:] = [{"type": "charge", "data": run(1.5)}, {"type": "impedance", "data": {"Re": 0.1}},
+                {"type": "discharge", "data": run(-2.0)}]  # fmt: skip
+    path = tmp_path / "cell.mat"
+    savemat(path, {"B1": {"cycle": cycle}})
+    with pytest.raises(InputError, match=r"B1\.cycle\.\*\.data\.Time"):
+        read_discharge_tables(path)
+    of = {"time_s": "Time", "battery_current_a": "Current_measured", "battery_voltage_v": "Voltage_measured"}
+    runs = read_discharge_tables(
+        path, TableMap(columns={name: ColumnRule(column=f"B1.cycle.*.data.{c}") for name, c in of.items()})
+    )
+    assert {run.label: run.current_a.tolist() for run in runs} == {"cell 1": [1.5] * 3, "cell 3": [-2.0] * 3}

@@ -1,0 +1,64 @@
+"""Campaigns of the blind check's plant for benchmarks of the diagnosis: made, imported and read in one go."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from sawbench.bench.config import LoadedConfig, load_config
+from sawbench.bench.recording import Recording
+from sawbench.blindcheck.campaign import make_campaign
+from sawbench.diagnosis.campaign import Campaign
+from sawbench.diagnosis.plants.choice import reduce_recordings
+from sawbench.storage.importers.dispatch import import_path
+from sawbench.storage.reader import read_recording
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class BlindCampaign:
+    """Recordings, the configuration that states nothing of what is hidden, and what is hidden."""
+
+    recordings: list[Recording]
+    loaded: LoadedConfig
+    truth: Mapping[str, Any]
+
+    def reduced(self) -> Campaign:
+        """Reduce the recordings."""
+        return reduce_recordings(self.recordings, self.loaded)
+
+
+def blind_campaign(
+    seed: int, effects: Mapping[str, float], *, length: float = 1.0, repetition: int = 0
+) -> BlindCampaign:
+    """Simulate and read one campaign.
+
+    Parameters
+    ----------
+    seed : int
+    effects : mapping of str to float
+        Severity by effect, 1 is typical.
+    length : float
+        Factor on the duration of every trial.
+    repetition : int
+        From 1 on the same machine is measured again.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        tables = Path(folder) / "tables"
+        truth = make_campaign(seed, tables, effects=effects, length=length, repetition=repetition)
+        recordings, loaded = read_back(tables)
+    return BlindCampaign(recordings=recordings, loaded=loaded, truth=truth)
+
+
+def read_back(tables: Path) -> tuple[list[Recording], LoadedConfig]:
+    """Import the tables of a campaign and read its recordings, which then need no file."""
+    found = import_path(tables / "campaign.toml", tables.with_name("mcap"))
+    return [read_recording(path) for path in found.paths], load_config(tables / "bench_config.toml")
+
+
+def severity(rng: np.random.Generator) -> float:
+    """Draw a size over the typical one: 0.5 to 2, even in its logarithm."""
+    return round(float(np.exp(rng.uniform(np.log(0.5), np.log(2.0)))), 3)
