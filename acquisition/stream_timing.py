@@ -31,6 +31,8 @@ _EARLY_WAIT_S: Final = 0.25
 _HOLD_SUSPECT_S: Final = 0.5
 _SUSPECT_LATE_S: Final = 0.025
 _HOLD_LATE_S: Final = 2.1
+# Said so early that a loss is known of within 2 s, although it is not certain yet.
+_SAY_LATE_S: Final = 1.75
 _QUARTER_S: Final = 0.25
 _STEADY_QUARTERS: Final = 4
 _HOLD_LONGEST_S: Final = 10.0
@@ -85,12 +87,15 @@ class Doubt:
     text : str
     n_taken_back : int
         Samples called lost before that were not.
+    is_decided : bool
+        False: samples are late and wait; whether any were lost is about to be decided.
     """
 
     start_s: float
     end_s: float
     text: str
     n_taken_back: int = 0
+    is_decided: bool = True
 
 
 Timed = TimedBlock | Loss | Doubt
@@ -105,11 +110,12 @@ class _Held:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Hold:
-    """Why and since when chunks are held back; `earliest_s` is the most negative lateness seen."""
+    """Why and since when chunks are held back, what was said of it; `earliest_s` is the most negative lateness seen."""
 
     kind: Literal["late", "suspect", "early"]
     since_s: float
     earliest_s: float = 0.0
+    said: Doubt | None = None
 
 
 class StreamTimer:
@@ -119,8 +125,9 @@ class StreamTimer:
     -----
     A loss that no counter and no broken byte shows is found once it is longer than 4 ms (3 samples at low rates,
     6 standard deviations of the smallest latency) and nothing has come in time for 2.1 s; until then a late link and
-    a loss are confounded, and the samples wait. A shorter loss moves the times by less than that. A link that is late
-    for longer is called a loss; when it comes in time again, the loss is taken back and the stretch is marked.
+    a loss are confounded, and the samples wait; that they do is said after 1.75 s. A shorter loss moves the times by
+    less than that. A link that is late for longer is called a loss; when it comes in time again, the loss is taken back
+    and the stretch is marked.
     Losses with broken bytes are resolved to about the smallest latency scatter, see `ArrivalClock.uncertainty_s`.
     """
 
@@ -261,19 +268,30 @@ class StreamTimer:
 
     def _go_on_holding(self, hold: _Hold, newest_s: float, late_s: float) -> list[Timed]:
         if late_s < min(self._early_limit_s(), hold.earliest_s - _EARLY_STEP_S):
-            self._hold = _Hold(kind="early", since_s=newest_s, earliest_s=late_s)
+            self._hold = _Hold(kind="early", since_s=newest_s, earliest_s=late_s, said=hold.said)
             return []
         if hold.kind == "early":
             return self._contradicted(-hold.earliest_s) if newest_s - hold.since_s > _EARLY_WAIT_S else []
         if hold.kind == "late" and late_s <= self._tolerance_s():
-            return self._end_hold()
+            said = hold.said
+            over = [] if said is None else [replace(said, end_s=newest_s, text=f"over: {said.text}: nothing was lost")]
+            return [*over, *self._end_hold()]
         lost_s = self._lost_in_hold_s(hold, newest_s)
         if lost_s is None:
-            return []
+            return self._say_late(hold, newest_s, late_s)
         n_extra = max(0, round((lost_s - self._clock.uncertainty_s) * self.stream.rate_hz))
         # The loss is behind the last chunk that was less late than it.
         less_late = [k for k, held in self._waiting() if self._late_s(held) < lost_s - self._tolerance_s()]
         return self._end_hold(n_extra, at=less_late[-1] + 1 if less_late else self._n_observed)
+
+    def _say_late(self, hold: _Hold, newest_s: float, late_s: float) -> list[Timed]:
+        """Say once that samples wait, before it is certain whether any were lost."""
+        if hold.said is not None or newest_s - hold.since_s < _SAY_LATE_S:
+            return []
+        text = f"samples come {late_s * 1e3:.0f} ms late since {newest_s - hold.since_s:.1f} s: a late link, or a loss"
+        said = Doubt(start_s=hold.since_s, end_s=newest_s, text=text, is_decided=False)
+        self._hold = replace(hold, said=said)
+        return [said]
 
     def _waiting(self) -> list[tuple[int, _Held]]:
         """Held chunks that the clock has not observed, with their place."""

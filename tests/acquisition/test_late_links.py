@@ -41,6 +41,26 @@ def test_a_loss_of_five_milliseconds_is_found_and_the_times_after_it_are_right(r
     assert np.abs(found.error_s[found.true_s > 7.6]).max() <= 1.0 / rate_hz + SMALLEST_ERROR_S
 
 
+@pytest.mark.parametrize("read_every_s", [0.0047, 0.0297])
+@pytest.mark.parametrize("n", [30, 300, 6000])
+def test_a_loss_is_said_within_two_seconds_before_it_is_counted(n, read_every_s):
+    found = timed(6000.0, lambda _: 0.0, lost=[(5.0, n)], seconds=5.0 + n / 6000.0 + 3.0, read_every_s=read_every_s)
+    behind_s = 5.0 + n / 6000.0
+    assert found.n_late == 1
+    assert found.first_said_s[0] < min(behind_s + 2.0, found.loss_said_s[0])
+
+
+def test_a_late_link_that_was_said_is_taken_back_when_it_is_in_time_again():
+    found = timed(6000.0, late(0.02, 1.95))
+    assert found.n_late == 1
+    begun, over = found.undecided
+    assert "20 ms late" in begun.text
+    assert over.text == f"over: {begun.text}: nothing was lost"
+    assert over.start_s - START_S == pytest.approx(4.0, abs=0.03)
+    assert over.end_s - START_S == pytest.approx(5.97, abs=0.03)
+    assert not found.losses
+
+
 def test_a_link_late_for_longer_is_called_a_loss_and_taken_back():
     found = timed(6000.0, late(0.1, 3.0))
     (loss,), (doubt,) = found.losses, found.doubts

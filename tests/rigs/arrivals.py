@@ -45,18 +45,41 @@ class Found:
     error_s, true_s : ndarray, shape (n,), s
         Of every sample, in the order of their true times.
     losses, doubts : list
+        `doubts` without those that were about to be decided.
+    undecided : list of Doubt
+        What was said of samples that are late and wait: at the beginning, and where nothing was lost at the end.
     loss_said_s : list of float
         When the host was told of each loss, s.
+    first_said_s : list of float
+        When it was told that there is one, or that samples are late and may be lost, s.
     """
 
     error_s: np.ndarray
     true_s: np.ndarray
     losses: list[Loss]
     doubts: list[Doubt]
+    undecided: list[Doubt]
     loss_said_s: list[float]
+    first_said_s: list[float]
+
+    @property
+    def n_late(self) -> int:
+        """How often it was said that samples are late."""
+        return sum(not doubt.text.startswith("over") for doubt in self.undecided)
 
 
-def timed(rate_hz, lateness, *, lost=(), twice=(), seconds=11.0, jitter_s=1e-4, ppm=PPM, seed=3):
+def timed(
+    rate_hz,
+    lateness,
+    *,
+    lost=(),
+    twice=(),
+    seconds=11.0,
+    jitter_s=1e-4,
+    ppm=PPM,
+    seed=3,
+    read_every_s=READ_EVERY_S,
+):
     """Send a stream through a link that is late by `lateness` (a function of time, s) and have it timed.
 
     `lost`, `twice`: (time in s, number) of samples left out and repeated.
@@ -72,7 +95,7 @@ def timed(rate_hz, lateness, *, lost=(), twice=(), seconds=11.0, jitter_s=1e-4, 
     sent_s = np.maximum.accumulate(sent) * period_s
     timer = StreamTimer(Stream(name="frames", rate_hz=rate_hz, channels=(CHANNEL,)))
     items, said_s, begin, arrival_s = [], [], 0, 0.0
-    for read_s in np.arange(READ_EVERY_S, seconds, READ_EVERY_S):
+    for read_s in np.arange(read_every_s, seconds, read_every_s):
         end = int(np.searchsorted(sent_s, read_s, side="right"))
         arrival_s = max(arrival_s, read_s + rng.exponential(jitter_s) + lateness(read_s))
         if end > begin:
@@ -89,10 +112,16 @@ def timed(rate_hz, lateness, *, lost=(), twice=(), seconds=11.0, jitter_s=1e-4, 
     assert len(time_s) == begin
     assert np.all(np.diff(time_s) > 0)
     assert np.all(np.diff(index) >= 1)
+    said = list(zip(items, said_s, strict=True))
+    undecided = [(item, at_s) for item, at_s in said if isinstance(item, Doubt) and not item.is_decided]
+    begun_s = [at_s for item, at_s in undecided if not item.text.startswith("over")]
+    loss_said_s = [at_s for item, at_s in said if isinstance(item, Loss)]
     return Found(
         error_s=time_s - true_s,
         true_s=true_s,
         losses=[item for item in items if isinstance(item, Loss)],
-        doubts=[item for item in items if isinstance(item, Doubt)],
-        loss_said_s=[at_s for item, at_s in zip(items, said_s, strict=True) if isinstance(item, Loss)],
+        doubts=[item for item in items if isinstance(item, Doubt) and item.is_decided],
+        undecided=[item for item, _ in undecided],
+        loss_said_s=loss_said_s,
+        first_said_s=sorted(loss_said_s + begun_s),
     )
