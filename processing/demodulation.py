@@ -92,7 +92,9 @@ def demodulate(start_s: float, step_s: float, values: Floats, line_hz: float) ->
     z = np.convolve(real, window, mode="same") + 1j * np.convolve(imaginary, window, mode="same")
     z /= _covered_weight(window, n_blocks) * block
     time = np.asarray((np.arange(n_blocks) * block + 0.5 * (block - 1)) * step_s, dtype=np.float64)
-    phase = np.asarray(2 * np.pi * line_hz * time + np.unwrap(np.angle(z)), dtype=np.float64)
+    wrapped = np.angle(z)
+    turns = np.cumsum(np.rint(np.diff(wrapped, prepend=wrapped[:1]) / (2 * np.pi)))
+    phase = np.asarray(2 * np.pi * (line_hz * time - turns) + wrapped, dtype=np.float64)
     return LinePhase(time_s=start_s + time, phase_rad=phase, amplitude=2 * np.abs(z))
 
 

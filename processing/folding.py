@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from math import floor
 
 import numpy as np
 from numba import njit
@@ -75,34 +76,61 @@ def find_cycles(time_s: Floats, angle_rad: Floats, windows: Sequence[tuple[float
     return Cycles(index=turns[:-1][is_inside], start_s=start[is_inside], end_s=end[is_inside])
 
 
-@njit(cache=True, nogil=True)
-def _inverse(axis, goals, out):
-    """Fractional indices at which the increasing `axis` takes the increasing `goals`.
+@njit(cache=True, nogil=True, error_model="numpy")
+def _find(axis, goal, guess):
+    """Index and part of a sample at which the increasing `axis` takes `goal`; `guess` is an index near it.
 
-    Each search starts where the one before suggests: as many samples further as that one was.
+    A step of Newton's nearly always lands on the index, so that the loops after it seldom mislead the processor.
     """
     last = len(axis) - 2
+    k = min(max(guess, 0), last)
+    rise = axis[k + 1] - axis[k]
+    if rise > 0.0:
+        k = min(max(k + int(min(max(floor((goal - axis[k]) / rise), -64.0), 64.0)), 0), last)
+    steps = 0
+    while axis[k] > goal and k > 0 and steps < 64:
+        k -= 1
+        steps += 1
+    while axis[k + 1] <= goal and k < last and steps < 64:
+        k += 1
+        steps += 1
+    if steps == 64:
+        low, high = 0, last
+        while low < high:
+            middle = (low + high + 1) // 2
+            low, high = (middle, high) if axis[middle] <= goal else (low, middle - 1)
+        k = low
+    rise = axis[k + 1] - axis[k]
+    part = (goal - axis[k]) / rise if rise > 0.0 else 0.0
+    return k, min(max(part, 0.0), 1.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _locate(angle, turns_rad, within_rad, out):
+    """Fractional indices in `angle` of `turns_rad` + `within_rad`, shape of `out`.
+
+    Each search starts as many samples further as the one before went.
+    """
     k = stride = 0
-    for b in range(len(goals)):
-        goal, before = goals[b], k
-        k = min(k + stride, last)
-        steps = 0
-        while axis[k] > goal and k > 0 and steps < 64:
-            k -= 1
-            steps += 1
-        while axis[k + 1] <= goal and k < last and steps < 64:
-            k += 1
-            steps += 1
-        if steps == 64:
-            low, high = 0, last
-            while low < high:
-                middle = (low + high + 1) // 2
-                low, high = (middle, high) if axis[middle] <= goal else (low, middle - 1)
-            k = low
-        stride = max(k - before, 0)
-        rise = axis[k + 1] - axis[k]
-        part = (goal - axis[k]) / rise if rise > 0.0 else 0.0
-        out[b] = k + min(max(part, 0.0), 1.0)
+    for row in range(len(turns_rad)):
+        for column in range(len(within_rad)):
+            before = k
+            k, part = _find(angle, turns_rad[row] + within_rad[column], k + stride)
+            stride = k - before
+            out[row, column] = k + part
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _locate_in_time(angle_time, angle, time, turns_rad, within_rad, out):
+    """As `_locate`, fractional indices in `time`, where the angle is given at times of its own."""
+    j = k = stride = 0
+    for row in range(len(turns_rad)):
+        for column in range(len(within_rad)):
+            j, part = _find(angle, turns_rad[row] + within_rad[column], j)
+            before = k
+            k, part = _find(time, angle_time[j] + part * (angle_time[j + 1] - angle_time[j]), k + stride)
+            stride = k - before
+            out[row, column] = k + part
 
 
 @njit(cache=True, nogil=True)
@@ -125,13 +153,13 @@ def _knots(angle_time_s: Floats, angle_rad: Floats, time_s: Floats, turns: NDArr
     """Fractional sample positions of every `_STRIDE`-th bin centre of every turn, shape (turns, knots)."""
     n_knots = -(-n_bins // _STRIDE) + 1
     within = (0.5 + _STRIDE * np.arange(n_knots)) / n_bins
-    goals = (2.0 * np.pi * (turns[:, None] + within)).ravel()
-    knots = np.empty(len(goals))
-    _inverse(angle_rad, goals, knots)
-    if angle_time_s is not time_s:
-        k = np.minimum(knots.astype(np.int64), len(angle_time_s) - 2)
-        _inverse(time_s, angle_time_s[k] + (knots - k) * (angle_time_s[k + 1] - angle_time_s[k]), knots)
-    return knots.reshape(len(turns), n_knots)
+    knots = np.empty((len(turns), n_knots))
+    turns_rad, within_rad = 2.0 * np.pi * turns, 2.0 * np.pi * within
+    if angle_time_s is time_s:
+        _locate(angle_rad, turns_rad, within_rad, knots)
+    else:
+        _locate_in_time(angle_time_s, angle_rad, time_s, turns_rad, within_rad, knots)
+    return knots
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"})
@@ -235,8 +263,11 @@ def fold_channels(
         return both
 
     shares = np.array_split(turns, min(n_threads, n_cycles))
-    with ThreadPoolExecutor(len(shares)) as pool:
-        total, square = np.sum(list(pool.map(sums, shares)), axis=0)
+    if len(shares) == 1:
+        total, square = sums(turns)
+    else:
+        with ThreadPoolExecutor(len(shares)) as pool:
+            total, square = np.sum(list(pool.map(sums, shares)), axis=0)
     shift = total / n_cycles
     return centre[:, None] + shift, np.sqrt(np.maximum(square - n_cycles * shift**2, 0.0) / max(n_cycles - 1, 1))
 
