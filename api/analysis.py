@@ -118,10 +118,9 @@ def fit_trial(trial: AnalysedTrial, method: FitMethod | None = None) -> tuple[Cu
     InputError
         If the trial is no cutting trial or lacks what the fit needs.
     """
-    from sawbench.modeling.effect_fit import fit_with_effects
     from sawbench.modeling.fit import available_method, cutting_fits, fit_cutting_coefficient
     from sawbench.modeling.joint_fit import SensorPriors, first_guess, fit_jointly
-    from sawbench.modeling.machines.known_effects import baseline_of
+    from sawbench.modeling.machines.saw_baseline import baseline_of
     from sawbench.processing.measured_cycles import measured_cycles
 
     processed, loaded = trial.processed, trial.loaded
@@ -163,6 +162,8 @@ def fit_trial(trial: AnalysedTrial, method: FitMethod | None = None) -> tuple[Cu
     if not baseline.known:
         fit, estimates = fitted(cycles)
     else:
+        from sawbench.modeling.effect_fit import fit_with_effects
+
         k_fc = first_guess(cycles, baseline.plant, method)
         fit, estimates = fit_with_effects(cycles, fitted, baseline, measured_point(trial, k_fc))
     fit = doubted(fit, processed)
@@ -274,7 +275,7 @@ def predict(
     """
     from sawbench.model_setup import parameters_of, supply_of
     from sawbench.modeling.battery_range import with_battery_fit
-    from sawbench.modeling.machines.known_effects import baseline_of
+    from sawbench.modeling.machines.saw_baseline import baseline_of
     from sawbench.modeling.operating_point import OperatingPoint
     from sawbench.modeling.runtime import predict_runtime, predict_runtime_with_effects
 

@@ -138,7 +138,7 @@ def discharges_of(
     """
     from sawbench.model_setup import supply_of
     from sawbench.modeling.discharge import discharge
-    from sawbench.modeling.machines.known_effects import baseline_of
+    from sawbench.modeling.machines.saw_baseline import baseline_of
     from sawbench.modeling.parts.linear import LinearCutting
 
     if baseline_of(trial.loaded).known:
@@ -167,7 +167,7 @@ def _discharge_with_effects(trial: AnalysedTrial, fit: CuttingFit, estimates: Pa
     from sawbench.analysis import measured_point
     from sawbench.bench.config import Uncertain
     from sawbench.modeling.effect_discharge import discharge_with_effects
-    from sawbench.modeling.machines.known_effects import baseline_of
+    from sawbench.modeling.machines.saw_baseline import baseline_of
 
     baseline, battery = baseline_of(trial.loaded), trial.loaded.battery()
     changed = {name: Uncertain(nominal=value) for name, value in _constants(trial, _known(estimates)).items()}
@@ -196,7 +196,7 @@ def _fitted_model(trial: AnalysedTrial, fit: CuttingFit, sensor_angle_rad: Float
     from sawbench.analysis import measured_point
     from sawbench.modeling.cycle_observation import drive_of
     from sawbench.modeling.effect_fit import effect_share
-    from sawbench.modeling.machines.known_effects import baseline_of
+    from sawbench.modeling.machines.saw_baseline import baseline_of
     from sawbench.processing.measured_cycles import measured_cycles
 
     config, known = trial.loaded.config, _known(fit.estimates)

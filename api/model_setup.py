@@ -67,17 +67,16 @@ def simulated_run(
     duration_s: float,
     rate_hz: float,
     initial: InitialState,
+    compiles: bool = True,
 ) -> Trajectory | EffectRun:
-    """Run the configured model from rest, with its known effects.
+    """Run the configured model from rest, with its known effects; see `sawbench.modeling.transient.simulate`.
 
     Raises
     ------
     InputError
         If more samples are asked for than are computed at once, or an effect cannot be simulated in time.
     """
-    from sawbench.modeling.effect_transient import simulate_with_effects
-    from sawbench.modeling.machines.known_effects import baseline_of
-    from sawbench.modeling.operating_point import OperatingPoint
+    from sawbench.modeling.machines.saw_baseline import baseline_of
     from sawbench.modeling.transient import sample_times, simulate
 
     if duration_s * rate_hz > _MOST_SAMPLES:
@@ -88,6 +87,9 @@ def simulated_run(
         )
     baseline = baseline_of(loaded)
     if baseline.known:
+        from sawbench.modeling.effect_transient import simulate_with_effects
+        from sawbench.modeling.operating_point import OperatingPoint
+
         supply = supply_of(loaded, duty)
         point = OperatingPoint(
             k_fc_n_s_per_m=k_fc_n_s_per_m,
@@ -102,6 +104,7 @@ def simulated_run(
         duration_s=duration_s,
         rate_hz=rate_hz,
         initial=initial,
+        compiles=compiles,
     )
 
 

@@ -33,7 +33,6 @@ METHODS = ("current_and_force", "current", "force", "annealing")
 def command(paths: tuple[Place, ...], config_path: Path | None, method: Any, batch: Batch, as_json: bool) -> int:
     """Fit the linear cutting coefficient of each trial."""
     from sawbench.archive.files import fit_file
-    from sawbench.archive.trials import fit_or_reason
 
     if method is not None and batch.archive is not None:
         raise click.UsageError("an archive holds the fit with every channel there is: leave out --method")
@@ -44,6 +43,8 @@ def command(paths: tuple[Place, ...], config_path: Path | None, method: Any, bat
         places = [file.place for file in files]
         found = [(places[k], *fitted) for k, fitted in sorted(batch.each(places, work, failures, "fitting"))]
     else:
+        from sawbench.archive.trials import fit_or_reason
+
         found = []
         for trial in batch.kept(files, config, failures, "fitting"):
             with failures.collected():

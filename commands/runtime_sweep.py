@@ -81,7 +81,7 @@ def sweep(
 def _swept(loaded: LoadedConfig, use: BatteryUse, **cases: list[float]) -> RuntimeSweep:
     """Run the cases by the model that the configuration describes, its known effects and fitted battery included."""
     from sawbench.model_setup import battery_of, parameters_of
-    from sawbench.modeling.machines.known_effects import baseline_of
+    from sawbench.modeling.machines.saw_baseline import baseline_of
     from sawbench.modeling.runtime_sweep import sweep_runtime, sweep_runtime_with_effects, with_battery_range
 
     battery, baseline = loaded.battery(), baseline_of(loaded)

@@ -10,6 +10,10 @@ from sawbench.commands.options import config_option, force_option, json_option, 
 from sawbench.commands.terminal import emit
 from sawbench.inputs import config_for
 
+# Shorter runs are interpreted in less time than it takes to load or even to compile the kernels; a cutting
+# coefficient fifty times that of wood makes steps so small that they are not.
+_COMPILED_FROM_S, _COMPILED_FROM_SAMPLES, _COMPILED_FROM_K_FC = 20.0, 1e5, 1e4
+
 
 @click.command(name="simulate", epilog="Example: sawbench simulate --k-fc 240.29 --seconds 1 --out current.csv")
 @config_option
@@ -50,6 +54,7 @@ def command(
         duration_s=seconds,
         rate_hz=rate_hz,
         initial=InitialState(crank_angle_rad=angle_rad, soc=soc),
+        compiles=seconds > _COMPILED_FROM_S or seconds * rate_hz > _COMPILED_FROM_SAMPLES or k_fc > _COMPILED_FROM_K_FC,
     )
     if out_path is not None:
         write_whole(out_path, _csv(run), overwrite=force)

@@ -23,7 +23,7 @@ from sawbench.diagnosis.screening import is_stock_stated, screen, summary
 from sawbench.diagnosis.signal_health import ChannelHealth, channel_health
 from sawbench.diagnosis.slow_states import SlowTrack, slow_tracks
 from sawbench.modeling.effects.known import KnownEffect
-from sawbench.modeling.machines.known_effects import baseline_of
+from sawbench.modeling.machines.saw_baseline import baseline_of
 from sawbench.modeling.parts.linear import coefficient
 from sawbench.modeling.residuals import Baseline, residuals
 from sawbench.modeling.state import TWO_PI, State, TrialSetting

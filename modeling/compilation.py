@@ -16,11 +16,15 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from types import CellType, FunctionType, ModuleType, SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numba
 from numba.core import event
 from numba.core.dispatcher import Dispatcher
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 # No "nnan" and "ninf": the kernels test for a step that went wrong.
 _SAFE_FAST = {"contract", "nsz", "arcp", "afn", "reassoc"}
@@ -106,6 +110,24 @@ def interpreted(function: Any) -> Callable[..., Any]:
     replaced = {name: _uncompiled(value) for name, value in names.items()}
     cells = tuple(CellType(_uncompiled(cell.cell_contents)) for cell in plain.__closure__ or ())
     return FunctionType(code, plain.__globals__ | replaced, plain.__name__, plain.__defaults__, cells)
+
+
+def runner(function: Any, vector: NDArray[np.float64], compiles: bool) -> tuple[Callable[..., Any], Any]:
+    """Return a kernel, compiled or interpreted, and its parameter vector in the form that runs fastest.
+
+    Parameters
+    ----------
+    function : compiled function
+    vector : ndarray, shape (n,)
+    compiles : bool
+
+    Returns
+    -------
+    callable
+    ndarray or list of float
+        Numbers of Python are faster to interpret than those of numpy.
+    """
+    return (function, vector) if compiles else (interpreted(function), vector.tolist())
 
 
 def _uncompiled(value: Any) -> Any:

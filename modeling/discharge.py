@@ -13,7 +13,7 @@ from sawbench.bench.errors import InputError
 from sawbench.modeling import averaging_kernel as averaging
 from sawbench.modeling import discharge_kernel as strokes
 from sawbench.modeling import signals, slots
-from sawbench.modeling.compilation import interpreted
+from sawbench.modeling.compilation import runner
 from sawbench.modeling.parameters import JigsawParameters
 from sawbench.modeling.steady_state import periodic_vector
 from sawbench.modeling.supplies import FixedDuty, FixedVoltage, HeldVoltage
@@ -165,9 +165,7 @@ def _gauss(n: int) -> Floats:
 def _averaged(
     vector: Floats, spline: Floats, ocv: Floats, start: Floats, settings: Settings, *, target: float, compiles: bool
 ) -> Discharge | None:
-    run, parameters = averaging.discharge_averaged, vector
-    if not compiles:
-        run, parameters = interpreted(run), vector.tolist()  # numbers of Python are faster than those of numpy
+    run, parameters = runner(averaging.discharge_averaged, vector, compiles)
     n_nodes = N_NODES
     while True:
         table, result = np.zeros((n_nodes, averaging.N_COLUMNS)), np.zeros(averaging.N_RESULT)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.errors import InputError
 from sawbench.modeling import signals, slots
 from sawbench.modeling import stroke_kernel as kernel
-from sawbench.modeling.compilation import interpreted
+from sawbench.modeling.compilation import runner
 from sawbench.modeling.parameters import JigsawParameters
 from sawbench.modeling.supplies import Supply
 from sawbench.modeling.transient import Cutting, model_vector, steps_for
@@ -100,7 +99,7 @@ class PeriodicState:
         current, speed = np.zeros(n_points * factor), np.zeros(n_points * factor)
         if self.status == "ok":
             start = (self.start_current_a, self.start_motor_speed_rad_s / gear)
-            run, vector = _runner(kernel.waveform, self.vector, self.compiles)
+            run, vector = runner(kernel.waveform, self.vector, self.compiles)
             run(vector, self.spline, self.ocv, self.soc, len(current), *start, current, speed)
         angle = 2.0 * np.pi * np.arange(n_points) / n_points
         motor_speed = speed[::factor] * gear
@@ -171,7 +170,7 @@ def periodic_vector(
 ) -> PeriodicState:
     """Find the periodic stroke of a parameter vector; see `steady_state`. No checks."""
     result = np.zeros(kernel.N_PERIODIC)
-    run, parameters = _runner(kernel.periodic_state, vector, compiles)
+    run, parameters = runner(kernel.periodic_state, vector, compiles)
     code = run(parameters, spline, ocv, float(soc), steps_per_turn, tolerance, accept, result)
     status, message = MESSAGES[code]
     at_rest = signals.open_circuit_voltage(vector, ocv, np.asarray(soc, dtype=np.float64))
@@ -201,8 +200,3 @@ def periodic_vector(
         soc=float(soc),
         compiles=compiles,
     )
-
-
-def _runner(function: Any, vector: Floats, compiles: bool) -> tuple[Callable[..., Any], Any]:
-    """Return a kernel and its parameter vector; numbers of Python are faster to interpret than those of numpy."""
-    return (function, vector) if compiles else (interpreted(function), vector.tolist())

@@ -19,6 +19,7 @@ from sawbench.bench.recording import Floats
 from sawbench.modeling.parts.mechanism import Mechanism
 from sawbench.processing.angle_smoother import linearise, smooth
 from sawbench.processing.noise import robust_range, white_noise_std
+from sawbench.processing.sliding import median_of_five
 from sawbench.processing.stroke_extremes import Travel, Turns, estimate_travel, find_rest, find_turns, moving_mean
 
 _KNOTS_A_STROKE = 128
@@ -156,10 +157,8 @@ def _unfold(time: Floats, y: Floats, nominal: Mechanism | None) -> _Unfolded | N
 
 def _without_spikes(time: Floats, y: Floats, noise: float) -> tuple[Floats, Floats]:
     """Drop samples far from the median of the five around them: they would bend the first pass."""
-    from scipy.ndimage import median_filter
-
     low, high = robust_range(y, 1.0)
-    good = np.abs(y - median_filter(y, 5, mode="nearest")) < max(8.0 * noise, 0.05 * (high - low))
+    good = np.abs(y - median_of_five(y)) < max(8.0 * noise, 0.05 * (high - low))
     return time[good], y[good]
 
 
@@ -169,9 +168,7 @@ def _turns_of(y: Floats, noise: float, width: int, *, drop_spikes: bool) -> Turn
     Travel is 20 noise standard deviations; less where the turns come as regularly as noise never does,
     because at few samples a stroke the noise is overestimated.
     """
-    from scipy.ndimage import median_filter
-
-    calm = moving_mean(median_filter(y, 5, mode="nearest") if drop_spikes else y, width)
+    calm = moving_mean(median_of_five(y) if drop_spikes else y, width)
     low, high = robust_range(calm, 1.0)
     if high - low <= 0:
         return None

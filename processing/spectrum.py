@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.recording import Floats
+from sawbench.processing.sliding import sliding_median
 
 _MAX_SAMPLES = 1 << 20
 _SEGMENT_CYCLES = 8.0
@@ -83,20 +84,17 @@ def power_spectrum(values: Floats, rate_hz: float) -> Spectrum:
         Equally spaced.
     rate_hz : float
     """
-    from scipy.fft import next_fast_len, rfft
-    from scipy.ndimage import median_filter
-
     n = len(values)
     x = np.linspace(-1.0, 1.0, n)
     level = values - values.mean()
     level = level - x * (x @ level) / (x @ x)
     window = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(n) + 0.5) / n)
-    length = int(next_fast_len(4 * n, real=True) or 4 * n)
-    amplitude = 2.0 * np.abs(np.asarray(rfft(level * window, length))) / window.sum()
+    length = _fast_length(4 * n)
+    amplitude = 2.0 * np.abs(np.fft.rfft(level * window, length)) / window.sum()
     power = amplitude**2
     coarse = power[:: max(len(power) // 4096, 1)]
     every = max(len(power) // 4096, 1)
-    floor = median_filter(coarse, min(129, len(coarse) // 2 * 2 - 1) if len(coarse) > 4 else 1, mode="nearest")
+    floor = sliding_median(coarse, min(129, len(coarse) // 2 * 2 - 1) if len(coarse) > 4 else 1)
     floor = np.interp(np.arange(len(power)), np.arange(len(coarse)) * every, floor)
     return Spectrum(
         frequency_hz=np.asarray(np.arange(len(power)) * (rate_hz / length), dtype=np.float64),
@@ -104,6 +102,19 @@ def power_spectrum(values: Floats, rate_hz: float) -> Spectrum:
         floor=np.maximum(floor, 1e-30),
         resolution_hz=rate_hz / n,
     )
+
+
+def _fast_length(least: int) -> int:
+    """Smallest product of powers of 2, 3 and 5 that is not below `least`: a transform of it is quick."""
+    best = 1 << (least - 1).bit_length()
+    fives = 1
+    while fives < best:
+        odd = fives
+        while odd < best:
+            best = min(best, odd << (-(-least // odd) - 1).bit_length())
+            odd *= 3
+        fives *= 5
+    return best
 
 
 def find_lines(spectrum: Spectrum, low_hz: float, high_hz: float, count: int = 12) -> tuple[Line, ...]:

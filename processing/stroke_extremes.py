@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 from sawbench.bench.recording import Floats
 from sawbench.processing.noise import robust_range
+from sawbench.processing.sliding import sliding_maximum
 
 _FIT_HALF_WIDTH = 0.11  # of a period: 0.7 rad each side of the dead centre
 _FITTED_TURNS = 400
@@ -300,9 +301,6 @@ def find_rest(displacement_m: Floats, width: int, tolerance_m: float) -> NDArray
     -------
     ndarray of bool, shape (n,)
     """
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d
-
     size = max(int(width), 3)
-    high = maximum_filter1d(displacement_m, size, mode="nearest")
-    low = minimum_filter1d(displacement_m, size, mode="nearest")
-    return (high - low) < tolerance_m
+    range_m = sliding_maximum(displacement_m, size) + sliding_maximum(-displacement_m, size)
+    return range_m < tolerance_m

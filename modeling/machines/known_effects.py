@@ -14,10 +14,9 @@ from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.effects.learned import NAME, LearnedTerm
 from sawbench.modeling.machines.learned_entry import learned_entry, read_learned
 from sawbench.modeling.machines.table import machine_of
-from sawbench.modeling.residuals import Baseline
 
 if TYPE_CHECKING:
-    from sawbench.bench.config import BenchConfig, LoadedConfig
+    from sawbench.bench.config import BenchConfig
     from sawbench.modeling.effects.effect import Effect
     from sawbench.modeling.machines.machine import Machine
 
@@ -70,22 +69,6 @@ def known_effects(config: BenchConfig, *, path: str, model: Any = None) -> tuple
             raise _unknown(name, list(offered), where, machine.title)
         found.append(_known(offered[name], entry, where))
     return tuple(found)
-
-
-def baseline_of(loaded: LoadedConfig) -> Baseline:
-    """Compose the baseline of a saw, with the effects that its configuration states as known.
-
-    Raises
-    ------
-    ConfigError
-        If it describes no saw, or its `[effects]` table is wrong.
-    """
-    return Baseline(
-        plant=loaded.plant(),
-        battery=loaded.config.battery,
-        cutting_sign=-1 if loaded.config.cutting.cutting_half == "pi_to_2pi" else 1,
-        known=known_effects(loaded.config, path=loaded.path),
-    )
 
 
 def entry_of(known: KnownEffect) -> dict[str, Any]:

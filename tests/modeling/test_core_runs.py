@@ -123,6 +123,23 @@ def test_a_crank_at_rest_waits_until_the_current_has_risen():
     assert run.motor_current_a[before][-1] == pytest.approx(needed, rel=2e-3)
 
 
+@pytest.mark.parametrize("volts", [1e-9, 0.5, paper.MOTOR_VOLTAGE_V])
+@pytest.mark.parametrize("n_n", [0.0, 30.0, 3000.0])
+def test_interpreted_is_the_same_as_compiled(volts, n_n):
+    """At rest, stalled and running, with a force that follows the angle."""
+    angle = np.arange(64) * math.pi / 32
+    setting = {
+        "supply": HeldVoltage(voltage_v=volts, battery=paper.BATTERY),
+        "cutting": MeasuredForce(force_n=n_n * np.maximum(-np.sin(angle), 0.0)),
+        "duration_s": 0.3,
+        "initial": InitialState(crank_angle_rad=2.0),
+    }
+    one, other = (simulate(paper.PARAMETERS, **setting, compiles=compiles) for compiles in (True, False))
+    assert other.status == one.status
+    assert np.abs(other.motor_current_a - one.motor_current_a).max() <= 1e-10 * max(volts / 0.176, 1e-9)
+    assert np.abs(other.crank_angle_rad - one.crank_angle_rad).max() < 1e-9
+
+
 def test_samples_do_not_depend_on_the_sampling():
     coarse = simulate(paper.PARAMETERS, supply=SOURCE, cutting=paper.CUTTING, duration_s=0.5, rate_hz=100.0)
     fine = simulate(paper.PARAMETERS, supply=SOURCE, cutting=paper.CUTTING, duration_s=0.5, rate_hz=5000.0)
