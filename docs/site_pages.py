@@ -190,8 +190,7 @@ def _default(entry: Mapping[str, Any]) -> str:
 
 def _documented(title: str, model: type[BaseModel], *, about: str = "") -> list[str]:
     """Return the keys of a model whose docstring explains each of them; `about` stands in for its first words."""
-    summary, _, rest = inspect.cleandoc(model.__doc__ or "").partition("Attributes\n----------\n")
-    rows = re.findall(r"^(\w[\w, ]*) : (.+)\n((?:[ ]{4}.+\n?)*)", re.split(r"\n\n", rest)[0], flags=re.MULTILINE)
+    summary = inspect.cleandoc(model.__doc__ or "").partition("Attributes\n----------\n")[0]
     lines = [
         f"## {title}",
         "",
@@ -202,15 +201,21 @@ def _documented(title: str, model: type[BaseModel], *, about: str = "") -> list[
     ]
     if "driver" in model.model_fields:
         lines.append("| `driver` | str | required | Which instrument it is. |")
-    for names, kind, said in rows:
-        for key in names.split(", "):
-            field = model.model_fields.get(key)
-            default = "" if field is None else "required" if field.is_required() else _written(field.get_default())
-            meaning = " ".join(said.split())
-            lines.append(
-                f"| `{key}` | {kind.replace(', optional', '')} | {default} | {meaning} |".replace("|  |", "| |")
-            )
+    for key, (kind, said) in _explained(model).items():
+        field = model.model_fields.get(key)
+        default = "" if field is None else "required" if field.is_required() else _written(field.get_default())
+        lines.append(f"| `{key}` | {kind.replace(', optional', '')} | {default} | {said} |".replace("|  |", "| |"))
     return [*lines, ""]
+
+
+def _explained(model: type[BaseModel]) -> dict[str, tuple[str, str]]:
+    """Key -> (kind, meaning), those of the models that it extends before its own."""
+    found: dict[str, tuple[str, str]] = {}
+    for base in reversed(model.__mro__[: model.__mro__.index(BaseModel)]):
+        rest = inspect.cleandoc(base.__doc__ or "").partition("Attributes\n----------\n")[2]
+        rows = re.findall(r"^(\w[\w, ]*) : (.+)\n((?:[ ]{4}.+\n?)*)", re.split(r"\n\n", rest)[0], flags=re.MULTILINE)
+        found |= {key: (kind, " ".join(said.split())) for names, kind, said in rows for key in names.split(", ")}
+    return found
 
 
 def _written(value: Any) -> str:

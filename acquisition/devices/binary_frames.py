@@ -8,13 +8,14 @@ from collections.abc import Callable, Sequence
 from typing import Annotated, Final, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, Field, model_validator
-from sawbench.acquisition.devices.device import STRICT, BenchChannel, ChannelTable, inputs_within
+from pydantic import AfterValidator, Field, model_validator
+from sawbench.acquisition.devices.device import inputs_within
 from sawbench.acquisition.devices.frames import FrameFormat, FrameFramer
 from sawbench.acquisition.devices.instrument import Instrument
 from sawbench.acquisition.devices.row_emulator import RowEmulator, described
 from sawbench.acquisition.devices.row_instrument import RowInstrument, RowProtocol, columns_of
 from sawbench.acquisition.devices.sample_rows import RowTiming
+from sawbench.acquisition.devices.serial_instrument import SerialTable
 from sawbench.acquisition.simulation.plant_stream import PlantStream
 from sawbench.acquisition.simulation.sensor import EmulatedSensor
 
@@ -30,7 +31,7 @@ def _is_hexadecimal(text: str) -> str:
 Hexadecimal = Annotated[str, AfterValidator(_is_hexadecimal)]
 
 
-class BinaryFramesSettings(BaseModel):
+class BinaryFramesSettings(SerialTable):
     """`[devices.NAME]` with `driver = "binary_frames"`.
 
     A frame is sync bytes, fields, checksum, end bytes, in this order; bytes are written in hexadecimal. Exactly one of
@@ -38,8 +39,6 @@ class BinaryFramesSettings(BaseModel):
 
     Attributes
     ----------
-    port : str
-        Serial port or pyserial URL.
     channels : mapping of Channel to ChannelTable
         Bench channel -> field of the frame (from 1) as `input`, calibration, raw range.
     sync : str
@@ -64,17 +63,10 @@ class BinaryFramesSettings(BaseModel):
         Bytes sent for each frame, where the instrument answers only.
     start, stop : str
         Bytes that begin and end the transmission. An instrument that always sends has no `stop`.
-    baud_rate : int
-        Bit/s.
     parity : {"N", "E", "O"}
-    serial_number : str, optional
-        Of the USB adapter at the port; another one at this port is refused. `sawbench init` writes it.
     """
 
-    model_config = STRICT
     driver: str = "binary_frames"
-    port: str
-    channels: dict[BenchChannel, ChannelTable] = Field(min_length=1)
     sync: Hexadecimal = Field(min_length=2)
     fields: str
     checksum: Literal["", "sum8", "xor8", "sum16", "crc16_modbus", "crc16_ccitt"] = ""
@@ -87,9 +79,7 @@ class BinaryFramesSettings(BaseModel):
     question: Hexadecimal = ""
     start: Hexadecimal = ""
     stop: Hexadecimal = ""
-    baud_rate: int = Field(default=115_200, gt=0)
     parity: Literal["N", "E", "O"] = "N"
-    serial_number: str | None = Field(default=None, min_length=1)
 
     @model_validator(mode="after")
     def _fits_together(self) -> BinaryFramesSettings:
@@ -149,21 +139,11 @@ class BinaryFramesSettings(BaseModel):
 
 
 class BinaryFrames(RowInstrument[BinaryFramesSettings]):
-    """One instrument.
-
-    Parameters
-    ----------
-    name : str
-    settings : BinaryFramesSettings
-    clock : callable
-        Monotonic seconds.
-    """
+    """One instrument; see `RowInstrument`."""
 
     MODEL = "binary frames"
 
-    def __init__(
-        self, name: str, settings: BinaryFramesSettings, *, clock: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, name: str, settings: BinaryFramesSettings, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(name, settings, settings.protocol, clock=clock, parity=settings.parity)
 
 
@@ -217,7 +197,7 @@ def _check_bytes(data: bytes, checksum: str, order: str) -> bytes:
 
 INSTRUMENT: Final = Instrument(
     settings=BinaryFramesSettings,
-    make=lambda name, settings, clock: BinaryFrames(name, settings, clock=clock),
+    make=BinaryFrames,
     emulate=emulate,
     example={
         "sync": "AA 55",

@@ -4,95 +4,61 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Generic, Protocol, TypeVar
+from typing import TypeVar
 
+from pydantic import Field, model_validator
 from sawbench.acquisition.devices.device import Chunk
+from sawbench.acquisition.devices.driver import Driver, InstrumentTable
 from sawbench.acquisition.transports.can_batch import CanBatch
 from sawbench.acquisition.transports.can_bus import make_can_source
-from sawbench.bench.errors import ConfigError, DeviceError, NoAnswerError, OtherInstrumentError
+from sawbench.bench.errors import ConfigError
 
 
-class CanSettings(Protocol):
-    """What the settings of every instrument on a CAN bus hold."""
+class CanTable(InstrumentTable):
+    """Keys of every instrument on a CAN bus.
 
-    @property
-    def interface(self) -> str:
-        """Interface of python-can."""
-        ...
-
-    @property
-    def port(self) -> str:
-        """Its channel."""
-        ...
-
-    @property
-    def bitrate(self) -> int:
-        """Of the bus, bit/s."""
-        ...
-
-    @property
-    def baud_rate(self) -> int:
-        """Of the adapter's serial port, bit/s."""
-        ...
-
-    @property
-    def serial_number(self) -> str | None:
-        """Of the instrument, or of the adapter at the port."""
-        ...
-
-
-Settings = TypeVar("Settings", bound=CanSettings)
-
-
-def require_slcan_for_number(settings: CanSettings) -> None:
-    """Refuse the serial number of an adapter that nobody can ask for it.
-
-    Raises
-    ------
-    ValueError
-    """
-    if settings.serial_number is not None and settings.interface != "slcan":
-        raise ValueError(
-            f"serial_number is compared for interface slcan alone, not for {settings.interface}: remove it"
-        )
-
-
-class CanInstrument(Generic[Settings]):
-    """One instrument; see `devices.device.Device`. A driver adds `streams`, `open`, `start` and `decode`.
-
-    Parameters
+    Attributes
     ----------
-    name : str
-        Of the device table.
-    settings : CanSettings
-    clock : callable
-        Monotonic seconds.
-    has_own_number : bool
-        The instrument states a serial number of its own, which the driver compares; otherwise that of the USB adapter
-        is compared.
+    interface : str
+        Interface of python-can (slcan, socketcan, pcan, virtual, ...).
+    port : str
+        Its channel: a serial port for slcan, `can0` for socketcan.
+    bitrate : int
+        Of the bus, bit/s.
+    baud_rate : int
+        Of the adapter's serial port, bit/s (slcan only).
+    serial_number : str, optional
+        Of the USB adapter (slcan only); another one at this port is refused. `sawbench init` writes it.
     """
 
-    MODEL = ""
+    interface: str = "slcan"
+    bitrate: int = Field(default=500_000, gt=0)
+    baud_rate: int = Field(default=115_200, gt=0)
 
-    def __init__(
-        self,
-        name: str,
-        settings: Settings,
-        *,
-        clock: Callable[[], float] = time.monotonic,
-        has_own_number: bool = False,
-    ) -> None:
-        self.name = name
-        self.port = settings.port
-        self._settings = settings
-        self._clock = clock
+    @model_validator(mode="after")
+    def _adapter_is_known(self) -> CanTable:
+        if self.adapter_number is not None and self.interface != "slcan":
+            raise ValueError(
+                f"serial_number is compared for interface slcan alone, not for {self.interface}: remove it"
+            )
+        return self
+
+
+Settings = TypeVar("Settings", bound=CanTable)
+
+
+class CanInstrument(Driver[Settings]):
+    """One instrument; see `Driver`. A driver adds `streams`, `open`, `start` and `decode`."""
+
+    def __init__(self, name: str, settings: Settings, clock: Callable[[], float] = time.monotonic) -> None:
+        super().__init__(name, settings, clock)
         self._bus = make_can_source(
             settings.interface,
             settings.port,
             device=name,
             bitrate=settings.bitrate,
             baud_rate=settings.baud_rate,
-            serial_number=None if has_own_number else settings.serial_number,
+            serial_number=settings.adapter_number,
             clock=clock,
         )
 
@@ -116,26 +82,9 @@ class CanInstrument(Generic[Settings]):
         """Leave the bus."""
         self._bus.close()
 
-    def _require_number(self, present: str) -> None:
-        """Refuse another instrument than the one whose own serial number the configuration names."""
-        wanted = self._settings.serial_number
-        if wanted not in {None, present}:
-            raise OtherInstrumentError(
-                f"another instrument is on the bus: its serial number is {present or 'not known'}, "
-                f"the configuration names {wanted}",
-                where=self._where,
-                remedy=f"correct the node or `serial_number` in [devices.{self.name}]",
-            )
-
     @property
     def _where(self) -> str:
         return f"{self.name} ({self.MODEL}) on {self._settings.interface} {self.port}"
-
-    def _error(self, what: str, remedy: str) -> DeviceError:
-        return DeviceError(what, where=self._where, remedy=remedy)
-
-    def _no_answer(self, what: str, remedy: str) -> NoAnswerError:
-        return NoAnswerError(what, where=self._where, remedy=remedy)
 
 
 def require_slcan(name: str, interface: str) -> None:

@@ -17,10 +17,10 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field, field_validator, model_validator
-from sawbench.acquisition.devices.can_instrument import CanInstrument, require_slcan
+from pydantic import Field, field_validator, model_validator
+from sawbench.acquisition.devices.can_instrument import CanInstrument, CanTable, require_slcan
 from sawbench.acquisition.devices.cia404_emulator import Cia404Emulator
-from sawbench.acquisition.devices.device import STRICT, BenchChannel, ChannelTable, Chunk, Stream, inputs_within
+from sawbench.acquisition.devices.device import BenchChannel, ChannelTable, Chunk, Stream, inputs_within
 from sawbench.acquisition.devices.instrument import Instrument
 from sawbench.acquisition.devices.optional_package import import_optional
 from sawbench.acquisition.simulation.plant_stream import PlantStream
@@ -31,7 +31,6 @@ from sawbench.bench.errors import DeviceError
 
 # Process values -> type of number.
 PROCESS_VALUES: Final = MappingProxyType({0x6130: "real", 0x7130: "integer", 0x8130: "integer", 0x9130: "integer"})
-STREAM: Final = "process_values"
 _PROFILE: Final = 404
 _N_PDO: Final = 4
 _PDO_IS_OFF: Final = 1 << 31
@@ -40,19 +39,13 @@ _ANSWER_WAIT_S: Final = 0.3
 _START, _STOP, _PRE_OPERATIONAL = 0x01, 0x02, 0x80
 
 
-class Cia404Settings(BaseModel):
+class Cia404Settings(CanTable):
     """`[devices.NAME]` with `driver = "cia404"`.
 
     Attributes
     ----------
-    interface : str
-        Interface of python-can (slcan, socketcan, pcan, ...).
-    port : str
-        Its channel: a serial port for slcan, `can0` for socketcan.
     bitrate : int
         Of the bus, bit/s; 125000 as most nodes are delivered.
-    baud_rate : int
-        Of the adapter's serial port, bit/s (slcan only).
     node : int
         Of the transmitter, 1 to 127.
     channels : mapping of Channel to ChannelTable
@@ -63,16 +56,13 @@ class Cia404Settings(BaseModel):
         Of the transmitter (1018h); another one is refused.
     """
 
-    model_config = STRICT
+    HAS_OWN_NUMBER = True
+
     driver: str = "cia404"
-    interface: str = "slcan"
-    port: str
     bitrate: int = Field(default=125_000, gt=0)
-    baud_rate: int = Field(default=115_200, gt=0)
     node: int = Field(default=1, ge=1, le=127)
     channels: dict[BenchChannel, ChannelTable] = Field(min_length=1)
     rate_hz: float = Field(default=100.0, gt=0, le=1000)
-    serial_number: str | None = Field(default=None, min_length=1)
 
     @field_validator("rate_hz")
     @classmethod
@@ -117,21 +107,13 @@ class PdoValue:
 
 
 class Cia404(CanInstrument[Cia404Settings]):
-    """One transmitter.
-
-    Parameters
-    ----------
-    name : str
-        Of the device table.
-    settings : Cia404Settings
-    clock : callable
-        Monotonic seconds.
-    """
+    """One transmitter; see `CanInstrument`."""
 
     MODEL = "CiA 404"
+    STREAM = "process_values"
 
-    def __init__(self, name: str, settings: Cia404Settings, *, clock: Callable[[], float] = time.monotonic) -> None:
-        super().__init__(name, settings, clock=clock, has_own_number=True)
+    def __init__(self, name: str, settings: Cia404Settings, clock: Callable[[], float] = time.monotonic) -> None:
+        super().__init__(name, settings, clock=clock)
         self._node: Any = None  # canopen.RemoteNode; the package is imported when a node is opened
         self._cob_id = -1
         self._values: tuple[PdoValue, ...] = ()
@@ -140,8 +122,7 @@ class Cia404(CanInstrument[Cia404Settings]):
     @property
     def streams(self) -> tuple[Stream, ...]:
         """One stream: all configured channels, which come in one PDO."""
-        channels = tuple(table.stream_channel(channel) for channel, table in self._settings.channels.items())
-        return (Stream(name=STREAM, rate_hz=self._settings.rate_hz, channels=channels),)
+        return self._one_stream(self._settings.channels, self._settings.rate_hz)
 
     def open(self) -> None:
         """Identify the node, find its process values, set its period; see `Device.open`."""
@@ -174,7 +155,7 @@ class Cia404(CanInstrument[Cia404Settings]):
             return []
         payload = batch.payload[is_ours]
         raw = np.stack([value.read(payload) for value in self._values], axis=1)
-        return [Chunk(stream=STREAM, raw=raw, arrival_s=batch.arrival_s[is_ours])]
+        return [Chunk(stream=self.STREAM, raw=raw, arrival_s=batch.arrival_s[is_ours])]
 
     def stop(self) -> None:
         """Let the node stop sending, and leave the bus."""
@@ -299,7 +280,7 @@ def emulate(name: str, settings: Cia404Settings, plant: PlantStream, clock_error
 
 INSTRUMENT: Final = Instrument(
     settings=Cia404Settings,
-    make=lambda name, settings, clock: Cia404(name, settings, clock=clock),
+    make=Cia404,
     emulate=emulate,
     example={"channels": {"force_n": {"input": 1, "raw_range": [-2000, 2000], "calibration": {"raw_unit": "N"}}}},
     is_searched=False,

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field, model_validator
+from pydantic import Field
 from sawbench.acquisition.calibration import Calibration
 from sawbench.acquisition.can_signals import find_signal, frame_mask, load_dbc, needed_length, raw_signal
-from sawbench.acquisition.devices.can_instrument import CanInstrument, require_slcan, require_slcan_for_number
+from sawbench.acquisition.devices.can_instrument import CanInstrument, CanTable, require_slcan
 from sawbench.acquisition.devices.dbc_can_emulator import CanEmulator, EmulatedMessage
-from sawbench.acquisition.devices.device import STRICT, BenchChannel, Chunk, Stream, StreamChannel
+from sawbench.acquisition.devices.device import BenchChannel, Chunk, Stream, StreamChannel
 from sawbench.acquisition.devices.instrument import Instrument
 from sawbench.acquisition.sample_counter import CountedStream
 from sawbench.acquisition.simulation.plant_stream import PlantStream
@@ -28,19 +28,11 @@ if TYPE_CHECKING:
     from cantools.database.can.signal import Signal as DbcSignal
 
 
-class DbcCanSettings(BaseModel):
+class DbcCanSettings(CanTable):
     """`[devices.NAME]` with `driver = "dbc_can"`.
 
     Attributes
     ----------
-    interface : str
-        Interface of python-can (slcan, socketcan, pcan, virtual, ...).
-    port : str
-        Its channel: a serial port for slcan, `can0` for socketcan.
-    bitrate : int
-        Of the bus, bit/s.
-    baud_rate : int
-        Of the adapter's serial port, bit/s (slcan only).
     dbc : str
         DBC file; scaling, unit and range of the signals come from it.
     signals : mapping of Channel to str
@@ -53,28 +45,15 @@ class DbcCanSettings(BaseModel):
         Bench channel -> correction of the DBC's physical value; usually not needed.
     noise_std : mapping of Channel to float
         Bench channel -> noise to expect at rest (1 std), in the channel's unit; `sawbench check` compares with it.
-    serial_number : str, optional
-        Of the USB adapter (slcan only); another one at this port is refused. `sawbench init` writes it.
     """
 
-    model_config = STRICT
     driver: str = "dbc_can"
-    interface: str = "slcan"
-    port: str
-    bitrate: int = Field(default=500_000, gt=0)
-    baud_rate: int = Field(default=115200, gt=0)
     dbc: str = "jigsaw_bench.dbc"
     signals: dict[BenchChannel, str] = Field(min_length=1)
     counter: str = "SampleCounter"
     rate_hz: dict[str, Annotated[float, Field(gt=0)]] = Field(default_factory=dict)
     calibration: dict[BenchChannel, Calibration] = Field(default_factory=dict)
     noise_std: dict[BenchChannel, Annotated[float, Field(gt=0)]] = Field(default_factory=dict)
-    serial_number: str | None = Field(default=None, min_length=1)
-
-    @model_validator(mode="after")
-    def _adapter_is_known(self) -> DbcCanSettings:
-        require_slcan_for_number(self)
-        return self
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -180,20 +159,11 @@ def _channel(where: str, channel: Channel, signal: DbcSignal, settings: DbcCanSe
 
 
 class DbcCan(CanInstrument[DbcCanSettings]):
-    """The instruments behind one CAN bus.
-
-    Parameters
-    ----------
-    name : str
-        Of the device table.
-    settings : DbcCanSettings
-    clock : callable
-        Monotonic seconds.
-    """
+    """The instruments behind one CAN bus; see `CanInstrument`."""
 
     MODEL = "DBC"
 
-    def __init__(self, name: str, settings: DbcCanSettings, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, name: str, settings: DbcCanSettings, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(name, settings, clock=clock)
         self._counted: dict[str, CountedStream] = {}
         self._n_other_frames = 0

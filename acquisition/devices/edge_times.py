@@ -14,12 +14,12 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field
-from sawbench.acquisition.devices.device import STRICT, Chunk, OneChannel, Stream
+from pydantic import Field
+from sawbench.acquisition.devices.device import Chunk, OneChannel, Stream
 from sawbench.acquisition.devices.instrument import Instrument
 from sawbench.acquisition.devices.lines import LABELLED_NUMBER, LineFormat, LineFramer
 from sawbench.acquisition.devices.sample_rows import OWN_CLOCK
-from sawbench.acquisition.devices.serial_instrument import SerialInstrument
+from sawbench.acquisition.devices.serial_instrument import SerialInstrument, SerialTable
 from sawbench.acquisition.instrument_clock import InstrumentClock
 from sawbench.acquisition.simulation.plant_stream import SWITCH_CHANNEL, PlantStream
 
@@ -33,13 +33,11 @@ _EMULATED_STEP_S: Final = 1e-4
 _EMULATED_SWITCH_MM: Final = 10.0
 
 
-class EdgeTimesSettings(BaseModel):
+class EdgeTimesSettings(SerialTable):
     """`[devices.NAME]` with `driver = "edge_times"`.
 
     Attributes
     ----------
-    port : str
-        Serial port or pyserial URL.
     channels : mapping of Channel to ChannelTable
         One channel, input 1; its raw value is strokes per second.
     edges_per_stroke : int
@@ -50,39 +48,23 @@ class EdgeTimesSettings(BaseModel):
         After which the stamps begin at 0 again.
     slowest_hz : float
         Slower strokes count as rest: samples of 0 then say that no edge came.
-    baud_rate : int
-        Bit/s.
-    serial_number : str, optional
-        Of the USB adapter at the port; another one at this port is refused. `sawbench init` writes it.
     """
 
-    model_config = STRICT
     driver: str = "edge_times"
-    port: str
     channels: OneChannel
     edges_per_stroke: int = Field(default=1, ge=1, le=1000)
     tick_s: float = Field(default=1e-6, gt=0, le=1e-2)
     time_bits: int = Field(default=32, ge=16, le=53)
     slowest_hz: float = Field(default=1.0, ge=0.6)
-    baud_rate: int = Field(default=115_200, gt=0)
-    serial_number: str | None = Field(default=None, min_length=1)
 
 
 class EdgeTimes(SerialInstrument[EdgeTimesSettings, LineFramer]):
-    """One switch and its microcontroller.
-
-    Parameters
-    ----------
-    name : str
-    settings : EdgeTimesSettings
-    clock : callable
-        Monotonic seconds.
-    """
+    """One switch and its microcontroller; see `SerialInstrument`."""
 
     MODEL = "edge times"
     STREAM = "edges"
 
-    def __init__(self, name: str, settings: EdgeTimesSettings, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, name: str, settings: EdgeTimesSettings, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(name, settings, LineFramer(_LINE), clock=clock)
         self._times = self._new_times()
         self._latest_stamp: float | None = None
@@ -203,7 +185,7 @@ class EdgeTimesEmulator:
 
 INSTRUMENT: Final = Instrument(
     settings=EdgeTimesSettings,
-    make=lambda name, settings, clock: EdgeTimes(name, settings, clock=clock),
+    make=EdgeTimes,
     emulate=lambda _name, settings, plant, ppm: EdgeTimesEmulator(plant, settings, clock_error_ppm=ppm),
     example={"channels": {"stroke_rate_hz": {"input": 1, "raw_range": [-100, 100]}}},
     is_searched=False,

@@ -14,10 +14,10 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field
-from sawbench.acquisition.devices.device import STRICT, Chunk, OneChannel
+from pydantic import Field
+from sawbench.acquisition.devices.device import Chunk, OneChannel
 from sawbench.acquisition.devices.instrument import Instrument
-from sawbench.acquisition.devices.serial_instrument import SerialInstrument
+from sawbench.acquisition.devices.serial_instrument import SerialInstrument, SerialTable
 from sawbench.acquisition.simulation.plant_stream import PlantStream
 from sawbench.acquisition.simulation.sensor import EmulatedSensor
 
@@ -32,13 +32,11 @@ _LAST_CODE: Final = 65535
 _FRAMES_TO_LOCK: Final = 6
 
 
-class Gsv3Settings(BaseModel):
+class Gsv3Settings(SerialTable):
     """`[devices.NAME]` with `driver = "gsv3"`.
 
     Attributes
     ----------
-    port : str
-        Serial port or pyserial URL.
     rate_hz : float
         Frames per second that the amplifier was set to.
     channels : mapping of Channel to ChannelTable
@@ -47,19 +45,13 @@ class Gsv3Settings(BaseModel):
         Bit/s; a frame needs 30 bit, so 38400 Bd carry 1.28 kHz.
     full_scale : float
         Raw value at the largest code, mV/V.
-    serial_number : str, optional
-        Of the USB adapter at the port, as the amplifier states none; another one at this
-        port is refused. `sawbench init` writes it.
     """
 
-    model_config = STRICT
     driver: str = "gsv3"
-    port: str
     rate_hz: float = Field(default=1000.0, gt=0, le=1280)
     channels: OneChannel
     baud_rate: int = Field(default=38400, gt=0)
     full_scale: float = Field(default=2.0, gt=0)
-    serial_number: str | None = Field(default=None, min_length=1)
 
 
 class Gsv3Framer:
@@ -147,20 +139,11 @@ def _shares_of(codes: Any) -> Any:
 
 
 class Gsv3(SerialInstrument[Gsv3Settings, Gsv3Framer]):
-    """One amplifier.
-
-    Parameters
-    ----------
-    name : str
-        Of the device table.
-    settings : Gsv3Settings
-    clock : callable
-        Monotonic seconds; stamps the arrival of samples.
-    """
+    """One amplifier; see `SerialInstrument`."""
 
     MODEL = "GSV-3"
 
-    def __init__(self, name: str, settings: Gsv3Settings, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, name: str, settings: Gsv3Settings, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(
             name, settings, Gsv3Framer(), clock=clock, rate_hz=settings.rate_hz, farewell=STOP_TRANSMISSION
         )
@@ -272,7 +255,7 @@ def emulate(_name: str, settings: Gsv3Settings, plant: PlantStream, clock_error_
 
 INSTRUMENT: Final = Instrument(
     settings=Gsv3Settings,
-    make=lambda name, settings, clock: Gsv3(name, settings, clock=clock),
+    make=Gsv3,
     emulate=emulate,
     example={"channels": {"force_n": {"input": 1, "raw_range": [-2.0, 2.0], "calibration": {"scale": 250.0}}}},
 )

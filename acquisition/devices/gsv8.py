@@ -13,12 +13,12 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from pydantic import BaseModel, Field, model_validator
-from sawbench.acquisition.devices.device import STRICT, BenchChannel, ChannelTable, Chunk, inputs_within
+from pydantic import Field, model_validator
+from sawbench.acquisition.devices.device import Chunk, inputs_within
 from sawbench.acquisition.devices.gsv8_emulator import Gsv8Emulator
 from sawbench.acquisition.devices.gsv8_frames import ERROR_TEXT, Answer, DataType, Gsv8Framer, request
 from sawbench.acquisition.devices.instrument import Instrument
-from sawbench.acquisition.devices.serial_instrument import SerialInstrument
+from sawbench.acquisition.devices.serial_instrument import SerialInstrument, SerialTable
 from sawbench.acquisition.simulation.plant_stream import PlantStream
 from sawbench.acquisition.simulation.sensor import EmulatedSensor
 
@@ -35,13 +35,11 @@ _MODELS: Final = {6: "GSV-6", 8: "GSV-8"}
 _DATA_TYPES: Final[dict[int, DataType]] = {1: "int16", 2: "int24", 3: "float32"}
 
 
-class Gsv8Settings(BaseModel):
+class Gsv8Settings(SerialTable):
     """`[devices.NAME]` with `driver = "gsv8"`.
 
     Attributes
     ----------
-    port : str
-        Serial port or pyserial URL.
     rate_hz : float
         Frames per second that the amplifier is set to: GSV-8 up to 48 kHz.
     channels : mapping of Channel to ChannelTable
@@ -54,14 +52,11 @@ class Gsv8Settings(BaseModel):
         Of the amplifier; another one at this port is refused. `sawbench init` writes it.
     """
 
-    model_config = STRICT
+    HAS_OWN_NUMBER = True
+
     driver: str = "gsv8"
-    port: str
     rate_hz: float = Field(default=6000.0, gt=0, le=48000)
-    channels: dict[BenchChannel, ChannelTable] = Field(min_length=1)
-    baud_rate: int = Field(default=115200, gt=0)
     integer_full_scale: float = Field(default=2.1, gt=0)
-    serial_number: str | None = Field(default=None, min_length=1)
 
     @model_validator(mode="after")
     def _inputs_exist(self) -> Gsv8Settings:
@@ -70,20 +65,11 @@ class Gsv8Settings(BaseModel):
 
 
 class Gsv8(SerialInstrument[Gsv8Settings, Gsv8Framer]):
-    """One amplifier.
-
-    Parameters
-    ----------
-    name : str
-        Of the device table.
-    settings : Gsv8Settings
-    clock : callable
-        Monotonic seconds; stamps the arrival of samples.
-    """
+    """One amplifier; see `SerialInstrument`."""
 
     MODEL = "GSV-8"
 
-    def __init__(self, name: str, settings: Gsv8Settings, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, name: str, settings: Gsv8Settings, clock: Callable[[], float] = time.monotonic) -> None:
         self._columns = [channel.input - 1 for channel in settings.channels.values()]
         super().__init__(
             name,
@@ -92,7 +78,6 @@ class Gsv8(SerialInstrument[Gsv8Settings, Gsv8Framer]):
             clock=clock,
             rate_hz=settings.rate_hz,
             farewell=request(STOP_TRANSMISSION),
-            has_own_number=True,
         )
         self._facts: dict[str, str] = {}
 
@@ -220,7 +205,7 @@ def emulate(name: str, settings: Gsv8Settings, plant: PlantStream, clock_error_p
 
 INSTRUMENT: Final = Instrument(
     settings=Gsv8Settings,
-    make=lambda name, settings, clock: Gsv8(name, settings, clock=clock),
+    make=Gsv8,
     emulate=emulate,
     example={"channels": {"force_n": {"input": 2, "raw_range": [-3.5, 3.5], "calibration": {"scale": 250.0}}}},
 )

@@ -11,13 +11,14 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from pydantic import BaseModel, Field
-from sawbench.acquisition.devices.device import STRICT, OneChannel
+from pydantic import Field
+from sawbench.acquisition.devices.device import OneChannel
 from sawbench.acquisition.devices.instrument import Instrument
 from sawbench.acquisition.devices.lines import LABELLED_NUMBER, LineFormat, LineFramer
 from sawbench.acquisition.devices.row_emulator import RowEmulator
 from sawbench.acquisition.devices.row_instrument import RowInstrument, RowProtocol
 from sawbench.acquisition.devices.sample_rows import RowTiming
+from sawbench.acquisition.devices.serial_instrument import SerialTable
 from sawbench.acquisition.simulation.plant_stream import PlantStream
 from sawbench.acquisition.simulation.sampling import Sampler
 from sawbench.acquisition.simulation.sensor import EmulatedSensor
@@ -25,47 +26,31 @@ from sawbench.acquisition.simulation.sensor import EmulatedSensor
 _LINE: Final = LineFormat(columns=(1,), pattern=LABELLED_NUMBER)
 
 
-class Hx711Settings(BaseModel):
+class Hx711Settings(SerialTable):
     """`[devices.NAME]` with `driver = "hx711"`.
 
     Attributes
     ----------
-    port : str
-        Serial port or pyserial URL.
     channels : mapping of Channel to ChannelTable
         One channel, input 1; its raw value is the number in the line.
     rate_hz : float
         Lines per second: 10 or 80 by the pin RATE of the converter, less where the sketch waits or averages.
     baud_rate : int
         Bit/s, as in `Serial.begin` of the sketch.
-    serial_number : str, optional
-        Of the USB adapter at the port; another one at this port is refused. `sawbench init` writes it.
     """
 
-    model_config = STRICT
     driver: str = "hx711"
-    port: str
     channels: OneChannel
     rate_hz: float = Field(default=80.0, gt=0, le=160)
-    baud_rate: int = Field(default=115_200, gt=0)
-    serial_number: str | None = Field(default=None, min_length=1)
 
 
 class Hx711(RowInstrument[Hx711Settings]):
-    """One converter and its microcontroller.
-
-    Parameters
-    ----------
-    name : str
-    settings : Hx711Settings
-    clock : callable
-        Monotonic seconds.
-    """
+    """One converter and its microcontroller; see `RowInstrument`."""
 
     MODEL = "HX711"
     STREAM = "lines"
 
-    def __init__(self, name: str, settings: Hx711Settings, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, name: str, settings: Hx711Settings, clock: Callable[[], float] = time.monotonic) -> None:
         protocol = RowProtocol(
             new_framer=lambda is_begun: LineFramer(_LINE, is_begun=is_begun),
             timing=RowTiming(rate_hz=settings.rate_hz),
@@ -93,7 +78,7 @@ def emulate(_name: str, settings: Hx711Settings, plant: PlantStream, clock_error
 
 INSTRUMENT: Final = Instrument(
     settings=Hx711Settings,
-    make=lambda name, settings, clock: Hx711(name, settings, clock=clock),
+    make=Hx711,
     emulate=emulate,
     example={
         "channels": {

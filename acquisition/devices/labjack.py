@@ -10,18 +10,18 @@ import math
 from typing import Any, Final
 
 import numpy as np
-from pydantic import BaseModel, Field, model_validator
-from sawbench.acquisition.devices.device import STRICT, BenchChannel, ChannelTable, Chunk, inputs_within
+from pydantic import Field, model_validator
+from sawbench.acquisition.devices.device import Chunk, inputs_within
 from sawbench.acquisition.devices.instrument import Instrument
 from sawbench.acquisition.devices.optional_package import import_optional
-from sawbench.acquisition.devices.package_instrument import PackageInstrument
+from sawbench.acquisition.devices.package_instrument import PackageInstrument, PackageTable
 from sawbench.bench.errors import DeviceError
 
 _EXTRA: Final = "labjack"
 _READ_S: Final = 0.02
 
 
-class LabJackSettings(BaseModel):
+class LabJackSettings(PackageTable):
     """`[devices.NAME]` with `driver = "labjack"`.
 
     Attributes
@@ -36,18 +36,12 @@ class LabJackSettings(BaseModel):
         Of the inputs, V: 10, 1, 0.1 or 0.01 on a T7.
     is_differential : bool
         Each input against the next one: AIN0 against AIN1 (T7).
-    serial_number : str, optional
-        Of the device; another one is refused.
     """
 
-    model_config = STRICT
     driver: str = "labjack"
-    port: str
-    channels: dict[BenchChannel, ChannelTable] = Field(min_length=1)
     rate_hz: float = Field(default=6000.0, gt=0, le=100_000)
     range_v: float = Field(default=10.0, gt=0, le=11)
     is_differential: bool = False
-    serial_number: str | None = Field(default=None, min_length=1)
 
     @model_validator(mode="after")
     def _inputs_exist(self) -> LabJackSettings:
@@ -126,7 +120,7 @@ class LabJack(PackageInstrument[LabJackSettings]):
 
 INSTRUMENT: Final = Instrument(
     settings=LabJackSettings,
-    make=lambda name, settings, clock: LabJack(name, settings, clock=clock),
+    make=LabJack,
     example={"channels": {"force_n": {"input": 1, "raw_range": [-10, 10], "calibration": {"scale": 50.0}}}},
     is_searched=False,
 )

@@ -13,13 +13,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from pydantic import BaseModel, Field
-from sawbench.acquisition.devices.device import STRICT, OneChannel
+from pydantic import Field
+from sawbench.acquisition.devices.device import OneChannel
 from sawbench.acquisition.devices.instrument import Instrument
 from sawbench.acquisition.devices.lines import LineFormat, LineFramer
 from sawbench.acquisition.devices.row_emulator import RowEmulator
 from sawbench.acquisition.devices.row_instrument import RowInstrument, RowProtocol
 from sawbench.acquisition.devices.sample_rows import RowTiming
+from sawbench.acquisition.devices.serial_instrument import SerialTable
 from sawbench.acquisition.simulation.plant_stream import PlantStream
 from sawbench.acquisition.simulation.sampling import Sampler
 from sawbench.acquisition.simulation.sensor import EmulatedSensor
@@ -45,13 +46,11 @@ _FAMILIES: Final = {
 }
 
 
-class LoadstarSettings(BaseModel):
+class LoadstarSettings(SerialTable):
     """`[devices.NAME]` with `driver = "loadstar"`.
 
     Attributes
     ----------
-    port : str
-        Serial port or pyserial URL.
     channels : mapping of Channel to ChannelTable
         One channel, input 1. Raw unit: 1/1000 lbf (0.0044482216 N) for iload, the calibrated unit for di1000.
     family : {"iload", "di1000"}
@@ -64,31 +63,22 @@ class LoadstarSettings(BaseModel):
         Of the sensor (SS1) or the interface (ID); another one at this port is refused. `sawbench init` writes it.
     """
 
-    model_config = STRICT
+    HAS_OWN_NUMBER = True
+
     driver: str = "loadstar"
-    port: str
     channels: OneChannel
     family: Literal["iload", "di1000"] = "iload"
     rate_hz: float = Field(default=150.0, gt=0, le=1000)
     baud_rate: int = Field(default=9600, gt=0)
-    serial_number: str | None = Field(default=None, min_length=1)
 
 
 class Loadstar(RowInstrument[LoadstarSettings]):
-    """One sensor.
-
-    Parameters
-    ----------
-    name : str
-    settings : LoadstarSettings
-    clock : callable
-        Monotonic seconds.
-    """
+    """One sensor; see `RowInstrument`."""
 
     MODEL = "Loadstar"
     STREAM = "readings"
 
-    def __init__(self, name: str, settings: LoadstarSettings, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, name: str, settings: LoadstarSettings, clock: Callable[[], float] = time.monotonic) -> None:
         self._family = _FAMILIES[settings.family]
         self._number = ""
         protocol = RowProtocol(
@@ -97,7 +87,7 @@ class Loadstar(RowInstrument[LoadstarSettings]):
             start=self._family.stream,
             stop=PING,
         )
-        super().__init__(name, settings, protocol, clock=clock, has_own_number=True)
+        super().__init__(name, settings, protocol, clock=clock)
 
     def describe(self) -> dict[str, str]:
         """Model, number, rate, where its times come from."""
@@ -146,7 +136,7 @@ def emulate(name: str, settings: LoadstarSettings, plant: PlantStream, clock_err
 
 INSTRUMENT: Final = Instrument(
     settings=LoadstarSettings,
-    make=lambda name, settings, clock: Loadstar(name, settings, clock=clock),
+    make=Loadstar,
     emulate=emulate,
     example={
         "channels": {

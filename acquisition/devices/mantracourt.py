@@ -12,13 +12,14 @@ import zlib
 from collections.abc import Callable
 from typing import Final
 
-from pydantic import BaseModel, Field
-from sawbench.acquisition.devices.device import STRICT, OneChannel
+from pydantic import Field
+from sawbench.acquisition.devices.device import OneChannel
 from sawbench.acquisition.devices.instrument import Instrument
 from sawbench.acquisition.devices.lines import LineFormat, LineFramer
 from sawbench.acquisition.devices.row_emulator import RowEmulator
 from sawbench.acquisition.devices.row_instrument import RowInstrument, RowProtocol
 from sawbench.acquisition.devices.sample_rows import RowTiming
+from sawbench.acquisition.devices.serial_instrument import SerialTable
 from sawbench.acquisition.simulation.plant_stream import PlantStream
 from sawbench.acquisition.simulation.sampling import Sampler
 from sawbench.acquisition.simulation.sensor import EmulatedSensor
@@ -26,33 +27,27 @@ from sawbench.acquisition.simulation.sensor import EmulatedSensor
 REFUSED: Final = "?"
 
 
-class MantracourtSettings(BaseModel):
+class MantracourtSettings(SerialTable):
     """`[devices.NAME]` with `driver = "mantracourt"`.
 
     Attributes
     ----------
-    port : str
-        Serial port or pyserial URL.
     channels : mapping of Channel to ChannelTable
         One channel, input 1; its raw value is what `parameter` reads, in the unit the module is calibrated in.
     station : int
         Of the module on its bus; 1 for a DSCUSB.
     parameter : str
         What is read: SOUT is the selected output, SYS the system output.
-    baud_rate : int
-        Bit/s.
     serial_number : str, optional
         Of the module; another one at this port is refused. `sawbench init` writes it.
     """
 
-    model_config = STRICT
+    HAS_OWN_NUMBER = True
+
     driver: str = "mantracourt"
-    port: str
     channels: OneChannel
     station: int = Field(default=1, ge=1, le=999)
     parameter: str = Field(default="SOUT", pattern=r"^[A-Z][A-Z0-9]{0,3}$")
-    baud_rate: int = Field(default=115_200, gt=0)
-    serial_number: str | None = Field(default=None, min_length=1)
 
 
 def question(station: int, parameter: str) -> bytes:
@@ -67,29 +62,19 @@ def question(station: int, parameter: str) -> bytes:
 
 
 class Mantracourt(RowInstrument[MantracourtSettings]):
-    """One module.
-
-    Parameters
-    ----------
-    name : str
-    settings : MantracourtSettings
-    clock : callable
-        Monotonic seconds.
-    """
+    """One module; see `RowInstrument`."""
 
     MODEL = "Mantracourt"
     STREAM = "readings"
 
-    def __init__(
-        self, name: str, settings: MantracourtSettings, *, clock: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, name: str, settings: MantracourtSettings, clock: Callable[[], float] = time.monotonic) -> None:
         self._number = ""
         protocol = RowProtocol(
             new_framer=lambda is_begun: LineFramer(LineFormat(columns=(1,), line_end="\r"), is_begun=is_begun),
             timing=RowTiming(),
             question=question(settings.station, settings.parameter),
         )
-        super().__init__(name, settings, protocol, clock=clock, has_own_number=True)
+        super().__init__(name, settings, protocol, clock=clock)
 
     def describe(self) -> dict[str, str]:
         """Model, serial number, station, where its times come from."""
@@ -127,7 +112,7 @@ def emulate(name: str, settings: MantracourtSettings, plant: PlantStream, _clock
 
 INSTRUMENT: Final = Instrument(
     settings=MantracourtSettings,
-    make=lambda name, settings, clock: Mantracourt(name, settings, clock=clock),
+    make=Mantracourt,
     emulate=emulate,
     example={"channels": {"force_n": {"input": 1, "raw_range": [-9999, 9999], "calibration": {"raw_unit": "N"}}}},
 )

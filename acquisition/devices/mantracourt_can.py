@@ -14,9 +14,9 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field, model_validator
-from sawbench.acquisition.devices.can_instrument import CanInstrument, require_slcan, require_slcan_for_number
-from sawbench.acquisition.devices.device import STRICT, Chunk, OneChannel, Stream
+from pydantic import Field, model_validator
+from sawbench.acquisition.devices.can_instrument import CanInstrument, CanTable, require_slcan
+from sawbench.acquisition.devices.device import Chunk, OneChannel, Stream
 from sawbench.acquisition.devices.instrument import Instrument
 from sawbench.acquisition.devices.slcan_emulator import SentFrame, SlcanAdapter, line_of
 from sawbench.acquisition.simulation.plant_stream import PlantStream
@@ -25,7 +25,6 @@ from sawbench.acquisition.simulation.sensor import EmulatedSensor
 from sawbench.acquisition.transports.can_batch import CanBatch, ParsedFrame
 from sawbench.bench.errors import DeviceError
 
-STREAM: Final = "readings"
 READ, RESPONSE, REFUSED = 0x01, 0x06, 0x15
 START_MESSAGE: Final = ParsedFrame(0, False, b"\x01\x00")
 STOP_MESSAGE: Final = ParsedFrame(0, False, b"\x02\x00")
@@ -33,19 +32,11 @@ _SYSTEM_OUTPUT: Final = 10
 _ANSWER_WAIT_S: Final = 0.2
 
 
-class MantracourtCanSettings(BaseModel):
+class MantracourtCanSettings(CanTable):
     """`[devices.NAME]` with `driver = "mantracourt_can"`.
 
     Attributes
     ----------
-    interface : str
-        Interface of python-can (slcan, socketcan, pcan, ...).
-    port : str
-        Its channel: a serial port for slcan, `can0` for socketcan.
-    bitrate : int
-        Of the bus, bit/s.
-    baud_rate : int
-        Of the adapter's serial port, bit/s (slcan only).
     channels : mapping of Channel to ChannelTable
         One channel, input 1; its raw value is in the unit the module is calibrated in.
     base_id : int
@@ -59,23 +50,15 @@ class MantracourtCanSettings(BaseModel):
         First byte of the float in that message, from 0.
     rate_hz : float
         Messages per second of the stream.
-    serial_number : str, optional
-        Of the USB adapter (slcan only); another one at this port is refused. `sawbench init` writes it.
     """
 
-    model_config = STRICT
     driver: str = "mantracourt_can"
-    interface: str = "slcan"
-    port: str
-    bitrate: int = Field(default=500_000, gt=0)
-    baud_rate: int = Field(default=115_200, gt=0)
     channels: OneChannel
     base_id: int = Field(default=1, ge=1, le=0x7FE)
     command: int = Field(default=_SYSTEM_OUTPUT, ge=0, le=255)
     stream_id: int | None = Field(default=None, ge=1, le=0x7FF)
     stream_byte: int = Field(default=0, ge=0, le=4)
     rate_hz: float = Field(default=0.0, ge=0, le=2000)
-    serial_number: str | None = Field(default=None, min_length=1)
 
     @model_validator(mode="after")
     def _stream_has_a_rate(self) -> MantracourtCanSettings:
@@ -83,27 +66,15 @@ class MantracourtCanSettings(BaseModel):
             raise ValueError("stream_id and rate_hz belong together: give both for a stream, none for polling")
         return self
 
-    @model_validator(mode="after")
-    def _adapter_is_known(self) -> MantracourtCanSettings:
-        require_slcan_for_number(self)
-        return self
-
 
 class MantracourtCan(CanInstrument[MantracourtCanSettings]):
-    """One module.
-
-    Parameters
-    ----------
-    name : str
-    settings : MantracourtCanSettings
-    clock : callable
-        Monotonic seconds.
-    """
+    """One module; see `CanInstrument`."""
 
     MODEL = "MantraCAN"
+    STREAM = "readings"
 
     def __init__(
-        self, name: str, settings: MantracourtCanSettings, *, clock: Callable[[], float] = time.monotonic
+        self, name: str, settings: MantracourtCanSettings, clock: Callable[[], float] = time.monotonic
     ) -> None:
         super().__init__(name, settings, clock=clock)
         self._is_polled = settings.stream_id is None
@@ -111,8 +82,7 @@ class MantracourtCan(CanInstrument[MantracourtCanSettings]):
     @property
     def streams(self) -> tuple[Stream, ...]:
         """One stream of one channel."""
-        channels = tuple(table.stream_channel(channel) for channel, table in self._settings.channels.items())
-        return (Stream(name=STREAM, rate_hz=self._settings.rate_hz, channels=channels),)
+        return self._one_stream(self._settings.channels, self._settings.rate_hz)
 
     def open(self) -> None:
         """Join the bus, and ask once where the module is polled; see `Device.open`."""
@@ -148,7 +118,7 @@ class MantracourtCan(CanInstrument[MantracourtCanSettings]):
         if not is_ours.any():
             return []
         raw = _floats(batch.payload[is_ours], first)
-        return [Chunk(stream=STREAM, raw=raw[:, None], arrival_s=batch.arrival_s[is_ours])]
+        return [Chunk(stream=self.STREAM, raw=raw[:, None], arrival_s=batch.arrival_s[is_ours])]
 
     def answer(self, batch: CanBatch, asked_s: float) -> list[Chunk]:
         """Turn the response to a question into a chunk; its time is the middle between the two.
@@ -167,7 +137,7 @@ class MantracourtCan(CanInstrument[MantracourtCanSettings]):
             return []
         arrival = batch.arrival_s[answers[-1:]]
         raw = _floats(batch.payload[answers[-1:]], 2)
-        return [Chunk(stream=STREAM, raw=raw[:, None], arrival_s=arrival, time_s=0.5 * (asked_s + arrival))]
+        return [Chunk(stream=self.STREAM, raw=raw[:, None], arrival_s=arrival, time_s=0.5 * (asked_s + arrival))]
 
     def stop(self) -> None:
         """Send the stop message where the module streams, and leave the bus."""
@@ -252,7 +222,7 @@ def emulate(
 
 INSTRUMENT: Final = Instrument(
     settings=MantracourtCanSettings,
-    make=lambda name, settings, clock: MantracourtCan(name, settings, clock=clock),
+    make=MantracourtCan,
     emulate=emulate,
     example={
         "stream_id": 0x181,

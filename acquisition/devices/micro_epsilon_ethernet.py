@@ -17,11 +17,12 @@ from collections.abc import Callable
 from typing import Final, Literal
 
 import numpy as np
-from pydantic import BaseModel, Field, model_validator
-from sawbench.acquisition.devices.device import STRICT, BenchChannel, ChannelTable, inputs_within
+from pydantic import Field, model_validator
+from sawbench.acquisition.devices.device import inputs_within
 from sawbench.acquisition.devices.instrument import Instrument
 from sawbench.acquisition.devices.row_instrument import RowInstrument, RowProtocol, Rows
 from sawbench.acquisition.devices.sample_rows import RowTiming
+from sawbench.acquisition.devices.serial_instrument import SerialTable
 from sawbench.acquisition.simulation.plant_stream import PlantStream
 from sawbench.acquisition.simulation.sampling import Sampler
 from sawbench.acquisition.simulation.sensor import EmulatedSensor
@@ -36,7 +37,7 @@ _HEADERS: Final = {
 }
 
 
-class MicroEpsilonEthernetSettings(BaseModel):
+class MicroEpsilonEthernetSettings(SerialTable):
     """`[devices.NAME]` with `driver = "micro_epsilon_ethernet"`.
 
     Attributes
@@ -56,14 +57,11 @@ class MicroEpsilonEthernetSettings(BaseModel):
         Of the controller; another one at this address is refused. `sawbench init` writes it.
     """
 
-    model_config = STRICT
+    HAS_OWN_NUMBER = True
+
     driver: str = "micro_epsilon_ethernet"
-    port: str
-    channels: dict[BenchChannel, ChannelTable] = Field(min_length=1)
     family: Literal["capancdt", "optoncdt"] = "capancdt"
     rate_hz: float = Field(default=1041.67, gt=0, le=50_000)
-    baud_rate: int = Field(default=115_200, gt=0)
-    serial_number: str | None = Field(default=None, min_length=1)
 
     @model_validator(mode="after")
     def _values_exist(self) -> MicroEpsilonEthernetSettings:
@@ -130,21 +128,13 @@ class BlockFramer:
 
 
 class MicroEpsilonEthernet(RowInstrument[MicroEpsilonEthernetSettings]):
-    """One controller.
-
-    Parameters
-    ----------
-    name : str
-    settings : MicroEpsilonEthernetSettings
-    clock : callable
-        Monotonic seconds.
-    """
+    """One controller; see `RowInstrument`."""
 
     MODEL = "Micro-Epsilon"
     STREAM = "values"
 
     def __init__(
-        self, name: str, settings: MicroEpsilonEthernetSettings, *, clock: Callable[[], float] = time.monotonic
+        self, name: str, settings: MicroEpsilonEthernetSettings, clock: Callable[[], float] = time.monotonic
     ) -> None:
         columns = tuple(table.input for table in settings.channels.values())
         self._number = ""
@@ -152,7 +142,7 @@ class MicroEpsilonEthernet(RowInstrument[MicroEpsilonEthernetSettings]):
             new_framer=lambda _is_begun: BlockFramer(settings.family, columns),
             timing=RowTiming(rate_hz=settings.rate_hz, counter_bits=_COUNTER_BITS),
         )
-        super().__init__(name, settings, protocol, clock=clock, has_own_number=True)
+        super().__init__(name, settings, protocol, clock=clock)
 
     def open(self) -> None:
         """Connect and wait for the first block, which tells the serial number; see `Device.open`."""
@@ -258,7 +248,7 @@ def emulate(
 
 INSTRUMENT: Final = Instrument(
     settings=MicroEpsilonEthernetSettings,
-    make=lambda name, settings, clock: MicroEpsilonEthernet(name, settings, clock=clock),
+    make=MicroEpsilonEthernet,
     emulate=emulate,
     example={
         "channels": {

@@ -12,11 +12,11 @@ from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, Field
-from sawbench.acquisition.devices.device import STRICT, Chunk, OneChannel
+from pydantic import Field
+from sawbench.acquisition.devices.device import Chunk, OneChannel
 from sawbench.acquisition.devices.instrument import Instrument
 from sawbench.acquisition.devices.msc7xxx_emulator import Msc7xxxEmulator
-from sawbench.acquisition.devices.serial_instrument import SerialInstrument
+from sawbench.acquisition.devices.serial_instrument import SerialInstrument, SerialTable
 from sawbench.acquisition.simulation.plant_stream import PlantStream
 from sawbench.acquisition.simulation.sensor import EmulatedSensor
 
@@ -112,48 +112,32 @@ class Msc7xxxDecoder:
         return length if is_good else 0
 
 
-class Msc7xxxSettings(BaseModel):
+class Msc7xxxSettings(SerialTable):
     """`[devices.NAME]` with `driver = "msc7xxx"`.
 
     Attributes
     ----------
-    port : str
-        Serial port or pyserial URL.
     address : int
         Of the controller on the RS485 bus.
     channels : mapping of Channel to ChannelTable
         One channel; its raw value is the sensor voltage, V.
     baud_rate : int
         Bit/s, 8E1.
-    serial_number : str, optional
-        Of the USB adapter at the port, as the controller states none; another one at this
-        port is refused. `sawbench init` writes it.
     """
 
-    model_config = STRICT
     driver: str = "msc7xxx"
-    port: str
     address: int = Field(default=0x7E, ge=0, le=0xFF)
     channels: OneChannel
     baud_rate: int = Field(default=256_000, gt=0)
-    serial_number: str | None = Field(default=None, min_length=1)
 
 
 class Msc7xxx(SerialInstrument[Msc7xxxSettings, Msc7xxxDecoder]):
-    """One controller.
-
-    Parameters
-    ----------
-    name : str
-    settings : Msc7xxxSettings
-    clock : callable
-        Monotonic seconds.
-    """
+    """One controller; see `SerialInstrument`."""
 
     MODEL = "MSC7xxx"
     STREAM = "values"
 
-    def __init__(self, name: str, settings: Msc7xxxSettings, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, name: str, settings: Msc7xxxSettings, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(name, settings, Msc7xxxDecoder(address=settings.address), clock=clock, parity="E")
 
     def open(self) -> None:
@@ -200,7 +184,7 @@ def emulate(_name: str, settings: Msc7xxxSettings, plant: PlantStream, _clock_er
 
 INSTRUMENT: Final = Instrument(
     settings=Msc7xxxSettings,
-    make=lambda name, settings, clock: Msc7xxx(name, settings, clock=clock),
+    make=Msc7xxx,
     emulate=emulate,
     example={"channels": {"displacement_mm": {"input": 1, "raw_range": [-10, 10], "calibration": {"scale": 2.5}}}},
 )

@@ -10,11 +10,11 @@ import math
 from typing import Any, Final, Literal
 
 import numpy as np
-from pydantic import BaseModel, Field, model_validator
-from sawbench.acquisition.devices.device import STRICT, BenchChannel, ChannelTable, Chunk, inputs_within
+from pydantic import Field, model_validator
+from sawbench.acquisition.devices.device import Chunk, inputs_within
 from sawbench.acquisition.devices.instrument import Instrument
 from sawbench.acquisition.devices.optional_package import import_optional
-from sawbench.acquisition.devices.package_instrument import PackageInstrument
+from sawbench.acquisition.devices.package_instrument import PackageInstrument, PackageTable
 
 _EXTRA: Final = "ni"
 _READ_S: Final = 0.02
@@ -22,7 +22,7 @@ _BUFFER_S: Final = 4.0
 _LONGEST_WAIT_S: Final = 2.0
 
 
-class NiDaqmxSettings(BaseModel):
+class NiDaqmxSettings(PackageTable):
     """`[devices.NAME]` with `driver = "ni_daqmx"`.
 
     Attributes
@@ -45,16 +45,12 @@ class NiDaqmxSettings(BaseModel):
         Of the device, hexadecimal as NI MAX writes it; another one is refused.
     """
 
-    model_config = STRICT
     driver: str = "ni_daqmx"
-    port: str
-    channels: dict[BenchChannel, ChannelTable] = Field(min_length=1)
     rate_hz: float = Field(default=6000.0, gt=0, le=1_000_000)
     kind: Literal["voltage", "bridge"] = "voltage"
     largest: float = Field(default=10.0, gt=0)
     terminals: Literal["default", "differential", "single_ended"] = "default"
     excitation_v: float = Field(default=2.5, gt=0)
-    serial_number: str | None = Field(default=None, min_length=1)
 
     @model_validator(mode="after")
     def _inputs_exist(self) -> NiDaqmxSettings:
@@ -153,7 +149,7 @@ class NiDaqmx(PackageInstrument[NiDaqmxSettings]):
 
 INSTRUMENT: Final = Instrument(
     settings=NiDaqmxSettings,
-    make=lambda name, settings, clock: NiDaqmx(name, settings, clock=clock),
+    make=NiDaqmx,
     example={"channels": {"force_n": {"input": 1, "raw_range": [-10, 10], "calibration": {"scale": 50.0}}}},
     is_searched=False,
 )

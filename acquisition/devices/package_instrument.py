@@ -3,72 +3,53 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
-from typing import Any, Generic, Protocol, TypeVar
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from sawbench.acquisition.devices.device import ChannelTable, Chunk, Stream
-from sawbench.bench.errors import DeviceError, OtherInstrumentError
-from sawbench.bench.units import Channel
+from pydantic import Field
+from sawbench.acquisition.devices.device import BenchChannel, ChannelTable, Chunk, Stream
+from sawbench.acquisition.devices.driver import Driver, InstrumentTable
 
 
-class PackageSettings(Protocol):
-    """What the settings of every such instrument hold."""
+class PackageTable(InstrumentTable):
+    """Keys of every such instrument.
 
-    @property
-    def port(self) -> str:
-        """As the maker's package names the device."""
-        ...
-
-    @property
-    def rate_hz(self) -> float:
-        """Samples per second and channel."""
-        ...
-
-    @property
-    def serial_number(self) -> str | None:
-        """Of the device."""
-        ...
-
-    @property
-    def channels(self) -> Mapping[Channel, ChannelTable]:
-        """Channels with their inputs."""
-        ...
-
-
-Settings = TypeVar("Settings", bound=PackageSettings)
-
-
-class PackageInstrument(Generic[Settings]):
-    """One device; see `devices.device.Device`. A driver adds `open`, `start`, `read` and `_close`.
-
-    Parameters
+    Attributes
     ----------
-    name : str
-        Of the device table.
-    settings : PackageSettings
-    clock : callable
-        Monotonic seconds.
+    port : str
+        As the maker's package names the device.
+    channels : mapping of Channel to ChannelTable
+        Bench channel -> analogue input as `input`, from 1.
+    rate_hz : float
+        Samples per second and channel.
+    serial_number : str, optional
+        Of the device; another one is refused.
     """
 
-    MODEL = ""
-    STREAM = "samples"
+    HAS_OWN_NUMBER = True
 
-    def __init__(self, name: str, settings: Settings, *, clock: Callable[[], float] = time.monotonic) -> None:
-        self.name = name
-        self.port = settings.port
+    channels: dict[BenchChannel, ChannelTable] = Field(min_length=1)
+    rate_hz: float = Field(default=6000.0, gt=0)
+
+
+Settings = TypeVar("Settings", bound=PackageTable)
+
+
+class PackageInstrument(Driver[Settings]):
+    """One device; see `Driver`. A driver adds `open`, `start`, `read` and `_close`."""
+
+    def __init__(self, name: str, settings: Settings, clock: Callable[[], float] = time.monotonic) -> None:
+        super().__init__(name, settings, clock)
         self.n_discarded_bytes = 0
-        self._settings = settings
-        self._clock = clock
         self._handle: Any = None  # whatever the maker's package opens
         self._facts: dict[str, str] = {}
 
     @property
     def streams(self) -> tuple[Stream, ...]:
         """One stream: all configured channels at the rate of the device."""
-        channels = tuple(table.stream_channel(channel) for channel, table in self._settings.channels.items())
-        return (Stream(name=self.STREAM, rate_hz=self._settings.rate_hz, channels=channels),)
+        return self._one_stream(self._settings.channels, self._settings.rate_hz)
 
     def stop(self) -> None:
         """Stop sampling and let the device go."""
@@ -92,20 +73,3 @@ class PackageInstrument(Generic[Settings]):
         """Samples that arrived just now, shape (n, n_channels)."""
         arrival = np.array([self._clock()])
         return [Chunk(stream=self.STREAM, raw=raw, arrival_s=arrival)] if len(raw) else []
-
-    def _require_number(self, present: str) -> None:
-        """Refuse another device than the one whose serial number the configuration names."""
-        wanted = self._settings.serial_number
-        if wanted not in {None, present}:
-            raise OtherInstrumentError(
-                f"another device is there: its serial number is {present}, the configuration names {wanted}",
-                where=self._where,
-                remedy=f"correct `port` or `serial_number` in [devices.{self.name}]",
-            )
-
-    @property
-    def _where(self) -> str:
-        return f"{self.name} ({self.MODEL}) on {self.port}"
-
-    def _error(self, what: str, remedy: str) -> DeviceError:
-        return DeviceError(what, where=self._where, remedy=remedy)

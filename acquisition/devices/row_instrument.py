@@ -69,13 +69,9 @@ class RowInstrument(SerialInstrument[Settings, RowFramer]):
 
     Parameters
     ----------
-    name : str
-    settings : SerialSettings
-    protocol : RowProtocol
-    clock : callable
-        Monotonic seconds.
-    parity, has_own_number
+    name, settings, clock, parity
         See `SerialInstrument`.
+    protocol : RowProtocol
     """
 
     def __init__(
@@ -86,7 +82,6 @@ class RowInstrument(SerialInstrument[Settings, RowFramer]):
         *,
         clock: Callable[[], float] = time.monotonic,
         parity: str = "N",
-        has_own_number: bool = False,
     ) -> None:
         super().__init__(
             name,
@@ -96,7 +91,6 @@ class RowInstrument(SerialInstrument[Settings, RowFramer]):
             rate_hz=protocol.timing.rate_hz,
             farewell=protocol.stop,
             parity=parity,
-            has_own_number=has_own_number,
         )
         self._protocol = protocol
         self._rows = RowStream(self.STREAM, protocol.timing)

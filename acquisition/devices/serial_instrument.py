@@ -3,40 +3,32 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Final, Generic, Protocol, TypeVar
 
-from sawbench.acquisition.devices.device import ChannelTable, Chunk, Stream
+from pydantic import Field
+from sawbench.acquisition.devices.device import BenchChannel, ChannelTable, Chunk, Stream
+from sawbench.acquisition.devices.driver import Driver, InstrumentTable
 from sawbench.acquisition.transports.serial_port import SerialPort
-from sawbench.bench.errors import DeviceError, NoAnswerError, OtherInstrumentError
-from sawbench.bench.units import Channel
+from sawbench.bench.errors import DeviceError
 
 ANSWER_WAIT_S: Final = 0.2
 _QUIET_WAIT_S: Final = 0.5
 
 
-class SerialSettings(Protocol):
-    """What the settings of every instrument on a serial port hold."""
+class SerialTable(InstrumentTable):
+    """Keys of every instrument on a serial port.
 
-    @property
-    def port(self) -> str:
-        """Serial port or pyserial URL."""
-        ...
+    Attributes
+    ----------
+    channels : mapping of Channel to ChannelTable
+        Bench channel -> input of the instrument (from 1), calibration, raw range.
+    baud_rate : int
+        Bit/s.
+    """
 
-    @property
-    def baud_rate(self) -> int:
-        """Bit/s."""
-        ...
-
-    @property
-    def serial_number(self) -> str | None:
-        """Of the instrument, or of the adapter at the port."""
-        ...
-
-    @property
-    def channels(self) -> Mapping[Channel, ChannelTable]:
-        """Channels with their inputs."""
-        ...
+    channels: dict[BenchChannel, ChannelTable] = Field(min_length=1)
+    baud_rate: int = Field(default=115_200, gt=0)
 
 
 class Framer(Protocol):
@@ -45,32 +37,25 @@ class Framer(Protocol):
     n_discarded_bytes: int
 
 
-Settings = TypeVar("Settings", bound=SerialSettings)
+Settings = TypeVar("Settings", bound=SerialTable)
 AnyFramer = TypeVar("AnyFramer", bound=Framer)
 
 
-class SerialInstrument(Generic[Settings, AnyFramer]):
+class SerialInstrument(Driver[Settings], Generic[Settings, AnyFramer]):
     """One instrument; see `devices.device.Device`. A driver adds `open`, `start` and `decode`.
 
     Parameters
     ----------
-    name : str
-        Of the device table.
-    settings : SerialSettings
+    name, settings, clock
+        See `Driver`.
     framer : Framer
-    clock : callable
-        Monotonic seconds; stamps the arrival of samples.
     rate_hz : float
         Samples per second; 0 where each sample has its own time.
     farewell : bytes
         Sent before the port is closed.
     parity : {"N", "E", "O"}
-    has_own_number : bool
-        The instrument states a serial number of its own, which the driver compares; otherwise that of the USB adapter
-        is compared.
     """
 
-    MODEL = ""
     STREAM = "frames"
 
     def __init__(
@@ -83,13 +68,9 @@ class SerialInstrument(Generic[Settings, AnyFramer]):
         rate_hz: float = 0.0,
         farewell: bytes = b"",
         parity: str = "N",
-        has_own_number: bool = False,
     ) -> None:
-        self.name = name
-        self.port = settings.port
-        self._settings = settings
+        super().__init__(name, settings, clock)
         self._framer = framer
-        self._clock = clock
         self._rate_hz = rate_hz
         self._farewell = farewell
         self._discarded_before = 0
@@ -98,14 +79,13 @@ class SerialInstrument(Generic[Settings, AnyFramer]):
             device=name,
             baud_rate=settings.baud_rate,
             parity=parity,
-            serial_number=None if has_own_number else settings.serial_number,
+            serial_number=settings.adapter_number,
         )
 
     @property
     def streams(self) -> tuple[Stream, ...]:
         """One stream with all channels."""
-        channels = tuple(table.stream_channel(channel) for channel, table in self._settings.channels.items())
-        return (Stream(name=self.STREAM, rate_hz=self._rate_hz, channels=channels),)
+        return self._one_stream(self._settings.channels, self._rate_hz)
 
     @property
     def n_discarded_bytes(self) -> int:
@@ -154,24 +134,3 @@ class SerialInstrument(Generic[Settings, AnyFramer]):
             if chunks := answer(self._link.read(), asked_s, self._clock()):
                 return chunks
         return []
-
-    def _require_number(self, present: str) -> None:
-        """Refuse another instrument than the one whose own serial number the configuration names."""
-        wanted = self._settings.serial_number
-        if wanted not in {None, present}:
-            raise OtherInstrumentError(
-                f"another instrument is at this port: its serial number is {present or 'not known'}, "
-                f"the configuration names {wanted}",
-                where=self._where,
-                remedy=f"change the plugs, or correct `port` or `serial_number` in [devices.{self.name}]",
-            )
-
-    @property
-    def _where(self) -> str:
-        return f"{self.name} ({self.MODEL}) on {self.port}"
-
-    def _error(self, what: str, remedy: str) -> DeviceError:
-        return DeviceError(what, where=self._where, remedy=remedy)
-
-    def _no_answer(self, what: str, remedy: str) -> NoAnswerError:
-        return NoAnswerError(what, where=self._where, remedy=remedy)

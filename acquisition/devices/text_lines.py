@@ -7,13 +7,14 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Final, Literal
 
-from pydantic import BaseModel, Field, field_validator, model_validator
-from sawbench.acquisition.devices.device import STRICT, BenchChannel, ChannelTable, inputs_within
+from pydantic import Field, field_validator, model_validator
+from sawbench.acquisition.devices.device import inputs_within
 from sawbench.acquisition.devices.instrument import Instrument
 from sawbench.acquisition.devices.lines import LineFormat, LineFramer
 from sawbench.acquisition.devices.row_emulator import RowEmulator, described
 from sawbench.acquisition.devices.row_instrument import RowInstrument, RowProtocol, columns_of
 from sawbench.acquisition.devices.sample_rows import RowTiming
+from sawbench.acquisition.devices.serial_instrument import SerialTable
 from sawbench.acquisition.simulation.plant_stream import PlantStream
 from sawbench.acquisition.simulation.sensor import EmulatedSensor
 from sawbench.bench.errors import ConfigError
@@ -21,15 +22,13 @@ from sawbench.bench.errors import ConfigError
 _MOST_COLUMNS: Final = 64
 
 
-class TextLinesSettings(BaseModel):
+class TextLinesSettings(SerialTable):
     r"""`[devices.NAME]` with `driver = "text_lines"`.
 
     Exactly one of `rate_hz`, `time_column` and `question` tells the time of the samples.
 
     Attributes
     ----------
-    port : str
-        Serial port or pyserial URL.
     channels : mapping of Channel to ChannelTable
         Bench channel -> column of the line (from 1) as `input`, calibration, raw range.
     rate_hz : float
@@ -56,16 +55,9 @@ class TextLinesSettings(BaseModel):
         Decimal sign.
     line_end : str
         At the end of a line; "\n" does for "\r\n" too.
-    baud_rate : int
-        Bit/s.
-    serial_number : str, optional
-        Of the USB adapter at the port; another one at this port is refused. `sawbench init` writes it.
     """
 
-    model_config = STRICT
     driver: str = "text_lines"
-    port: str
-    channels: dict[BenchChannel, ChannelTable] = Field(min_length=1)
     rate_hz: float = Field(default=0.0, ge=0, le=20_000)
     time_column: int | None = Field(default=None, ge=1, le=_MOST_COLUMNS)
     tick_s: float = Field(default=1e-6, gt=0, le=1)
@@ -79,8 +71,6 @@ class TextLinesSettings(BaseModel):
     pattern: str | None = None
     decimal: Literal[".", ","] = "."
     line_end: str = Field(default="\n", min_length=1)
-    baud_rate: int = Field(default=115_200, gt=0)
-    serial_number: str | None = Field(default=None, min_length=1)
 
     @field_validator("pattern")
     @classmethod
@@ -142,20 +132,12 @@ class TextLinesSettings(BaseModel):
 
 
 class TextLines(RowInstrument[TextLinesSettings]):
-    """One instrument.
-
-    Parameters
-    ----------
-    name : str
-    settings : TextLinesSettings
-    clock : callable
-        Monotonic seconds.
-    """
+    """One instrument; see `RowInstrument`."""
 
     MODEL = "text lines"
     STREAM = "lines"
 
-    def __init__(self, name: str, settings: TextLinesSettings, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, name: str, settings: TextLinesSettings, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(name, settings, settings.protocol, clock=clock)
 
 
@@ -188,7 +170,7 @@ def emulate(name: str, settings: TextLinesSettings, plant: PlantStream, clock_er
 
 INSTRUMENT: Final = Instrument(
     settings=TextLinesSettings,
-    make=lambda name, settings, clock: TextLines(name, settings, clock=clock),
+    make=TextLines,
     emulate=emulate,
     example={
         "rate_hz": 500.0,

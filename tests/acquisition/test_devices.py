@@ -10,6 +10,7 @@ import sys
 
 import numpy as np
 import pytest
+from pydantic import BaseModel
 from sawbench.acquisition.calibration import Calibration
 from sawbench.acquisition.devices import INSTRUMENTS, build_devices, load_instrument, validate_table
 from sawbench.acquisition.simulation.plant_stream import SWITCH_CHANNEL
@@ -88,7 +89,9 @@ def test_settings_are_frozen_strict_and_documented(driver):
         validate_table("thing", {**table, "prot": "COM9"}, channels=channels)
     with pytest.raises(ConfigError, match="port"):
         validate_table("thing", {k: v for k, v in table.items() if k != "port"}, channels=channels)
-    described = re.findall(r"^    ([\w, ]+) : ", inspect.getdoc(model).replace("\n", "\n    "), re.M)
+    bases = model.__mro__[: model.__mro__.index(BaseModel)]
+    explained = "\n".join(inspect.cleandoc(base.__doc__ or "") for base in bases)
+    described = re.findall(r"^([\w, ]+) : ", explained, re.M)
     assert set(model.model_fields) - {"driver"} == set(", ".join(described).split(", "))
     required = {name for name, field in model.model_fields.items() if field.is_required()}
     assert required <= {"port", "channels", "signals", "sync", "fields"}
