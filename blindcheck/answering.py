@@ -10,10 +10,12 @@ import subprocess
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +78,31 @@ class Answered:
     index_sha256: str
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SealedCase:
+    """A case that waits for its answer.
+
+    Attributes
+    ----------
+    folder : Path
+    files : mapping of str to str
+        SHA-256 of each of its files, as it was sealed.
+    """
+
+    folder: Path
+    files: Mapping[str, str]
+
+    def __str__(self) -> str:
+        return str(self.folder)
+
+
+# Yields number and answer of every case as it is finished.
+Elsewhere = Callable[
+    [Callable[[SealedCase], dict[str, Any]], Sequence[SealedCase]], Generator[tuple[int, dict[str, Any]]]
+]
+
+
+# Size: options by name: who answers, where, for how long, what is kept.
 def answer(
     set_dir: Path,
     program: Program,
@@ -85,6 +112,7 @@ def answer(
     timeout_s: float = 3600.0,
     force: bool = False,
     on_progress: Callable[[int, int, str], None] | None = None,
+    elsewhere: Elsewhere | None = None,
 ) -> Answered:
     """Answer every case of a sealed set that has no valid answer yet.
 
@@ -103,6 +131,8 @@ def answer(
         Throw away the answers of other software and begin again.
     on_progress : callable, optional
         (done, wanted, case).
+    elsewhere : callable, optional
+        Has the cases answered by other machines, which reach the set under the same name and run the same software.
 
     Raises
     ------
@@ -115,18 +145,16 @@ def answer(
     refuse_key_inside(set_dir)
     index = _open_index(answers_dir, set_dir, program, force=force)
     waiting = [name for name in sorted(cases) if not _is_valid(answers_dir, name, index["answers"].get(name))]
-    runner = _Runner(program=program, timeout_s=timeout_s)
-    with ThreadPoolExecutor(max_workers=workers or os.cpu_count() or 1) as pool:
-        futures = {pool.submit(runner.run, set_dir / name, cases[name]["files"]): name for name in waiting}
-        try:
-            for done, future in enumerate(as_completed(futures), start=len(cases) - len(waiting) + 1):
-                _keep(answers_dir, index, futures[future], future.result(), program)
-                if on_progress is not None:
-                    on_progress(done, len(cases), futures[future])
-        except BaseException:
-            runner.stop()
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    work = [SealedCase(folder=set_dir / name, files=cases[name]["files"]) for name in waiting]
+    if elsewhere is None:
+        found = _answered_here(work, program, timeout_s, workers or os.cpu_count() or 1)
+    else:
+        found = elsewhere(partial(answer_case, program=program, timeout_s=timeout_s), work)
+    with closing(found):
+        for done, (number, one) in enumerate(found, start=len(cases) - len(waiting) + 1):
+            _keep(answers_dir, index, waiting[number], one, program)
+            if on_progress is not None:
+                on_progress(done, len(cases), waiting[number])
     answers = read_answers(set_dir, answers_dir)[1]
     return Answered(
         answers_dir=answers_dir,
@@ -135,6 +163,33 @@ def answer(
         n_failed=sum(found["report"] is None for found in answers.values()),
         index_sha256=sha256_of(answers_dir / INDEX),
     )
+
+
+def answer_case(case: SealedCase, *, program: Program, timeout_s: float) -> dict[str, Any]:
+    """Answer one case, in whatever process this is called; see `answer`.
+
+    Raises
+    ------
+    InputError
+        If the case was changed after sealing.
+    """
+    return _Runner(program=program, timeout_s=timeout_s).run(case.folder, case.files)
+
+
+def _answered_here(
+    cases: Sequence[SealedCase], program: Program, timeout_s: float, workers: int
+) -> Generator[tuple[int, dict[str, Any]]]:
+    """Yield number and answer of every case as it is finished; what runs is ended when the caller stops."""
+    runner = _Runner(program=program, timeout_s=timeout_s)
+    with ThreadPoolExecutor(max_workers=workers) as pool:
+        futures = {pool.submit(runner.run, case.folder, case.files): number for number, case in enumerate(cases)}
+        try:
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+        except BaseException:
+            runner.stop()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def read_answers(set_dir: Path, answers_dir: Path | None = None) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:

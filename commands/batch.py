@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,6 +16,7 @@ from sawbench.commands.terminal import progress
 
 if TYPE_CHECKING:
     from sawbench.archive.batch import Outcome, Workers
+    from sawbench.archive.journal import Piece, Row
     from sawbench.bench.config import LoadedConfig
     from sawbench.reporting.compared import ComparedTrial
     from sawbench.storage.places import FoundFile, Place
@@ -25,14 +26,14 @@ R = TypeVar("R")
 _jobs: Decorator = click.option(
     "--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Worker processes on this machine."
 )
-_scheduler: Decorator = click.option(
+scheduler_option: Decorator = click.option(
     "--scheduler", metavar="ADDRESS", help="Work on the dask cluster of this scheduler, such as tcp://lab:8786."
 )
 _archive: Decorator = click.option(
     "--archive", type=PLACE, metavar="DIR",
     help="Keep every result there, in Parquet, and evaluate only what is not there yet; also s3://...",
 )  # fmt: skip
-_retry: Decorator = click.option("--retry", "retries", is_flag=True, help="With --archive: try what failed again.")
+_retry: Decorator = click.option("--retry", "retries", is_flag=True, help="Try again what failed before.")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -87,15 +88,34 @@ class Batch:
                 found.append(outcome.result())
         return found
 
+    def rows(
+        self,
+        pieces: Sequence[Piece],
+        work: Callable[[Any], Mapping[str, Any]],
+        folder: Path,
+        description: str,
+        *,
+        overwrites: bool,
+    ) -> list[Row]:
+        """Do what the journal of a folder does not hold yet; return the row of every piece, in their order."""
+        from sawbench.archive.journal import Journal
+
+        journal = Journal(folder, retries=self.retries, overwrites=overwrites)
+        found = {row.name: row for row in progress(journal.run(work, pieces, self.workers()), description, len(pieces))}
+        n_new = sum(not row.was_done for row in found.values())
+        click.echo(f"{len(pieces)} in all: {n_new} done now, {len(pieces) - n_new} were done already", err=True)
+        return [found[piece.name] for piece in pieces]
+
     def outcomes(
         self, files: Sequence[FoundFile], config: LoadedConfig | None, description: str
     ) -> Iterator[Outcome[Place, ComparedTrial]]:
         """Bring the archive up to date, if there is one, and yield what became of every file."""
-        from sawbench.archive.batch import run_batch
+        from sawbench.archive.batch import WORTH_COMPILING, run_batch
         from sawbench.archive.trials import Archive, evaluate_file, kept_trials
 
         if self.archive is None:
-            work, places = partial(evaluate_file, config=config), [file.place for file in files]
+            places = [file.place for file in files]
+            work = partial(evaluate_file, config=config, compiles=len(places) >= WORTH_COMPILING)
             yield from progress(run_batch(work, places, self.workers()), description, len(places))
             return
         archive = Archive(self.archive, config, retries=self.retries)
@@ -110,9 +130,9 @@ class Batch:
         yield from kept_trials(archive.table, files)
 
 
-def batch_options(*, keeps_results: bool = True) -> Decorator:
-    """Add --jobs, --scheduler and, where results are kept, --archive and --retry; the command gets a `batch`."""
-    options = [_jobs, _scheduler, *([_archive, _retry] if keeps_results else [])]
+def batch_options(*, has_archive: bool = True) -> Decorator:
+    """Add --jobs, --scheduler, --retry and, where there may be an archive, --archive; the command gets a `batch`."""
+    options = [_jobs, scheduler_option, *([_archive] if has_archive else []), _retry]
 
     def decorated(command: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(command)

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import sys
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 from sawbench.bench.errors import InputError
+from sawbench.commands.batch import scheduler_option
 from sawbench.commands.options import force_option, json_option, refuse_unwritable, refuse_unwritable_folder
 from sawbench.commands.terminal import emit, stepper, table
 from sawbench.plain import plain
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Generator, Mapping, Sequence
 
-    from sawbench.blindcheck.answering import Program
+    from sawbench.blindcheck.answering import Program, SealedCase
     from sawbench.blindcheck.parameter_score import EffectParameter
     from sawbench.blindcheck.score_statistics import Estimate, Proportion
     from sawbench.blindcheck.scoring import Score
@@ -29,7 +31,9 @@ BY_SHIFT: Final = (
 )  # fmt: skip
 _EXAMPLE: Final = "Example: sawbench blind make --seed 4711 --cases 40 --out blind/set"
 _set_argument = click.argument("set_dir", metavar="DIR", type=click.Path(path_type=Path, file_okay=False))
-_workers_option = click.option("--workers", type=click.IntRange(min=1), help="Cases at a time; default: one per core.")
+_workers_option = click.option(
+    "--jobs", "--workers", "workers", type=click.IntRange(min=1), help="Cases at a time; default: one per core."
+)
 _answers_option = click.option(
     "--answers", "answers_dir", type=click.Path(path_type=Path, file_okay=False), help="Folder; default: DIR/answers."
 )
@@ -101,6 +105,7 @@ def make_command(
 @_set_argument
 @_answers_option
 @_workers_option
+@scheduler_option
 @click.option("--timeout", "timeout_s", type=click.FloatRange(min=1.0), default=3600.0, show_default=True,
               help="Seconds that one case may take.")  # fmt: skip
 @click.option("--until-closed", is_flag=True, help="Ask `diagnose --until-closed`: cause after cause.")
@@ -110,6 +115,7 @@ def answer_command(
     set_dir: Path,
     answers_dir: Path | None,
     workers: int | None,
+    scheduler: str | None,
     timeout_s: float,
     until_closed: bool,
     force: bool,
@@ -122,6 +128,7 @@ def answer_command(
         found = answer(
             set_dir, diagnose_program(until_closed=until_closed), answers_dir=answers_dir, workers=workers,
             timeout_s=timeout_s, force=force, on_progress=step,
+            elsewhere=None if scheduler is None else partial(_on_cluster, scheduler=scheduler),
         )  # fmt: skip
     lines = [
         f"{found.n_cases} cases, {found.n_new} answered now, {found.n_failed} failed",
@@ -183,6 +190,20 @@ def score_command(  # one parameter an option
         write_json(json_path, record)
         lines += [str(page_path), str(json_path)]
     emit(record, "\n".join(lines), as_json=as_json)
+
+
+def _on_cluster(
+    work: Callable[[SealedCase], dict[str, Any]], cases: Sequence[SealedCase], *, scheduler: str
+) -> Generator[tuple[int, dict[str, Any]]]:
+    """Yield number and answer of every case; a case whose worker dies again and again is a failed one."""
+    from sawbench.archive.batch import WorkerDied, Workers, run_batch
+
+    for outcome in run_batch(work, cases, Workers(scheduler=scheduler)):
+        if isinstance(outcome.error, WorkerDied):
+            failed = {"status": "failed", "report": None, "exit_code": None, "time_s": 0.0}
+            yield outcome.index, failed | {"message": str(outcome.error)}
+        else:
+            yield outcome.index, outcome.result()
 
 
 def _catalogue() -> list[str]:

@@ -2,14 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Final
 
 import click
-from sawbench.commands.options import config_option, force_option, json_option, refuse_unwritable
+from sawbench.bench.errors import SawbenchError
+from sawbench.commands.batch import Batch, batch_options
+from sawbench.commands.failures import Failures
+from sawbench.commands.options import (
+    config_option,
+    force_option,
+    json_option,
+    refuse_unwritable,
+    refuse_unwritable_folder,
+)
 from sawbench.commands.terminal import emit, stepper, table
-from sawbench.inputs import find_recordings
+from sawbench.inputs import default_config_path, find_recordings
+from sawbench.storage.digest import sha256_of
+from sawbench.storage.places import AMENDMENTS
 
+if TYPE_CHECKING:
+    from sawbench.archive.journal import Piece
+
+RESULTS: Final = ("gap_report.json", "gap_report.html", "improved_model.toml", "plan.csv")
 # Share of the progress bar, of 100, at which everything is read and at which the page is drawn.
 _OPENED, _DRAWING = 10, 95
 
@@ -29,42 +46,145 @@ _OPENED, _DRAWING = 10, 95
     "--plan", "n_planned", metavar="N", type=click.IntRange(1, 20), default=None,
     help="Propose N trials, those that tell most for the time they take: OUT/plan.csv, a table for `series run`.",
 )  # fmt: skip
+@click.option(
+    "--each", "is_each", is_flag=True,
+    help="Every FILE... is a campaign of its own, with a folder of its own in OUT; a call that was broken off goes on.",
+)  # fmt: skip
+@batch_options(has_archive=False)
 @force_option
 @json_option
 def command(
     paths: tuple[Path, ...], config_path: Path | None, out_dir: Path, until_closed: bool, n_planned: int | None,
-    force: bool, as_json: bool,
+    is_each: bool, batch: Batch, force: bool, as_json: bool,
 ) -> int:  # fmt: skip
     """Say where the model misses the measurement, which unmodelled effect causes it, and how far it closes."""
-    from sawbench.analysis import open_trial
-    from sawbench.gap import diagnose_trials
-    from sawbench.results import GapReport
-
-    json_path, html_path = out_dir / "gap_report.json", out_dir / "gap_report.html"
-    improved_path, plan_path = out_dir / "improved_model.toml", out_dir / "plan.csv"
-    for path in (json_path, html_path, improved_path, plan_path):
-        refuse_unwritable(path, force=force, makes_folder=True)
-    files = find_recordings(paths)
+    request = DiagnosisRequest(
+        paths=paths, out_dir=out_dir, config_path=config_path, until_closed=until_closed, n_planned=n_planned or 0
+    )
+    if is_each:
+        return _diagnose_each(request, batch, force=force, as_json=as_json)
+    if batch != Batch():
+        raise click.UsageError("--jobs, --scheduler and --retry are for many campaigns: add --each")
+    for name in RESULTS:
+        refuse_unwritable(out_dir / name, force=force, makes_folder=True)
     with stepper("diagnosing:") as step:
-        trials = []
-        for number, path in enumerate(files):
-            trials.append(open_trial(path, config_path))
-            step(_OPENED * (number + 1) // len(files), 100, f"opening {path.name}")
-        report = diagnose_trials(
-            trials,
-            until_closed=until_closed,
-            plan=n_planned or 0,
-            on_step=lambda done, total, what: step(_OPENED + (_DRAWING - _OPENED) * done // total, 100, what),
-        )
-        step(_DRAWING, 100, "drawing the page")
-        GapReport(report=report).save(out_dir, overwrite=True)
-    lines = [_as_text(report), "", str(json_path), str(html_path)]
+        report = diagnosed(request, step)
+    improved_path, plan_path = out_dir / "improved_model.toml", out_dir / "plan.csv"
+    lines = [_as_text(report), "", *(str(out_dir / name) for name in RESULTS[:2])]
     if report.get("improved_model"):
         lines.append(f"{improved_path}: use it as in `sawbench runtime RECORDING --config {improved_path}`")
     if plan_path.exists():
         lines.append(f"{plan_path}: run it as in `sawbench series run {plan_path}`")
     emit(report, "\n".join(lines), as_json=as_json)
     return 0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DiagnosisRequest:
+    """One campaign and what is asked about it.
+
+    Attributes
+    ----------
+    paths : tuple of Path
+        Its recordings, or folders that hold them.
+    out_dir : Path
+    config_path : Path or None
+    until_closed : bool
+    n_planned : int
+    """
+
+    paths: tuple[Path, ...]
+    out_dir: Path
+    config_path: Path | None
+    until_closed: bool
+    n_planned: int
+
+    def __str__(self) -> str:
+        return ", ".join(map(str, self.paths))
+
+
+def diagnosed(
+    request: DiagnosisRequest, on_step: Callable[[int, int, str], None] = lambda done, total, what: None
+) -> dict[str, Any]:
+    """Diagnose one campaign and write its results; return the report.
+
+    Raises
+    ------
+    InputError
+        If nothing can be diagnosed.
+    """
+    from sawbench.analysis import open_trial
+    from sawbench.gap import diagnose_trials
+    from sawbench.results import GapReport
+
+    files, trials = find_recordings(request.paths), []
+    for number, path in enumerate(files):
+        trials.append(open_trial(path, request.config_path))
+        on_step(_OPENED * (number + 1) // len(files), 100, f"opening {path.name}")
+    report = diagnose_trials(
+        trials,
+        until_closed=request.until_closed,
+        plan=request.n_planned,
+        on_step=lambda done, total, what: on_step(_OPENED + (_DRAWING - _OPENED) * done // total, 100, what),
+    )
+    on_step(_DRAWING, 100, "drawing the page")
+    GapReport(report=report).save(request.out_dir, overwrite=True)
+    return report
+
+
+def _diagnose_each(request: DiagnosisRequest, batch: Batch, *, force: bool, as_json: bool) -> int:
+    """Diagnose every campaign that the journal of the folder does not hold yet."""
+    refuse_unwritable_folder(request.out_dir)
+    failures, rows = Failures(len(request.paths)), []
+    pieces = [_piece(request, path) for path in request.paths]
+    for row in batch.rows(pieces, diagnosed_row, request.out_dir, "diagnosing", overwrites=force):
+        with failures.collected():
+            rows.append({"campaign": row.name, **row.checked()})
+    shown = [
+        (row["campaign"], row["verdict"].replace("_", " "), " + ".join(row["effects"]), f"{row['probability']:.1%}",
+         "-" if row["gap_closed"] is None else f"{row['gap_closed']:.0%}")
+        for row in rows
+    ]  # fmt: skip
+    text = table(("campaign", "verdict", "most probable cause", "probability", "gap closed"), shown)
+    text += f"\n{len(rows)} of {len(pieces)} campaigns, each in a folder of its own in {request.out_dir}"
+    emit(rows, text, as_json=as_json)
+    return failures.exit_code(is_trusted=True)
+
+
+def diagnosed_row(request: DiagnosisRequest) -> dict[str, Any]:
+    """Diagnose one campaign; return what a table says of it."""
+    report = diagnosed(request)
+    causes = [(c["probability"], c["effects"], c["gap_closed"]) for c in report["causes"]]
+    causes += [(p, [name.replace("_", " ")], None) for name, p in report["probabilities"].items()]
+    probability, effects, closed = max(causes, key=lambda cause: cause[0])
+    return {
+        "verdict": report["verdict"], "effects": effects, "probability": probability, "gap_closed": closed,
+        "report": str(request.out_dir / RESULTS[0]),
+    }  # fmt: skip
+
+
+def _piece(request: DiagnosisRequest, path: Path) -> Piece:
+    """One of the campaigns as a piece of a batch; its key holds the bytes of its recordings and their amendments."""
+    from sawbench.archive.journal import Piece, key_of
+    from sawbench.bench.source_identity import source_fingerprint
+
+    path = path.absolute()
+    name = path.stem if path.is_file() else path.name
+    config_path = None if request.config_path is None else request.config_path.absolute()
+    out_dir = request.out_dir.absolute() / name
+    try:
+        recordings = find_recordings([path])
+        beside = [place for file in recordings if (place := Path(f"{file}{AMENDMENTS}")).exists()]
+        used = [*recordings, *beside, config_path or default_config_path()]
+        hashes = [sha256_of(file) for file in used]
+    except SawbenchError:
+        hashes = []  # the diagnosis will say what is wrong with it
+    return Piece(
+        name=name,
+        key=key_of(source_fingerprint(), hashes, request.until_closed, request.n_planned),
+        target=out_dir,
+        request=replace(request, paths=(path,), out_dir=out_dir, config_path=config_path),
+    )
 
 
 def _as_text(report: dict[str, Any]) -> str:

@@ -17,7 +17,7 @@ from sawbench.commands.options import (
     force_option,
     json_option,
     places_argument,
-    refuse_unwritable,
+    refuse_unwritable_folder,
 )
 from sawbench.commands.terminal import emit, table
 from sawbench.inputs import find_files
@@ -48,7 +48,7 @@ def command(
     files = find_files(paths)
     failures = Failures(len(files))
     if batch.archive is None:
-        _refuse_targets(files, out_dir, force=force)
+        _refuse_targets(files, out_dir)
         results = _process(files, config_path, out_dir, batch, failures, force=force)
     else:
         results = [trial.processed for trial in batch.kept(files, named_config(config_path), failures, "processing")]
@@ -62,14 +62,14 @@ def command(
     return failures.exit_code(is_trusted=all(is_trusted(processed) for processed in results))
 
 
-def _refuse_targets(files: Sequence[FoundFile], out_dir: Place | None, *, force: bool) -> None:
+def _refuse_targets(files: Sequence[FoundFile], out_dir: Place | None) -> None:
+    """Results that are there already are looked at one by one: those of an earlier run are kept."""
     if out_dir is None:
         return
-    targets = {result_path(file.place, out_dir) for file in files}
-    if len(targets) < len(files):
+    if len({result_path(file.place, out_dir) for file in files}) < len(files):
         raise click.UsageError("two recordings have the same name; process them into different folders")
-    for target in targets:
-        refuse_unwritable(target, force=force, makes_folder=True)
+    if isinstance(out_dir, Path):
+        refuse_unwritable_folder(out_dir)
 
 
 def _process(

@@ -48,6 +48,7 @@ def predict_runtime(
     cutoff_voltage_v: float | None = None,
     start_soc: float = 1.0,
     measured_mean_battery_current_a: float | None = None,
+    compiles: bool = False,
 ) -> RuntimePrediction:
     """Predict the runtime to the cut-off with its standard uncertainty.
 
@@ -70,6 +71,8 @@ def predict_runtime(
         Whichever cut-off comes first ends the run.
     measured_mean_battery_current_a : float, optional
         For the mean-current method of Appendix A.
+    compiles : bool
+        Worth it from some thirty predictions on; see `discharge`.
 
     Returns
     -------
@@ -100,7 +103,7 @@ def predict_runtime(
             cutoff_soc=cutoff_soc,
             cutoff_voltage_v=cutoff_voltage_v,
             initial=InitialState(soc=start_soc),
-            compiles=False,
+            compiles=compiles,
             **accuracy,
         )
 

@@ -39,7 +39,7 @@ _ANGLE_NUMBERS: Final = ("radius_m", "source", "is_absolute", "rod_length_m")
 Attributes = Mapping[str, Any]
 
 
-def write_processed(processed: ProcessedTrial, path: str | Place, overwrite: bool = False) -> Place:
+def write_processed(processed: ProcessedTrial, path: str | Place, overwrite: bool = False, *, key: str = "") -> Place:
     """Write a processed trial to HDF5.
 
     Every dataset carries its unit in the attribute `unit`; numbers that are no arrays are attributes whose
@@ -50,6 +50,8 @@ def write_processed(processed: ProcessedTrial, path: str | Place, overwrite: boo
     processed : ProcessedTrial
     path : str or Path
     overwrite : bool
+    key : str
+        Of everything that the result depends on; `key_of_processed` returns it.
 
     Returns
     -------
@@ -66,6 +68,7 @@ def write_processed(processed: ProcessedTrial, path: str | Place, overwrite: boo
     with h5py.File(content, "w") as store:
         store.attrs["format"] = _FORMAT
         store.attrs["format_version"] = _FORMAT_VERSION
+        store.attrs["key"] = key
         _put(store.create_group("trial"), trial_to_metadata(processed.trial))
         for name in ("status", "peak_force_n", "peak_force_std_n", "source_path", "source_sha256"):
             _put(store, {name: getattr(processed, name)})
@@ -131,6 +134,17 @@ def _put_folded(group: Any, folded: FoldedCycle) -> None:
 
 def _put_array(group: Any, name: str, values: Any, unit: str) -> None:
     group.create_dataset(name, data=values, compression="gzip", shuffle=True).attrs["unit"] = unit
+
+
+def key_of_processed(path: Path) -> str:
+    """Return the key that `write_processed` was given; empty where there is none, or no processed trial."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as store:
+            return str(store.attrs.get("key", ""))
+    except OSError:
+        return ""
 
 
 def read_processed(path: str | Path) -> ProcessedTrial:

@@ -14,6 +14,8 @@ R = TypeVar("R")
 
 # A worker that dies may have been killed from outside; one that dies twice over the same item dies of it.
 DEATHS_ALLOWED: Final = 2
+# So many recordings are worth the seconds that compiling the runtime takes each worker.
+WORTH_COMPILING: Final = 50
 
 
 class WorkerDied(SawbenchError):

@@ -7,6 +7,7 @@ import json
 import types
 from collections.abc import Mapping
 from datetime import datetime
+from functools import cache
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -49,6 +50,9 @@ def _stored(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
+_hints = cache(get_type_hints)
+
+
 def _restored(kind: Any, value: Any) -> Any:  # noqa: PLR0911 (one a kind of annotation)
     """Follow the annotations of the class; what JSON holds as it is needs nothing done."""
     if value is None:
@@ -58,7 +62,7 @@ def _restored(kind: Any, value: Any) -> Any:  # noqa: PLR0911 (one a kind of ann
         (kind,) = (one for one in arguments if one is not types.NoneType)
         return _restored(kind, value)
     if dataclasses.is_dataclass(kind):
-        hints = get_type_hints(kind)
+        hints = _hints(kind)
         return kind(**{name: _restored(hints[name], item) for name, item in value.items()})  # pyright: ignore[reportCallIssue]
     if origin is tuple:
         return tuple(_restored(arguments[0], item) for item in value)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sawbench.storage.places import Place
+from sawbench.bench.errors import InputError
+from sawbench.storage.digest import sha256_of
+from sawbench.storage.places import AMENDMENTS, Place, find_file, on_disk, place_of
 
 if TYPE_CHECKING:
     from sawbench.bench.config import LoadedConfig
@@ -23,6 +25,9 @@ def process_file(
 ) -> ProcessedTrial:
     """Process a recording, and write the result as HDF5 where a folder is given.
 
+    A result that is there already is returned as it stands where it is of the same bytes, configuration and software,
+    unless `overwrite` is set.
+
     Returns
     -------
     ProcessedTrial
@@ -37,10 +42,39 @@ def process_file(
     from sawbench.archive.trials import light
     from sawbench.storage.results import write_processed
 
+    target = None if out_dir is None else result_path(place, out_dir)
+    if target is not None and not overwrite and find_file(target) is not None:
+        return _kept(target, _key(place, config, sha256_of(place)))
     processed = load_and_process(place, config).processed
-    if out_dir is not None:
-        write_processed(processed, result_path(place, out_dir), overwrite=overwrite)
+    if target is not None:
+        write_processed(processed, target, overwrite, key=_key(place, config, processed.source_sha256))
     return light(processed)
+
+
+def _kept(target: Place, key: str) -> ProcessedTrial:
+    """Read what an earlier run has written."""
+    from sawbench.archive.trials import light
+    from sawbench.storage.results import key_of_processed, read_processed
+
+    with on_disk(target) as local:
+        if key_of_processed(local) != key:
+            raise InputError(
+                "exists already, and is not of this recording, configuration and software",
+                where=target,
+                remedy="name another folder, or overwrite with --force",
+            )
+        return light(read_processed(local))
+
+
+def _key(place: Place, config: LoadedConfig | None, sha256: str) -> str:
+    """Key of everything that the result of a recording depends on."""
+    from sawbench.archive.journal import key_of
+    from sawbench.bench.source_identity import analysis_identity
+    from sawbench.inputs import config_for
+
+    amendments = place_of(f"{place}{AMENDMENTS}")
+    amended = None if find_file(amendments) is None else sha256_of(amendments)
+    return key_of(analysis_identity(), sha256, amended, (config or config_for(None, None)).sha256)
 
 
 def fit_file(

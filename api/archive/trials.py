@@ -10,7 +10,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any, Final
 
 from sawbench.analysis import AnalysedTrial, evaluate, open_trial, process_opened
-from sawbench.archive.batch import Outcome, Workers, run_batch
+from sawbench.archive.batch import WORTH_COMPILING, Outcome, Workers, run_batch
 from sawbench.archive.detail import as_json, from_json
 from sawbench.archive.table import ResultTable
 from sawbench.bench.errors import InputError, SawbenchError
@@ -55,7 +55,7 @@ def fit_or_reason(trial: ComparedTrial) -> CuttingFit | None:
     return trial.fit
 
 
-def evaluate_file(place: Place, config: LoadedConfig | None) -> ComparedTrial:
+def evaluate_file(place: Place, config: LoadedConfig | None, *, compiles: bool = False) -> ComparedTrial:
     """Process a recording, fit it and predict its runtime as far as it allows.
 
     Parameters
@@ -63,18 +63,20 @@ def evaluate_file(place: Place, config: LoadedConfig | None) -> ComparedTrial:
     place : Path or StoreFile
     config : LoadedConfig, optional
         Default: the recording's own.
+    compiles : bool
+        Worth it for many recordings; see `evaluate`.
 
     Raises
     ------
     InputError
         If it is no recording, or the configuration is not valid.
     """
-    return evaluated(process_opened(open_trial(place, config)))
+    return evaluated(process_opened(open_trial(place, config)), compiles=compiles)
 
 
-def evaluated(trial: AnalysedTrial) -> ComparedTrial:
+def evaluated(trial: AnalysedTrial, *, compiles: bool = False) -> ComparedTrial:
     """Fit a processed trial and predict its runtime as far as it allows."""
-    found = evaluate(trial)
+    found = evaluate(trial, compiles=compiles)
     return ComparedTrial(processed=light(trial.processed), fit=found.fit, runtime=found.runtime, note=found.note)
 
 
@@ -92,10 +94,13 @@ class Task:
     file : FoundFile
     config : LoadedConfig or None
         The one that was named for all.
+    compiles : bool
+        Worth it for many recordings; see `evaluate`.
     """
 
     file: FoundFile
     config: LoadedConfig | None
+    compiles: bool = False
 
     def __str__(self) -> str:
         return str(self.file.place)
@@ -106,7 +111,7 @@ def evaluated_row(task: Task) -> dict[str, Any]:
     place = task.file.place
     try:
         opened = open_trial(place, task.config)
-        found = evaluated(process_opened(opened))
+        found = evaluated(process_opened(opened), compiles=task.compiles)
     except SawbenchError as error:
         return failed_row(task, error) | {"source_sha256": _hash_if_readable(place)}
     is_default = task.config is None and not opened.recording.config_toml
@@ -228,8 +233,9 @@ class Archive:
         Rows are on the disk at the latest ten seconds after they are known, and when the caller stops.
         """
         rows, since = [], monotonic()
+        tasks = [replace(task, compiles=len(waiting) >= WORTH_COMPILING) for task in waiting]
         try:
-            for outcome in run_batch(evaluated_row, waiting, workers):
+            for outcome in run_batch(evaluated_row, tasks, workers):
                 rows.append(outcome.value if outcome.error is None else failed_row(outcome.item, outcome.error))
                 yield outcome
                 if len(rows) >= _ROWS_AT_ONCE or monotonic() - since > _WAIT_S:

@@ -5,11 +5,14 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import pickle
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -84,6 +87,30 @@ def test_a_run_that_was_broken_off_goes_on(sealed, program, runs):
     assert json.loads((sealed[0] / "answers" / INDEX).read_text())["answers"].items() >= kept.items()
     assert answer(sealed[0], program()).n_new == 0
     assert runs() == begun + 3
+
+
+def test_other_machines_answer_the_same_and_only_what_is_missing(sealed, program, tmp_path):
+    """What is sent to them survives the way there; an answer that arrived is kept when the run is broken off."""
+    here = answer(sealed[0], program(), answers_dir=tmp_path / "here")
+    sent = replace(program(), fingerprint=partial(str, "a" * 64))
+
+    def elsewhere(work, cases):
+        work, cases = pickle.loads(pickle.dumps((work, cases)))
+        for number, case in enumerate(cases):
+            yield number, work(case)
+
+    def stop(done, wanted, name):
+        raise KeyboardInterrupt
+
+    there = tmp_path / "there"
+    with pytest.raises(KeyboardInterrupt):
+        answer(sealed[0], sent, answers_dir=there, elsewhere=elsewhere, on_progress=stop)
+    assert answer(sealed[0], sent, answers_dir=there, elsewhere=elsewhere).n_new == here.n_cases - 1
+    reports = [
+        {name: one["report"] for name, one in read_answers(sealed[0], folder)[1].items()}
+        for folder in (here.answers_dir, there)
+    ]
+    assert reports[0] == reports[1]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="kills with a signal")

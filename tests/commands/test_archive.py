@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import fsspec
@@ -78,6 +80,10 @@ def test_an_object_store_is_read_and_written(tmp_path, capsys):
         assert main(["process", "memory://lab", "--out", "memory://out"]) == 2
         assert "memory://lab/bad.mcap: is no recording" in capsys.readouterr().err.replace("memory:///", "memory://")
         assert sorted(store.ls("/out", detail=False)) == ["/out/nylon-01.h5", "/out/summary.csv"]
+        written = store.modified("/out/nylon-01.h5")
+        assert main(["process", "memory://lab/nylon-01.mcap", "--out", "memory://out"]) == 0
+        assert store.modified("/out/nylon-01.h5") == written
+        store.pipe_file("/out/nylon-01.h5", b"somebody's")
         assert main(["process", "memory://lab/nylon-01.mcap", "--out", "memory://out"]) == 2
         assert "exists already" in capsys.readouterr().err
         assert main(["compare", "memory://lab", "--archive", "memory://arc", "--out", "memory://pages/p.html"]) == 1
@@ -98,3 +104,56 @@ def test_watch_once_processes_and_writes_the_page(lab, tmp_path):
     (lab / "in" / "none-01.mcap").unlink()
     assert main(call) == 2
     assert main(["watch", str(lab / "in")]) == 2
+
+
+def test_process_goes_on_where_it_stopped(tmp_path, capsys, monkeypatch):
+    """What an earlier run has written is taken as it stands, unless bytes, configuration or amendments changed."""
+    from sawbench import analysis
+
+    asked = []
+
+    def counted(place, config, load=analysis.load_and_process):
+        asked.append(place.name)
+        return load(place, config)
+
+    monkeypatch.setattr(analysis, "load_and_process", counted)
+    (tmp_path / "in").mkdir()
+    for name in ("none-01", "nylon-01"):
+        shutil.copy(SAMPLES / f"{name}.mcap", tmp_path / "in")
+    call = ["process", str(tmp_path / "in"), "--out", str(tmp_path / "out"), "--json"]
+    assert main(call) == 0
+    first = json.loads(capsys.readouterr().out)
+    summary = (tmp_path / "out" / "summary.csv").read_text()
+    (tmp_path / "out" / "none-01.h5").unlink()
+    (tmp_path / "out" / "summary.csv").unlink()
+    assert main(call) == 0
+    assert json.loads(capsys.readouterr().out) == first
+    assert (tmp_path / "out" / "summary.csv").read_text() == summary
+    assert asked == ["none-01.mcap", "nylon-01.mcap", "none-01.mcap"]
+    shutil.copy(SAMPLES / "oak-01.mcap", tmp_path / "in" / "nylon-01.mcap")
+    assert main(call) == 2
+    assert "nylon-01.h5: exists already" in capsys.readouterr().err
+    assert main([*call, "--force"]) == 0
+    assert asked[3:] == ["none-01.mcap", "nylon-01.mcap"]
+
+
+def test_everything_but_a_cluster_works_without_dask(tmp_path):
+    """In an interpreter of its own in which dask and distributed cannot be imported."""
+    hidden = (
+        "import sys\n"
+        "sys.modules |= dict.fromkeys(('dask', 'distributed'))\n"
+        "from sawbench.commands.main import main\n"
+        "raise SystemExit(main(sys.argv[1:]))\n"
+    )
+
+    def run(*arguments):
+        call = [sys.executable, "-c", hidden, *map(str, arguments)]
+        return subprocess.run(call, capture_output=True, text=True, check=False, timeout=300)
+
+    archive = ("--archive", tmp_path / "archive")
+    done = run("process", SAMPLES / "none-01.mcap", SAMPLES / "nylon-01.mcap", *archive, "--jobs", "2")
+    assert done.returncode == 0, done.stderr
+    assert "2 of 2 recordings" in run("catalogue", tmp_path / "archive").stdout
+    asked = run("process", SAMPLES / "none-01.mcap", "--scheduler", "tcp://127.0.0.1:1")
+    assert asked.returncode == 2
+    assert "pip install 'sawbench[cluster]'" in asked.stderr

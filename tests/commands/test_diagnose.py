@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import json
+import shutil
+from pathlib import Path
 
 import pytest
 from sawbench.bench.config import load_config
+from sawbench.bench.errors import InputError
 from sawbench.blindcheck.campaign import make_campaign
 from sawbench.commands.main import main
 from sawbench.modeling.machines.known_effects import known_effects
 from sawbench.storage.reader import read_recording
 
 pytestmark = pytest.mark.pipeline
+
+SAMPLES = Path(__file__).parents[2] / "recordings"
 
 
 @pytest.fixture(scope="module")
@@ -139,3 +144,38 @@ def test_what_stands_out_is_said_for_every_partition(report):
     assert sum(q < standing_out["false_discovery_rate"] for q in q_values) == standing_out["n_found"]
     assert {entry["equation"] for entry in standing_out["found_in"]} <= {"mechanical"}
     assert f"of {standing_out['n_cells']}" in page.read_text()
+
+
+def test_each_campaign_is_diagnosed_once_in_a_folder_of_its_own(tmp_path, capsys, monkeypatch):
+    from sawbench.commands import diagnose
+
+    asked = []
+
+    def diagnosed(request):
+        asked.append(request.out_dir.name)
+        if request.paths[0].name == "bad":
+            raise InputError("holds no trial that can be diagnosed", where=request.paths[0])
+        request.out_dir.mkdir(exist_ok=True)
+        causes = [{"effects": ["guide_friction"], "probability": 0.9, "gap_closed": 0.8}]
+        return {"verdict": "effect", "causes": causes, "probabilities": {"no_gap": 0.04, "unknown": 0.06}}
+
+    monkeypatch.setattr(diagnose, "diagnosed", diagnosed)
+    for name in ("one", "two", "bad"):
+        (tmp_path / name).mkdir()
+        shutil.copy(SAMPLES / "none-01.mcap", tmp_path / name)
+    call = ["diagnose", *(str(tmp_path / name) for name in ("one", "two", "bad")), "--each", "--out"]
+    assert main([*call, str(tmp_path / "gaps")]) == 2
+    shown = capsys.readouterr()
+    assert "guide_friction" in shown.out and "90.0%" in shown.out
+    assert "2 of 3 campaigns" in shown.out
+    assert "bad: " in shown.err and "holds no trial" in shown.err
+    shutil.copy(SAMPLES / "oak-01.mcap", tmp_path / "two")
+    assert main([*call, str(tmp_path / "gaps"), "--json"]) == 2
+    rows = json.loads(capsys.readouterr().out)
+    assert [(row["campaign"], row["verdict"]) for row in rows] == [("one", "effect"), ("two", "effect")]
+    assert asked == ["one", "two", "bad", "two"]
+
+
+def test_jobs_of_one_campaign_are_wrong_usage(tmp_path, capsys):
+    assert main(["diagnose", str(SAMPLES), "--out", str(tmp_path / "g"), "--jobs", "2"]) == 2
+    assert "--each" in capsys.readouterr().err

@@ -127,3 +127,34 @@ def test_settings_of_one_trial_are_refused_for_a_campaign(tmp_path, capsys):
     (tmp_path / "campaign.toml").write_text('[[trial]]\nfile = "a.csv"\n')
     code, _, err = run(capsys, tmp_path / "campaign.toml", "--duty", "0.5", "--out", tmp_path / "out")
     assert code == 2 and "--duty cannot be given for a whole campaign" in err and "[[trial]]" in err
+
+
+def test_many_campaigns_and_tables_are_imported_once_and_a_bad_one_is_named(tmp_path, capsys):
+    rows = "\n".join(f"{k / 1000},{k % 7}" for k in range(200))
+    for name in ("monday", "tuesday"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "t1.csv").write_text(f"time_s,motor_current_a\n{rows}\n")
+        (tmp_path / name / "campaign.toml").write_text('[[trial]]\nfile = "t1.csv"\n')
+    (tmp_path / "single.csv").write_text(f"time_s,motor_current_a\n{rows}\n")
+    (tmp_path / "bad.csv").write_text("nothing")
+    given = [tmp_path / "monday/campaign.toml", tmp_path / "tuesday/campaign.toml"]
+    given += [tmp_path / "single.csv", tmp_path / "bad.csv"]
+    code, out, err = run(capsys, *given, "--out", tmp_path / "out", "--jobs", "2")
+    assert code == 2
+    assert "3 of 4 imported: 3 recordings" in out
+    assert "4 in all: 4 done now" in err
+    assert "bad.csv" in err
+    made = sorted(str(path.relative_to(tmp_path / "out")) for path in (tmp_path / "out").rglob("*.mcap"))
+    assert made == ["monday/t1.mcap", "single.mcap", "tuesday/t1.mcap"]
+    (tmp_path / "tuesday" / "t1.csv").write_text(f"time_s,motor_current_a\n{rows}\n0.2,5\n")
+    _, out, err = run(capsys, *given, "--out", tmp_path / "out", "--json")
+    assert "4 in all: 1 done now, 3 were done already" in err
+    assert [report["n_samples"] for report in json.loads(out)] == [200, 201, 200]
+    assert len(read_recording(tmp_path / "out/tuesday/t1.mcap").signals["motor_current_a"].values) == 201
+
+
+def test_jobs_of_a_single_table_are_wrong_usage(tmp_path, capsys):
+    (tmp_path / "t.csv").write_text("time_s,force_n\n0,1\n1,2\n")
+    code, _, err = run(capsys, tmp_path / "t.csv", "--out", tmp_path / "out", "--jobs", "2")
+    assert code == 2
+    assert "several PATHs" in err
