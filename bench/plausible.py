@@ -46,6 +46,18 @@ def is_outside(value: float, bounds: Bounds) -> bool:
     return not bounds[0] <= value <= bounds[1]
 
 
+def excess(value: float, bounds: Bounds) -> float:
+    """Factor by which a value lies beyond the nearer one of bounds above 0: above 1 outside of them.
+
+    Examples
+    --------
+    >>> excess(2.4, TRAVEL), excess(1.0, (0.5, 2.0)), excess(-1.0, TRAVEL)
+    (2.0, 0.5, inf)
+    """
+    low, high = bounds
+    return max(low / value, value / high) if value > 0.0 else float("inf")
+
+
 def most_battery_current_a(duty: float, motor_current_a: float) -> float:
     """Largest plausible mean battery current at a duty and a mean motor current, A."""
     return max(share * duty * motor_current_a for share in CONVERTER) + CONVERTER_A

@@ -27,7 +27,7 @@ from sawbench.bench.plausible import (
     TOP_CURRENT,
     TRAVEL,
     VOLTAGE_RIPPLE,
-    is_outside,
+    excess,
 )
 from sawbench.bench.recording import Trial
 from sawbench.diagnosis.inference.settings import SETTINGS
@@ -38,9 +38,11 @@ Kind = Literal[
     "travel", "stroke rate", "battery voltage", "motor voltage", "start-up", "no load", "converter", "no cut",
     "blade power",
 ]  # fmt: skip
-# One check: what it is, whether it failed, and what was seen and expected.
-Outcome = tuple[Kind, bool, str]
+# One check: what it is, by which factor it lies outside of its bounds (above 1 it fails), what was seen and expected.
+Outcome = tuple[Kind, float, str]
 _NUMBERS: Final = SETTINGS.screening
+# Checks that relate one channel to others through the model: a gap between the two can make them fail as well.
+_THROUGH_THE_MODEL: Final[frozenset[Kind]] = frozenset({"motor voltage", "stroke rate", "start-up", "blade power"})
 # What it is, channels it spoils, remedy, and the tracks as they would be without it.
 Mistake = tuple[str, tuple[str, ...], str, dict[str, Track]]
 # How a channel is multiplied if it is in the unit named.
@@ -69,10 +71,13 @@ class Fault:
     kind : Kind
     seen : str
         What was seen and what was expected, with units.
+    excess : float
+        Factor by which it lies outside of the bounds.
     """
 
     kind: Kind
     seen: str
+    excess: float
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -111,6 +116,13 @@ class Suspicion:
     remedy: str
 
     @property
+    def may_be_a_gap(self) -> bool:
+        """Whether a model that lacks something may be what contradicts the trial, not a mistake of the recording."""
+        return not self.mistake and all(
+            fault.kind in _THROUGH_THE_MODEL and fault.excess <= _NUMBERS.most_excess for fault in self.faults
+        )
+
+    @property
     def text(self) -> str:
         """The mistake and what was seen."""
         seen = "; ".join(fault.seen for fault in self.faults)
@@ -140,7 +152,9 @@ def check(baseline: Baseline, trial: Trial, reading: Reading, idle_current_a: fl
         *_power_checks(baseline, trial, reading, idle_current_a),
     ]
     return Checked(
-        faults=tuple(Fault(kind=kind, seen=seen) for kind, failed, seen in outcomes if failed),
+        faults=tuple(
+            Fault(kind=kind, seen=seen, excess=excess) for kind, excess, seen in outcomes if not excess <= 1.0
+        ),
         done=frozenset(kind for kind, _, _ in outcomes),
     )
 
@@ -188,12 +202,15 @@ def _drive_v(baseline: Baseline, trial: Trial, reading: Reading) -> float | None
     return None if voltage is None else (trial.duty or 0.0) * voltage
 
 
+def _failed(failed: bool) -> float:
+    """`Outcome` of a check that fails or not, however far."""
+    return np.inf if failed else 0.0
+
+
 def _motion_checks(baseline: Baseline, trial: Trial, reading: Reading) -> Iterator[Outcome]:
     if baseline.battery is not None and reading.battery_voltage_v is not None and reading.voltage_ripple is not None:
         nominal = baseline.battery.nominal_voltage_v
-        off = (
-            is_outside(reading.battery_voltage_v / nominal, BATTERY_VOLTAGE) or reading.voltage_ripple > VOLTAGE_RIPPLE
-        )
+        off = max(excess(reading.battery_voltage_v / nominal, BATTERY_VOLTAGE), reading.voltage_ripple / VOLTAGE_RIPPLE)
         seen = (
             f"battery_voltage_v is {reading.battery_voltage_v:.3g} V with {100.0 * reading.voltage_ripple:.0f} % ripple"
         )
@@ -204,14 +221,14 @@ def _motion_checks(baseline: Baseline, trial: Trial, reading: Reading) -> Iterat
     seen = f"displacement_mm travels {1e3 * reading.travel_m:.4g} mm, the crank {1e3 * nominal_m:.4g} mm"
     # A blade that makes no strokes may travel less, never more.
     least = TRAVEL[0] if reading.n_strokes >= _NUMBERS.least_strokes else 0.0
-    yield "travel", is_outside(reading.travel_m / nominal_m, (least, TRAVEL[1])), seen
+    yield "travel", excess(reading.travel_m / nominal_m, (least, TRAVEL[1])), seen
     if reading.n_strokes < _NUMBERS.least_strokes or reading.rate_hz is None:
         return
     drive_v = _drive_v(baseline, trial, reading)
     if drive_v is not None:
         free_hz = drive_v / (baseline.plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * 2.0 * np.pi)
         seen = f"{reading.rate_hz:.3g} strokes/s; without load at duty {trial.duty:g} it is {free_hz:.3g}"
-        yield "stroke rate", is_outside(reading.rate_hz / free_hz, STROKE_RATE), seen
+        yield "stroke rate", excess(reading.rate_hz / free_hz, STROKE_RATE), seen
 
 
 def _current_checks(baseline: Baseline, trial: Trial, reading: Reading) -> Iterator[Outcome]:
@@ -222,20 +239,20 @@ def _current_checks(baseline: Baseline, trial: Trial, reading: Reading) -> Itera
     if drive_v is not None and reading.top_current_a is not None:
         stall_a = drive_v / plant.resistance_ohm.nominal
         seen = f"motor_current_a reaches {reading.top_current_a:.4g} A, the blocked motor draws {stall_a:.3g} A"
-        yield "start-up", reading.top_current_a > TOP_CURRENT * stall_a, seen
+        yield "start-up", reading.top_current_a / (TOP_CURRENT * stall_a), seen
     if drive_v is not None and reading.rate_hz is not None and reading.n_strokes >= _NUMBERS.least_strokes:
         speed = 2.0 * np.pi * reading.rate_hz * baseline.gear
         asked_v = plant.resistance_ohm.nominal * motor + plant.back_emf_constant_v_s_per_rad.nominal * speed
         seen = f"current and speed ask for {asked_v:.3g} V at the motor, duty times battery gives {drive_v:.3g} V"
-        yield "motor voltage", is_outside(asked_v / drive_v, MOTOR_VOLTAGE), seen
+        yield "motor voltage", excess(asked_v / drive_v, MOTOR_VOLTAGE), seen
         least_a = plant.motor_damping_n_m_s_per_rad.nominal * speed / plant.torque_constant_n_m_per_a.nominal
         seen = f"motor_current_a is {motor:.3g} A, the damping of the motor alone asks for {least_a:.3g} A"
-        yield "no load", motor < LEAST_CURRENT * least_a, seen
+        yield "no load", _failed(motor < LEAST_CURRENT * least_a), seen
     if reading.battery_current_a is not None:
         low, high = sorted(share * duty * motor for share in CONVERTER)
         off = not low - CONVERTER_A <= reading.battery_current_a <= high + CONVERTER_A or motor < -CONVERTER_A
         seen = f"battery_current_a is {reading.battery_current_a:.3g} A, duty times motor_current_a"
-        yield "converter", off, f"{seen} ({duty:g} * {motor:.3g} A) is {duty * motor:.3g} A"
+        yield "converter", _failed(off), f"{seen} ({duty:g} * {motor:.3g} A) is {duty * motor:.3g} A"
 
 
 def blade_power_w(baseline: Baseline, reading: Reading) -> float | None:
@@ -259,16 +276,17 @@ def _power_checks(baseline: Baseline, trial: Trial, reading: Reading, idle_a: fl
         return
     if shaft is None:
         drives = not trial.is_idle and at_blade < -_NUMBERS.clear_cut_w
-        yield "blade power", drives, f"the force drives the blade with {-at_blade:.3g} W"
+        yield "blade power", _failed(drives), f"the force drives the blade with {-at_blade:.3g} W"
     elif trial.is_idle:
         seen = f"the trial is said to run in air, but the force takes {at_blade:.3g} W of the motor's {shaft:.3g} W"
-        yield "blade power", abs(at_blade) > IDLE_POWER_SHARE * abs(shaft) + IDLE_POWER_W, seen
+        yield "blade power", _failed(abs(at_blade) > IDLE_POWER_SHARE * abs(shaft) + IDLE_POWER_W), seen
     else:
         seen = f"force along the displacement takes {at_blade:.3g} W, the motor current stands for {shaft:.3g} W"
         if shaft <= _NUMBERS.clear_cut_w or trial.material is None:
-            yield "no cut", abs(at_blade) > max(4.0 * _NUMBERS.clear_cut_w, BLADE_POWER[1] * shaft), seen
+            most = max(4.0 * _NUMBERS.clear_cut_w, BLADE_POWER[1] * shaft)
+            yield "no cut", _failed(abs(at_blade) > most), seen
         else:
-            yield "blade power", is_outside(at_blade / shaft, BLADE_POWER), seen
+            yield "blade power", excess(at_blade / shaft, BLADE_POWER), seen
 
 
 def _simple_mistakes(baseline: Baseline, trial: Trial, tracks: Mapping[str, Track]) -> Iterator[Mistake]:

@@ -244,6 +244,7 @@ def _without_suspects(recordings: list[Recording], baseline: Baseline, warnings:
         suspicion = explain_faults(baseline, trial, tracks_of(recording), _nearest(idle, trial.duty or 0.0))
         if suspicion is not None:
             found[trial.trial_id] = suspicion
+    _keep_what_may_be_a_gap(recordings, found, warnings)
     _refuse_common(recordings, found)
     out = []
     said: dict[str, list[str]] = {}
@@ -271,9 +272,26 @@ def _without_suspects(recordings: list[Recording], baseline: Baseline, warnings:
     return out
 
 
+def _keep_what_may_be_a_gap(recordings: Sequence[Recording], found: dict[str, Suspicion], warnings: list[str]) -> None:
+    """Believe most trials where they contradict the model, but not by much: that may be the gap that is looked for."""
+    names = [name for name, suspicion in found.items() if suspicion.may_be_a_gap]
+    if 2 * len(names) <= len(_able(recordings, [found[name] for name in names])):
+        return
+    first = found[names[0]]
+    warnings.append(f"{_some(names)}: {first.text}: a large gap, or a mistake of all trials alike: {first.remedy}")
+    for name in names:
+        del found[name]
+
+
 def _is_about_the_cut(suspicion: Suspicion) -> bool:
     """Whether force and displacement contradict each other, and it is open which of them is wrong."""
     return FORCE.name in suspicion.channels and "probably in" not in suspicion.mistake
+
+
+def _able(recordings: Sequence[Recording], suspicions: Sequence[Suspicion]) -> list[Recording]:
+    """Trials that could show the same faults: those in wood, where only the power of the cut is in doubt."""
+    only_cuts = {fault.kind for suspicion in suspicions for fault in suspicion.faults} == {"blade power"}
+    return [r for r in recordings if not (only_cuts and r.trial.is_idle)]
 
 
 def _refuse_common(recordings: Sequence[Recording], found: dict[str, Suspicion]) -> None:
@@ -286,10 +304,9 @@ def _refuse_common(recordings: Sequence[Recording], found: dict[str, Suspicion])
             groups.setdefault((key, suspicion.channels if key else ()), []).append(name)
     for (_, channels), names in sorted(groups.items(), key=lambda group: -len(group[1])):
         first = found[names[0]]
-        only_cuts = {fault.kind for name in names for fault in found[name].faults} == {"blade power"}
         able = [
-            r for r in recordings
-            if all(c in r.signals or c == "time_s" for c in channels) and not (only_cuts and r.trial.is_idle)
+            r for r in _able(recordings, [found[name] for name in names])
+            if all(c in r.signals or c == "time_s" for c in channels)
         ]  # fmt: skip
         if 2 * len(names) > len(able):
             raise InputError(

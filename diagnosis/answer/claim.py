@@ -2,10 +2,10 @@
 
 Evidence alone finds the best name for whatever is in the data, a sensor's wandering zero too. What predicts no
 withheld data has no evidence. So the magnitude of every effect of a declared cause differs from zero in its own 95 %
-interval, the cause closes the withheld gap, and each of several effects predicts it better than the others do without
-it, by a tenth of what these leave at least: where a hundredth is added and the rest stays unexplained, what explains
-the rest may well explain the hundredth. Where the single strokes carry an effect, mean strokes hold little of what it
-closes: the report says so instead.
+interval, the cause closes a tenth of the withheld gap at least, and so does each of several effects of what the others
+leave: where a hundredth is added and the rest stays unexplained, what explains the rest may well explain the
+hundredth. Where the single strokes carry an effect, mean strokes hold little of what it closes: the report says so
+instead.
 """
 
 from __future__ import annotations
@@ -120,14 +120,16 @@ def _failing(
 def _closes(ladder: Ladder) -> bool:
     """Whether a cause closes the withheld gap beyond doubt.
 
-    It does where the 95 % interval lies above 0, and where the gap closes at every withheld operating point: of three
-    or four points the interval says little.
+    It does where the 95 % interval lies above 0, and where no withheld operating point is predicted worse than the
+    gap can be stated: of three or four points the interval says little. What leaves nearly all of the gap unexplained
+    is no cause of it: what explains the rest may well explain that little.
     """
     if ladder.held_out == "nothing":
         return True  # the report says that nothing could be withheld
-    energy = ladder.energy
-    closes_everywhere = len(energy["retuned"]) > 1 and bool(np.all(energy["with_effect"] < energy["retuned"]))
-    return ladder.gap_closed > 0.0 and (ladder.gap_closed_ci95[0] > 0.0 or closes_everywhere)
+    energy, numbers = ladder.energy, SETTINGS.ladder
+    worse = energy["with_effect"] - energy["retuned"]
+    closes_everywhere = len(worse) > 1 and bool(np.all(worse < numbers.least_rest * energy["noise_floor"]))
+    return ladder.gap_closed > numbers.least_added and (ladder.gap_closed_ci95[0] > 0.0 or closes_everywhere)
 
 
 def _added(

@@ -39,12 +39,15 @@ class Fit:
         Of the cause's columns.
     alternative : int
         Which of the alternative columns fits the kept trials best.
+    root : ndarray, shape (q, q)
+        Of the covariance of the amplitudes, by the misfit that the kept trials are left with.
     """
 
     retuned: Floats
     nuisances: Floats
     amplitudes: Floats
     alternative: int
+    root: Floats
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -174,9 +177,9 @@ class HoldOut:
                 rest = data[held] - known
                 # The hardness of a workpiece cannot be predicted: it is fitted to the withheld trials, for all rungs,
                 # at the price that the others say it has: the energy is that of the whole prediction.
-                fitted = _ridge(own, rest)
-                residuals[name][held] = rest - own @ fitted
-                energy[name][k] = float(np.sum(residuals[name][held] ** 2) + fitted @ fitted)
+                residuals[name][held] = rest - own @ _ridge(own, rest)
+                uncertain = chosen @ fit.root if name == "with_effect" else own[:, :0]
+                energy[name][k] = _energy(rest, own, uncertain, noise=float(np.mean(self._noise[held] ** 2)))
             energy["noise_floor"][k] = float(np.sum(self._noise[held] ** 2))
         closed, interval = closed_share(energy)
         return Ladder(
@@ -211,7 +214,9 @@ class HoldOut:
         least = self._kept[group]
         retuned = self._bounded(least, pull_base)
         if not width:
-            return Fit(retuned=retuned, nuisances=retuned, amplitudes=np.zeros(0), alternative=0)
+            return Fit(
+                retuned=retuned, nuisances=retuned, amplitudes=np.zeros(0), alternative=0, root=np.zeros((0, 0))
+            )  # fmt: skip
         is_stuck = np.abs(retuned) >= self._high * (1.0 - 1e-9)
         problems, free, stuck = [], [], []
         for k, gram in enumerate(own):
@@ -229,7 +234,12 @@ class HoldOut:
             score = float(2.0 * pull @ solution - solution @ normal @ solution - np.linalg.slogdet(normal)[1])
             best = max(best, (score, k, solution), key=lambda entry: entry[0])
         _, k, solution = best
-        return Fit(retuned=retuned, nuisances=solution[:n], amplitudes=solution[n:], alternative=k)
+        normal, pull = problems[k]
+        kept = ~held
+        left = float(np.sum(self.problem.data[kept] ** 2) - (2.0 * pull - normal @ solution) @ solution)
+        raised = max(left / float(np.sum(self._noise[kept] ** 2)), 1.0)
+        root = np.sqrt(raised) * np.linalg.cholesky(np.linalg.inv(normal)[n:, n:])
+        return Fit(retuned=retuned, nuisances=solution[:n], amplitudes=solution[n:], alternative=k, root=root)
 
     def free_errors(self, columns: Floats) -> Floats:
         """Predict each group from the others without any bounds: quick, for many causes that are compared.
@@ -273,6 +283,23 @@ class HoldOut:
             return solution
         root = np.linalg.cholesky(normal)
         return lsq_linear(root.T, np.linalg.solve(root, moment), bounds=(low, high), method="bvls").x
+
+
+def _energy(rest: Floats, own: Floats, uncertain: Floats, *, noise: float) -> float:
+    """Minus twice the log probability of what a prediction leaves, less that of nothing left, times the noise.
+
+    Of `own` and `uncertain` every column is a standard deviation of what the prediction does not know. `own` is the
+    same for all that is compared; how far the probability is spread by `uncertain` counts. `noise` is the mean square
+    of the whitened noise: 1 where that is what it is stated to be.
+    """
+    design = np.hstack([own, uncertain])
+    fitted = _ridge(design, rest)
+    misfit = float(np.sum((rest - design @ fitted) ** 2) + fitted @ fitted)
+    return misfit + noise * (_log_spread(design) - _log_spread(own)) if uncertain.size else misfit
+
+
+def _log_spread(design: Floats) -> float:
+    return float(np.linalg.slogdet(np.eye(design.shape[1]) + design.T @ design)[1])
 
 
 def _gain(normal: Floats, pull: Floats, held: Floats, is_held: np.ndarray) -> float:

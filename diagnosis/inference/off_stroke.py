@@ -16,7 +16,14 @@ from typing import Final, Literal
 import numpy as np
 from sawbench.bench.processed import ProcessedTrial
 from sawbench.bench.recording import Floats
-from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
+from sawbench.bench.units import (
+    BATTERY_CURRENT,
+    BATTERY_VOLTAGE,
+    CHANNEL_BY_NAME,
+    DISPLACEMENT,
+    FORCE,
+    MOTOR_CURRENT,
+)
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.strikes import (
     Answer,
@@ -161,14 +168,16 @@ def off_stroke(trial: ProcessedTrial) -> OffStroke | None:
     resolution: dict[str, float] = {}
     begins_s, ends_s = np.interp(TWO_PI * np.array([first, last]), angle.angle_rad, angle.time_s)
     rate_hz = n_strokes / float(ends_s - begins_s)
-    for name, signal in trial.channels.items():
-        if name not in CHANNEL_BY_NAME or len(signal.values) < 2:
-            continue
-        turned_rad = np.interp(signal.time_s, angle.time_s, angle.angle_rad)
-        in_cells = _in_cells(turned_rad, signal.values, first, n_strokes)
+    channels = {name: s for name, s in trial.channels.items() if name in CHANNEL_BY_NAME and len(s.values) > 1}
+    cells = {
+        name: _in_cells(np.interp(s.time_s, angle.time_s, angle.angle_rad), s.values, first, n_strokes)
+        for name, s in channels.items()
+    }
+    angle_is_read = _is_read(cells.get(DISPLACEMENT.name), n_strokes)
+    for name, in_cells in cells.items():
         if in_cells is None:
             continue
-        left = _without_strokes(in_cells)
+        left = _without_strokes(_filled(in_cells))
         n_cells = left.shape[1]
         at = first + (np.arange(left.size) + 0.5) / n_cells
         at_s = np.interp(TWO_PI * at, angle.angle_rad, angle.time_s)
@@ -176,8 +185,10 @@ def off_stroke(trial: ProcessedTrial) -> OffStroke | None:
         even_s = np.linspace(at_s[0], at_s[-1], len(flat))
         peaks["stroke", name] = _peaks(flat, 1.0 / n_cells, 1.0)
         peaks["time", name] = _peaks(np.interp(even_s, at_s, flat), float(even_s[1] - even_s[0]), rate_hz)
-        resolution[name] = resolution_of(signal.values)
-        lefts[name] = _without_lines(left, at_s, peaks["time", name])
+        resolution[name] = resolution_of(channels[name].values)
+        # Where samples are missing, of the channel or of the angle, what stands in a stroke was not measured.
+        measured = (angle_is_read & _is_read(in_cells, n_strokes))[:, None]
+        lefts[name] = measured * _without_lines(left, at_s, peaks["time", name])
         struck[name] = strikes(lefts[name], resolution[name], rate_hz)
     if not peaks:
         return None
@@ -195,18 +206,35 @@ def off_stroke(trial: ProcessedTrial) -> OffStroke | None:
 
 
 def _in_cells(turned_rad: Floats, values: Floats, first_turn: int, n_strokes: int) -> Floats | None:
-    """Mean of the samples in each cell of the crank angle, shape (strokes, cells), or None where too many are empty."""
+    """Mean of the samples in each cell of the crank angle, shape (strokes, cells), NaN where there is none.
+
+    None where too many are empty.
+    """
     per_stroke = len(turned_rad) / max(float(np.ptp(turned_rad)) / TWO_PI, 1e-9)
     n_cells = min(_CELLS, int(per_stroke / _SAMPLES_A_CELL))
     if n_cells < _FEWEST_CELLS:
         return None
     grid = AngleGrid(first_turn=first_turn, n_rows=n_strokes, n_bins=n_cells)
     mean = grid.means(grid.place(turned_rad), values)
-    is_empty = np.isnan(mean.ravel())
-    if np.mean(is_empty) > _MOST_EMPTY:
-        return None
-    filled = np.flatnonzero(~is_empty)
-    return np.interp(np.arange(mean.size), filled, mean.ravel()[filled]).reshape(mean.shape)
+    return None if np.mean(np.isnan(mean)) > _MOST_EMPTY else mean
+
+
+def _filled(cells: Floats) -> Floats:
+    """Interpolate empty cells."""
+    flat = cells.ravel()
+    known = np.flatnonzero(~np.isnan(flat))
+    return np.interp(np.arange(flat.size), known, flat[known]).reshape(cells.shape)
+
+
+def _is_read(cells: Floats | None, n_strokes: int) -> np.ndarray:
+    """Strokes without an empty cell, in them or in those beside them; all where the channel is not there."""
+    if cells is None:
+        return np.ones(n_strokes, dtype=bool)
+    is_broken = np.isnan(cells).any(axis=1)
+    beside = np.zeros_like(is_broken)
+    beside[1:] |= is_broken[:-1]
+    beside[:-1] |= is_broken[1:]
+    return ~(is_broken | beside)
 
 
 def _without_strokes(cells: Floats) -> Floats:

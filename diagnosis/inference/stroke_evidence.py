@@ -168,7 +168,7 @@ def _counted(nats: float, numbers: Strokes, *, is_whole: bool) -> float:
 
 
 def sized_by_strokes(explanation: Explanation, said: Mapping[str, StrokesSay]) -> Explanation:
-    """Magnitude of an effect from the single strokes, where they carry it; mean strokes hold little of it.
+    """Magnitude of an effect from the single strokes, where they carry it and know it better than mean strokes do.
 
     Parameters
     ----------
@@ -182,6 +182,8 @@ def sized_by_strokes(explanation: Explanation, said: Mapping[str, StrokesSay]) -
     """
     found = said.get(explanation.effect.name)
     if found is None or found.beside_cutting <= 0.0:
+        return explanation
+    if found.is_whole and found.size_std * abs(explanation.strength) > explanation.strength_std * abs(found.size):
         return explanation
     typical = explanation.effect.strength.typical
     return replace(explanation, mixture=(found.size / typical, found.size_std / typical), form_share=0.0)

@@ -28,6 +28,8 @@ class Screening:
         Share of the usual cutting power below which a trial cut nothing.
     at_odds : float
         Share of cutting trials whose force and displacement contradict each other from which the rest is doubted too.
+    most_excess : float
+        Factor beyond a bound up to which most trials may contradict the model and be a gap of it.
     least_strokes : int
         With fewer a blade makes no strokes.
     clear_cut_w : float
@@ -52,6 +54,9 @@ class Screening:
     alike_current: float = marked(0.15, "convention", "three times the scatter of repeats in wood")
     cuts_nothing: float = marked(0.05, "convention", "a twentieth of the usual: no wood is that soft")
     at_odds: float = marked(0.3, "convention", "about one of three")
+    most_excess: float = marked(
+        2.0, "convention", "units, exchanged channels and dead sensors differ by more, or by sign"
+    )
     least_strokes: int = marked(3, "convention", "two intervals that can be compared")
     clear_cut_w: float = marked(2.0, "convention", "less than any cut takes")
     other_half: float = marked(0.4, "convention", "inertia and offsets hold less than half of the force")

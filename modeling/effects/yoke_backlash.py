@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 _N_HARMONICS = 10
 _STEP = 1e-4
+_SHOWN = 1e-6
 # A gap over twice the crank's radius is an angle: a yoke of half a metre turns it back into a gap.
 _UNIT_YOKE = Mechanism(radius_m=0.5)
 _SPEED_RAD_S, _STIFFNESS_N_S_PER_M = 80.0, 300.0
@@ -78,12 +79,14 @@ def apparent_gap(coefficients: Floats) -> float:
 
     The read angle is off by gap / (2 r) times the wave, so the plunger by that times the lever, here of a yoke: a rod
     makes it up to r/l larger. Right to a factor of two: play is crossed in part only, and a wave that also changes with
-    the stock is badly known at any one.
+    the stock is badly known at any one. A campaign without idle runs, or without cuts, leaves that wave at 0, which
+    says nothing of the gap.
     """
     angle = np.linspace(0.0, 2.0 * np.pi, 180, endpoint=False)
     groups = coefficients.reshape(-1, 2 * _N_HARMONICS)[:2]
     away = _UNIT_YOKE.lever(angle) * (groups @ _waves(angle))
-    return float(np.ptp(away, axis=1).min())
+    gaps = np.ptp(away, axis=1)
+    return float(gaps[gaps >= _SHOWN * gaps.max()].min())
 
 
 def swing(baseline: Baseline, state: State, deviation_rad: Floats) -> Signature:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sawbench.diagnosis.answer.claim import held_to_predictions, is_there, sized_members
-from sawbench.diagnosis.answer.ladder import HoldOut
+from sawbench.diagnosis.answer.ladder import HoldOut, closed_share
 from sawbench.diagnosis.answer.prediction import Predictions
 from sawbench.diagnosis.answer.where import locate
 from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
@@ -113,6 +113,50 @@ def test_a_second_effect_that_adds_a_hundredth_of_what_stays_unexplained_is_not_
         held = held_to_predictions(nature, columns, judged, Predictions(nature, columns, judged))
         assert set(held.best.effects) <= set(expected)
         assert (FRICTION in held.best.effects) == (FRICTION in expected)
+
+
+@pytest.mark.parametrize(
+    ("retuned", "with_effect", "is_named"),
+    [
+        ([1000.0, 900.0, 950.0, 980.0], [200.0, 190.0, 210.0, 205.0], True),
+        # Every point by a hundredth: what explains the rest may well explain that.
+        ([1000.0, 900.0, 950.0, 980.0], [990.0, 891.0, 940.5, 970.2], False),
+        # One point of three that says nothing of the cause, and one that speaks against it.
+        ([1000.0, 800.0, 300.0], [200.0, 150.0, 301.0], True),
+        ([1000.0, 800.0, 300.0], [200.0, 150.0, 700.0], False),
+    ],
+)
+def test_a_cause_is_named_by_what_it_closes(problem, columns, retuned, with_effect, is_named):
+    data = with_columns(problem, columns, FRICTION, 1.0)
+    declared = certain_of(judge(data, columns), FRICTION)
+    energy = {
+        "nominal": np.array(retuned), "retuned": np.array(retuned), "with_effect": np.array(with_effect),
+        "noise_floor": np.full(len(retuned), 100.0),
+    }  # fmt: skip
+
+    class Predicted(Predictions):
+        def of(self, hypothesis, *, by_trial=None):
+            closed, interval = closed_share(energy)
+            found = super().of(hypothesis, by_trial=by_trial)
+            ladder = replace(found.ladder, energy=energy, gap_closed=closed, gap_closed_ci95=interval)
+            return replace(found, ladder=ladder)
+
+    held = held_to_predictions(data, columns, declared, Predicted(data, columns, declared))
+    assert (held.best.effects == (FRICTION,)) == is_named
+
+
+def test_what_a_prediction_does_not_know_is_no_error_of_it(problem, columns):
+    """Two patterns that the kept trials cannot tell apart, of which one grows at the withheld operating point."""
+    last = HoldOut(problem).rows[HoldOut(problem).groups[-1]]
+    common = 4.0 * columns[RUBBING][0].columns[:, 0]
+    grows = np.where(last, 3.0, 1.0) * common
+    hold_out = HoldOut(replace(problem, data=problem.data + grows))
+
+    def left(*patterns):
+        return hold_out.climb([np.column_stack(patterns)]).energy["with_effect"][-1]
+
+    assert left(common) > 20.0 * left(grows)
+    assert left(common, grows) < 1.5 * left(grows)
 
 
 def test_a_little_of_an_effect_is_no_cause(problem, columns, judged):

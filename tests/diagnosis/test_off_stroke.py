@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from sawbench.bench.processed import CrankAngle
 from sawbench.bench.recording import Signal, Trial
-from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
+from sawbench.bench.units import (
+    BATTERY_CURRENT,
+    BATTERY_VOLTAGE,
+    CHANNEL_BY_NAME,
+    DISPLACEMENT,
+    FORCE,
+    MOTOR_CURRENT,
+)
 from sawbench.diagnosis.inference.off_stroke import fixed_lines, off_stroke, off_stroke_finding
 from sawbench.diagnosis.inference.strikes import foreign_bursts
 
@@ -215,3 +222,32 @@ def test_bursts_of_one_sensor_are_measured(seed, disturb):
 @pytest.mark.parametrize("disturb", [blows, nothing, grain, stray_values])
 def test_blows_that_the_motor_feels_are_no_fault_of_a_sensor(disturb):
     assert foreign_bursts(trials(disturb)) == {}
+
+
+def test_what_stands_in_a_gap_of_the_samples_is_no_burst():
+    """All channels lose 20 ms now and then, and the angle that is read across a gap is off by a fifth of a turn."""
+    rng = np.random.default_rng(8)
+    found = []
+    for number, (strokes_hz, feed_mm_s) in enumerate(TRIALS):
+        whole_s = np.arange(0.0, DURATION_S, 1.0 / RATE_HZ)
+        away = np.zeros(len(whole_s))
+        for start_s in rng.uniform(0.2, DURATION_S - 0.2, 4):
+            away = np.maximum(away, np.exp(-0.5 * ((whole_s - start_s) / 0.01) ** 2))
+        is_kept = away < np.exp(-0.5)
+        turns = strokes_hz * whole_s
+        wave = np.sin(2.0 * np.pi * turns) + 0.3 * np.cos(6.0 * np.pi * turns)
+        names = {DISPLACEMENT.name: 0.01, **NOISE}
+        signals = {
+            name: signal(name, whole_s[is_kept], (10.0 * std * wave + std * rng.standard_normal(len(wave)))[is_kept])
+            for name, std in names.items()
+        }
+        angle = CrankAngle(
+            time_s=whole_s, angle_rad=2.0 * np.pi * (turns + 0.2 * away),
+            speed_rad_s=np.full(len(whole_s), 2.0 * np.pi * strokes_hz), angle_std_rad=np.zeros(len(whole_s)),
+            radius_m=0.01, source=DISPLACEMENT.name, is_absolute=True,
+        )  # fmt: skip
+        material = "none" if feed_mm_s is None else "oak"
+        trial = Trial(trial_id=f"t{number}", duty=0.5, material=material, feed_mm_s=feed_mm_s)
+        found.append(off_stroke(processed_trial(trial, signals, angle, 0.0, DURATION_S)))
+    assert off_stroke_finding(found) is None
+    assert foreign_bursts(found) == {}

@@ -158,6 +158,16 @@ def test_a_mistake_in_all_trials_is_an_error_that_names_it(good, case):
     assert caught.value.remedy
 
 
+def test_a_force_that_most_trials_read_too_large_may_be_the_gap(good):
+    """2.3 times the force is more than the current stands for, but no unit is off by that factor; 6 times is."""
+    recordings, loaded = good
+    campaign = reduce_campaign([scaled(FORCE, 2.3)(r) for r in recordings], loaded)
+    assert len({state.setting.label for state in campaign.states}) == len(recordings)
+    assert any("a large gap, or a mistake of all trials alike" in warning for warning in campaign.warnings)
+    with pytest.raises(InputError, match="cannot be right"):
+        reduce_campaign([scaled(FORCE, 6.0)(r) for r in recordings], loaded)
+
+
 @pytest.mark.parametrize("case", COMMON_MISTAKES)
 def test_a_mistake_in_one_trial_costs_that_trial_or_its_channels(good, case):
     recordings, config = good

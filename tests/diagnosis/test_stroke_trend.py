@@ -146,6 +146,17 @@ def test_strokes_state_the_size_where_they_speak_for_it():
     assert sized_by_strokes(explanation, {}) is explanation
 
 
+def test_mean_strokes_state_the_size_where_they_know_it_better():
+    explanation = Explanation(
+        effect=EFFECT_BY_NAME[CHIP], log_evidence=50.0, amplitude=1.3, amplitude_std=0.01, gain=100.0,
+        column=Column(effect=EFFECT_BY_NAME[CHIP], shape={"exponent": 0.45}, columns=np.ones((3, 1))),
+        contribution=np.ones(3),
+    )  # fmt: skip
+    said = says(trend(4, exponent=0.6)[CHIP], CHIP)
+    assert said.size_std / said.size > 2.0 * explanation.strength_std / explanation.strength
+    assert sized_by_strokes(explanation, {CHIP: said}) is explanation
+
+
 def test_a_cutting_law_that_bends_with_speed_is_no_chip_where_it_may_act():
     """Hardness falls with speed as it would for a thick chip; the feed changes nothing."""
     found = [trend(seed, speed_power=-0.5) for seed in (5, 6, 7)]
