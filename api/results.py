@@ -160,7 +160,8 @@ class MaterialComparison:
         """
         from sawbench.reporting.comparison_page import write_comparison_page
 
-        return write_comparison_page(path, self.rows, left_out=self.left_out, overwrite=overwrite)
+        write_comparison_page(path, self.rows, left_out=self.left_out, overwrite=overwrite)
+        return Path(path)
 
     def _repr_html_(self) -> str:
         from sawbench.reporting.notebook import comparison_block

@@ -94,12 +94,13 @@ def _panel(axes: Axes, finer: Mapping[Line2D, tuple[Floats, Floats]]) -> dict[st
         if line.get_marker() not in {"|", "_", 2, 3}:
             lines.append((line, x, y))
     shapes = _shapes(axes)
-    if not lines or shapes is None:
+    figure = axes.get_figure(root=True)
+    if not lines or shapes is None or figure is None:
         return None
     title = _plain(axes.get_title(loc="left") or axes.get_title())
     labels = _labels(axes, [line for line, *_ in lines], shapes, title)
     x_axis, y_axis = _axis(axes, "x"), _axis(axes, "y")
-    height_in = axes.get_position().height * float(axes.figure.get_figheight())
+    height_in = axes.get_position().height * float(figure.get_figheight())
     y_steps = _LOG_STEPS if y_axis["is_log"] else _Y_STEPS
     named = zip(lines, labels, strict=True)
     return {
@@ -127,6 +128,7 @@ def _guide(line: Line2D, axis: str) -> dict[str, Any]:
 def _shapes(axes: Axes) -> list[dict[str, Any]] | None:
     """Bands, spans and error bars; None where something else is drawn."""
     from matplotlib.collections import LineCollection, PolyCollection
+    from matplotlib.colors import to_rgba
     from matplotlib.patches import Rectangle
 
     found: list[dict[str, Any]] = []
@@ -135,9 +137,10 @@ def _shapes(axes: Axes) -> list[dict[str, Any]] | None:
             return None
         is_filled = isinstance(one, PolyCollection)
         paths = [np.asarray(path.vertices, dtype=np.float64) for path in one.get_paths()]
-        colours = one.get_facecolor() if is_filled else one.get_edgecolor()
+        faces, edges = np.asarray(one.get_facecolor()), np.asarray(one.get_edgecolor())
+        colours = faces if is_filled else edges
         is_hatched = is_filled and (not len(colours) or bool(one.get_hatch()))
-        colour = one.get_edgecolor()[0] if is_hatched else colours[0]
+        colour = edges[0] if is_hatched else colours[0]
         alpha = 0.15 if is_hatched else float(colour[3])
         found.append(_shape(one, paths, colour, alpha=alpha, is_filled=is_filled))
     for one in axes.patches:
@@ -148,8 +151,8 @@ def _shapes(axes: Axes) -> list[dict[str, Any]] | None:
             return None
         corners = np.array([[one.get_x(), 0], [one.get_x(), 1], [one.get_x() + one.get_width(), 1],
                             [one.get_x() + one.get_width(), 0]], dtype=np.float64)  # fmt: skip
-        found.append({**_shape(one, [corners], one.get_facecolor(), alpha=float(one.get_facecolor()[3])),
-                      "is_span": True})  # fmt: skip
+        colour = one.get_facecolor()
+        found.append({**_shape(one, [corners], colour, alpha=to_rgba(colour)[3]), "is_span": True})
     return found
 
 
@@ -266,4 +269,4 @@ def _hex(colour: Any) -> str:
 
 def _dash(line: Line2D) -> list[float]:
     """CSS pixels on and off; a pattern of its own counts as dashed."""
-    return {"--": [6.0, 3.0], "-.": [6.0, 3.0, 1.5, 3.0], ":": [1.5, 3.0]}.get(line.get_linestyle(), [])
+    return {"--": [6.0, 3.0], "-.": [6.0, 3.0, 1.5, 3.0], ":": [1.5, 3.0]}.get(str(line.get_linestyle()), [])

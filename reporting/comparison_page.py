@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Final
 
 from sawbench.bench.wear_rule import BLADE_GROWTH_LIMIT
@@ -57,7 +56,7 @@ def write_comparison_page(
     left_out: Sequence[LeftOut] = (),
     title: str = "Material comparison",
     overwrite: bool = False,
-) -> Path:
+) -> Place:
     """Write the comparison of materials.
 
     Parameters

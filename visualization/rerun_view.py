@@ -206,8 +206,8 @@ class LiveView:
         remaining_std_s: float | None = None,
     ) -> None:
         """Show k_Fc and the battery's remaining time, each with its standard uncertainty as a band; returns at once."""
-        remaining = (math.nan if value is None else value for value in (remaining_s, remaining_std_s))
-        self._put((time_s, k_fc_n_s_per_m, std_n_s_per_m, *remaining))
+        left_s, left_std_s = (math.nan if value is None else value for value in (remaining_s, remaining_std_s))
+        self._put((time_s, k_fc_n_s_per_m, std_n_s_per_m, left_s, left_std_s))
 
     def close(self, timeout_s: float = 5.0) -> None:
         """Send what is waiting, finish the file and let go of the viewer, which stays open.

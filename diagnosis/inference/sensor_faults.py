@@ -8,7 +8,7 @@ fraction of its frequency: n strokes take 1 / (pi n d) of a line that is d order
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from sawbench.bench.recording import Floats
@@ -44,7 +44,7 @@ class SensorFaults:
             hum = self._hum.get(channel, [])
             if values is None or not (step or hum):
                 continue
-            moved: Mapping[str, Floats] = reading.signature(self._plant.model, state)
+            moved: dict[str, Floats] = {**reading.signature(self._plant.model, state)}
             stepped = _unblurred(values, step, state)
             for equation, place in layout.slices.items():
                 if equation in moved:

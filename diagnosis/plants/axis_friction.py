@@ -98,4 +98,5 @@ def _rows(state: AxisState, config: LinearAxisConfig, unit: int) -> Floats:
 
 def _by_direction(rows: Floats) -> Floats:
     """Friction forward and backward, N: what the force has at no speed, the damping being the same both ways."""
-    return np.linalg.lstsq(rows[:, :3], rows[:, 3], rcond=None)[0][:2]
+    forces: Floats = np.linalg.lstsq(rows[:, :3], rows[:, 3], rcond=None)[0].astype(np.float64)
+    return forces[:2]

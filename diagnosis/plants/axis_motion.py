@@ -105,16 +105,13 @@ def find_cycles(displacement: Signal) -> tuple[Cycles | None, str]:
     if len(displacement.time_s) < 64 or float(np.ptp(displacement.values)) == 0.0:
         return None, "its displacement does not move"
     swinging = _swinging(displacement)
-    rate_hz = _rate_hz(swinging)
-    for _ in range(2):
-        found = _fundamental(swinging, rate_hz)
-        if isinstance(found, str):
-            return None, found
-        first, end = _alike(found.fit(displacement, _RATE_HARMONICS)[:, 1:])
-        kept, n = found.starts_s[first:end], len(found.starts_s)
-        # Ramps pull at the rate: it is found again from the cycles that are alike.
-        rate_hz = _refined(_between(displacement, kept[0], kept[-1] + 1.0 / rate_hz), rate_hz)
-    found = replace(found, rate_hz=rate_hz)
+    roughly = _alike_cycles(displacement, swinging, _rate_hz(swinging))
+    # Ramps pull at the rate: it is found again from the cycles that are alike.
+    closely = roughly if isinstance(roughly, str) else _alike_cycles(displacement, swinging, roughly[2])
+    if isinstance(closely, str):
+        return None, closely
+    cycles, kept, rate_hz = closely
+    found, n = replace(cycles, rate_hz=rate_hz), len(cycles.starts_s)
     wanted = _SAMPLES_PER_COEFFICIENT * (2 * _LEAST_HARMONICS + 1) * rate_hz / displacement.rate_hz
     per_unit = max(int(np.ceil(wanted)), len(kept) // _TARGET_UNITS, 1)
     n_units = len(kept) // per_unit
@@ -123,6 +120,16 @@ def find_cycles(displacement: Signal) -> tuple[Cycles | None, str]:
     found = replace(found, starts_s=kept[len(kept) - n_units * per_unit :: per_unit], per_unit=per_unit)
     left_s = kept[0] - displacement.time_s[0], displacement.time_s[-1] - kept[-1] - 1.0 / rate_hz
     return _with_harmonics(found, displacement), _left_out(*(float(seconds) * rate_hz for seconds in left_s))
+
+
+def _alike_cycles(displacement: Signal, swinging: Signal, rate_hz: float) -> tuple[Cycles, Floats, float] | str:
+    """Cycles of a rate, the starts of those that are alike, the rate that these have; or why there are none."""
+    found = _fundamental(swinging, rate_hz)
+    if isinstance(found, str):
+        return found
+    first, end = _alike(found.fit(displacement, _RATE_HARMONICS)[:, 1:])
+    kept = found.starts_s[first:end]
+    return found, kept, _refined(_between(displacement, kept[0], kept[-1] + 1.0 / rate_hz), rate_hz)
 
 
 def _fundamental(displacement: Signal, rate_hz: float) -> Cycles | str:
@@ -250,7 +257,7 @@ def _refined(displacement: Signal, rate_hz: float) -> float:
         return rate_hz
     for _ in range(_REFINEMENTS):
         basis = fourier(TWO_PI * rate_hz * since_s, n)
-        theta = np.linalg.lstsq(basis, few, rcond=None)[0]
+        theta: Floats = np.linalg.lstsq(basis, few, rcond=None)[0].astype(np.float64)
         change = TWO_PI * since_s * (basis @ derivative(theta))
         both = np.linalg.lstsq(np.hstack([basis, change[:, None]]), few, rcond=None)[0]
         rate_hz += float(np.clip(both[-1], -0.1 / displacement.duration_s, 0.1 / displacement.duration_s))

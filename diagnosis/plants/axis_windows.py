@@ -86,7 +86,8 @@ def _spectrum(signal: Signal) -> tuple[Floats, Floats]:
     power = np.abs(np.fft.rfft((even - line) * np.hanning(n))) ** 2
     width = max(1, len(power) // 200)
     averaged = np.convolve(power, np.ones(width) / width, "same")
-    return np.fft.rfftfreq(n, signal.duration_s / (n - 1)), averaged
+    frequency_hz: Floats = np.fft.rfftfreq(n, signal.duration_s / (n - 1)).astype(np.float64)
+    return frequency_hz, averaged
 
 
 def window_states(
