@@ -148,7 +148,7 @@ def test_a_cause_is_named_by_what_it_closes(problem, columns, retuned, with_effe
 def test_what_a_prediction_does_not_know_is_no_error_of_it(problem, columns):
     """Two patterns that the kept trials cannot tell apart, of which one grows at the withheld operating point."""
     last = HoldOut(problem).rows[HoldOut(problem).groups[-1]]
-    common = 4.0 * columns[RUBBING][0].columns[:, 0]
+    common = 4.0 * columns[FRICTION][0].columns[:, 0]
     grows = np.where(last, 3.0, 1.0) * common
     hold_out = HoldOut(replace(problem, data=problem.data + grows))
 
