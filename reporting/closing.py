@@ -1,4 +1,4 @@
-"""The ladder of causes that were found one after the other, from the model as configured to the noise."""
+"""The causes found one after the other, from the model as configured down to the noise."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from sawbench.reporting.html import Picture, figure_to_svg
 MODELS: Final = (("nominal", "as configured"), ("retuned", "re-tuned"))
 _CAUSE_COLOUR: Final = "#00507f"
 _STOPPED: Final = {
-    "no_gap": "Beside these causes there is no gap left.",
-    "parameters": "Beside these causes only re-tuned parameters close anything.",
-    "unknown": "What is left beside these causes, no effect of the catalogue explains.",
-    "nothing_more": "No further cause closes anything at withheld operating points.",
-    "repeatability": "What is left is within the repeatability of the measurements.",
-    "passes": "Stopped after the largest number of passes; more causes may be there.",
+    "no_gap": "With these causes in the model, no gap remains.",
+    "parameters": "With these causes in the model, re-tuned parameters explain the remaining gap.",
+    "unknown": "With these causes in the model, no effect of the catalogue explains the remaining gap.",
+    "nothing_more": "No further cause reduces the error at withheld operating points.",
+    "repeatability": "The remaining gap is within the repeatability of the measurements.",
+    "passes": "Stopped at the maximum number of passes; there may be further causes.",
 }
 _STOPPED_WITHOUT: Final = {
     "no_gap": "There is no gap to close.",
     "parameters": "Re-tuned parameters explain the gap; no cause is needed.",
     "unknown": "No cause of the catalogue, nor several together, explain the gap.",
-    "nothing_more": "No cause closes anything at withheld operating points.",
+    "nothing_more": "No cause reduces the error at withheld operating points.",
 }
 
 
 def closing_sentences(closing: Mapping[str, Any]) -> list[str]:
-    """Say why no further cause was added, and which ones became needless.
+    """State why no further cause was added, and which ones were dropped as redundant.
 
     Parameters
     ----------
@@ -38,12 +38,12 @@ def closing_sentences(closing: Mapping[str, Any]) -> list[str]:
     Examples
     --------
     >>> closing_sentences({"stopped": "no_gap", "rungs": [{}], "dropped": ["edge_force"]})
-    ['Beside these causes there is no gap left.', 'Needless beside the others, and dropped: edge force.']
+    ['With these causes in the model, no gap remains.', 'Redundant and dropped: edge force.']
     """
     words = _STOPPED if closing["rungs"] else _STOPPED_WITHOUT
     said = [words.get(closing["stopped"], _STOPPED[closing["stopped"]])]
     if closing["dropped"]:
-        said.append(f"Needless beside the others, and dropped: {', '.join(map(name_of, closing['dropped']))}.")
+        said.append(f"Redundant and dropped: {', '.join(map(name_of, closing['dropped']))}.")
     return said
 
 
@@ -71,7 +71,7 @@ def closing_rows(closing: Mapping[str, Any]) -> list[dict[str, str]]:
                 "rms": f"{rung['with_effect']:.3g}",
                 "closed": f"{round(100 * rung['gap_closed'])} %",
                 "interval": _interval(rung["gap_closed_ci95"]),
-                "added": "by single strokes" if rung["carried_by_strokes"] else f"{round(100 * rung['added'])} %",
+                "added": "seen in single strokes" if rung["carried_by_strokes"] else f"{round(100 * rung['added'])} %",
             }
         )
     return [*rows, {"model": "noise", **empty, "rms": f"{closing['noise_floor']:.3g}"}]
@@ -83,7 +83,7 @@ def _magnitude(rung: Mapping[str, Any]) -> str:
 
 def _interval(ends: Sequence[float]) -> str:
     low, high = (round(100 * end) for end in ends)
-    return "cannot be said" if (low, high) == (-100, 100) else f"{low} to {high} %"
+    return "not determined" if (low, high) == (-100, 100) else f"{low} to {high} %"
 
 
 def closing_picture(closing: Mapping[str, Any]) -> Picture | None:
@@ -130,16 +130,15 @@ def closing_picture(closing: Mapping[str, Any]) -> Picture | None:
         axes.set_ylim(len(values) - 0.4, -0.6)
         axes.set_yticks(range(len(values)), labels)
         axes.grid(visible=False, axis="y")
-        axes.set_xlabel("residual at withheld operating points over its noise, root mean square")
+        axes.set_xlabel("RMS residual at withheld operating points / noise")
         described = "; ".join(f"{label}: {value:.3g}" for label, value in zip(labels, values, strict=True))
         svg = figure_to_svg(
-            figure, name="causes", title="Cause after cause", description=f"{described}; noise: {floor:.3g}."
+            figure, name="causes", title="Causes, added one by one", description=f"{described}; noise: {floor:.3g}."
         )
     return Picture(
         svg=svg,
-        caption="What the model still misses at operating points that it was not fitted to, on a logarithmic scale: as"
-        " configured, re-tuned, and with one cause more on every line. Beside each: what all causes so far close, with"
-        " the 95 % interval (line).",
+        caption="RMS residual at withheld operating points, logarithmic scale: model as configured, re-tuned, and with"
+        " one more cause per line. Percentages: share of the gap closed by all causes so far; lines: 95 % interval.",
     )
 
 
@@ -148,7 +147,7 @@ def _label(rung: Mapping[str, Any]) -> str:
 
 
 def _note(rung: Mapping[str, Any]) -> str:
-    strokes = "; shown by single strokes" if rung["carried_by_strokes"] else ""
+    strokes = "; seen in single strokes" if rung["carried_by_strokes"] else ""
     return f"{round(100 * rung['gap_closed'])} % closed{strokes}"
 
 

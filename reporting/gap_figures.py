@@ -94,9 +94,9 @@ def strokes_picture(strokes: Sequence[Mapping[str, Any]], after: str, after_word
         )
     return Picture(
         svg=svg,
-        caption="The mean stroke of a trial, measured and simulated. The simulation was fitted to other operating"
-        " points only, the cutting coefficient of the workpiece to its own force. In each panel: how far the model"
-        f" is off (root mean square), as configured → re-tuned{' → with the cause' if after == 'with_effect' else ''}.",
+        caption="Mean stroke of a trial, measured and simulated. The model was fitted to other operating points only;"
+        " k_Fc of the workpiece was fitted to the force of this trial. RMSE in each panel: model as configured →"
+        f" re-tuned{' → with the cause' if after == 'with_effect' else ''}.",
     )
 
 
@@ -110,13 +110,13 @@ def _one_stroke(axes: Axes, stroke: Mapping[str, Any], channel: str, after: str,
     angle = (np.arange(len(measured)) + 0.5) * 360.0 / len(measured)
     axes.plot(angle, measured, color=CHANNEL_COLOURS.get(channel, _SPEED_COLOUR), linewidth=4.5, alpha=0.4,
               solid_capstyle="butt", label="measured")  # fmt: skip
-    axes.plot(angle, curves["nominal"], color=_NOMINAL_COLOUR, linestyle=(0, (4, 2)), label="model before")
+    axes.plot(angle, curves["nominal"], color=_NOMINAL_COLOUR, linestyle=(0, (4, 2)), label="model as configured")
     axes.plot(angle, curves[after], color=INK, linewidth=1.2, label=after_words)
     rungs = list(dict.fromkeys(("nominal", "retuned", after)))
     off = [float(np.sqrt(np.mean((measured - np.array(curves[rung])) ** 2))) for rung in rungs]
-    text = f"off by {' → '.join(format_number(value, digits=2) for value in off)} {curves['unit']}"
+    text = f"RMSE {' → '.join(format_number(value, digits=2) for value in off)} {curves['unit']}"
     axes.text(1.0, 1.02, text, transform=axes.transAxes, ha="right", va="bottom", fontsize=8.5, color=QUIET)
-    return f"{CHANNEL_WORDS[channel]} at {point_words(stroke['operating_point'])}: model {text}, step by step"
+    return f"{CHANNEL_WORDS[channel]} at {point_words(stroke['operating_point'])}: {text}"
 
 
 def ladder_picture(by_channel: Mapping[str, Mapping[str, Any]], rungs: Sequence[tuple[str, str]]) -> Picture | None:
@@ -163,8 +163,8 @@ def ladder_picture(by_channel: Mapping[str, Mapping[str, Any]], rungs: Sequence[
         svg = figure_to_svg(figure, name="ladder", title="How far the gap closes, by channel", description=described)
     return Picture(
         svg=svg,
-        caption="How far the simulated stroke is off (root mean square) at operating points that it was not fitted"
-        " to. The last bar is what repeats and strokes differ by anyway: no model gets surely below it.",
+        caption="RMSE of the simulated stroke at withheld operating points. The last bar is the repeatability of the"
+        " measurement, the lower limit for any model.",
     )
 
 
@@ -203,7 +203,7 @@ def map_picture(found: Mapping[str, Any], order: Sequence[str]) -> Picture | Non
             axes.invert_yaxis()
             axes.grid(visible=False)
             axes.set_facecolor("#e3e6e8")
-            axes.set_title(f"{EQUATION_WORDS.get(name, name)}: measured less model / {equation['unit']}", fontsize=9.5)
+            axes.set_title(f"{EQUATION_WORDS.get(name, name)}: measured minus model / {equation['unit']}", fontsize=9.5)
             bar = figure.colorbar(drawn, ax=axes, pad=0.01, ticks=[-top, 0.0, top], aspect=12)
             bar.ax.set_yticklabels([format_number(-top, digits=2), "0", format_number(top, digits=2)], fontsize=8.0)
         panels[-1].set_xticks([0, 45, 90, 135, 180, 225, 270, 315, 360])
@@ -215,9 +215,9 @@ def map_picture(found: Mapping[str, Any], order: Sequence[str]) -> Picture | Non
         )  # fmt: skip
     return Picture(
         svg=svg,
-        caption="What the model as configured, its parameters within their stated uncertainty, leaves of each balance"
-        " equation: one line an operating point, crank angle to the right. White is no gap; red means measured above,"
-        " blue below the model.",
+        caption="Residual of each balance equation over the crank angle, one row per operating point. Model as"
+        " configured, parameters free within their stated uncertainty. White: no gap. Red: measured above the model."
+        " Blue: measured below the model.",
     )
 
 

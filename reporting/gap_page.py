@@ -84,7 +84,7 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         "others": [
             ("no gap", report["probabilities"]["no_gap"]),
             ("re-tuned parameters alone", report["probabilities"]["parameters"]),
-            ("something that is not in the catalogue", report["probabilities"]["unknown"]),
+            ("cause outside the catalogue", report["probabilities"]["unknown"]),
         ],
         "shifts": [_shift_row(name, p) for name, p in report["parameter_shifts"].items()],
         "ladder_rows": _ladder_rows(report),
@@ -114,7 +114,7 @@ def verdict_sentence(report: Mapping[str, Any]) -> str:
         return f"No gap: the model explains the measurements within their noise ({_percent(probability['no_gap'])})."
     if verdict == "parameters":
         return (
-            "The form of the model is right, but some of its parameters are off by more than their stated uncertainty"
+            "The model form is right, but some parameters differ from their stated values by more than their uncertainty"
             f" ({_percent(probability['parameters'])})."
         )
     if verdict == "unknown":
@@ -131,7 +131,7 @@ def _has_cause(report: Mapping[str, Any]) -> bool:
 
 
 def _heading(report: Mapping[str, Any]) -> str:
-    fixed = {"no_gap": "No gap", "parameters": "Parameters are off", "unknown": "Gap of unknown cause"}
+    fixed = {"no_gap": "No gap", "parameters": "Parameters outside their stated uncertainty", "unknown": "Gap of unknown cause"}
     if report["verdict"] in fixed:
         return fixed[report["verdict"]]
     return "Gap: " + " and ".join(name_of(name) for name in report["causes"][0]["effects"])
@@ -151,14 +151,14 @@ def _meaning(report: Mapping[str, Any]) -> list[str]:
             "The residual is within the repeatability of the measurements and the stated uncertainty of the parameters."
         )
     elif verdict == "parameters":
-        said += [f"Farthest off: {text}." for text in [_shifted(report)] if text]
+        said += [f"Largest shifts: {text}." for text in [_shifted(report)] if text]
     elif verdict == "unknown":
         resembles = report["detail"].get("resembles", "")
         if resembles:
             said.append(f"Closest description: {resembles}.")
         said += [_place_sentence(spot) for spot in _of_the_strokes(report)[:2]]
         said += learned_sentences(report["learned_term"]) if report.get("learned_term") else []
-        said.append("Re-tuning the model to it would hide the gap, not explain it.")
+        said.append("Re-tuning the parameters would hide the gap, not explain it.")
     else:
         cause = report["causes"][0]
         said += [f"{words[0].upper()}{words[1:]}." for words in map(what_happens, cause["effects"])]
@@ -177,15 +177,15 @@ def _where_it_acts(report: Mapping[str, Any], cause: Mapping[str, Any]) -> list[
     if own is None or own is spots[0]:
         return [_place_sentence(spot) for spot in spots[:1]]
     return [
-        f"{_place_sentence(own)} That is where the cause acts.",
-        f"{_place_sentence(spots[0])} There its consequences are seen.",
+        f"{_place_sentence(own)} This is where the cause acts.",
+        f"{_place_sentence(spots[0])} This is a consequence of the cause.",
     ]
 
 
 def _explained(cause: Mapping[str, Any]) -> str:
     low, high = cause["gap_closed_ci95"]
     if (low, high) == (-1.0, 1.0) and cause["gap_closed"] == 0.0:
-        return "With re-tuned parameters the remaining error is too small to say how much of it the cause explains."
+        return "With re-tuned parameters the remaining error is too small to tell how much of it the cause explains."
     return (
         f"Adding it explains {round(100 * cause['gap_closed'])} % ({round(100 * low)} to {round(100 * high)} %)"
         " of the remaining error at withheld operating points."
@@ -200,7 +200,7 @@ def _runtime_sentence(report: Mapping[str, Any]) -> list[str]:
     key, words = ("with_effect", "with the cause") if _has_cause(report) else ("retuned", "re-tuned")
     after = f", {words} {format_duration(runtime[key])}" if key in runtime else ""
     return [
-        f"A full battery lasts {format_duration(runtime['measured'])} as measured; the model says"
+        f"Runtime of a full battery: measured {format_duration(runtime['measured'])}; model as configured"
         f" {format_duration(runtime['nominal'])}{after}{f' ({point_words(where)})' if where else ''}."
     ]
 
@@ -224,7 +224,7 @@ def _place_sentence(spot: Mapping[str, Any]) -> str:
 
 def _angles(ranges: Sequence[Sequence[float]]) -> str:
     if not ranges or (len(ranges) == 1 and ranges[0][1] - ranges[0][0] > 6.2):
-        return "all around the stroke"
+        return "at all crank angles"
     return "at crank angles " + ", ".join(f"{a * _RAD_TO_DEG:.0f} to {b * _RAD_TO_DEG:.0f}°" for a, b in ranges)
 
 
@@ -241,23 +241,23 @@ def _shifted(report: Mapping[str, Any]) -> str:
 def _to_do(report: Mapping[str, Any]) -> list[str]:
     verdict = report["verdict"]
     if verdict == "no_gap":
-        return ["Use the model as it is.", f"To be surer still, next trial: {report['next_trial']}."]
+        return ["Use the model as it is.", f"To increase the confidence, next trial: {report['next_trial']}."]
     steps = []
     if verdict == "parameters":
-        steps.append("Check the re-tuned numbers (table below) on a new trial.")
+        steps.append("Check the re-tuned parameters (table below) on a new trial.")
     elif verdict == "unknown":
         lines = [_spot_angles(spot) for spot in report["where"] if _is_line(spot)]
-        steps += [f"Look for what turns or switches {line}." for line in lines]
+        steps += [f"Look for a part that rotates or switches {line}." for line in lines]
         if _of_the_strokes(report):
-            steps.append("Look at the map below: where in the stroke, and at which operating points, does it show?")
+            steps.append("See the map below for the crank angles and operating points at which the gap appears.")
     else:
         steps += [
             f"{words[0].upper()}{words[1:]}." for words in map(what_to_do, report["causes"][0]["effects"]) if words
         ]
     if report.get("improved_model"):
         steps.append(
-            "Until then predict with what was found, as it stands beside this page: `sawbench runtime RECORDING"
-            " --config improved_model.toml`; every command takes it."
+            "Until then use the improved model in the folder of this page, for example `sawbench runtime RECORDING"
+            " --config improved_model.toml`; every command accepts it."
         )
     return [*steps, f"Next trial: {report['next_trial']}."]
 
@@ -274,7 +274,7 @@ def _tiles(report: Mapping[str, Any]) -> list[dict[str, str]]:
             row = report["gap"]["by_channel"][name]
             tiles.append(
                 {
-                    "label": f"Simulated {CHANNEL_WORDS[name]} is off by (RMS)",
+                    "label": f"RMSE of the simulated {CHANNEL_WORDS[name]}",
                     "value": " → ".join(format_number(row[key], digits=2) for key, _ in rungs) + f" {row['unit']}",
                     "detail": f"{steps}; noise {format_number(row['noise_floor'], digits=2)} {row['unit']}",
                 }
@@ -284,9 +284,9 @@ def _tiles(report: Mapping[str, Any]) -> list[dict[str, str]]:
         said = [f"{words} {format_duration(runtime[key])}" for key, words in rungs if key in runtime]
         tiles.append(
             {
-                "label": "Battery lasts",
+                "label": "Runtime of a full battery",
                 "value": f"{format_duration(runtime['measured'])}",
-                "detail": f"model {', '.join(said)}",
+                "detail": f"measured; model {', '.join(said)}",
             }
         )
     return tiles
@@ -301,7 +301,7 @@ def _shift_row(name: str, p: Mapping[str, Any]) -> tuple[str, str, str, str]:
 def _ladder_rows(report: Mapping[str, Any]) -> list[tuple[str, list[str], str]]:
     """The gap rung by rung: all equations in units of the noise, then channel by channel."""
     gap, keys = report["gap"], [key for key, _ in rungs_of(report["verdict"])]
-    rows = [("all equations", gap, "of the noise")]
+    rows = [("all equations", gap, "noise")]
     rows += [(str(CHANNEL_WORDS.get(name, name)), row, row["unit"]) for name, row in gap["by_channel"].items()]
     return [(name, [format_number(row[key], digits=3) for key in keys], unit) for name, row, unit in rows]
 
@@ -326,7 +326,7 @@ def _standing_out_words(report: Mapping[str, Any], detail: Mapping[str, Any]) ->
         return ""
     said = standing_out_sentence(found)
     if found["n_found"] == 0 and _has_cause(report):
-        said += " The cause was recognised by its pattern over all regions together."
+        said += " The cause was identified from its pattern over all regions together."
     return said
 
 
@@ -337,7 +337,7 @@ def _spot(spot: Mapping[str, Any], found: Mapping[str, Any] | None) -> dict[str,
         "channel": CHANNEL_WORDS.get(spot["channel"], spot["channel"]),
         "share": "asynchronous" if _is_line(spot) else _percent(spot["share"]),
         "angles": _spot_angles(spot),
-        "grows_with": ", ".join(spot["grows_with"]) or "nothing seen",
+        "grows_with": ", ".join(spot["grows_with"]) or "none found",
     }
 
 
@@ -359,7 +359,7 @@ def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
         "words": ", and ".join(what_happens(name) for name in cause["effects"]),
         "probability": _percent(cause["probability"]),
         "closed": f"{round(100 * cause['gap_closed'])} %",
-        "interval": "cannot be said" if (low, high) == (-1.0, 1.0) else f"{round(100 * low)} to {round(100 * high)} %",
+        "interval": "not determined" if (low, high) == (-1.0, 1.0) else f"{round(100 * low)} to {round(100 * high)} %",
         "strengths": [magnitude_words(name, p) for name, p in cause["parameters"].items()],
         "alike": ", ".join(name_of(name) for name in cause["indistinguishable_from"]) or "none",
     }
