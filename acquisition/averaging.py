@@ -156,5 +156,5 @@ def unsteady(found: RestingMean, *, tolerance: float, unit: str) -> str:
     if found.block_spread > tolerance + 5.0 * found.block_std:
         return f"it moves by {found.block_spread:.3g} {unit} while it is averaged ({tolerance:.3g} {unit} are allowed)"
     if found.noise_std > 10.0 * tolerance:
-        return f"it is shaken: {found.noise_std:.3g} {unit} (1 std; {10.0 * tolerance:.3g} {unit} are allowed)"
+        return f"it vibrates:  {found.noise_std:.3g} {unit} (1 std; {10.0 * tolerance:.3g} {unit} are allowed)"
     return ""

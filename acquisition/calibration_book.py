@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _STRICT: Final = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 _HEADER: Final = (
     "# Tares and calibrations of the bench, written by `sawbench tare` and `sawbench calibrate`; the latest of each\n"
-    "# channel is in force. Nothing is ever removed: the file is the history.\n\n"
+    "# channel is used. Entries are never removed: the file is the history.\n\n"
 )
 
 
@@ -107,14 +107,14 @@ class CalibrationBook(BaseModel):
 
 
 def book_path(config_path: Path, *, simulated: bool, shipped: Path) -> Path:
-    """Place of the book: beside the configuration, or in the working folder for the one that ships with sawbench.
+    """Place of the book: beside the configuration, or in the working folder for the one of the package.
 
     Parameters
     ----------
     config_path : Path
     simulated : bool
     shipped : Path
-        The configuration that ships with sawbench.
+        The configuration of the package.
 
     Examples
     --------
@@ -143,7 +143,11 @@ def read_book(path: Path) -> CalibrationBook:
         what = describe_validation(error, CalibrationBook)
     except ConfigError as error:
         what = error.what
-    raise InputError(f"is no calibration book: {what}", where=path, remedy="repair it, or move it away to do without")
+    raise InputError(
+        f"is not a calibration book: {what}",
+        where=path,
+        remedy="repair it, or move it to another folder to work without it",
+    )
 
 
 def add_entry(path: Path, entry: BookEntry) -> None:
@@ -225,7 +229,9 @@ def calibrated(
     return config.model_copy(update={"devices": tables})
 
 
-NO_CALIBRATION: Final = "has no calibration: what the instrument sends, such as mV/V, would pass for the channel's unit"
+NO_CALIBRATION: Final = (
+    "has no calibration: the raw value of the instrument, such as mV/V, would be taken in the unit of the channel"
+)
 
 
 def uncalibrated(
@@ -237,7 +243,7 @@ def uncalibrated(
             device,
             channel,
             f"`sawbench calibrate --channel {channel}`, or state calibration = {{ scale = ..., raw_unit = ..., "
-            "source = ... }; a source alone where the instrument sends that unit itself",
+            "source = ... }; if the instrument already sends this unit, `source` alone is enough",
         )
         for (device, channel), present in configured.items()
         if present == Calibration() and all(entry.kind != "calibration" for entry in book.in_force(device, channel))
@@ -301,7 +307,7 @@ def zeroed(calibration: Calibration, raw_at_rest: float) -> Calibration:
         roots = np.polynomial.polynomial.polyroots(calibration.polynomial)
         real = roots[np.abs(roots.imag) < 1e-9].real
         if not len(real):
-            raise InputError("the polynomial of the calibration is nowhere 0, so it cannot be zeroed")
+            raise InputError("the polynomial of the calibration has no zero, so the channel cannot be tared")
         # The zero on the branch that is in use: the one nearest to the reading.
         present = raw_at_rest - calibration.zero_raw
         at_zero = float(real[np.argmin(np.abs(real - present))])
@@ -313,10 +319,10 @@ def _refuse_stale(entries: Sequence[BookEntry], present: Calibration) -> None:
         if entry.configured.is_same_formula(present):
             continue
         raise ConfigError(
-            f"the calibration in the configuration was changed since the {entry.title}: that holds for "
+            f"the calibration in the configuration was changed since the {entry.title}, which is valid for "
             f"{entry.configured.statement(entry.channel, 'value')}",
             where=f"{entry.device} {entry.channel}",
-            remedy="put the former calibration back, or make a new one: "
+            remedy="restore the previous calibration, or make a new one: "
             + ("`sawbench tare`" if entry.kind == "tare" else "`sawbench calibrate --force`"),
         )
 

@@ -167,19 +167,21 @@ def judge_line(line: StraightLine, former: Calibration, *, largest_deviation: fl
     said = []
     former_gain = former.slope_at(former.zero_raw)
     if line.gain_rel_std > _LARGEST_GAIN_REL_STD:
-        said.append(f"the reading hardly follows the load: the gain is only known to {line.gain_rel_std:.0%}")
+        said.append(f"the reading depends too weakly on the load: the gain is only known to {line.gain_rel_std:.0%}")
     elif line.gain * former_gain < 0:
         said.append(
-            f"the gain is {line.gain:.6g}, the former one {former_gain:.6g}: the sign turned (sensor or wires swapped, "
+            f"the gain is {line.gain:.6g}, the previous one {former_gain:.6g}: the sign has changed (sensor or wires"
+            " swapped, "
             "or loads pushed instead of pulled)"
         )
     elif former_gain and abs(line.gain / former_gain - 1.0) > _LARGEST_GAIN_CHANGE:
         said.append(
-            f"the gain is {line.gain:.6g}, {line.gain / former_gain:.3g} times the former one (a factor of 9.8 or 0.10 "
-            "is kilograms taken for newtons)"
+            f"the gain is {line.gain:.6g}, {line.gain / former_gain:.3g} times the previous one (a factor of 9.8 or"
+            " 0.10 "
+            "means that kilograms were entered as newtons)"
         )
     if line.nonlinearity > largest_deviation:
-        said.append(f"the points lie up to {line.nonlinearity:.2%} of the range off a straight line")
+        said.append(f"the points deviate from a straight line by up to {line.nonlinearity:.2%} of the range")
     if line.hysteresis is not None and line.hysteresis > largest_deviation:
         said.append(f"loading and unloading differ by up to {line.hysteresis:.2%} of the range")
     return said
@@ -194,9 +196,9 @@ def require_sound(complaints: Sequence[str], *, where: str, force: bool) -> None
     """
     if complaints and not force:
         raise UntrustedResult(
-            "the calibration was not kept: " + "; ".join(complaints),
+            "the calibration was not stored: " + "; ".join(complaints),
             where=where,
-            remedy="check the loads and repeat it, or keep it with --force",
+            remedy="check the loads and repeat it, or store it with --force",
         )
 
 
@@ -262,13 +264,14 @@ def _refuse_nonsense(points: Sequence[CalibrationPoint]) -> None:
     if n_loads < _MIN_LOADS:
         raise InputError(
             f"{len(points)} points at {n_loads} different loads are too few for a calibration, {_MIN_LOADS} are needed",
-            remedy="take zero, the largest load, and at least one between",
+            remedy="measure zero, the largest load, and at least one between",
         )
     for before, after in pairwise(references):
         if abs(after - before) <= _SAME * span:
             raise InputError(
-                f"the load {after:g} stands twice in a row, which tells nothing new",
-                remedy="going up and down, take the largest load once; otherwise change the load in between",
+                f"the load {after:g} appears twice in a row, which adds no information",
+                remedy="with loading and unloading, measure the largest load once; otherwise change the load in"
+                " between",
             )
     if float(np.ptp([p.raw for p in points])) == 0.0:
         raise InputError(

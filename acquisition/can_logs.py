@@ -105,15 +105,15 @@ def decode_can_log(
             found[item.name] = signal
         elif signals is not None:
             raise InputError(
-                f"holds no frame of {item.message.name} with a value of {item.signal.name}",
+                f"contains no frame of {item.message.name} with a value of {item.signal.name}",
                 where=path,
                 remedy="check that log and DBC belong together",
             )
     if not found:
-        raise InputError("holds no frame that the DBC describes", where=path, remedy="use another DBC")
+        raise InputError("contains no frame that the DBC describes", where=path, remedy="use another DBC")
     started_at = datetime.fromtimestamp(start_s, UTC) if start_s > _YEAR_2000_S else None
     return Recording(
-        trial=Trial(trial_id=path.name.split(".")[0], started_at=started_at, source=f"import of {path.name}"),
+        trial=Trial(trial_id=path.name.split(".")[0], started_at=started_at, source=f"importing {path.name}"),
         signals=found,
         events=tuple(events),
         provenance={
@@ -135,7 +135,7 @@ def _read_frames(path: Path) -> tuple[_Frames, float]:
         raise InputError("no such file", where=path)
     if not is_can_log(path):
         raise InputError(
-            f"is no CAN log; suffixes are {', '.join(SUFFIXES)}", where=path, remedy="rename it to what it is"
+            f"is not a CAN log; suffixes are {', '.join(SUFFIXES)}", where=path, remedy="use the suffix of its format"
         )
     rows: list[tuple[float, int, int, bytes, str]] = []
     try:
@@ -155,7 +155,7 @@ def _read_frames(path: Path) -> tuple[_Frames, float]:
             remedy="check that the suffix fits the content",
         ) from error
     if not rows:
-        raise InputError("holds no CAN frames", where=path)
+        raise InputError("contains no CAN frames", where=path)
     time_s, identifiers, lengths, payloads, buses = zip(*rows, strict=True)
     absolute_s = np.array(time_s)
     start_s = float(absolute_s.min())

@@ -37,13 +37,13 @@ def load_dbc(path: str | Path) -> Database:
         database = cantools.database.load_file(file, strict=False)
     except FileNotFoundError:
         raise ConfigError(
-            "no such DBC file", where=given, remedy="correct `dbc`; sawbench ships jigsaw_bench.dbc"
+            "no such DBC file", where=given, remedy="correct `dbc`; the package includes jigsaw_bench.dbc"
         ) from None
     except Exception as error:
         # cantools raises a different class for every kind of malformed file, some of them bare Exceptions.
-        raise ConfigError(f"is no readable DBC: {error}", where=given) from error
+        raise ConfigError(f"is not a readable DBC: {error}", where=given) from error
     if not hasattr(database, "messages"):
-        raise ConfigError("holds no CAN messages", where=given)
+        raise ConfigError("contains no CAN messages", where=given)
     return cast("Database", database)
 
 

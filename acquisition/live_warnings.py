@@ -45,7 +45,7 @@ class LiveWarnings:
     ----------
     streams : mapping of (device, stream) to Stream
     preload_n : float, optional
-        Force with which the carriage is pressed on the load cell; above it the carriage lifts off.
+        Force with which the carriage is pressed on the load cell; above it the carriage lifts off its support.
     folder : Path, optional
         Where the recording is written, for the space on its disk.
     limits : PreflightLimits, optional
@@ -185,7 +185,7 @@ class LiveWarnings:
     ) -> Iterator[tuple[str, str]]:
         outside = self._outside.pop(channel.name, [])
         if outside:
-            yield "saturated", f"samples lie {OUTSIDE}: overloaded, or a broken wire"
+            yield "saturated", f"samples are {OUTSIDE}: overloaded, or a broken wire"
         if len(values) < _LEAST_SAMPLES:
             return
         if is_steady and not outside and (found := saturation(channel, values, self._limits)) is not None:
@@ -193,7 +193,13 @@ class LiveWarnings:
         if channel.name == FORCE.name and self._preload_n is not None:
             peak_n = float(values.max())
             if peak_n > _PRELOAD_SHARE * self._preload_n:
-                yield "preload", f"{peak_n:.0f} N of {self._preload_n:g} N preload: above it the carriage lifts off"
+                yield (
+                    "preload",
+                    (
+                        f"{peak_n:.0f} N of {self._preload_n:g} N preload: above it the carriage lifts off"
+                        " its support its support"
+                    ),
+                )
         if is_running and is_steady:
             if np.ptp(values) == 0.0:
                 what = f"all values of a second are {values[0]:.6g} {channel.unit}"
@@ -248,7 +254,7 @@ class LiveWarnings:
                 yield ("rate", device, ""), text
             drift = drifts.get((device, name))
             if drift is not None and abs(drift[0]) > self._limits.drift_ppm + 3.0 * drift[1]:
-                yield ("clock", device, ""), f"the clock of {name} is off by {drift[0]:+.0f} ± {drift[1]:.0f} ppm"
+                yield ("clock", device, ""), f"the clock of {name} deviates by {drift[0]:+.0f} ± {drift[1]:.0f} ppm"
 
     def _rate(self, stream: Stream, time_s: Floats) -> str:
         if stream.rate_hz <= 0 or len(time_s) < _LEAST_SAMPLES:
@@ -257,7 +263,7 @@ class LiveWarnings:
         rate_hz = 1.0 / float(np.median(np.diff(time_s)))
         if abs(rate_hz / stream.rate_hz - 1.0) <= self._limits.rate_error:
             return ""
-        return f"{stream.name} brings {rate_hz:.4g} samples/s, configured are {stream.rate_hz:g}"
+        return f"{stream.name} sends {rate_hz:.4g} samples/s, configured are {stream.rate_hz:g}"
 
     def _disk(self) -> Iterator[tuple[Key, str]]:
         if self._folder is None:

@@ -38,9 +38,9 @@ class Touch:
 
     def __post_init__(self) -> None:
         if not self.above > 0 or not np.isfinite(self.above):
-            raise InputError(f"the blade touches above {self.above!r} in {self.channel}: allowed is above 0")
+            raise InputError(f"the contact threshold is {self.above!r} in {self.channel}: allowed is above 0")
         if not 0 <= self.before_s <= 60:
-            raise InputError(f"{self.before_s!r} s before the blade touches: allowed is 0 to 60 s")
+            raise InputError(f"{self.before_s!r} s before the contact: allowed is 0 to 60 s")
 
 
 class TouchWatch:

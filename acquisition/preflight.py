@@ -141,11 +141,11 @@ def _device_findings(probe: DeviceProbe) -> list[Finding]:
     if probe.problem is not None:
         remedy = probe.problem.remedy or "check cable, power and settings"
         if isinstance(probe.problem, NoAnswerError) and n_bytes:
-            what = f"{n_bytes} bytes came from {probe.port}, but no valid frame"
+            what = f"{n_bytes} bytes were received from {probe.port}, but no valid frame"
             remedy = "most likely the baud rate is wrong (`baud_rate`), or the port belongs to another instrument"
             found.append(_fault("wrong_baud_or_instrument", probe.device, what=what, remedy=remedy))
         elif isinstance(probe.problem, NoAnswerError):
-            what = f"not a single byte came from {probe.port}; {probe.problem.what}"
+            what = f"no data was received from {probe.port}; {probe.problem.what}"
             found.append(_fault("no_bytes", probe.device, what=what, remedy=remedy))
         else:
             code = "link_broke" if probe.is_opened else "cannot_open"
@@ -154,8 +154,8 @@ def _device_findings(probe: DeviceProbe) -> list[Finding]:
     elif not n_samples:
         found.append(_nothing_useful(probe, n_bytes))
     elif n_bytes:
-        what = f"{n_bytes} bytes were damaged on the way"
-        remedy = "check cable length, shield, ground and USB hub; lower the baud rate if it stays"
+        what = f"{n_bytes} bytes were damaged in transmission"
+        remedy = "check cable length, shield, ground and USB hub; lower the baud rate if the fault remains"
         found.append(_fault("bytes_damaged", probe.device, what=what, remedy=remedy))
     n_overloads = int(probe.facts.get("n_overloads", "0"))
     if n_overloads:
@@ -168,15 +168,15 @@ def _device_findings(probe: DeviceProbe) -> list[Finding]:
 def _nothing_useful(probe: DeviceProbe, n_bytes: int) -> Finding:
     n_other = int(probe.facts.get("n_other_frames", "0"))
     if n_other:
-        what = f"{n_other} frames came, but none of {', '.join(s.stream.name for s in probe.streams)}"
+        what = f"{n_other} frames were received, but none of {', '.join(s.stream.name for s in probe.streams)}"
         remedy = "check that the DBC belongs to this bus and that the nodes are switched on"
         return _fault("no_samples", probe.device, what=what, remedy=remedy)
     if n_bytes:
-        what = f"{n_bytes} bytes came from {probe.port}, but no valid frame"
+        what = f"{n_bytes} bytes were received from {probe.port}, but no valid frame"
         remedy = "most likely the baud rate is wrong (`baud_rate`), or the port belongs to another instrument"
         return _fault("wrong_baud_or_instrument", probe.device, what=what, remedy=remedy)
-    what = f"{probe.port} opens, but not a single sample came"
-    remedy = "check power and cable; on a CAN bus also `bitrate`, the two 120 ohm ends, and CAN high and low"
+    what = f"{probe.port} opens, but no sample was received"
+    remedy = "check power and cable; on a CAN bus also `bitrate`, the two 120 ohm terminators, and CAN high and low"
     return _fault("no_bytes", probe.device, what=what, remedy=remedy)
 
 
@@ -185,13 +185,13 @@ def _stream_findings(probe: DeviceProbe, stream: StreamProbe, limits: PreflightL
         others = sum(len(s.raw) for s in probe.streams)
         if not others:
             return []
-        what = f"no sample of {stream.stream.name} came, though others of this device did"
-        remedy = "check that its node is switched on and that the DBC has its right identifier"
+        what = f"no sample of {stream.stream.name} was received, but other messages of this device were"
+        remedy = "check that its node is switched on and that its identifier in the DBC is correct"
         return [Finding(severity="fault", code="no_samples", device=probe.device, what=what, remedy=remedy)]
     nominal_hz = stream.stream.rate_hz
     if probe.problem is None and stream.silent_s > max(limits.silence_s, 5.0 / nominal_hz if nominal_hz > 0 else 0.0):
-        what = f"{stream.stream.name} stopped: the last sample came {stream.silent_s:.1f} s before the end"
-        remedy = "check its power and plug, and whether it fell into an error state"
+        what = f"{stream.stream.name} stopped: the last sample was received {stream.silent_s:.1f} s before the end"
+        remedy = "check its power and connector, and whether it is in an error state"
         return [_fault("stopped", probe.device, what=what, remedy=remedy)]
     overall_hz, steady_hz = received_rate_hz(stream.arrival_s, stream.n_arrived)
     # Over a short time the rate is only known to the scatter of the arrivals, as the recorder has it.
@@ -199,27 +199,27 @@ def _stream_findings(probe: DeviceProbe, stream: StreamProbe, limits: PreflightL
     if nominal_hz > 0 and steady_hz > 0 and abs(steady_hz / nominal_hz - 1.0) > allowed:
         is_low = steady_hz < nominal_hz
         what = (
-            f"{stream.stream.name} brings {steady_hz:.0f} samples/s, "
+            f"{stream.stream.name} sends {steady_hz:.0f} samples/s, "
             f"{'only ' if is_low else ''}{steady_hz / nominal_hz:.0%} of the {nominal_hz:g} configured"
         )
         remedy = (
-            "raise `baud_rate`, relieve this computer, or lower `rate_hz` to what arrives"
+            "raise `baud_rate`, reduce the load of this computer, or lower `rate_hz` to the received rate"
             if is_low
-            else "set `rate_hz` to what it sends"
+            else "set `rate_hz` to the rate of the instrument"
         )
         return [_fault("rate_low" if is_low else "rate_high", probe.device, what=what, remedy=remedy)]
     found: list[Finding] = []
     if stream.n_missing or stream.n_gaps:
         what = (
             f"{stream.n_missing} samples of {stream.stream.name} are missing in {stream.n_gaps} gaps "
-            f"({overall_hz:.0f} of {nominal_hz:g} samples/s came)"
+            f"({overall_hz:.0f} of {nominal_hz:g} samples/s received)"
         )
-        remedy = "check cable and USB hub, and whether this computer is busy with something else"
+        remedy = "check cable and USB hub, and the load of this computer"
         found.append(_fault("samples_missing", probe.device, what=what, remedy=remedy))
     drift, drift_std = stream.drift_ppm, stream.drift_std_ppm
     if drift is not None and drift_std is not None and abs(drift) > limits.drift_ppm + 3.0 * drift_std:
-        what = f"its clock is off by {drift:+.0f} +/- {drift_std:.0f} ppm, more than a quartz should be"
-        remedy = "nothing to do: the recorder follows the clock; have the instrument looked at if it grows"
+        what = f"its clock deviates by {drift:+.0f} +/- {drift_std:.0f} ppm, more than the tolerance of a quartz"
+        remedy = "no action needed: the recorder follows the clock; have the instrument checked if the deviation grows"
         note = Finding(severity="note", code="clock_drift", device=probe.device, what=what, remedy=remedy)
         found.append(note)
     return found
@@ -250,7 +250,7 @@ def _busy_computer(findings: Sequence[Finding]) -> list[Finding]:
     if len(slow) < 2:
         return []
     what = f"{', '.join(sorted(slow))} are too slow at the same time: this computer may be the cause"
-    remedy = "end other programs, plug the instruments into different USB ports, and check again"
+    remedy = "close other programs, connect the instruments to different USB ports, and check again"
     return [Finding(severity="note", code="computer_busy", what=what, remedy=remedy)]
 
 
@@ -273,7 +273,7 @@ def _missing_channels(probes: Sequence[DeviceProbe]) -> list[Finding]:
             severity="note",
             code="channel_not_configured",
             channel=channel.name,
-            what=f"no device gives {channel.name} ({channel.label})",
+            what=f"no device provides {channel.name} ({channel.label})",
             remedy="add it to a [devices.*] table if it is measured",
         )
         for channel in CHANNELS

@@ -153,9 +153,9 @@ def saturation(channel: StreamChannel, values: Floats, limits: PreflightLimits) 
     low, high = channel.valid_range
     unit = channel.unit
     outside = float(np.mean(~((values >= low) & (values <= high))))
-    remedy = "check the wiring (a broken bridge wire drives the input to its end), the load, and `raw_range`"
+    remedy = "check the wiring (a broken bridge wire saturates the input), the load, and `raw_range`"
     if outside > limits.outside_share:
-        what = f"{outside:.1%} of the values lie beyond {low:g}..{high:g} {unit}, what the input can mean"
+        what = f"{outside:.1%} of the values are outside {low:g}..{high:g} {unit}, the range of the input"
         return Finding(severity="fault", code="saturated", what=what, remedy=remedy)
     if (clipped := _clipped_at(values, limits)) is not None:
         what = f"the signal is clipped at {clipped:.4g} {unit}: amplifier saturated"
@@ -163,7 +163,7 @@ def saturation(channel: StreamChannel, values: Floats, limits: PreflightLimits) 
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     reached = abs(float(np.median(values)) - middle) / half
     if half < _UNLIMITED and reached > limits.near_limit:
-        what = f"the value stands at {float(np.median(values)):.4g} {unit}, {reached:.0%} of the way to the end"
+        what = f"the value is {float(np.median(values)):.4g} {unit}, {reached:.0%} of full scale"
         return Finding(severity="fault", code="saturated", what=what, remedy=remedy)
     return None
 
@@ -182,10 +182,10 @@ def _clipped_at(values: Floats, limits: PreflightLimits) -> float | None:
 def _frozen(channel: StreamChannel, values: Floats, is_running: bool) -> Finding:
     what = f"all {len(values)} values are exactly {values[0]:.6g} {channel.unit}"
     if channel.resolution > 0 and not is_running:
-        what += f"; a sensor at rest can do that within its step of {channel.resolution:g} {channel.unit}"
-        remedy = "run the tool and check again with --running, to tell a frozen sensor from one at rest"
+        what += f"; possible for a sensor at rest within its resolution of {channel.resolution:g} {channel.unit}"
+        remedy = "run the tool and check again with --running, to distinguish a frozen sensor from one at rest"
         return Finding(severity="note", code="not_moving", what=what, remedy=remedy)
-    remedy = "the sensor or its node is frozen: switch it off and on, check the sensor's plug"
+    remedy = "the sensor or its node is frozen: switch it off and on, check the sensor connector"
     return Finding(severity="fault", code="frozen", what=what, remedy=remedy)
 
 
@@ -194,25 +194,25 @@ def _noise(channel: StreamChannel, time_s: Floats, values: Floats, limits: Prefl
     half = 0.5 * (channel.valid_range[1] - channel.valid_range[0])
     if channel.noise_std is not None:
         allowed = limits.noise_factor * channel.noise_std
-        basis = f"{channel.noise_std:.3g} {channel.unit} are expected (`noise_std`)"
+        basis = f"expected {channel.noise_std:.3g} {channel.unit} (`noise_std`)"
     elif half < _UNLIMITED:
         allowed = limits.noise_of_half_range * half
-        basis = f"more than {limits.noise_of_half_range:.1%} of half the range; state `noise_std` to judge it better"
+        basis = f"more than {limits.noise_of_half_range:.1%} of half the range; state `noise_std` for a better check"
     else:
         return []
     if noise <= allowed:
         return []
     hum = _hum(time_s, values)
     if hum is None and (stroke_hz := stroke_rate_hz(time_s, values)) is not None:
-        what = f"{channel.name} swings by {float(np.ptp(values)):.3g} {channel.unit} at {stroke_hz:.1f} Hz"
-        remedy = "switch the tool off and repeat; `sawbench check --running` judges a running one"
+        what = f"{channel.name} oscillates by {float(np.ptp(values)):.3g} {channel.unit} at {stroke_hz:.1f} Hz"
+        remedy = "switch the tool off and repeat; for a running tool use `sawbench check --running`"
         return [Finding(severity="fault", code="tool_running", what=f"the tool is running: {what}", remedy=remedy)]
-    source = f", most of it {hum:g} Hz hum of the mains" if hum else ""
+    source = f", mainly {hum:g} Hz hum of the mains" if hum else ""
     what = f"the noise is {noise:.3g} {channel.unit} (1 std){source}; {basis}"
     remedy = (
-        "check shield and ground of the sensor cable, and keep it away from the motor leads"
+        "check shield and ground of the sensor cable, and route it away from the motor leads"
         if hum
-        else "check that nothing moves or vibrates and that the plug sits; then shield and ground"
+        else "check that nothing moves or vibrates and that the connector is seated; then shield and ground"
     )
     return [Finding(severity="fault", code="noisy", what=what, remedy=remedy)]
 

@@ -212,17 +212,17 @@ class _Run:
                     raise DeviceError(
                         f"opens, but sent no sample of {stream} within {self._limits.first_sample_s:g} s",
                         where=self._where(device),
-                        remedy="check power and transmission, and that port and settings are its own",
+                        remedy="check power, transmission, port and settings",
                     )
             if waited_s > self._limits.settle_s:
                 slow = [f"{d} {s}" for (d, s), r in self._streams.items() if not r.timer.is_settled]
-                raise DeviceError(f"the samples of {', '.join(slow)} come too irregularly to be timed")
+                raise DeviceError(f"the samples of {', '.join(slow)} arrive too irregularly to be time-stamped")
         for (device, _), recorder in self._streams.items():
             if problem := recorder.timer.rate_error():
                 raise DeviceError(
                     problem,
                     where=self._where(device),
-                    remedy="set the rate in the configuration to what it sends",
+                    remedy="set the rate in the configuration to the rate of the instrument",
                 )
 
     def _is_ready(self, waited_s: float) -> bool:
@@ -243,7 +243,7 @@ class _Run:
         seen_s = -float("inf")
         while True:
             if stop is not None and stop.is_set():
-                raise InputError("stopped before the blade touched")
+                raise InputError("stopped before the contact")
             message = self._next_message()
             if isinstance(message, LinkLost):
                 raise DeviceError(message.reason, where=self._where(message.device), remedy="check cable and power")
@@ -262,13 +262,13 @@ class _Run:
             names = [c.name for c in recorder.stream.channels]
             if channel in names:
                 return recorder, names.index(channel)
-        raise InputError(f"no instrument gives {channel}, so it is not known when the blade touches")
+        raise InputError(f"no instrument provides {channel}, so the contact cannot be detected")
 
     def _zero_before(self, touch: Touch, touched_s: float) -> float:
         """Return t = 0: `before_s` before the touch, or later where not every stream reaches back that far."""
         first_s = [float(recorder.kept[0].time_s[0]) for recorder in self._streams.values() if recorder.kept]
         zero_s = max([touched_s - touch.before_s, *first_s])
-        text = f"{touch.channel} above {touch.above:g} at {touched_s - zero_s:.3f} s: the blade touched"
+        text = f"{touch.channel} above {touch.above:g} at {touched_s - zero_s:.3f} s: contact of the blade"
         self._pending.append(Event(kind="trigger", time_s=touched_s - zero_s, text=text, channel=touch.channel))
         return zero_s
 
@@ -372,7 +372,7 @@ class _Run:
             )
         except Exception as error:
             self._warnings = None
-            self._pending.append(self._event("warning", f"no live warnings any more: {error!r}"))
+            self._pending.append(self._event("warning", f"live warnings stopped: {error!r}"))
 
     def _write(self, writer: BlockWriter) -> None:
         for text in self._feed.failures():
@@ -420,7 +420,7 @@ class _Run:
             if now_s > self._zero_s + seconds and all(r.reached_s >= seconds for r in alive):
                 return "stop", f"{seconds:g} s recorded"
         if now_s - self._latest_data_s > self._limits.all_lost_s:
-            return "interrupted", f"no instrument delivered for {self._limits.all_lost_s:g} s"
+            return "interrupted", f"no instrument sent data for {self._limits.all_lost_s:g} s"
         return None
 
     def _finish(
@@ -436,7 +436,7 @@ class _Run:
             self._pending += self._take(self._messages.get())
         end_s = now_s if seconds is None else min(seconds, now_s)
         for (device, _), recorder in self._streams.items():
-            why = self._lost.get(device, "the samples were not there when the recording ended")
+            why = self._lost.get(device, "the samples had not arrived when the recording ended")
             self._pending += recorder.finish(end_s, why)
         self._pending.append(Event(kind=kind, time_s=end_s, text=reason))
         self._write(writer)

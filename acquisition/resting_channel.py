@@ -58,7 +58,9 @@ def device_with(devices: Sequence[Device], channel: str) -> Device:
     """
     given = {c.name: device for device in devices for s in device.streams for c in s.channels}
     if channel not in given:
-        raise InputError(f"no device gives {channel}; there are {', '.join(given)}", remedy="choose another --channel")
+        raise InputError(
+            f"no device provides {channel}; available are {', '.join(given)}", remedy="choose another --channel"
+        )
     return given[channel]
 
 
@@ -92,9 +94,9 @@ def resting_channel(probe: DeviceProbe, channel: str, *, tolerance: float | None
         tolerance = _TOLERANCE * half if half < _UNLIMITED else found.noise_std
     if reason := unsteady(found, tolerance=tolerance, unit=described.unit):
         raise UntrustedResult(
-            f"the value does not stand still: {reason}",
+            f"the value is not steady: {reason}",
             where=where,
-            remedy="let it settle and warm up, keep hands and tool away; or allow more with --tolerance",
+            remedy="let it settle and warm up, do not touch it; or allow more drift with --tolerance",
         )
     raw_mean = float(raw.mean())
     return RestingChannel(
@@ -129,8 +131,9 @@ def tare(resting: RestingChannel, base: Calibration, *, force: bool = False) -> 
     if not force and half < _UNLIMITED and abs(reading) > _LARGEST_ZERO * half:
         unit = resting.channel.unit
         raise UntrustedResult(
-            f"reads {reading:.4g} {unit}, {abs(reading) / half:.0%} of its range: that is a load, no zero",
+            f"reads {reading:.4g} {unit}, {abs(reading) / half:.0%} of its range: this is a load, not a zero",
             where=f"{resting.device} {resting.channel.name}",
-            remedy="unload the sensor; a sensor bent for good is told by `sawbench calibrate`; --force takes it anyway",
+            remedy="unload the sensor; if it is permanently deformed, use `sawbench calibrate`; --force accepts the"
+            " value",
         )
     return zeroed(base, resting.raw_mean)

@@ -12,7 +12,7 @@ from sawbench.acquisition.recording_report import ChannelStatus
 from sawbench.acquisition.stream_timing import Doubt, Loss, StreamTimer, Timed, TimedBlock
 from sawbench.bench.recording import Event, SampleBlock
 
-OUTSIDE = "outside of what the instrument can mean"
+OUTSIDE = "outside the valid range of the instrument"
 _SMALLEST_SILENCE_S = 0.25
 _CUT_SHORT_S = 1.0
 

@@ -329,11 +329,14 @@ class StreamTimer:
             self._count -= n_back
             self._base += n_back
             self._n_inferred -= n_back
-            text = f"{n_back} samples called lost were late; times here are late by up to {early_s * 1e3:.0f} ms"
+            text = (
+                f"{n_back} samples reported as lost arrived late; times here are late by up to {early_s * 1e3:.0f} ms"
+            )
         else:
             start_s = self._session_start_s
             text = (
-                f"samples came {early_s * 1e3:.1f} ms earlier than possible: some were sent twice, or all before were "
+                f"samples came {early_s * 1e3:.1f} ms earlier than possible: some were sent twice, or all earlier"
+                " ones were "
                 "late; times here are late by up to as much"
             )
         end_s = max(start_s, last_s + early_s / LARGEST_SLEW + SLEW_SETTLED_S)
@@ -392,7 +395,7 @@ class StreamTimer:
         raw = np.concatenate([h.chunk.raw for h in group])
         first, n_lost = group[0].n_before, group[0].chunk.n_lost
         first_time_s, period_s = self._clock.stamp(first, len(raw))
-        reason = "counted" if group[0].chunk.is_loss_exact else "lost on the way, their number from the time"
+        reason = "counted" if group[0].chunk.is_loss_exact else "lost in transmission; number derived from the time"
         if self._is_first and self._last_time_s is not None:
             # First block after the link came back: how many samples the outage cost follows from the time.
             first_time_s = max(first_time_s, self._last_time_s + period_s)

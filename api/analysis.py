@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from sawbench.storage.places import Place
 
 _NO_FIT = {
-    "no_cutting": "the blade ran without cutting, so there is no cutting force to fit",
-    "stalled": "the saw stalled, so there is no settled stroke to fit",
+    "no_cutting": "idle run, so there is no cutting force to fit",
+    "stalled": "the saw stalled, so there is no steady stroke to fit",
     "no_stroke": "no stroke was found, so there is nothing to fit",
 }
 _DRIVE_CHANNELS = ("displacement_mm", "motor_current_a", "battery_voltage_v", "battery_current_a")
@@ -126,7 +126,7 @@ def fit_trial(trial: AnalysedTrial, method: FitMethod | None = None) -> tuple[Cu
     processed, loaded = trial.processed, trial.loaded
     if processed.status != "cutting":
         raise InputError(
-            f"is no cutting trial ({processed.status.replace('_', ' ')}), so it has no k_Fc",
+            f"is not a cutting trial ({processed.status.replace('_', ' ')}), so it has no k_Fc",
             where=trial.where,
         )
     cycles = measured_cycles(processed)
@@ -134,9 +134,9 @@ def fit_trial(trial: AnalysedTrial, method: FitMethod | None = None) -> tuple[Cu
     config = loaded.config
     if method != "force" and cycles.duty is None and config.converter.mode == "fixed_duty":
         raise InputError(
-            "the duty of the trial is not known, so the motor voltage is not either",
+            "the duty of the trial is unknown, so the motor voltage is unknown too",
             where=trial.where,
-            remedy="import it again by a campaign.toml that states duty, fit with --method force, or set "
+            remedy="import it again with a campaign.toml that states duty, fit with --method force, or set "
             "[converter] mode = 'held_voltage' with voltage_v",
         )
     sensors = SensorPriors(
@@ -205,7 +205,7 @@ def evaluate(trial: AnalysedTrial, *, compiles: bool = False) -> Evaluation:
     except SawbenchError as error:
         return Evaluation(note=error.what)
     if fit.status != "ok":
-        return Evaluation(fit=fit, note="k_Fc is not to be relied on")
+        return Evaluation(fit=fit, note="k_Fc is not reliable")
     try:
         runtime = runtime_of(trial, fit, estimates, compiles=compiles)
     except SawbenchError as error:

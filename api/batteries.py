@@ -70,7 +70,7 @@ class FittedBattery:
                 f"Written by `sawbench battery fit` from {len(self.choice.discharges)} discharges of "
                 + ", ".join(self.files),
                 *([f"Measured cells: {pack.series} in series, {pack.parallel} in parallel."] if pack != Pack() else []),
-                "`fitted` says where it holds; runtime_rel_std and std are one standard uncertainty.",
+                "`fitted` states the range of validity; runtime_rel_std and std are one standard uncertainty.",
             )
         }
         return toml_text({**tables, "battery": self.table}, comments)
@@ -162,7 +162,7 @@ def fit_battery_tables(
 
     repeated = [str(path) for path in paths if list(paths).count(path) > 1]
     if repeated:
-        raise InputError("is named more than once", where=repeated[0], remedy="name every table once")
+        raise InputError("is given more than once", where=repeated[0], remedy="give every table once")
     pack = pack or Pack()
     discharges, notes = read_discharges(paths, table_map, temperature_c=temperature_c)
     choice = choose_battery(

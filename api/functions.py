@@ -143,7 +143,7 @@ def runtime(
     found = trial if isinstance(trial, TrialFit) else fit(trial)
     if found.cutting.status != "ok":
         raise UntrustedResult(
-            "no runtime, because k_Fc is not to be relied on: "
+            "no runtime, because k_Fc is not reliable: "
             + "; ".join((found.cutting.status.replace("_", " "), *found.cutting.notes)),
             where=found.trial.where,
         )

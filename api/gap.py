@@ -52,7 +52,7 @@ def diagnose_trials(
     from threadpoolctl import threadpool_limits
 
     if not trials:
-        raise InputError("there is no trial to diagnose", remedy="name recordings or a folder that holds some")
+        raise InputError("there is no trial to diagnose", remedy="give recordings or a folder with recordings")
     loaded = loaded or trials[0].loaded
     provenance = {
         "recordings": {_name(trial): trial.sha256 for trial in trials},

@@ -60,7 +60,7 @@ def find_files(paths: Iterable[Place]) -> list[FoundFile]:
             raise InputError(
                 "holds no .mcap file",
                 where=path,
-                remedy="name the directory the recordings are in, or make some with `sawbench import`",
+                remedy="give the folder of the recordings, or create recordings with `sawbench import`",
             )
         found += inside
     return list({file.place: file for file in found}.values())
@@ -95,5 +95,5 @@ def default_config_path() -> Path:
     """./bench_config.toml, else the one that ships with sawbench."""
     if DEFAULT_CONFIG.exists():
         return DEFAULT_CONFIG
-    _LOG.warning("no %s here: using the one that ships with sawbench", DEFAULT_CONFIG)
+    _LOG.warning("no %s in this folder: using the one of the package", DEFAULT_CONFIG)
     return shipped_config()

@@ -74,7 +74,7 @@ def simulated_run(
     Raises
     ------
     InputError
-        If more samples are asked for than are computed at once, or an effect cannot be simulated in time.
+        If more samples are asked for than are allowed, or an effect cannot be simulated in time.
     """
     from sawbench.modeling.machines.saw_baseline import baseline_of
     from sawbench.modeling.transient import sample_times, simulate
@@ -82,8 +82,8 @@ def simulated_run(
     if duration_s * rate_hz > _MOST_SAMPLES:
         raise InputError(
             f"{duration_s:g} s at {rate_hz:g} Hz are {duration_s * rate_hz:.2g} samples, at most"
-            f" {_MOST_SAMPLES:.0e} are computed at once",
-            remedy="ask for a shorter time or a lower rate",
+            f" {_MOST_SAMPLES:.0e} are allowed",
+            remedy="use a shorter time or a lower rate",
         )
     baseline = baseline_of(loaded)
     if baseline.known:

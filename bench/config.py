@@ -25,7 +25,7 @@ _SMALLEST, _LARGEST = 1e-15, 1e9
 
 def _of_a_machine(value: float) -> float:
     if value != 0 and not _SMALLEST <= abs(value) <= _LARGEST:
-        raise ValueError(f"no machine has such a value: allowed are 0 and magnitudes of {_SMALLEST:g} to {_LARGEST:g}")
+        raise ValueError(f"value out of range: allowed are 0 and magnitudes of {_SMALLEST:g} to {_LARGEST:g}")
     return value
 
 
@@ -131,7 +131,7 @@ class LinearAxisConfig(BaseModel):
             raise ValueError(
                 "a drive_channel in A needs force_constant_n_per_a"
                 if is_current
-                else "a drive_channel in N is a force already: leave force_constant_n_per_a out"
+                else "a drive_channel in N is already a force: leave out force_constant_n_per_a"
             )
         if self.load_channel is not None and not self.load_channel.endswith("_n"):
             raise ValueError(f"load_channel {self.load_channel!r} must end in _n (a force)")
@@ -160,7 +160,7 @@ class OpenCircuitTable(BaseModel):
             if values[-1] != 1.0:
                 raise ValueError(f"{name} must end at 1, got {values[-1]!r}")
         if self.soc[0] != 0.0 or self.share[0] < 0.0:
-            raise ValueError("soc must begin at 0, and share at no less than 0")
+            raise ValueError("soc must start at 0, and share must not be negative")
         return self
 
 
@@ -214,7 +214,7 @@ class BatteryConfig(BaseModel):
         if self.open_circuit is None and "beta" not in self.model_fields_set:
             raise ValueError("missing key 'beta' of Eq. 16, or a table open_circuit")
         if self.open_circuit is not None and is_equation:
-            raise ValueError("holds both Eq. 16 (beta, shape_ratio) and a table open_circuit: keep one")
+            raise ValueError("has both Eq. 16 (beta, shape_ratio) and a table open_circuit: keep one")
         return self
 
 
@@ -240,7 +240,7 @@ class ConverterConfig(BaseModel):
     @model_validator(mode="after")
     def _voltage_given(self) -> ConverterConfig:
         if self.mode == "held_voltage" and self.voltage_v is None:
-            raise ValueError("mode held_voltage needs voltage_v, the motor voltage that is held")
+            raise ValueError("mode held_voltage needs voltage_v, the constant motor voltage")
         return self
 
 
@@ -319,13 +319,13 @@ class BenchConfig(BaseModel):
     def _channels_are_further_ones(self) -> BenchConfig:
         for name in self.channels:
             if name in CHANNEL_BY_NAME or name == TIME_COLUMN:
-                raise ValueError(f"channels.{name}: sawbench knows this name already; remove its table")
+                raise ValueError(f"channels.{name}: this is a built-in channel of sawbench; remove its table")
         return self
 
     @model_validator(mode="after")
     def _one_plant(self) -> BenchConfig:
         if self.plant is not None and self.linear_axis is not None:
-            raise ValueError("holds both [plant], a jigsaw, and [linear_axis]: keep the one that was measured")
+            raise ValueError("has both [plant] (jigsaw) and [linear_axis]: keep the one that was measured")
         return self
 
 
@@ -356,7 +356,7 @@ class LoadedConfig(BaseModel):
             raise ConfigError(
                 "describes a linear axis, which this command cannot handle: it needs the [plant] table of a saw",
                 where=self.path,
-                remedy="`sawbench record`, `import` and `diagnose` take a linear axis",
+                remedy="`sawbench record`, `import` and `diagnose` accept a linear axis",
             )
         if self.config.plant is None:
             raise _missing("plant", self.path)
@@ -373,7 +373,7 @@ def _missing(table: str, path: str) -> ConfigError:
     return ConfigError(
         f"has no [{table}] table, which this command needs",
         where=path,
-        remedy=f"copy [{table}] from the bench_config.toml that ships with sawbench and put in your values",
+        remedy=f"copy [{table}] from the bench_config.toml of the package and enter your values",
     )
 
 
@@ -387,7 +387,7 @@ def load_config(path: str | Path) -> LoadedConfig:
         every offending key, what was got and what is allowed.
     """
     path = Path(path)
-    text = read_toml_text(path, remedy="name the file with --config, or run where bench_config.toml is")
+    text = read_toml_text(path, remedy="give the file with --config, or run in the folder of bench_config.toml")
     return parse_config(text, where=str(path))
 
 

@@ -263,7 +263,10 @@ class ProcessedTrial:
         found = [f"{q.channel}: {text}" for q in self.quality if q.channel in channels for text in q.doubts]
         rests_on_half = "force_n" in channels or "displacement_mm" in channels
         if rests_on_half and self.removed is not None and self.removed.looks_swapped:
-            found.append(f"the force is on the half {self.removed.half}, where the configuration says it returns")
+            found.append(
+                f"the force is on the half {self.removed.half}, which is the return stroke according to the"
+                " configuration"
+            )
         return tuple(found)
 
     def __post_init__(self) -> None:

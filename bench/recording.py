@@ -39,7 +39,7 @@ def read_only(values: Any, *, name: str, allow_nan: bool = False) -> Floats:
     if bad.any():
         index = int(np.flatnonzero(bad)[0])
         raise InputError(
-            f"{name} holds {int(bad.sum())} values that are not finite, the first at index {index}",
+            f"{name} has {int(bad.sum())} values that are not finite, the first at index {index}",
             remedy="remove the rows or mark them as a gap",
         )
     array.flags.writeable = False
@@ -345,6 +345,6 @@ class Recording:
             return self.signals[channel]
         except KeyError:
             raise InputError(
-                f"has no channel {channel}; it holds {', '.join(self.signals) or 'no signals'}",
+                f"has no channel {channel}; its channels are {', '.join(self.signals) or 'none'}",
                 where=self.path or self.trial.trial_id,
             ) from None

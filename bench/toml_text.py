@@ -29,7 +29,7 @@ def read_toml_text(path: Path, *, remedy: str = "check the path") -> str:
         raise ConfigError("no such file", where=path, remedy=remedy) from None
     except UnicodeDecodeError as error:
         raise ConfigError(
-            f"is no UTF-8 text: byte {error.start} is {error.object[error.start]:#04x}",
+            f"is not UTF-8 text: byte {error.start} is {error.object[error.start]:#04x}",
             where=path,
             remedy="save it as UTF-8",
         ) from error
@@ -56,5 +56,5 @@ def parse_toml(text: str, *, where: str | Path) -> dict[str, Any]:
         raise ConfigError(f"is not valid TOML: {error}", where=where, remedy="correct that line") from error
     except RecursionError:
         raise ConfigError(
-            "is not valid TOML: brackets are nested too deeply", where=where, remedy="look for brackets left open"
+            "is not valid TOML: brackets are nested too deeply", where=where, remedy="check for unclosed brackets"
         ) from None

@@ -23,24 +23,24 @@ _SETTING_OF: Final = {
     name="amend", epilog="Example: sawbench amend wood/05-oak.mcap --duty 0.55 --by Kim --because 'mistyped'"
 )
 @recordings_argument
-@click.option("--material", help="Workpiece; 'none' when the blade ran in air.")
+@click.option("--material", help="Workpiece material; 'none' for an idle run.")
 @click.option("--duty", type=click.FloatRange(0, 1, min_open=True), help="Commanded PWM duty, 0..1.")
 @click.option("--thickness", "thickness_mm", type=click.FloatRange(0, min_open=True), help="mm")
 @click.option("--feed", "feed_mm_s", type=click.FloatRange(0), help="mm/s")
-@click.option("--blade", help="Identity of the blade.")
-@click.option("--battery", help="Identity of the battery.")
+@click.option("--blade", help="Blade identifier.")
+@click.option("--battery", help="Battery identifier.")
 @click.option("--operator", help="Who recorded.")
 @click.option("--repetition", type=click.IntRange(1))
-@click.option("--batch", help="Lot of the workpiece.")
-@click.option("--notes", help="Instead of the notes that are kept with the trial.")
-@click.option("--unset", multiple=True, type=click.Choice(list(_SETTING_OF)), help="Nobody knows it; may be repeated.")
-@click.option("--by", help="Who corrects it; default: the name of the login.")
+@click.option("--batch", help="Batch of the workpiece material.")
+@click.option("--notes", help="Replaces the notes of the trial.")
+@click.option("--unset", multiple=True, type=click.Choice(list(_SETTING_OF)), help="Set to unknown; may be repeated.")
+@click.option("--by", help="Name of the person who corrects; default: login name.")
 @click.option("--because", default="", help="Why.")
 @json_option
 def command(
     paths: tuple[Path, ...], unset: tuple[str, ...], by: str | None, because: str, as_json: bool, **settings: Any
 ) -> int:
-    """Correct settings that were entered wrong. Every command then uses the corrected ones.
+    """Correct wrong settings of recordings. Every command then uses the corrected settings.
 
     The correction is a line in FILE.amendments.jsonl beside the recording, with time, name, old and new value and the
     SHA-256 of the recording, which stays as it is. Keep the two files together.
@@ -51,16 +51,16 @@ def command(
     new = {name: value for name, value in settings.items() if value is not None}
     both = [name for name in unset if _SETTING_OF[name] in new]
     if both:
-        raise InputError(f"--{both[0]} is given and unset", remedy="leave one of the two out")
+        raise InputError(f"--{both[0]} is given and unset", remedy="leave out one of the two")
     new |= {_SETTING_OF[name]: None for name in unset}
     if not new:
-        raise InputError("nothing is to be corrected", remedy="name what, for example --duty 0.55")
+        raise InputError("no correction is given", remedy="give the setting, for example --duty 0.55")
     files = find_recordings(paths)
     failures, rows = Failures(len(files)), []
     for path in files:
         with failures.collected():
             made = amend(path, read_recording(path).trial, new, by=by or _login(), because=because)
-            words = "all of it is in force already" if made is None else made.words
+            words = "these corrections are already in effect" if made is None else made.words
             rows.append({"path": str(path), "amendments": str(amendments_path(path)), "is_new": bool(made),
                          "words": words})  # fmt: skip
     emit(rows, "\n".join(f"{row['path']}: {row['words']}" for row in rows), as_json=as_json)

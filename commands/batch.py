@@ -27,11 +27,11 @@ _jobs: Decorator = click.option(
     "--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Worker processes on this machine."
 )
 scheduler_option: Decorator = click.option(
-    "--scheduler", metavar="ADDRESS", help="Work on the dask cluster of this scheduler, such as tcp://lab:8786."
+    "--scheduler", metavar="ADDRESS", help="Use the dask cluster of this scheduler, for example tcp://lab:8786."
 )
 _archive: Decorator = click.option(
     "--archive", type=PLACE, metavar="DIR",
-    help="Keep every result there, in Parquet, and evaluate only what is not there yet; also s3://...",
+    help="Store every result there (Parquet) and evaluate only new recordings; also s3://...",
 )  # fmt: skip
 _retry: Decorator = click.option("--retry", "retries", is_flag=True, help="Try again what failed before.")
 

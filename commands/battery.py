@@ -31,31 +31,35 @@ def command() -> None:
 @click.argument("paths", metavar="TABLE...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
     "--map", "map_path", type=click.Path(path_type=Path, dir_okay=False),
-    help="TOML that says which column is what (docs/battery.md); default: by the names of common testers.",
+    help="TOML that assigns the columns (docs/battery.md); default: column names of common battery testers.",
 )  # fmt: skip
 @click.option(
     "--out", "out_path", required=True, type=click.Path(path_type=Path, dir_okay=False),
-    help="TOML with the [battery] table; a page with its curves goes beside it.",
+    help="TOML with the [battery] table; a page with the curves is written to the same folder.",
 )  # fmt: skip
 @click.option(
     "--config", "config_path", type=click.Path(path_type=Path, dir_okay=False),
-    help="Bench configuration: --out is then the whole of it, its [battery] replaced, its cutoff_soc kept.",
+    help="Bench configuration: --out is then a copy of it with the new [battery]; cutoff_soc is kept.",
 )  # fmt: skip
 @click.option("--series", type=click.IntRange(1), default=1, help="Measured cells in series in the battery.")
 @click.option("--parallel", type=click.IntRange(1), default=1, help="Measured cells in parallel in the battery.")
-@click.option("--temperature", "temperature_c", type=float, help="Of the surroundings, degC, if no column holds it.")
+@click.option("--temperature", "temperature_c", type=float, help="Ambient temperature, degC, if no column contains it.")
 @click.option(
     "--cutoff-voltage", "cutoff_voltage_v", type=click.FloatRange(0, min_open=True),
-    help="Of the battery, V; default: the highest voltage that all discharges fall to.",
+    help="Cut-off voltage of the battery, V; default: the highest voltage that all discharges reach.",
 )  # fmt: skip
 @click.option(
     "--cutoff-soc", type=click.FloatRange(0, 1, min_open=True, max_open=True),
-    help="Of the tool; default: that of --config, else the voltage alone ends a run.",
+    help="Cut-off state of charge of the tool; default: that of --config, else only the voltage ends a run.",
 )  # fmt: skip
-@click.option("--variant", type=click.Choice(VARIANTS), help="Take this model; default: the best on withheld runtimes.")
+@click.option(
+    "--variant",
+    type=click.Choice(VARIANTS),
+    help="Use this model; default: the model with the smallest error of withheld runtimes.",
+)
 @click.option(
     "--most-miss", type=click.FloatRange(0, 1, min_open=True), default=0.05, show_default=True,
-    help="Refuse a model that misses the runtime of a discharge it was fitted to by more than this share.",
+    help="Reject a model whose relative runtime error for a fitted discharge exceeds this.",
 )  # fmt: skip
 @force_option
 @json_option
@@ -88,7 +92,9 @@ def fit(
 
     page_path = out_path.with_suffix(".html")
     if page_path == out_path:
-        raise InputError("--out is a page", where=out_path, remedy="name a .toml file; the page goes beside it")
+        raise InputError(
+            "--out is a page", where=out_path, remedy="give a .toml file; the page is written to the same folder"
+        )
     for path in (out_path, page_path):
         refuse_unwritable(path, force=force)
     base = None if config_path is None else load_config(config_path)

@@ -32,7 +32,11 @@ BY_SHIFT: Final = (
 _EXAMPLE: Final = "Example: sawbench blind make --seed 4711 --cases 40 --out blind/set"
 _set_argument = click.argument("set_dir", metavar="DIR", type=click.Path(path_type=Path, file_okay=False))
 _workers_option = click.option(
-    "--jobs", "--workers", "workers", type=click.IntRange(min=1), help="Cases at a time; default: one per core."
+    "--jobs",
+    "--workers",
+    "workers",
+    type=click.IntRange(min=1),
+    help="Number of cases in parallel; default: one per core.",
 )
 _answers_option = click.option(
     "--answers", "answers_dir", type=click.Path(path_type=Path, file_okay=False), help="Folder; default: DIR/answers."
@@ -45,15 +49,20 @@ def command() -> None:
 
 
 @command.command(name="make", epilog=_EXAMPLE)
-@click.option("--seed", type=click.IntRange(min=0), required=True, help="1 to 999 are for tuning; keep others secret.")
+@click.option(
+    "--seed", type=click.IntRange(min=0), required=True, help="Seeds 1 to 999 are for development; keep others secret."
+)
 @click.option("--cases", "n_cases", type=click.IntRange(min=1), required=True, help="Number of campaigns.")
 @click.option("--out", "out_dir", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder.")
 @click.option(
-    "--key", "key_path", type=click.Path(path_type=Path, dir_okay=False), help="Labels; default: beside the folder."
+    "--key",
+    "key_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="File for the key; default: next to the folder.",
 )
 @click.option(
     "--forms", type=click.Choice(["own", "plain"]), default="own", show_default=True,
-    help="Functional forms of nature: the generator's own, or textbook forms.",
+    help="Functional forms of the hidden effects: those of the generator, or textbook forms.",
 )  # fmt: skip
 @click.option(
     "--length", type=click.FloatRange(min=0.0, min_open=True), default=1.0, show_default=True,
@@ -68,11 +77,12 @@ def command() -> None:
 )
 @click.option(
     "--without", multiple=True, metavar="KIND",
-    help="Of foreign benches: leave out machine, rate, noise, campaign, operator or one kind of faulty sensor.",
+    help="With foreign benches: do not vary machine, rate, noise, campaign or operator, or leave out one kind of"
+         " faulty sensor.",
 )  # fmt: skip
 @click.option(
     "--effects-per-case", type=click.IntRange(1, 4),
-    help="Hide that many effects in every case, each in equations of its own, severity 0.5 to 2.",
+    help="Number of hidden effects per case, each in different equations, severity 0.5 to 2.",
 )  # fmt: skip
 @_workers_option
 @json_option
@@ -97,7 +107,7 @@ def make_command(
             effects_per_case=effects_per_case, key_path=key_path, workers=workers,
             on_progress=lambda done, wanted: step(done, wanted, ""),
         )  # fmt: skip
-    lines = [f"{n_cases} cases in {out_dir}", f"key (answer must not have it): {key}"]
+    lines = [f"{n_cases} cases in {out_dir}", f"key (`answer` must not have access to it): {key}"]
     emit({"set": out_dir, "key": key, "n_cases": n_cases, "seed": seed}, "\n".join(lines), as_json=as_json)
 
 
@@ -107,9 +117,9 @@ def make_command(
 @_workers_option
 @scheduler_option
 @click.option("--timeout", "timeout_s", type=click.FloatRange(min=1.0), default=3600.0, show_default=True,
-              help="Seconds that one case may take.")  # fmt: skip
-@click.option("--until-closed", is_flag=True, help="Ask `diagnose --until-closed`: cause after cause.")
-@click.option("--force", is_flag=True, help="Throw away answers that other software gave.")
+              help="Time limit per case, s.")  # fmt: skip
+@click.option("--until-closed", is_flag=True, help="Use `diagnose --until-closed`: several causes, one by one.")
+@click.option("--force", is_flag=True, help="Discard answers of another software version.")
 @json_option
 def answer_command(
     set_dir: Path,
@@ -131,9 +141,9 @@ def answer_command(
             elsewhere=None if scheduler is None else partial(_on_cluster, scheduler=scheduler),
         )  # fmt: skip
     lines = [
-        f"{found.n_cases} cases, {found.n_new} answered now, {found.n_failed} failed",
+        f"{found.n_cases} cases, {found.n_new} answered in this run, {found.n_failed} failed",
         f"answers: {found.answers_dir}",
-        f"their hash, to be written down before the key is opened: {found.index_sha256}",
+        f"hash of the answers, to be noted before the key is opened: {found.index_sha256}",
     ]
     emit(found, "\n".join(lines), as_json=as_json)
     return 1 if found.n_failed else 0
@@ -147,13 +157,18 @@ def answer_command(
 @_answers_option
 @click.option(
     "--out", "page_path", type=click.Path(path_type=Path, dir_okay=False),
-    help="HTML page; the same as JSON is written beside it.",
+    help="HTML page; a JSON file with the same content is written next to it.",
 )  # fmt: skip
-@click.option("--oracle", "with_oracle", is_flag=True, help="Also compute gap_closed with the effects told (slow).")
+@click.option("--oracle", "with_oracle", is_flag=True, help="Also compute gap_closed with the true effects (slow).")
 @click.option(
-    "--oracle-cases", "n_oracle", type=click.IntRange(1), help="Ask the oracle about that many cases, drawn at random."
+    "--oracle-cases", "n_oracle", type=click.IntRange(1), help="Compute the oracle for this number of random cases."
 )
-@click.option("--shuffle", "shuffle_seed", type=int, help="Deal the labels at random: must score at chance.")
+@click.option(
+    "--shuffle",
+    "shuffle_seed",
+    type=int,
+    help="Shuffle the labels with this seed: the score must then be at chance level.",
+)
 @_workers_option
 @force_option
 @json_option
@@ -175,7 +190,9 @@ def score_command(  # one parameter an option
 
     json_path = page_path.with_suffix(".json") if page_path else None
     if page_path is not None and page_path == json_path:
-        raise InputError("page and JSON would be one file", where=page_path, remedy="name a page that ends in .html")
+        raise InputError(
+            "page and JSON would have the same name", where=page_path, remedy="give a page name that ends in .html"
+        )
     for path in (page_path, json_path):
         if path is not None:
             refuse_unwritable(path, force=force)
@@ -333,9 +350,9 @@ def as_text(found: Score) -> str:
             f"(calibrated probabilities would give an ECE of {found.calibration.error_by_chance:.3f} by chance)"
         )
     if found.chance_exact is not None:
-        lines.append(f"exact, if the same answers were dealt at random: {found.chance_exact:.1%}")
+        lines.append(f"exact, if the same answers were assigned at random: {found.chance_exact:.1%}")
     if found.time_median_s is not None:
-        lines.append(f"time a case: median {found.time_median_s:.1f} s, 95th percentile {found.time_p95_s:.1f} s")
+        lines.append(f"time per case: median {found.time_median_s:.1f} s, 95th percentile {found.time_p95_s:.1f} s")
     if found.failed:
         lines.append(f"without an answer (scored as wrong): {', '.join(found.failed)}")
     lines += [
@@ -361,16 +378,16 @@ def _means(found: Score) -> list[list[str]]:
             ["gap_closed: stated - oracle", *_numbers(found.gap.error)],
             ["gap_closed: |stated - oracle|", *_numbers(found.gap.absolute_error)],
             ["gap_closed: oracle inside the 95 % interval", *_cells(found.gap.coverage)],
-            ["gap_closed: median stated / median oracle, right claims", *_numbers(found.gap.share_of_oracle)],
-            ["gap_closed: median stated / median closable, right claims", *_numbers(found.gap.share_of_closable)],
-            [f"gap_closed: at least {ENOUGH:.0%} of the closable, right claims", *_cells(found.gap.closes_enough)],
+            ["gap_closed: median stated / median oracle, correct claims", *_numbers(found.gap.share_of_oracle)],
+            ["gap_closed: median stated / median closable, correct claims", *_numbers(found.gap.share_of_closable)],
+            [f"gap_closed: at least {ENOUGH:.0%} of the closable, correct claims", *_cells(found.gap.closes_enough)],
         ]
     known, runtime = found.parameters, found.runtime
     return [
         *numbers,
-        ["parameter within its stated 95 % interval (1.96 std), right claims", *_cells(known.coverage)],
-        ["parameter: median relative error, right claims", *_numbers(known.relative_error)],
-        ["runtime: median relative error of the model as configured, right claims", *_numbers(runtime.nominal)],
+        ["parameter within its stated 95 % interval (1.96 std), correct claims", *_cells(known.coverage)],
+        ["parameter: median relative error, correct claims", *_numbers(known.relative_error)],
+        ["runtime: median relative error of the model as configured, correct claims", *_numbers(runtime.nominal)],
         ["runtime: the same with parameters re-tuned", *_numbers(runtime.retuned)],
         ["runtime: the same with the claimed effect", *_numbers(runtime.with_effect)],
     ]
@@ -415,7 +432,7 @@ def _oracle(
 
     # Beside the key, not in the set: which cases an oracle has a number for tells their labels.
     cache = key_path.with_name(key_path.name.removesuffix(".json") + ".oracle.json")
-    with stepper("asking the oracle") as step:
+    with stepper("computing the oracle") as step:
         return oracle_gaps(
             set_dir, labels, cache, source_sha256=source_fingerprint(), n_cases=n_cases, workers=workers,
             on_progress=step,

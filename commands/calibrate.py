@@ -47,32 +47,41 @@ class Session:
     epilog="Example: sawbench calibrate --kilograms --point 0 --point 10 --point 20 --point 10 --point 0",
 )
 @click.option("--channel", default="force_n", show_default=True, help="Channel to calibrate.")
-@click.option("--point", "values", type=float, multiple=True, help="Known value; repeat in the order they are taken.")
+@click.option(
+    "--point", "values", type=float, multiple=True, help="Known value; repeat in the order of the measurements."
+)
 @click.option(
     "--from", "table_path", type=click.Path(path_type=Path, dir_okay=False), help="CSV reference,raw[,..._std]."
 )
-@click.option("--kilograms", is_flag=True, help="The points are masses in kg that hang on the sensor.")
+@click.option("--kilograms", is_flag=True, help="The points are masses in kg, suspended from the sensor.")
 @click.option(
     "--gravity", type=click.FloatRange(9.7, 9.9), default=STANDARD_GRAVITY_M_S2, show_default=True, help="m/s2"
 )
-@click.option("--reference-std", type=click.FloatRange(0), default=0.0, help="Of each known value, its unit (1 std).")
+@click.option(
+    "--reference-std",
+    type=click.FloatRange(0),
+    default=0.0,
+    help="Standard uncertainty of each known value, in its unit.",
+)
 @click.option(
     "--reference-rel-std", type=click.FloatRange(0, 1), default=0.001, show_default=True, help="Common to all."
 )
 @click.option(
-    "--seconds", type=click.FloatRange(0.5, 600.0), default=3.0, show_default=True, help="Average each point."
+    "--seconds", type=click.FloatRange(0.5, 600.0), default=3.0, show_default=True, help="Averaging time per point, s."
 )
 @click.option("--tolerance", type=click.FloatRange(0, min_open=True), help="Maximum allowed drift, channel's unit.")
 @click.option(
     "--largest-deviation", type=click.FloatRange(0, 1), default=0.01, show_default=True,
     help="Maximum allowed nonlinearity and hysteresis, share of the range.",
 )  # fmt: skip
-@click.option("--operator", default="", help="Who does it.")
-@click.option("--note", default="", help="Kept with it: weights, certificate, temperature.")
+@click.option("--operator", default="", help="Name of the operator.")
+@click.option("--note", default="", help="Note stored with the calibration: weights, certificate, temperature.")
 @config_option
-@click.option("--simulated", is_flag=True, help="Calibrate the simulated bench; the loads hang on by themselves.")
-@click.option("--seed", default=0, show_default=True, help="Of the simulated bench.")
-@click.option("--force", is_flag=True, help="Replace a calibration (it stays in the history), or keep a doubtful one.")
+@click.option("--simulated", is_flag=True, help="Calibrate the simulated bench; the loads are applied automatically.")
+@click.option("--seed", default=0, show_default=True, help="Seed of the simulated bench.")
+@click.option(
+    "--force", is_flag=True, help="Replace a calibration (the old one stays in the history), or store a doubtful one."
+)
 @json_option
 def command(
     channel: str,
@@ -131,7 +140,7 @@ def command(
     add_entry(path, entry)
     emit(
         {"book": path, "complaints": complaints, "fit": line_rows(line), **entry.model_dump(mode="json")},
-        f"{said}\nkept in {path}",
+        f"{said}\nstored in {path}",
         as_json=as_json,
     )
     return 1 if complaints else 0
@@ -156,9 +165,9 @@ def lines_in_force(
     made = [e for e in book.in_force(name, channel) if e.kind == "calibration"]
     if made and not force:
         raise InputError(
-            f"{channel} has a calibration already, {made[0].title}",
+            f"{channel} already has a calibration, {made[0].title}",
             where=path,
-            remedy="replace it with --force; the former one stays in the history",
+            remedy="replace it with --force; the old one stays in the history",
         )
     return name, made[0].result if made else configured[name, channel], configured[name, channel]
 
@@ -274,8 +283,8 @@ def _keep_for_later(session: Session, points: list[CalibrationPoint]) -> None:
     write_points(path, points)
     unit = " --kilograms" if session.unit == "kg" else ""
     click.echo(
-        f"the {len(points)} points taken so far are kept in {path}\n"
-        f"  -> go on with: sawbench calibrate --channel {session.channel}{unit} --from {path} --point ...",
+        f"the {len(points)} points measured so far are stored in {path}\n"
+        f"  -> continue with: sawbench calibrate --channel {session.channel}{unit} --from {path} --point ...",
         err=True,
     )
 
@@ -330,13 +339,21 @@ def describe(points: list[CalibrationPoint], line: StraightLine, former: Calibra
     offset_std = max(line.offset_std, 1e-6 * max(abs(p.reference) for p in points))
     gain_std = max(line.gain_rel_std, 1e-6) * abs(line.gain)
     change = line.gain / former.slope_at(former.zero_raw) - 1.0
-    hysteresis = "not taken up and down" if line.hysteresis is None else f"{line.hysteresis:.3%} of the range"
-    chi2 = "" if line.chi2_per_degree is None else f"; scatter {line.chi2_per_degree**0.5:.2g} times the stated"
+    hysteresis = (
+        "not determined (no loading and unloading)"
+        if line.hysteresis is None
+        else f"{line.hysteresis:.3%} of the range"
+    )
+    chi2 = (
+        ""
+        if line.chi2_per_degree is None
+        else f"; scatter {line.chi2_per_degree**0.5:.2g} times the stated uncertainty"
+    )
     return "\n".join(
         [
-            table([f"load {unit}", raw_unit, "1 std", f"off the line {unit}"], rows),
+            table([f"load {unit}", raw_unit, "1 std", f"deviation {unit}"], rows),
             f"{channel}: gain {format_quantity(line.gain, gain_std, f'{unit}/({raw_unit})')}, "
-            f"{change:+.2%} against the former; zero at {format_quantity(line.zero_raw, zero_std, raw_unit)}",
+            f"{change:+.2%} relative to the previous one; zero at {format_quantity(line.zero_raw, zero_std, raw_unit)}",
             f"offset {format_quantity(line.offset, offset_std, unit)}, covariance with the gain "
             f"{line.covariance:.2g}{chi2}",
             f"nonlinearity {line.nonlinearity:.3%} of the range; hysteresis {hysteresis}",
@@ -353,7 +370,7 @@ def _asked(channel: str, unit: str) -> Iterator[float]:
         try:
             yield float(said)
         except ValueError:
-            click.echo(f"{said!r} is no number", err=True)
+            click.echo(f"{said!r} is not a number", err=True)
 
 
 def _scaled(point: CalibrationPoint, factor: float) -> CalibrationPoint:

@@ -53,9 +53,9 @@ class CanLog:
         if len(found) == 1:
             return Path(found[0])
         raise InputError(
-            f"holds CAN frames, and the configuration names the DBCs {', '.join(found)}"
+            f"contains CAN frames, and the configuration names several DBCs: {', '.join(found)}"
             if found
-            else "holds CAN frames, which only a DBC can turn into signals",
+            else "contains CAN frames, which need a DBC to be decoded",
             where=self.path,
             remedy="add --dbc FILE.dbc (and --signal CHANNEL=MESSAGE.SIGNAL), or --config FILE with one [devices.*] "
             "table for CAN",
@@ -82,7 +82,7 @@ class CanLog:
             if name in calibrations:
                 calibrated = replace(signals[name], values=calibrations[name].apply(signals[name].values), unit="")
                 signals[name], words = convert_signal(calibrated, rule, where=self.path)
-                taken[name] = f"{words}, calibrated: {calibrations[name].source or 'as [devices.*] says'}"
+                taken[name] = f"{words}, calibrated: {calibrations[name].source or 'as configured in [devices.*]'}"
             else:
                 signals[name], taken[name] = convert_signal(signals[name], rule, where=self.path)
         recording = replace(

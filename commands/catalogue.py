@@ -28,10 +28,10 @@ _SHOWN: Final = (
 
 @click.command(name="catalogue", epilog="Example: sawbench catalogue archive --material oak --since 2026-03-01")
 @click.argument("directory", metavar="DIR", type=PLACE)
-@click.option("--material", help="Only this workpiece; 'none' for a blade in air.")
+@click.option("--material", help="Only this material; 'none' for idle runs.")
 @click.option("--blade", help="Only this blade.")
 @click.option("--battery", help="Only this battery.")
-@click.option("--operator", help="Only what this person recorded.")
+@click.option("--operator", help="Only recordings of this operator.")
 @click.option("--quality", help="Only this quality: good, failed, 'doubted channel', ... as the table names it.")
 @click.option("--since", type=click.DateTime(["%Y-%m-%d"]), metavar="DATE", help="Started on this day (UTC) or later.")
 @click.option("--until", type=click.DateTime(["%Y-%m-%d"]), metavar="DATE", help="Started on this day (UTC) or before.")

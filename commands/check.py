@@ -22,17 +22,19 @@ _AT_ONCE_S: Final = 0.1
 
 @click.command(name="check", epilog="Example: sawbench check --seconds 3 --simulated")
 @config_option
-@click.option("--seconds", type=click.FloatRange(0.5, 600.0), default=3.0, show_default=True, help="How long to look.")
-@click.option("--running", "is_running", is_flag=True, help="The tool runs: judge neither noise nor zero.")
+@click.option(
+    "--seconds", type=click.FloatRange(0.5, 600.0), default=3.0, show_default=True, help="Observation time, s."
+)
+@click.option("--running", "is_running", is_flag=True, help="The tool is running: do not check noise and zero.")
 @click.option("--simulated", is_flag=True, help="Check the simulated bench instead of real instruments.")
-@click.option("--seed", default=0, show_default=True, help="Of the simulated bench.")
+@click.option("--seed", default=0, show_default=True, help="Seed of the simulated bench.")
 @json_option
 def command(
     config_path: Path | None, seconds: float, is_running: bool, simulated: bool, seed: int, as_json: bool
 ) -> int:
     """Open every instrument, look for a few seconds, and say in plain words what is wrong and what to do.
 
-    The tool should be at rest, or say --running. Exit code 1 where something is not to be trusted.
+    The tool should be at rest, or say --running. Exit code 1 where something is not reliable.
     """
     from sawbench.commands.recording_session import NEVER_S, bench_ports, check_devices
 
@@ -65,7 +67,7 @@ def look(
         Device name -> port, instead of the configured ones.
     seconds : float
     is_running : bool
-        The tool runs: judge neither noise nor zero.
+        The tool is running: do not check noise and zero.
     """
     from sawbench.acquisition.calibration_book import NO_CALIBRATION, build_calibrated, read_book, uncalibrated
     from sawbench.acquisition.device_probe import probe_devices
@@ -92,7 +94,7 @@ def describe(found: Preflight) -> str:
     lines = [table(headers, [_row(c) for c in found.channels])] if found.channels else []
     lines += [_paragraph(f) for f in found.findings]
     n_faults = sum(f.severity == "fault" for f in found.findings)
-    lines.append("all good" if found.is_good else f"{n_faults} fault{'s' if n_faults > 1 else ''}: not to be trusted")
+    lines.append("all good" if found.is_good else f"{n_faults} fault{'s' if n_faults > 1 else ''}: not reliable")
     return "\n".join(lines)
 
 

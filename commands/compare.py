@@ -32,7 +32,9 @@ _SHORT: Final = {
 @click.command(name="compare", epilog="Example: sawbench compare recordings --out report.html")
 @click.argument("paths", metavar="DIR...", nargs=-1, required=True, type=PLACE)
 @click.option("--out", "out_path", required=True, type=PLACE, help="HTML page.")
-@click.option("--csv", "csv_path", type=PLACE, help="Table of the trials; default: beside the page, as the HDF5 file.")
+@click.option(
+    "--csv", "csv_path", type=PLACE, help="Table of the trials; default: next to the page, like the HDF5 file."
+)
 @config_option
 @batch_options()
 @force_option
@@ -58,7 +60,9 @@ def command(
     targets = (out_path, csv_path, hdf5_path)
     if len(set(targets)) < 3:
         raise InputError(
-            "page, table and HDF5 would be one file", where=out_path, remedy="name a page that ends in .html"
+            "page, table and HDF5 would have the same name",
+            where=out_path,
+            remedy="give a page name that ends in .html",
         )
     for path in targets:
         refuse_unwritable(path, force=force)
@@ -80,7 +84,9 @@ def _outcomes(
     if len(paths) > 1 or not table.exists():
         return batch.outcomes(find_files(paths), named_config(config_path), "comparing")
     if config_path is not None or batch != Batch():
-        raise click.UsageError("an archive is compared as it is: leave out --config, --jobs, --scheduler and --archive")
+        raise click.UsageError(
+            "the results of an archive are compared as stored: leave out --config, --jobs, --scheduler and --archive"
+        )
     return kept_trials(table)
 
 

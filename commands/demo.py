@@ -51,9 +51,9 @@ class DemoFiles:
     default=Path("demo"),
     show_default=True,
 )
-@click.option("--seconds", type=click.FloatRange(2.0), default=8.0, show_default=True, help="Length of the trial.")
-@click.option("--no-view", is_flag=True, help="Open no Rerun viewer, even where there is a display.")
-@click.option("--seed", default=1, show_default=True, help="Of the simulated wood and sensor noise.")
+@click.option("--seconds", type=click.FloatRange(2.0), default=8.0, show_default=True, help="Duration of the trial, s.")
+@click.option("--no-view", is_flag=True, help="Do not open the Rerun viewer.")
+@click.option("--seed", default=1, show_default=True, help="Seed of the simulated wood and sensor noise.")
 @config_option
 @force_option
 @json_option
@@ -110,7 +110,7 @@ def _record(files: DemoFiles, *, seconds: float, seed: int, config_path: Path | 
         blade="B1",
         battery="P1",
         operator="demo",
-        notes="made by the simulated bench",
+        notes="created by the simulated bench",
         repetition=1,
         source="simulated bench",
     )
@@ -185,6 +185,6 @@ def _as_text(files: DemoFiles, trial: AnalysedTrial, fit: CuttingFit, runtime: R
         f"HDF5   {files.processed}",
         f"HTML   {files.report}",
         f"Rerun  {files.view}      sawbench view {files.recording}",
-        f"truth  {files.truth}   known to the simulated bench only; nothing above has read it",
+        f"truth  {files.truth}   true values of the simulated bench; not used by any result above",
     ]
     return "\n".join(lines)

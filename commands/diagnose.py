@@ -40,11 +40,11 @@ _OPENED, _DRAWING = 10, 95
 @click.option("--out", "out_dir", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder.")
 @click.option(
     "--until-closed", is_flag=True,
-    help="Add cause after cause to the model until nothing more closes at withheld operating points.",
+    help="Add causes to the model one by one until the error at withheld operating points no longer decreases.",
 )  # fmt: skip
 @click.option(
     "--plan", "n_planned", metavar="N", type=click.IntRange(1, 20), default=None,
-    help="Propose N trials, those that tell most for the time they take: OUT/plan.csv, a table for `series run`.",
+    help="Propose the N trials with the most information per recording time: OUT/plan.csv, for `series run`.",
 )  # fmt: skip
 @click.option(
     "--each", "is_each", is_flag=True,
@@ -72,9 +72,11 @@ def command(
     improved_path, plan_path = out_dir / "improved_model.toml", out_dir / "plan.csv"
     lines = [_as_text(report), "", *(str(out_dir / name) for name in RESULTS[:2])]
     if report.get("improved_model"):
-        lines.append(f"{improved_path}: use it as in `sawbench runtime RECORDING --config {improved_path}`")
+        lines.append(
+            f"{improved_path}: use it, for example, with `sawbench runtime RECORDING --config {improved_path}`"
+        )
     if plan_path.exists():
-        lines.append(f"{plan_path}: run it as in `sawbench series run {plan_path}`")
+        lines.append(f"{plan_path}: record it with `sawbench series run {plan_path}`")
     emit(report, "\n".join(lines), as_json=as_json)
     return 0
 
@@ -120,14 +122,14 @@ def diagnosed(
     files, trials = find_recordings(request.paths), []
     for number, path in enumerate(files):
         trials.append(open_trial(path, request.config_path))
-        on_step(_OPENED * (number + 1) // len(files), 100, f"opening {path.name}")
+        on_step(_OPENED * (number + 1) // len(files), 100, f"reading {path.name}")
     report = diagnose_trials(
         trials,
         until_closed=request.until_closed,
         plan=request.n_planned,
         on_step=lambda done, total, what: on_step(_OPENED + (_DRAWING - _OPENED) * done // total, 100, what),
     )
-    on_step(_DRAWING, 100, "drawing the page")
+    on_step(_DRAWING, 100, "writing the page")
     GapReport(report=report).save(request.out_dir, overwrite=True)
     return report
 
@@ -198,8 +200,8 @@ def _as_text(report: dict[str, Any]) -> str:
     rows = [
         (f"{name} / {row['unit']}", *(f"{row[key]:.3g}" for key in rungs)) for name, row in gap["by_channel"].items()
     ]
-    rows.append(("all, over noise", *(f"{gap[key]:.3g}" for key in rungs)))
-    lines += ["", "gap at held-out operating points, rms", table(("", *(r.replace("_", " ") for r in rungs)), rows)]
+    rows.append(("all / noise", *(f"{gap[key]:.3g}" for key in rungs)))
+    lines += ["", "RMSE at withheld operating points", table(("", *(r.replace("_", " ") for r in rungs)), rows)]
     if "runtime_s" in gap:
         times = ", ".join(f"{name.replace('_', ' ')} {seconds:.0f} s" for name, seconds in gap["runtime_s"].items())
         lines += ["", f"battery runtime: {times}"]
@@ -225,7 +227,7 @@ def _closing_lines(closing: dict[str, Any]) -> list[str]:
     from sawbench.reporting.closing import closing_rows, closing_sentences
 
     keys = ("model", "probability", "magnitude", "rms", "closed", "interval")
-    head = ("cause after cause, over noise", "probability", "magnitude", "rms", "closed so far", "95 %")
+    head = ("causes one by one, residual / noise", "probability", "magnitude", "rms", "closed so far", "95 %")
     return [table(head, [[row[key] for key in keys] for row in closing_rows(closing)]), *closing_sentences(closing)]
 
 

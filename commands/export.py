@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 @recordings_argument
 @click.option(
     "--format", "file_format", type=click.Choice(["csv", "parquet", "mf4"]), default="csv", show_default=True,
-    help="Parquet and MF4 hold every value bit for bit, CSV to 17 significant digits.",
+    help="Parquet and MF4 store every value exactly, CSV with 17 significant digits.",
 )  # fmt: skip
 @click.option(
     "--out", "out_dir", type=click.Path(path_type=Path, file_okay=False), default=Path("exported"), show_default=True,
-    help="Folder for the tables; made if missing.",
+    help="Folder for the tables; created if missing.",
 )  # fmt: skip
-@click.option("--raw", "with_raw", is_flag=True, help="Also what the instruments sent, before calibration.")
+@click.option("--raw", "with_raw", is_flag=True, help="Also the raw values of the instruments, before calibration.")
 @force_option
 @json_option
 def command(
@@ -44,7 +44,7 @@ def command(
     files = find_recordings(paths)
     targets = {path: metadata_path(path, out_dir, file_format) for path in files}
     if len(set(targets.values())) < len(files):
-        raise click.UsageError("two recordings have the same name; export them into different folders")
+        raise click.UsageError("two recordings have the same name; export them to different folders")
     for target in targets.values():
         refuse_unwritable(target, force=force, makes_folder=True)
     failures = Failures(len(files))
@@ -66,7 +66,7 @@ def _losses(recording: Recording) -> list[str]:
     from sawbench.bench.recording import loss_in_words
 
     lost = [loss_in_words(s.channel, len(s.values), s.n_missing) for s in recording.signals.values()]
-    return [*(words for words in lost if words), *([] if recording.is_complete else ["the recording is not complete"])]
+    return [*(words for words in lost if words), *([] if recording.is_complete else ["the recording is incomplete"])]
 
 
 def _as_text(row: dict[str, Any]) -> str:

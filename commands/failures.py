@@ -34,5 +34,5 @@ class Failures:
             self._found.append(error)
 
     def exit_code(self, *, is_trusted: bool) -> int:
-        """Exit code of the command: of the worst failure, else 0 or, where a result is not to be trusted, 1."""
+        """Exit code of the command: of the worst failure, else 0 or, where a result is not reliable, 1."""
         return max((error.exit_code for error in self._found), default=0 if is_trusted else 1)

@@ -26,7 +26,7 @@ METHODS = ("current_and_force", "current", "force", "annealing")
 @config_option
 @click.option(
     "--method", type=click.Choice(METHODS),
-    help="Default: every channel there is. 'annealing' is the paper's search, kept for comparison.",
+    help="Default: all available channels. 'annealing' is the method of the paper, for comparison.",
 )  # fmt: skip
 @batch_options()
 @json_option
@@ -35,7 +35,7 @@ def command(paths: tuple[Place, ...], config_path: Path | None, method: Any, bat
     from sawbench.archive.files import fit_file
 
     if method is not None and batch.archive is not None:
-        raise click.UsageError("an archive holds the fit with every channel there is: leave out --method")
+        raise click.UsageError("an archive stores the fit with all available channels: leave out --method")
     files = find_files(paths)
     failures, config = Failures(len(files)), named_config(config_path)
     if batch.archive is None:
@@ -51,7 +51,7 @@ def command(paths: tuple[Place, ...], config_path: Path | None, method: Any, bat
                 found.append((trial.processed.source_path, trial.processed.trial.trial_id, fit_or_reason(trial)))
     for place, _, fit in found:
         if fit is None:
-            click.echo(f"{place}: the blade runs in air, so there is no k_Fc", err=True)
+            click.echo(f"{place}: idle run, so there is no k_Fc", err=True)
     fits = [(name, fit) for _, name, fit in found if fit is not None]
     emit([{"trial": name, **plain(fit)} for name, fit in fits], describe(fits), as_json=as_json)
     return failures.exit_code(is_trusted=all(fit.status == "ok" for _, fit in fits))

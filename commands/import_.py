@@ -33,24 +33,26 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @click.option(
     "--map", "map_path", type=click.Path(path_type=Path, dir_okay=False),
-    help="TOML that says which column is which channel, in what unit and with what sign (docs/tables.md).",
+    help="TOML that assigns columns to channels, with unit and sign (docs/tables.md).",
 )  # fmt: skip
-@click.option("--dbc", type=click.Path(path_type=Path, dir_okay=False), help="Describes the frames of a CAN log.")
+@click.option(
+    "--dbc", type=click.Path(path_type=Path, dir_okay=False), help="DBC file that describes the frames of a CAN log."
+)
 @click.option(
     "--signal", "signals", multiple=True, metavar="CHANNEL=MESSAGE.SIGNAL",
-    help="Signal of the CAN log to take, may be repeated; default: those of the configuration's [devices.*], "
+    help="Signal of the CAN log to import, may be repeated; default: the signals of the configuration's [devices.*], "
     "without --config all numeric ones.",
 )  # fmt: skip
 @click.option(
     "--config", "config_path", type=click.Path(path_type=Path, dir_okay=False),
-    help="Bench configuration that is kept with the recording; its [devices.*] say what a CAN log holds.",
+    help="Bench configuration, stored in the recording; its [devices.*] describe the signals of a CAN log.",
 )  # fmt: skip
-@click.option("--material", help="Workpiece; 'none' when the blade runs in air.")
+@click.option("--material", help="Workpiece material; 'none' for an idle run.")
 @click.option("--duty", type=click.FloatRange(0, 1, min_open=True), help="Commanded PWM duty, 0..1.")
 @click.option("--thickness", "thickness_mm", type=click.FloatRange(0, min_open=True), help="mm")
 @click.option("--feed", "feed_mm_s", type=click.FloatRange(0), help="mm/s")
-@click.option("--blade", help="Identity of the blade: its wear carries over.")
-@click.option("--battery", help="Identity of the battery: its charge carries over.")
+@click.option("--blade", help="Blade identifier; its wear carries over to later trials.")
+@click.option("--battery", help="Battery identifier; its state of charge carries over to later trials.")
 @batch_options(has_archive=False)
 @force_option
 @json_option
@@ -140,7 +142,7 @@ def imported(request: ImportRequest, on_trial: Callable[[int, int, str], None] |
     from sawbench.storage.importers import FramesNeedDbc, import_path, stem_of
 
     path, config = request.path, request.config
-    trial = Trial(trial_id=stem_of(path), source=f"import of {path.name}", **request.settings)
+    trial = Trial(trial_id=stem_of(path), source=f"importing {path.name}", **request.settings)
     log = CanLog(
         path=path, out_dir=request.out_dir, trial=trial, config=config, table_map=request.table_map,
         signals=request.signals, overwrite=request.overwrite,
@@ -228,10 +230,10 @@ def _refuse_misplaced(
             raise InputError(
                 f"{', '.join(given)} cannot be given for a whole campaign",
                 where=path,
-                remedy="write it into the campaign file: config at its top, the settings under [[trial]]",
+                remedy="write them into the campaign file: config at the top, the settings under [[trial]]",
             )
     if signals and dbc is None:
-        raise InputError("--signal goes with --dbc", remedy="name the DBC that describes the frames")
+        raise InputError("--signal needs --dbc", remedy="give the DBC that describes the frames")
 
 
 def _as_text(report: ImportReport) -> str:

@@ -111,7 +111,7 @@ def _as_text(info: RecordingInfo) -> str:
         return "\n".join(lines)
     if info.trial is not None:
         lines.append(settings_line(info.trial))
-    lines.append(f"{info.duration_s:.3f} s, configuration {'inside' if info.has_config else 'not inside'}")
+    lines.append(f"{info.duration_s:.3f} s, configuration {'included' if info.has_config else 'not included'}")
     rows = [
         [
             c.channel,

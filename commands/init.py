@@ -54,9 +54,11 @@ class Place:
 
 @click.command(name="init", epilog="Example: sawbench init workshop")
 @click.argument("folder", default=".", type=click.Path(path_type=Path, file_okay=False))
-@click.option("--machine", help="Parameter set of the tool, see `sawbench machines`; default: paper_jigsaw, or asked.")
-@click.option("--simulated", is_flag=True, help="For the simulated bench: nothing is asked or looked for.")
-@click.option("--defaults", is_flag=True, help="Ask nothing: take the instruments that are found, and the defaults.")
+@click.option(
+    "--machine", help="Parameter set of the tool, see `sawbench machines`; default: paper_jigsaw, or asked for."
+)
+@click.option("--simulated", is_flag=True, help="For the simulated bench: no questions, no search for instruments.")
+@click.option("--defaults", is_flag=True, help="No questions: use the instruments found and the defaults.")
 @json_option
 def command(folder: Path, machine: str | None, simulated: bool, defaults: bool, as_json: bool) -> int:
     """Write FOLDER/bench_config.toml: the tool, the instruments, their ports and serial numbers.
@@ -69,7 +71,7 @@ def command(folder: Path, machine: str | None, simulated: bool, defaults: bool, 
 
     path = folder / DEFAULT_CONFIG
     if path.exists():
-        raise InputError("exists already", where=path, remedy="name another folder: `sawbench init FOLDER`")
+        raise InputError("already exists", where=path, remedy="give another folder: `sawbench init FOLDER`")
     refuse_unwritable_folder(folder)
     is_asking = not (simulated or defaults)
     tool = tool_text(machine, ask=_ask if is_asking else _default)
@@ -99,7 +101,7 @@ def _ask(question: str, default: str) -> str:
             raise
         raise InputError(
             "the input ended before the last question was answered",
-            remedy="run it in a terminal, or ask nothing: --defaults, --simulated",
+            remedy="run it in a terminal, or without questions: --defaults, --simulated",
         ) from None
 
 
@@ -145,7 +147,7 @@ def _number(question: str, default: str, ask: Callable[[str, str], str]) -> str:
             is_positive = False
         if is_positive:
             return answer
-        click.echo(f"{answer!r} is no number above 0", err=True)
+        click.echo(f"{answer!r} is not a number above 0", err=True)
 
 
 class Search:
@@ -209,7 +211,7 @@ def find_places(shipped: Mapping[str, Mapping[str, Any]], *, ask: Callable[[str,
     """
     search = Search()
     search.list_ports()
-    question = "Find out what answers there? Each port is sent requests, which other equipment may not expect (y/n)"
+    question = "Detect the instruments? Requests are sent to each port; other equipment may not expect them (y/n)"
     if search.ports and ask(question, "y").lower().startswith("y"):
         search.identify()
     places: list[Place] = []
@@ -226,20 +228,20 @@ def _place(
     while True:
         fitting = [f.place.port for f in search.found if f.place.port not in used and _fits(f, shipped)]
         default = fitting[0] if fitting else str(shipped["port"])
-        port = ask(f"Port of the {role} ({_AGAIN}: look and read again; {_NONE}: there is none)", default)
+        port = ask(f"Port of the {role} ({_AGAIN}: search again; {_NONE}: none)", default)
         if port == _AGAIN:
             search.list_ports()
             search.identify()
         elif port == _NONE:
             return None
         elif port in used:
-            click.echo(f"{port} is the port of another device already", err=True)
+            click.echo(f"{port} is already used by another device", err=True)
         else:
             break
     # A port of the configuration that ships is an example: nobody said that something is there.
     known = search.at(port) if fitting or port != default else None
     if known is not None and not _fits(known, shipped):
-        click.echo(f"{known.driver} at {port} gives no {role}: taken for {shipped['driver']}", err=True)
+        click.echo(f"{known.driver} at {port} provides no {role}: configured as {shipped['driver']}", err=True)
         known = None
     return Place(device=device, table=_device_table(shipped, known, port), is_found=known is not None)
 
@@ -288,17 +290,17 @@ def config_text(tool: str, recording: Mapping[str, Any], places: Sequence[Place]
     """
     from sawbench.bench.toml_writing import toml_text
 
-    comments: dict[tuple[str, ...], list[str]] = {("recording",): ["Where recordings go, and how they are kept."]}
+    comments: dict[tuple[str, ...], list[str]] = {("recording",): ["Folder and storage of the recordings."]}
     for place in places:
         said = comments.setdefault(("devices", place.device), [f"{_ROLES.get(place.device, place.device)}."])
         if simulated:
             said.append("Emulated: the port is not used with --simulated.")
         elif not place.is_found:
-            said.append("Nothing answered as this instrument: correct the port.")
+            said.append("This instrument was not found: correct the port.")
         else:
-            said.append("Another instrument at this port is refused where serial_number is stated.")
+            said.append("With serial_number, another instrument at this port is refused.")
         if "channels" in place.table:
-            said.append("The calibration is nominal: replace it by the certificate, or use `sawbench calibrate`.")
+            said.append("Nominal calibration: replace it with that of the certificate, or use `sawbench calibrate`.")
     tables = {"recording": recording, "devices": {p.device: p.table for p in places}}
     return tool.rstrip() + "\n\n" + toml_text(tables, comments)
 
@@ -338,5 +340,5 @@ def _summary(path: Path, places: Sequence[Place], simulated: bool) -> str:
     ]
     lines = [f"wrote {path}", *([table(["device", "driver", "port", "serial number", "state"], rows)] if rows else [])]
     if any(not p.is_found for p in places):
-        lines.append(f"correct the port of what was not found in {path}")
+        lines.append(f"correct the ports of the instruments not found in {path}")
     return "\n".join([*lines, f"next: sawbench check{options}"])

@@ -120,7 +120,7 @@ class LiveCounters:
             if self._estimate is not None and (estimated := self._estimate.describe()):
                 parts.append(Text(estimated))
         if self._typed is not None:
-            parts.append(Text.assemble(("note (Enter keeps it, Ctrl-C ends the recording): ", "dim"),
+            parts.append(Text.assemble(("note (Enter saves it, Ctrl-C ends the recording):  ", "dim"),
                                        self._typed.pending, ("_", "blink")))  # fmt: skip
         return Group(*parts)
 
@@ -132,7 +132,7 @@ class LiveCounters:
         if status is None:
             return Text(f"opening the instruments{name} ...", style="bold")
         if status.phase == "finishing":
-            return Text(f"finishing{name} ... the file is being closed", style="bold")
+            return Text(f"finishing{name} ... closing the file", style="bold")
         total = "" if self._seconds is None else f" of {self._seconds:g}"
         words, style = LIGHTS[status.light]
         return Text.assemble((f"recording{name}  {status.elapsed_s:.1f}{total} s  ", "bold"), (f" {words} ", style))

@@ -28,7 +28,7 @@ class LiveCuttingEstimate:
     ----------
     loaded : LoadedConfig
     trial : Trial
-        For the duty and whether the blade runs in air.
+        For the duty and whether idle run.
     show : callable, optional
         Called with (time_s, LiveEstimate) once a stroke.
 
@@ -58,7 +58,7 @@ class LiveCuttingEstimate:
         self._begun_s: float | None = None
         self._estimator: Any = None
         if trial.is_idle:
-            self.problem = "the blade runs in air"
+            self.problem = "idle run"
         elif loaded.config.plant is None:
             self.problem = "the configuration has no [plant]"
         else:
@@ -111,7 +111,7 @@ class LiveCuttingEstimate:
             self._begun_s = float(block.time_s[0])
         if not splitter.has_displacement:
             if splitter.newest_s - (self._begun_s or 0.0) > _PATIENCE_S:
-                self.problem = "no displacement_mm arrives, so the strokes are not known"
+                self.problem = "no displacement_mm is received, so the strokes are unknown"
             return
         offset_n = splitter.rest_force_n or 0.0
         for stroke in strokes:
@@ -146,6 +146,6 @@ class LiveCuttingEstimate:
             return ""
         line = f"k_Fc {format_quantity(latest.k_fc_n_s_per_m, latest.std_n_s_per_m, 'N·s/m')}"
         if latest.remaining_s is not None:
-            line += f", {format_quantity(latest.remaining_s, latest.remaining_std_s, 's')} of battery left"
+            line += f", {format_quantity(latest.remaining_s, latest.remaining_std_s, 's')} of battery runtime left"
         line += f" ({latest.n_strokes} strokes"
         return line + (f", {self.n_changes} changes of material)" if self.n_changes else ")")

@@ -18,33 +18,33 @@ from sawbench.bench.errors import SawbenchError
 # needs none of the modules.
 SUBCOMMANDS: Final = MappingProxyType(
     {
-        "demo": "the whole main job on the simulated bench, from instruments to report",
-        "init": "write a bench configuration: finds ports, asks, keeps serial numbers",
-        "check": "preflight: live values, rates, noise, missing samples, and what is wrong",
+        "demo": "run the complete workflow on the simulated bench, from instruments to report",
+        "init": "write a bench configuration: find ports, ask for the rest, store serial numbers",
+        "check": "check the instruments: live values, rates, noise, missing samples, faults",
         "tare": "zero the load cell",
         "calibrate": "multi-point calibration of a channel, with its uncertainty",
         "record": "record one trial to MCAP",
-        "series": "a series of trials: plan it, be led through it, go on after a break",
-        "import": "turn campaign.toml, tables of other programs or a CAN log into MCAP",
-        "info": "what is in recordings: one in full, several as a table",
-        "amend": "correct settings that were entered wrong; the recording stays as it is",
-        "recover": "salvage a truncated or damaged recording",
-        "export": "every sample as CSV, Parquet or MF4 for other programs",
-        "process": "stroke period, folded cycle, quality",
-        "fit": "cutting coefficient k_Fc with its uncertainty",
-        "runtime": "battery runtime with its uncertainty",
-        "battery": "fit a battery to measured discharges, with its uncertainty and range",
-        "machines": "the parameter sets that come with the package",
-        "simulate": "the electromechanical model alone",
-        "report": "the page of a trial: signals, stroke, fit, model, battery runtime",
-        "compare": "material-comparison report",
-        "catalogue": "what an archive holds: material, blade, battery, operator, period, k_Fc, quality",
-        "watch": "process what arrives in a folder, and keep the comparison page current",
-        "diagnose": "the sim-to-real gap: where it lies, what causes it, how far it closes",
-        "blind": "the withheld-effect check of the diagnosis: make, answer, score",
-        "panel": "the operator panel: the bench in a browser, from tare to diagnosis",
+        "series": "plan a series of trials, record it step by step, continue it after a break",
+        "import": "import campaign.toml, tables of other programs or a CAN log into MCAP",
+        "info": "show the content of recordings: one in detail, several as a table",
+        "amend": "correct wrong settings; the recording itself is not changed",
+        "recover": "recover the data of a truncated or damaged recording",
+        "export": "export every sample to CSV, Parquet or MF4",
+        "process": "find the stroke period, fold the channels, check their quality",
+        "fit": "fit the specific cutting coefficient k_Fc with its uncertainty",
+        "runtime": "predict the battery runtime with its uncertainty",
+        "battery": "fit a battery model to measured discharges, with its uncertainty and range",
+        "machines": "list the parameter sets of the package",
+        "simulate": "run the electromechanical model alone",
+        "report": "write the report page of a trial: signals, stroke, fit, model, battery runtime",
+        "compare": "compare materials: report page, CSV, HDF5",
+        "catalogue": "list the content of an archive: material, blade, battery, operator, period, k_Fc, quality",
+        "watch": "process new recordings in a folder and keep the comparison page up to date",
+        "diagnose": "diagnose the sim-to-real gap: location, cause, magnitude",
+        "blind": "test the diagnosis on hidden effects: make, answer, score",
+        "panel": "operate the bench in a browser, from tare to diagnosis",
         "view": "replay a recording in Rerun",
-        "simbench": "the simulated instruments, on ports of their own",
+        "simbench": "run simulated instruments for other programs",
     }
 )
 # What is imported stays: with Python's own 700 looking through it again and again took a tenth of a short command.
@@ -86,7 +86,7 @@ def cli() -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run `sawbench` and return its exit code: 0 done, 2 wrong input, 1 ran but not to be trusted.
+    """Run `sawbench` and return its exit code: 0 done, 2 wrong input, 1 ran but not reliable.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def run() -> None:
 
 def raise_terminated(*_: object) -> Never:
     """End on SIGTERM as on Ctrl-C: a recording is finished, the simulated instruments are stopped."""
-    raise KeyboardInterrupt("stopped from outside (SIGTERM)")
+    raise KeyboardInterrupt("stopped by another process (SIGTERM)")
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ config_option: Decorator = click.option(
     "--config",
     "config_path",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Bench configuration; default: that of the recording, else ./bench_config.toml, else the one that ships.",
+    help="Bench configuration; default: that of the recording, else ./bench_config.toml, else that of the package.",
 )
 
 
@@ -65,11 +65,11 @@ def refuse_unwritable(path: Place, *, force: bool, makes_folder: bool = False) -
     InputError
     """
     if find_file(path) is not None and not force:
-        raise InputError("exists already", where=path, remedy="name another file, or overwrite with --force")
+        raise InputError("already exists", where=path, remedy="give another file name, or overwrite with --force")
     if isinstance(path, StoreFile):
         return
     if not makes_folder and not path.parent.exists():
-        raise InputError("the folder does not exist", where=path, remedy=f"make {path.parent} first")
+        raise InputError("the folder does not exist", where=path, remedy=f"create {path.parent} first")
     is_device = path.exists() and not path.is_file()
     if not is_device:
         refuse_unwritable_folder(path.parent)
@@ -90,5 +90,5 @@ def refuse_unwritable_folder(folder: Path) -> None:
         raise InputError(
             f"cannot be written to: {error.strerror or error}",
             where=folder,
-            remedy="name another folder, or allow writing there",
+            remedy="give another folder, or allow writing there",
         ) from error

@@ -24,10 +24,15 @@ _NEEDED: Final = ("starlette", "uvicorn")
     "--plans", type=click.Path(path_type=Path, file_okay=False, exists=True), default=Path(), show_default=True,
     help="Folder with plans of series.",
 )  # fmt: skip
-@click.option("--host", default="127.0.0.1", show_default=True, help="Another address serves others too, with a token.")
-@click.option("--port", type=click.IntRange(0, 65535), default=_PORT, show_default=True, help="0: any that is free.")
-@click.option("--simulated", is_flag=True, help="Work on the simulated bench instead of real instruments.")
-@click.option("--browser/--no-browser", default=True, help="Open the page in a browser, where there is a display.")
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address to serve; other than 127.0.0.1: reachable from the network, with a token.",
+)
+@click.option("--port", type=click.IntRange(0, 65535), default=_PORT, show_default=True, help="Port; 0: any free port.")
+@click.option("--simulated", is_flag=True, help="Use the simulated bench instead of real instruments.")
+@click.option("--browser/--no-browser", default=True, help="Open the page in a browser if there is a display.")
 def command(
     config_path: Path | None, recordings: Path | None, plans: Path, host: str, port: int, simulated: bool, browser: bool
 ) -> int:
@@ -59,7 +64,7 @@ def command(
     token = "" if host in LOOPBACK else new_secret()
     socket = bound(host, port)
     address = f"http://{_shown(host)}:{socket.getsockname()[1]}/" + (f"?token={token}" if token else "")
-    click.echo(f"operator panel: {address}\nCtrl-C ends it; a recording that runs goes on")
+    click.echo(f"operator panel: {address}\nCtrl-C stops the panel; a running recording continues")
     if browser and has_display():
         click.launch(address)
     serve(build_app(settings, token=token), socket)

@@ -44,7 +44,7 @@ def command(
     from sawbench.storage.results import summary_row
 
     if out_dir is not None and batch.archive is not None:
-        raise click.UsageError("--archive keeps the results in its own table: leave out --out")
+        raise click.UsageError("--archive stores the results in its own table: leave out --out")
     files = find_files(paths)
     failures = Failures(len(files))
     if batch.archive is None:
@@ -122,14 +122,14 @@ def describe(results: list[ProcessedTrial]) -> str:
         if period is not None and period.confidence != "high":
             remarks.append(f"{processed.trial.trial_id}: confidence is {period.confidence}: {period.reason}")
             remarks += [
-                f"{processed.trial.trial_id}: rival {1.0 / rival.period_s:.4g} Hz"
+                f"{processed.trial.trial_id}: alternative {1.0 / rival.period_s:.4g} Hz"
                 f" (power {rival.relative_power:.2g}): {rival.reason}"
                 for rival in period.rivals
             ]
         if processed.removed is not None:
             removed = processed.removed
             remarks.append(
-                f"{processed.trial.trial_id}: return stroke {removed.half} set to zero; it held"
+                f"{processed.trial.trial_id}: return stroke {removed.half} set to zero; removed:"
                 f" {removed.rms_n:.1f} N rms, {removed.share_of_impulse:.1%} of the impulse"
             )
     head = ["trial", "status", "period", "rate", "confidence", "strokes", "peak force"]

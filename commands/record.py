@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     name="record",
     epilog="Example: sawbench record --material oak --thickness 20 --feed 4 --seconds 10 --simulated --live",
 )
-@click.option("--material", required=True, help="Workpiece; 'none' when the blade runs in air.")
+@click.option("--material", required=True, help="Workpiece material; 'none' for an idle run.")
 @click.option("--trial", "trial_id", help="Identifier and file name; default: material and the next free number.")
 @click.option("--seconds", type=click.FloatRange(0, min_open=True), help="Duration; default: the configuration's.")
 @click.option("--until-stopped", is_flag=True, help="Record until Ctrl-C.")
@@ -41,23 +41,30 @@ if TYPE_CHECKING:
     "touch_n",
     type=click.FloatRange(0, min_open=True),
     metavar="N",
-    help="Begin when the blade touches: when the force exceeds this.",
+    help="Start when the blade touches the workpiece: when the force exceeds this, N.",
 )
-@click.option("--before", "before_s", type=click.FloatRange(0, 60), help="With --touch: s from before; default 3.")
+@click.option(
+    "--before",
+    "before_s",
+    type=click.FloatRange(0, 60),
+    help="With --touch: seconds before the contact that are kept; default 3.",
+)
 @click.option("--duty", type=click.FloatRange(0, 1, min_open=True), help="Commanded PWM duty, 0..1.")
 @click.option("--thickness", "thickness_mm", type=click.FloatRange(0, min_open=True), help="mm")
 @click.option("--feed", "feed_mm_s", type=click.FloatRange(0), help="mm/s")
-@click.option("--blade", help="Identity of the blade: its wear carries over.")
-@click.option("--battery", help="Identity of the battery: its charge carries over.")
-@click.option("--operator", help="Who records.")
+@click.option("--blade", help="Blade identifier; its wear carries over to later trials.")
+@click.option("--battery", help="Battery identifier; its state of charge carries over to later trials.")
+@click.option("--operator", help="Name of the operator.")
 @click.option("--repetition", type=click.IntRange(1))
-@click.option("--note", "note_texts", multiple=True, help="Note kept with the trial; may be repeated.")
+@click.option("--note", "note_texts", multiple=True, help="Note stored with the trial; may be repeated.")
 @click.option("--out", "directory", type=click.Path(path_type=Path, file_okay=False), help="Folder for the file.")
 @config_option
 @click.option("--live", is_flag=True, help="Show the signals in Rerun while recording.")
-@click.option("--rrd", "rrd_path", type=click.Path(path_type=Path, dir_okay=False), help="Save the live view there.")
+@click.option(
+    "--rrd", "rrd_path", type=click.Path(path_type=Path, dir_okay=False), help="Save the live view to this file."
+)
 @click.option("--simulated", is_flag=True, help="Record from the simulated bench instead of real instruments.")
-@click.option("--seed", default=0, show_default=True, help="Of the simulated bench.")
+@click.option("--seed", default=0, show_default=True, help="Seed of the simulated bench.")
 @force_option
 @json_option
 def command(
@@ -84,7 +91,7 @@ def command(
     force: bool,
     as_json: bool,
 ) -> int:
-    """Record one trial. Lines typed meanwhile become notes in the recording; Ctrl-C finishes the file."""
+    """Record one trial. Lines typed during the recording are stored as notes; Ctrl-C ends the recording."""
     from sawbench.commands.recording_session import SWITCH_ON_S, SessionOptions, bench_ports, check_devices
 
     config_path = config_path or default_config_path()
@@ -110,7 +117,7 @@ def command(
     )  # fmt: skip
     say_in_force(book_path)
     if touch is not None:
-        click.echo(f"the recording begins when {touch.channel} exceeds {touch.above:g}: waiting", err=True)
+        click.echo(f"the recording starts when {touch.channel} exceeds {touch.above:g}: waiting", err=True)
     typed = typed_lines()
     lines = typed if typed is not None else sys.stdin if sys.stdin is not None and sys.stdin.isatty() else ()
     with live_view(trial, live=live, rrd_path=rrd_path, force=force) as views:
@@ -123,7 +130,7 @@ def command(
 def said_live(estimate: LiveCuttingEstimate) -> list[str]:
     """What the live estimate found last, or why there is none, and its notes."""
     last = estimate.describe()
-    said = f"last live estimate: {last}" if last else f"no live k_Fc: {estimate.problem or 'no settled stroke'}"
+    said = f"last live estimate: {last}" if last else f"no live k_Fc: {estimate.problem or 'no steady stroke'}"
     return [said, *(f"  note: {text}" for text in estimate.notes)]
 
 
@@ -133,7 +140,7 @@ def touch_of(touch_n: float | None, before_s: float | None) -> Touch | None:
 
     if touch_n is None:
         if before_s is not None:
-            raise click.UsageError("--before needs --touch N: before what?")
+            raise click.UsageError("--before needs --touch N")
         return None
     return Touch(above=touch_n) if before_s is None else Touch(above=touch_n, before_s=before_s)
 
@@ -143,8 +150,8 @@ def recording_path(folder: Path, trial_id: str | None, material: str) -> Path:
     trial_id = trial_id or next_trial_id(folder, material)
     if Path(trial_id).name != trial_id:
         raise InputError(
-            f"{trial_id!r} is no name for a trial: it becomes the name of its file",
-            remedy="give --trial a name without slashes, and the folder with --out",
+            f"{trial_id!r} is not a valid trial name: it is also the file name",
+            remedy="give --trial a name without slashes and the folder with --out",
         )
     return folder / f"{trial_id}.mcap"
 
@@ -244,7 +251,7 @@ def live_view(trial: Trial, *, live: bool, rrd_path: Path | None, force: bool) -
     finally:
         view.close()
         if view.is_dead:
-            click.echo(f"the live view ended early: {view.dead_reason} (the recording is whole)", err=True)
+            click.echo(f"the live view ended early: {view.dead_reason} (the recording is complete)", err=True)
 
 
 def live_estimate(loaded: LoadedConfig, trial: Trial, views: list[LiveViewProcess]) -> LiveCuttingEstimate:
@@ -291,14 +298,14 @@ def describe(summary: RecordingSummary) -> str:
     rows = [
         [c.channel, str(c.n_samples), f"{c.rate_hz:.2f}", str(c.n_gaps), str(c.n_missing)] for c in summary.channels
     ]
-    lines = [f"samples until {summary.duration_s:.3f} s; ended because: {summary.end_reason}"]
+    lines = [f"samples until {summary.duration_s:.3f} s; end of recording:  {summary.end_reason}"]
     lines.append(table(["channel", "samples", "rate Hz", "gaps", "missing"], rows))
     lines += [
         f"{d.device}: {d.n_discarded_bytes} damaged bytes, {d.n_reconnects} reconnects"
         for d in summary.devices
         if d.n_discarded_bytes or d.n_reconnects
     ]
-    lines += [f"NOT to be trusted: {loss}" for loss in summary.losses]
+    lines += [f"NOT reliable: {loss}" for loss in summary.losses]
     if not summary.is_complete:
-        lines.append("NOT complete: an instrument was gone, or the recording was interrupted")
+        lines.append("INCOMPLETE: an instrument was lost, or the recording was interrupted")
     return "\n".join(lines)

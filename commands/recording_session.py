@@ -285,6 +285,6 @@ def _announced_ports(process: subprocess.Popen[str]) -> dict[str, str]:
         said = process.stderr.read().strip().removeprefix("sawbench: error: ")
         code = process.wait()
         kind = InputError if code == InputError.exit_code else DeviceError
-        why = f"nothing came within {_START_TIMEOUT_S:g} s" if code < 0 else f"it ended with {code}"
+        why = f"no answer within {_START_TIMEOUT_S:g} s" if code < 0 else f"it ended with exit code {code}"
         raise kind(f"the simulated bench did not start: {said or why}")
     return json.loads(line)

@@ -35,6 +35,6 @@ def command(path: Path, out_path: Path | None, force: bool, as_json: bool) -> in
         f" ({report.seconds_lost:.3f} s)"
     )
     if report.is_tail_cut:
-        lines.append("the end of the file is missing: up to one flush interval more is gone")
+        lines.append("the end of the file is missing: up to one more flush interval is lost")
     emit(report, "\n".join(lines), as_json=as_json)
     return 1 if report.n_messages_lost or report.seconds_lost or not report.n_messages_kept else 0

@@ -16,7 +16,7 @@ from sawbench.inputs import find_recordings
 @recordings_argument
 @click.option(
     "--out", "out_dir", type=click.Path(path_type=Path, file_okay=False), default=Path("reports"), show_default=True,
-    help="Folder for one page per recording; made if missing.",
+    help="Folder for one page per recording; created if missing.",
 )  # fmt: skip
 @config_option
 @force_option
@@ -34,7 +34,7 @@ def command(paths: tuple[Path, ...], out_dir: Path, config_path: Path | None, fo
     files = find_recordings(paths)
     pages = {path: out_dir / f"{path.stem}.html" for path in files}
     if len(set(pages.values())) < len(files):
-        raise click.UsageError("two recordings have the same name; write their pages into different folders")
+        raise click.UsageError("two recordings have the same name; write their pages to different folders")
     for page in pages.values():
         refuse_unwritable(page, force=force, makes_folder=True)
     out_dir.mkdir(parents=True, exist_ok=True)

@@ -24,14 +24,16 @@ if TYPE_CHECKING:
 )
 @click.argument("paths", metavar="[FILE...]", nargs=-1, type=click.Path(path_type=Path))
 @config_option
-@click.option("--k-fc", "k_fc", type=click.FloatRange(0), help="Instead of recordings: this k_Fc, N*s/m.")
-@click.option("--k-fc-std", type=click.FloatRange(0), default=0.0, help="Its standard uncertainty, N*s/m.")
+@click.option("--k-fc", "k_fc", type=click.FloatRange(0), help="Use this k_Fc instead of recordings, N*s/m.")
+@click.option("--k-fc-std", type=click.FloatRange(0), default=0.0, help="Standard uncertainty of --k-fc, N*s/m.")
 @click.option("--duty", type=click.FloatRange(0, 1, min_open=True), help="With --k-fc; default: the configuration's.")
 @click.option(
     "--temperature", "temperature_c", type=float,
-    help="Of the surroundings, degC: checked against the range of a fitted battery (`sawbench battery fit`).",
+    help="Ambient temperature, degC; checked against the range of a fitted battery (`sawbench battery fit`).",
 )  # fmt: skip
-@click.option("--cycle", type=click.FloatRange(0), help="Charges of the battery so far: checked likewise.")
+@click.option(
+    "--cycle", type=click.FloatRange(0), help="Number of charge cycles of the battery; also checked against that range."
+)
 @click.option("--sweep", "is_sweep", is_flag=True, help="With --k-fc: a table over k_Fc, duty and capacity.")
 @click.option(
     "--k-fc-range",
@@ -39,13 +41,15 @@ if TYPE_CHECKING:
     type=(float, float, int),
     metavar="LOW HIGH N",
     default=None,
-    help="Of the sweep; default: half to twice k_Fc, 7 values.",
+    help="k_Fc range of the sweep; default: half to twice k_Fc, 7 values.",
 )
-@click.option("--duties", help="Of the sweep, such as 0.3,0.44,0.6; default: 3/4, 1 and 5/4 of the duty.")
-@click.option("--capacities", help="Of the sweep, Ah, such as 1.5,2,4; default: 1, 4/3 and 8/3 of the battery's.")
-@click.option("--csv", "csv_path", type=click.Path(path_type=Path, dir_okay=False), help="The sweep as CSV too.")
+@click.option("--duties", help="Duties of the sweep, e.g. 0.3,0.44,0.6; default: 3/4, 1 and 5/4 of the duty.")
 @click.option(
-    "--plot", "plot_path", type=click.Path(path_type=Path, dir_okay=False), help="The sweep as a picture, .svg or .png."
+    "--capacities", help="Capacities of the sweep, Ah, e.g. 1.5,2,4; default: 1, 4/3 and 8/3 of the battery's."
+)
+@click.option("--csv", "csv_path", type=click.Path(path_type=Path, dir_okay=False), help="Also write the sweep as CSV.")
+@click.option(
+    "--plot", "plot_path", type=click.Path(path_type=Path, dir_okay=False), help="Plot of the sweep, .svg or .png."
 )
 @force_option
 @json_option
@@ -73,7 +77,7 @@ def command(
     from sawbench.modeling.battery_range import BatteryUse
 
     if bool(paths) == (k_fc is not None):
-        raise click.UsageError("name recordings, or give --k-fc, one of the two")
+        raise click.UsageError("give either recordings or --k-fc")
     choice = SweepChoice(
         k_fc_range=k_fc_range, duties=duties, capacities=capacities, csv_path=csv_path, plot_path=plot_path
     )
@@ -111,12 +115,12 @@ def _of_recording(
 
     trial = load_and_process(path, config_path)
     if not is_alone and trial.recording.trial.is_idle:
-        click.echo(f"{path}: the blade runs in air, so there is no cutting runtime", err=True)
+        click.echo(f"{path}: idle run, so there is no cutting runtime", err=True)
         return None
     fit, estimates = fit_trial(trial)
     if fit.status != "ok":
         raise UntrustedResult(
-            "no runtime, because k_Fc is not to be relied on: " + "; ".join((fit.status.replace("_", " "), *fit.notes)),
+            "no runtime, because k_Fc is not reliable: " + "; ".join((fit.status.replace("_", " "), *fit.notes)),
             where=path,
             remedy=f"see `sawbench fit {path}`",
         )
@@ -137,7 +141,7 @@ def describe(name: str, result: RuntimePrediction) -> str:
         f"  mean battery current {result.mean_battery_current_a:.3f} A, motor {result.mean_motor_current_a:.3f} A"
     )
     if result.appendix_a_runtime_s is not None:
-        lines.append(f"  by the measured mean current (Appendix A): {result.appendix_a_runtime_s:.0f} s")
+        lines.append(f"  from the measured mean current (Appendix A): {result.appendix_a_runtime_s:.0f} s")
     largest = sorted(result.contributions_s.items(), key=lambda item: -item[1])[:4]
     if largest:
         lines.append("  uncertainty from " + ", ".join(f"{key} {value:.1f} s" for key, value in largest))

@@ -51,7 +51,7 @@ def sweep(
 
     if loaded.config.converter.mode == "held_voltage":
         raise InputError(
-            "[converter] holds the motor's voltage, so there is no duty to sweep",
+            "[converter] controls the motor voltage, so there is no duty to sweep",
             where=loaded.path,
             remedy='set [converter] mode = "fixed_duty"',
         )
@@ -61,7 +61,7 @@ def sweep(
     capacity_ah = loaded.battery().capacity_ah
     capacities = _numbers("--capacities", choice.capacities, [capacity_ah, 4 / 3 * capacity_ah, 8 / 3 * capacity_ah])
     if len(k_values) * len(duties) * len(capacities) > MOST_CASES:
-        raise click.UsageError(f"the sweep has more than {MOST_CASES} cases: ask for fewer values")
+        raise click.UsageError(f"the sweep has more than {MOST_CASES} cases: give fewer values")
     for path in (choice.csv_path, choice.plot_path):
         if path is not None:
             refuse_unwritable(path, force=force)
@@ -116,7 +116,7 @@ def describe(found: RuntimeSweep, battery: BatteryConfig) -> str:
     if battery.fitted is not None:
         parts.append(basis_of(battery.fitted))
     if found.notes:
-        parts.append("* outside of what was fitted, so extrapolated; --json and --csv say what of each case")
+        parts.append("* outside the fitted range (extrapolated); details for each case: --json, --csv")
     return "\n".join(parts)
 
 
@@ -136,7 +136,7 @@ def _numbers(option: str, text: str | None, default: list[float], *, most: float
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:
-        raise click.UsageError(f"{option} is {text!r}: it needs numbers with commas between") from None
+        raise click.UsageError(f"{option} is {text!r}: expected numbers separated by commas") from None
     if not all(math.isfinite(value) and 0 < value <= most for value in values):
         allowed = "above 0" if math.isinf(most) else f"above 0 and up to {most:g}"
         raise click.UsageError(f"{option} is {text!r}: allowed are numbers {allowed}")

@@ -31,26 +31,34 @@ def command() -> None:
     name="plan",
     epilog="Example: sawbench series plan --material oak --material nylon --feed 2 --feed 4 --seed 7 --out wood.toml",
 )
-@click.option("--material", "materials", multiple=True, required=True, help="Workpiece; may be repeated.")
-@click.option("--duty", "duties", multiple=True, type=click.FloatRange(0, 1, min_open=True), help="May be repeated.")
-@click.option("--feed", "feeds_mm_s", multiple=True, type=click.FloatRange(0), help="mm/s; may be repeated.")
+@click.option("--material", "materials", multiple=True, required=True, help="Workpiece material; may be repeated.")
+@click.option(
+    "--duty", "duties", multiple=True, type=click.FloatRange(0, 1, min_open=True), help="PWM duty; may be repeated."
+)
+@click.option("--feed", "feeds_mm_s", multiple=True, type=click.FloatRange(0), help="Feed, mm/s; may be repeated.")
 @click.option("--thickness", "thicknesses_mm", multiple=True, type=click.FloatRange(0, min_open=True), help="mm")
-@click.option("--repetitions", type=click.IntRange(1), default=3, show_default=True, help="Of every setting.")
+@click.option(
+    "--repetitions",
+    type=click.IntRange(1),
+    default=3,
+    show_default=True,
+    help="Number of repetitions of every setting.",
+)
 @click.option(
     "--block", type=click.Choice(["setting", "repetition"]), default="setting", show_default=True,
-    help="A block is one setting with all its repetitions (the paper's way), or every setting once.",
+    help="A block is one setting with all its repetitions (as in the paper), or every setting once.",
 )  # fmt: skip
-@click.option("--idle", "has_idle", is_flag=True, help="Begin with a trial in air at each duty.")
-@click.option("--seed", default=0, show_default=True, help="Of the random order.")
+@click.option("--idle", "has_idle", is_flag=True, help="Start with an idle run at each duty.")
+@click.option("--seed", default=0, show_default=True, help="Seed of the random order.")
 @click.option("--seconds", type=click.FloatRange(0.5), default=10.0, show_default=True, help="Of one trial.")
 @click.option(
     "--battery-seconds", type=click.FloatRange(1), default=600.0, show_default=True, help="Change a battery before."
 )
-@click.option("--batch", "batch_texts", metavar="MATERIAL=LOT", multiple=True, help="Lot of a material.")
-@click.option("--operator", help="Who records; may be given to `run` instead.")
+@click.option("--batch", "batch_texts", metavar="MATERIAL=BATCH", multiple=True, help="Batch of a material.")
+@click.option("--operator", help="Name of the operator; may be given to `run` instead.")
 @click.option(
     "--require", "required", multiple=True, type=click.Choice(["operator", "blade", "battery", "material", "batch"]),
-    default=["operator", "blade", "battery", "material"], show_default=True, help="Metadata that must be stated.",
+    default=["operator", "blade", "battery", "material"], show_default=True, help="Required metadata.",
 )  # fmt: skip
 @click.option("--recordings", help="Folder of the recordings, relative to the plan; default: its name.")
 @click.option("--out", "out_path", required=True, type=click.Path(path_type=Path, dir_okay=False), help="The plan.")
@@ -67,7 +75,7 @@ def plan_command(out_path: Path, config_path: Path | None, force: bool, as_json:
     from sawbench.storage.output import write_whole
 
     if out_path.suffix.lower() == ".csv":
-        raise InputError("--out is a table, the plan is TOML", where=out_path, remedy="name a .toml file")
+        raise InputError("--out is a table, the plan is TOML", where=out_path, remedy="give a .toml file")
     refuse_unwritable(out_path, force=force)
     batches = dict(_batch(text, options["materials"]) for text in options.pop("batch_texts"))
     stated = {key: options.pop(key) for key in ("operator", "required", "recordings")}
@@ -87,11 +95,11 @@ def plan_command(out_path: Path, config_path: Path | None, force: bool, as_json:
 
 @command.command(name="run", epilog="Example: sawbench series run wood.toml --operator Kim")
 @_plan_argument
-@click.option("--operator", help="Who records; default: the plan's.")
+@click.option("--operator", help="Name of the operator; default: that of the plan.")
 @config_option
 @click.option("--live", is_flag=True, help="Show the signals in Rerun while recording.")
 @click.option("--simulated", is_flag=True, help="Record from the simulated bench instead of real instruments.")
-@click.option("--yes", "is_unattended", is_flag=True, help="Ask nothing, with --simulated only.")
+@click.option("--yes", "is_unattended", is_flag=True, help="Ask no questions; with --simulated only.")
 @json_option
 def run_command(
     plan_path: Path,
@@ -135,7 +143,7 @@ def run_command(
             SeriesRun(plan, bench, dialogue).run()
         except (SeriesStopped, KeyboardInterrupt) as stopped:
             journal.add("stopped", because=str(stopped) or "Ctrl-C")
-            click.echo(f"\nstopped; go on with: sawbench series run {plan_path}", err=True)
+            click.echo(f"\nstopped; continue with: sawbench series run {plan_path}", err=True)
             if isinstance(stopped, KeyboardInterrupt):
                 raise
     progress = progress_of(plan, journal.read())
@@ -161,7 +169,7 @@ def status_command(plan_path: Path, as_json: bool) -> int:
 @command.command(name="repeat", epilog="Example: sawbench series repeat wood.toml 05-oak --because 'clamp was loose'")
 @_plan_argument
 @click.argument("trial_id", metavar="TRIAL")
-@click.option("--because", required=True, help="Why; kept in the journal.")
+@click.option("--because", required=True, help="Reason, stored in the journal.")
 @config_option
 def repeat_command(plan_path: Path, trial_id: str, because: str, config_path: Path | None) -> int:
     """Reject the recording of TRIAL, kept or not; `series run` records it again. The file is moved, not deleted."""
@@ -177,7 +185,7 @@ def repeat_command(plan_path: Path, trial_id: str, because: str, config_path: Pa
         row = next(t for t in progress_of(plan, journal.read()).trials if t.planned == planned)
         if not row.path.exists():
             raise InputError(
-                f"trial {trial_id} has no recording yet", where=plan_path, remedy="go on with `series run`"
+                f"trial {trial_id} has no recording yet", where=plan_path, remedy="continue with `series run`"
             )
         click.echo(f"moved to {set_aside(journal, row, because=because, second_copy=second_copy)}")
     return 0
@@ -198,13 +206,13 @@ def describe(progress: SeriesProgress) -> str:
         lines += [f"{row.planned.id} BAD: {text}" for text in (*faults, *row.disagrees)]
         lines += [f"{row.planned.id} rejected: {because}" for because in row.rejected]
         lines += [f"{row.planned.id} note: {text}" for text in row.notes]
-    lines += [f"{name} belongs to no trial of the plan" for name in progress.strangers]
+    lines += [f"{name} does not belong to a trial of the plan" for name in progress.strangers]
     lines += [f"note: {text}" for text in departures(progress.plan)]
     n_kept = sum(row.state == "kept" for row in progress.trials)
     following = progress.next
     lines.append(
         f"{n_kept} of {len(progress.trials)} trials kept"
-        + (f", {len(progress.doubtful)} of them not to be trusted" if progress.doubtful else "")
+        + (f", {len(progress.doubtful)} of them not reliable" if progress.doubtful else "")
         + ("" if following is None else f"; next: {following.planned.id} ({following.state})")
     )
     return "\n".join(lines)
@@ -264,12 +272,12 @@ def _dialogue(*, is_unattended: bool, simulated: bool) -> Any:
     if is_unattended:
         if not simulated:
             raise InputError(
-                "--yes asks nobody, but somebody has to clamp and switch on",
-                remedy="leave --yes out, or record from the simulated bench with --simulated",
+                "--yes asks no questions, but an operator has to clamp the workpiece and switch the tool on",
+                remedy="leave out --yes, or record from the simulated bench with --simulated",
             )
         return Dialogue(None)
     if sys.stdin is None:
-        raise InputError("there is no standard input, so nobody can answer", remedy="run it in a terminal")
+        raise InputError("there is no standard input to read answers from", remedy="run it in a terminal")
     typed = typed_lines()
     return Dialogue(sys.stdin if typed is None else typed, is_typed=sys.stdin.isatty())
 
@@ -284,7 +292,7 @@ def _refuse_missing_metadata(plan: LoadedPlan, operator: str | None) -> None:
 
     if missing := missing_metadata(plan.plan, operator):
         raise InputError(
-            f"requires metadata that nobody stated: {missing}",
+            f"required metadata is missing: {missing}",
             where=plan.path,
             remedy="state them in the plan, the operator with --operator",
         )
@@ -293,7 +301,9 @@ def _refuse_missing_metadata(plan: LoadedPlan, operator: str | None) -> None:
 def _batch(text: str, materials: tuple[str, ...]) -> tuple[str, str]:
     material, _, lot = text.partition("=")
     if material not in materials or not lot:
-        raise InputError(f"--batch is {text!r}, expected MATERIAL=LOT", remedy=f"materials are {', '.join(materials)}")
+        raise InputError(
+            f"--batch is {text!r}, expected MATERIAL=BATCH", remedy=f"materials are {', '.join(materials)}"
+        )
     return material, lot
 
 

@@ -77,7 +77,7 @@ class Dialogue:
             elif not answer or not choices or answer in choices.split():
                 return answer or default
             else:
-                self.say(f"{answer!r} is none of {choices} q, nor a note (n TEXT)")
+                self.say(f"{answer!r} is not one of {choices} q, and not a note (n TEXT)")
 
     @contextlib.contextmanager
     def meanwhile(self) -> Iterator[Iterator[str]]:
@@ -109,7 +109,7 @@ class Dialogue:
             for line in lines:
                 self._lines.put(line)
         except (OSError, ValueError) as error:
-            self.say(f"the input cannot be read any further: {error}")
+            self.say(f"the input cannot be read: {error}")
         finally:
             self._lines.put(None)
 

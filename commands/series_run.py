@@ -105,10 +105,10 @@ class SeriesRun:
         if row.state == "to set aside":
             self._set_aside(row, because=row.rejected[-1], is_said=True)
         elif row.state == "interrupted":
-            self._dialogue.say(f"\n{row.planned.id}: its recorder was interrupted; the trial is repeated")
-            self._set_aside(row, because="the recorder was interrupted")
+            self._dialogue.say(f"\n{row.planned.id}: the recording was interrupted; the trial will be repeated")
+            self._set_aside(row, because="the recording was interrupted")
         elif row.state == "undecided":
-            self._dialogue.say(f"\n{row.planned.id}: recorded before, not decided yet")
+            self._dialogue.say(f"\n{row.planned.id}: already recorded, not yet kept or rejected")
             self._decide(row)
         else:
             self._trial(row)
@@ -126,7 +126,7 @@ class SeriesRun:
         self._mount("battery", planned.battery, progress)
         if planned.rest_s:
             self._rest(planned.rest_s)
-        self._dialogue.ask("Enter when all is ready (n TEXT: note, q: stop)", default="")
+        self._dialogue.ask("Enter when ready (n TEXT: note, q: stop)", default="")
         self._prepare(planned)
         try:
             summary = self._record(planned)
@@ -155,12 +155,14 @@ class SeriesRun:
             number, proposed = 2, planned
             while proposed in used:
                 number, proposed = number + 1, f"{planned}-{number}"
-            question = "mount a new blade; its identity" if part == "blade" else "fit a full battery; its identity"
+            question = (
+                ("mount a new blade; its identifier") if part == "blade" else "insert a full battery; its identifier"
+            )
         else:
-            proposed, question = known, f"put {part} {known} back; its identity"
+            proposed, question = known, f"mount {part} {known} again; its identifier"
         identity = self._dialogue.ask(question, default=proposed)
         while identity in used and identity != proposed:
-            self._dialogue.say(f"{part} {identity} was used before: wear and charge are counted by the identity")
+            self._dialogue.say(f"{part} {identity} was used before: wear and charge are tracked per identifier")
             identity = self._dialogue.ask(question, default=proposed)
         self._journal.add("mounted", part=part, planned=planned, identity=identity)
         if part == "blade":
@@ -187,7 +189,7 @@ class SeriesRun:
                 break
             except SawbenchError as error:
                 self._raise_unless_worth_another(error, attempt)
-            if self._dialogue.ask("a: again, g: go on all the same", default="a", choices="a g") == "g":
+            if self._dialogue.ask("a: check again, g: continue anyway", default="a", choices="a g") == "g":
                 break
         self._block = planned.block
 
@@ -211,8 +213,8 @@ class SeriesRun:
 
         found = look(self._bench.loaded, self._bench.book, ports, seconds=self._plan.plan.check_seconds)
         if not found.is_good:
-            raise UntrustedResult(f"the bench is not fit to record\n{describe(found)}")
-        self._dialogue.say("check: all good")
+            raise UntrustedResult(f"the bench is not ready to record\n{describe(found)}")
+        self._dialogue.say("check: no faults")
 
     def _record(self, planned: PlannedTrial) -> RecordingSummary:
         from sawbench.commands.record import live_view, run_session
@@ -270,12 +272,12 @@ class SeriesRun:
         question = "k: keep, r: repeat (n TEXT: note, q: stop)"
         answer = self._dialogue.ask(question, default="r" if doubts else "k", choices="k r")
         if answer == "r":
-            self._set_aside(row, because="; ".join(doubts) or "the technician wants it repeated")
+            self._set_aside(row, because="; ".join(doubts) or "repeated by the technician")
             if not self._dialogue.is_attended and self._attempts.get(planned.id, 0) >= _MOST_ATTEMPTS:
                 raise UntrustedResult(
                     f"trial {planned.id} was bad {_MOST_ATTEMPTS} times: {'; '.join(doubts)}",
                     where=self._plan.folder,
-                    remedy="look at the bench, then go on with the same command",
+                    remedy="check the bench, then continue with the same command",
                 )
             return
         self._journal.add("kept", planned.id)
@@ -292,7 +294,7 @@ class SeriesRun:
             same = other.planned.setting == measures.setting and other.planned.id != measures.trial_id
             if same and other.state == "kept" and other.disagrees:
                 self._dialogue.say(
-                    f"{other.planned.id} now looks wrong beside its repetitions: {'; '.join(other.disagrees)}\n"
+                    f"{other.planned.id} now deviates from its repetitions: {'; '.join(other.disagrees)}\n"
                     f"  -> sawbench series repeat {self._plan.path} {other.planned.id}"
                 )
 
@@ -315,7 +317,7 @@ def introduction(planned: PlannedTrial, progress: SeriesProgress) -> list[str]:
     repetition = "" if planned.repetition is None else f", repetition {planned.repetition}"
     lines = [f"trial {planned.id}: {number} of {len(progress.trials)}, block {planned.block}{repetition}"]
     if planned.is_idle:
-        lines.append("  clamp  nothing: the blade runs in air")
+        lines.append("  clamp  nothing: idle run")
     else:
         piece = [planned.material]
         piece += [] if planned.thickness_mm is None else [f"{planned.thickness_mm:g} mm"]
@@ -326,7 +328,7 @@ def introduction(planned: PlannedTrial, progress: SeriesProgress) -> list[str]:
     lines += [f"  set    {', '.join(settings)}"] if settings else []
     mounted = [f"{part} {name}" for part in ("blade", "battery") if (name := progress.mounted(part)) is not None]
     lines += [f"  on it  {', '.join(mounted)}"] if mounted else []
-    lines.append("  look   carriage moves freely, preload is set, tool is off, hands are away")
+    lines.append("  look   carriage moves freely, preload is set, tool is off, hands are clear")
     return lines
 
 

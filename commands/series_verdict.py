@@ -19,7 +19,7 @@ _STATUS_WORDS: Final = {
     "no_cutting": "no cutting was found",
     "stalled": "the saw stalled",
     "no_stroke": "no stroke was found",
-    "cutting": "it cuts, although the plan says that the blade runs in air",
+    "cutting": "the blade cuts, although the plan states an idle run",
 }
 
 
@@ -80,7 +80,7 @@ def describe(measures: TrialMeasures) -> str:
         said.append(f"k_Fc {format_quantity(measures.k_fc_n_s_per_m, measures.k_fc_std_n_s_per_m, 'N·s/m')}")
     if measures.rms_motor_current_a is not None:
         said.append(f"motor current {measures.rms_motor_current_a:.2f} A")
-    return ", ".join(said) or "nothing was measured"
+    return ", ".join(said) or "no result"
 
 
 def _fitted(trial: AnalysedTrial, planned: PlannedTrial) -> tuple[dict[str, float], list[str]]:
@@ -106,14 +106,14 @@ def _fitted(trial: AnalysedTrial, planned: PlannedTrial) -> tuple[dict[str, floa
 
 def _cut_short(recording: Recording, seconds: float) -> list[str]:
     """Say what is missing of a recording."""
-    found = [] if recording.is_complete else ["the recording is not complete"]
+    found = [] if recording.is_complete else ["the recording is incomplete"]
     for channel, signal in recording.signals.items():
         end_s = float(signal.time_s[-1]) if len(signal.time_s) else 0.0
         if end_s < _LEAST_SHARE * seconds:
             found.append(f"{channel} ends after {end_s:.1f} of {seconds:g} s")
         if lost := loss_in_words(channel, len(signal.time_s), signal.n_missing):
             found.append(lost)
-    return found if recording.signals else [*found, "it holds no signal"]
+    return found if recording.signals else [*found, "it contains no signal"]
 
 
 def _not_as_planned(recording: Recording, planned: PlannedTrial) -> list[str]:

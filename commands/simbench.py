@@ -34,13 +34,15 @@ _LARGEST_DEVIATION = 2.0
 @config_option
 @click.option("--material", default="oak", show_default=True, help="nylon, black_locust, oak, or none (air).")
 @click.option("--duty", type=click.FloatRange(0, 1, min_open=True), help="PWM duty; default: the configuration's.")
-@click.option("--seed", default=0, show_default=True, help="Draws the true plant, the wood and the sensor noise.")
-@click.option("--trigger-after", default=1.0, show_default=True, help="Seconds from streaming to switching on.")
+@click.option("--seed", default=0, show_default=True, help="Seed of the true plant, the wood and the sensor noise.")
+@click.option(
+    "--trigger-after", default=1.0, show_default=True, help="Time from the start of streaming to switching on, s."
+)
 @click.option("--transport", type=click.Choice(["auto", "pty", "tcp"]), default="auto", show_default=True)
-@click.option("--load", "load_text", metavar="CHANNEL=VALUE", help="A known weight or length at a sensor, added.")
+@click.option("--load", "load_text", metavar="CHANNEL=VALUE", help="A known load or displacement added at a sensor.")
 @click.option(
     "--truth", "truth_path", type=click.Path(path_type=Path, dir_okay=False),
-    help="Write the true values there; no recording ever holds them.",
+    help="Write the true values to this file; recordings never contain them.",
 )  # fmt: skip
 def command(
     config_path: Path | None,
@@ -68,7 +70,9 @@ def command(
     loaded = config_for(None, config_path)
     if loaded.config.effects:
         names = ", ".join(loaded.config.effects)
-        click.echo(f"{loaded.path}: the simulated bench has none of the [effects] {names}: they are left out", err=True)
+        click.echo(
+            f"{loaded.path}: the simulated bench does not simulate the [effects] {names}: they are ignored", err=True
+        )
     settings = true_settings(loaded, material=material, duty=duty, seed=seed)
     if truth_path is not None:
         refuse_unwritable(truth_path, force=False)
@@ -136,9 +140,10 @@ def true_settings(loaded: LoadedConfig, *, material: str, duty: float | None, se
     plant, battery = loaded.plant(), loaded.battery()
     if battery.open_circuit is not None or battery.shape_ratio != 1.0:
         raise InputError(
-            "the simulated bench knows the battery of the paper's Eq. 16 alone, not open_circuit or shape_ratio",
+            "the simulated bench supports only the battery model of Eq. 16 of the paper, without open_circuit and"
+            " shape_ratio",
             where=loaded.path,
-            remedy="give it a configuration whose [battery] holds neither",
+            remedy="use a configuration whose [battery] has neither",
         )
     # The tool is the same whatever it cuts: its draw does not depend on the material or the trial.
     rng = np.random.default_rng(20250815)

@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 @click.command(name="tare", epilog="Example: sawbench tare --seconds 5 --operator Kim --note 'blade mounted'")
 @click.option("--channel", default="force_n", show_default=True, help="Channel to zero.")
-@click.option("--seconds", type=click.FloatRange(0.5, 600.0), default=5.0, show_default=True, help="Average over this.")
+@click.option("--seconds", type=click.FloatRange(0.5, 600.0), default=5.0, show_default=True, help="Averaging time, s.")
 @click.option("--tolerance", type=click.FloatRange(0, min_open=True), help="Maximum allowed drift, channel's unit.")
-@click.option("--operator", default="", help="Who does it.")
-@click.option("--note", default="", help="Kept with the tare.")
+@click.option("--operator", default="", help="Name of the operator.")
+@click.option("--note", default="", help="Note stored with the tare.")
 @config_option
-@click.option("--simulated", is_flag=True, help="Tare the simulated bench; it has a calibration book of its own.")
-@click.option("--seed", default=0, show_default=True, help="Of the simulated bench.")
-@click.option("--force", is_flag=True, help="Take a reading that is too large for a zero.")
+@click.option("--simulated", is_flag=True, help="Tare the simulated bench, which has its own calibration book.")
+@click.option("--seed", default=0, show_default=True, help="Seed of the simulated bench.")
+@click.option("--force", is_flag=True, help="Accept a reading that is too large for a zero.")
 @json_option
 def command(
     channel: str,
@@ -63,7 +63,7 @@ def command(
     )
     with bench_ports(config_path, simulated=simulated, seed=seed) as endpoints:
         entry, resting = take_tare(loaded, endpoints, asked)
-    kept = f"{describe(resting)}\nkept in {asked.book}"
+    kept = f"{describe(resting)}\nstored in {asked.book}"
     emit({"book": asked.book, **entry.model_dump(mode="json")}, kept, as_json=as_json)
     return 0
 
@@ -83,7 +83,7 @@ class TareRequest:
         Maximum allowed drift, in the channel's unit.
     operator, note : str
     force : bool
-        Take a reading that is too large for a zero.
+        Accept a reading that is too large for a zero.
     """
 
     book: Path
@@ -184,8 +184,9 @@ def describe(resting: RestingChannel) -> str:
     found, unit = resting.found, resting.channel.unit
     return (
         f"{resting.channel.name}: the unloaded sensor read {format_quantity(found.mean, found.std, unit)}; "
-        f"that is 0 from now on\n"
-        f"{found.n_samples} samples in {found.seconds:.1f} s, worth {found.n_effective:.0f} independent ones; noise "
+        f"this is the new zero\n"
+        f"{found.n_samples} samples in {found.seconds:.1f} s, equivalent to {found.n_effective:.0f} independent"
+        " samples; noise "
         f"{found.noise_std:.2g} {unit} (1 std), drift {found.drift_per_s * 60:+.2g} +/- "
         f"{found.drift_std_per_s * 60:.1g} {unit}/min"
     )

@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 @click.command(name="view", epilog="Example: sawbench view recordings/oak-01.mcap --rrd oak-01.rrd")
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
 @config_option
-@click.option("--rrd", "rrd_path", type=click.Path(path_type=Path, dir_okay=False), help="Save the view there.")
-@click.option("--no-view", is_flag=True, help="Open no viewer; with --rrd.")
+@click.option("--rrd", "rrd_path", type=click.Path(path_type=Path, dir_okay=False), help="Save the view to this file.")
+@click.option("--no-view", is_flag=True, help="Do not open the viewer; with --rrd.")
 @click.option(
     "--screenshot", "png_path", type=click.Path(path_type=Path, dir_okay=False),
-    help="Save a picture of the view, drawn without a window; with --rrd.",
+    help="Save a picture of the view, rendered without a window; with --rrd.",
 )  # fmt: skip
 @force_option
 @json_option
@@ -46,11 +46,11 @@ def command(
     if shows and not has_display():
         if rrd_path is None:
             raise InputError(
-                "there is no display here to open the viewer on (DISPLAY and WAYLAND_DISPLAY are empty)",
+                "there is no display for the viewer (DISPLAY and WAYLAND_DISPLAY are empty)",
                 where=path,
-                remedy="save the view with --no-view --rrd FILE, and open that file where there is a display",
+                remedy="save the view with --no-view --rrd FILE, and open that file on a computer with a display",
             )
-        click.echo("there is no display here: the view is saved, no viewer is opened", err=True)
+        click.echo("there is no display: the view is saved, the viewer is not opened", err=True)
         shows = False
     processed, model = None, None
     try:

@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     epilog="Example: sawbench watch recordings --archive archive --out comparison.html --force",
 )
 @click.argument("directory", metavar="DIR", type=PLACE)
-@click.option("--out", "out_path", type=PLACE, help="Comparison page that is kept current, with its CSV and HDF5.")
+@click.option("--out", "out_path", type=PLACE, help="Comparison page that is kept up to date, with its CSV and HDF5.")
 @click.option(
     "--every", "every_s", type=click.FloatRange(min=0.1), default=10.0, show_default=True,
-    help="Seconds between two looks at the folder.",
+    help="Time between two scans of the folder, s.",
 )  # fmt: skip
-@click.option("--once", is_flag=True, help="Process what is there and end, as a timer would have it.")
+@click.option("--once", is_flag=True, help="Process the present files and exit, for example from a timer.")
 @config_option
 @batch_options()
 @force_option
@@ -45,7 +45,7 @@ def command(
     from sawbench.archive.watching import Watch
 
     if batch.archive is None:
-        raise click.UsageError("name the archive that the results go to: --archive DIR")
+        raise click.UsageError("give the archive for the results: --archive DIR")
     if isinstance(directory, Path) and not directory.is_dir():
         raise InputError("no such directory", where=directory)
     pages = None if out_path is None else (out_path, with_suffix(out_path, ".csv"), with_suffix(out_path, ".h5"))
@@ -79,7 +79,7 @@ def _look(watch: Watch) -> None:
         for file, error in watch.look():
             _say(f"{file.place}: {error or 'processed'}")
     except (SawbenchError, OSError) as error:
-        _say(f"not now, will be tried again: {error}")
+        _say(f"failed, will be retried: {error}")
 
 
 def _say(text: str) -> None:

@@ -117,7 +117,7 @@ class Panel:
             try:
                 return await handler(request)
             except SawbenchError as error:
-                return self._page("message.html.j2", request, 400, title="That did not work", error=error)
+                return self._page("message.html.j2", request, 400, title="Error", error=error)
 
         return answer
 
@@ -133,11 +133,11 @@ class Panel:
             try:
                 fields = parse_qs(body.decode(), keep_blank_values=True, max_num_fields=5000)
             except ValueError:
-                raise InputError("the form cannot be read") from None
+                raise InputError("the form is not readable") from None
             if fields.get("secret") != [self._secret]:
                 raise InputError(
-                    "the page is older than the panel, which was started again",
-                    remedy="go back, load the page again, and enter it again",
+                    "the panel was restarted after this page was loaded",
+                    remedy="go back, reload the page and enter the values again",
                 )
             request.state.files = fields.get("file", [])
             request.state.form = {name: values[-1] for name, values in fields.items() if name != "secret"}
@@ -205,7 +205,7 @@ class Panel:
     async def _series(self, request: Request) -> SeriesState:
         path = (await run_in_threadpool(self._plans)).get(request.path_params["name"])
         if path is None:
-            raise InputError("there is no plan of that name here", where=self._settings.plans)
+            raise InputError("there is no plan with this name", where=self._settings.plans)
         return await run_in_threadpool(series_state, path)
 
     async def one_series(self, request: Request) -> Response:
@@ -219,7 +219,7 @@ class Panel:
         form = request.state.form
         name = form.get("name", "").strip()
         if not name or Path(name).name != name or name.startswith("."):
-            raise InputError(f"{name!r} is no name for a plan: it becomes the name of its file", remedy="go back")
+            raise InputError(f"{name!r} is not a valid plan name: it is also the file name", remedy="go back")
         out = self._settings.plans / f"{name.removesuffix('.toml')}.toml"
         await self._run_now(commands_of.series_plan(self._options, form, out))
         return RedirectResponse(f"/series/{quote(out.name, safe='')}", 303)
@@ -295,7 +295,7 @@ class Panel:
 
     def _chosen(self, request: Request) -> list[Path]:
         if not request.state.files:
-            raise InputError("no recording is chosen", remedy="go back and tick the recordings")
+            raise InputError("no recording is selected", remedy="go back and select recordings")
         return [self._shelf.path(key) for key in request.state.files]
 
     # Jobs.
@@ -307,7 +307,7 @@ class Panel:
     def _job(self, request: Request) -> Job:
         job = self._jobs.get(request.path_params["job"])
         if job is None:
-            raise InputError("there is no such job", remedy="choose one of the list of jobs")
+            raise InputError("there is no job with this name", remedy="select one from the list of jobs")
         return job
 
     async def job(self, request: Request) -> Response:
@@ -341,7 +341,7 @@ class Panel:
         elif kind in {"note", "stop"}:
             job.order(kind, text=form.get("text", ""))
         else:
-            raise InputError(f"there is nothing to do that is called {kind!r}")
+            raise InputError(f"there is no action {kind!r}")
         await asyncio.sleep(_LOOK_EVERY_S)
         return _to(job)
 

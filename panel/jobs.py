@@ -21,8 +21,8 @@ from sawbench.bench.errors import InputError
 from sawbench.storage.json_lines import append_line
 from sawbench.storage.output import write_whole
 
-State = Literal["running", "done", "not to be trusted", "refused", "stopped", "failed"]
-_STATE_OF_CODE: Final[Mapping[int, State]] = {0: "done", 1: "not to be trusted", 2: "refused", 130: "stopped"}
+State = Literal["running", "done", "not reliable", "refused", "stopped", "failed"]
+_STATE_OF_CODE: Final[Mapping[int, State]] = {0: "done", 1: "not reliable", 2: "refused", 130: "stopped"}
 _FOLDER: Final = re.compile(r"\d{4,}-[a-z]+")
 _LOG_CHARACTERS: Final = 20_000
 # Computations that may run beside each other, and beside a recording.
@@ -177,10 +177,13 @@ class Jobs:
             if KINDS[kind].needs_bench:
                 busy = next((job for job in running if KINDS[job.kind].needs_bench), None)
                 if busy is not None:
-                    raise InputError(f"the bench is in use: {busy.title}", remedy="wait until it has ended, or stop it")
+                    raise InputError(
+                        f"the bench is in use: {busy.title}", remedy="wait until it is finished, or stop it"
+                    )
             elif sum(not KINDS[job.kind].needs_bench for job in running) >= MOST_BACKGROUND:
                 raise InputError(
-                    f"{MOST_BACKGROUND} computations run already", remedy="wait until one has ended, or stop it"
+                    f"{MOST_BACKGROUND} computations are already running",
+                    remedy="wait until one is finished, or stop it",
                 )
             folder = self._new_folder(kind)
             job = {

@@ -60,7 +60,7 @@ function showLine(line, live, plot) {
   if (line.kind === "progress") {
     const bar = byId("progress");
     if (bar && line.total) bar.value = line.done / line.total;
-    byId("phase").textContent = line.what || "runs …";
+    byId("phase").textContent = line.what || "running …";
     return;
   }
   live.hidden = false;
@@ -168,7 +168,7 @@ document.addEventListener("submit", async (event) => {
   const input = form.querySelector("input[name=text]");
   if (input && !input.value.trim()) return;
   const answer = await fetch(form.action, { method: "POST", body: new URLSearchParams(new FormData(form)) });
-  form.querySelector(".said").textContent = answer.ok ? form.dataset.quiet + (input ? input.value : "") : "not taken, load the page again";
+  form.querySelector(".said").textContent = answer.ok ? form.dataset.quiet + (input ? input.value : "") : "not accepted, reload the page";
   if (input && answer.ok) input.value = "";
 });
 

@@ -61,11 +61,11 @@ class Guard:
     def _refusal(self, scope: Scope, headers: dict[str, str]) -> Response | None:
         host = headers.get("host", "")
         if not self._token and _name_of(host) not in LOOPBACK:
-            return PlainTextResponse("The panel serves this machine alone, under http://127.0.0.1.\n", 421)
+            return PlainTextResponse("The panel serves only this computer, at http://127.0.0.1.\n", 421)
         if self._token and (answer := self._without_token(scope, headers)) is not None:
             return answer
         if scope["method"] not in {"GET", "HEAD"} and not _is_own(headers, host):
-            return PlainTextResponse("A page of another site may not do this.\n", 403)
+            return PlainTextResponse("Requests from other sites are refused.\n", 403)
         return None
 
     def _without_token(self, scope: Scope, headers: dict[str, str]) -> Response | None:

@@ -33,7 +33,7 @@ def bound(host: str, port: int) -> sockets.socket:
         raise InputError(
             f"cannot serve there: {error.strerror or error}",
             where=f"{host} port {port}",
-            remedy="give another --port, or end the panel that runs already",
+            remedy="give another --port, or stop the panel that is already running",
         ) from error
     return found
 

@@ -78,7 +78,7 @@ class Shelf:
         """
         found = self.keys().get(key)
         if found is None:
-            raise InputError(f"there is no recording {key!r} here", where=self.root, remedy="choose one of the list")
+            raise InputError(f"there is no recording {key!r}", where=self.root, remedy="select one from the list")
         return found
 
     def row(self, key: str) -> ShelfRow:

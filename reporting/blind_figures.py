@@ -96,14 +96,14 @@ def calibration_picture(calibration: Mapping[str, Any]) -> Picture:
         axes.errorbar(
             stated, share, yerr=[below, above], fmt="o", color=SERIES_COLOURS[0], capsize=3, label="observed, 95 %"
         )
-        axes.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), xlabel="stated probability", ylabel="share that was right")
+        axes.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), xlabel="stated probability", ylabel="fraction correct")
         axes.legend(loc="upper left")
-        words = "; ".join(f"stated {a:.2f}, right {b:.2f}" for a, b in zip(stated, share, strict=True))
+        words = "; ".join(f"stated {a:.2f}, correct {b:.2f}" for a, b in zip(stated, share, strict=True))
         svg = figure_to_svg(figure, name="calibration", title="Calibration", description=words or "no answers")
     return Picture(
         svg=svg,
-        caption="Stated probability of the most probable hypothesis, and how often it was true. "
-        "Bins hold equal numbers of cases.",
+        caption="Stated probability of the most probable hypothesis and the fraction of cases in which it was true. "
+        "Each bin has the same number of cases.",
     )
 
 
@@ -135,7 +135,7 @@ def severity_picture(bins: Sequence[Mapping[str, Any]]) -> Picture:
             for one in filled
         )
         svg = figure_to_svg(figure, name="severity", title="Outcome by severity", description=words or "no cases")
-    return Picture(svg=svg, caption="Cases that hide one effect of the catalogue, by its severity.")
+    return Picture(svg=svg, caption="Cases with one hidden effect of the catalogue, by severity.")
 
 
 def time_picture(times_s: Sequence[float]) -> Picture:
@@ -153,9 +153,7 @@ def time_picture(times_s: Sequence[float]) -> Picture:
         axes.legend(loc="best")
         words = f"{len(times)} cases, {times.min():.1f} to {times.max():.1f} s, median {np.median(times):.1f} s"
         svg = figure_to_svg(figure, name="time", title="Time of an answer", description=words)
-    return Picture(
-        svg=svg, caption="Each answer in a process of its own with one thread, as many at a time as were asked for."
-    )
+    return Picture(svg=svg, caption="Each answer was computed in its own process with one thread.")
 
 
 def _labels(table: Mapping[str, Any], kept: Sequence[int]) -> list[str]:

@@ -11,8 +11,8 @@ from sawbench.reporting.html import render
 from sawbench.storage.output import write_whole
 
 _HEADLINES: Final = (
-    ("declared_exact", "exact, of what it declares"),
-    ("declared_group", "within its group, of what it declares"),
+    ("declared_exact", "exact, of the declared effects"),
+    ("declared_group", "within the stated group, of the declared effects"),
     ("declared", "declared, of typical single effects"),
     ("false_alarms", "false alarms"),
     ("unknown", "called unknown, outside the catalogue"),
@@ -20,23 +20,26 @@ _HEADLINES: Final = (
 )
 _SECTIONS: Final = (
     ("Single effects of typical severity", ("exact", "group", "top_three", "declared")),
-    ("Where an effect is declared", ("declared_exact", "declared_group", "declared_top_three", "claims_exact")),
-    ("Nothing unmodelled", ("false_alarms", "false_alarms_spoilt", "none", "parameters", "parameters_lenient")),
+    (
+        "Cases in which an effect is declared",
+        ("declared_exact", "declared_group", "declared_top_three", "claims_exact"),
+    ),
+    ("No hidden effect", ("false_alarms", "false_alarms_spoilt", "none", "parameters", "parameters_lenient")),
     ("Outside the catalogue", ("unknown", "unknown_formless", "unknown_wrongly")),
     ("Two effects", ("pair_both", "pair_group", "pair_one", "typical_pair_both")),
     ("Three or more effects", ("several_exact", "several_all", "several_but_one")),
-    ("What a report says beside the name", ("where", "coherent")),
+    ("Other statements of the report", ("where", "coherent")),
 )
 # Columns of the table of kinds of benches.
 _BY_SHIFT: Final = (
     ("declared", "declared"),
     ("declared_exact", "exact of these"),
-    ("claims_exact", "exact of all claims"),
+    ("claims_exact", "exact, of all claims"),
     ("false_alarms", "false alarms"),
     ("unknown", "unknown"),
     ("typical_pair_both", "both of two"),
     ("where", "place right"),
-    ("coherent", "agrees with itself"),
+    ("coherent", "consistent report"),
 )
 
 
@@ -76,14 +79,14 @@ def write_blind_page(path: str | Path, record: Mapping[str, Any], *, overwrite: 
             score["confusion"],
             name="confusion",
             title="Answers by hidden effect",
-            caption="Rows: what was hidden; columns: what was answered; shade: share of the row. Right answers are "
-            "blue. Effects outside the catalogue should be called unknown.",
+            caption="Rows: hidden effect; columns: answer; shade: share of the row. Correct answers are blue. Effects "
+            "outside the catalogue should be called unknown.",
         ),
         "families": confusion_picture(
             score["families"],
             name="families",
             title="Answers by part of the bench",
-            caption="The same, by the part of the bench that the effect sits in.",
+            caption="The same by the part of the bench in which the effect acts.",
         ),
         "calibration": calibration_picture(score["calibration"]),
         "severity": severity_picture(score["severity"]),
@@ -114,7 +117,7 @@ def _sentence(record: Mapping[str, Any], rows: Mapping[str, Any]) -> str:
     n, hits = all_typical["n"], all_typical["hits"]
     said = f"Named exactly: {hits} of {n} hidden effects of typical severity."
     if declared["share"] is not None:
-        said += f" Where an effect was declared, it was the right one in {100 * declared['share']:.0f} %"
+        said += f" Where an effect was declared, it was correct in {100 * declared['share']:.0f} %"
         said += f" ({100 * declared['low']:.0f} to {100 * declared['high']:.0f} %) of the cases."
     return said
 
@@ -132,13 +135,15 @@ def _numbers(score: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
     if gap is not None:
         rows.append(("Gap closed: stated minus oracle", gap["error"]))
         rows.append(("Gap closed: distance from the oracle", gap["absolute_error"]))
-        rows.append(("Gap closed: median stated over median of the oracle, right claims", gap["share_of_oracle"]))
+        rows.append(("Gap closed: median stated over median of the oracle, correct claims", gap["share_of_oracle"]))
         rows.append(
-            ("Gap closed: median stated over median of what can be closed, right claims", gap["share_of_closable"])
+            ("Gap closed: median stated over median of the closable gap, correct claims", gap["share_of_closable"])
         )
-    rows.append(("Parameter of the effect: median relative error, right claims", score["parameters"]["relative_error"]))
+    rows.append(
+        ("Parameter of the effect: median relative error, correct claims", score["parameters"]["relative_error"])
+    )
     rows += [
-        (f"Runtime: median relative error {model}, right claims", score["runtime"][key])
+        (f"Runtime: median relative error {model}, correct claims", score["runtime"][key])
         for key, model in (
             ("nominal", "of the model as configured"),
             ("retuned", "with parameters re-tuned"),
@@ -154,7 +159,7 @@ def _gap_rows(gap: Mapping[str, Any] | None) -> list[tuple[str, tuple[str, str, 
         return []
     return [
         ("Oracle inside the stated 95 % interval of the gap closed, all claims", share_words(gap["coverage"])),
-        ("At least 90 % of what can be closed is closed, right claims", share_words(gap["closes_enough"])),
+        ("At least 90 % of the closable gap is closed, correct claims", share_words(gap["closes_enough"])),
     ]
 
 
@@ -162,7 +167,7 @@ def _parameter_rows(known: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Rows of the table of parameters: name, cases, share, interval, and three medians; all effects first."""
     median = known["relative_error"]["value"]
     error = "" if median is None else _percent(median)
-    rows: list[tuple[str, ...]] = [("all right claims", *share_words(known["coverage"]), error, "", "")]
+    rows: list[tuple[str, ...]] = [("all correct claims", *share_words(known["coverage"]), error, "", "")]
     for one in known["effects"]:
         name = f"{one['effect'].replace('_', ' ')}: {one['name']}"
         sizes = (_percent(one["relative_error"]["value"]), _percent(one["stated_rel_std"]), f"{one['ratio']:.3f}")

@@ -51,19 +51,20 @@ class ComparedTrial:
         reasons = {
             "stalled": "the saw stalled",
             "no_stroke": "no stroke was found",
-            "no_cutting": f"no cutting was found although the workpiece is {self.processed.trial.material!r}",
+            "no_cutting": f"no cutting was found, but the workpiece is {self.processed.trial.material!r}",
         }
         if self.is_idle:
             return ""
         if self.processed.trial.material is None:
             return "the material is not stated"
         if self.processed.losses:
-            return f"too many samples were lost: {', '.join(self.processed.losses)}"
+            return f"too many samples lost:  {', '.join(self.processed.losses)}"
         return reasons.get(self.processed.status, "")
 
 
 _LOSS_REMEDY: Final = (
-    "`sawbench info` shows where and why; mend the link, record the trial again, and move this file away"
+    "`sawbench info` shows where and why; repair the connection, record the trial again, and move this file to"
+    " another folder"
 )
 
 
@@ -253,7 +254,7 @@ def compare(rows: Sequence[ComparedTrial], left_out: Sequence[LeftOut] = ()) -> 
 def _amended(rows: Sequence[ComparedTrial]) -> tuple[str, ...]:
     """Say which trials are compared with settings that were corrected after the recording."""
     named = sorted((row.name, words) for row in rows for words in row.processed.trial.amendments)
-    return tuple(f"{name} was corrected: {words}" for name, words in named)
+    return tuple(f"{name} corrected: {words}" for name, words in named)
 
 
 def _blocks(trials: Sequence[ComparedTrial], names: dict[str, str]) -> tuple[Block, ...]:

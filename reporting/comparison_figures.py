@@ -118,8 +118,8 @@ def cycles_picture(series: Sequence[Series], *, name: str = "cycles") -> Picture
         description=f"Cutting force over one turn of the crank. Mean curves peak at: {', '.join(peaks)}.",
     )
     caption = (
-        "Mean over all strokes of all repetitions; the band is one standard deviation from stroke to stroke, "
-        "repetitions included. The return stroke is set to zero."
+        "Mean over all strokes of all repetitions; the band is one standard deviation between strokes, "
+        "including repetitions. The return stroke is set to zero."
     )
     return Picture(svg=svg, caption=caption)
 
@@ -194,8 +194,7 @@ def dots_picture(series: Sequence[Series], *, name: str = "dots") -> Picture | N
         description=_describe_dots(series),
     )
     caption = (
-        "Small open marks: single repetitions. Large marks: mean with its 95 % interval. "
-        "The scales do not begin at zero."
+        "Small open marks: single repetitions. Large marks: mean with its 95 % interval. The axes do not start at zero."
     )
     return Picture(svg=svg, caption=caption)
 

@@ -32,11 +32,11 @@ FORMULA: Final = (
 )
 FORMULA_WORDS: Final = (
     "xᵢ are the n repetitions and s their standard deviation. aᵢ is the part of a trial's own "
-    "uncertainty that differs from trial to trial (it is inside s already, and counts only where s came "
-    "out smaller by chance); bᵢ is the part that all trials share, from the plant's constants and the "
-    "sensors' gains, which repetition does not shrink. u is the standard uncertainty of the mean, h "
+    "uncertainty that differs from trial to trial (it is already part of s and is used only where s is "
+    "smaller by chance); bᵢ is the part common to all trials, from the plant constants and the sensor "
+    "gains, which repetition does not reduce. u is the standard uncertainty of the mean, h "
     "half its 95 % interval, with Student's t for n − 1 degrees of freedom: 12.7 for two repetitions, "
-    "4.3 for three. With a single repetition nothing is known of the scatter: u is that trial's own "
+    "4.3 for three. With a single repetition the scatter is unknown: u is that trial's own "
     "uncertainty and t is 1.96."
 )
 
@@ -138,7 +138,7 @@ def _wear_words(found: Sequence[WornTrial]) -> str:
     limit = f"{100.0 * BLADE_GROWTH_LIMIT:.0f} %"
     if worn:
         return f"Change the blade: k_Fc has grown by {limit} or more with {', '.join(worn)}."
-    return f"No blade has to be changed: k_Fc has grown by less than {limit} with each of them."
+    return f"No blade needs to be changed: k_Fc has grown by less than {limit} with each of them."
 
 
 def _facts_row(row: ComparedTrial) -> dict[str, str]:
@@ -154,7 +154,7 @@ def _summary(found: Comparison) -> str:
         parts.append(_count(len(found.idle), "idle trial"))
     if found.left_out:
         names = len({item.name for item in found.left_out})
-        parts.append(f"{_count(names, 'recording')} left out, wholly or in part")
+        parts.append(f"{_count(names, 'recording')} left out completely or in part")
     settings = _count(len(found.blocks), "setting")
     rule = "A series is one material at one setting; materials are compared at equal settings only."
     return f"{', '.join(parts)}; {settings}. {rule}"
@@ -182,11 +182,11 @@ def _statements(block: Block, material: Mapping[str, str]) -> list[str]:
         n_unknown = sum(pair.is_significant is None for pair in pairs)
         words = f"{quantity.label}: highest for {ends[0]}, lowest for {ends[1]}."
         if n_unknown == len(pairs):
-            words += " Whether any difference is significant cannot be said."
+            words += " The significance of the differences cannot be determined."
         else:
             verb = "differs" if n_yes == 1 else "differ"
             words += f" {n_yes} of {_count(len(pairs), 'pair')} {verb} significantly"
-            words += f"; of {n_unknown} it cannot be said." if n_unknown else "."
+            words += f"; not determined for {n_unknown}." if n_unknown else "."
         said.append(words)
     return said
 
@@ -211,7 +211,7 @@ def _mean_cell(mean: GroupMean | None) -> Cell:
 
 def _difference_row(pair: Difference, quantity: Quantity, material: Mapping[str, str]) -> dict[str, str]:
     first, second = material[pair.first], material[pair.second]
-    statement = f"cannot be said: {pair.reason}"
+    statement = f"not determined: {pair.reason}"
     interval = p_value = "not known"
     difference = format_quantity(pair.difference, None, quantity.unit, digits=3)
     if pair.p_holm is not None and pair.low is not None and pair.high is not None:
@@ -249,7 +249,8 @@ def _trial_row(row: ComparedTrial, label: str, columns: Sequence[Quantity]) -> d
         "label": label,
         "repetition": "" if trial.repetition is None else str(trial.repetition),
         "cells": [_trial_value(estimates.get(quantity.key)) for quantity in columns],
-        "remarks": "; ".join(row.processed.warnings) or (f"{n_remarks} in the trial's page" if n_remarks else "none"),
+        "remarks": "; ".join(row.processed.warnings)
+        or (f"{n_remarks} on the page of the trial" if n_remarks else "none"),
     }
 
 

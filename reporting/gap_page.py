@@ -114,7 +114,8 @@ def verdict_sentence(report: Mapping[str, Any]) -> str:
         return f"No gap: the model explains the measurements within their noise ({_percent(probability['no_gap'])})."
     if verdict == "parameters":
         return (
-            "The model form is right, but some parameters differ from their stated values by more than their uncertainty"
+            "The model form is right, but some parameters differ from their stated values by more than their"
+            " uncertainty"
             f" ({_percent(probability['parameters'])})."
         )
     if verdict == "unknown":
@@ -131,7 +132,11 @@ def _has_cause(report: Mapping[str, Any]) -> bool:
 
 
 def _heading(report: Mapping[str, Any]) -> str:
-    fixed = {"no_gap": "No gap", "parameters": "Parameters outside their stated uncertainty", "unknown": "Gap of unknown cause"}
+    fixed = {
+        "no_gap": "No gap",
+        "parameters": "Parameters outside their stated uncertainty",
+        "unknown": "Gap of unknown cause",
+    }
     if report["verdict"] in fixed:
         return fixed[report["verdict"]]
     return "Gap: " + " and ".join(name_of(name) for name in report["causes"][0]["effects"])

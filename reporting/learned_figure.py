@@ -26,12 +26,13 @@ def learned_sentences(learned: Mapping[str, Any]) -> list[str]:
     low, high = learned["gap_closed_ci95"]
     ranges = [_range(q) for q in learned["quantities"] if q["name"] != "crank_angle_rad"]
     said = [
-        f"A term without a name was learned, {learned['words']}.",
-        f"With it {round(100 * learned['gap_closed'])} % ({round(100 * low)} to {round(100 * high)} %) of the remaining"
-        " error at withheld operating points is explained.",
+        f"A term was learned from the residuals:  {learned['words']}.",
+        f"It explains {round(100 * learned['gap_closed'])} % ({round(100 * low)} to {round(100 * high)} %) of the"
+        " remaining"
+        " error at withheld operating points.",
     ]
     if ranges:
-        said.append(f"It holds for {' and '.join(ranges)}: beyond, it must not be used.")
+        said.append(f"Valid range: {' and '.join(ranges)}. It must not be used outside.")
     return said
 
 
@@ -77,10 +78,10 @@ def learned_picture(learned: Mapping[str, Any]) -> Picture:
     beside = "; ".join(_short(quantities[axis]["words"]) for axis in others)
     return Picture(
         svg=svg,
-        caption="What the model lacks, learned from the residuals, with its 95 % band"
-        + (f"; held at three places of its range: {beside}" if others else "")
-        + ". The band holds what parameters, gains and zeros may share with it, a common level among it. It is wide"
-        " where no trial was.",
+        caption="Term missing in the model, learned from the residuals, with its 95 % band"
+        + (f"; curves at three values of: {beside}" if others else "")
+        + ". The band includes the correlation with parameters, gains and zeros, for example a common level. It is wide"
+        " where there is no trial.",
     )
 
 

@@ -33,7 +33,7 @@ class Deviation:
     peak_measured, peak_model : float
         Largest values over the stroke.
     rms, largest : float
-        Of measured less model.
+        Of measured minus model.
     """
 
     channel: str
@@ -79,7 +79,7 @@ def _shown(processed: ProcessedTrial) -> list[str]:
 
 
 def model_picture(processed: ProcessedTrial, model: Mapping[str, Cycle]) -> Picture | None:
-    """Draw the measured stroke with each model, and below it measured less model.
+    """Draw the measured stroke with each model, and below it measured minus model.
 
     Parameters
     ----------
@@ -114,8 +114,8 @@ def model_picture(processed: ProcessedTrial, model: Mapping[str, Cycle]) -> Pict
         )
     return Picture(
         svg=svg,
-        caption="Mean stroke with its standard deviation from stroke to stroke, and the fitted model: with the linear"
-        " force, and with the measured force replayed over the crank angle. Below: measured less model; the band is"
+        caption="Mean stroke with its standard deviation between strokes, and the fitted model: with the linear"
+        " force, and with the measured force replayed over the crank angle. Below: measured minus model; the band is"
         " the standard uncertainty of the measured mean.",
     )
 
@@ -188,6 +188,6 @@ def discharge_picture(curves: Mapping[str, DischargeCurves], runtime: RuntimePre
         )
     return Picture(
         svg=svg,
-        caption=f"A full battery while the saw goes on cutting like this, simulated to the cut-off: {ends_s}."
+        caption=f"Discharge of a full battery at this load, simulated to the cut-off: {ends_s}."
         " Grey: the runtime ± its standard uncertainty.",
     )

@@ -89,7 +89,7 @@ def runtime_block(trial_id: str, found: RuntimePrediction) -> str:
         ("mean motor current", format_quantity(found.mean_motor_current_a, None, "A")),
     ]
     if found.appendix_a_runtime_s is not None:
-        rows.append(("runtime by the measured mean current", format_quantity(found.appendix_a_runtime_s, None, "s")))
+        rows.append(("runtime from the measured mean current", format_quantity(found.appendix_a_runtime_s, None, "s")))
     parts = sorted(found.contributions_s.items(), key=lambda item: -item[1])
     shares = [(name, f"{std_s:.2g} s") for name, std_s in parts if std_s > 0]
     tables = [_table(("quantity", "value ± standard uncertainty"), rows)]

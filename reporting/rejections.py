@@ -46,13 +46,13 @@ def likely_cause(processed: ProcessedTrial, fit: CuttingFit) -> tuple[str, str]:
     if stated and measured is not None and abs(measured / stated - 1.0) > _DUTY_TOLERANCE:
         return (
             f"wrong duty entered: {stated:.4g} is stated, the currents (battery over motor) show {measured:.3g}",
-            f"if the duty was {measured:.3g}: `sawbench amend {file} --duty {measured:.3g}`, which leaves the recording"
-            " as it is; else check the two current sensors",
+            f"if the duty was {measured:.3g}: `sawbench amend {file} --duty {measured:.3g}`, which does not change the"
+            " recording; otherwise check the two current sensors",
         )
     remedy = f"see `sawbench report {file}`"
     if fit.status == "contradicted":
         return (
-            "; ".join(fit.notes) or "the constants of the plant or a sensor's gain do not fit the measurement",
-            "check the [plant] of the configuration and the calibration of the sensors it names; " + remedy,
+            "; ".join(fit.notes) or "the plant constants or a sensor gain do not agree with the measurement",
+            "check the [plant] of the configuration and the calibration of the sensors; " + remedy,
         )
     return "; ".join(fit.notes), remedy

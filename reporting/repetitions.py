@@ -194,7 +194,7 @@ def _welch(first: str, second: str, groups: Mapping[str, Sequence[float]]) -> Di
     if short:
         reason = f"two repetitions of each are needed; {' and '.join(short)}"
     elif a.var() == 0.0 and b.var() == 0.0:
-        reason = "neither shows any scatter between its repetitions"
+        reason = "neither has any scatter between its repetitions"
     if reason:
         return Difference(
             first=first,

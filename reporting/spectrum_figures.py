@@ -70,7 +70,7 @@ def period_picture(spectra: Mapping[str, Spectrum], period: PeriodEstimate) -> P
         caption="Amplitude spectrum of the longest running stretch without a gap (Hann window)."
         f" Solid line: the stroke, {format_number(period.rate_hz)} Hz, found in the {_label(period.channel)};"
         " dotted: its harmonics."
-        + (" Dashed: rivals, other readings of the spectrum." if period.rivals else " There is no rival."),
+        + (" Dashed: alternatives, other possible stroke rates." if period.rivals else " There is no alternative."),
     )
 
 
@@ -92,14 +92,18 @@ def _mark_lines(axis: Axes, period: PeriodEstimate) -> None:
     for rank, rival in enumerate(period.rivals[:_MOST_RIVALS]):
         rate_hz = 1.0 / rival.period_s
         axis.axvline(
-            rate_hz, color=SERIES_COLOURS[3 + rank], linestyle="--", linewidth=1.1, label=f"rival, {rate_hz:.4g} Hz"
+            rate_hz,
+            color=SERIES_COLOURS[3 + rank],
+            linestyle="--",
+            linewidth=1.1,
+            label=f"alternative, {rate_hz:.4g} Hz",
         )
 
 
 def _describe(spectra: Mapping[str, Spectrum], period: PeriodEstimate) -> str:
     names = " and ".join(_label(name) for name in spectra)
     rivals = ", ".join(f"{1.0 / rival.period_s:.4g} Hz" for rival in period.rivals[:_MOST_RIVALS]) or "none"
-    return f"Spectrum of {names}; the stroke is the line at {period.rate_hz:.4g} Hz; rivals: {rivals}."
+    return f"Spectrum of {names}; the stroke is the line at {period.rate_hz:.4g} Hz; alternatives: {rivals}."
 
 
 def _label(name: str) -> str:
@@ -139,11 +143,11 @@ def harmonics_picture(processed: ProcessedTrial, model: Mapping[str, Cycle]) -> 
                 values = np.interp(cycle.angle_rad, curves["angle_rad"], curves[name], period=2.0 * np.pi)
                 style = {"color": MODEL_COLOURS[place], "marker": SERIES_MARKERS[place + 1], "linewidth": 0.8}
                 row[0].semilogy(orders, _harmonics(values), **style, markersize=4, label=f"model, {words}")
-                row[1].semilogy(orders, _harmonics(cycle.mean - values), **style, markersize=4, label=f"less {words}")
+                row[1].semilogy(orders, _harmonics(cycle.mean - values), **style, markersize=4, label=f"minus {words}")
             for axis in row:
                 axis.set_ylim(bottom=max(axis.get_ylim()[0], 1e-4 * float(measured.max())))
             row[0].set_title(channel.label.capitalize())
-            row[1].set_title("Measured less model")
+            row[1].set_title("Measured minus model")
             row[0].set_ylabel(f"amplitude / {channel.unit}")
             said.append(f"{channel.label}: first harmonic {format_number(float(measured[0]))} {channel.unit}")
         for axis in grid[-1]:

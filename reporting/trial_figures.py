@@ -85,7 +85,7 @@ def signals_picture(
         description=f"{', '.join(names)} from {first_s:.2f} to {last_s:.2f} s, one panel each.",
         finer=finer,
     )
-    caption = f"{first_s:.2f} to {last_s:.2f} s as recorded. A missing stretch of a line is a gap.{grey}"
+    caption = f"{first_s:.2f} to {last_s:.2f} s as recorded. Interruptions of a line are gaps in the recording.{grey}"
     return Picture(svg=svg, caption=caption)
 
 
@@ -181,7 +181,7 @@ def cycle_picture(processed: ProcessedTrial, simulated: Mapping[str, Floats] | N
         description=_describe_cycle(processed, simulated),
     )
     n_cycles = processed.folded[names[0]].n_cycles
-    caption = f"{n_cycles} strokes laid over one turn of the crank; 0° is the dead centre with the blade retracted."
+    caption = f"{n_cycles} strokes over one turn of the crank; 0° is the dead centre with the blade retracted."
     if processed.removed is not None:
         caption += " Hatched: force on the return stroke, shown as measured and set to zero in the results."
     return Picture(svg=svg, caption=caption)
@@ -221,7 +221,7 @@ def zeroed_picture(processed: ProcessedTrial) -> Picture | None:
         description=_describe_cycle(processed, None),
     )
     caption = (
-        f"{cutting.n_cycles} strokes laid over one turn of the crank; 0° is the dead centre with the blade retracted."
+        f"{cutting.n_cycles} strokes over one turn of the crank; 0° is the dead centre with the blade retracted."
         " Hatched: force on the return stroke, set to zero in the results."
     )
     return Picture(svg=svg, caption=caption)
@@ -277,13 +277,13 @@ def _describe_cycle(processed: ProcessedTrial, simulated: Mapping[str, Floats] |
         cycle = processed.folded[FORCE.name]
         top = int(np.nanargmax(cycle.mean))
         angle_deg = format_number(float(np.degrees(cycle.angle_rad[top])), digits=3)
-        parts.append(f"Mean force peaks at {format_number(float(cycle.mean[top]))} N near {angle_deg}°.")
+        parts.append(f"Peak of the mean force: {format_number(float(cycle.mean[top]))} N near {angle_deg}°.")
     if processed.removed is not None:
-        parts.append(f"The removed return stroke has {format_quantity(processed.removed.rms_n, None, 'N')} RMS.")
+        parts.append(f"Removed return stroke:  {format_quantity(processed.removed.rms_n, None, 'N')} RMS.")
     if MOTOR_CURRENT.name in processed.folded:
         cycle = processed.folded[MOTOR_CURRENT.name]
         low, high = float(np.nanmin(cycle.mean)), float(np.nanmax(cycle.mean))
-        parts.append(f"Motor current runs from {format_number(low)} to {format_number(high)} A.")
+        parts.append(f"Motor current from {format_number(low)} to {format_number(high)} A.")
     if simulated is not None:
-        parts.append("The fitted model is drawn dashed over the measurement.")
+        parts.append("The fitted model is dashed.")
     return " ".join(parts)

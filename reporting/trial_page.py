@@ -166,13 +166,13 @@ def verdict(processed: ProcessedTrial, fit: CuttingFit | None, runtime: RuntimeP
     parts = [f"{what}."]
     if processed.peak_force_n is not None and processed.status == "cutting":
         peak = format_quantity(processed.peak_force_n, processed.peak_force_std_n, "N")
-        parts.append(f"The force peaks at {peak}.")
+        parts.append(f"Peak force: {peak}.")
     if fit is not None and fit.status == "ok":
         k_fc = format_quantity(fit.k_fc_n_s_per_m, fit.std_n_s_per_m, "N·s/m")
         parts.append(f"The linear cutting coefficient k_Fc is {k_fc}.")
     if runtime is not None and runtime.status == "ok":
         lasts = format_quantity(runtime.runtime_s, runtime.std_s, "s")
-        parts.append(f"Cutting like this, a full battery lasts {lasts} ({format_duration(runtime.runtime_s)}).")
+        parts.append(f"At this load a full battery lasts {lasts} ({format_duration(runtime.runtime_s)}).")
     return " ".join(parts)
 
 
@@ -184,7 +184,7 @@ def _short(value: float | None, unit: str) -> str:
 def _material(processed: ProcessedTrial) -> str:
     if processed.trial.is_idle:
         return "blade in air"
-    return processed.trial.material or "a material that is not stated"
+    return processed.trial.material or "an unknown material"
 
 
 def _stroke_rate(processed: ProcessedTrial) -> str:
@@ -265,11 +265,11 @@ def trust_in(report: TrialReport) -> Trust:
         bad.append(f"Too many samples were lost: {', '.join(processed.losses)}.")
     if processed.removed is not None and processed.removed.looks_swapped:
         bad.append(
-            "The half that was zeroed carries more force than the half that was kept: "
+            "The half set to zero has more force than the other half: "
             "cutting_half in the configuration is probably wrong."
         )
     if fit is not None and fit.status != "ok":
-        bad.append(f"k_Fc is not to be relied on: {FIT_STATUS_WORDS[fit.status]}.")
+        bad.append(f"k_Fc is not reliable: {FIT_STATUS_WORDS[fit.status]}.")
     if runtime is not None and runtime.status != "ok":
         bad.append(f"No runtime: {RUNTIME_STATUS_WORDS[runtime.status]}.")
     if processed.status == "cutting" and report.note and (fit is None or fit.status == "ok"):
@@ -278,10 +278,10 @@ def trust_in(report: TrialReport) -> Trust:
     warn += [f"{row.channel}: {problem}" for row in processed.quality for problem in row.problems]
     reasons = tuple(dict.fromkeys([*bad, *warn]))
     if bad:
-        return Trust(level="bad", words="Do not rely on every result of this trial.", reasons=reasons)
+        return Trust(level="bad", words="Not every result of this trial is reliable.", reasons=reasons)
     if warn:
         return Trust(level="warn", words="Usable, with remarks.", reasons=reasons)
-    return Trust(level="good", words="No problem was found in this trial.", reasons=())
+    return Trust(level="good", words="No problem found in this trial.", reasons=())
 
 
 def _sections(report: TrialReport, preview_s: float) -> list[Section]:
@@ -296,7 +296,7 @@ def _sections(report: TrialReport, preview_s: float) -> list[Section]:
         pictures = _drawn(model_picture(processed, report.model), harmonics_picture(processed, report.model))
         found.append(
             Section(
-                heading="Model against measurement",
+                heading="Model and measurement",
                 pictures=pictures,
                 table=tuple(_deviation_row(row) for row in deviations_of(processed, report.model)),
             )
@@ -348,7 +348,7 @@ def _removed_words(processed: ProcessedTrial) -> str:
     removed = processed.removed
     assert removed is not None
     return (
-        f"Zeroing the return stroke ({_HALF_WORDS.get(removed.half, removed.half)}) took away a force of "
+        f"Zeroing the return stroke ({_HALF_WORDS.get(removed.half, removed.half)}) removed a force of "
         f"{_short(removed.mean_n, 'N')} mean, {_short(removed.rms_n, 'N')} RMS "
         f"and {_short(removed.peak_n, 'N')} peak: "
         f"{format_number(100.0 * removed.share_of_impulse, digits=2)} % of the whole cycle's impulse."
@@ -361,8 +361,8 @@ def _period_words(processed: ProcessedTrial) -> tuple[str, ...]:
     channel = CHANNEL_BY_NAME.get(period.channel)
     texts = [
         f"{format_quantity(1e3 * period.period_s, 1e3 * period.period_std_s, 'ms')} over {period.n_cycles} "
-        f"whole strokes of the {channel.label if channel else period.channel}, varying from stroke to "
-        f"stroke by {_short(1e3 * period.spread_s, 'ms')}. Confidence: {period.confidence} ({period.reason})."
+        f"whole strokes of the {channel.label if channel else period.channel}; standard deviation between "
+        f"strokes {_short(1e3 * period.spread_s, 'ms')}. Confidence: {period.confidence} ({period.reason})."
     ]
     for rival in period.rivals:
         texts.append(
@@ -382,10 +382,10 @@ def _fit_words(fit: CuttingFit) -> tuple[str, ...]:
     ]
     texts = [
         f"k_Fc = {k_fc}, fitted to the {fit.method.replace('_', ' ')}. Of the uncertainty, {statistical} "
-        "would shrink with more strokes; the rest comes from the plant's constants and the sensors' gains."
+        "decreases with more strokes; the rest is due to the plant constants and the sensor gains."
     ]
     if residuals:
-        texts.append(f"What the fit leaves (RMS): {' and '.join(residuals)}.")
+        texts.append(f"RMS residual of the fit: {' and '.join(residuals)}.")
     return (*texts, fit.identifiability, *fit.notes)
 
 
@@ -399,11 +399,11 @@ def _runtime_words(runtime: RuntimePrediction) -> tuple[str, ...]:
     ]
     if runtime.appendix_a_runtime_s is not None:
         shown = format_quantity(runtime.appendix_a_runtime_s, None, "s")
-        texts.append(f"Usable charge over the measured mean battery current gives {shown}.")
+        texts.append(f"Usable charge divided by the measured mean battery current: {shown}.")
     largest = sorted(runtime.contributions_s.items(), key=lambda item: -item[1])[:3]
     if largest:
         words = [f"{name} {_short(std, 's')}" for name, std in largest]
-        texts.append(f"The largest parts of its uncertainty: {', '.join(words)}.")
+        texts.append(f"Largest contributions to its uncertainty: {', '.join(words)}.")
     if runtime.battery_basis:
         texts.append(f"{runtime.battery_basis[:1].upper()}{runtime.battery_basis[1:]}.")
     return tuple(texts)

@@ -13,7 +13,7 @@ from sawbench.reporting.quantities import format_to
 PLAN_COLUMNS: Final = (
     ("id", "trial"), ("material", "material"), ("duty", "duty"), ("feed", "feed / mm/s"),
     ("thickness", "thickness / mm"), ("length", "length / s"), ("rest", "rest before / s"), ("between", "tells apart"),
-    ("log_odds", "log odds"), ("probability", "right answer then"),
+    ("log_odds", "log odds"), ("probability", "probability of the right answer"),
 )  # fmt: skip
 _ANSWERS: Final = {"no_gap": "no gap", "parameters": "re-tuned parameters"}
 _AND: Final = " + "
@@ -50,7 +50,7 @@ def plan_rows(plan: Mapping[str, Any]) -> list[dict[str, str]]:
 
 
 def plan_sentences(plan: Mapping[str, Any]) -> list[str]:
-    """Say what the proposed trials are worth, and which causes none of them tells apart.
+    """State the expected benefit of the proposed trials,  and which causes none of them tells apart.
 
     Parameters
     ----------
@@ -70,11 +70,11 @@ def plan_sentences(plan: Mapping[str, Any]) -> list[str]:
         now, then = _percent(plan["expected_probability"]), _percent(rows[-1]["expected_probability"])
         number = "this trial" if len(rows) == 1 else f"these {len(rows)} trials"
         said.append(
-            f"With {number} ({minutes:.0f} minutes) the expected probability of the right answer, among those that are"
-            f" known, goes from {now} to {then}."
+            f"With {number} ({minutes:.0f} minutes) the expected probability of the right answer, among the known"
+            f" causes, changes from {now} to {then}."
         )
         if any(row["is_new"] for row in rows):
-            said.append("A combination of duty, feed and workpiece that was not run yet is predicted by the model.")
+            said.append("Combinations of duty, feed and workpiece that were not yet run are predicted by the model.")
     for pair in plan.get("inseparable", []):
         one, other = pair["causes"]
         said.append(

@@ -140,11 +140,11 @@ def wear_picture(found: Sequence[WornTrial]) -> Picture | None:
         figure.legend(loc="outside lower center", ncols=2, fontsize=8.5)
         largest = max(found, key=lambda one: one.growth)
         svg = figure_to_svg(
-            figure, name="wear", title="Growth of k_Fc over the length cut",
+            figure, name="wear", title="Growth of k_Fc with the length cut",
             description=f"Largest growth: {100.0 * largest.growth:.1f} % in {largest.name}, blade {largest.blade}.",
         )  # fmt: skip
     return Picture(
         svg=svg,
-        caption="k_Fc of each trial over that of the blade's first trial in the same material at the same setting; bars"
-        " are one standard uncertainty. The length counts every trial of the blade that is part of this comparison.",
+        caption="k_Fc of each trial relative to the blade's first trial in the same material at the same setting; bars:"
+        " one standard uncertainty. The length includes every trial of the blade in this comparison.",
     )

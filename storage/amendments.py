@@ -93,9 +93,9 @@ def read_amendments(recording: Path) -> list[Amendment]:
     found = [one for number, line in enumerate(lines, 1) if (one := _amendment(line, f"{path}: line {number}"))]
     if found and {one.sha256 for one in found} != {sha256_of(recording)}:
         raise RecordingError(
-            "belongs to a recording of other content: the recording was changed or replaced after it was amended",
+            "belongs to a recording of other content: the recording was changed or replaced after the amendment",
             where=path,
-            remedy=f"move {path.name} away, then `sawbench amend` {recording.name} where it is still wrong",
+            remedy=f"move {path.name} to another folder, then `sawbench amend` {recording.name} if needed",
         )
     return found
 
@@ -146,10 +146,10 @@ def amend(recording: Path, trial: Trial, new: Mapping[str, Any], *, by: str, bec
     """
     if recording.suffix != ".mcap":
         raise InputError(
-            "is no finished recording", where=recording, remedy="wait until it is finished, or `sawbench recover` it"
+            "is not a finished recording", where=recording, remedy="wait until it is finished, or `sawbench recover` it"
         )
     if not by.strip():
-        raise InputError("an amendment needs the name of who makes it", where=recording, remedy="give it with --by")
+        raise InputError("an amendment needs the name of its author", where=recording, remedy="give it with --by")
     changes = {name: value for name, value in new.items() if getattr(trial, name) != value}
     if not changes:
         return None
@@ -200,9 +200,9 @@ def _amendment(line: bytes, where: str) -> Amendment | None:
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise RecordingError(
-            f"is no amendment: {type(error).__name__} {error}",
+            f"is not an amendment: {type(error).__name__} {error}",
             where=where,
-            remedy="put the line right or take it out; `sawbench amend` writes such lines",
+            remedy="correct or delete the line; `sawbench amend` writes such lines",
         ) from error
 
 

@@ -73,7 +73,7 @@ def join_blocks(
     raws = [block.raw for block in blocks if block.raw is not None]
     warnings = []
     if 0 < len(raws) < len(blocks):
-        text = f"{first.channel}: raw values are in {len(raws)} of {len(blocks)} blocks only and are left out"
+        text = f"{first.channel}: raw values are in only {len(raws)} of {len(blocks)} blocks and are left out"
         warnings.append(Event(kind="warning", time_s=float(time_s[0]), text=text, channel=first.channel))
     raw = np.concatenate(raws) if len(raws) == len(blocks) else None
     missing = _index_jumps(blocks)
@@ -82,7 +82,7 @@ def join_blocks(
     is_later[1:] = time_s[1:] > np.maximum.accumulate(time_s)[:-1]
     if not is_later.all():
         missing = {int(is_later[:position].sum()): n for position, n in missing.items()}
-        text = f"{first.channel}: {int((~is_later).sum())} samples whose time steps back are left out"
+        text = f"{first.channel}: {int((~is_later).sum())} samples with decreasing time are left out"
         at_s = float(time_s[np.argmin(is_later)])
         warnings.append(Event(kind="warning", time_s=at_s, text=text, channel=first.channel))
         time_s, values = time_s[is_later], values[is_later]
@@ -134,7 +134,7 @@ def _gaps(
         n_missing = jumps[position]
         reason = "samples were lost" if n_missing is not None else "the time jumps"
         if position in missing and n_missing is None:
-            reason = "the device started to count anew"
+            reason = "the device restarted its counter"
         if n_missing is None:
             n_missing = max(round((end_s - start_s) / nominal_s) - 1, 0)
         gaps.append(

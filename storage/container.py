@@ -147,9 +147,9 @@ def read_records(path: Path, scan: Scan) -> Iterator[McapRecord]:
         with path.open("rb") as stream:
             if stream.read(len(MAGIC)) != MAGIC:
                 raise RecordingError(
-                    "is no recording: it is not an MCAP file",
+                    "is not a recording: it is not an MCAP file",
                     where=path,
-                    remedy="bring tables and logs in with `sawbench import`",
+                    remedy="import tables and logs with `sawbench import`",
                 )
             with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
                 yield from _scan_records(content, scan)
@@ -219,7 +219,7 @@ def _unpack(chunk: Chunk, n_read: int, scan: Scan) -> list[McapRecord]:
     scan.n_chunks += 1
     scan.n_unpacked += chunk.uncompressed_size
     if not chunk.uncompressed_crc:
-        what = f"a chunk of {len(chunk.data)} bytes has no checksum: its samples cannot be vouched for"
+        what = f"a chunk of {len(chunk.data)} bytes has no checksum: its samples are not verified"
         scan.damages.append(Damage(offset=n_read, n_bytes=0, what=what, is_chunk=False))
     return records
 
@@ -298,8 +298,9 @@ def _check_data_section(content: mmap.mmap, end: int, data_end: DataEnd, scan: S
         is_whole = zlib.crc32(section) == data_end.data_section_crc
     if not is_whole:
         what = (
-            "the file differs from its checksum though each chunk fits its own: settings or index are damaged, or "
-            "chunks were exchanged; the samples cannot be vouched for"
+            "the file does not match its checksum although each chunk matches its own: settings or index are"
+            " damaged, or "
+            "chunks were exchanged; the samples are not verified"
         )
         scan.damages.append(Damage(offset=0, n_bytes=0, what=what, is_chunk=False))
 
@@ -307,12 +308,12 @@ def _check_data_section(content: mmap.mmap, end: int, data_end: DataEnd, scan: S
 def _check_end(scan: Scan, offset: int, size: int) -> None:
     n_behind = size - offset - len(MAGIC)
     if scan.is_finished and n_behind > 0:
-        what = f"{n_behind} bytes behind the end of the recording are not read: another file was appended"
+        what = f"{n_behind} bytes after the end of the recording are not read: another file was appended"
         scan.damages.append(Damage(offset=offset, n_bytes=n_behind, what=what, is_chunk=False))
     elif not scan.is_finished and n_behind >= 0:
         what = (
             f"another file begins at byte {offset}: the {size - offset} bytes from there on are not read, and what is "
-            "before has no checksum as a whole: the samples cannot be vouched for"
+            "before it has no checksum as a whole: the samples are not verified"
         )
         scan.damages.append(Damage(offset=offset, n_bytes=size - offset, what=what, is_tail=True))
     elif not scan.is_finished and not any(damage.is_tail for damage in scan.damages):

@@ -174,9 +174,9 @@ def require_sawbench(content: Content) -> None:
     topics = ", ".join(sorted(topic for topic, _ in content.topics.values()))
     raise RecordingError(
         "is an MCAP file but not a sawbench recording; "
-        + (f"its topics are {topics}" if topics else "it holds no topics"),
+        + (f"its topics are {topics}" if topics else "it has no topics"),
         where=content.path,
-        remedy="`sawbench info` shows what is in it; record with sawbench or import a table",
+        remedy="`sawbench info` shows its content; record with sawbench or import a table",
     )
 
 

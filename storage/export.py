@@ -118,7 +118,7 @@ def export_recording(
     about_path = metadata_path(recording.path, out_dir, file_format)
     for path in (*paths, about_path):
         if path.exists() and not overwrite:
-            raise InputError("exists already", where=path, remedy="name another folder, or overwrite with --force")
+            raise InputError("already exists", where=path, remedy="give another folder, or overwrite with --force")
     about = _metadata(recording, paths, bases, sha256)
     for path, shown in paths.items():
         write_whole(
@@ -160,7 +160,7 @@ def time_bases(recording: Recording, *, with_raw: bool = False) -> tuple[TimeBas
             gaps = tuple((gap.start_s, gap.end_s) for gap in signal.gaps)
             groups.setdefault((signal.time_s.tobytes(), gaps), []).append(signal)
     if not groups:
-        raise InputError("holds no samples to export", where=recording.path)
+        raise InputError("contains no samples to export", where=recording.path)
     return tuple(_time_base(signals, recording, with_raw) for signals in groups.values())
 
 

@@ -58,7 +58,7 @@ def write_whole(
         return write_to_store(path, data, overwrite=overwrite)
     path = Path(path)
     if path.exists() and not overwrite:
-        raise InputError("exists already", where=path, remedy="choose another name, or overwrite it with --force")
+        raise InputError("already exists", where=path, remedy="give another file name, or overwrite with --force")
     try:
         if makes_folder:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -146,23 +146,23 @@ class PartFile:
             self._stream = self.part_path.open("xb")
         except FileExistsError:
             raise RecordingError(
-                "exists already: a recording is running, or was interrupted",
+                "already exists: a recording is running, or was interrupted",
                 where=self.part_path,
-                remedy="salvage it with `sawbench recover`, then move it away, or choose another name",
+                remedy="recover it with `sawbench recover`, then move it to another folder, or give another name",
             ) from None
         except OSError as error:
             raise RecordingError(
                 f"cannot be written: {error.strerror or error}",
                 where=self.part_path,
-                remedy="check that the folder exists and may be written to",
+                remedy="check that the folder exists and is writable",
             ) from error
 
     def _refuse_existing(self) -> None:
         if self.path.exists() and not self._overwrite:
             raise RecordingError(
-                "exists already and is not overwritten",
+                "already exists and is not overwritten",
                 where=self.path,
-                remedy="choose another name, or give --force to replace it",
+                remedy="give another file name, or replace it with --force",
             )
 
     def write(self, content: bytes) -> int:
@@ -270,7 +270,7 @@ class Output:
         try:
             getattr(self._second, action)(*arguments)
         except (OSError, RecordingError) as error:
-            self.copy_problem = f"the second copy {self._second.part_path} was given up: {error}"
+            self.copy_problem = f"the second copy {self._second.part_path} was abandoned: {error}"
             given_up, self._second = self._second, None
             with suppress(OSError):
                 given_up.abandon()

@@ -210,7 +210,7 @@ def write_to_store(place: StoreFile, content: bytes, *, overwrite: bool) -> Stor
     """Write a file of a store whole; see `output.write_whole`."""
     with _store(place) as (store, path):
         if not overwrite and store.exists(path):
-            raise InputError("exists already", where=place, remedy="choose another name, or overwrite it with --force")
+            raise InputError("already exists", where=place, remedy="give another file name, or overwrite with --force")
         try:
             store.pipe_file(path, content)
         except FileNotFoundError:  # some stores have folders, and all have buckets, that must be there first
@@ -244,7 +244,7 @@ def _store(place: StoreFile) -> Iterator[tuple[Any, str]]:
             remedy="pip install 'sawbench[cluster]' for s3, or the fsspec package of this store",
         ) from error
     except ValueError as error:
-        raise InputError(f"is of an unknown kind of store: {error}", where=place, remedy="use s3://...") from error
+        raise InputError(f"has an unknown format of store: {error}", where=place, remedy="use s3://...") from error
     try:
         yield store, path
     except FileNotFoundError:

@@ -161,9 +161,9 @@ def _alignment(content: Content, channel: str) -> Alignment | None:
         return Alignment(**json.loads(content.provenance[name]))
     except (ValueError, TypeError, RecursionError, InputError) as error:
         raise RecordingError(
-            f"`{name}` of its provenance is {content.provenance[name]!r}, which states no alignment",
+            f"`{name}` of its provenance is {content.provenance[name]!r}, which is not a valid alignment",
             where=content.path,
-            remedy="record again, or take the entry out with the program that changed it",
+            remedy="record again, or remove the entry with the program that changed it",
         ) from error
 
 

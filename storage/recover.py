@@ -66,7 +66,7 @@ def recover_recording(path: str | Path, out: str | Path, overwrite: bool = False
     """
     path, out = Path(path), Path(out)
     if out.resolve() == path.resolve():
-        raise RecordingError("a recording is not recovered onto itself", where=path, remedy="name another file")
+        raise RecordingError("a recording cannot be recovered to its own file", where=path, remedy="give another file")
     content = Content(path=path)
     target = PartFile(out, overwrite=overwrite)
     try:
@@ -74,7 +74,7 @@ def recover_recording(path: str | Path, out: str | Path, overwrite: bool = False
         for record in read_records(path, content.scan):
             copier.take(record)
         if not content.trial_pairs and not copier.n_messages:
-            raise RecordingError("holds nothing that can be saved", where=path)
+            raise RecordingError("contains nothing that can be recovered", where=path)
         copier.finish()
         target.finish()
     except BaseException:

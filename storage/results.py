@@ -159,18 +159,18 @@ def read_processed(path: str | Path) -> ProcessedTrial:
 
     path = Path(path)
     if not path.exists():
-        raise InputError("no such file", where=path, remedy="make it with `sawbench process`")
+        raise InputError("no such file", where=path, remedy="create it with `sawbench process`")
     try:
         with h5py.File(path, "r") as store:
             if store.attrs.get("format") != _FORMAT or _python(store.attrs)["format_version"] > _FORMAT_VERSION:
                 raise InputError(
-                    "is HDF5, but not a processed trial that this sawbench reads",
+                    "is HDF5, but not a processed trial of a supported version",
                     where=path,
-                    remedy="make it with `sawbench process`",
+                    remedy="create it with `sawbench process`",
                 )
             return _read_trial(store)
     except (OSError, KeyError, ValueError) as error:
-        raise InputError(f"is no processed trial, or is damaged: {error}", where=path) from error
+        raise InputError(f"is not a processed trial, or is damaged: {error}", where=path) from error
 
 
 def _read_trial(store: Any) -> ProcessedTrial:
@@ -307,7 +307,7 @@ def append_summary_rows(trials: Iterable[ProcessedTrial], path: Place) -> Place:
             raise InputError(
                 "has other columns than the summary of `sawbench process`",
                 where=path,
-                remedy="move the file away or choose another folder with --out",
+                remedy="move the file to another folder, or give another folder with --out",
             )
         rows = [other for other in reader if other["source_path"] not in replaced]
     text = io.StringIO(newline="")

@@ -35,7 +35,7 @@ from sawbench.storage.packed_index import pack_index
 from sawbench.storage.preview import PreviewBuilder
 
 MAX_PREVIEW_RATE_HZ: Final = 100.0
-NO_START_TIME: Final = "nobody said when the trial started; log times count from 1970-01-01"
+NO_START_TIME: Final = "the start of the trial is unknown; log times count from 1970-01-01"
 
 
 def software_version() -> str:
@@ -265,14 +265,14 @@ class RecordingWriter:
         """Hold the lock and turn a failing disk into an error that says what to do."""
         with self._lock:
             if self._output is None:
-                raise RecordingError("the recording is closed already", where=self.path)
+                raise RecordingError("the recording is already closed", where=self.path)
             try:
                 yield self._output
             except OSError as error:
                 raise RecordingError(
-                    f"cannot be written any further: {error.strerror or error}",
+                    f"writing failed: {error.strerror or error}",
                     where=f"{self.path}.part",
-                    remedy="free the disk; what was written until now can be read with `sawbench recover`",
+                    remedy="free disk space; the data written so far can be read with `sawbench recover`",
                 ) from error
 
     def _stream_of(self, block: SampleBlock) -> _Stream:
@@ -289,7 +289,7 @@ class RecordingWriter:
                 f"block from {block.device!r} in {block.unit!r}, but its first block was from "
                 f"{stream.device!r} in {stream.unit!r}",
                 where=f"channel {block.channel}",
-                remedy="give every channel one device and one unit in the configuration",
+                remedy="assign one device and one unit to every channel in the configuration",
             )
         return stream
 

@@ -54,8 +54,8 @@ _SHOWN: Final = (
     (MOTOR_CURRENT.name, "Motor current / A", "motor current", (0, 178, 130)),
     (BATTERY_VOLTAGE.name, "Battery voltage / V", "battery voltage", (204, 121, 167)),
     (BATTERY_CURRENT.name, "Battery current / A", "battery current", (150, 140, 220)),
-    (K_FC, "k_Fc ± its uncertainty / N·s/m, renewed each stroke", "k_Fc", (200, 200, 200)),
-    (REMAINING, "Battery left at this cut / s", "remaining runtime", (213, 94, 0)),
+    (K_FC, "k_Fc ± its uncertainty / N·s/m, updated every stroke", "k_Fc", (200, 200, 200)),
+    (REMAINING, "Remaining runtime at this load / s", "remaining runtime", (213, 94, 0)),
 )
 SERIES: Final = {
     of: Series(path=f"signals/{of}", title=title, name=name, colour=colour) for of, title, name, colour in _SHOWN

@@ -125,7 +125,7 @@ class LiveViewProcess:
             self._queue.put(None, timeout=timeout_s)
         self._sender.join(timeout_s)
         if self._sender.is_alive():
-            self._die("the live view does not take the samples")
+            self._die("the live view does not accept samples")
             self._process.kill()
             self._sender.join()
         self._process.wait()
@@ -153,7 +153,7 @@ class LiveViewProcess:
                 to_view.flush()
             to_view.close()
         except OSError:
-            self._die("the process of the live view is gone")
+            self._die("the process of the live view ended")
         finally:
             with contextlib.suppress(OSError):
                 to_view.close()
@@ -162,7 +162,7 @@ class LiveViewProcess:
         try:
             found = json.loads(text)
         except ValueError:
-            self._die("the process of the live view is gone")
+            self._die("the process of the live view ended")
             return
         self.n_dropped += found["n_dropped"]
         if found["dead_reason"]:

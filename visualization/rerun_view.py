@@ -222,7 +222,7 @@ class LiveView:
         self._is_closing.set()
         self._worker.join(timeout_s)
         if self._worker.is_alive():
-            self._die("the viewer does not take the samples")
+            self._die("the viewer does not accept samples")
             if self._viewer is not None:
                 self._viewer.kill()
         elif self._viewer is not None:
@@ -258,7 +258,7 @@ class LiveView:
         try:
             self._recording.flush(timeout_sec=2.0)
         except Exception as error:
-            self._die(f"the last samples did not reach the viewer: {error}")
+            self._die(f"the last samples were not sent to the viewer: {error}")
         self._recording.disconnect()
 
     def _check_viewer(self) -> None:

@@ -75,4 +75,4 @@ def _settled_picture(client: rr.experimental.ViewerClient, deadline: float) -> b
             return picture
         before = picture
         time.sleep(0.2)
-    raise UntrustedResult("no screenshot: the picture did not settle in time")
+    raise UntrustedResult("no screenshot: the picture was not complete in time")

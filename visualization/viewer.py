@@ -41,7 +41,7 @@ def refuse_rrd(path: str | Path, *, overwrite: bool) -> None:
     """
     path = Path(path)
     if path.exists() and not overwrite:
-        raise InputError("exists already", where=path, remedy="choose another name, or overwrite it with --force")
+        raise InputError("exists already", where=path, remedy="give another file name, or overwrite with --force")
     if not path.parent.is_dir():
         raise InputError("the folder does not exist", where=path, remedy=f"create {path.parent} first")
 
@@ -130,7 +130,7 @@ class ViewerProcess:
         self._log.seek(0)
         text = _COLOUR_CODES.sub("", self._log.read().decode(errors="replace"))
         if "DISPLAY is set" in text:
-            return "there is no display to open the viewer on"
+            return "there is no display for the viewer"
         told = [line.strip() for line in text.splitlines() if _TROUBLE.search(line)]
         # The launcher's exit code says nothing: it is 0 whatever became of the viewer.
         return f"the viewer ended: {told[-1]}" if told else "the viewer was closed"

@@ -72,17 +72,17 @@ def load_instrument(driver: str) -> Instrument:
     except (ImportError, AttributeError) as error:
         raise ConfigError(
             f"driver {driver!r} ({found.value}) cannot be imported: {error}",
-            remedy="install its package again, or ask who wrote it",
+            remedy="install its package again, or ask its author",
         ) from error
     if not isinstance(instrument, Instrument):
-        raise ConfigError(f"driver {driver!r}: {found.value} is no Instrument but a {type(instrument).__name__}")
+        raise ConfigError(f"driver {driver!r}: {found.value} is not an Instrument but a {type(instrument).__name__}")
     return instrument
 
 
 def _no_single(driver: str, matching: list[EntryPoint], known: list[str]) -> ConfigError:
     if matching:
         return ConfigError(
-            f"driver {driver!r} is announced twice: {', '.join(point.value for point in matching)}",
+            f"driver {driver!r} is registered twice: {', '.join(point.value for point in matching)}",
             remedy="uninstall one of the two packages",
         )
     close = difflib.get_close_matches(driver, known, n=1, cutoff=0.4)
@@ -175,7 +175,7 @@ def build_devices(
     if not config.devices:
         raise ConfigError(
             "the configuration has no [devices.*] table",
-            remedy="copy the [devices.*] tables of the bench_config.toml that ships with sawbench",
+            remedy="copy the [devices.*] tables of the bench_config.toml of the package",
         )
     endpoints = endpoints or {}
     for name in (*endpoints, *only):
@@ -191,7 +191,7 @@ def build_devices(
         for channel in (c.name for stream in device.streams for c in stream.channels):
             if channel in giver:
                 raise ConfigError(
-                    f"{channel} comes from two devices: {giver[channel]} and {name}",
+                    f"{channel} is provided by two devices: {giver[channel]} and {name}",
                     where=f"[devices.{name}]",
                     remedy="remove one, or give its channel another name",
                 )

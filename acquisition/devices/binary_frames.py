@@ -90,15 +90,17 @@ class BinaryFramesSettings(SerialTable):
             raise ValueError(f"fields {self.fields!r} {error}") from error
         inputs_within(self.channels, n_fields, "fields")
         if max(frame.columns) > n_fields:
-            raise ValueError(f"fields {self.fields!r} has {n_fields} fields, asked for is {max(frame.columns)}")
+            raise ValueError(
+                f"fields {self.fields!r} has {n_fields} fields, but field {max(frame.columns)} is configured"
+            )
         if sum([bool(self.rate_hz), self.time_field is not None, bool(self.question)]) != 1:
-            raise ValueError("give exactly one of rate_hz, time_field and question: it tells the time of the samples")
+            raise ValueError("give exactly one of rate_hz, time_field and question: it defines the time of the samples")
         if self.counter_field is not None and not self.rate_hz:
             raise ValueError("counter_field needs rate_hz")
         if self._behind is not None and self._type_of(self._behind)[1] != "u":
             raise ValueError("the counter or the time stamp has to be a field without a sign (B, H, I, Q)")
         if self.stop and not self.start:
-            raise ValueError("stop needs start: what was stopped has to be started again")
+            raise ValueError("stop needs start: a stopped instrument has to be started again")
         return self
 
     @property

@@ -190,7 +190,7 @@ class Cia404(CanInstrument[Cia404Settings]):
                 self._values = tuple(mapped[channel] for channel in wanted)
                 return pdo
         raise self._error(
-            f"no transmit PDO of the node holds the process values of its channels {', '.join(map(str, wanted))}",
+            f"no transmit PDO of the node contains the process values of its channels {', '.join(map(str, wanted))}",
             "map them (6130h, 7130h, 8130h or 9130h) into one PDO with the maker's program, or correct `input`",
         )
 
@@ -227,7 +227,7 @@ class Cia404(CanInstrument[Cia404Settings]):
         except SdoAbortedError as error:
             if or_else is not None:
                 return or_else
-            what = f"refused to tell object {index:04X}h:{sub_index:02X}: {error}"
+            what = f"does not provide object {index:04X}h:{sub_index:02X}: {error}"
             raise self._error(what, "check that the node is a transmitter of CiA 404") from error
 
     def _sdo(self, transfer: Callable[[], Any]) -> Any:
@@ -238,7 +238,7 @@ class Cia404(CanInstrument[Cia404Settings]):
         except SdoCommunicationError as error:
             raise self._no_answer(
                 f"node {self._settings.node} does not answer",
-                "check power, `node` and `bitrate`, the two 120 ohm ends, and CAN high and low",
+                "check power, `node` and `bitrate`, the two 120 ohm terminators, and CAN high and low",
             ) from error
 
 

@@ -103,9 +103,9 @@ def _check_counter(where: str, settings: DbcCanSettings, messages: list[Message]
     names = sorted({signal.name for message in messages for signal in message.signals})
     if "counter" in settings.model_fields_set and settings.counter and settings.counter not in names:
         raise ConfigError(
-            f"counter is {settings.counter!r}, but no message that is read has such a signal",
+            f"counter is {settings.counter!r}, but none of the messages read has this signal",
             where=where,
-            remedy=f'choose one of {", ".join(names)}, or counter = "" if none counts samples',
+            remedy=f'choose one of {", ".join(names)}, or counter = "" if there is no sample counter',
         )
 
 
@@ -122,7 +122,7 @@ def _layout(
     counter = next((s for s in message.signals if s.name == settings.counter), None)
     used = [signal for _, signal in pairs] + ([counter] if counter else [])
     if any(signal.multiplexer_ids for signal in used):
-        raise ConfigError(f"{message.name} is multiplexed, which this driver does not read live", where=where)
+        raise ConfigError(f"{message.name} is multiplexed, which this driver does not support", where=where)
     mask, wanted = frame_mask(message)
     channels = tuple(_channel(where, channel, signal, settings) for channel, signal in pairs)
     return MessageLayout(

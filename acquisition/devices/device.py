@@ -168,7 +168,8 @@ def _known_channel(name: Any, info: ValidationInfo) -> Any:
     known = (info.context or {}).get("channels", CHANNEL_BY_NAME)
     if not isinstance(name, str) or name not in known:
         raise ValueError(
-            f"unknown channel {name!r}; channels are {', '.join(known)}; declare a further one as [channels.{name}]"
+            f"unknown channel {name!r}; channels are {', '.join(known)}; declare an additional channel as"
+            f" [channels.{name}]"
         )
     return known[name]
 

@@ -90,7 +90,7 @@ class FrameFormat:
         """
         order, text = self.fields[:1], self.fields[1:]
         if order not in {"<", ">"}:
-            raise ValueError(f"begins with {order!r}: begin with < (low byte first) or > (high byte first)")
+            raise ValueError(f"begins with {order!r}: it must begin with < (low byte first) or > (high byte first)")
         types: list[str] = []
         count = ""
         for character in text.replace(" ", ""):
@@ -102,7 +102,7 @@ class FrameFormat:
             else:
                 raise ValueError(f"holds {character!r}; fields are {', '.join(_NUMPY_TYPES)}")
         if count or not types:
-            raise ValueError("names no field behind a number" if count else "names no field")
+            raise ValueError("has a number without a field" if count else "names no field")
         return tuple(types)
 
     @property

@@ -162,8 +162,8 @@ class Gsv8(SerialInstrument[Gsv8Settings, Gsv8Framer]):
             (self._rate_hz,) = struct.unpack(">f", payload[:4]) if len(payload) >= 4 else (0.0,)
         if not abs(self._rate_hz - wanted_hz) <= 0.02 * wanted_hz:
             raise self._error(
-                f"was asked for {wanted_hz:g} Hz and chose {self._rate_hz:g} Hz",
-                "set rate_hz to a rate it offers",
+                f"was set to {wanted_hz:g} Hz but uses {self._rate_hz:g} Hz",
+                "set rate_hz to a rate the instrument supports",
             )
 
     def _ask(self, command: int, parameters: bytes = b"", *, n_tries: int = 1) -> Answer:
@@ -183,7 +183,7 @@ class Gsv8(SerialInstrument[Gsv8Settings, Gsv8Framer]):
                 )
         raise self._no_answer(
             f"opens, but did not answer command {command:02X} within {n_tries * _ANSWER_WAIT_S:g} s",
-            "check that it is powered, that this is its port, and that baud_rate is its own",
+            "check power, port and baud_rate",
         )
 
 

@@ -81,7 +81,7 @@ class LabJack(PackageInstrument[LabJackSettings]):
         except ljm.LJMError as error:
             raise self._refused(error) from error
         if abs(chosen_hz / rate_hz - 1.0) > 0.02:
-            raise self._error(f"was asked for {rate_hz:g} Hz and chose {chosen_hz:g} Hz", "set rate_hz to that")
+            raise self._error(f"was set to {rate_hz:g} Hz but uses {chosen_hz:g} Hz", "set rate_hz to that")
 
     def read(self) -> list[Chunk]:
         """Return the next 20 ms of scans; a scan that the device lost is not a number."""
@@ -115,7 +115,7 @@ class LabJack(PackageInstrument[LabJackSettings]):
         return import_optional("labjack.ljm", extra=_EXTRA, where=f"[devices.{self.name}]")
 
     def _refused(self, error: Exception) -> DeviceError:
-        return self._error(f"LJM says: {error}", "check `port`, range and rate in Kipling, and that LJM is installed")
+        return self._error(f"LJM error: {error}", "check `port`, range and rate in Kipling, and that LJM is installed")
 
 
 INSTRUMENT: Final = Instrument(

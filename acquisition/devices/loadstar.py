@@ -100,7 +100,7 @@ class Loadstar(RowInstrument[LoadstarSettings]):
         if answer != READY:
             raise self._no_answer(
                 f"opens, but answered a carriage return with {answer!r}, not with {READY!r}",
-                "check that this port belongs to the sensor, and that baud_rate is its own (9600, 115200 or 230400)",
+                "check that this port belongs to the sensor, and that baud_rate is correct (9600, 115200 or 230400)",
             )
         self._number = self._ask_text(self._family.identity)
         self._require_number(self._number)

@@ -63,7 +63,7 @@ class MantracourtCanSettings(CanTable):
     @model_validator(mode="after")
     def _stream_has_a_rate(self) -> MantracourtCanSettings:
         if (self.stream_id is None) != (self.rate_hz == 0):
-            raise ValueError("stream_id and rate_hz belong together: give both for a stream, none for polling")
+            raise ValueError("stream_id and rate_hz must be given together: give both for a stream, none for polling")
         return self
 
 
@@ -92,7 +92,7 @@ class MantracourtCan(CanInstrument[MantracourtCanSettings]):
         elif not self.read():
             raise self._no_answer(
                 f"did not answer on identifier {self._settings.base_id}",
-                "check power, `base_id` and `bitrate`, the two 120 ohm ends, and CAN high and low",
+                "check power, `base_id` and `bitrate`, the two 120 ohm terminators, and CAN high and low",
             )
 
     def start(self) -> None:

@@ -85,7 +85,7 @@ class NiDaqmx(PackageInstrument[NiDaqmxSettings]):
         except nidaqmx.errors.Error as error:
             raise self._refused(error) from error
         if abs(chosen_hz / rate_hz - 1.0) > 0.02:
-            raise self._error(f"was asked for {rate_hz:g} Hz and chose {chosen_hz:g} Hz", "set rate_hz to that")
+            raise self._error(f"was set to {rate_hz:g} Hz but uses {chosen_hz:g} Hz", "set rate_hz to that")
 
     def start(self) -> None:
         """Start sampling."""
@@ -144,7 +144,7 @@ class NiDaqmx(PackageInstrument[NiDaqmxSettings]):
 
     def _refused(self, error: Exception) -> Exception:
         remedy = "check name, range and rate in NI MAX, and that NI-DAQmx is installed"
-        return self._error(f"NI-DAQmx says: {error}", remedy)
+        return self._error(f"NI-DAQmx error: {error}", remedy)
 
 
 INSTRUMENT: Final = Instrument(

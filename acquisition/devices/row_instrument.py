@@ -110,7 +110,7 @@ class RowInstrument(SerialInstrument[Settings, RowFramer]):
         self._renew(is_begun=bool(protocol.question or protocol.stop))
         if protocol.question and not self.read():
             raise self._no_answer(
-                f"opens, but did not answer {protocol.question!r} as it should",
+                f"opens, but did not answer {protocol.question!r} as expected",
                 "check power, baud_rate and the question, and that the configuration describes the answer",
             )
         if not protocol.question and not protocol.stop:
@@ -186,7 +186,7 @@ class RowInstrument(SerialInstrument[Settings, RowFramer]):
         while not self._framer.feed(self._link.read()):
             if self._clock() > begun_s + _FIRST_ROW_S:
                 raise self._no_answer(
-                    f"opens, but sent nothing that can be read within {_FIRST_ROW_S:g} s",
+                    f"opens, but sent no readable data within {_FIRST_ROW_S:g} s",
                     "check power and baud_rate, and that the configuration describes what the instrument sends",
                 )
         self._renew(is_begun=False)

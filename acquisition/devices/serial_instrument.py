@@ -122,8 +122,8 @@ class SerialInstrument(Driver[Settings], Generic[Settings, AnyFramer]):
         while self._link.read():
             if self._clock() > deadline_s:
                 raise self._error(
-                    f"goes on sending {_QUIET_WAIT_S:g} s after it was told to stop",
-                    "check that this port belongs to it, and that baud_rate is its own",
+                    f"still sends data {_QUIET_WAIT_S:g} s after the stop command",
+                    "check port and baud_rate",
                 )
 
     def _poll(self, question: bytes, answer: Callable[[bytes, float, float], list[Chunk]]) -> list[Chunk]:

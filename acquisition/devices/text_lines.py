@@ -78,9 +78,9 @@ class TextLinesSettings(SerialTable):
         try:
             n_groups = 1 if pattern is None else re.compile(pattern).groups
         except re.error as error:
-            raise ValueError(f"is no regular expression: {error}") from error
+            raise ValueError(f"is not a regular expression: {error}") from error
         if not n_groups:
-            raise ValueError("has no group: put the numbers into parentheses")
+            raise ValueError("has no group: put the numbers in parentheses")
         return pattern
 
     @model_validator(mode="after")
@@ -88,15 +88,17 @@ class TextLinesSettings(SerialTable):
         inputs_within(self.channels, _MOST_COLUMNS, "columns")
         told_by = [bool(self.rate_hz), self.time_column is not None, bool(self.question)]
         if sum(told_by) != 1:
-            raise ValueError("give exactly one of rate_hz, time_column and question: it tells the time of the samples")
+            raise ValueError(
+                "give exactly one of rate_hz, time_column and question: it defines the time of the samples"
+            )
         if self.counter_column is not None and not self.rate_hz:
             raise ValueError("counter_column needs rate_hz")
         if self.stop and not self.start:
-            raise ValueError("stop needs start: what was stopped has to be started again")
+            raise ValueError("stop needs start: a stopped instrument has to be started again")
         if self.pattern is not None:
             n_groups = re.compile(self.pattern).groups
             if max(self.line_format.columns) > n_groups:
-                raise ValueError(f"pattern has {n_groups} groups, asked for is {max(self.line_format.columns)}")
+                raise ValueError(f"pattern has {n_groups} groups, but group {max(self.line_format.columns)}")
             if self.separator is not None:
                 raise ValueError("give either pattern or separator, not both")
         return self
@@ -150,7 +152,9 @@ def emulate(name: str, settings: TextLinesSettings, plant: PlantStream, clock_er
         If its lines are described by a regular expression.
     """
     if settings.pattern is not None:
-        raise ConfigError("lines of a pattern cannot be emulated", where=f"[devices.{name}]", remedy="use separator")
+        raise ConfigError(
+            "an instrument with `pattern` cannot be emulated", where=f"[devices.{name}]", remedy="use separator"
+        )
     sensors = tuple(EmulatedSensor.of(channel, table) for channel, table in settings.channels.items())
     columns = max(settings.line_format.columns)
 

@@ -97,9 +97,9 @@ class Journal:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
                 raise InputError(
-                    "another `sawbench series` works on this series",
+                    "another `sawbench series` is running this series",
                     where=self.path.parent,
-                    remedy="go on there, or end it first",
+                    remedy="continue there, or stop it first",
                 ) from None
             yield
 

@@ -99,7 +99,7 @@ class SeriesPlan(BaseModel):
     blade_growth_limit : float
         Relative growth of the specific force at which the blade is changed.
     repeatability : float
-        Relative standard deviation expected between repetitions, until the series itself tells.
+        Relative standard deviation expected between repetitions, until the series itself provides it.
     trial : tuple of PlannedTrial
         In the order in which they are recorded.
     """
@@ -197,9 +197,7 @@ def load_plan(path: Path) -> LoadedPlan:
     ids = [trial.id.lower() for trial in plan.trial]
     repeated = next((trial.id for trial in plan.trial if ids.count(trial.id.lower()) > 1), None)
     if repeated is not None:
-        raise ConfigError(
-            f"names the trial {repeated} more than once", where=path, remedy="give every trial an id of its own"
-        )
+        raise ConfigError(f"has the trial {repeated} more than once", where=path, remedy="give every trial its own id")
     return LoadedPlan(plan=plan, path=path, sha256=hashlib.sha256(text.encode()).hexdigest())
 
 
@@ -233,7 +231,7 @@ def departures(plan: SeriesPlan) -> list[str]:
         said.append(f"{len(few)} of {len(settings)} settings have fewer than {PAPER_REPETITIONS} repetitions")
     shared = {b for b in {t.blade for t in cut} if len({t.setting for t in cut if t.blade == b}) > 1}
     if shared:
-        said.append(f"{len(shared)} blades cut more than one setting: wear and setting are then confounded in part")
+        said.append(f"{len(shared)} blades cut more than one setting: wear and setting are then partly confounded")
     if plan.blade_growth_limit != BLADE_GROWTH_LIMIT:
         said.append(
             f"blades are changed at +{plan.blade_growth_limit:.0%} specific force, not at +{BLADE_GROWTH_LIMIT:.0%}"
@@ -276,7 +274,7 @@ def _table_of(text: str, path: Path) -> dict[str, Any]:
         )
     keys = [_COLUMNS.get(name, name) for name in names]
     if repeated := next((name for name, key in zip(names, keys, strict=True) if keys.count(key) > 1), None):
-        raise ConfigError(f"has more than one column for {repeated!r}", where=path, remedy="leave one of them out")
+        raise ConfigError(f"has more than one column for {repeated!r}", where=path, remedy="leave out one of them")
     trials: list[dict[str, Any]] = []
     for line, cells in enumerate(rows[n_before + 1 :], start=n_before + 2):
         if any(cell.strip() for cell in cells):
@@ -296,7 +294,7 @@ def _row(cells: Mapping[str, str], before: Sequence[dict[str, Any]], where: str)
     if idle in _YES:
         trial["material"] = "none"
     if "material" not in trial:
-        raise ConfigError("states no material", where=where, remedy="fill in the column material, or set idle to yes")
+        raise ConfigError("has no material", where=where, remedy="enter the material, or set idle to yes")
     # In air there is neither workpiece nor feed.
     if trial["material"] == "none":
         trial = {key: value for key, value in trial.items() if key not in {"feed_mm_s", "thickness_mm"}}

@@ -17,10 +17,10 @@ from sawbench.bench.errors import InputError
 from sawbench.bench.toml_writing import toml_text
 
 _HEAD = (
-    "A plan for `sawbench series run`: one line a trial, in the order in which they are recorded. Edit it freely until",
+    "A plan for `sawbench series run`: one line per trial, in recording order. Edit it freely until",
     "the first trial is recorded; later, add lines.",
     "The paper's rule: a new blade for every setting, three repetitions, the blade changed when the specific force has",
-    "grown by 20 %. A battery that was charged again gets another identity: its charge is counted by it.",
+    "grown by 20 %. A recharged battery gets a new identifier, because the state of charge is tracked per identifier.",
 )
 
 
@@ -103,7 +103,7 @@ def designed_plan(design: SeriesDesign, **stated: Any) -> SeriesPlan:
         trials = designed_trials(design)
         return SeriesPlan(seed=design.seed, seconds=design.seconds, trial=trials, **stated)
     except ValidationError as error:
-        raise InputError(f"no plan can hold this: {describe_validation(error, PlannedTrial)}") from error
+        raise InputError(f"not valid in a plan: {describe_validation(error, PlannedTrial)}") from error
 
 
 def plan_text(plan: SeriesPlan) -> str:
@@ -114,12 +114,12 @@ def plan_text(plan: SeriesPlan) -> str:
     comments = {
         (): _HEAD,
         ("recordings",): ["Folder of the recordings, relative to this file."],
-        ("required",): ["Without these nothing is recorded: operator, blade, battery, material, batch."],
-        ("tare",): ["The load cell is zeroed before every: trial, block, never."],
-        ("check_seconds",): ["The bench is looked at before every trial; 0: never."],
+        ("required",): ["Required metadata: operator, blade, battery, material, batch."],
+        ("tare",): ["The load cell is tared before every: trial, block, never."],
+        ("check_seconds",): ["Duration of the instrument check before every trial, s; 0: no check."],
         ("blade_growth_limit",): ["Growth of the specific force at which the blade is changed."],
         ("repeatability",): [
-            "Relative standard deviation expected between repetitions, until the series itself tells."
+            "Relative standard deviation expected between repetitions, until the series itself provides it."
         ],
     }
     return toml_text(tables, comments)

@@ -201,10 +201,10 @@ def _refuse_changed(rows: Sequence[TrialProgress], path: Path) -> None:
     for row in rows:
         if row.state == "kept" and row.measures is not None and row.measures.setting != row.planned.setting:
             raise InputError(
-                f"says {_words(row.planned.setting)} of trial {row.planned.id}, which was recorded with "
+                f"has {_words(row.planned.setting)} of trial {row.planned.id}, which was recorded with "
                 f"{_words(row.measures.setting)}",
                 where=path,
-                remedy="put the former values back, and add another trial under an id of its own",
+                remedy="restore the previous values, and add another trial with its own id",
             )
 
 

@@ -117,7 +117,7 @@ def outliers(trial: TrialMeasures, others: Sequence[TrialMeasures], repeatabilit
         allowed = float(stdtrit(freedom, 1.0 - 0.5 * _FALSE_ALARMS)) * scale
         if abs(value - mean) > allowed:
             found.append(
-                f"{words} is {100 * math.expm1(value - mean):+.0f} % off its "
+                f"{words} is {100 * math.expm1(value - mean):+.0f} % from the mean of its "
                 f"{'repetition' if len(same) == 1 else f'{len(same)} repetitions'} (allowed ± {100 * allowed:.0f} %)"
             )
     return tuple(found)

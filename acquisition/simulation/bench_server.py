@@ -63,7 +63,7 @@ class SimulatedBench:
     ) -> None:
         for fault in faults:
             if fault.device not in instruments:
-                raise InputError(f"a fault names {fault.device!r}; devices are {', '.join(instruments)}")
+                raise InputError(f"unknown device {fault.device!r} in a fault; devices are {', '.join(instruments)}")
         self._plant = plant
         self._trigger_after_s = trigger_after_s
         self._is_triggered = False
@@ -147,7 +147,7 @@ def make_instruments(
         If there is no device, or one that cannot be emulated.
     """
     if not config.devices:
-        raise ConfigError("the configuration has no [devices.*] table, so there is nothing to emulate")
+        raise ConfigError("the configuration has no [devices.*] table, so no instrument can be emulated")
     errors = clock_error_ppm or {}
     sensed = DeclaredChannels(plant, config.known_channels)
     instruments = {}

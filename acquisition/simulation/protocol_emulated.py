@@ -36,7 +36,7 @@ class Serial:
             If nothing is plugged in there.
         """
         if self.port not in PLUGS:
-            raise OSError(f"nothing is plugged in at {self.port}")
+            raise OSError(f"nothing is connected to {self.port}")
         self._plug = PLUGS[self.port]
 
     def close(self) -> None:

@@ -103,9 +103,10 @@ class SerialPort:
             f"the configuration names {wanted}",
             where=f"{self._device} on {self.url}",
             remedy=(
-                f"plug in the right one, or correct `serial_number` in [devices.{self._device}]"
+                f"connect the right one, or correct `serial_number` in [devices.{self._device}]"
                 if elsewhere is None
-                else f"that one is at {elsewhere} now: correct `port` in [devices.{self._device}], or change the plugs"
+                else f"that adapter is now at {elsewhere}: correct `port` in [devices.{self._device}], or swap the"
+                " connectors"
             ),
         )
 
@@ -165,7 +166,7 @@ class SerialPort:
 
     def _lost(self, error: Exception) -> DeviceError:
         return DeviceError(
-            f"the link broke: {error}",
+            f"the connection was lost: {error}",
             where=f"{self._device} on {self.url}",
             remedy="check cable and power; the recorder keeps trying to reconnect",
         )
@@ -176,13 +177,13 @@ class SerialPort:
         text = str(error)
         if code in {errno.EACCES, errno.EPERM} or "PermissionError" in text:
             return DeviceError(
-                "no permission to open the port, or another program holds it",
+                "no permission to open the port, or another program uses it",
                 where=where,
                 remedy="close other programs; on Linux join the group of the port (often `dialout`)",
             )
         if code in {errno.EBUSY, errno.EAGAIN}:
             return DeviceError(
-                "the port is busy: another program holds it",
+                "the port is in use by another program",
                 where=where,
                 remedy="close the other program (another sawbench, a serial monitor)",
             )
@@ -190,14 +191,14 @@ class SerialPort:
             return DeviceError(
                 f"cannot connect: {text}",
                 where=where,
-                remedy="check that the server runs and that the port is right",
+                remedy="check that the server is running and the port is correct",
             )
         if code == errno.ENOENT or "FileNotFoundError" in text:
             there = ", ".join(sorted(port.device for port in list_ports.comports())) or "none"
             return DeviceError(
                 f"no such port; ports on this machine: {there}",
                 where=where,
-                remedy=f"plug the instrument in, or correct `port` in [devices.{self._device}]",
+                remedy=f"connect the instrument, or correct `port` in [devices.{self._device}]",
             )
         return DeviceError(f"cannot be opened: {text}", where=where, remedy="check the settings of the port")
 

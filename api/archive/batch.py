@@ -23,9 +23,9 @@ class WorkerDied(SawbenchError):
 
     def __init__(self, item: object) -> None:
         super().__init__(
-            "its worker died over it, again and again: out of memory, or a crash of a library",
+            "the worker process died repeatedly on this file: out of memory, or a crash of a library",
             where=str(item),
-            remedy="run it alone on a machine with more memory, or look into the file with `sawbench info`",
+            remedy="run it alone on a machine with more memory, or inspect the file with `sawbench info`",
         )
 
 
@@ -46,7 +46,7 @@ class Workers:
 
     def __post_init__(self) -> None:
         if self.jobs < 1:
-            raise InputError(f"{self.jobs} jobs were asked for, at least 1 is needed")
+            raise InputError(f"--jobs is {self.jobs}, at least 1 is needed")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -96,6 +96,7 @@ def _finished(
             value, error = None, WorkerDied(items[index])
         except CancelledError as gone:
             raise SawbenchError(
-                "the scheduler went away", remedy="start it again and run the same command: it goes on where it stopped"
+                "the connection to the scheduler was lost",
+                remedy="start it again and run the same command: it continues where it stopped",
             ) from gone
         yield index, value, error

@@ -99,9 +99,9 @@ class ResultTable:
         files = self._files()
         if not files:
             raise InputError(
-                "is no archive: it holds no folder `trials` with results",
+                "is not an archive: it has no folder `trials` with results",
                 where=self.root,
-                remedy="make one with `sawbench process RECORDINGS --archive DIR`",
+                remedy="create one with `sawbench process RECORDINGS --archive DIR`",
             )
         return _latest(_joined([self._read(file, columns) for file in files]))
 
@@ -163,7 +163,9 @@ class ResultTable:
             table = pq.ParquetFile(pa.BufferReader(read_bytes(file))).read(columns=names)
         except (OSError, pa.ArrowException) as error:
             raise InputError(
-                f"is damaged: {error}", where=file, remedy="delete it and run the batch again: it does what is missing"
+                f"is damaged: {error}",
+                where=file,
+                remedy="delete it and run the batch again: only the missing part is computed",
             ) from error
         for part in self._folder_of(file).split("/"):
             name, _, text = part.partition("=")

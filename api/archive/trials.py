@@ -305,7 +305,7 @@ def _restored(row: Mapping[str, Any]) -> ComparedTrial:
         trial = from_json(ComparedTrial, row["detail"])
     except (ValueError, TypeError, KeyError) as error:
         raise InputError(
-            f"its row in the archive is of another sawbench ({row['software']})",
+            f"its row in the archive was written by another version of sawbench ({row['software']})",
             where=row["source"],
             remedy="evaluate it again: sawbench process RECORDINGS --archive DIR",
         ) from error

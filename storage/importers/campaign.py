@@ -121,9 +121,9 @@ def map_of(path: Path, campaign: Campaign, entry: TrialEntry) -> TableMap | None
     stated = {key: found for key in ("columns", "table") if (found := getattr(campaign, key))}
     if campaign.map is not None and stated:
         raise ConfigError(
-            f"holds both map = {campaign.map!r} and [{next(iter(stated))}]",
+            f"has both map = {campaign.map!r} and [{next(iter(stated))}]",
             where=path,
-            remedy="keep one: the file, or what it says in the campaign itself",
+            remedy="keep one: the file, or the tables in the campaign file",
         )
     named = entry.map or campaign.map
     if named is not None:
@@ -152,7 +152,7 @@ def _check_files(path: Path, campaign: Campaign) -> None:
     missing = [entry.file for entry in campaign.trial if not (path.parent / entry.file).is_file()]
     if missing:
         raise ConfigError(
-            f"names {len(missing)} files that do not exist: {', '.join(missing[:5])}",
+            f"refers to {len(missing)} files that do not exist: {', '.join(missing[:5])}",
             where=path,
             remedy=f"files are looked for in {path.parent.resolve()}",
         )
@@ -162,15 +162,15 @@ def _check_files(path: Path, campaign: Campaign) -> None:
         is_named_inside = Path(os.path.normpath(folder / entry.file)).is_relative_to(folder)
         if is_named_inside and not target.is_relative_to(folder):
             raise ConfigError(
-                f"is a link that leads out of the campaign's folder, to {target}",
+                f"is a link to a file outside the folder of the campaign: {target}",
                 where=named,
-                remedy="copy the file into the folder, or name its own path in the campaign",
+                remedy="copy the file to the folder, or give its real path in the campaign",
             )
     stems = [entry.trial_id for entry in campaign.trial]
     repeated = sorted({stem for stem in stems if stems.count(stem) > 1})
     if repeated:
         raise ConfigError(
-            f"names the trial {repeated[0]} more than once",
+            f"has the trial {repeated[0]} more than once",
             where=path,
-            remedy="give every table a file name of its own",
+            remedy="give every table its own file name",
         )

@@ -79,9 +79,9 @@ def choose_columns(raw: RawTable, table_map: TableMap | None = None) -> Choice:
     for item in _by_name(raw, table_map, used):
         if item.channel in taken and not taken[item.channel].is_mapped:
             raise InputError(
-                f"holds {item.channel} more than once: {taken[item.channel].column}, {item.column}",
+                f"has {item.channel} more than once: {taken[item.channel].column}, {item.column}",
                 where=raw.path,
-                remedy="name the one that is meant in a map (--map), or put every trial into a file of its own",
+                remedy="select one in a map (--map), or put every trial in its own file",
             )
         is_other = item.channel not in CHANNEL_BY_NAME and item.channel != TIME_COLUMN
         if item.channel in taken or (table_map.columns and is_other):
@@ -93,7 +93,7 @@ def choose_columns(raw: RawTable, table_map: TableMap | None = None) -> Choice:
     for channel, item in taken.items():
         if item.raw.problem is not None:
             if not item.is_mapped and channel not in CHANNEL_BY_NAME and channel != TIME_COLUMN:
-                warnings.append(f"column {item.column} does not hold numbers and is left out")
+                warnings.append(f"column {item.column} does not contain numbers and is left out")
                 continue
             raise item.raw.problem
         values[channel], units[channel], words[channel] = _converted(raw, item, warnings)
@@ -102,7 +102,7 @@ def choose_columns(raw: RawTable, table_map: TableMap | None = None) -> Choice:
         tables=tables,
         words=MappingProxyType(words),
         warnings=tuple(warnings),
-        notes=(f"left out, as the map does not name them: {names_shown(left_out)}",) if left_out else (),
+        notes=(f"left out, not in the map: {names_shown(left_out)}",) if left_out else (),
         mapped=frozenset(table_map.columns),
     )
 
@@ -142,19 +142,20 @@ def _converted(raw: RawTable, item: _Taken, warnings: list[str]) -> tuple[Floats
     is_rescaled = rule.scale != 1.0 or rule.offset != 0.0
     stated = rule.unit or ("" if is_rescaled else item.raw.unit)
     if rule.unit and item.raw.unit not in ("", rule.unit) and not is_rescaled:
-        warnings.append(f"{channel}: the map says {rule.unit}, the file {item.raw.unit!r}; the map is followed")
+        warnings.append(f"{channel}: the map states {rule.unit}, the file {item.raw.unit!r}; the map is used")
     factor = 1.0
     if stored and stated:
         found = factor_between(stated, stored)
         if found is None and (rule.unit or is_unit(stated)):
             raise InputError(
-                f"{channel} cannot be made from {stated!r}: it is stored in {stored}",
+                f"{channel} cannot be converted from {stated!r} to {stored}",
                 where=f"{raw.path}, column {item.column}",
-                remedy=f"units of it are {', '.join(FACTORS[stored])}; with scale = ... in the map any other can be "
+                remedy=f"allowed units are {', '.join(FACTORS[stored])}; convert any other unit with scale = ... in"
+                " the "
                 "brought to one of them",
             )
         if found is None:
-            warnings.append(f"{channel} states the unit {stated!r}, which is not known, and is taken as {stored}")
+            warnings.append(f"{channel} has the unknown unit {stated!r}, taken as {stored}")
         factor = found or 1.0
     if not is_rescaled and rule.sign == 1 and factor == 1.0:
         values = item.raw.values
@@ -215,9 +216,9 @@ def _tables(
     others = {name: found for name, found in values.items() if name != TIME_COLUMN}
     if not others:
         raise InputError(
-            f"holds {TIME_COLUMN} but no channel; its columns are {names_shown(raw.columns)}",
+            f"has {TIME_COLUMN} but no channel; its columns are {names_shown(raw.columns)}",
             where=raw.path,
-            remedy="say in a map (--map) which column is which channel",
+            remedy="assign columns to channels in a map (--map)",
         )
     time_s = values.get(TIME_COLUMN)
     if time_s is None:
@@ -242,7 +243,7 @@ def _without_repeated(
     is_new = np.concatenate(([True], np.diff(time_s) != 0))
     n_dropped = int(np.sum(~is_new))
     if n_dropped:
-        warnings.append(f"{n_dropped} rows with the time of the row before are left out, as the map asks")
+        warnings.append(f"{n_dropped} rows with a repeated time are left out, as set in the map")
     return time_s[is_new], {name: values[is_new] for name, values in columns.items()}
 
 
@@ -257,8 +258,8 @@ def _no_time(raw: RawTable) -> InputError:
     close = [n for n in raw.columns if n.rsplit(".", 1)[-1].lower().startswith(("time", "t_", "stamp", "sec"))]
     example = f"time_s = {{ column = {close[0]!r}, unit = 's' }}" if close else "time_s = { column = ..., unit = ... }"
     return InputError(
-        f"has no column {TIME_COLUMN}; it holds {names_shown(raw.columns)}",
+        f"has no column {TIME_COLUMN}; its columns are {names_shown(raw.columns)}",
         where=raw.path,
-        remedy=f"name the time column {TIME_COLUMN}, in seconds, or say in a map (--map): [columns] {example}, or "
+        remedy=f"name the time column {TIME_COLUMN}, in seconds, or use a map (--map): [columns] {example}, or "
         "[table] rate_hz = ...",
     )

@@ -99,7 +99,7 @@ def read_discharge_tables(path: str | Path, table_map: TableMap | None = None) -
     missing = [name for name in _CHANNELS[1:] if name not in table_map.columns]
     if missing:
         raise InputError(
-            f"the map names no column for {', '.join(missing)}",
+            f"the map has no column for {', '.join(missing)}",
             where=path,
             remedy='for example: [columns] battery_voltage_v = "Voltage(V)"',
         )
@@ -117,9 +117,9 @@ def _by_name(raw: RawTable, table_map: TableMap) -> TableMap:
         columns = [column for column, name in bare.items() if name == found]
         if len(columns) > 1:
             raise InputError(
-                f"holds {len(columns)} columns that may be {channel}: {names_shown(columns)}",
+                f"has {len(columns)} columns that may be {channel}: {names_shown(columns)}",
                 where=raw.path,
-                remedy="name the one in a map (--map); a * in its name takes one run after the other: [columns] "
+                remedy="select one in a map (--map); a * in its name stands for one run after the other: [columns] "
                 f"{channel} = '{_starred(columns)}'",
             )
         stated = raw.columns[columns[0]].unit or split_unit(columns[0])[1]
@@ -130,10 +130,9 @@ def _by_name(raw: RawTable, table_map: TableMap) -> TableMap:
         missing = []
     if missing:
         raise InputError(
-            f"no column is known as {', '.join(missing)}; it holds {names_shown(raw.columns)}",
+            f"no column found for {', '.join(missing)}; its columns are {names_shown(raw.columns)}",
             where=raw.path,
-            remedy="say in a map (--map) which column it is: [columns] "
-            + " ".join(f"{name} = ..." for name in missing),
+            remedy="assign the column in a map (--map): [columns] " + " ".join(f"{name} = ..." for name in missing),
         )
     return _with_columns(table_map, rules)
 
@@ -166,9 +165,9 @@ def _expanded(raw: RawTable, table_map: TableMap) -> Iterator[tuple[TableMap, tu
     runs = [match.groups() for match in map(pattern.fullmatch, raw.columns) if match]
     if not runs:
         raise InputError(
-            f"no column fits {first!r}; it holds {names_shown(raw.columns)}",
+            f"no column matches {first!r}; its columns are {names_shown(raw.columns)}",
             where=raw.path,
-            remedy="correct the column in the map; * stands for a name between two points",
+            remedy="correct the column in the map; * stands for a name between two dots",
         )
     for run in runs:
         rules = dict(table_map.columns)
@@ -185,12 +184,12 @@ def _expanded(raw: RawTable, table_map: TableMap) -> Iterator[tuple[TableMap, tu
 def _table(raw: RawTable, table_map: TableMap, label: str) -> DischargeTable:
     choice = choose_columns(raw, table_map)
     if len(choice.tables) != 1:
-        raise InputError("its channels have times of their own", where=raw.path, remedy="export one common time")
+        raise InputError("its channels have different sample times", where=raw.path, remedy="export with a common time")
     (table,) = choice.tables
     current, voltage = table.columns[BATTERY_CURRENT.name], table.columns[BATTERY_VOLTAGE.name]
     is_whole = np.isfinite(table.time_s) & np.isfinite(current) & np.isfinite(voltage)
     if is_whole.sum() < 2:
-        raise InputError("holds fewer than two rows with time, current and voltage", where=f"{raw.path} ({label})")
+        raise InputError("has fewer than two rows with time, current and voltage", where=f"{raw.path} ({label})")
 
     def further(name: str) -> Floats | None:
         values = table.columns.get(name)

@@ -151,7 +151,7 @@ def stem_of(path: Path) -> str:
 
 
 def _job_of_table(path: Path, table_map: TableMap | None, trial: Trial | None, config_toml: str) -> _Job:
-    settings = trial or Trial(trial_id=stem_of(path), source=f"import of {path.name}")
+    settings = trial or Trial(trial_id=stem_of(path), source=f"importing {path.name}")
     return _Job(table=path, trial=settings, table_map=table_map, config_toml=config_toml, provenance={})
 
 
@@ -176,9 +176,9 @@ def _refuse_existing(paths: list[Path], *, overwrite: bool) -> None:
     existing = [path for path in paths if path.exists()]
     if existing and not overwrite:
         raise InputError(
-            f"{len(existing)} of {len(paths)} recordings exist already and are not overwritten",
+            f"{len(existing)} of {len(paths)} recordings already exist and are not overwritten",
             where=existing[0],
-            remedy="choose another folder with --out, or give --force to replace them",
+            remedy="give another folder with --out, or replace them with --force",
         )
 
 
@@ -228,7 +228,7 @@ def read_table(path: Path, table_map: TableMap | None = None, *, is_idle: bool =
         signals |= found
         warnings += said
     if not signals:
-        raise InputError(f"holds no channel with values; {'; '.join(warnings)}", where=path, remedy="check the table")
+        raise InputError(f"has no channel with values; {'; '.join(warnings)}", where=path, remedy="check the table")
     return TableContent(
         signals=signals,
         warnings=tuple(dict.fromkeys(warnings)),
@@ -253,7 +253,9 @@ def read_raw_table(path: Path, table_map: TableMap | None) -> RawTable:
     if suffix in LOG_SUFFIXES:
         raise FramesNeedDbc("is a log of CAN frames", where=path, remedy="give the DBC that describes the frames")
     if path.suffix.lower() == ".gz":
-        raise InputError("is packed, which only text may be", where=path, remedy="unpack it with gzip -d")
+        raise InputError(
+            "is compressed, which is supported for text only", where=path, remedy="decompress it with gzip -d"
+        )
     if suffix in MF4_SUFFIXES:
         from sawbench.storage.importers.reader_process import read_apart
 
@@ -271,10 +273,10 @@ def read_raw_table(path: Path, table_map: TableMap | None) -> RawTable:
 
         return read_json_table(path)
     if suffix == ".mcap":
-        raise InputError("is a recording already", where=path, remedy="`sawbench info` shows what is in it")
+        raise InputError("is already a recording", where=path, remedy="`sawbench info` shows its content")
     tables = (*TEXT_SUFFIXES, *HDF5_SUFFIXES, *MAT_SUFFIXES, *JSON_SUFFIXES, *MF4_SUFFIXES)
     raise InputError(
-        "is of an unknown kind",
+        "has an unknown format",
         where=path,
-        remedy=f"known are {', '.join(('.toml', *tables, *LOG_SUFFIXES))}; text may be packed (.csv.gz)",
+        remedy=f"known are {', '.join(('.toml', *tables, *LOG_SUFFIXES))}; text may be compressed (.csv.gz)",
     )

@@ -43,5 +43,5 @@ def read_hdf5_table(path: Path) -> RawTable:
         with h5py.File(path, "r") as store:
             store.visititems(take)
     except Exception as error:  # h5py raises OSError, RuntimeError, KeyError and others, as the damage lies
-        raise InputError(f"is no HDF5 file, or is damaged: {error}", where=path) from error
+        raise InputError(f"is not an HDF5 file, or is damaged: {error}", where=path) from error
     return RawTable(path=path, columns=columns)

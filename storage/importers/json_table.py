@@ -31,7 +31,7 @@ def read_json_table(path: Path) -> RawTable:
     except FileNotFoundError:
         raise InputError("no such file", where=path, remedy="check the path") from None
     except (OSError, ValueError, OverflowError, RecursionError) as error:
-        raise InputError(f"is no JSON file, or is damaged: {error}", where=path) from error
+        raise InputError(f"is not a JSON file, or is damaged: {error}", where=path) from error
     return RawTable(path=path, columns=columns)
 
 

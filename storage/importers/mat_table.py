@@ -36,7 +36,7 @@ def read_mat_table(path: Path) -> RawTable:
     try:
         content = loadmat(path, simplify_cells=True)
     except Exception as error:  # scipy raises whatever its parser stumbles over
-        raise InputError(f"is no MATLAB file, or is damaged: {error}", where=path) from error
+        raise InputError(f"is not a MATLAB file, or is damaged: {error}", where=path) from error
     return RawTable(path=path, columns=dict(_vectors(content, "")))
 
 

@@ -33,18 +33,18 @@ def read_mf4_signals(path: Path) -> RawTable:
     try:
         measurement = MDF(path)
     except Exception as error:  # asammdf raises whatever its parser stumbles over
-        raise InputError(f"is no MF4 file, or is damaged: {error}", where=path) from error
+        raise InputError(f"is not an MF4 file, or is damaged: {error}", where=path) from error
     with measurement:
         if any("CAN_DataFrame" in name for name in measurement.channels_db):
             raise FramesNeedDbc(
-                "holds CAN frames, not signals", where=path, remedy="give the DBC that describes the frames"
+                "contains CAN frames, not signals", where=path, remedy="give the DBC that describes the frames"
             )
         try:
             columns = _channels(measurement)
         except Exception as error:
             raise InputError(f"is damaged: {error}", where=path) from error
     if not columns:
-        raise InputError("holds no channel with numbers", where=path)
+        raise InputError("has no channel with numbers", where=path)
     return RawTable(path=path, columns=columns)
 
 

@@ -89,13 +89,13 @@ class RawTable:
                 return found[0]
             if found:
                 raise InputError(
-                    f"holds {len(found)} columns {wanted!r}: {', '.join(found)}",
+                    f"has {len(found)} columns {wanted!r}: {', '.join(found)}",
                     where=self.path,
-                    remedy="give the whole name in the map",
+                    remedy="give the full name in the map",
                 )
         close = difflib.get_close_matches(wanted, names, n=1, cutoff=0.5)
         raise InputError(
-            f"has no column {wanted!r}; it holds {names_shown(names)}",
+            f"has no column {wanted!r}; its columns are {names_shown(names)}",
             where=self.path,
             remedy=f"did you mean {close[0]!r}?" if close else "correct the column in the map",
         )

@@ -44,7 +44,7 @@ def read_apart(reader: str, path: Path) -> RawTable:
         kind = FramesNeedDbc if refusal["needs_dbc"] else InputError
         raise kind(refusal["what"], where=path, remedy=refusal["remedy"])
     if run.returncode != 0:
-        raise InputError("is damaged: its reader crashed", where=path, remedy="export it again")
+        raise InputError("is damaged: the reader crashed", where=path, remedy="export it again")
     with np.load(BytesIO(run.stdout)) as found:
         columns = {
             name: RawColumn(values=found[f"values{k}"], unit=unit, time_s=found.get(f"time{k}"))

@@ -142,7 +142,7 @@ def _signal(name: str, unit: str, time_s: Floats, values: Floats, jumps: NDArray
 def _unknown_column(name: str) -> str:
     close = difflib.get_close_matches(name.lower(), CHANNEL_BY_NAME, n=1, cutoff=0.6)
     hint = f"; did you mean {close[0]!r}?" if close else ""
-    return f"column {name} is no channel sawbench knows; it is kept under its own name{hint}"
+    return f"column {name} is not a known channel; it is kept under its own name{hint}"
 
 
 def _time_warnings(time_s: Floats) -> list[str]:
@@ -152,8 +152,8 @@ def _time_warnings(time_s: Floats) -> list[str]:
     if interval_s < _SLOWEST_INTERVAL_S:
         return []
     return [
-        f"{TIME_COLUMN} advances by {interval_s:.4g} a sample: taken as seconds that is too slow to see a "
-        'stroke; if it is in milliseconds, say so in a map: time_s = { column = ..., unit = "ms" }'
+        f"{TIME_COLUMN} increases by {interval_s:.4g} per sample: in seconds this is too slow to resolve a "
+        'stroke; if it is in milliseconds, state it in a map: time_s = { column = ..., unit = "ms" }'
     ]
 
 
@@ -164,12 +164,12 @@ def _value_warnings(channel: Channel, values: Floats, *, is_idle: bool) -> list[
     if outside > _LARGEST_SHARE_OUTSIDE:
         warnings.append(
             f"{channel.name}: {100 * outside:.0f} % of the values are outside {lowest:g} to {highest:g} "
-            f"{channel.unit} (largest {np.abs(values).max():.4g}); is it in another unit, or another channel?"
+            f"{channel.unit} (largest {np.abs(values).max():.4g}); check the unit and the channel"
         )
     largest = float(np.abs(values).max())
     if channel.name == "force_n" and 0.0 < largest < 1.0 and not is_idle:
-        warnings.append(f"force_n never exceeds {largest:.3g} N; if it is in kN, say so in a map (--map)")
+        warnings.append(f"force_n never exceeds {largest:.3g} N; if it is in kN, state it in a map (--map)")
     stroke = float(np.ptp(values))
     if channel.name == "displacement_mm" and 1e-3 < stroke < 0.5:
-        warnings.append(f"displacement_mm moves by {stroke:.3g} mm only; if it is in metres, say so in a map (--map)")
+        warnings.append(f"displacement_mm moves by only {stroke:.3g} mm; if it is in metres, state it in a map (--map)")
     return warnings

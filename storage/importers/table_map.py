@@ -19,7 +19,7 @@ def _is_column(value: Any) -> Any:
     is_name = isinstance(value, str) and value != ""
     is_place = isinstance(value, int) and not isinstance(value, bool) and value >= 1
     if not is_name and not is_place:
-        raise ValueError("must be the name of a column, or its place counted from 1")
+        raise ValueError("must be the name of a column, or its position counted from 1")
     return value
 
 
@@ -88,7 +88,7 @@ class ReadingRules(BaseModel):
     @model_validator(mode="after")
     def _signs_differ(self) -> ReadingRules:
         if self.decimal is not None and self.decimal == self.thousands:
-            raise ValueError("decimal and thousands are the same sign")
+            raise ValueError("decimal and thousands are the same character")
         return self
 
 
@@ -105,7 +105,7 @@ class TableMap(BaseModel):
     @model_validator(mode="after")
     def _one_time(self) -> TableMap:
         if self.table.rate_hz is not None and TIME_COLUMN in self.columns:
-            raise ValueError(f"holds both a column for {TIME_COLUMN} and table.rate_hz: keep one")
+            raise ValueError(f"has both a column for {TIME_COLUMN} and table.rate_hz: keep one")
         return self
 
     def as_toml(self) -> str:
@@ -122,7 +122,7 @@ def load_map(path: str | Path) -> TableMap:
         If the file is missing, is not TOML, or holds a key or value that is not allowed.
     """
     path = Path(path)
-    return parse_map(parse_toml(read_toml_text(path, remedy="name the file with --map"), where=path), where=path)
+    return parse_map(parse_toml(read_toml_text(path, remedy="give the file with --map"), where=path), where=path)
 
 
 def parse_map(tables: dict[str, Any], *, where: Path) -> TableMap:

@@ -176,9 +176,7 @@ def _find_header(path: Path, table: list[_Line], rules: ReadingRules) -> _Line |
     if rules.header_line is not None:
         found = next((line for line in table if line.number == rules.header_line), None)
         if found is None:
-            raise InputError(
-                f"has nothing in line {rules.header_line}", where=path, remedy="correct header_line in the map"
-            )
+            raise InputError(f"line {rules.header_line} is empty", where=path, remedy="correct header_line in the map")
         return found
     lengths = Counter(len(line.cells) for line in table if line.is_row)
     n_cells = lengths.most_common(1)[0][0] if lengths else max(len(line.cells) for line in table)
@@ -216,7 +214,7 @@ def _check_names(path: Path, header: _Line) -> list[str]:
         raise InputError(
             f"has the column {repeated[0]} more than once",
             where=f"{path}, line {header.number}",
-            remedy="rename one, or name the columns by their places: header_line = 0 in [table] of a map",
+            remedy="rename one, or refer to the columns by position: header_line = 0 in [table] of a map",
         )
     return names
 
@@ -248,9 +246,9 @@ def _find_decimal(path: Path, rows: list[_Line], separator: str, rules: ReadingR
         is_unclear = bool(commas) and (bool(points) or all(cell in grouped for cell in commas))
         if certain or is_unclear:
             raise InputError(
-                f"holds {(certain or commas)[0]!r}: a sign between thousands, or a decimal sign?",
+                f"contains {(certain or commas)[0]!r}: thousands separator or decimal sign?",
                 where=path,
-                remedy='say it in a map (--map): [table] decimal = "," or "."; thousands = "." or "," if there are any',
+                remedy='state it in a map (--map): [table] decimal = "," or "."; thousands = "." or "," if used',
             )
     if commas:
         return ","

@@ -86,7 +86,7 @@ def _read_bytes(path: Path) -> bytes:
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}", where=path) from error
     if len(content) > _MOST_BYTES:
-        raise InputError(f"holds more than {_MOST_BYTES / 1e9:g} GB of text", where=path, remedy="split the file")
+        raise InputError(f"has more than {_MOST_BYTES / 1e9:g} GB of text", where=path, remedy="split the file")
     return content
 
 
@@ -109,7 +109,7 @@ def _decode(path: Path, content: bytes, rules: ReadingRules) -> tuple[str, str]:
             break
         return text, encoding
     raise InputError(
-        "cannot be read as text: it holds bytes that are none",
+        "cannot be read as text: it has invalid bytes",
         where=path,
         remedy='state its encoding in a map (--map): [table] encoding = "latin-1"',
     )
@@ -149,12 +149,12 @@ def _column(path: Path, name: str, unit: str, cells: pd.Series) -> RawColumn:
     seconds = _seconds_of_clock(cells)
     if seconds is not None:
         return RawColumn(values=seconds, unit="s")
-    problem = InputError(f"column {name} does not hold numbers", where=path)
+    problem = InputError(f"column {name} does not contain numbers", where=path)
     for row, cell in enumerate(cells.tolist(), start=1):
         if isinstance(cell, str) and not _is_plain_number(cell):
             remedy = "use a point as decimal sign, or semicolons between the cells" if "," in cell else None
             problem = InputError(
-                f"column {name} holds {cell!r} in data row {row}, not a number",
+                f"column {name} has {cell!r} in data row {row}, not a number",
                 where=path,
                 remedy=remedy or "correct the cell, or leave it empty where the sample is missing",
             )

@@ -51,7 +51,7 @@ def test_rest_is_let_pass_and_each_kind_of_motion_is_named():
     assert "drifts by -2" in said(-0.7 * time_s)
     # Slow and to and fro: no drift over the whole, no rest either.
     assert "moves by" in said(1.5 * np.cos(2 * np.pi * time_s / 1.5))
-    assert "shaken" in said(10.0 * np.sin(2 * np.pi * 50.0 * time_s))
+    assert "vibrates" in said(10.0 * np.sin(2 * np.pi * 50.0 * time_s))
 
 
 def test_a_drift_that_is_let_pass_widens_the_uncertainty():

@@ -116,10 +116,10 @@ def test_nonsense_is_refused(loads, raw, said):
 @pytest.mark.parametrize(
     ("raw", "said"),
     [
-        ([0.0, -0.4, -0.8], "sign turned"),
+        ([0.0, -0.4, -0.8], "sign has changed"),
         ([0.0, 0.0408, 0.0816], "9.8"),
-        ([0.0, 0.45, 0.8], "off a straight line"),
-        ([0.0, 0.5, 0.01], "hardly follows"),
+        ([0.0, 0.45, 0.8], "deviate from a straight line"),
+        ([0.0, 0.5, 0.01], "depends too weakly"),
     ],
 )
 def test_what_speaks_against_a_fit_is_said_and_force_keeps_it(raw, said):

@@ -102,5 +102,5 @@ def test_a_missing_or_broken_dbc_is_said(tmp_path):
         load_dbc(tmp_path / "none.dbc")
     broken = tmp_path / "broken.dbc"
     broken.write_text("BO_ what")
-    with pytest.raises(ConfigError, match="no readable DBC"):
+    with pytest.raises(ConfigError, match="not a readable DBC"):
         load_dbc(broken)

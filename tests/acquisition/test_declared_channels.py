@@ -66,13 +66,13 @@ def test_a_declared_channel_is_recorded_with_its_unit_and_described(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("[channels.motor_temperature_c]", "[channels.force_n]", "knows this name already"),
+        ("[channels.motor_temperature_c]", "[channels.force_n]", "built-in channel"),
         ("[channels.motor_temperature_c]", '[channels."Motor T"]', "pattern"),
         ("range = [-40, 200]", "range = [200, -40]", "range must rise"),
         (
             "[channels.motor_temperature_c]",
             "[channels.motor_temp_c]",
-            r"further one as \[channels.motor_temp",
+            r"additional channel as \[channels.motor_temp",
         ),
     ],
 )

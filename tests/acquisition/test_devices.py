@@ -208,7 +208,7 @@ def test_an_instrument_of_another_package_needs_no_change_here(installed_package
 
 @pytest.mark.parametrize(
     ("driver", "message"),
-    [("lab_seven", "is no Instrument but a int"), ("lab_gone", "cannot be imported"), ("lab_cel", "'lab_cell'")],
+    [("lab_seven", "is not an Instrument but a int"), ("lab_gone", "cannot be imported"), ("lab_cel", "'lab_cell'")],
 )
 def test_a_wrong_entry_point_is_one_clear_message(installed_package, driver, message):
     with pytest.raises(ConfigError, match=message) as caught:
@@ -233,7 +233,7 @@ def test_a_wrong_entry_point_is_one_clear_message(installed_package, driver, mes
         ),
         (
             {n: {"driver": "gsv8", "port": n, "channels": {"force_n": {"input": 1}}} for n in "ab"},
-            "force_n comes from two devices: a and b",
+            "force_n is provided by two devices: a and b",
         ),
         (
             {"a": {"driver": "dbc_can", "port": "x", "signals": {"force_n": "MotorStatus.MotorCurrent"}}},

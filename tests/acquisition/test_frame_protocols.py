@@ -113,7 +113,7 @@ def table(**changes):
         ({"fields": "<"}, "names no field"),
         ({"channels": {"force_n": {"input": 3}}}, "fields are numbered 1..2"),
         ({"counter_field": 2}, "without a sign"),
-        ({"counter_field": 5}, "asked for is 5"),
+        ({"counter_field": 5}, "but field 5 is configured"),
         ({"time_field": 1}, "exactly one of"),
         ({"checksum": "crc32"}, "checksum"),
         ({"stop": "01"}, "stop needs start"),

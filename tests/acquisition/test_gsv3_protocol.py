@@ -113,7 +113,7 @@ def test_an_instrument_that_does_not_stop_is_refused(monkeypatch):
     monkeypatch.setattr("sawbench.acquisition.devices.serial_instrument.SerialPort", lambda *_a, **_k: port)
     port.answers = [b"noise"] * 100
     device = Gsv3("cell", Gsv3Settings.model_validate(TABLE), clock=lambda: 0.1 * next(ticks))
-    with pytest.raises(DeviceError, match="goes on sending"):
+    with pytest.raises(DeviceError, match="still sends data"):
         device.open()
 
 

@@ -107,7 +107,7 @@ def test_a_sketch_that_prints_label_and_number_on_two_lines_loses_nothing(monkey
 
 
 def test_silence_is_said(monkeypatch):
-    with pytest.raises(NoAnswerError, match="nothing that can be read within 5 s"):
+    with pytest.raises(NoAnswerError, match="no readable data within 5 s"):
         opened(monkeypatch, make, {"driver": "hx711"})
 
 
@@ -219,9 +219,12 @@ def test_the_time_stamps_of_the_instrument_are_its_times(monkeypatch):
         ({"rate_hz": 10, "question": "?"}, "exactly one of"),
         ({"question": "?", "counter_column": 2}, "counter_column needs rate_hz"),
         ({"rate_hz": 10, "stop": "x"}, "stop needs start"),
-        ({"rate_hz": 10, "pattern": "("}, "is no regular expression"),
+        ({"rate_hz": 10, "pattern": "("}, "is not a regular expression"),
         ({"rate_hz": 10, "pattern": "a"}, "has no group"),
-        ({"rate_hz": 10, "pattern": "(a)", "channels": {"force_n": {"input": 2}}}, "1 groups, asked for is 2"),
+        (
+            {"rate_hz": 10, "pattern": "(a)", "channels": {"force_n": {"input": 2}}},
+            "1 groups, but group 2 is configured",
+        ),
         ({"rate_hz": 10, "pattern": "(a)", "separator": ","}, "not both"),
         ({"rate_hz": 10, "channels": {"force_n": {"input": 65}}}, "columns are numbered 1..64"),
     ],

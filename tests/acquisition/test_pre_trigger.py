@@ -69,7 +69,7 @@ def test_a_touch_that_comes_too_soon_keeps_what_there_is():
 
 
 def test_without_the_channel_it_is_refused():
-    with pytest.raises(InputError, match="no instrument gives torque_n_m"):
+    with pytest.raises(InputError, match="no instrument provides torque_n_m"):
         recorded(Touch(above=50.0, channel="torque_n_m"), 1.0)
 
 

@@ -219,7 +219,7 @@ def test_values_no_sensor_can_mean_become_a_gap():
     device = Scripted(at={30: lambda d: [d.chunk(value=1e30)]}, valid=(-1.0, 1e6))
     summary, writer = run(device, seconds=5.0)
     (gap,) = writer.events("gap")
-    assert "outside of what the instrument can mean" in gap.text
+    assert "outside the valid range of the instrument" in gap.text
     assert summary.channels[0].n_missing == 10
     assert max(b.values.max() for b in writer.blocks()) < 1e6
 
@@ -300,7 +300,7 @@ def test_nobody_delivers_any_more():
     device.clock = Ticking(device.clock)
     summary, writer = run(device, limits=limits)
     assert not summary.is_complete
-    assert "no instrument delivered" in summary.end_reason
+    assert "no instrument sent data" in summary.end_reason
     assert writer.events("interrupted")
 
 

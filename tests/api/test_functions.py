@@ -152,7 +152,7 @@ def test_comparison_groups_by_material(tmp_path):
     assert "oak" in shown(found, n_pictures=1)
     page = found.save(tmp_path / "materials.html")
     assert "nylon" in page.read_text()
-    with pytest.raises(InputError, match="exists already"):
+    with pytest.raises(InputError, match="already exists"):
         found.save(page)
 
 

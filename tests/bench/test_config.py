@@ -21,15 +21,15 @@ TEXT = (Path(__file__).parents[2] / "bench_config.toml").read_text()
         (
             "resistance_ohm = { nominal = 0.176",
             "resistance_ohm = { nominal = 1e300",
-            "plant.resistance_ohm.nominal: no machine has such a value.*1e\\+300",
+            "plant.resistance_ohm.nominal: value out of range.*1e\\+300",
         ),
-        ("gear_ratio = 9.333333333333334", "gear_ratio = 1e300", "plant.gear_ratio: no machine"),
+        ("gear_ratio = 9.333333333333334", "gear_ratio = 1e300", "plant.gear_ratio: value out of range"),
         (
             "inductance_h = { nominal = 0.00321",
             "inductance_h = { nominal = 1e-300",
-            "plant.inductance_h.nominal: no mach",
+            "plant.inductance_h.nominal: value out",
         ),
-        ("capacity_ah = 1.5", "capacity_ah = 1e300", "battery.capacity_ah: no machine"),
+        ("capacity_ah = 1.5", "capacity_ah = 1e300", "battery.capacity_ah: value out of range"),
         (
             "resistance_ohm = { nominal = 0.176, rel_std = 0.05 }",
             "resistance_ohm = true",
@@ -64,7 +64,7 @@ def test_a_byte_order_mark_is_read_over(tmp_path):
 def test_text_of_another_encoding_is_one_clear_message(tmp_path):
     path = tmp_path / "bench_config.toml"
     path.write_text(TEXT, encoding="utf-16")
-    with pytest.raises(ConfigError, match="is no UTF-8 text: byte 0 is 0xff") as caught:
+    with pytest.raises(ConfigError, match="is not UTF-8 text: byte 0 is 0xff") as caught:
         load_config(path)
     assert "bench_config.toml" in str(caught.value) and "save it as UTF-8" in str(caught.value)
 
@@ -80,7 +80,7 @@ BATTERY = "[battery]\nnominal_voltage_v = 18.0\ncapacity_ah = 1.5\n"
         ("open_circuit = { soc = [0, 0.5, 1], share = [0.8, 0.9] }", "share"),
         ("open_circuit = { soc = [0, 0.5, 1], share = [0.8, 0.9, 0.99] }", "share must end at 1"),
         ("open_circuit = { soc = [0, 0.5, 0.5, 1], share = [0.8, 0.9, 0.95, 1] }", "soc must increase"),
-        ("open_circuit = { soc = [0.1, 0.5, 1], share = [0.8, 0.9, 1] }", "soc must begin at 0"),
+        ("open_circuit = { soc = [0.1, 0.5, 1], share = [0.8, 0.9, 1] }", "soc must start at 0"),
         ("beta = 0.9\nfitted = { runtime_rel_std = 0.1, current_a = [2, 1] }", "current_a must rise"),
         ("beta = 0.9\nfitted = { runtime_rel_std = 0.1 }", "current_a"),
     ],

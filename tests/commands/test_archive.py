@@ -69,7 +69,7 @@ def test_the_catalogue_lists_and_filters(lab, capsys):
 
 def test_what_is_no_archive_is_one_error(tmp_path, capsys):
     assert main(["catalogue", str(tmp_path)]) == 2
-    assert "is no archive" in capsys.readouterr().err
+    assert "is not an archive" in capsys.readouterr().err
 
 
 def test_an_object_store_is_read_and_written(tmp_path, capsys):
@@ -85,7 +85,7 @@ def test_an_object_store_is_read_and_written(tmp_path, capsys):
         assert store.modified("/out/nylon-01.h5") == written
         store.pipe_file("/out/nylon-01.h5", b"somebody's")
         assert main(["process", "memory://lab/nylon-01.mcap", "--out", "memory://out"]) == 2
-        assert "exists already" in capsys.readouterr().err
+        assert "already exists" in capsys.readouterr().err
         assert main(["compare", "memory://lab", "--archive", "memory://arc", "--out", "memory://pages/p.html"]) == 1
         assert b"nylon" in store.cat_file("/pages/p.html")
         assert main(["catalogue", "memory://arc"]) == 0

@@ -200,7 +200,7 @@ def test_folder_that_cannot_be_made_is_said_before_the_work(call, tmp_path, caps
 def test_one_file_for_page_and_table_is_said_before_the_work(options, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, out, err = run(capsys, "compare", CONFIG.with_name("recordings"), *options)
-    assert code == 2 and not out and "would be one file" in err
+    assert code == 2 and not out and "would have the same name" in err
     assert not list(tmp_path.iterdir())
 
 

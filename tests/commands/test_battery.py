@@ -101,10 +101,10 @@ def test_nothing_is_overwritten_and_one_discharge_is_not_enough(tmp_path, capsys
     assert main(["battery", "fit", one, "--out", str(out)]) == 2
     assert "two discharges or more" in capsys.readouterr().err
     assert main(["battery", "fit", one, one, "--out", str(out)]) == 2
-    assert "named more than once" in capsys.readouterr().err
+    assert "given more than once" in capsys.readouterr().err
     out.with_suffix(".html").write_text("mine", encoding="utf-8")
     assert main(["battery", "fit", one, "--out", str(out)]) == 2
-    assert "exists already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err
 
 
 def test_without_a_configuration_the_table_stands_alone(tmp_path, capsys):

@@ -95,7 +95,7 @@ def test_score_writes_page_and_json(answered, tmp_path, capsys):
     assert record["set"]["is_claim"] is False
     assert record["score"]["n_cases"] == 4
     html = page.read_text()
-    assert "this score is no claim" in html
+    assert "this score is not evidence of performance" in html
     assert re.search(r"seed 21\b", html)
     assert NOT_LOOKED_FOR in html
     assert not re.search(r'(src|href)="(?!#)', html)

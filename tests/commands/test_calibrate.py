@@ -118,7 +118,7 @@ def test_after_a_change_of_the_configuration_record_refuses_until_tared_anew(ben
         (lambda load, t, noise: 3.0 * t + 0.3 * noise, "drifts by +"),
         (lambda load, t, noise: 4.0 * np.cos(2 * np.pi * t / 0.5) + 0.3 * noise, "moves by"),
         (lambda load, t, noise: np.full(len(t), 1.0), "exactly"),
-        (lambda load, t, noise: 300.0 + 0.3 * noise, "a load, no zero"),
+        (lambda load, t, noise: 300.0 + 0.3 * noise, "a load, not a zero"),
     ],
 )
 def test_a_tare_is_refused_with_the_reason(bench, capsys, force, said):
@@ -152,7 +152,7 @@ def test_a_calibration_finds_gain_and_zero_and_is_never_lost(bench, capsys):
 def test_a_wrong_sign_is_not_kept(bench, capsys):
     bench.force = lambda load, t, noise: -load + 0.3 * noise
     assert bench.run("calibrate", "--seconds", 0.6, "--point", 0, "--point", 50, "--point", 100) == 1
-    assert "sign turned" in capsys.readouterr().err
+    assert "sign has changed" in capsys.readouterr().err
     assert not bench.book_path.exists()
 
 

@@ -79,6 +79,6 @@ def test_report_of_an_idle_recording_says_why_it_has_no_fit(tmp_path, capsys):
     assert (row["trial"], row["trust"]) == ("none-01", "good")
     text = Path(row["page"]).read_text(encoding="utf-8")
     assert "None: the blade ran without cutting" in text
-    assert "Model against measurement" not in text
+    assert "Model and measurement" not in text
     assert main(arguments) == 2
-    assert "exists already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err

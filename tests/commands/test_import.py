@@ -120,7 +120,7 @@ def test_can_log_with_a_map_turns_the_sign(log, tmp_path, capsys):
 
 def test_can_log_without_dbc_says_what_to_add(log, tmp_path, capsys):
     code, _, err = run(capsys, log, "--out", tmp_path / "out")
-    assert code == 2 and "only a DBC" in err and "--dbc FILE.dbc" in err and "--config" in err
+    assert code == 2 and "need a DBC" in err and "--dbc FILE.dbc" in err and "--config" in err
 
 
 def test_settings_of_one_trial_are_refused_for_a_campaign(tmp_path, capsys):

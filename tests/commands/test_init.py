@@ -133,7 +133,7 @@ def test_the_simulated_bench_needs_no_port(bench, capsys):
 def test_nothing_is_overwritten(bench, capsys):
     Path("bench_config.toml").write_text("mine")
     assert main(["init", "--defaults"]) == 2
-    assert "exists already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err
     assert Path("bench_config.toml").read_text() == "mine"
 
 

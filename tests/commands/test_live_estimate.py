@@ -106,7 +106,7 @@ def test_without_displacement_it_says_so_once(capsys):
                 live(block)
             counters(status)
     assert live.latest is None
-    assert capsys.readouterr().err.count("no live k_Fc: no displacement_mm arrives") == 1
+    assert capsys.readouterr().err.count("no live k_Fc: no displacement_mm is received") == 1
 
 
 def test_trouble_ends_the_display_and_nothing_else():

@@ -72,7 +72,7 @@ def test_export_overwrites_nothing_without_force(bench, capsys):
     assert main(call) == 0
     (bench / "tables" / "a.csv").write_text("mine")
     assert main(call) == 2
-    assert "a.csv.json: exists already" in capsys.readouterr().err
+    assert "a.csv.json: already exists" in capsys.readouterr().err
     assert (bench / "tables" / "a.csv").read_text() == "mine"
     assert main([*call, "--force"]) == 0
     assert (bench / "tables" / "a.csv").read_text() != "mine"

@@ -132,7 +132,7 @@ def test_a_sitting_is_stopped_and_gone_on_with(workshop, plan, capsys, monkeypat
     answer(monkeypatch, "B1", "", "n knot at the end", "", "n slow", "k", "q")
     code, out, err = call(capsys, "run", path, "--simulated")
     assert code == 0 and workshop.n_recorded == 1
-    assert "clamp  oak" in err and f"go on with: sawbench series run {path}" in err
+    assert "clamp  oak" in err and f"continue with: sawbench series run {path}" in err
     assert "01-oak note: slow" in out and "next: 02-oak" in out
     recorded = read_recording(path.with_suffix("") / "01-oak.mcap").trial
     assert (recorded.notes, recorded.operator, recorded.blade) == ("knot at the end", "Kim", "B1")
@@ -153,7 +153,7 @@ def test_a_crash_before_the_decision_asks_again_and_records_nothing_anew(worksho
     part.write_bytes(b"cut off")
     answer(monkeypatch, "k", "q")
     _, out, err = call(capsys, "run", path, "--simulated")
-    assert workshop.n_recorded == 1 and "not decided yet" in err
+    assert workshop.n_recorded == 1 and "not yet kept or rejected" in err
     assert "1 of 3 trials kept" in out and "next: 02-oak (to do)" in out
     assert (path.with_suffix("") / "rejected" / "02-oak-1.mcap.part").read_bytes() == b"cut off"
 
@@ -230,7 +230,7 @@ def test_a_material_of_several_words_names_its_trials(plan, capsys, tmp_path):
     trial = status(capsys, path)["trials"][0]
     assert (trial["id"], trial["material"]) == ("01-birch-plywood-9", "birch plywood/9")
     code, _, err = call(capsys, *arguments, tmp_path / "boards.csv")
-    assert code == 2 and "name a .toml file" in err
+    assert code == 2 and "give a .toml file" in err
     code, _, err = call(capsys, "plan", "--material", "", "--out", tmp_path / "nothing.toml")
     assert code == 2 and "material" in err and not (tmp_path / "nothing.toml").exists()
 
@@ -258,7 +258,7 @@ def test_ctrl_c_in_a_recording_repeats_it_and_ends_the_unattended_series(worksho
     path = plan(1)
     workshop.fails = [KeyboardInterrupt()]
     code, _, err = call(capsys, "run", path, "--simulated", "--yes")
-    assert code == 130 and "go on with" in err
+    assert code == 130 and "continue with" in err
     found = status(capsys, path)
     assert found["next"] == "01-oak" and found["trials"][0]["rejected"] == ["Ctrl-C"]
 

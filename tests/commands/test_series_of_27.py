@@ -90,7 +90,7 @@ def test_27_trials_killed_twice_with_one_bad_trial(tmp_path):
     assert found["n_kept"] == N_TRIALS and found["next"] is None
     rejected = {trial["id"]: trial["rejected"] for trial in found["trials"] if trial["rejected"]}
     because = [reason for reasons in rejected.values() for reason in reasons]
-    assert because.count("the recorder was interrupted") == 2
+    assert because.count("the recording was interrupted") == 2
     bad = [reason for name, reasons in rejected.items() if name.startswith("11-") for reason in reasons]
     assert any("k_Fc" in reason and "off its repetition" in reason for reason in bad)
     assert not any(trial["measures"]["faults"] for trial in found["trials"])

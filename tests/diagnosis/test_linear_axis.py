@@ -195,7 +195,7 @@ def test_trials_without_the_drive_say_so():
     ("text", "said"),
     [
         (CONFIG.replace("force_constant_n_per_a", "force_constant"), "did you mean 'force_constant_n_per_a'"),
-        (CONFIG + 'drive_channel = "drive_force_n"\n', "leave force_constant_n_per_a out"),
+        (CONFIG + 'drive_channel = "drive_force_n"\n', "leave out force_constant_n_per_a"),
         (CONFIG + 'drive_channel = "speed"\n', "must end in _a"),
         (CONFIG.replace('"force_n"', '"force"'), "must end in _n"),
         (CONFIG + (HERE.parents[2] / "bench_config.toml").read_text(), "holds both"),

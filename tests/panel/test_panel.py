@@ -116,7 +116,7 @@ def test_a_page_of_another_site_starts_nothing(tmp_path, started, headers):
 def test_a_form_without_the_secret_starts_nothing(tmp_path, started, secret):
     status, _, said = ask(panel(tmp_path), "/record", form={"material": "oak", **secret})
     assert (status, started) == (400, [])
-    assert "load the page again" in said
+    assert "reload the page" in said
 
 
 def test_others_need_the_token(tmp_path):

@@ -107,7 +107,7 @@ def test_from_the_tare_to_the_diagnosis(bench, page):
     page.open(address)
     go(page)
     assert ended(page) == "done"
-    assert "All good" in page.run("document.body.innerText")
+    assert "No faults" in page.run("document.body.innerText")
     page.open(address)
     fill(page, operator="Kim", seconds="2")
     page.run("document.querySelector('form[action=\"/tare\"] button').click(); 0")
@@ -132,7 +132,7 @@ def test_from_the_tare_to_the_diagnosis(bench, page):
         page.access_key("g")
         page.wait_for(f"document.querySelector('#step [name=number]')?.value !== {json.dumps(number)}")
     assert [text.split(";")[0].split(":")[0] for text in asked] == [
-        "Mount a new blade", "Fit a full battery", "Is all ready?", "Keep this trial, or repeat it?",
+        "Mount a new blade", "Insert a full battery", "Everything ready?", "Keep this trial, or repeat it?",
     ]  # fmt: skip
     assert ended(page) == "done"
     (recorded,) = (folder / "recordings" / "wood").glob("*.mcap")

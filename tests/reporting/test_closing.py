@@ -32,11 +32,11 @@ def test_rows_go_from_the_configured_model_to_the_noise():
     assert [row["rms"] for row in rows] == ["4", "2", "1", "1", "0.5"]
     assert rows[2]["magnitude"] == "force 8.30\xa0±\xa00.40\xa0N"
     assert (rows[2]["closed"], rows[2]["interval"], rows[2]["added"]) == ("75 %", "60 to 85 %", "75 %")
-    assert rows[3]["added"] == "by single strokes"
+    assert rows[3]["added"] == "seen in single strokes"
 
 
 def test_the_words_say_why_it_ended():
-    assert closing_sentences(CLOSING) == ["Beside these causes there is no gap left."]
+    assert closing_sentences(CLOSING) == ["With these causes in the model, no gap remains."]
     unknown = CLOSING | {"stopped": "unknown", "dropped": ["edge_force"]}
     assert "no effect of the catalogue explains" in closing_sentences(unknown)[0]
     assert closing_sentences(unknown)[1].endswith("dropped: edge force.")
@@ -56,8 +56,8 @@ def test_the_page_has_the_ladder_only_where_it_was_asked_for(tmp_path):
     for folder in folders:
         folder.mkdir()
     plain, text = page(folders[0]), page(folders[1], until_closed=CLOSING)
-    assert "Cause after cause" not in plain
-    assert "<h2>Cause after cause</h2>" in text
-    assert text.index("Cause after cause") < text.index("<h2>Causes</h2>")
+    assert "Causes, added one by one" not in plain
+    assert "<h2>Causes, added one by one</h2>" in text
+    assert text.index("Causes, added one by one") < text.index("<h2>Causes</h2>")
     assert text.count("<svg role") == plain.count("<svg role") + 1
     assert "until_closed" not in REPORT

@@ -58,7 +58,7 @@ def test_cause_is_named_with_its_size_and_the_runner_up_beside_it(tmp_path):
         "Most probable cause: guide friction (93 %), force 8.30 ± 0.40 N. Adding it explains 96 % (93 to 97 %)" in above
     )
     assert "indistinguishable from: windage drag" in above
-    assert "lasts 13 min 59 s as measured; the model says 16 min 14 s, with the cause 13 min 58 s (oak)" in above
+    assert "measured 13 min 59 s; model as configured 16 min 14 s, with the cause 13 min 58 s (oak)" in above
     assert "no operating point was repeated" in above
     assert "motor coulomb friction" in below
     assert "-0 %" not in text
@@ -73,7 +73,11 @@ def test_cause_is_named_with_its_size_and_the_runner_up_beside_it(tmp_path):
             "measurements within their noise (90 %)",
         ),
         ("unknown", {"no_gap": 0.0, "parameters": 0.1, "unknown": 0.85}, "no known cause explains it (85 %)"),
-        ("parameters", {"no_gap": 0.0, "parameters": 0.999, "unknown": 0.0}, "parameters are off"),
+        (
+            "parameters",
+            {"no_gap": 0.0, "parameters": 0.999, "unknown": 0.0},
+            "some parameters differ from their stated values",
+        ),
     ],
 )
 def test_other_verdicts_claim_no_cause(tmp_path, verdict, probabilities, words):
@@ -101,11 +105,11 @@ def test_an_asynchronous_line_is_told_once_with_its_place(tmp_path):
 
     several = with_lines([101.8, 166.8, 210.0], tmp_path / "several")
     assert several.count(seen) == 1
-    assert "what turns or switches at 101.8 to 210.0 Hz, with the stroke rate" in several
+    assert "a part that rotates or switches at 101.8 to 210.0 Hz, with the stroke rate" in several
     assert "of the gap lies" not in several
     assert "asynchronous" in several
-    assert "Look at the map" not in several
-    assert "what turns or switches at 68.20 Hz." in with_lines([68.2], tmp_path / "one")
+    assert "See the map" not in several
+    assert "a part that rotates or switches at 68.20 Hz." in with_lines([68.2], tmp_path / "one")
 
 
 def test_a_doubtful_cause_is_called_doubtful():
@@ -163,7 +167,7 @@ def test_equations_without_a_place_that_stands_out_are_greyed(tmp_path):
 def test_a_cause_without_a_place_is_explained(tmp_path):
     quiet = {**STANDING_OUT, "n_found": 0, "found_in": []}
     detail = {**copy.deepcopy(REPORT["detail"]), "standing_out": quiet}
-    assert "recognised by its pattern over all regions together" in page(tmp_path, detail=detail)
+    assert "identified from its pattern over all regions together" in page(tmp_path, detail=detail)
 
 
 def test_a_sensor_at_fault_goes_by_its_channel():
@@ -191,7 +195,7 @@ def test_large_magnitudes_and_whole_minutes_read_as_people_write_them(tmp_path):
     gap = {**REPORT["gap"], "runtime_s": {"nominal": 4319.7, "measured": 59.6}}
     text = page(tmp_path, causes=[{**CAUSE, "parameters": stiff}, RUNNER_UP], gap=gap)
     assert "stiffness (2.00 ± 0.45) × 10¹⁵ N/m" in text
-    assert "lasts 1 min 0 s as measured; the model says 1 h 12 min" in text
+    assert "measured 1 min 0 s; model as configured 1 h 12 min" in text
 
 
 def test_cards_credit_re_tuning_and_the_cause_apart(tmp_path):
@@ -218,16 +222,16 @@ def test_the_place_that_is_told_is_where_the_cause_acts(tmp_path):
     own = {**REPORT["where"][0], "share": 0.3}
     text = page(tmp_path, where=[elsewhere, own])
     assert "30 % of the gap lies on the mechanical side of motor and drive" in text
-    assert text.index("That is where the cause acts.") < text.index("There its consequences are seen.")
+    assert text.index("This is where the cause acts.") < text.index("This is a consequence of the cause.")
     (tmp_path / "gap.html").unlink()
-    assert "consequences" not in page(tmp_path)
+    assert "a consequence of the cause" not in page(tmp_path)
 
 
 def test_evidence_stands_beside_its_probability(tmp_path):
     detail = {**copy.deepcopy(REPORT["detail"]), "probabilities": {"guide_friction": 0.93, "no_gap": 0.0}}
     text = page(tmp_path, detail=detail)
     assert '<th scope="row">guide friction</th><td class="number">250.0</td><td class="number">93 %</td>' in text
-    assert "so that large evidence alone is no certainty" in text
+    assert "so large evidence alone does not mean certainty" in text
 
 
 def test_faults_of_sensors_have_a_section_of_their_own(tmp_path):
@@ -261,7 +265,7 @@ def test_a_learned_term_is_drawn_with_its_range_and_what_it_closes(tmp_path):
     text = page(tmp_path, verdict="unknown", causes=[], learned_term=LEARNED)
     assert "The learned term</h2>" in text
     assert "91 % (85 to 95 %) of the remaining error at withheld operating points" in text
-    assert "motor current from 1 to 4 A: beyond, it must not be used" in text
+    assert "motor current from 1 to 4 A. It must not be used outside" in text
     assert "edge force 0.62" in text
     (tmp_path / "without").mkdir()
     without = page(tmp_path / "without", verdict="unknown", causes=[], learned_term=None)

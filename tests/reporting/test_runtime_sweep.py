@@ -67,7 +67,7 @@ def test_picture_is_reproducible_and_not_overwritten(sweep, tmp_path):
     second = write_sweep_picture(tmp_path / "b.svg", sweep)
     assert first.read_bytes() == second.read_bytes()
     assert write_sweep_picture(tmp_path / "a.png", sweep).read_bytes()[:4] == b"\x89PNG"
-    with pytest.raises(InputError, match="exists already"):
+    with pytest.raises(InputError, match="already exists"):
         write_sweep_picture(first, sweep)
     with pytest.raises(InputError, match="must end in"):
         write_sweep_picture(tmp_path / "a.bmp", sweep)

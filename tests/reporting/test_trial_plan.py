@@ -48,7 +48,7 @@ def test_words_say_what_the_plan_is_worth_and_what_it_cannot_do():
     worth, new, inseparable = plan_sentences(PLAN)
     assert "these 2 trials (18 minutes)" in worth
     assert "from 71.3 % to over 99.9 %" in worth
-    assert "not run yet" in new
+    assert "not yet run" in new
     assert inseparable.startswith("No trial of this bench tells guide friction from motor coulomb friction")
     assert "log odds of 0.3. Measure instead" in inseparable
     assert plan_sentences(NOTHING)[0] == (
@@ -76,7 +76,7 @@ def test_the_saved_table_is_a_plan_of_a_series(tmp_path):
 
 def test_a_plan_of_an_earlier_diagnosis_is_removed_or_kept_as_asked(tmp_path):
     saved(tmp_path, PLAN)
-    with pytest.raises(InputError, match="exists already"):
+    with pytest.raises(InputError, match="already exists"):
         saved(tmp_path, PLAN)
     assert "No trial is proposed" in saved(tmp_path, NOTHING, overwrite=True)
     assert not (tmp_path / "plan.csv").exists()

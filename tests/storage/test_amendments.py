@@ -80,7 +80,7 @@ def test_a_torn_line_is_passed_over_and_the_next_one_is_whole(recording):
 @pytest.mark.parametrize("line", ['{"at": 1}', "[]", '{"changes": {"trial_id": {"old": "a", "new": "b"}}}'])
 def test_a_line_that_is_no_amendment_is_one_clear_error(recording, line):
     amendments_path(recording).write_text(line + "\n")
-    with pytest.raises(RecordingError, match="line 1: is no amendment"):
+    with pytest.raises(RecordingError, match="line 1: is not an amendment"):
         read_recording(recording)
 
 
@@ -103,7 +103,7 @@ def test_the_command_corrects_and_info_shows(recording, capsys):
 
 @pytest.mark.parametrize(
     ("options", "what"),
-    [([], "nothing is to be corrected"), (["--blade", "B", "--unset", "blade"], "--blade is given and unset")],
+    [([], "no correction is given"), (["--blade", "B", "--unset", "blade"], "--blade is given and unset")],
 )
 def test_wrong_usage_is_one_clear_error(recording, capsys, options, what):
     assert main(["amend", str(recording), "--by", "Kim", *options]) == 2

@@ -167,7 +167,7 @@ def test_one_table_that_exists_stops_the_export_before_anything_is_written(tmp_p
     out = tmp_path / "out"
     out.mkdir()
     (out / "T1.motor_current_a.csv").write_text("mine")
-    with pytest.raises(InputError, match="exists already"):
+    with pytest.raises(InputError, match="already exists"):
         written(tmp_path, "csv")
     assert [path.name for path in out.iterdir()] == ["T1.motor_current_a.csv"]
     files = written(tmp_path, "csv", overwrite=True)

@@ -158,7 +158,7 @@ def test_repeated_times_are_dropped_where_asked(tmp_path):
     mapped = table_map(tmp_path, '[table]\nrepeated_times = "drop"\n')
     recording, report = taken_in(tmp_path, "t.csv", text, mapped)
     assert recording.signal("force_n").values.tolist() == [1.0, 3.0]
-    assert "1 rows with the time of the row before" in report.warnings[0]
+    assert "1 rows with a repeated time" in report.warnings[0]
 
 
 @pytest.mark.parametrize(
@@ -178,7 +178,7 @@ def test_thousands_are_refused_or_asked_for(cells, thousands, decimal, tmp_path)
 
 def test_commas_that_may_be_either_are_asked_about(tmp_path):
     text = "time_s;force_n\n1;1,234\n2;2,345\n"
-    with pytest.raises(InputError, match="'1,234': a sign between thousands, or a decimal sign"):
+    with pytest.raises(InputError, match="'1,234': thousands separator or decimal sign"):
         taken_in(tmp_path, "t.csv", text)
     recording, _ = taken_in(tmp_path, "t.csv", text, table_map(tmp_path, "[table]\ndecimal = ','\n"))
     assert recording.signal("force_n").values.tolist() == [1.234, 2.345]
@@ -192,14 +192,14 @@ def test_decimal_commas_that_come_late_are_read(tmp_path):
 
 def test_unit_that_cannot_be_converted_says_which_can(tmp_path):
     mapped = table_map(tmp_path, '[columns]\nforce_n = { column = "Fz", unit = "furlong" }\n')
-    with pytest.raises(InputError, match="force_n cannot be made from 'furlong': it is stored in N") as caught:
+    with pytest.raises(InputError, match="force_n cannot be converted from 'furlong' to N") as caught:
         taken_in(tmp_path, "t.csv", "time_s,Fz\n0,1\n1,2\n", mapped)
     said = str(caught.value)
     assert "t.csv, column Fz" in said and "kN" in said and "lbf" in said and "scale" in said
 
 
 def test_column_in_a_unit_of_another_quantity_is_refused(tmp_path):
-    with pytest.raises(InputError, match="force_n cannot be made from 'mm'"):
+    with pytest.raises(InputError, match="force_n cannot be converted from 'mm'"):
         taken_in(tmp_path, "t.csv", "time_s,force_n\ns,mm\n0,1\n1,2\n")
 
 
@@ -375,7 +375,7 @@ def test_mf4_with_a_map(tmp_path):
     content = read_table(path, mapped)
     assert content.signals["guide_force_n"].values.tolist() == [0.0, -1e3, -2e3, -3e3, -4e3]
     assert content.signals["guide_force_n"].time_s.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
-    assert "the map says kN, the file 'N'" in content.warnings[0]
+    assert "the map states kN, the file 'N'" in content.warnings[0]
 
 
 def test_packed_text(tmp_path):
@@ -401,7 +401,7 @@ def test_campaign_with_a_map_twice_is_refused(tmp_path):
     (tmp_path / "map.toml").write_text(MAP)
     (tmp_path / "a.csv").write_text("time_s,Fz\n0,0.5\n1e-3,-0.25\n")
     (tmp_path / "campaign.toml").write_text('map = "map.toml"\n[[trial]]\nfile = "a.csv"\n' + MAP)
-    with pytest.raises(ConfigError, match="holds both map = 'map"):
+    with pytest.raises(ConfigError, match="has both map = 'map"):
         import_path(tmp_path / "campaign.toml", tmp_path / "out")
 
 

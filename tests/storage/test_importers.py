@@ -275,9 +275,9 @@ def test_a_link_out_of_the_folder_is_refused(tmp_path):
     path = campaign(tmp_path / "campaign")
     secret = path.with_name("trial-01.csv").rename(tmp_path / "secret.csv")
     path.with_name("trial-01.csv").symlink_to(secret)
-    with pytest.raises(ConfigError, match=r"trial-01\.csv: is a link that leads out") as caught:
+    with pytest.raises(ConfigError, match=r"trial-01\.csv: is a link to a file outside") as caught:
         import_path(path, tmp_path / "out")
-    assert "copy the file into the folder" in str(caught.value)
+    assert "copy the file to the folder" in str(caught.value)
     assert not (tmp_path / "out").exists()
 
 
@@ -313,7 +313,7 @@ def test_other_kinds_of_files(tmp_path):
     for name in ("frames.log", "frames.log.gz", "frames.asc", "frames.blf"):
         with pytest.raises(FramesNeedDbc, match="DBC"):
             import_path(tmp_path / name, tmp_path)
-    with pytest.raises(InputError, match="is a recording already"):
+    with pytest.raises(InputError, match="is already a recording"):
         import_path(tmp_path / "a.mcap", tmp_path)
     with pytest.raises(InputError, match="unknown kind"):
         import_path(tmp_path / "a.docx", tmp_path)

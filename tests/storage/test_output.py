@@ -16,7 +16,7 @@ pytestmark = pytest.mark.unit
 def test_what_is_there_stays_unless_it_may_be_replaced(tmp_path):
     path = tmp_path / "a.csv"
     assert write_whole(path, "first\n") == path
-    with pytest.raises(InputError, match=r"a\.csv: exists already"):
+    with pytest.raises(InputError, match=r"a\.csv: already exists"):
         write_whole(path, "second\n")
     assert path.read_bytes() == b"first\n"
     write_whole(path, b"second\r\n", overwrite=True)
@@ -82,6 +82,6 @@ def test_a_folder_that_is_a_file_is_no_interrupted_recording(tmp_path):
 def test_points_are_not_written_over_others(tmp_path: Path):
     path = tmp_path / "points.csv"
     path.write_text("precious")
-    with pytest.raises(InputError, match="exists already"):
+    with pytest.raises(InputError, match="already exists"):
         write_points(path, [])
     assert path.read_text() == "precious"

@@ -188,7 +188,7 @@ def test_a_lost_chunk_is_a_gap_that_says_what_was_in_it(tmp_path):
 
 def test_recovery_never_harms_its_source(tmp_path):
     path = write(tmp_path / "a.mcap", block(0, [0.0, 0.1]))
-    with pytest.raises(RecordingError, match="onto itself"):
+    with pytest.raises(RecordingError, match="to its own file"):
         recover_recording(path, path, overwrite=True)
     (tmp_path / "b.mcap").write_bytes(b"x")
     with pytest.raises(RecordingError, match="--force"):
@@ -314,7 +314,7 @@ def test_another_recording_in_the_middle_is_said(whole):
     info = describe_recording(whole)
     assert not info.is_complete
     (problem,) = [text for text in info.problems if f"another file begins at byte {header_end}" in text]
-    assert f"{2 * len(content) - header_end} bytes" in problem and "cannot be vouched for" in problem
+    assert f"{2 * len(content) - header_end} bytes" in problem and "are not verified" in problem
 
 
 def test_two_recordings_glued_together_are_said(whole):
@@ -322,4 +322,4 @@ def test_two_recordings_glued_together_are_said(whole):
     whole.write_bytes(content + content)
     info = describe_recording(whole)
     assert not info.is_complete
-    assert any(f"{len(content)} bytes behind the end" in problem for problem in info.problems)
+    assert any(f"{len(content)} bytes after the end" in problem for problem in info.problems)

@@ -161,7 +161,7 @@ def test_other_files_are_refused(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         read_processed(tmp_path / "none.h5")
     (tmp_path / "text.h5").write_text("x")
-    with pytest.raises(InputError, match="no processed trial"):
+    with pytest.raises(InputError, match="not a processed trial"):
         read_processed(tmp_path / "text.h5")
     with h5py.File(tmp_path / "other.h5", "w") as store:
         store["time_s"] = [0.0]

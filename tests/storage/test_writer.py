@@ -96,7 +96,7 @@ def test_a_file_that_appears_meanwhile_is_not_replaced(tmp_path):
     writer = open_writer(path)
     writer.write_block(block(0))
     path.write_bytes(b"somebody else")
-    with pytest.raises(RecordingError, match="exists already"):
+    with pytest.raises(RecordingError, match="already exists"):
         writer.close()
     assert path.read_bytes() == b"somebody else"
     assert read_recording(tmp_path / "T1.mcap.part").is_complete
@@ -141,7 +141,7 @@ def test_a_full_disk_is_said_and_what_was_written_stays(tmp_path):
         file._stream = FullDisk(file._stream)
         writer.write_block(block(10))
         writer.flush()
-    assert "free the disk" in str(caught.value)
+    assert "free disk space" in str(caught.value)
     recording = read_recording(tmp_path / "T1.mcap.part")
     assert np.array_equal(recording.signal("force_n").values, np.arange(10.0))
     assert not path.exists()

@@ -69,14 +69,14 @@ def test_a_process_that_hangs_drops_what_it_should_show_and_is_ended():
         view(block(500 * k))
     assert view.n_dropped > 0
     view.close(timeout_s=0.1)
-    assert "does not take" in view.dead_reason
+    assert "does not accept" in view.dead_reason
     assert view._process.returncode is not None
 
 
 def test_a_file_that_cannot_be_written_is_said_before_anything_starts(tmp_path):
     path = tmp_path / "live.rrd"
     path.write_text("precious")
-    with pytest.raises(InputError, match="exists already"):
+    with pytest.raises(InputError, match="already exists"):
         LiveViewProcess(show="none", save_path=path)
     with pytest.raises(InputError, match="folder does not exist"):
         LiveViewProcess(show="none", save_path=tmp_path / "nowhere" / "live.rrd")

@@ -126,9 +126,9 @@ def test_live_view_finds_the_stroke_rate_itself(tmp_path):
 def test_an_existing_file_is_not_overwritten(tmp_path):
     path = tmp_path / "live.rrd"
     path.write_text("precious")
-    with pytest.raises(InputError, match="exists already"):
+    with pytest.raises(InputError, match="already exists"):
         LiveView(show="none", save_path=path)
-    with pytest.raises(InputError, match="exists already"):
+    with pytest.raises(InputError, match="already exists"):
         view_recording(make_recording(), save_path=path, spawn=False)
     assert path.read_text() == "precious"
     with pytest.raises(InputError, match="folder does not exist"):
@@ -183,7 +183,7 @@ def test_a_worker_that_hangs_drops_samples_and_returns():
         view(block(n=1, first_index=k))
     assert view.n_dropped > 0
     view.close(timeout_s=0.05)
-    assert "does not take" in view.dead_reason
+    assert "does not accept" in view.dead_reason
     release.set()
 
 

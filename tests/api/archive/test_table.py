@@ -52,7 +52,7 @@ def test_a_recording_that_changes_its_material_leaves_the_old_folder(table):
 
 
 def test_what_is_no_archive_is_said(tmp_path):
-    with pytest.raises(InputError, match="is no archive"):
+    with pytest.raises(InputError, match="is not an archive"):
         ResultTable(tmp_path).read()
 
 
