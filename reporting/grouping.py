@@ -119,16 +119,16 @@ def name_remarks(names: dict[str, str]) -> list[str]:
     Examples
     --------
     >>> name_remarks({"Oak": "oak", "oak": "oak"})
-    ['Taken for one material: Oak, oak.']
+    ['Treated as one material: Oak, oak.']
     """
     said = []
     shown = sorted(set(names.values()))
     for name in shown:
         spellings = [spelling for spelling, of in names.items() if of == name]
         if len(spellings) > 1:
-            said.append(f"Taken for one material: {', '.join(spellings)}.")
+            said.append(f"Treated as one material: {', '.join(spellings)}.")
     said += [
-        f"Are {first} and {second} one material? They are compared as two; if they are one, correct the name."
+        f"Are {first} and {second} the same material? They are compared as two; if they are the same, correct the name."
         for first, second in _similar(shown)
     ]
     return said

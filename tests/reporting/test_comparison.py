@@ -53,8 +53,8 @@ def test_spellings_are_one_material_and_similar_names_are_asked_about():
     assert {one.material: len(one.trials) for one in block.series} == {
         "Black_Locust": 2, "nylon": 1, "nylon 6": 1, "oak": 3,
     }  # fmt: skip
-    assert "Taken for one material: Oak , oak." in found.remarks
-    assert any(remark.startswith("Are nylon and nylon 6 one material?") for remark in found.remarks)
+    assert "Treated as one material: Oak , oak." in found.remarks
+    assert any(remark.startswith("Are nylon and nylon 6 the same material?") for remark in found.remarks)
     assert compare([trial("a", "oak"), trial("b", "nylon")]).remarks == ()
 
 
