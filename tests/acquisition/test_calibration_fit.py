@@ -125,7 +125,7 @@ def test_nonsense_is_refused(loads, raw, said):
 def test_what_speaks_against_a_fit_is_said_and_force_keeps_it(raw, said):
     complaints = judge_line(fit_line(points_of([0.0, 100.0, 200.0], raw)), FORMER, largest_deviation=0.01)
     assert any(said in text for text in complaints)
-    with pytest.raises(UntrustedResult, match="not kept"):
+    with pytest.raises(UntrustedResult, match="not stored"):
         require_sound(complaints, where="load_cell force_n", force=False)
     require_sound(complaints, where="load_cell force_n", force=True)
 

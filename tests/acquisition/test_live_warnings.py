@@ -71,7 +71,7 @@ def instead(channel, make):
 FAULTS = {
     "clipped": (instead("force_n", lambda t, v: np.minimum(v, 180.0)), "force_n", "clipped at 180"),
     "near the end": (
-        instead("displacement_mm", lambda t, v: 24.5 + 0.01 * (v - 11.0)), "displacement_mm", "of the way"
+        instead("displacement_mm", lambda t, v: 24.5 + 0.01 * (v - 11.0)), "displacement_mm", "of full scale"
     ),
     "flat line": (instead("force_n", lambda t, v: np.full(len(t), 3.0)), "force_n", "flat line"),
     "noise": (

@@ -122,7 +122,7 @@ def test_simulated_channels_have_the_units_of_their_names():
 
 
 def test_air_has_no_runtime():
-    with pytest.raises(InputError, match="no cutting trial"):
+    with pytest.raises(InputError, match="not a cutting trial"):
         sawbench.runtime(sawbench.simulate(k_fc_n_s_per_m=0.0).recording())
 
 

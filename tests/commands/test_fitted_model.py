@@ -78,7 +78,7 @@ def test_report_of_an_idle_recording_says_why_it_has_no_fit(tmp_path, capsys):
     (row,) = json.loads(capsys.readouterr().out)
     assert (row["trial"], row["trust"]) == ("none-01", "good")
     text = Path(row["page"]).read_text(encoding="utf-8")
-    assert "None: the blade ran without cutting" in text
+    assert "None: idle run" in text
     assert "Model and measurement" not in text
     assert main(arguments) == 2
     assert "already exists" in capsys.readouterr().err

@@ -123,4 +123,4 @@ def test_trouble_ends_the_display_and_nothing_else():
 def test_a_blade_in_air_has_no_live_k_fc():
     recording = read_recording(OAK)
     live = LiveCuttingEstimate(config_for(recording, None), Trial(trial_id="x", material="none", duty=0.4))
-    assert live.problem == "the blade runs in air"
+    assert live.problem == "idle run"

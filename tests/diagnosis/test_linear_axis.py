@@ -198,7 +198,7 @@ def test_trials_without_the_drive_say_so():
         (CONFIG + 'drive_channel = "drive_force_n"\n', "leave out force_constant_n_per_a"),
         (CONFIG + 'drive_channel = "speed"\n', "must end in _a"),
         (CONFIG.replace('"force_n"', '"force"'), "must end in _n"),
-        (CONFIG + (HERE.parents[2] / "bench_config.toml").read_text(), "holds both"),
+        (CONFIG + (HERE.parents[2] / "bench_config.toml").read_text(), "has both"),
     ],
 )
 def test_wrong_configurations_are_explained(text, said):

@@ -511,7 +511,7 @@ def test_comparison_page_shows_it(comparison_path):
         "240.0 ± 4.8",
         "nylon 6 − white oak",
         "significant: white oak is higher",
-        "cannot be said: two repetitions of each are needed; pine has 1",
+        "not determined: two repetitions of each are needed; pine has 1",
         "Idle trials",
         "the saw stalled",
         "mean(bᵢ)²",

@@ -185,7 +185,7 @@ def test_channels_whose_names_are_no_file_names_keep_their_own_tables(tmp_path):
 
 
 def test_a_recording_without_samples_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"T1\.mcap: holds no samples"):
+    with pytest.raises(InputError, match=r"T1\.mcap: contains no samples"):
         written(tmp_path, "csv", a_recording(signals={}))
 
 

@@ -168,7 +168,7 @@ def test_repeated_times_are_dropped_where_asked(tmp_path):
 )
 def test_thousands_are_refused_or_asked_for(cells, thousands, decimal, tmp_path):
     text = "time_s;force_n\n" + cells
-    with pytest.raises(InputError, match="between thousands") as caught:
+    with pytest.raises(InputError, match="thousands separator") as caught:
         taken_in(tmp_path, "t.csv", text)
     assert "thousands =" in str(caught.value) and "t.csv" in str(caught.value)
     mapped = table_map(tmp_path, f"[table]\nthousands = '{thousands}'\ndecimal = '{decimal}'\n")
@@ -246,7 +246,7 @@ def test_text_in_a_column_nobody_asked_for_does_not_matter(tmp_path):
     text = "time_s,status,force_n\n0,OK,1\n1e-3,late,2\n"
     recording, report = taken_in(tmp_path, "t.csv", text)
     assert list(recording.signals) == ["force_n"]
-    assert "column status does not hold numbers" in report.warnings[0]
+    assert "column status does not contain numbers" in report.warnings[0]
 
 
 def test_wrong_maps_are_refused_by_key(tmp_path):
@@ -307,7 +307,7 @@ def test_json_rows_without_names(tmp_path):
         ("time_s,force_n\n0,1\n0.001,2\nEnd of file\n", "column time_s holds 'End of file' in data row 3"),
         ("time_s,force_n\n0,1\nEnd of file\n", "column time_s holds 'End of file' in data row 2"),
         ("time_s," + 200_000 * "a" + "\n0,1\n", "cannot be read as a table: field larger than"),
-        ("time_s,force_n\n0,\n1,\n", "holds no channel with values; column force_n is empty"),
+        ("time_s,force_n\n0,\n1,\n", "has no channel with values; column force_n is empty"),
         ("Fz\n0,5\n1,5\n", "has no column time_s; it holds Fz"),
     ],
     ids=["line at the end", "line at the end of two", "a cell without end", "empty", "one column of decimal commas"],

@@ -315,7 +315,7 @@ def test_other_kinds_of_files(tmp_path):
             import_path(tmp_path / name, tmp_path)
     with pytest.raises(InputError, match="is already a recording"):
         import_path(tmp_path / "a.mcap", tmp_path)
-    with pytest.raises(InputError, match="unknown kind"):
+    with pytest.raises(InputError, match="unknown format"):
         import_path(tmp_path / "a.docx", tmp_path)
     with pytest.raises(InputError, match="no such file"):
         import_path(tmp_path / "a.csv", tmp_path)

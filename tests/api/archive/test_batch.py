@@ -60,7 +60,7 @@ def test_an_item_that_kills_its_worker_twice_is_given_up(tmp_path):
     work = partial(deadly, folder=tmp_path, times=9)
     outcomes = {one.item: one for one in run_batch(work, [1, 3, 5], Workers(jobs=2))}
     assert len(list(tmp_path.iterdir())) == 2
-    assert "worker died" in str(outcomes[3].error)
+    assert "worker process died" in str(outcomes[3].error)
     assert (outcomes[1].value, outcomes[5].value) == (10, 50)
 
 
