@@ -133,7 +133,7 @@ def campaign_of(trials: Sequence[ProcessedTrial], baseline: Baseline, warnings: 
         states += _states(baseline, trial, track, index, warnings)
     _refuse_foreign_angles(states, warnings)
     if not states:
-        raise InputError(f"no trial runs long enough to be diagnosed: {summary(warnings)}")
+        raise InputError(f"no trial is long enough to be diagnosed: {summary(warnings)}")
     _refuse_without_equation(baseline, states)
     guesses = _with_guesses(baseline, states)
     labels = {state.setting.label for state in states}
@@ -161,14 +161,14 @@ def _processed(recordings: Sequence[Recording], loaded: LoadedConfig) -> Iterato
 def _unusable(trial: ProcessedTrial) -> str:
     """Why a trial cannot be laid over the crank angle; empty where it can."""
     if DISPLACEMENT.name not in trial.channels:
-        return "it has no displacement, so neither crank angle nor speed is known"
+        return "it has no displacement, so crank angle and speed are unknown"
     return "" if trial.angle is not None and trial.angle.is_absolute else "its displacement shows no strokes"
 
 
 def _refuse_without_equation(baseline: Baseline, states: Sequence[State]) -> None:
     if not any(residuals(baseline, state) for state in states):
         raise InputError(
-            "the channels at hand allow no balance equation: displacement alone says nothing of the model",
+            "the available channels allow no balance equation: displacement alone does not test the model",
             remedy="measure force, or motor current with battery voltage",
         )
 
@@ -192,7 +192,7 @@ def _states(
         )
     running = running_state(trial, setting)
     if running is None:
-        warnings.append(f"{name} left out: it runs for less than two settled strokes")
+        warnings.append(f"{name} left out: it has less than two steady strokes")
         return []
     for channel, attribute in CHANNEL_OF_STATE.items():
         if channel in trial.channels and getattr(running, attribute) is None:
@@ -250,10 +250,10 @@ def _refuse_foreign_angles(states: list[State], warnings: list[str]) -> None:
             for label, lock in found.items()
             if abs(lock) < _NUMBERS.locked or (abs(usual) > 0 and abs(np.angle(lock / usual)) > spread_rad)
         ]
-        reason = f"the {name} does not follow the strokes of the displacement as it should"
+        reason = f"the {name} is not synchronous with the strokes of the displacement"
         remedy = "the displacement belongs to another trial, or the clocks of the devices differ"
         if name == "current in air" and len(off) > _NUMBERS.foreign_share * len(found):
-            warnings.append(f"in most trials {reason}: something else moves it")
+            warnings.append(f"in most trials {reason}: it has another source")
             continue
         if len(off) > _NUMBERS.foreign_share * len(found):
             raise InputError(f"in {len(off)} of {len(found)} trials {reason}", where=off[0], remedy=remedy)
@@ -286,7 +286,7 @@ def _without_displacement(trials: Sequence[ProcessedTrial], baseline: Baseline, 
     guesses = _with_guesses(baseline, states)
     warnings.append(
         "no displacement in any trial: the stroke rate is read from the ripple of force or current, and only means over"
-        " whole strokes are compared; nothing can be said of friction, mechanism, cutting law or force sensor"
+        " whole strokes are compared; no statement on friction, mechanism, cutting law or force sensor is possible"
     )
     return Campaign(
         plant=Jigsaw(baseline=baseline), states=tuple(states), k_guess_n_s_per_m=guesses, warnings=tuple(warnings),

@@ -243,10 +243,10 @@ def _current_checks(baseline: Baseline, trial: Trial, reading: Reading) -> Itera
     if drive_v is not None and reading.rate_hz is not None and reading.n_strokes >= _NUMBERS.least_strokes:
         speed = 2.0 * np.pi * reading.rate_hz * baseline.gear
         asked_v = plant.resistance_ohm.nominal * motor + plant.back_emf_constant_v_s_per_rad.nominal * speed
-        seen = f"current and speed ask for {asked_v:.3g} V at the motor, duty times battery gives {drive_v:.3g} V"
+        seen = f"current and speed require {asked_v:.3g} V at the motor, duty times battery voltage is {drive_v:.3g} V"
         yield "motor voltage", excess(asked_v / drive_v, MOTOR_VOLTAGE), seen
         least_a = plant.motor_damping_n_m_s_per_rad.nominal * speed / plant.torque_constant_n_m_per_a.nominal
-        seen = f"motor_current_a is {motor:.3g} A, the damping of the motor alone asks for {least_a:.3g} A"
+        seen = f"motor_current_a is {motor:.3g} A, the damping of the motor alone requires {least_a:.3g} A"
         yield "no load", _failed(motor < LEAST_CURRENT * least_a), seen
     if reading.battery_current_a is not None:
         low, high = sorted(share * duty * motor for share in CONVERTER)
@@ -278,10 +278,10 @@ def _power_checks(baseline: Baseline, trial: Trial, reading: Reading, idle_a: fl
         drives = not trial.is_idle and at_blade < -_NUMBERS.clear_cut_w
         yield "blade power", _failed(drives), f"the force drives the blade with {-at_blade:.3g} W"
     elif trial.is_idle:
-        seen = f"the trial is said to run in air, but the force takes {at_blade:.3g} W of the motor's {shaft:.3g} W"
+        seen = f"an idle run is stated, but the force takes {at_blade:.3g} W of the motor power {shaft:.3g} W"
         yield "blade power", _failed(abs(at_blade) > IDLE_POWER_SHARE * abs(shaft) + IDLE_POWER_W), seen
     else:
-        seen = f"force along the displacement takes {at_blade:.3g} W, the motor current stands for {shaft:.3g} W"
+        seen = f"force along the displacement takes {at_blade:.3g} W, the motor current corresponds to {shaft:.3g} W"
         if shaft <= _NUMBERS.clear_cut_w or trial.material is None:
             most = max(4.0 * _NUMBERS.clear_cut_w, BLADE_POWER[1] * shaft)
             yield "no cut", _failed(abs(at_blade) > most), seen
@@ -325,10 +325,10 @@ def _sign_of_force(baseline: Baseline, tracks: Mapping[str, Track]) -> Mistake:
     stated, other = (falling, rising) if baseline.cutting_sign < 0 else (rising, falling)
     if abs(other) > abs(stated) and other > 0:
         mistake = (
-            f"the blade cuts on the other half of the turn than cutting_half says (mean force {other:.3g} N there,"
+            f"the blade does not cut on the half of the turn given by cutting_half (mean force {other:.3g} N there,"
             f" {stated:.3g} N on the stated half)"
         )
-        remedy = f'set cutting_half = "{half}", or invert the displacement if it is counted from the other dead centre'
+        remedy = f'set cutting_half = "{half}", or invert the displacement if it is measured from the other dead centre'
     else:
         mistake = f"force_n has probably the wrong sign (mean {stated:.3g} N on the cutting half; positive is cutting)"
         remedy = "invert the column"

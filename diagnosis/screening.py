@@ -67,24 +67,26 @@ def _notes_on_order(recordings: Sequence[Recording]) -> list[str]:
     without = [r.trial.trial_id for r, start in zip(recordings, starts, strict=True) if start is None]
     if without and len(recordings) > 1:
         notes.append(
-            f"started_at is not stated for {_some(without)}: trials are taken in the order given, without rest between"
-            " them, so heat, wear and charge carried over are uncertain"
+            f"started_at is not stated for {_some(without)}: the order given is used, without rest between"
+            " trials, so heat, wear and charge carried over are uncertain"
         )
     known = [start for start in starts if start is not None]
     if len(set(known)) < len(known):
-        notes.append("some trials state the same started_at: their order, so what they carry over, is uncertain")
+        notes.append(
+            "some trials state the same started_at: their order, and thus the carried-over state, is uncertain"
+        )
     for name in ("battery", "blade"):
         stated = [getattr(r.trial, name) for r in recordings]
         if len(recordings) > 1 and None in stated and any(stated):
             nameless = [r.trial.trial_id for r, s in zip(recordings, stated, strict=True) if s is None]
-            notes.append(f"{name} is not stated for {_some(nameless)}: taken as one more {name}, new at first")
+            notes.append(f"{name} is not stated for {_some(nameless)}: treated as a separate, new {name}")
     if len({r.config_toml for r in recordings if r.config_toml}) > 1:
         notes.append("the recordings were made with different configurations; all are compared with the one given")
     vague = [r.trial.trial_id for r in recordings if not is_stock_stated(r.trial)]
     if vague:
         notes.append(
-            f"workpiece, thickness or feed is not stated for {_some(vague)}: each is given a cutting coefficient of its"
-            ' own, so it says less of the cutting law (an idle run is workpiece = "none")'
+            f"workpiece, thickness or feed is not stated for {_some(vague)}: each gets its own cutting coefficient,"
+            ' so it has less information on the cutting law (an idle run is workpiece = "none")'
         )
     return notes
 
@@ -106,7 +108,7 @@ def _with_unique_ids(recordings: Sequence[Recording], warnings: list[str]) -> li
         seen[name] += 1
         if seen[name] > 1:
             new = f"{name} ({seen[name]})"
-            warnings.append(f"two recordings are called {name}: the later one is called {new} here")
+            warnings.append(f"two recordings have the name {name}: the later one is renamed {new} here")
             out.append(replace(recording, trial=replace(recording.trial, trial_id=new)))
         else:
             out.append(recording)
@@ -135,7 +137,7 @@ def _note_stalls(recordings: Sequence[Recording], baseline: Baseline, warnings: 
         current = reading.motor_current_a or 0.0
         if baseline.plant.resistance_ohm.nominal * current > _NUMBERS.stalled_share * drive_v:
             warnings.append(
-                f"{recording.trial.trial_id}: the blade makes no strokes while the motor draws {current:.3g} A:"
+                f"{recording.trial.trial_id}: no strokes while the motor draws {current:.3g} A:"
                 " it is stalled, or the displacement sensor is dead"
             )
 
@@ -162,7 +164,7 @@ def _defect_of(signal: Signal) -> tuple[str, str] | None:
     """What is seen in the first trial, and what it means."""
     values = signal.values
     if len(values) < 16:
-        return f"it holds {len(values)} samples", "too few to say anything"
+        return f"it has {len(values)} samples", "too few samples"
     low, high = float(values.min()), float(values.max())
     if low == high:
         return f"it is constant at {low + 0.0:.6g} {signal.unit}", "dead sensor or missing cable"
@@ -175,7 +177,7 @@ def _defect_of(signal: Signal) -> tuple[str, str] | None:
         edges = np.flatnonzero(np.diff(stuck))
         if (edges[1::2] - edges[::2]).max() >= _NUMBERS.saturated_run:
             share = 100.0 * float(stuck.mean())
-            return f"{share:.1f} % of its samples are stuck at {end:.6g} {signal.unit}", "range of the sensor exceeded"
+            return f"{share:.1f} % of its samples are at {end:.6g} {signal.unit}", "range of the sensor exceeded"
     return None
 
 
@@ -209,7 +211,7 @@ def _without_copies(recordings: Sequence[Recording], warnings: list[str]) -> lis
         if shared:
             names = ", ".join(name for name, _ in shared)
             warnings.append(
-                f"{recording.trial.trial_id} left out: its {names} is a copy of that in {shared[0][1]}: no repeat"
+                f"{recording.trial.trial_id} left out: its {names} is a copy of that in {shared[0][1]}, not a repeat"
             )
             continue
         owner |= dict.fromkeys(prints, recording.trial.trial_id)
@@ -278,7 +280,7 @@ def _keep_what_may_be_a_gap(recordings: Sequence[Recording], found: dict[str, Su
     if 2 * len(names) <= len(_able(recordings, [found[name] for name in names])):
         return
     first = found[names[0]]
-    warnings.append(f"{_some(names)}: {first.text}: a large gap, or a mistake of all trials alike: {first.remedy}")
+    warnings.append(f"{_some(names)}: {first.text}: a large gap, or the same mistake in all trials: {first.remedy}")
     for name in names:
         del found[name]
 
@@ -310,7 +312,7 @@ def _refuse_common(recordings: Sequence[Recording], found: dict[str, Suspicion])
         ]  # fmt: skip
         if 2 * len(names) > len(able):
             raise InputError(
-                f"{len(names)} of {len(able)} trials cannot be right: {first.text}", where=names[0], remedy=first.remedy
+                f"{len(names)} of {len(able)} trials are implausible: {first.text}", where=names[0], remedy=first.remedy
             )
     cuts = [r.trial.trial_id for r in recordings if not r.trial.is_idle and FORCE.name in r.signals]
     at_odds = [
@@ -319,10 +321,10 @@ def _refuse_common(recordings: Sequence[Recording], found: dict[str, Suspicion])
     at_odds = [name for name in at_odds if not found[name].mistake.startswith("force_n is")]
     if len(cuts) >= 3 and len(at_odds) > _NUMBERS.at_odds * len(cuts):
         raise InputError(
-            f"in {len(at_odds)} of {len(cuts)} cutting trials force and displacement contradict each other, each in its"
-            f" own way: {found[at_odds[0]].text}",
+            f"in {len(at_odds)} of {len(cuts)} cutting trials force and displacement contradict each other in different"
+            f" ways: {found[at_odds[0]].text}",
             where=at_odds[0],
-            remedy="check that every displacement belongs to its trial, and the clocks of the devices",
+            remedy="check that every displacement belongs to its trial, and check the clocks of the devices",
         )
 
 
@@ -347,7 +349,7 @@ def _without_wrong_duty(recordings: list[Recording], baseline: Baseline, warning
         if name in doubted:
             warnings.append(
                 f"{name} left out: its duty is stated as {recording.trial.duty:g}, but current, speed and voltage fit"
-                f" {doubted[name]:.2f} by the measure of the other trials; correct the duty, or the scale of current"
+                f" {doubted[name]:.2f} according to the other trials; correct the duty, or the scale of current"
                 " or voltage"
             )
     return [recording for recording in recordings if recording.trial.trial_id not in doubted]
@@ -405,7 +407,7 @@ def _without_wrong_labels(recordings: list[Recording], baseline: Baseline, warni
     nothing = {name for name, value in power.items() if value < _NUMBERS.cuts_nothing * usual}
     for name in sorted(nothing):
         warnings.append(
-            f"{name} left out: it states a workpiece, but the motor draws no more than in air; state"
-            ' workpiece = "none" if the blade ran free'
+            f"{name} left out: it states a workpiece, but the motor current is that of an idle run; state"
+            ' workpiece = "none" if the blade did not cut'
         )
     return [recording for recording in recordings if recording.trial.trial_id not in nothing]

@@ -175,9 +175,7 @@ def anneal_cycles(
         rmse_a=float(np.sqrt(found.cost / observation.n_bins)),
         rmse_n=None,
         n_simulations=N_GRID + joint.n_simulations,
-        identifiability=(
-            "annealing moves k_Fc alone and takes the plant constants as they are: their errors go into k_Fc"
-        ),
+        identifiability=("annealing fits k_Fc only; errors of the plant constants go into k_Fc"),
         notes=("the uncertainty is that of the least-squares fit on the current",),
     )
 

@@ -152,7 +152,7 @@ def choose_battery(
     """
     if len(discharges) < 2:
         raise InputError(
-            f"{len(discharges)} discharge cannot be withheld from its own fit: nothing would say how far to trust it",
+            f"{len(discharges)} discharge is not enough: a withheld discharge is needed to estimate the error",
             where=discharges[0].label if discharges else None,
             remedy="give two discharges or more, at currents below and above those of the tool",
         )
@@ -194,7 +194,7 @@ def _tried(
 def _refusal(own: Sequence[Miss], rel_std: float, largest_own_miss: float) -> str:
     worst = max(own, key=lambda miss: abs(miss.runtime_error))
     if abs(worst.runtime_error) > largest_own_miss:
-        return f"contradicts its own data: misses {worst.label} by {worst.runtime_error:+.0%}"
+        return f"does not reproduce its own data: runtime error of {worst.label} {worst.runtime_error:+.0%}"
     if rel_std > _LARGEST_REL_STD:
         return f"predicts no withheld discharge: u(runtime) {rel_std:.0%}"
     return ""
@@ -323,8 +323,9 @@ def _nothing_holds(trials: Sequence[ModelTrial], largest_own_miss: float) -> Unt
     lines = [f"\n  {trial.model}: {trial.refusal}" for trial in trials]
     other = "try the other models; " if len(trials) == 1 else ""
     return UntrustedResult(
-        f"no battery model keeps the runtime of its own discharges within {largest_own_miss:.0%} and predicts withheld "
+        f"no battery model reproduces the runtimes of its own discharges within {largest_own_miss:.0%} and predicts"
+        " withheld "
         f"ones:{''.join(lines)}",
         remedy=f"{other}fit discharges of one kind of cell, from full charge, at temperatures and currents that lie "
-        "closer; check time and current of the one that is missed; or allow more with --most-miss",
+        "closer together; check time and current of the failed one; or allow more with --most-miss",
     )

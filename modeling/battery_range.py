@@ -111,10 +111,10 @@ def outside_range(
         if value is None:
             continue
         if limits is None:
-            yield f"{name} {value:.3g}{unit}: the battery's fit states none, so whether it holds there is not known"
+            yield f"{name} {value:.3g}{unit}: the battery fit states no range, so its validity is unknown"
         elif not limits[0] - near <= value <= limits[1] + near:
             yield (
-                f"{name} {value:.3g}{unit} lies outside the {_span(limits)}{unit} that the battery was fitted at: the "
+                f"{name} {value:.3g}{unit} lies outside the {_span(limits)}{unit} of the battery fit: the "
                 "runtime is extrapolated, which its interval does not cover"
             )
 

@@ -64,7 +64,7 @@ def drive_of(cycles: MeasuredCycles, battery: BatteryConfig | None, converter: C
         return Drive(voltage_v=converter.voltage_v, source_resistance_ohm=0.0)
     if cycles.duty is None:
         raise InputError(
-            "the duty of the trial is not known, so the motor voltage is not either",
+            "the duty of the trial is unknown, so the motor voltage is unknown too",
             where=cycles.label,
             remedy="state the duty of the trial, or set [converter] mode = 'held_voltage' with voltage_v",
         )
@@ -90,7 +90,7 @@ def drive_of(cycles: MeasuredCycles, battery: BatteryConfig | None, converter: C
         voltage_v=duty * battery.nominal_voltage_v,
         source_resistance_ohm=duty**2 * resistance_ohm,
         extra_voltage_rel_std=0.03,
-        note="battery voltage not measured: a full battery assumed, 3 % uncertain",
+        note="battery voltage not measured: a full battery is assumed, with 3 % uncertainty",
     )
 
 
@@ -129,7 +129,7 @@ def observe(cycles: MeasuredCycles, method: FitMethod, drive: Drive) -> TrialObs
     """
     if cycles.n_cycles < FEWEST_STROKES:
         raise InputError(
-            f"{cycles.n_cycles} complete strokes are too few, {FEWEST_STROKES} are needed",
+            f"{cycles.n_cycles} complete strokes are not enough, {FEWEST_STROKES} are needed",
             where=cycles.label,
             remedy="record longer",
         )
@@ -169,10 +169,10 @@ def _mean_and_scatter(values: Floats, name: str, label: str) -> tuple[Floats, Fl
     filled = present.mean(axis=0)
     if filled.min() < 0.1:
         raise InputError(
-            f"{name}: the bin at {int(np.argmin(filled))} of {values.shape[1]} holds samples in only "
+            f"{name}: the bin at {int(np.argmin(filled))} of {values.shape[1]} has samples in only "
             f"{filled.min():.0%} of the strokes",
             where=label,
-            remedy="use fewer bins a stroke, or record this channel faster",
+            remedy="use fewer bins per stroke, or record this channel at a higher rate",
         )
     mean = np.where(present, values, 0.0).sum(axis=0) / present.sum(axis=0)
     return mean, np.where(present, values - mean, 0.0) / filled

@@ -97,7 +97,7 @@ def std_of_mean(series: ArrayLike) -> tuple[float, float]:
     values = np.asarray(series, dtype=np.float64)
     if len(values) < FEWEST_STROKES:
         raise InputError(
-            f"{len(values)} strokes are too few to tell their scatter, {FEWEST_STROKES} are needed",
+            f"{len(values)} strokes are not enough to estimate the scatter, {FEWEST_STROKES} are needed",
             remedy="record longer",
         )
     time = autocorrelation_time(values)

@@ -31,7 +31,7 @@ MOST_NODES = 64
 START_TOLERANCE = 1e-5  # of the second before the first calm dead centre; leaves some microseconds
 TARGET = 1e-6
 N_CURVE_POINTS = 65
-CANNOT_START = "the motor never turns the crank over at this supply (voltage_v, duty, force_n)"
+CANNOT_START = "the motor cannot turn the crank through a full turn at this supply (voltage_v, duty, force_n)"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -168,7 +168,10 @@ def history_note(baseline: Baseline) -> tuple[str, ...]:
     ]
     if not names:
         return ()
-    return (f"{', '.join(names)}: as with a cold motor, a new blade and a full battery; one trial does not say more",)
+    return (
+        f"{', '.join(names)}: evaluated for a cold motor, a new blade and a full battery; one trial gives no"
+        " more information",
+    )
 
 
 def _combined(found: Fitted, uncertain: list[KnownEffect], shifted: list[Fitted], notes: tuple[str, ...]) -> Fitted:

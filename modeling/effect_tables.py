@@ -130,7 +130,8 @@ def effect_tables(bare: StrokeTables, baseline: Baseline, point: OperatingPoint)
     nodes, rows = _up_to_stall(solved)
     if len(nodes) < _FEWEST_NODES:
         raise InputError(
-            "the model with its [effects] hardly finds a steady stroke", remedy="check [effects], [plant] and the duty"
+            "the model with its [effects] has no steady stroke in most of the range",
+            remedy="check [effects], [plant] and the duty",
         )
     added, drawn = (_over_grid(nodes, np.array(values)) for values in zip(*rows, strict=True))
     period_s, force_n, current_a = np.moveaxis(added, -1, 0)

@@ -110,18 +110,18 @@ def _refuse_whole_strokes(baseline: Baseline) -> None:
     if names:
         raise InputError(
             f"[effects] {', '.join(names)} cannot be simulated from rest: a whole stroke is needed to evaluate it",
-            remedy="`sawbench runtime`, `fit` and `diagnose` take it",
+            remedy="`sawbench runtime`, `fit` and `diagnose` accept it",
         )
 
 
 def _judged(is_done: bool, speed_rad_s: Floats, soc: Floats) -> tuple[TransientStatus, str]:
     if not is_done:
-        return "not_converged", "the integration of the model with its effects did not come to the end"
+        return "not_converged", "the integration of the model with its effects did not finish"
     if soc[-1] <= 0.0:
         return "battery_empty", "the state of charge fell below 0"
     if speed_rad_s[-max(len(speed_rad_s) // 10, 1) :].max() < _STANDS_RAD_S:
-        return "stalled", "the crank stands at the end: the motor cannot overcome the load and the friction"
-    return "ok", "ran to the last sample"
+        return "stalled", "the crank stalls:  the motor cannot overcome the load and the friction"
+    return "ok", "completed"
 
 
 class _Instants:

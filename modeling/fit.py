@@ -164,7 +164,7 @@ def _contradictions(joint: JointFit) -> list[str]:
         return []
     more = f" and {len(far) - 3} more" if len(far) > 3 else ""
     return [
-        f"these would have to lie many standard deviations off their nominal values: {', '.join(far[:3])}{more}; "
+        f"these would have to lie many standard deviations from their nominal values: {', '.join(far[:3])}{more}; "
         "a sensor gain, a unit, the configuration or the model is wrong"
     ]
 
@@ -172,7 +172,7 @@ def _contradictions(joint: JointFit) -> list[str]:
 def _identifiability(joint: JointFit, trial: int) -> str:
     """Say where the variance of k_Fc comes from and what it cannot be told from."""
     if not joint.is_valid:
-        return "the model stalls at the starting point, so nothing can be said"
+        return "the model stalls at the starting point, so no result is possible"
     shares = joint.shares[trial]
     first, second = sorted(shares, key=lambda name: -shares[name])[:2]
     estimates = joint.of_trial(trial)
@@ -204,8 +204,8 @@ def _misses(name: str, unit: str, rmse: float | None, rms: float | None) -> tupl
     if rmse is None or rms is None or not rmse > LARGEST_MISS * rms:
         return ()
     return (
-        f"the {name} of the fitted stroke misses the measured one by {rmse:.3g} {unit} rms of {rms:.3g} {unit}: check "
-        "that its channels share one time, its sign and its zero",
+        f"the {name} of the fitted stroke has an RMSE of {rmse:.3g} {unit}, RMS {rms:.3g} {unit}: check "
+        "the time alignment of the channels, the sign and the zero",
     )
 
 
@@ -251,7 +251,7 @@ def _force_only(
         identifiability=(
             "force and blade speed give k_Fc without the motor; "
             f"{shares[largest] / max(std**2, 1e-300):.0%} of its variance comes from {largest}; "
-            "it cannot be told from the gain of the load cell"
+            "it is confounded with the gain of the load cell"
         ),
         notes=(*note, *misses),
     )

@@ -111,5 +111,5 @@ def _check(cycles: MeasuredCycles) -> None:
         )
     if cycles.n_cycles < FEWEST_STROKES:
         raise InputError(
-            f"{cycles.n_cycles} complete strokes are too few, {FEWEST_STROKES} are needed", where=cycles.label
+            f"{cycles.n_cycles} complete strokes are not enough, {FEWEST_STROKES} are needed", where=cycles.label
         )

@@ -62,7 +62,7 @@ class MeasuredCycles:
             _freeze(self, name, 2, (n_cycles, n_bins))
         for name in ("angle_rad", "cycle_start_s", "period_s"):
             if not np.isfinite(getattr(self, name)).all():
-                raise InputError(f"{name} holds values that are not finite", where=self.label)
+                raise InputError(f"{name} has values that are not finite", where=self.label)
         if n_cycles > 1 and np.diff(self.cycle_start_s).min() <= 0:
             raise InputError("cycle_start_s does not increase", where=self.label)
         if n_cycles and self.period_s.min() <= 0:
@@ -125,6 +125,6 @@ def _freeze(cycles: MeasuredCycles, name: str, ndim: int, shape: tuple[int, ...]
             f"{name} has shape {array.shape}, expected {shape or f'{ndim} dimension(s)'}", where=cycles.label
         )
     if np.isinf(array).any():
-        raise InputError(f"{name} holds infinite values", where=cycles.label)
+        raise InputError(f"{name} has infinite values", where=cycles.label)
     array.flags.writeable = False
     object.__setattr__(cycles, name, array)

@@ -52,7 +52,7 @@ class MeasuredDischarge:
             if array.ndim != 1 or len(array) < 2 or array.shape != np.shape(self.time_s):
                 raise InputError(f"{name} has shape {array.shape}, expected two values or more", where=self.label)
             if not np.isfinite(array).all():
-                raise InputError(f"{name} holds values that are not finite", where=self.label)
+                raise InputError(f"{name} has values that are not finite", where=self.label)
             array.flags.writeable = False
             object.__setattr__(self, name, array)
         if np.diff(self.time_s).min() < 0:
@@ -92,9 +92,9 @@ class MeasuredDischarge:
         if not len(below) or below[0] == 0:
             first, last = float(self.voltage_v[0]), float(self.voltage_v.min())
             raise InputError(
-                f"runs from {first:.4g} V to {last:.4g} V: it does not fall to the cut-off of {cutoff_voltage_v:.4g} V",
+                f"runs from {first:.4g} V to {last:.4g} V: it does not reach the cut-off of {cutoff_voltage_v:.4g} V",
                 where=self.label,
-                remedy="leave this discharge out, or name a cut-off voltage that all of them cross",
+                remedy="leave out this discharge, or give a cut-off voltage that all discharges reach",
             )
         k = int(below[0])
         high, low = float(self.voltage_v[k - 1]), float(self.voltage_v[k])
@@ -151,7 +151,7 @@ def discharges_in(log: BatteryLog) -> tuple[list[MeasuredDischarge], list[str]]:
     ... )
     >>> found, notes = discharges_in(log)
     >>> found[0].time_s.tolist(), found[0].current_a.tolist(), notes
-    ([0.0, 1.0], [2.0, 2.0], ['cell: the current counts negative on discharge and is turned round'])
+    ([0.0, 1.0], [2.0, 2.0], ['cell: the current is negative on discharge; its sign was reversed'])
     """
     largest_a = float(np.abs(log.current_a).max(initial=0.0))
     spans_by_sign = {sign: _spans(sign * log.current_a, _REST_SHARE * largest_a) for sign in (1, -1)}
@@ -162,11 +162,11 @@ def discharges_in(log: BatteryLog) -> tuple[list[MeasuredDischarge], list[str]]:
     sign = max(falling, key=lambda s: max((_moved(log, span) for span in falling[s]), default=0.0))
     if largest_a == 0.0 or not falling[sign]:
         raise InputError(
-            "holds no discharge: nowhere does the voltage fall while a current flows one way",
+            "contains no discharge: the voltage never falls while a current flows in one direction",
             where=log.label,
-            remedy="check which columns are current and voltage; the current needs its sign",
+            remedy="check which columns are current and voltage; the current must have a sign",
         )
-    notes = [f"{log.label}: the current counts negative on discharge and is turned round"] if sign < 0 else []
+    notes = [f"{log.label}: the current is negative on discharge; its sign was reversed"] if sign < 0 else []
     most = max(_moved(log, span) for span in falling[sign])
     whole = [span for span in falling[sign] if _moved(log, span) >= _WHOLE_SHARE * most]
     if len(whole) < len(falling[sign]):

@@ -84,7 +84,7 @@ def _check_feed(baseline: Baseline, point: OperatingPoint) -> None:
     for known in baseline.known:
         if "feed" in known.effect.grows_with and not point.feed_m_s > 0.0 and point.k_fc_n_s_per_m > 0.0:
             raise InputError(
-                f"[effects] {known.effect.name} needs the feed, which is not known here",
+                f"[effects] {known.effect.name} needs the feed, which is unknown",
                 remedy="use a recording whose trial states feed_mm_s",
             )
 

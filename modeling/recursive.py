@@ -188,7 +188,7 @@ class RecursiveCuttingEstimator:
         notes = (*self._effect_notes, *self._outside(drawn_a))
         if self._models and level > self._models[0].largest_k_fc:
             remaining_s = remaining_std_s = None
-            notes = (*notes, "at this k_Fc the model with its [effects] does not run down to the cut-off: no runtime")
+            notes = (*notes, "at this k_Fc the model with its [effects] does not reach the cut-off: no runtime")
         return LiveEstimate(
             k_fc_n_s_per_m=level,
             std_n_s_per_m=math.hypot(statistical, systematic * abs(level), *moved),

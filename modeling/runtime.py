@@ -252,7 +252,9 @@ def _joint(
 ) -> tuple[dict[str, float], dict[tuple[str, str], float]]:
     known = [name for name in estimates.names if name in centre]
     if K_FC not in known:
-        raise InputError(f"estimates hold no {K_FC}", remedy="give the estimates of one trial: JointFit.of_trial")
+        raise InputError(
+            f"the estimates do not contain {K_FC}", remedy="give the estimates of one trial: JointFit.of_trial"
+        )
     place = {name: estimates.names.index(name) for name in known}
     covariance = {(a, b): float(estimates.covariance[place[a], place[b]]) for a in known for b in known}
     return centre | {name: estimates.value(name) for name in known}, covariance

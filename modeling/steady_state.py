@@ -26,7 +26,7 @@ MESSAGES: dict[int, tuple[PeriodicStatus, str]] = {
         "stalled",
         "no periodic stroke: the motor cannot overcome the load at this supply (voltage_v, duty, force_n)",
     ),
-    kernel.NOT_CONVERGED: ("not_converged", "Newton's method did not settle"),
+    kernel.NOT_CONVERGED: ("not_converged", "Newton's method did not converge"),
 }
 
 

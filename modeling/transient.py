@@ -159,12 +159,15 @@ def steps_for(spline: Floats | None, default: int) -> int:
 
 
 _STATUS: dict[int, tuple[TransientStatus, str]] = {
-    kernel.OK: ("ok", "ran to the last sample"),
+    kernel.OK: ("ok", "completed"),
     kernel.STALLED: (
         "stalled",
-        "the crank stands at the end: the motor cannot overcome the load at this supply (force_n, voltage_v)",
+        "the crank stalls:  the motor cannot overcome the load at this supply (force_n, voltage_v)",
     ),
-    kernel.NO_CONVERGENCE: ("not_converged", "the step size fell below 1 ps or the steps ran out"),
+    kernel.NO_CONVERGENCE: (
+        "not_converged",
+        "the step size fell below 1 ps, or the maximum number of steps was reached",
+    ),
     kernel.EMPTY: ("battery_empty", "the state of charge fell below 0"),
 }
 

@@ -32,7 +32,7 @@ def measured_cycles(trial: ProcessedTrial) -> MeasuredCycles:
     """
     where = trial.source_path or trial.trial.trial_id
     if trial.angle is None or trial.period is None:
-        raise InputError(f"holds no running strokes ({trial.status})", where=where)
+        raise InputError(f"contains no running strokes ({trial.status})", where=where)
     if not trial.angle.is_absolute:
         raise InputError(
             "has no displacement, so the zero of the crank angle is unknown and k_Fc cannot be fitted",
@@ -41,7 +41,7 @@ def measured_cycles(trial: ProcessedTrial) -> MeasuredCycles:
         )
     running = [phase for phase in trial.phases if phase.kind == "running"]
     if not running:
-        raise InputError("never runs at a settled speed", where=where)
+        raise InputError("never reaches a steady speed", where=where)
     longest = max(running, key=lambda phase: phase.end_s - phase.start_s)
     channels = {
         name: (signal.time_s, signal.values * CHANNEL_BY_NAME[name].si_factor)
@@ -152,7 +152,7 @@ def _whole_strokes(
 ) -> tuple[int, int]:
     """Turn numbers of the first whole stroke inside the stretch, and of the one after the last."""
     if len(angle_rad) < 2 or np.diff(angle_rad).min() < 0:
-        raise InputError("the crank angle must hold two samples or more and never decrease", where=label)
+        raise InputError("the crank angle must have two samples or more and must not decrease", where=label)
     first_s = time_s[0] if start_s is None else max(start_s, time_s[0])
     last_s = time_s[-1] if end_s is None else min(end_s, time_s[-1])
     span = np.interp([first_s, last_s], time_s, angle_rad) / TWO_PI

@@ -87,9 +87,9 @@ def find_stroke_line(spectrum: Spectrum, channel: str, min_rate_hz: float, max_r
     rivals, doubts = _rivals(spectrum, lines, rate, top, (min_rate_hz, max_rate_hz))
     twice = float(power_near(spectrum, 2 * rate)[0]) / top.power
     if order == 1 and twice > _NARROW_SHARE:
-        doubts = (*doubts, f"the line at twice the rate ({2 * rate:.4g} Hz) is nearly as strong")
+        doubts = (*doubts, f"the line at twice the rate ({2 * rate:.4g} Hz) has nearly the same amplitude")
     if order == 2:
-        doubts = (f"the line at twice the rate ({top.frequency_hz:.4g} Hz) is the stronger one", *doubts)
+        doubts = (f"the line at twice the rate ({top.frequency_hz:.4g} Hz) has the larger amplitude", *doubts)
     floor = float(np.interp(rate * order, spectrum.frequency_hz, spectrum.floor))
     return StrokeLine(
         channel=channel,
@@ -118,11 +118,13 @@ def _rivals(
             PeriodCandidate(
                 period_s=1 / line.frequency_hz,
                 relative_power=share,
-                reason=f"at {multiple:.3f} times the rate, none of its harmonics: {_order_words(multiple)}",
+                reason=f"at {multiple:.3f} times the rate, not one of its harmonics: {_order_words(multiple)}",
             )
         )
         if share > _SERIOUS_SHARE:
-            doubts.append(f"a line at {line.frequency_hz:.4g} Hz ({multiple:.3g} times the rate) is nearly as strong")
+            doubts.append(
+                f"a line at {line.frequency_hz:.4g} Hz ({multiple:.3g} times the rate) has nearly the same amplitude"
+            )
     for divisor in (2, 3):
         share = float(power_near(spectrum, rate / divisor)[0]) / top.power
         if rate / divisor < max(band[0], 3.0 * spectrum.resolution_hz):  # hidden under the foot of the main line
@@ -148,8 +150,8 @@ def _order_words(multiple: float) -> str:
     if abs(multiple - 0.5) < 0.01 or abs(multiple - 1.5) < 0.01:
         return "every second cycle differs"
     if multiple < 1:
-        return "a belt or another slower part, or the stroke itself"
-    return "a gear, motor or structural line, or the stroke itself"
+        return "a belt or another slower part, or the stroke"
+    return "a gear, motor or structural line, or the stroke"
 
 
 def possible_orders(stroke: StrokeLine, band_hz: tuple[float, float]) -> tuple[PeriodCandidate, ...]:
@@ -169,7 +171,7 @@ def possible_orders(stroke: StrokeLine, band_hz: tuple[float, float]) -> tuple[P
     rivals = list(stroke.rivals)
     for factor, words in (
         (2.0, "the line would be every second stroke"),
-        (0.5, "the line would be the second harmonic, as the inertia of the plunger makes it"),
+        (0.5, "the line would be the second harmonic, caused by the inertia of the plunger"),
         (3.0, "the line would be every third stroke"),
         (1 / 3, "the line would be the third harmonic"),
     ):
@@ -269,11 +271,11 @@ def from_displacement(
     if n == 0:
         return None
     confidence: Confidence = "high"
-    reason = f"{n} complete strokes of the displacement, one line a stroke"
+    reason = f"{n} complete strokes of the displacement, one line per stroke"
     rivals = stroke.rivals if stroke is not None else ()
     if stroke is not None and abs(stroke.rate_hz * period - 1) > max(0.03, 3 * spread / period):
         confidence = "moderate"
-        reason = f"the strokes counted differ from the spectrum, which has {stroke.rate_hz:.4g} Hz"
+        reason = f"the stroke count differs from the spectrum, which gives {stroke.rate_hz:.4g} Hz"
         found = PeriodCandidate(
             period_s=1 / stroke.rate_hz, relative_power=1.0, reason="strongest line of the spectrum"
         )
@@ -339,7 +341,7 @@ def from_line(
         confidence = "low"
         reason = (
             f"from {stroke.channel} alone: its strongest line may belong to a belt, a harmonic or every "
-            "second stroke; a displacement or force signal would decide"
+            "second stroke; a displacement or force signal is needed to decide"
         )
     elif stroke.doubts:
         confidence, reason = "low", f"in the force {stroke.doubts[0]}"

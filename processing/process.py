@@ -137,7 +137,7 @@ def _find_motion(channels: Channels, config: BenchConfig) -> _Motion:
     is_alive = displacement is not None and float(np.ptp(displacement.values)) > 0
     if displacement is not None and is_alive:
         return _motion_from_displacement(displacement, channels, config)
-    warnings = () if displacement is None else ("the displacement does not change at all; it is not used",)
+    warnings = () if displacement is None else ("the displacement is constant; it is not used",)
     band = (config.analysis.min_stroke_rate_hz, config.analysis.max_stroke_rate_hz)
     lines = {
         name: line
@@ -145,7 +145,7 @@ def _find_motion(channels: Channels, config: BenchConfig) -> _Motion:
         if name in channels and (line := _stroke_line(channels[name], band)) is not None
     }
     if not lines:
-        warnings += ("no channel holds a significant periodic part",)
+        warnings += ("no channel has a significant periodic component",)
         return _Motion(angle=None, phases=(), cycles=None, period=None, warnings=warnings)
     chosen, *others = lines.values()
     channel = channels[chosen.channel]
@@ -189,7 +189,7 @@ def _motion_from_displacement(displacement: CleanChannel, channels: Channels, co
     time = displacement.time_s
     if angle is None:
         rest = Phase(kind="rest", start_s=float(time[0]), end_s=float(time[-1]))
-        warning = "the displacement holds no complete stroke"
+        warning = "the displacement has no complete stroke"
         return _Motion(angle=None, phases=(rest,), cycles=None, period=None, warnings=(warning,))
     steady = find_steady_part(angle)
     angle = restore_ripple(angle, steady, time, DISPLACEMENT.si_factor * displacement.values)
@@ -254,8 +254,8 @@ def _phases_and_cycles(
     turned = max((float(np.ptp(np.interp(part, angle.time_s, angle.angle_rad))) for part in running), default=0.0)
     stretches = running if turned > 2 * np.pi else whole
     if len(cycles.index):
-        return phases, stretches, cycles, ("the speed hardly settles: strokes at changing speed are used",)
-    warning = "no complete stroke from dead centre to dead centre without a gap: nothing is folded"
+        return phases, stretches, cycles, ("no steady speed: strokes at changing speed are used",)
+    warning = "no complete stroke from dead centre to dead centre without a gap: no folded cycle"
     return phases, stretches, cycles, (warning,)
 
 
@@ -358,19 +358,19 @@ def _cutting(
     if force is None:
         if base.trial.is_idle and status == "cutting":
             status = "no_cutting"
-        return status, None, None, None, ("no usable force: whether the saw cut is not measured",)
+        return status, None, None, None, ("no usable force: it is unknown whether the saw cut",)
     cuts = has_locked_force(force, channels[_FORCE].noise_std)
     warnings: tuple[str, ...] = ()
     if base.trial.is_idle:
         if cuts:
-            warnings += ("the blade is said to run in air, but the force follows the stroke",)
+            warnings += ("an idle run is stated, but the force is synchronous with the stroke",)
         cuts = False
     if not cuts:
         return ("no_cutting" if status == "cutting" else status), None, None, None, warnings
     cutting, removed = zero_return_stroke(force, config.cutting.cutting_half)
     if removed.looks_swapped:
         warnings += (
-            f"the zeroed half {removed.half} carries {100 * removed.share_of_impulse:.0f} % of the force: "
+            f"the zeroed half {removed.half} has {100 * removed.share_of_impulse:.0f} % of the force: "
             "cutting_half in the configuration is probably wrong",
         )
     channel = channels[_FORCE]

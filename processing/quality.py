@@ -187,8 +187,8 @@ def _health_problems(values: Floats, n_spikes: int, n_clipped: int, n_missing: i
         problems.append(f"{_CONSTANT} {values[0]:.6g} {unit}: the sensor is probably not connected")
     if n_clipped:
         problems.append(
-            f"{_CLIPPED} {n_clipped} samples sit at {values.min():.6g} or {values.max():.6g} {unit}; "
-            "the sensor or its amplifier is at the end of its range"
+            f"{_CLIPPED} {n_clipped} samples are at {values.min():.6g} or {values.max():.6g} {unit}; "
+            "sensor or amplifier saturated"
         )
     if n_spikes:
         problems.append(f"{n_spikes} spikes were left out; check cable and connector")
@@ -222,8 +222,8 @@ def plausibility_problems(
         low, high = robust_range(channel.values)
         if low < known.plausible[0] or high > known.plausible[1]:
             found.setdefault(name, []).append(
-                f"reaches {low:.4g}..{high:.4g} {known.unit}, plausible is {known.plausible[0]:g}.."
-                f"{known.plausible[1]:g} {known.unit}: another unit (milli?) or a swapped channel"
+                f"ranges from {low:.4g} to {high:.4g} {known.unit}, plausible is {known.plausible[0]:g}.."
+                f"{known.plausible[1]:g} {known.unit}: other unit (milli?) or swapped channel"
             )
     _check_displacement(channels, config, found)
     _check_force(channels, found)
@@ -261,7 +261,7 @@ def _check_force(channels: Mapping[str, CleanChannel], found: dict[str, list[str
     swing = float(high - low)
     if 1e-4 < swing < 1.0 and swing > 50 * channel.noise_std:
         found.setdefault("force_n", []).append(
-            f"swings by only {swing:.3g} N, far above its noise: the values are probably in kN"
+            f"varies by only {swing:.3g} N, far above its noise: the values are probably in kN"
         )
     middle = float(np.median(channel.values))
     if middle - low > 3 * (high - middle) and swing > 20 * channel.noise_std:
@@ -278,7 +278,7 @@ def _check_supply(
         level, nominal = float(np.median(voltage.values)), config.battery.nominal_voltage_v
         if is_outside(level / nominal, BATTERY_VOLTAGE):
             found.setdefault("battery_voltage_v", []).append(
-                f"sits at {level:.4g} V, the battery is one of {nominal:g} V: other unit or swapped channel"
+                f"is at {level:.4g} V, the nominal battery voltage is {nominal:g} V: other unit or swapped channel"
             )
     motor, battery = channels.get("motor_current_a"), channels.get("battery_current_a")
     if motor is None or battery is None or not len(motor.values) or not len(battery.values):

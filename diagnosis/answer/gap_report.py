@@ -35,14 +35,13 @@ SCHEMA_VERSION = 1
 # A longer plan is worth less than a new diagnosis on the way.
 MOST_PLANNED = 20
 _METRIC = (
-    "root mean square of the equation residuals over their noise, on {held_out}; by_channel: measured less predicted"
-    " mean stroke in the unit of the channel{simulated}; the cutting coefficient of a workpiece is fitted on its own"
-    " trial for all rungs"
+    "root mean square of the equation residuals over their noise, on {held_out}; by_channel: measured minus predicted"
+    " mean stroke in the unit of the channel{simulated}; k_Fc of a workpiece is always fitted to its own trial"
 )
 _HELD_OUT = {
-    "operating points": "operating points held out of every fit in turn",
-    "trials": "trials held out of every fit in turn (few operating points, or one alone shows the effect)",
-    "nothing": "the only trial, which the fits have seen (nothing could be held out)",
+    "operating points": "withheld operating points",
+    "trials": "withheld trials (few operating points, or only one shows the effect)",
+    "nothing": "the only trial, which was used in the fit (no withheld data)",
 }
 # Where the parts of the work stand on the progress bar, of 100.
 _REDUCED, _SIGNED, _JUDGED = 40, 50, 80
@@ -93,19 +92,21 @@ def diagnose(
         recordings, loaded, on_trial=lambda done, total, name: say(_REDUCED * done // total, 100, f"reading {name}")
     )
     problem = build_problem(campaign)
-    say(_REDUCED, 100, "computing what every effect would do")
+    say(_REDUCED, 100, "computing the signature of every effect")
     columns = catalogue_columns(problem, campaign.plant.effects)
     say(_SIGNED, 100, "weighing causes")
     answer = held(problem, columns, judge(problem, columns))
     further: dict[str, Any] = {}
     if until_closed:
-        closing = close(answer, on_pass=lambda _, found: say(_SIGNED, 100, f"weighing what is left beside {found}"))
+        closing = close(
+            answer, on_pass=lambda _, found: say(_SIGNED, 100, f"weighing further causes in addition to {found}")
+        )
         answer, further["until_closed"] = closing.answer, closing_table(closing)
     if n_planned:
         say(_JUDGED, 100, "planning trials")
         trials = [recording.trial for recording in recordings]
         further["plan"] = plan_report(answer.problem, answer.posterior, n_planned, trials)
-    say(_JUDGED, 100, "predicting held-out operating points")
+    say(_JUDGED, 100, "predicting withheld operating points")
     return _report(
         answer, loaded, provenance, further,
         lambda done, total, name: say(_JUDGED + (100 - _JUDGED) * done // total, 100, f"predicting {name}"),
@@ -115,11 +116,11 @@ def diagnose(
 def _refuse_plan(n_planned: int, loaded: LoadedConfig) -> None:
     """Refuse a plan that nobody can run, before anything is read."""
     if not 0 <= n_planned <= MOST_PLANNED:
-        raise InputError(f"{n_planned} trials cannot be planned", remedy=f"ask for 1 to {MOST_PLANNED}")
+        raise InputError(f"{n_planned} trials cannot be planned", remedy=f"give 1 to {MOST_PLANNED}")
     if n_planned and machine_of(loaded.config, path=loaded.path).frame != "crank":
         raise InputError(
             "trials are planned for a saw; this configuration describes another machine", where=loaded.path,
-            remedy="leave the plan out; `next_trial` of the report says in words what the campaign lacks",
+            remedy="leave out the plan; `next_trial` of the report describes the missing trial in words",
         )  # fmt: skip
 
 
@@ -285,7 +286,7 @@ def _of_strokes(posterior: Posterior) -> list[str]:
     """Say what single strokes have found that mean strokes do not show."""
     found = [posterior.strokes[name].words for name in posterior.best.effects if name in posterior.strokes]
     return [
-        f"{words}, found from stroke to stroke; the gap is that of mean strokes, which it hardly moves"
+        f"{words}, detected in single strokes; the gap is computed from mean strokes, which it barely changes"
         for words in found
         if words
     ]
@@ -296,7 +297,7 @@ def _weaknesses(campaign: Campaign) -> list[str]:
     said = campaign.plant.weaknesses(running)
     points = [s.setting.operating_point for s in running]
     if len(set(points)) == len(points):
-        said.append("no operating point was repeated: a gap beyond what repeats differ by cannot be claimed")
+        said.append("no operating point was repeated: the repeatability is unknown, so no gap beyond it can be claimed")
     if len(set(points)) == 1:
         said.append("only one operating point: re-tuned parameters can hide most effects")
     return said

@@ -83,22 +83,22 @@ def improved_model(
     effects: dict[str, Any] = {}
     for known in problem.campaign.plant.known:
         effects[known.effect.name] = entry_of(_sharpened(known, found))
-        comments["effects", known.effect.name] = ("known before; the magnitude as this campaign has it",)
+        comments["effects", known.effect.name] = ("known effect; magnitude re-estimated from this campaign",)
     for known in [] if learned is not None else _found_effects(problem, posterior, members, found):
         effects[known.effect.name] = entry_of(known)
         cause = causes[0]
         low, high = cause["gap_closed_ci95"]
         comments["effects", known.effect.name] = (
-            f"named with {cause['probability']:.0%}; closes {cause['gap_closed']:.0%} ({low:.0%} to {high:.0%}) of what"
-            " re-tuned parameters leave",
+            f"named with {cause['probability']:.0%}; closes {cause['gap_closed']:.0%} ({low:.0%} to {high:.0%}) of the"
+            " gap that remains after re-tuning",
         )
     if learned is not None:
         effects[NAME] = learned_entry(learned.known)
         low, high = learned.ladder.gap_closed_ci95
         comments["effects", NAME] = (
-            f"a term without a name, {learned.words()}",
-            f"closes {learned.ladder.gap_closed:.0%} ({low:.0%} to {high:.0%}) of what re-tuned parameters leave at"
-            " withheld operating points; it must not be used outside of the range of its nodes",
+            f"a learned term, {learned.words()}",
+            f"closes {learned.ladder.gap_closed:.0%} ({low:.0%} to {high:.0%}) of the gap after re-tuning at"
+            " withheld operating points; it must not be used outside the range of its nodes",
         )
     return toml_text({**tables, "effects": effects} if effects else tables, comments)
 

@@ -38,7 +38,7 @@ _WORDS: Final[Mapping[Site, str]] = {
     "force_reading": "in the reading of the load cell",
 }
 NOTHING: Final = (
-    "no function of one to three measured quantities predicts what is left at withheld operating points: no term was"
+    "no function of one to three measured quantities reduces the error at withheld operating points: no term was"
     " learned"
 )
 

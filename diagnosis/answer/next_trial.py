@@ -30,11 +30,11 @@ def next_trial(problem: LinearProblem, posterior: Posterior) -> str:
         return lacking
     top = posterior.best
     if top.other == "no_gap":
-        return "none: repeats differ as much as model and measurement do"
+        return "none: the model error is within the repeatability"
     alone = {e.effect.name: e for e in posterior.explanations}
     rivals = [alone[h.name] for h in posterior.claims if len(h.effects) == 1]
     if top.other is not None or not rivals:
-        return f"a longer trial at {_most_left(problem, posterior)}: most of what nothing explains lies there"
+        return f"a longer trial at {_most_left(problem, posterior)}: most of the unexplained residual is there"
     leading = max((alone[name] for name in top.effects), key=lambda e: e.gain)
     rivals = [e for e in rivals if e.effect.name not in top.effects]
     return _between(problem, posterior, leading, rivals, is_sure=top.probability > SETTINGS.report.settled)
@@ -47,12 +47,15 @@ def _between(
     noise = posterior.dispersion
     if not rivals:
         point, _ = _most_informative(problem, named.contribution, noise)
-        return f"a repeat of {point}: it says most of the size of the cause"
+        return f"a repeat of {point}: it reduces the uncertainty of the magnitude most"
     point, worth = _most_informative(problem, named.contribution - rivals[0].contribution, noise)
     worth /= problem.settings.weights.temperature
     words, other = _words(named), _words(rivals[0])
     if is_sure:
-        return f"none is needed to name the cause; a repeat of {point} would tell {words} from {other} once more"
+        return (
+            f"none is needed to identify the cause; a repeat of {point} would confirm the distinction between"
+            f" {words} and {other}"
+        )
     if worth > SETTINGS.report.worth:
         return f"one more trial at {point}: there {words} and {other} differ most (log odds {worth:.0f})"
     return f"{named.effect.told_apart_by or point}: it separates {words} from {other}"

@@ -56,10 +56,10 @@ def _lines(trials: Sequence[OffStroke], health: dict[str, list[ChannelHealth]]) 
             continue
         unit, place = CHANNEL_BY_NAME[line.channel].unit, f"{line.amplitude:.2g} {{}} at {line.frequency_hz:.1f} Hz"
         if is_mains(line.frequency_hz):
-            words = f"hum of {place.format(unit)}: pickup from the mains; check shield and ground of the cable"
+            words = f"hum of {place.format(unit)}: mains pickup; check shield and ground of the cable"
             yield _entry(line.channel, "hum", line.amplitude, unit, words, line.frequency_hz)
         else:
-            words = f"line of {place.format(unit)} in this channel alone, whatever the stroke rate: look for its source"
+            words = f"line of {place.format(unit)} in this channel only, at any stroke rate: find its source"
             yield _entry(line.channel, "line", line.amplitude, unit, words, line.frequency_hz)
 
 
@@ -67,8 +67,9 @@ def _bursts(trials: Sequence[OffStroke]) -> Iterator[Entry]:
     for channel, strikes in foreign_bursts(trials).items():
         unit = CHANNEL_BY_NAME[channel].unit
         words = (
-            f"bursts of {strikes.size:.2g} {unit}, at least {strikes.per_s:.1f} a second, in air too, which the motor"
-            " does not feel: interference; look for relays and drives nearby"
+            f"bursts of {strikes.size:.2g} {unit}, at least {strikes.per_s:.1f} per second, also in idle runs,"
+            " without a response of the"
+            " motor: interference; check relays and drives nearby"
         )
         yield _entry(channel, "bursts", strikes.size, unit, words, strikes.per_s)
 
@@ -79,7 +80,7 @@ def _wander(wander: ZeroWander | None, health: dict[str, list[ChannelHealth]]) -
     seconds = float(np.median([h.seconds for h in health[FORCE.name]]))
     walked_n = float(np.sqrt(wander.density_n2_s * seconds))
     if walked_n > _LEAST["wander_n"] and wander.density_n2_s > SETTINGS.report.wander_stds * wander.density_std_n2_s:
-        words = f"the zero wanders by {walked_n:.2g} N within a trial: let the load cell warm up, tare before each"
+        words = f"the zero drifts by {walked_n:.2g} N within a trial: let the load cell warm up, tare before each"
         yield _entry(FORCE.name, "zero_wander", walked_n, "N", words)
     if wander.restart_n > _LEAST["restart_n"]:
         words = f"the zero differs by {wander.restart_n:.2g} N from trial to trial: tare before each trial"
@@ -91,12 +92,12 @@ def _faults(channel: str, trials: Sequence[ChannelHealth]) -> Iterator[Entry]:
     unit = CHANNEL_BY_NAME[channel].unit
     step = float(np.median([h.step for h in trials]))
     if step > 0.0:
-        words = f"steps of {step:.2g} {unit}, coarser than the noise: use a finer range of the converter"
+        words = f"steps of {step:.2g} {unit}, larger than the noise: use a smaller range of the A/D converter"
         yield _entry(channel, "quantisation", step, unit, words)
     seconds = sum(h.seconds for h in trials)
     spikes_hz = sum(h.spikes for h in trials) / seconds
     if spikes_hz > _LEAST["spikes_hz"]:
-        words = f"{spikes_hz:.2g} spikes a second, left out: check cable and connector"
+        words = f"{spikes_hz:.2g} spikes per second, left out: check cable and connector"
         yield _entry(channel, "spikes", spikes_hz, "1/s", words)
     missing = float(np.average([h.missing_share for h in trials], weights=[h.seconds for h in trials]))
     if missing > _LEAST["missing"]:
@@ -105,5 +106,5 @@ def _faults(channel: str, trials: Sequence[ChannelHealth]) -> Iterator[Entry]:
     jitter = float(np.median([h.jitter_share for h in trials]))
     if jitter > _LEAST["jitter"]:
         jitter_s = jitter / float(np.median([h.rate_hz for h in trials]))
-        words = f"sample times scatter by {100.0 * jitter:.0f} % of the sample period: use the instrument's own clock"
+        words = f"sample times scatter by {100.0 * jitter:.0f} % of the sample period: use the clock of the instrument"
         yield _entry(channel, "jitter", jitter_s, "s", words)

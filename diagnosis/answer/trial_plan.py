@@ -131,8 +131,11 @@ def plan_report(problem: LinearProblem, posterior: Posterior, n_trials: int, tri
     found = trial_plan(problem, posterior, n_trials, {t.trial_id: t.material for t in trials if t.material})
     least = problem.settings.report.worth
     if found is None:
-        return {"trials": [], "reason": "without displacement no stroke is predicted: record it, and diagnose again"}
-    reason = "" if found.chosen else f"no single trial adds log odds of {least:g} between what is still possible"
+        return {
+            "trials": [],
+            "reason": "without displacement no stroke can be predicted: record it, and diagnose again",
+        }
+    reason = "" if found.chosen else f"no single trial adds log odds of {least:g} between the remaining hypotheses"
     ended = problem.campaign.states[-1].setting.label
     last = next((t for t in trials if t.trial_id == ended), trials[-1])
     return {

@@ -96,9 +96,9 @@ def _soft_start(
 
 
 BENT_DISPLACEMENT = Effect(
-    name="bent displacement sensor",
+    name="nonlinear displacement sensor",
     place="sensing",
-    equation="displacement is read through a smooth curve instead of a straight line",
+    equation="nonlinear characteristic of the displacement sensor",
     strength=Strength(
         name="swing_rad", unit="rad", typical=SETTINGS.forms.bent_displacement_rad, low=0.1, high=5.0, source="assumed"
     ),
@@ -117,7 +117,7 @@ WARMING_FRICTION = Effect(
     ),
 )
 SOFT_START = Effect(
-    name="voltage that is ramped up at every start",
+    name="voltage ramp at every start",
     place="electrical",
     equation="duty * (1 - (1 - d_0) g(t / T)) after the start, g a ramp or a decay",
     strength=Strength(

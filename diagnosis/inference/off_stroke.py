@@ -388,15 +388,15 @@ def _line_finding(group: Sequence[OffStroke], lock: Lock, name: str, line: Seque
     peaks = [p for _, p in line]
     place = float(np.median([p.place for p in peaks]))
     amplitude = float(np.median([p.amplitude for p in peaks]))
-    at = f"{place:.1f} Hz whatever the stroke rate" if lock == "time" else f"{place:.2f} cycles a stroke"
+    at = f"{place:.1f} Hz at any stroke rate" if lock == "time" else f"{place:.2f} cycles per stroke"
     lines_hz = {place} if lock == "time" else {place * trial.rate_hz for trial, _ in line}
     return Finding(
         log_evidence=sum(min(p.power, _NUMBERS.most_per_trial) for p in peaks),
         channel=name,
         lines_hz=tuple(sorted({round(line_hz, 1) for line_hz in lines_hz})),
         text=(
-            f"{name} swings by {amplitude:.2g} {CHANNEL_BY_NAME[name].unit} at {at}, in {len(line)} of {len(group)}"
-            " trials: no effect of the catalogue does that"
+            f"{name} oscillates by {amplitude:.2g} {CHANNEL_BY_NAME[name].unit} at {at}, in {len(line)} of {len(group)}"
+            " trials: no effect of the catalogue does this"
         ),
     )
 
@@ -418,8 +418,9 @@ def _common_bursts(trials: Sequence[OffStroke]) -> Iterator[Finding]:
             channels, key=lambda name: float(np.median([t.struck[name].share for t in hit if name in t.struck]))
         ),
         text=(
-            f"bursts in {', '.join(channels)}, in {len(hit)} of {len(trials)} trials, in air too: interference, or"
-            " blows that no effect of the catalogue gives"
+            f"bursts in {', '.join(channels)}, in {len(hit)} of {len(trials)} trials, also in idle runs:"
+            " interference, or"
+            " impacts that no effect of the catalogue causes"
         ),
     )
 

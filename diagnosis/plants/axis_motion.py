@@ -116,7 +116,7 @@ def find_cycles(displacement: Signal) -> tuple[Cycles | None, str]:
     per_unit = max(int(np.ceil(wanted)), len(kept) // _TARGET_UNITS, 1)
     n_units = len(kept) // per_unit
     if n_units < 1:
-        return None, f"only {len(kept)} of its {n} cycles are alike, too few samples for {_LEAST_HARMONICS} harmonics"
+        return None, f"only {len(kept)} of its {n} cycles agree, too few samples for {_LEAST_HARMONICS} harmonics"
     found = replace(found, starts_s=kept[len(kept) - n_units * per_unit :: per_unit], per_unit=per_unit)
     left_s = kept[0] - displacement.time_s[0], displacement.time_s[-1] - kept[-1] - 1.0 / rate_hz
     return _with_harmonics(found, displacement), _left_out(*(float(seconds) * rate_hz for seconds in left_s))
@@ -156,7 +156,7 @@ def _between(signal: Signal, start_s: float, end_s: float) -> Signal:
 def _left_out(before: float, after: float) -> str:
     """What is said of cycles at the ends that count for nothing; "" where it is less than one on either side."""
     said = [f"{n:.1f} cycles at the {end}" for n, end in ((before, "beginning"), (after, "end")) if n >= 1.0]
-    return f"{' and '.join(said)} move differently (rest, ramp)" if said else ""
+    return f"{' and '.join(said)} differ (rest, ramp)" if said else ""
 
 
 def _swinging(displacement: Signal) -> Signal:

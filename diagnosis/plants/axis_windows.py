@@ -67,7 +67,7 @@ def find_windows(displacement: Signal, drive: Signal, n_harmonics: int) -> tuple
     floor = float(np.median(power[len(power) // 2 :]))
     above = np.flatnonzero(power > _OVER_FLOOR * floor)
     if not len(above) or power[: above[-1] + 1].sum() < _MOTION_SHARE * power.sum():
-        return None, "its displacement is noise, no motion exceeds it"
+        return None, "its displacement is noise without motion"
     nyquist_hz = 0.5 * displacement.rate_hz
     cutoff_hz = float(np.clip(frequency_hz[above[-1]], frequency_hz[1], _MOST_OF_NYQUIST * nyquist_hz))
     drive_hz, drive_power = _spectrum(drive)

@@ -162,7 +162,9 @@ class Jigsaw:
         for channel, reading in READINGS.items():
             missing = [s.setting.label for s in states if s.kind == "running" and reading.of(s) is None]
             if missing:
-                said.append(f"{channel} is missing in {', '.join(missing)}: effects that show there cannot be named")
+                said.append(
+                    f"{channel} is missing in {', '.join(missing)}: effects visible only there cannot be identified"
+                )
         return said
 
     def asymmetry(self, states: Sequence[State], effects: Sequence[str]) -> tuple[dict[str, Any], str]:
@@ -178,9 +180,9 @@ class Jigsaw:
         if len({s.duty for s in settings}) < 3:
             return "the same stock at another duty: a speed sweep separates friction, windage and voltage drops"
         if len({s.operating_point for s in settings}) == len(settings):
-            return "a repeat of one operating point: without repeats nothing can be said beyond noise"
+            return "a repeat of one operating point: without repeats no statement beyond noise is possible"
         if len({s.feed_m_s for s in settings if not s.is_idle}) < 2:
-            return "the same stock at another feed: it separates the chip's thickness from the cutting speed"
+            return "the same stock at another feed: it separates chip thickness from cutting speed"
         return None
 
 

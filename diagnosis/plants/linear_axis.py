@@ -162,7 +162,7 @@ class LinearAxis:
         """Say that friction and load are one where the load is not measured."""
         if self.config.load_channel is not None:
             return []
-        return ["no load_channel: a load that no sensor sees cannot be told from what the axis itself lacks"]
+        return ["no load_channel: an unmeasured load is indistinguishable from a model error of the axis"]
 
     def asymmetry(self, states: Sequence[State], effects: Sequence[str]) -> tuple[dict[str, Any], str]:
         """Dry friction by direction, where the cause holds it."""
@@ -177,7 +177,7 @@ class LinearAxis:
         if self.config.load_channel is not None and len({s.stock for s in settings}) < 2:
             return "the same rate at another load, or none: it separates friction of the guide from that of the load"
         if len({s.operating_point for s in settings}) == len(settings):
-            return "a repeat of one operating point: without repeats nothing can be said beyond noise"
+            return "a repeat of one operating point: without repeats no statement beyond noise is possible"
         return None
 
 

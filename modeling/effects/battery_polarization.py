@@ -41,7 +41,7 @@ EFFECT = Effect(
     words=Words(
         happens="the battery sags under load and recovers at rest",
         measure="the voltage for a minute after a known load is switched off",
-        mend="nothing is broken; wait between trials, or use another battery",
+        mend="no fault; wait between trials, or use another battery",
     ),
     parts=("battery",),
     strength=Strength(

@@ -52,9 +52,9 @@ EFFECT = Effect(
     place="cutting",
     equation="F + (k / k_b) * dF/dt = k * v",
     words=Words(
-        happens="blade, clamp or workpiece give way",
-        measure="how far the blade gives way under a known weight along the cut",
-        mend="clamp shorter and tighter; check the blade's seat",
+        happens="blade, clamp or workpiece is compliant",
+        measure="the deflection of the blade under a known load along the cut",
+        mend="clamp shorter and tighter; check the seat of the blade",
     ),
     parts=("blade",),
     silent_in=("air", "start_up"),
@@ -67,6 +67,6 @@ EFFECT = Effect(
     needs=("force_n",),
     grows_with=("speed", "load"),
     confused_with=("force_sensor_lag", "clock_offset", "return_stroke_rubbing"),
-    told_apart_by="the motor current: it feels the late force, of a lagging load cell it does not",
+    told_apart_by="the motor current: it responds to the delayed force, but not to a lag of the load cell",
     background=(({"stiffness_n_per_m": 4e6, "unloads": 0.0}, 1.0), ({"stiffness_n_per_m": 4e6, "unloads": 1.0}, 1.0)),
 )

@@ -63,9 +63,9 @@ EFFECT = Effect(
     place="cutting",
     equation="k * (1 + w * distance cut)",
     words=Words(
-        happens="the blade gets blunt during the campaign",
+        happens="the blade becomes blunt during the campaign",
         measure="the force in one piece of wood with this blade and with a new one",
-        mend="change the blade, and note the distance it has cut",
+        mend="change the blade, and note its cut length",
     ),
     parts=("blade",),
     silent_in=("air",),

@@ -32,8 +32,8 @@ EFFECT = Effect(
     place="electrical",
     equation="V * sgn(i) in the armature circuit",
     words=Words(
-        happens="the brushes take a fixed voltage",
-        measure="the voltage over the stalled motor at several small currents: what is left at none",
+        happens="constant voltage drop across the brushes",
+        measure="the voltage across the stalled motor at several small currents, extrapolated to zero",
         mend="check brushes and commutator",
     ),
     parts=("motor",),

@@ -63,8 +63,8 @@ EFFECT = Effect(
     place="sensing",
     equation="force reading through a second-order resonance",
     words=Words(
-        happens="the carriage with the load cell rings",
-        measure="the force reading after a knock on the carriage: its frequency",
+        happens="resonance of the carriage with the load cell",
+        measure="the frequency of the force reading after a light hammer blow on the carriage",
         mend="stiffen or damp the carriage",
     ),
     parts=("carriage",),
@@ -83,6 +83,6 @@ EFFECT = Effect(
     needs=("force_n",),
     grows_with=("speed", "load"),
     confused_with=("tooth_passing_ripple", "force_sensor_lag"),
-    told_apart_by="trials at several speeds: the ringing keeps its frequency",
+    told_apart_by="trials at several speeds: the resonance keeps its frequency",
     background=tuple(({"frequency_hz": f, "damping": 0.05}, 0.03) for f in (90.0, 140.0, 200.0, 280.0, 400.0)),
 )

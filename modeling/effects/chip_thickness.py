@@ -34,9 +34,9 @@ EFFECT = Effect(
     place="cutting",
     equation="k proportional to (feed / stroke rate)^m",
     words=Words(
-        happens="the force depends on the thickness of the chip",
+        happens="the cutting force depends on the chip thickness",
         measure="the force in one piece of wood at three feeds and one speed",
-        mend="nothing is broken; compare trials at equal feed per stroke only",
+        mend="no fault; compare only trials at equal feed per stroke",
     ),
     parts=("blade",),
     silent_in=("air", "start_up"),

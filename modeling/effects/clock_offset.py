@@ -117,9 +117,9 @@ EFFECT = Effect(
     place="sensing",
     equation="channels of one device: y_m(t) = y(t - tau)",
     words=Words(
-        happens="the clock of one device is late",
-        measure="when one pulse arrives at each device",
-        mend="align the clocks of the devices",
+        happens="the clock of one device is delayed",
+        measure="the arrival time of one pulse at each device",
+        mend="synchronise the clocks of the devices",
     ),
     parts=("clocks",),
     strength=Strength(name="delay_s", unit="s", typical=1.0, low=0.7, high=1.4, source="assumed"),

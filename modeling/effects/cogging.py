@@ -31,9 +31,9 @@ def _sized(force_n: float, stroke_m: float) -> Effect:
         place="mechanical",
         equation="a * sin(2 pi x / p + psi)",
         words=Words(
-            happens="the drive is pulled towards fixed positions",
-            measure="the force of a spring balance that moves the axis slowly, drive off: it comes in waves",
-            mend="nothing is broken; count it in",
+            happens="cogging: the drive is pulled towards fixed positions",
+            measure="the force needed to move the axis slowly with a spring balance, drive off: it is periodic",
+            mend="no fault; keep it in the model",
         ),
         parts=("linear_drive",),
         strength=Strength(name="amplitude_n", unit="N", typical=0.05 * force_n, low=0.1, high=6.0, source="assumed"),
@@ -42,7 +42,7 @@ def _sized(force_n: float, stroke_m: float) -> Effect:
         shapes=tuple({"pitch_m": float(p) * stroke_m} for p in np.geomspace(0.1, 0.4, 48)),
         grows_with=("position",),
         confused_with=("elastic_load",),
-        told_apart_by="another stroke: it stays at its place",
+        told_apart_by="another stroke: it stays at the same positions",
         variants={"linear_axis": lambda axis: _sized(axis.force_scale_n, axis.stroke_m)},
     )
 

@@ -37,9 +37,9 @@ EFFECT = Effect(
     place="mechanical",
     equation="a * sin(slots * gear * angle + psi) on the motor shaft",
     words=Words(
-        happens="the motor's slots snap to its magnets",
-        measure="the torque that turns the uncoupled motor slowly by hand: it comes in waves, as many a turn as slots",
-        mend="nothing is broken; count it in, or use a motor with skewed slots",
+        happens="cogging torque between the slots and the magnets of the motor",
+        measure="the torque needed to turn the uncoupled motor slowly by hand: one period per slot",
+        mend="no fault; keep it in the model, or use a motor with skewed slots",
     ),
     parts=("motor", "gear", "crank"),
     strength=Strength(name="torque_n_m", unit="N*m", typical=0.006, low=0.2, high=4.0, source="assumed"),
@@ -49,5 +49,5 @@ EFFECT = Effect(
     needs=("motor_current_a",),
     grows_with=("position",),
     confused_with=("gear_eccentricity", "motor_coulomb_friction"),
-    told_apart_by="idle runs at several speeds: as many cycles a stroke at each, slots times gear of them",
+    told_apart_by="idle runs at several speeds: the same number of cycles per stroke at each, slots times gear ratio",
 )

@@ -38,8 +38,8 @@ EFFECT = Effect(
     place="electrical",
     equation="U = duty * V_b - V_f * (1 - duty)",
     words=Words(
-        happens="the converter loses voltage while it does not drive",
-        measure="the motor voltage with a scope while the switch is off",
+        happens="voltage loss of the converter during the off time",
+        measure="the motor voltage with an oscilloscope while the switch is off",
         mend="check diode and dead time of the converter",
     ),
     parts=("converter",),

@@ -47,9 +47,9 @@ EFFECT = Effect(
     place="supply",
     equation="i_b = duty * i / eta",
     words=Words(
-        happens="the converter takes more from the battery than it hands on",
-        measure="power into and out of the converter at several loads",
-        mend="check the converter's losses",
+        happens="power loss of the converter",
+        measure="input and output power of the converter at several loads",
+        mend="check the losses of the converter",
     ),
     parts=("converter",),
     strength=Strength(name="loss_share", unit="1", typical=0.08, low=0.1, high=4.0, source="assumed"),

@@ -75,7 +75,7 @@ EFFECT = Effect(
     equation="duty falls so that i <= i_max",
     words=Words(
         happens="the controller limits the current",
-        measure="the current of a start under load with a scope: a flat top",
+        measure="the starting current under load with an oscilloscope: a flat top",
         mend="check the current limit of the controller",
     ),
     parts=("converter", "motor"),

@@ -44,16 +44,16 @@ EFFECT = Effect(
     place="sensing",
     equation="tau * di_m/dt + i_m = i",
     words=Words(
-        happens="the motor current is read late and rounded off",
-        measure="a step of the current on this sensor beside a shunt",
-        mend="widen the filter of the current sensor",
+        happens="lag of the motor current sensor",
+        measure="a current step on this sensor compared with a shunt",
+        mend="increase the bandwidth of the current sensor",
     ),
     words_on={
         "linear_axis": Words(
             name="lag of the drive's sensor",
-            happens="the current or force of the drive is read late and rounded off",
-            measure="a step of the drive on this sensor beside an unfiltered one",
-            mend="widen the filter of the drive's sensor",
+            happens="lag of the current or force sensor of the drive",
+            measure="a step of the drive on this sensor compared with an unfiltered one",
+            mend="increase the bandwidth of the drive sensor",
         )
     },
     parts=("drive_sensor",),

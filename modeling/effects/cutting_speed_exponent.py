@@ -38,9 +38,9 @@ EFFECT = Effect(
     place="cutting",
     equation="F = k * v_ref * (v / v_ref)^p",
     words=Words(
-        happens="the cutting force does not grow in proportion to the blade's speed",
+        happens="the cutting force is not proportional to the blade speed",
         measure="the peak force in one piece of wood at three speeds",
-        mend="nothing is broken; the straight-line law of cutting is too simple for this material",
+        mend="no fault; the linear cutting law is too simple for this material",
     ),
     parts=("blade",),
     silent_in=("air",),

@@ -28,9 +28,9 @@ EFFECT = Effect(
     place="cutting",
     equation="F = F_0 + k * v on the cutting half",
     words=Words(
-        happens="the blade presses with a force that does not depend on its speed",
+        happens="part of the cutting force does not depend on the speed (edge force)",
         measure="the force at the slowest speed at which the blade still cuts",
-        mend="look for blunt teeth; otherwise the law of cutting is too simple for this material",
+        mend="check for blunt teeth; otherwise the linear cutting law is too simple for this material",
     ),
     parts=("blade",),
     silent_in=("air",),

@@ -33,9 +33,9 @@ def _sized(force_n: float, stroke_m: float) -> Effect:
         place="mechanical",
         equation="k * (x - x_0): spring, cable, bellows",
         words=Words(
-            happens="something springy acts on the axis",
+            happens="an elastic load acts on the axis",
             measure="the force that holds the axis still, drive off, at several positions",
-            mend="look for cables, bellows and end stops",
+            mend="check cables, bellows and end stops",
         ),
         parts=("moving_mass",),
         strength=Strength(
@@ -45,7 +45,7 @@ def _sized(force_n: float, stroke_m: float) -> Effect:
         shapes=({"power": 1.0}, {"power": 3.0}),
         grows_with=("position",),
         confused_with=("cogging",),
-        told_apart_by="another stroke: it grows with the distance from the middle, whatever the speed",
+        told_apart_by="another stroke: it grows with the distance from the middle at any speed",
         variants={"linear_axis": lambda axis: _sized(axis.force_scale_n, axis.stroke_m)},
     )
 

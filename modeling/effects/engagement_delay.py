@@ -31,8 +31,8 @@ EFFECT = Effect(
     place="cutting",
     equation="F = 0 until a fraction of the cutting half is travelled",
     words=Words(
-        happens="the teeth bite late in the stroke",
-        measure="the blade position at which the force begins, at two speeds",
+        happens="the teeth engage late in the stroke",
+        measure="the blade position at which the force starts, at two speeds",
         mend="check the play of blade and workpiece",
     ),
     parts=("blade",),
@@ -46,7 +46,7 @@ EFFECT = Effect(
     needs=("force_n",),
     grows_with=("position",),
     confused_with=("yoke_backlash", "cutting_speed_exponent", "force_sensor_lag"),
-    told_apart_by="trials at several speeds: it stays at one blade position",
+    told_apart_by="trials at several speeds: it stays at the same blade position",
     background=(
         ({"fraction": 0.003, "ramp": 0.0005}, 1.0),
         ({"fraction": 0.003, "ramp": 0.003}, 1.0),

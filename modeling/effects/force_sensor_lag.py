@@ -61,9 +61,9 @@ EFFECT = Effect(
     place="sensing",
     equation="tau * dF_m/dt + F_m = F",
     words=Words(
-        happens="the force is read late and rounded off",
-        measure="the force reading after a knock beside an unfiltered accelerometer",
-        mend="widen the filter of the force amplifier",
+        happens="lag of the force measurement",
+        measure="the force reading after a light hammer blow compared with an unfiltered accelerometer",
+        mend="increase the bandwidth of the force amplifier",
     ),
     parts=("load_cell",),
     strength=Strength(name="time_constant_s", unit="s", typical=1.0, low=0.7, high=1.4, source="assumed"),
@@ -78,7 +78,7 @@ EFFECT = Effect(
     needs=("force_n",),
     grows_with=("speed",),
     confused_with=("clock_offset", "blade_compliance"),
-    told_apart_by="the motor current: it feels the true force",
+    told_apart_by="the motor current: it responds to the true force",
     background=(({"tau_s": 1e-4, "damping": 0.0}, 0.5),),
     variants={"linear_axis": _on_axis},
 )

@@ -45,7 +45,7 @@ EFFECT = Effect(
     place="mechanical",
     equation="a * sin(angle + psi) at the motor",
     words=Words(
-        happens="the gear runs out of true",
+        happens="runout of the gear wheel",
         measure="the radial runout of the gear wheel with a dial gauge",
         mend="measure the runout of the gear wheel",
     ),
@@ -56,5 +56,5 @@ EFFECT = Effect(
     shapes=({"kinematic": 0.0}, {"kinematic": 1.0}),
     needs=("motor_current_a",),
     confused_with=("yoke_backlash",),
-    told_apart_by="idle runs: once a stroke without any load",
+    told_apart_by="idle runs: once per stroke without load",
 )

@@ -61,7 +61,7 @@ EFFECT = Effect(
     place="cutting",
     equation="k * (1 + a * sin(2 pi * feed path / wavelength))",
     words=Words(
-        happens="the wood is harder in some places than in others",
+        happens="the specific cutting coefficient varies along the cut (grain)",
         measure="the spacing of the annual rings along the cut",
         mend="cut along the grain, or average longer",
     ),

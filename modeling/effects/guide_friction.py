@@ -87,7 +87,7 @@ EFFECT = Effect(
     ),
     words_on={
         "linear_axis": Words(
-            happens="dry friction brakes the axis, the same at every speed",
+            happens="dry friction of the axis, the same at every speed",
             measure="the force of a spring balance that pulls the axis through its stroke, drive off",
             mend="clean, oil and align the guides; check seals and preload",
         )
@@ -102,6 +102,6 @@ EFFECT = Effect(
     form_names={"coulomb": {"static_ratio": 1.0, "stribeck_m_s": 0.1}},
     needs=("motor_current_a",),
     confused_with=("motor_coulomb_friction", "load_dependent_friction", "yoke_backlash"),
-    told_apart_by="idle runs: twice a stroke over the crank angle, the same at every load and speed",
+    told_apart_by="idle runs: twice per stroke over the crank angle, the same at every load and speed",
     variants={"linear_axis": _on_axis},
 )

@@ -106,7 +106,7 @@ def carried(effect: Effect, form: Mapping[str, float], key: str, value: float) -
         return value
     low, high = np.log(_LEAST_CARRIED), np.log(_MOST_CARRIED)
     if (reported(_LEAST_CARRIED) - value) * (reported(_MOST_CARRIED) - value) > 0.0:
-        raise ValueError(f"no {key} of this form gives {value!r}")
+        raise ValueError(f"no {key} of this form results in {value!r}")
     found = root_scalar(
         lambda log: reported(float(np.exp(log))) - value, method="brentq", bracket=(low, high), xtol=1e-14
     )

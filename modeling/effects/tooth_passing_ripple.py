@@ -36,7 +36,7 @@ EFFECT = Effect(
     words=Words(
         happens="single teeth show in the force",
         measure="the pitch of the teeth with a ruler: the ripple must have the same",
-        mend="nothing is broken; count it in, or use a finer blade",
+        mend="no fault; keep it in the model, or use a finer blade",
     ),
     parts=("blade",),
     silent_in=("air",),

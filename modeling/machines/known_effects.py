@@ -86,7 +86,9 @@ def entry_of(known: KnownEffect) -> dict[str, Any]:
 
 def _learned(entry: Entry, machine: Machine, where: str) -> KnownEffect:
     if machine.frame != "crank":
-        raise ConfigError(f"a {machine.title} takes no learned term: its quantities are those of a saw", where=where)
+        raise ConfigError(
+            f"a {machine.title} does not support a learned term: its quantities are those of a saw", where=where
+        )
     return read_learned(entry, where)
 
 
@@ -96,7 +98,7 @@ def _unknown(name: str, offered: list[str], where: str, title: str) -> ConfigErr
         return ConfigError(f"a {title} as configured has no such effect: it needs {lacking}", where=where)
     close = difflib.get_close_matches(name, offered, n=1, cutoff=0.5)
     remedy = f"did you mean {close[0]!r}?" if close else f"known are {', '.join(offered)}"
-    return ConfigError("is no effect of the catalogue", where=where, remedy=remedy)
+    return ConfigError("is not an effect of the catalogue", where=where, remedy=remedy)
 
 
 def _known(effect: Effect, entry: Entry, where: str) -> KnownEffect:
@@ -182,10 +184,10 @@ def _check_value(known: KnownEffect, where: str) -> None:
     least = -most if min(ends) < 0.0 else 0.0
     if not least <= known.value <= most:
         raise ConfigError(
-            f"{strength.name} = {known.value!r} {strength.unit} is far from what occurs, {min(ends):.3g} to"
+            f"{strength.name} = {known.value!r} {strength.unit} is far outside the usual range, {min(ends):.3g} to"
             f" {max(ends):.3g}",
             where=where,
-            remedy=f"check the unit: it is {strength.unit}",
+            remedy=f"check the unit, which is {strength.unit}",
         )
     try:
         known.shape  # noqa: B018

@@ -20,7 +20,7 @@ from sawbench.modeling.effects.learned import (
 
 _REQUIRED: Final = ("equation", "quantities", "nodes", "values", "stds")
 _KEYS: Final = (*_REQUIRED, "cutting_only", "scale", "std")
-_REMEDY: Final = "copy the entry from improved_model.toml of `sawbench diagnose` as it is"
+_REMEDY: Final = "copy the entry unchanged from improved_model.toml of `sawbench diagnose`"
 # Of the spacing: nodes are evenly spaced to the digits that are written.
 _EVEN: Final = 1e-3
 
@@ -119,7 +119,9 @@ def _nodes(stated: Any, name: str, where: str) -> Floats:
     if QUANTITIES[name].is_periodic:
         turn = np.arange(len(place)) * 2.0 * np.pi / len(place)
         if np.abs(place - turn).max() > _EVEN * turn[1]:
-            raise ConfigError(f"nodes of {name} must share one turn evenly, from 0 on", where=where, remedy=_REMEDY)
+            raise ConfigError(
+                f"nodes of {name} must divide one turn evenly, starting at 0", where=where, remedy=_REMEDY
+            )
         return turn
     return place
 

@@ -36,12 +36,12 @@ JIGSAW: Final = Machine(
 SLIDER_CRANK_SAW: Final = replace(
     JIGSAW,
     name="slider_crank_saw",
-    title="battery saw whose blade hangs on a connecting rod",
+    title="battery saw with a slider-crank mechanism",
     parts=frozenset((*_SAW, "slider_crank")),
 )
 LINEAR_AXIS: Final = Machine(
     name="linear_axis",
-    title="mass on a guide, driven to and fro",
+    title="reciprocating mass on a guide",
     frame="linear_axis",
     parts=frozenset(
         ("drive", "linear_drive", "moving_mass", "guide", "joint", "load", "load_cell", "drive_sensor", "clocks")
@@ -66,13 +66,13 @@ def machine_of(config: BenchConfig, *, path: str = "") -> Machine:
     Raises
     ------
     ConfigError
-        If it describes no machine.
+        If it does not describe a machine.
     """
     if config.linear_axis is not None:
         return axis_of(config.linear_axis)
     if config.plant is None:
         raise ConfigError(
-            "describes no machine", where=path, remedy="give it a [plant] table (a saw) or a [linear_axis] table"
+            "does not describe a machine", where=path, remedy="give it a [plant] table (a saw) or a [linear_axis] table"
         )
     return saw_of(config.plant, config.battery)
 

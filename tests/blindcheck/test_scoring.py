@@ -460,8 +460,8 @@ def test_an_effect_that_the_catalogue_at_hand_lists_counts_as_one_of_it():
 
 def test_every_form_that_the_diagnosis_has_beyond_its_catalogue_is_accounted_for():
     forms = {
-        "bent displacement sensor": "displacement_bow",
+        "nonlinear displacement sensor": "displacement_bow",
         "friction that falls as the machine warms up": "grease_warming",
-        "voltage that is ramped up at every start": "soft_start",
+        "voltage ramp at every start": "soft_start",
     }
     assert {forms[effect.name] for effect in BEYOND_CATALOGUE} < LOOKED_FOR_OUTSIDE < set(OUTSIDE)

@@ -84,7 +84,7 @@ def test_process_doubts_peak_force_of_clipped_channel(table, tmp_path, capsys):
     recording = imported(WRONG_CHANNELS["force clipped"](table), tmp_path)
     code, out, _ = run(capsys, "process", recording)
     assert code == 1
-    assert "end of its range" in out
+    assert "amplifier saturated" in out
 
 
 def test_fit_without_duty_says_where_to_state_it(table, tmp_path, capsys):

@@ -39,7 +39,7 @@ def test_fitted_battery_reaches_the_runtime(tmp_path, capsys):
     assert main(["battery", "fit", *tables, "--config", str(SHIPPED), "--series", "5", "--out", str(out)]) == 0
     shown = capsys.readouterr().out
     assert "is chosen" in shown
-    assert "the current counts negative on discharge" in shown
+    assert "the current is negative on discharge" in shown
     battery = load_config(out).battery()
     assert battery.cutoff_soc == load_config(SHIPPED).battery().cutoff_soc
     assert battery.fitted is not None
@@ -89,7 +89,7 @@ def test_discharges_that_contradict_each_other_leave_no_file(tmp_path, capsys):
     out = tmp_path / "battery.toml"
     assert main(["battery", "fit", *tables, "--out", str(out)]) == 1
     error = capsys.readouterr().err
-    assert "contradicts its own data" in error
+    assert "does not reproduce its own data" in error
     assert "full charge" in error
     assert not out.exists()
     assert not out.with_suffix(".html").exists()

@@ -135,7 +135,7 @@ def test_every_machine_of_the_table_comes_from_a_configuration():
 def test_a_configuration_without_a_machine_says_so(tmp_path):
     path = tmp_path / "empty.toml"
     path.write_text("")
-    with pytest.raises(ConfigError, match="describes no machine") as refused:
+    with pytest.raises(ConfigError, match="does not describe a machine") as refused:
         reduce_recordings([], load_config(path))
     assert str(path) in str(refused.value)
 

@@ -129,7 +129,7 @@ def test_a_force_that_comes_late_is_not_fitted(noisy, method):
     late = MeasuredCycles(**(values | {"force_n": np.roll(noisy.force_n, 10, axis=1)}))
     fit = fit_cutting_coefficient(late, plant=plant(), battery=BATTERY, method=method)
     assert fit.status == "contradicted"
-    assert any("the force of the fitted stroke misses the measured one" in note for note in fit.notes)
+    assert any("the force of the fitted stroke has an RMSE" in note for note in fit.notes)
 
 
 @pytest.mark.parametrize("method", ["current_and_force", "current", "force"])

@@ -81,7 +81,7 @@ def test_nonsense_is_refused_by_name(change, message):
 
 def test_angle_that_runs_backwards_and_trials_without_a_stroke_are_refused():
     time_s, angle = turning()
-    with pytest.raises(InputError, match="never decrease"):
+    with pytest.raises(InputError, match="not decrease"):
         cycles_from_samples(time_s, -angle, None, {})
     with pytest.raises(InputError, match="no complete stroke"):
         cycles_from_samples(time_s, 0.001 * angle, None, {})

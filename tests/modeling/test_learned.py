@@ -107,7 +107,7 @@ def test_an_entry_comes_back_as_it_was_written(site):
         ({"nodes": [[1.0, 2.0, 3.0]]}, "4 or more increasing numbers"),
         ({"nodes": [[1.0, 3.0, 2.0, 4.0, 5.0]]}, "4 or more increasing numbers"),
         ({"nodes": []}, "a list for each of"),
-        ({"quantities": ["crank_angle_rad"]}, "share one turn evenly"),
+        ({"quantities": ["crank_angle_rad"]}, "divide one turn evenly"),
         ({"values": [1.0, 2.0]}, "need the shape"),
         ({"values": [1.0, 2.0, "x", 4.0, 5.0]}, "finite numbers"),
         ({"stds": [0.1, 0.1, -0.1, 0.1, 0.1]}, "not negative"),
@@ -126,7 +126,7 @@ def test_a_missing_key_and_a_machine_without_such_quantities_are_refused():
     entry = entry_of(known(over_speed(np.zeros(5))))
     with pytest.raises(ConfigError, match="missing key 'values'"):
         read({key: value for key, value in entry.items() if key != "values"})
-    with pytest.raises(ConfigError, match="takes no learned term"):
+    with pytest.raises(ConfigError, match="does not support a learned term"):
         read(entry, name="linear_axis")
 
 

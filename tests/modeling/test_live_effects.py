@@ -99,7 +99,7 @@ def test_a_saw_that_its_effects_stop_has_no_runtime_left():
     )
     found = live.update(StrokeSummary(period_s=0.2, mean_force_n=800.0))
     assert (found.remaining_s, found.remaining_std_s) == (None, None)
-    assert "does not run down to the cut-off" in found.notes[-1]
+    assert "does not reach the cut-off" in found.notes[-1]
 
 
 def test_what_the_effects_need_is_asked_for():

@@ -46,7 +46,7 @@ def test_both_discharges_are_found_whatever_the_sign(sign):
     assert found[1].charge_a_s[-1] == pytest.approx(37 * 60.0 * 2.0)
     assert [d.cycle for d in found] == [7.0, 8.0]
     assert found[0].start_temperature_c == pytest.approx(20.0 + 10.0 * 5 / 150)
-    assert any("turned round" in note for note in notes) == (sign < 0)
+    assert any("sign was reversed" in note for note in notes) == (sign < 0)
 
 
 def test_a_short_discharge_is_left_out_and_said():
@@ -73,7 +73,7 @@ def test_a_discharge_ends_where_its_voltage_crosses_the_cutoff():
     assert ended.voltage_v[-1] == 3.0
     assert ended.charge_a_s[-1] == 30.0
     for cutoff_v in (1.9, 4.1):
-        with pytest.raises(InputError, match="does not fall to the cut-off"):
+        with pytest.raises(InputError, match="does not reach the cut-off"):
             whole.ended_at(cutoff_v)
 
 

@@ -115,8 +115,8 @@ def test_unknown_and_empty_columns(tmp_path):
         ({"time_s": 1000.0}, {}, "milliseconds"),
         ({}, {"force_n": 1e-3}, "kN"),
         ({}, {"displacement_mm": 1e-3}, "metres"),
-        ({}, {"motor_current_a": 1e3}, "another unit"),
-        ({}, {"battery_voltage_v": 1e3}, "another unit"),
+        ({}, {"motor_current_a": 1e3}, "check the unit"),
+        ({}, {"battery_voltage_v": 1e3}, "check the unit"),
     ],
 )
 def test_what_looks_like_another_unit_is_said_and_not_changed(tmp_path, columns, scale, hint):
