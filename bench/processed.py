@@ -197,6 +197,64 @@ class ChannelQuality:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class StrokeOffset:
+    """How much later a channel comes than the displacement, which another instrument delivers, by their strokes.
+
+    Attributes
+    ----------
+    channel, device : str
+    against : str
+        Instrument of the displacement.
+    offset_s, offset_std_s : float or None
+        Positive: too late; and its standard uncertainty with that of the model. None where the trial cannot tell.
+    repeat_std_s : float or None
+        The part of `offset_std_s` that differs from trial to trial: what a difference between two trials of one
+        session is known to.
+    change_s, change_std_s : float or None
+        How much later it comes at the end of the trial than at its beginning, and its standard uncertainty.
+    stated_std_s, stated_latency_s : float or None
+        What the recording states of its alignment: standard uncertainty and largest latency.
+    reason : str
+        Why there is no offset.
+    problem : str
+        What contradicts the stated alignment; empty where nothing does.
+    """
+
+    channel: str
+    device: str
+    against: str
+    offset_s: float | None = None
+    offset_std_s: float | None = None
+    repeat_std_s: float | None = None
+    change_s: float | None = None
+    change_std_s: float | None = None
+    stated_std_s: float | None = None
+    stated_latency_s: float | None = None
+    reason: str = ""
+    problem: str = ""
+
+    def words(self) -> str:
+        """Say offset and change with their uncertainties, or that the trial cannot tell.
+
+        Examples
+        --------
+        >>> StrokeOffset(channel="force_n", device="b", against="a", offset_s=2e-4, offset_std_s=3e-4).words()
+        'force_n (b) against a: +0.20 ± 0.30 ms'
+        """
+        parts = []
+        if self.offset_s is not None and self.offset_std_s is not None:
+            parts.append(f"{1e3 * self.offset_s:+.2f} ± {1e3 * self.offset_std_s:.2f} ms")
+        else:
+            parts.append(f"offset not known ({self.reason})")
+        if self.change_s is not None and self.change_std_s is not None:
+            parts.append(f"change within the trial {1e3 * self.change_s:+.2f} ± {1e3 * self.change_std_s:.2f} ms")
+        if self.stated_std_s is not None and self.stated_latency_s is not None:
+            stated, latency = f"{1e3 * self.stated_std_s:.2f}", f"{1e3 * self.stated_latency_s:.1f}"
+            parts.append(f"stated ± {stated} ms and up to {latency} ms of latency")
+        return f"{self.channel} ({self.device or 'no instrument named'}) against {self.against}: {'; '.join(parts)}"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class ProcessedTrial:
     """Everything `sawbench process` finds in one recording.
 
@@ -223,6 +281,8 @@ class ProcessedTrial:
         Mean of each channel over the running part; keys are channel names.
     rms_values : mapping of str to float
     quality : tuple of ChannelQuality
+    offsets : tuple of StrokeOffset
+        Of the channels of other instruments than the displacement's.
     warnings : tuple of str
     source_path, source_sha256 : str
     """
@@ -242,6 +302,7 @@ class ProcessedTrial:
     channels: Mapping[str, Signal] = field(default_factory=dict)
     steady: SteadyPart | None = None
     quality: tuple[ChannelQuality, ...] = ()
+    offsets: tuple[StrokeOffset, ...] = ()
     warnings: tuple[str, ...] = ()
     source_path: str = ""
     source_sha256: str = ""

@@ -53,7 +53,8 @@ def command(
     else:
         results = [trial.processed for trial in batch.kept(files, named_config(config_path), failures, "processing")]
     rows = [summary_row(processed) for processed in results]
-    shown = [{**row, "warnings": list(r.warnings), "rivals": plain(r.period.rivals if r.period else ())}
+    shown = [{**row, "warnings": list(r.warnings), "rivals": plain(r.period.rivals if r.period else ()),
+              "offsets": plain(r.offsets)}
              for row, r in zip(rows, results, strict=True)]  # fmt: skip
     text = describe(results)
     if out_dir is not None:
@@ -101,6 +102,7 @@ def is_trusted(processed: ProcessedTrial) -> bool:
 
 def describe(results: list[ProcessedTrial]) -> str:
     """One row a trial, then what is to be said about each."""
+    from sawbench.processing.stroke_offsets import changed_between
     from sawbench.reporting.quantities import format_quantity
 
     rows, remarks = [], []
@@ -132,5 +134,7 @@ def describe(results: list[ProcessedTrial]) -> str:
                 f"{processed.trial.trial_id}: return stroke {removed.half} set to zero; removed:"
                 f" {removed.rms_n:.1f} N rms, {removed.share_of_impulse:.1%} of the impulse"
             )
+        remarks += [f"{processed.trial.trial_id}: time of {offset.words()}" for offset in processed.offsets]
+    remarks += changed_between([(processed.trial.trial_id, processed.offsets) for processed in results])
     head = ["trial", "status", "period", "rate", "confidence", "strokes", "peak force"]
     return "\n".join([table(head, rows), *remarks])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,6 +33,7 @@ from sawbench.processing.return_stroke import zero_return_stroke
 from sawbench.processing.settled import find_steady_part
 from sawbench.processing.spectrum import power_spectrum, steady_stretch
 from sawbench.processing.stroke_clock import Slip, find_slips
+from sawbench.processing.stroke_offsets import stroke_offsets
 from sawbench.processing.stroke_ripple import restore_ripple
 
 _FORCE, _DISPLACEMENT, _CURRENT = "force_n", "displacement_mm", "motor_current_a"
@@ -109,7 +111,7 @@ def process_recording(recording: Recording, config: BenchConfig, *, source_sha25
     )
     if motion.angle is None or motion.cycles is None or not len(motion.cycles.index):
         return base
-    return _with_cycles(base, channels, config, motion.angle, motion.cycles)
+    return _with_cycles(base, recording.signals, channels, config, motion.angle, motion.cycles)
 
 
 def _judged(channels: Channels, config: BenchConfig, trial: Trial) -> tuple[ChannelQuality, ...]:
@@ -293,7 +295,12 @@ def _status_without_cutting(channels: Channels, config: BenchConfig, trial: Tria
 
 
 def _with_cycles(
-    base: ProcessedTrial, channels: Channels, config: BenchConfig, angle: CrankAngle, cycles: Cycles
+    base: ProcessedTrial,
+    signals: Mapping[str, Signal],
+    channels: Channels,
+    config: BenchConfig,
+    angle: CrankAngle,
+    cycles: Cycles,
 ) -> ProcessedTrial:
     """Add everything that needs complete strokes."""
     per_channel = {name: _covered(cycles, channel) for name, channel in channels.items()}
@@ -306,11 +313,9 @@ def _with_cycles(
         n_bins=config.analysis.n_bins,
         n_threads=2 if n_samples > _TWO_THREADS_FROM else 1,
     )
-    slips = (
-        find_slips(angle, {n: (c.time_s, c.values) for n, c in channels.items()}, per_channel)
-        if angle.is_absolute
-        else ()
-    )
+    values = {name: (c.time_s, c.values) for name, c in channels.items()}
+    slips = find_slips(angle, values, per_channel) if angle.is_absolute else ()
+    offsets = stroke_offsets(signals, values, folded, per_channel, angle, config)
     averages = {
         name: cycle_averages(channels[name].time_s, channels[name].values, per_channel[name]) for name in folded
     }
@@ -326,7 +331,13 @@ def _with_cycles(
         mean_values={name: value[0] for name, value in averages.items()},
         rms_values={name: value[1] for name, value in averages.items()},
         quality=_with_slips(base.quality, slips),
-        warnings=(*base.warnings, *warnings, *(f"{slip.channel}: {slip.words()}" for slip in slips)),
+        offsets=offsets,
+        warnings=(
+            *base.warnings,
+            *warnings,
+            *(f"{slip.channel}: {slip.words()}" for slip in slips),
+            *(offset.problem for offset in offsets if offset.problem),
+        ),
     )
 
 

@@ -276,6 +276,7 @@ def trust_in(report: TrialReport) -> Trust:
         warn.append(f"No {'k_Fc' if fit is None else 'runtime'}: {report.note}.")
     warn += runtime.notes if runtime is not None else ()
     warn += [f"{row.channel}: {problem}" for row in processed.quality for problem in row.problems]
+    warn += [f"{offset.problem}." for offset in processed.offsets if offset.problem]
     reasons = tuple(dict.fromkeys([*bad, *warn]))
     if bad:
         return Trust(level="bad", words="Not every result of this trial is reliable.", reasons=reasons)
@@ -290,6 +291,9 @@ def _sections(report: TrialReport, preview_s: float) -> list[Section]:
     if processed.period is not None:
         spectrum = period_picture(report.spectra, processed.period)
         found.append(Section(heading="Stroke period", pictures=_drawn(spectrum), texts=_period_words(processed)))
+    if processed.offsets:
+        words = tuple(f"{offset.words()}." for offset in processed.offsets)
+        found.append(Section(heading="Times of the instruments, by the strokes", texts=words))
     texts = () if processed.removed is None else (_removed_words(processed),)
     found.append(Section(heading="One stroke", pictures=_stroke_pictures(report), texts=texts))
     if report.model:

@@ -20,6 +20,7 @@ from sawbench.bench.processed import (
     ProcessedTrial,
     RemovedForce,
     SteadyPart,
+    StrokeOffset,
 )
 from sawbench.bench.units import CHANNEL_BY_NAME, CHANNELS
 from sawbench.storage.codec import trial_from_metadata, trial_to_metadata
@@ -87,6 +88,7 @@ def write_processed(processed: ProcessedTrial, path: str | Place, overwrite: boo
         for name in ("mean_values", "rms_values"):
             _put(store.create_group(name), getattr(processed, name))
         _put_rows(store.create_group("quality"), processed.quality, ChannelQuality.__slots__)
+        _put_rows(store.create_group("offsets"), processed.offsets, StrokeOffset.__slots__)
     return write_whole(path, content.getvalue(), overwrite=overwrite, makes_folder=True)
 
 
@@ -100,10 +102,9 @@ def _put(group: Any, pairs: Attributes) -> None:
 def _put_rows(group: Any, rows: tuple[Any, ...], names: Iterable[str]) -> None:
     """Write each row as a numbered group of attributes."""
     for number, row in enumerate(rows):
-        entry = group.create_group(f"{number:04d}")
-        for name in names:
-            value = getattr(row, name)
-            entry.attrs[name] = list(value) if isinstance(value, tuple) else value
+        found = {name: getattr(row, name) for name in names}
+        lists = {name: list(value) if isinstance(value, tuple) else value for name, value in found.items()}
+        _put(group.create_group(f"{number:04d}"), lists)
 
 
 def _put_period(store: Any, period: PeriodEstimate | None) -> None:
@@ -195,6 +196,7 @@ def _read_trial(store: Any) -> ProcessedTrial:
         mean_values=_python(store["mean_values"].attrs),
         rms_values=_python(store["rms_values"].attrs),
         quality=_get_rows(store["quality"], ChannelQuality),
+        offsets=_get_rows(store["offsets"], StrokeOffset) if "offsets" in store else (),
         warnings=tuple(attributes["warnings"]),
         source_path=attributes["source_path"],
         source_sha256=attributes["source_sha256"],

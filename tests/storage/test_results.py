@@ -19,6 +19,7 @@ from sawbench.bench.processed import (
     Phase,
     ProcessedTrial,
     RemovedForce,
+    StrokeOffset,
 )
 from sawbench.bench.recording import Trial
 from sawbench.storage.results import append_summary_rows, read_processed, summary_row, write_processed
@@ -92,6 +93,10 @@ def processed(**changes):
                 problems=("clipped", "missing"),
             ),
         ),
+        "offsets": (
+            StrokeOffset(channel="motor_current_a", device="can", against="cell", offset_s=2e-4, offset_std_s=4e-4),
+            StrokeOffset(channel="force_n", device="b", against="cell", change_s=1e-5, reason="why", problem="what"),
+        ),
         "warnings": ("one", "zwei ü"),
         "source_path": "recordings/T1.mcap",
         "source_sha256": "ab" * 32,
@@ -123,6 +128,7 @@ EMPTY = {
     "mean_values": {},
     "rms_values": {},
     "quality": (),
+    "offsets": (),
     "warnings": (),
 }
 
