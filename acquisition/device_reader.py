@@ -22,8 +22,9 @@ _GATHERED_SAMPLES: Final = 250
 # Slower instruments are read as they send; and all are while the clock settles, which wants every arrival.
 _GATHER_FROM_HZ: Final = 200.0
 _EAGER_S: Final = 3.0
-# A read that took no longer found something waiting.
-_AT_ONCE_S: Final = 3e-4
+# Samples that come later than they may gather, by so much, are behind: they are read without a pause.
+_BEHIND_S: Final = 0.05
+_WINDOW_S: Final = 5.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -89,7 +90,7 @@ class DeviceReader(threading.Thread):
         self._silence_s = silence_s
         self._stopping = threading.Event()
         self._gather_s = _gather_s(device, gather_s)
-        self._keeps_up = True
+        self._lag = _Lag(device)
         self._serial_number = device.describe().get(_SERIAL_NUMBER)
 
     def stop(self) -> None:
@@ -116,21 +117,17 @@ class DeviceReader(threading.Thread):
 
     def _read_until_lost(self) -> None:
         begun_s = latest_s = self._clock()
+        self._lag.begin()
         while not self._stopping.is_set():
-            may_gather = self._keeps_up and self._gather_s > 0 and self._clock() - begun_s > _EAGER_S
-            chunks = self._gathered() if may_gather else self._read()
+            may_gather = self._gather_s > 0 and not self._lag.is_behind and self._clock() - begun_s > _EAGER_S
+            chunks = self._gathered() if may_gather else self.device.read()
             now_s = self._clock()
             if chunks:
                 latest_s = now_s
+                self._lag.take(chunks, now_s)
                 self._send(Samples(device=self.device.name, chunks=chunks))
             elif now_s - latest_s > self._silence_s:
                 raise DeviceError(f"sent nothing for {now_s - latest_s:.1f} s", where=self.device.name)
-
-    def _read(self) -> list[Chunk]:
-        begun_s = self._clock()
-        chunks = self.device.read()
-        self._keeps_up = self._clock() - begun_s > _AT_ONCE_S
-        return chunks
 
     def _gathered(self) -> list[Chunk]:
         """Let samples gather, take them, and wait for those behind them, whose arrival is then known."""
@@ -139,7 +136,7 @@ class DeviceReader(threading.Thread):
         if not chunks:
             return []
         try:
-            return joined(chunks, self._read())
+            return joined(chunks, self.device.read())
         except DeviceError:
             self._send(Samples(device=self.device.name, chunks=chunks))
             raise
@@ -181,6 +178,37 @@ class DeviceReader(threading.Thread):
             except queue.Full:
                 continue
             return
+
+
+class _Lag:
+    """How far the newest sample is behind, against the least of the last seconds.
+
+    A read may return only a part of what waits, as systems hand out a few kilobytes at a time: who pauses behind such a
+    read falls back further.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self._stream, self._rate_hz = next(((s.name, s.rate_hz) for s in device.streams), ("", 0.0))
+        self.begin()
+
+    def begin(self) -> None:
+        """Count anew: the instrument has just been started."""
+        self._n = 0
+        self._least_s = self._least_before_s = np.inf
+        self._window_s = -np.inf
+        self.is_behind = False
+
+    def take(self, chunks: Sequence[Chunk], now_s: float) -> None:
+        """Count the samples of the first stream among what was read at `now_s`."""
+        if self._rate_hz <= 0:
+            return
+        self._n += sum(len(chunk.raw) + chunk.n_lost for chunk in chunks if chunk.stream == self._stream)
+        behind_s = now_s - self._n / self._rate_hz
+        if now_s > self._window_s + _WINDOW_S:
+            # What was lost stays away: only the last seconds count.
+            self._window_s, self._least_before_s, self._least_s = now_s, self._least_s, np.inf
+        self._least_s = min(self._least_s, behind_s)
+        self.is_behind = behind_s > min(self._least_s, self._least_before_s) + _BEHIND_S
 
 
 def _gather_s(device: Device, longest_s: float) -> float:

@@ -48,6 +48,8 @@ class LiveWarnings:
         Force with which the carriage is pressed on the load cell; above it the carriage lifts off its support.
     folder : Path, optional
         Where the recording is written, for the space on its disk.
+    busy : callable, optional
+        Says that this computer is too busy; empty where it is not.
     limits : PreflightLimits, optional
 
     Notes
@@ -64,6 +66,7 @@ class LiveWarnings:
     - clock: more than 500 ppm and three standard uncertainties off.
     - silent: an instrument is a second behind the newest sample of the others.
     - disk: under 500 MB are free.
+    - busy: this computer let the recorder wait for 0.25 s; an instrument that is silent then may not be to blame.
 
     The tool runs where the blade moves by 1 mm in a second or the motor draws 0.5 A and 30 % of the most it drew. A
     second in which that changes is judged for range and rate alone. Fails: noise that is there from the beginning.
@@ -75,6 +78,7 @@ class LiveWarnings:
         *,
         preload_n: float | None = None,
         folder: Path | None = None,
+        busy: Callable[[], str] = str,
         limits: PreflightLimits | None = None,
     ) -> None:
         self._streams = dict(streams)
@@ -82,6 +86,7 @@ class LiveWarnings:
         self._source = {c.name: source for source, stream in streams.items() for c in stream.channels}
         self._preload_n = preload_n
         self._folder = folder
+        self._busy = busy
         self._limits = limits or PreflightLimits()
         self._blocks: dict[str, list[SampleBlock]] = {name: [] for name in self._channels}
         self._outside: dict[str, list[Event]] = {}
@@ -159,6 +164,8 @@ class LiveWarnings:
             yield from self._stroke(window)
         yield from self._of_streams(window, start_s + _WINDOW_S, drift_ppm)
         yield from self._disk()
+        if text := self._busy():
+            yield ("busy", "", ""), text
         self._is_running = is_running
 
     def _cut(self, name: str, start_s: float, end_s: float) -> tuple[Floats, Floats]:
@@ -247,7 +254,8 @@ class LiveWarnings:
         for (device, name), stream in self._streams.items():
             behind_s = min(newest_s, end_s + _LATENESS_S) - self._reached_s[device, name]
             if behind_s > _WINDOW_S:
-                yield ("silent", device, ""), f"{name} is silent"
+                blame = ", or its samples wait: this computer is too busy" if self._busy() else ""
+                yield ("silent", device, ""), f"{name} is silent{blame}"
                 continue
             time_s = window[stream.channels[0].name][0] if stream.channels else np.empty(0)
             if text := self._rate(stream, time_s):

@@ -13,11 +13,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Final, Literal
 
+from sawbench.acquisition.busy_watch import BusyWatch
 from sawbench.acquisition.device_reader import DeviceReader, LinkBack, LinkLost, Message, Samples
 from sawbench.acquisition.devices.device import Device
 from sawbench.acquisition.live_warnings import LiveWarnings
@@ -30,7 +31,7 @@ from sawbench.acquisition.recording_report import (
     RecordingStatus,
     RecordingSummary,
 )
-from sawbench.acquisition.stream_recorder import StreamRecorder
+from sawbench.acquisition.stream_recorder import OUTSIDE, StreamRecorder
 from sawbench.bench.errors import DeviceError, InputError
 from sawbench.bench.recording import Event, SampleBlock
 
@@ -170,6 +171,7 @@ class _Run:
         self._latest_data_s = 0.0
         self._pending: deque[SampleBlock | Event] = deque()
         self._warnings: LiveWarnings | None = None
+        self._busy = BusyWatch()
 
     def start_devices(self) -> None:
         """Open all, then start all; DeviceError names the first that fails."""
@@ -190,6 +192,9 @@ class _Run:
             self._readers.append(reader)
         for reader in self._readers if self._between_rounds is None else ():
             reader.start()
+        # Scripted time waits for nobody.
+        if self._clock is time.monotonic:
+            self._busy.start()
 
     def wait_until_settled(self, stop: threading.Event | None) -> None:
         """Wait until every stream delivers and its clock has settled."""
@@ -283,6 +288,7 @@ class _Run:
             {key: recorder.stream for key, recorder in self._streams.items()},
             preload_n=self._limits.preload_n,
             folder=self._limits.folder,
+            busy=self._busy.words,
         )
         started_at = datetime.now(UTC) - timedelta(seconds=self._latest_data_s - self._zero_s)
         return RecordingStart(started_at=started_at, provenance=self._provenance())
@@ -321,6 +327,7 @@ class _Run:
 
     def close(self) -> None:
         """Stop threads and devices."""
+        self._busy.stop()
         for reader in self._readers:
             reader.stop()
         started = {reader.device.name for reader in self._readers if reader.ident is not None}
@@ -348,7 +355,7 @@ class _Run:
             out: list[SampleBlock | Event] = []
             for chunk in message.chunks:
                 out += self._streams[message.device, chunk.stream].push(chunk)
-            return out
+            return [self._blamed(item) for item in out]
         if isinstance(message, LinkBack):
             reason = self._lost.pop(message.device, "")
             return [self._event("device", f"link is back ({reason})", message.device)]
@@ -357,7 +364,13 @@ class _Run:
         for (device, _), recorder in self._streams.items():
             if device == message.device:
                 out += recorder.link_lost(message.reason)
-        return out
+        return [self._blamed(item) for item in out]
+
+    def _blamed(self, item: SampleBlock | Event) -> SampleBlock | Event:
+        """Add to what says that samples are late or lost that this computer is the reason, where it is."""
+        if isinstance(item, SampleBlock) or OUTSIDE in item.text or not (why := self._busy.words()):
+            return item
+        return replace(item, text=f"{item.text} ({why})")
 
     def _warn(self) -> None:
         """Judge what was recorded so far; a mistake in that ends the warnings, never the recording."""

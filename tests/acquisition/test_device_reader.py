@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sawbench.acquisition.device_reader import DeviceReader, LinkLost, Samples, joined
+from sawbench.acquisition.device_reader import DeviceReader, LinkLost, Samples, _Lag, joined
 from sawbench.acquisition.devices.device import Chunk
 from sawbench.bench.errors import DeviceError
 
@@ -74,3 +74,25 @@ def test_nothing_is_lost_where_samples_gather(gather_s):
     # Every read is 10 ms: 3 s are read as they come, then two reads are one chunk.
     assert len(chunks) == (1000 if not gather_s else pytest.approx(300 + 700 / 2, abs=2))
     assert [m.reason for m in found if isinstance(m, LinkLost)] == ["unplugged"]
+
+
+def test_samples_that_fall_behind_are_read_without_a_pause_until_they_have_caught_up():
+    lag = _Lag(Scripted())
+    behind = []
+    # 1 kHz, a read every 10 ms; from 3 s on the reads bring a part of what was sent, from 4 s on all of the rest.
+    for k in range(1, 600):
+        n = 5 if 300 <= k < 400 else 10 + 500 * (k == 400)
+        lag.take([chunk(0, n, 0.0)], 1000.0 + 0.01 * k)
+        behind.append(lag.is_behind)
+    assert not any(behind[:305])
+    assert all(behind[320:398])
+    assert not any(behind[400:])
+
+
+def test_what_was_lost_is_not_waited_for_forever():
+    lag = _Lag(Scripted())
+    behind = []
+    for k in range(1, 2000):
+        lag.take([chunk(0, 0 if 300 <= k < 350 else 10, 0.0)], 1000.0 + 0.01 * k)
+        behind.append(lag.is_behind)
+    assert behind[400] and not any(behind[1400:])
