@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from sawbench.api.analysis import OpenedTrial, evaluate, process_opened
+from sawbench.analysis import OpenedTrial, evaluate, process_opened
 from sawbench.bench.config import LoadedConfig, parse_config
 from sawbench.bench.recording import Recording
 from sawbench.blindcheck.effects.table import ACTS_IN, CATALOGUE

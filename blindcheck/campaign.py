@@ -175,12 +175,29 @@ def make_campaign(
     InputError
         If the folder holds something already, or an effect is unknown.
     """
-    out_dir = Path(out_dir)
-    if out_dir.exists() and any(out_dir.iterdir()):
-        raise InputError("is not empty", where=out_dir, remedy="name a new folder for the campaign")
     draw = draw_campaign(
         seed, effects=effects, parameters=parameters, background=background, repetition=repetition, **nature
     )
+    write_campaign(draw, out_dir)
+    return truth_of(draw, Nature(**nature), parameters=parameters)
+
+
+def write_campaign(draw: CampaignDraw, out_dir: Path) -> None:
+    """Measure the trials of a campaign and write them into an empty or new folder.
+
+    Parameters
+    ----------
+    draw : CampaignDraw
+    out_dir : Path
+
+    Raises
+    ------
+    InputError
+        If the folder holds something already.
+    """
+    out_dir = Path(out_dir)
+    if out_dir.exists() and any(out_dir.iterdir()):
+        raise InputError("is not empty", where=out_dir, remedy="name a new folder for the campaign")
     out_dir.mkdir(parents=True, exist_ok=True)
     (out_dir / "bench_config.toml").write_text(tomli_w.dumps(draw.bench.config()), encoding="utf-8")
     tables = []
@@ -190,7 +207,6 @@ def make_campaign(
         tables.append(_trial_table(name, plan, session_s))
     campaign = {"config": "bench_config.toml", "trial": tables}
     (out_dir / "campaign.toml").write_text(tomli_w.dumps(campaign), encoding="utf-8")
-    return truth_of(draw, Nature(**nature), parameters=parameters)
 
 
 def truth_of(draw: CampaignDraw, nature: Nature, *, parameters: Parameters) -> dict[str, Any]:

@@ -58,6 +58,8 @@ def command(
     is_each: bool, batch: Batch, force: bool, as_json: bool,
 ) -> int:  # fmt: skip
     """Say where the model misses the measurement, which unmodelled effect causes it, and how far it closes."""
+    from sawbench.reporting.cause_words import improved_command
+
     request = DiagnosisRequest(
         paths=paths, out_dir=out_dir, config_path=config_path, until_closed=until_closed, n_planned=n_planned or 0
     )
@@ -72,9 +74,7 @@ def command(
     improved_path, plan_path = out_dir / "improved_model.toml", out_dir / "plan.csv"
     lines = [_as_text(report), "", *(str(out_dir / name) for name in RESULTS[:2])]
     if report.get("improved_model"):
-        lines.append(
-            f"{improved_path}: use it, for example, with `sawbench runtime RECORDING --config {improved_path}`"
-        )
+        lines.append(f"{improved_path}: use it, for example, with `{improved_command(report, str(improved_path))}`")
     if plan_path.exists():
         lines.append(f"{plan_path}: record it with `sawbench series run {plan_path}`")
     emit(report, "\n".join(lines), as_json=as_json)
@@ -211,12 +211,13 @@ def _as_text(report: dict[str, Any]) -> str:
 
 
 def _cause_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:
+    from sawbench.reporting.cause_words import interval_words
+
     rows = []
     for cause in report["causes"]:
-        low, high = (round(100 * end) for end in cause["gap_closed_ci95"])
         rows.append(
             (" + ".join(cause["effects"]), f"{cause['probability']:.1%}", f"{round(100 * cause['gap_closed'])} %",
-             f"{low} to {high} %")
+             interval_words(cause["gap_closed_ci95"]))
         )  # fmt: skip
     others = sorted(report["probabilities"].items(), key=lambda item: -item[1])
     return [*rows, *((name.replace("_", " "), f"{p:.1%}", "", "") for name, p in others)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
@@ -39,6 +39,36 @@ def what_to_do(effect: str) -> str:
     if known is None or known.words is None:
         return ""
     return f"{known.words.mend}. To make sure, measure {known.words.measure}"
+
+
+def interval_words(ends: Sequence[float]) -> str:
+    """95 % interval of a closed share in per cent.
+
+    Parameters
+    ----------
+    ends : sequence of float
+        -1 and 1 where too little was withheld for an interval.
+
+    Examples
+    --------
+    >>> interval_words([0.81, 0.97]), interval_words([-1.0, 1.0])
+    ('81 to 97 %', 'not determined')
+    """
+    low, high = (round(100 * end) for end in ends)
+    return "not determined" if (low, high) == (-100, 100) else f"{low} to {high} %"
+
+
+def improved_command(report: Mapping[str, Any], path: str) -> str:
+    """Command line that takes the improved model of a gap report: a saw has a runtime, another machine has none.
+
+    Examples
+    --------
+    >>> improved_command({"detail": {"frame": "linear_axis"}}, "improved_model.toml")
+    'sawbench diagnose RECORDINGS --config improved_model.toml --out gap-2'
+    """
+    if report.get("detail", {}).get("frame") is None:
+        return f"sawbench runtime RECORDING --config {path}"
+    return f"sawbench diagnose RECORDINGS --config {path} --out gap-2"
 
 
 def in_words_of(report: Mapping[str, Any], text: str) -> str:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, Final
 
-from sawbench.reporting.cause_words import magnitude_words, name_of
+from sawbench.reporting.cause_words import interval_words, magnitude_words, name_of
 from sawbench.reporting.figures import INK, QUIET, WIDTH_IN, figure_style
 from sawbench.reporting.html import Picture, figure_to_svg
 
@@ -70,7 +70,7 @@ def closing_rows(closing: Mapping[str, Any]) -> list[dict[str, str]]:
                 "magnitude": _magnitude(rung),
                 "rms": f"{rung['with_effect']:.3g}",
                 "closed": f"{round(100 * rung['gap_closed'])} %",
-                "interval": _interval(rung["gap_closed_ci95"]),
+                "interval": interval_words(rung["gap_closed_ci95"]),
                 "added": "seen in single strokes" if rung["carried_by_strokes"] else f"{round(100 * rung['added'])} %",
             }
         )
@@ -79,11 +79,6 @@ def closing_rows(closing: Mapping[str, Any]) -> list[dict[str, str]]:
 
 def _magnitude(rung: Mapping[str, Any]) -> str:
     return ", ".join(magnitude_words(name, one) for name, one in rung["parameters"].items())
-
-
-def _interval(ends: Sequence[float]) -> str:
-    low, high = (round(100 * end) for end in ends)
-    return "not determined" if (low, high) == (-100, 100) else f"{low} to {high} %"
 
 
 def closing_picture(closing: Mapping[str, Any]) -> Picture | None:

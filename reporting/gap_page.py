@@ -6,7 +6,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from sawbench.reporting.cause_words import equations_of, in_words_of, magnitude_words, name_of, what_happens, what_to_do
+from sawbench.reporting.cause_words import (
+    equations_of,
+    improved_command,
+    in_words_of,
+    interval_words,
+    magnitude_words,
+    name_of,
+    what_happens,
+    what_to_do,
+)
 from sawbench.reporting.closing import closing_picture, closing_rows, closing_sentences
 from sawbench.reporting.gap_figures import (
     CHANNEL_WORDS,
@@ -191,10 +200,12 @@ def _explained(cause: Mapping[str, Any]) -> str:
     low, high = cause["gap_closed_ci95"]
     if (low, high) == (-1.0, 1.0) and cause["gap_closed"] == 0.0:
         return "With re-tuned parameters the remaining error is too small to tell how much of it the cause explains."
-    return (
-        f"Adding it explains {round(100 * cause['gap_closed'])} % ({round(100 * low)} to {round(100 * high)} %)"
-        " of the remaining error at withheld operating points."
-    )
+    closed = f"Adding it explains {round(100 * cause['gap_closed'])} %"
+    if (low, high) == (-1.0, 1.0):
+        return (
+            f"{closed} of the remaining error; its 95 % interval is not determined: too few trials could be withheld."
+        )
+    return f"{closed} ({interval_words((low, high))}) of the remaining error at withheld operating points."
 
 
 def _runtime_sentence(report: Mapping[str, Any]) -> list[str]:
@@ -261,8 +272,8 @@ def _to_do(report: Mapping[str, Any]) -> list[str]:
         ]
     if report.get("improved_model"):
         steps.append(
-            "Until then use the improved model in the folder of this page, for example `sawbench runtime RECORDING"
-            " --config improved_model.toml`; every command accepts it."
+            "Until then use the improved model in the folder of this page, for example"
+            f" `{improved_command(report, 'improved_model.toml')}`; every command for this machine accepts it."
         )
     return [*steps, f"Next trial: {report['next_trial']}."]
 
@@ -358,13 +369,12 @@ def _spot_angles(spot: Mapping[str, Any]) -> str:
 
 
 def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
-    low, high = cause["gap_closed_ci95"]
     return {
         "name": " and ".join(name_of(name) for name in cause["effects"]),
         "words": ", and ".join(what_happens(name) for name in cause["effects"]),
         "probability": _percent(cause["probability"]),
         "closed": f"{round(100 * cause['gap_closed'])} %",
-        "interval": "not determined" if (low, high) == (-1.0, 1.0) else f"{round(100 * low)} to {round(100 * high)} %",
+        "interval": interval_words(cause["gap_closed_ci95"]),
         "strengths": [magnitude_words(name, p) for name, p in cause["parameters"].items()],
         "alike": ", ".join(name_of(name) for name in cause["indistinguishable_from"]) or "none",
     }

@@ -10,7 +10,7 @@ from markupsafe import Markup
 from sawbench.bench.processed import ProcessedTrial
 from sawbench.bench.recording import Floats, Recording
 from sawbench.modeling.results import CuttingFit, RuntimePrediction
-from sawbench.reporting.cause_words import name_of
+from sawbench.reporting.cause_words import interval_words, name_of
 from sawbench.reporting.compared import FIT_STATUS_WORDS, QUANTITIES, RUNTIME_STATUS_WORDS, Comparison
 from sawbench.reporting.comparison_figures import dots_picture
 from sawbench.reporting.gap_figures import ladder_picture
@@ -120,10 +120,10 @@ def gap_block(report: Mapping[str, Any]) -> str:
     """The verdict, the causes with their probabilities, and the error channel by channel."""
     rows = []
     for cause in report["causes"]:
-        closed, low, high = (round(100.0 * share) for share in (cause["gap_closed"], *cause["gap_closed_ci95"]))
+        closed, interval = round(100.0 * cause["gap_closed"]), interval_words(cause["gap_closed_ci95"])
         rows.append(
             (" and ".join(name_of(name) for name in cause["effects"]), f"{100 * cause['probability']:.1f} %",
-             f"{closed} % ({low} to {high} %)")
+             f"{closed} % ({interval})")
         )  # fmt: skip
     others = sorted(report["probabilities"].items(), key=lambda item: -item[1])
     rows += [(name.replace("_", " "), f"{100 * p:.1f} %", "") for name, p in others]

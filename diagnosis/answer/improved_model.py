@@ -87,20 +87,25 @@ def improved_model(
     for known in [] if learned is not None else _found_effects(problem, posterior, members, found):
         effects[known.effect.name] = entry_of(known)
         cause = causes[0]
-        low, high = cause["gap_closed_ci95"]
+        closes = _closes(cause["gap_closed"], cause["gap_closed_ci95"])
         comments["effects", known.effect.name] = (
-            f"named with {cause['probability']:.0%}; closes {cause['gap_closed']:.0%} ({low:.0%} to {high:.0%}) of the"
-            " gap that remains after re-tuning",
+            f"named with {cause['probability']:.0%}; {closes} of the gap that remains after re-tuning",
         )
     if learned is not None:
         effects[NAME] = learned_entry(learned.known)
-        low, high = learned.ladder.gap_closed_ci95
+        closes = _closes(learned.ladder.gap_closed, learned.ladder.gap_closed_ci95)
         comments["effects", NAME] = (
             f"a learned term, {learned.words()}",
-            f"closes {learned.ladder.gap_closed:.0%} ({low:.0%} to {high:.0%}) of the gap after re-tuning at"
-            " withheld operating points; it must not be used outside the range of its nodes",
+            f"{closes} of the gap after re-tuning at withheld operating points; it must not be used outside the range"
+            " of its nodes",
         )
     return toml_text({**tables, "effects": effects} if effects else tables, comments)
+
+
+def _closes(share: float, ends: Sequence[float]) -> str:
+    low, high = ends
+    interval = "no interval: too few trials could be withheld" if (low, high) == (-1, 1) else f"{low:.0%} to {high:.0%}"
+    return f"closes {share:.0%} ({interval})"
 
 
 def _columns(members: Sequence[Explanation]) -> list[Floats]:

@@ -23,11 +23,16 @@ from sawbench.diagnosis.answer.improved_model import found_effects, magnitudes
 from sawbench.diagnosis.answer.ladder import closed_share
 from sawbench.diagnosis.answer.prediction import Predictions, stacked
 from sawbench.diagnosis.campaign import with_known
-from sawbench.diagnosis.inference.dispersion import noise_factor_beside
-from sawbench.diagnosis.inference.evidence import Column, Explanation, catalogue_columns
+from sawbench.diagnosis.inference.dispersion import (
+    columns_with_noise,
+    noise_factor_beside,
+    stacked_with_noise,
+    with_noise,
+)
+from sawbench.diagnosis.inference.evidence import Column, Explanation, catalogue_columns, explain
 from sawbench.diagnosis.inference.forming import shared_energy
 from sawbench.diagnosis.inference.hypothesis import AND, Hypothesis
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, build_problem
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, build_problem
 from sawbench.diagnosis.inference.posterior import Posterior, judge
 from sawbench.diagnosis.inference.size import together
 from sawbench.diagnosis.inference.stroke_evidence import sized_by_strokes
@@ -333,20 +338,26 @@ def _further(problem: LinearProblem, base: Hypothesis, added: Hypothesis) -> Hyp
 
 
 class _Joint:
-    """States causes of several passes beside each other, on the model as configured."""
+    """States causes of several passes beside each other, on the model as configured.
+
+    The form in which an effect was found alone has taken up what it can of the others: each is chosen anew beside them.
+    """
 
     def __init__(self, first: Pass, before: Posterior, step: Posterior, members: Sequence[Explanation]) -> None:
         self._first = first
         carried = {m.effect.name for m in before.best.members}
         self._said = {**before.strokes, **{n: said for n, said in step.strokes.items() if n not in carried}}
-        given = stacked([_column(first, m) for m in {m.effect.name: m for m in members}.values()])
-        self._noise = noise_factor_beside(first.problem, given)
+        by_name = {m.effect.name: m for m in members}
+        as_found = [_column(first, m) for m in by_name.values()]
+        self._noise = noise_factor_beside(first.problem, stacked(as_found))
+        self._noise = noise_factor_beside(first.problem, stacked(self._shaped(as_found)))
         self.posterior = replace(before, strokes=self._said, dispersion=self._noise)
 
     def hypothesis(self, members: Sequence[Explanation], *, log_evidence: float) -> Hypothesis:
-        """Size members together, each in its form."""
-        as_found = [replace(m, column=_column(self._first, m), mixture=None) for m in members]
-        sized = together(self._first.problem, as_found, dispersion=self._noise)
+        """Size members together, each in the form that is best beside the others."""
+        columns = self._shaped([_column(self._first, m) for m in members])
+        shaped = [replace(m, column=column, mixture=None) for m, column in zip(members, columns, strict=True)]
+        sized = together(self._first.problem, shaped, dispersion=self._noise)
         return Hypothesis(
             effects=tuple(m.effect.name for m in members), log_evidence=log_evidence, is_fitted_together=True,
             members=tuple(sized_by_strokes(m, self._said) for m in sized),
@@ -360,6 +371,27 @@ class _Joint:
                 if _name_of(names) not in found:
                     part = self.hypothesis([members[name] for name in names], log_evidence=0.0)
                     found[part.name] = replace(part, probability=0.0)
+
+    def _shaped(self, columns: Sequence[Column]) -> list[Column]:
+        """Choose the form of one effect after the other beside the rest, but for those that single strokes carry."""
+        problem, noise, chosen = self._first.problem, self._noise, list(columns)
+        whitened = with_noise(problem, noise)
+        free = [k for k, c in enumerate(columns) if len(columns) > 1 and not self._is_by_strokes(c.effect.name)]
+        for _ in range(problem.settings.closing.rounds):
+            before = list(chosen)
+            for k in free:
+                name = chosen[k].effect.name
+                others = stacked([*chosen[:k], *chosen[k + 1 :]])
+                marginal = Marginal(whitened, extra=stacked_with_noise(problem, [others], noise))
+                entries = columns_with_noise(problem, {name: self._first.columns[name]}, noise)[name]
+                found = explain(marginal, entries)
+                chosen[k] = chosen[k] if found is None else _column(self._first, found)
+            if all(one is other for one, other in zip(chosen, before, strict=True)):
+                break
+        return chosen
+
+    def _is_by_strokes(self, name: str) -> bool:
+        return name in self._said and self._said[name].beside_cutting > 0.0
 
 
 def _name_of(effects: Iterable[str]) -> str:

@@ -155,6 +155,8 @@ class Closing:
         Share of the energy of the noise that nobody can close.
     left_on_trial : float
         Share of the gap that causes which were followed although "unknown" was likelier may leave.
+    rounds : int
+        In which the form of each cause is chosen beside the others.
     """
 
     most_passes: int = marked(6, "convention", "time: a pass costs as much as the first weighing")
@@ -162,6 +164,7 @@ class Closing:
     least_probability: float = marked(0.02, "convention", "odds of fifty to one against")
     within_noise: float = marked(0.02, "convention", "as the ladder: less cannot be shown")
     left_on_trial: float = marked(0.1, "convention", "what a right claim leaves of what can be closed")
+    rounds: int = marked(3, "convention", "time: most forms stay from the second one on")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -105,16 +105,21 @@ class LinearAxis:
         return average(as_axis(state), blocks)
 
     def model_error(self, layout: Layout, state: State) -> Floats:
-        """Covariance, N^2: a floor at every harmonic, a share of the gap itself, and anything at standstill."""
+        """Covariance, N^2: a floor at every harmonic, a share of what no form hits, and anything at standstill.
+
+        No form hits what is missing, nor what the model holds as known effects.
+        """
         floor_n = self.config.model_floor_n or SETTINGS.axis.floor_share * self.model.force_scale_n
-        gap = layout.place(residuals(self.model, state), len(state.angle_rad)).mean(axis=0)
+        unsure = (residuals(self.model, state), self.model.known_signature(state))
+        features = [layout.place(one, len(state.angle_rad)).mean(axis=0) for one in unsure if one]
+        unsure_n = float(np.linalg.norm(features))
         order = orders((layout.size - 1) // 2)
         shape = 1.0 / (1.0 + order / SETTINGS.axis.form_harmonic)
-        floor = np.hypot(floor_n, SETTINGS.axis.form_share * np.linalg.norm(gap) * shape / np.linalg.norm(shape))
+        floor = np.hypot(floor_n, SETTINGS.axis.form_share * unsure_n * shape / np.linalg.norm(shape))
         speed = np.abs(as_axis(state).velocity_m_s.mean(axis=0))
         impulses = np.eye(len(speed))[speed < SETTINGS.axis.standstill_share * speed.max()]
         # White over the grid: on a finer one as much of it falls on each harmonic.
-        size_n = float(np.linalg.norm(gap)) * np.sqrt(len(speed) / LEAST_POINTS)
+        size_n = unsure_n * np.sqrt(len(speed) / LEAST_POINTS)
         standstill = size_n * layout.place({"mechanical": impulses}, len(impulses))
         return np.diag(floor**2) + standstill.T @ standstill
 

@@ -7,7 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from sawbench.diagnosis.answer.until_closed import closing_table, held, until_closed
+from sawbench.diagnosis.answer.prediction import Predictions
+from sawbench.diagnosis.answer.until_closed import Pass, closing_table, held, until_closed
 from sawbench.diagnosis.inference.evidence import catalogue_columns
 from sawbench.diagnosis.inference.posterior import judge
 
@@ -62,6 +63,23 @@ def test_the_ladder_goes_down_to_the_noise_cause_by_cause(closing):
     assert steps[-1] == pytest.approx(table["noise_floor"], rel=0.15)
     assert table["rungs"][-1]["gap_closed"] > 0.98
     assert table["stopped"] in {"no_gap", "parameters", "repeatability"}
+
+
+def test_a_form_that_others_have_bent_is_chosen_anew_beside_them(first):
+    """What was found first is believed in its worst form, as if what was missing then had decided that."""
+    best = first.posterior.best
+    wrong = [replace(m, column=first.columns[m.effect.name][-1]) for m in best.members]
+    believed = (replace(best, members=tuple(wrong)), *first.posterior.hypotheses[1:])
+    posterior = replace(first.posterior, hypotheses=believed)
+    predictions = Predictions(first.problem, first.columns, posterior)
+    found = until_closed(
+        Pass(problem=first.problem, columns=first.columns, posterior=posterior, predictions=predictions)
+    ).answer.posterior.best
+    assert set(found.effects) == set(TRUTH)
+    shapes = {m.effect.name: m.column.shape for m in found.members}
+    # A resistance that does not grow with the discharge, and an edge that bites at once.
+    assert shapes["battery_internal_resistance"] == {}
+    assert shapes["edge_force"]["onset_m_s"] == 0.01
 
 
 def test_probabilities_of_all_answers_sum_to_one_and_the_likeliest_holds_all_causes(closing):
