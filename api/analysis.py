@@ -52,11 +52,12 @@ class OpenedTrial:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class AnalysedTrial:
-    """A recording with what was found in it."""
+    """A recording with what was found in it; a long one in outline, with the strokes that the fit takes beside it."""
 
     recording: Recording
     loaded: LoadedConfig
     processed: ProcessedTrial
+    strokes: MeasuredCycles | None = None
 
     @property
     def where(self) -> str:
@@ -90,17 +91,35 @@ def process_opened(trial: OpenedTrial) -> AnalysedTrial:
     """Process one recording; known effects change nothing that was measured, but a wrong table is refused."""
     from sawbench.processing.process import process_recording
 
-    if trial.loaded.config.effects and trial.loaded.config.plant is not None:
-        from sawbench.modeling.machines.known_effects import known_effects
-
-        known_effects(trial.loaded.config, path=trial.loaded.path)
-
+    refuse_wrong_effects(trial.loaded)
     processed = process_recording(trial.recording, trial.loaded.config, source_sha256=trial.sha256)
     return AnalysedTrial(recording=trial.recording, loaded=trial.loaded, processed=processed)
 
 
+def refuse_wrong_effects(loaded: LoadedConfig) -> None:
+    """Raise where the configuration's table of known effects is wrong.
+
+    Raises
+    ------
+    ConfigError
+    """
+    if loaded.config.effects and loaded.config.plant is not None:
+        from sawbench.modeling.machines.known_effects import known_effects
+
+        known_effects(loaded.config, path=loaded.path)
+
+
 def load_and_process(path: Place, config_path: Path | LoadedConfig | None) -> AnalysedTrial:
-    """Read one recording and process it; see `open_trial`."""
+    """Read one recording and process it, a long one piece by piece; see `open_trial`."""
+    from sawbench.storage.digest import sha256_of
+    from sawbench.storage.pieces import is_long
+    from sawbench.storage.places import on_disk
+
+    with on_disk(path) as local:
+        if is_long(local):
+            from sawbench.long_trials import process_long
+
+            return process_long(local, config_path, path=str(path), sha256=sha256_of(local))
     return process_opened(open_trial(path, config_path))
 
 
@@ -129,7 +148,7 @@ def fit_trial(trial: AnalysedTrial, method: FitMethod | None = None) -> tuple[Cu
             f"is not a cutting trial ({processed.status.replace('_', ' ')}), so it has no k_Fc",
             where=trial.where,
         )
-    cycles = measured_cycles(processed)
+    cycles = measured_cycles(processed) if trial.strokes is None else trial.strokes
     method = method or available_method(cycles)
     config = loaded.config
     if method != "force" and cycles.duty is None and config.converter.mode == "fixed_duty":

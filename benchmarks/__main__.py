@@ -1,8 +1,9 @@
 """All figures in one run: `python -m benchmarks [--quick] [--busy] [--only NAME ...] [--out docs/benchmarks.md]`.
 
 Measures sawbench against its peers and against what the hardware allows, section by section, each in a process of its
-own: recorder, storage, period and fold, simulation and fit, one recording, diagnosis, commands. Prints the page; with
---out it is written, its pictures beside it. A section that fails is named on the page, and the exit code is 1.
+own: recorder, storage, period and fold, simulation and fit, one recording, an hour of one, many on several workers,
+diagnosis, commands. Prints the page; with --out it is written, its pictures beside it. A section that fails is named on
+the page, and the exit code is 1.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ SECTIONS = {
     "recorder": "recorder_speed",
     "storage": "storage_speed",
     "recordings": "recordings_speed",
+    "long": "long_recording",
+    "batch": "batch_scaling",
     "diagnosis": "diagnosis_speed",
     "commands": "command_times",
 }

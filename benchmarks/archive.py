@@ -7,7 +7,8 @@ Starts moto's S3 server and a dask scheduler with worker processes on this machi
 every fiftieth is corrupt, and runs `sawbench process s3://... --archive s3://... --scheduler ...`. While it runs, one
 worker is killed (SIGKILL). Then: is every recording in the table, is exactly what is corrupt marked as failed, and does
 a second run do nothing? The scaling is the time of a batch on one worker over that on two, each with an archive of its
-own, workers warm; measure it on a machine that does nothing else. Ends with 1 if anything is not as it must be.
+own, workers warm; measure it on a machine that does nothing else (`python -m benchmarks --only batch` measures it too,
+without a store). Ends with 1 if anything is not as it must be.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ from typing import Any, Final
 import numpy as np
 import sawbench
 from sawbench.archive.table import ResultTable
-from sawbench.storage.places import place_of, write_to_store
+from sawbench.storage.output import write_whole
+from sawbench.storage.places import place_of
 from sawbench.storage.reader import write_recording
 
 BUCKET: Final = "s3://lab"
@@ -75,7 +77,7 @@ def wait_for(port: int, limit_s: float = 120.0) -> None:
 
 
 def upload(n: int, folder: str) -> list[str]:
-    """Put short recordings into the store; return the names of those that are corrupt."""
+    """Put short recordings into a store or a folder; return the names of those that are corrupt."""
     length = {"duration_s": _SECONDS, "rate_hz": _RATE_HZ}
     runs = {name: sawbench.simulate(k_fc_n_s_per_m=k_fc, **length).recording(material=name)
             for name, k_fc in _MATERIALS.items()}  # fmt: skip
@@ -97,7 +99,7 @@ def upload(n: int, folder: str) -> list[str]:
             if number % EVERY_CORRUPT == EVERY_CORRUPT - 1:
                 content = (b"", rng.bytes(4096), b"\x00" * 100 + content[100:])[number // EVERY_CORRUPT % 3]
                 corrupt.append(f"{name}.mcap")
-            write_to_store(place_of(f"{folder}/{name}.mcap"), content, overwrite=True)
+            write_whole(place_of(f"{folder}/{name}.mcap"), content, overwrite=True, makes_folder=True)
     return corrupt
 
 

@@ -12,7 +12,7 @@ from sawbench.commands.terminal import emit, has_display
 
 if TYPE_CHECKING:
     from sawbench.analysis import AnalysedTrial
-    from sawbench.bench.recording import Floats
+    from sawbench.bench.recording import Floats, Recording
 
 
 @click.command(name="view", epilog="Example: sawbench view recordings/oak-01.mcap --rrd oak-01.rrd")
@@ -36,12 +36,10 @@ def command(
     as_json: bool,
 ) -> None:
     """Show a recording as the live view does, with the crank at its angle and the fitted model over the signals."""
-    from sawbench.storage.reader import read_recording
     from sawbench.visualization.replay import view_recording
 
     if (no_view or png_path) and rrd_path is None:
         raise click.UsageError("--no-view and --screenshot need --rrd FILE")
-    recording = read_recording(path)
     shows = not no_view and png_path is None
     if shows and not has_display():
         if rrd_path is None:
@@ -52,21 +50,20 @@ def command(
             )
         click.echo("there is no display: the view is saved, the viewer is not opened", err=True)
         shows = False
-    processed, model = None, None
+    trial, model = None, None
     try:
         from sawbench.analysis import load_and_process
 
         trial = load_and_process(path, config_path)
-        processed = trial.processed
         model = _fitted_stroke(trial)
     except SawbenchError as error:
         # The signals are worth seeing also where they cannot be processed.
-        click.echo(f"shown without {'the folded cycle' if processed is None else 'the model'}: {error}", err=True)
+        click.echo(f"shown without {'the folded cycle' if trial is None else 'the model'}: {error}", err=True)
     view_recording(
-        recording,
+        _signals_of(path) if trial is None else trial.recording,
         save_path=rrd_path,
         spawn=shows,
-        processed=processed,
+        processed=None if trial is None else trial.processed,
         model=model,
         overwrite=force,
     )
@@ -76,6 +73,12 @@ def command(
         take_screenshot(rrd_path, png_path)
     made = [item for item in (rrd_path, png_path) if item is not None]
     emit({"files": made}, "\n".join(map(str, made)) or "viewer started", as_json=as_json)
+
+
+def _signals_of(path: Path) -> Recording:
+    from sawbench.storage.reader import read_recording
+
+    return read_recording(path)
 
 
 def _fitted_stroke(trial: AnalysedTrial) -> dict[str, Floats] | None:

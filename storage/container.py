@@ -58,12 +58,13 @@ _NOT_READ: Final = {
 }
 _FIRST_PRIVATE_OPCODE: Final = 0x80
 _FOOTER_LENGTH: Final = 20
+_LET_GO_BYTES: Final = 16 << 20
 # Chunks that claim to unpack to more than this, on top of a ratio that no signal reaches, are not unpacked.
 _UNPACKED_ALLOWANCE: Final = 8 << 20
 _LARGEST_RATIO: Final = 100
 # The compression of a chunk sits at a fixed place in it; "zstd" is what sawbench writes.
 _CHUNK_MARK: Final = struct.pack("<I4s", 4, b"zstd")
-_BROKEN: Final = (
+BROKEN: Final = (
     McapError,
     CRCValidationError,
     struct.error,
@@ -161,9 +162,10 @@ def read_records(path: Path, scan: Scan) -> Iterator[McapRecord]:
 
 def _scan_records(content: mmap.mmap, scan: Scan) -> Iterator[McapRecord]:
     offset, size = len(MAGIC), len(content)
-    is_in_summary = False
+    is_in_summary, let_go = False, 0
     broken_chunk: Damage | None = None
     while offset < size and content[offset : offset + len(MAGIC)] != MAGIC:
+        let_go = _let_go(content, let_go, offset)
         frame = _frame_at(content, offset)
         if frame is None:
             offset = _skip_to_next_chunk(content, offset, offset, scan)
@@ -178,7 +180,7 @@ def _scan_records(content: mmap.mmap, scan: Scan) -> Iterator[McapRecord]:
         try:
             record = _parse(opcode, stream, end - start)
             records = _unpack(record, end, scan) if isinstance(record, Chunk) else [record]
-        except _BROKEN as error:
+        except BROKEN as error:
             broken_chunk = _broken_record(content, opcode, start, end, error)
             scan.damages.append(broken_chunk)
             is_framed = stream.count == end - start
@@ -200,6 +202,15 @@ def _scan_records(content: mmap.mmap, scan: Scan) -> Iterator[McapRecord]:
         elif not is_in_summary or isinstance(record, Statistics):
             yield from records
     _check_end(scan, offset, size)
+
+
+def _let_go(content: mmap.mmap, done: int, offset: int) -> int:
+    """Hand the pages behind `offset` back to the system: those of a long file would count as memory in use."""
+    if offset - done < _LET_GO_BYTES or not hasattr(content, "madvise"):
+        return done
+    upto = offset - offset % mmap.PAGESIZE
+    content.madvise(mmap.MADV_DONTNEED, done, upto - done)
+    return upto
 
 
 def _unpack(chunk: Chunk, n_read: int, scan: Scan) -> list[McapRecord]:
@@ -294,9 +305,11 @@ def _count_lost(broken_chunk: Damage | None, index: MessageIndex) -> None:
 def _check_data_section(content: mmap.mmap, end: int, data_end: DataEnd, scan: Scan) -> None:
     if not data_end.data_section_crc or scan.damages:
         return
-    with memoryview(content) as view, view[:end] as section:
-        is_whole = zlib.crc32(section) == data_end.data_section_crc
-    if not is_whole:
+    checksum, let_go = 0, 0
+    for start in range(0, end, _LET_GO_BYTES):
+        checksum = zlib.crc32(content[start : min(start + _LET_GO_BYTES, end)], checksum)
+        let_go = _let_go(content, let_go, start)
+    if checksum != data_end.data_section_crc:
         what = (
             "the file does not match its checksum although each chunk matches its own: settings or index are"
             " damaged, or "

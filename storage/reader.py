@@ -139,7 +139,7 @@ def _read(content: Content) -> Recording:
     events += damage_events(content, last_s)
     signals: dict[str, Signal] = {}
     for channel, row in blocks.items():
-        signals[channel], warnings = join_blocks(row, events, alignment=_alignment(content, channel))
+        signals[channel], warnings = join_blocks(row, events, alignment=alignment_of(content, channel))
         events += warnings
     return Recording(
         trial=trial,
@@ -152,8 +152,8 @@ def _read(content: Content) -> Recording:
     )
 
 
-def _alignment(content: Content, channel: str) -> Alignment | None:
-    """What the recorder stated of the times of a channel; None where it stated nothing."""
+def alignment_of(content: Content, channel: str) -> Alignment | None:
+    """Return what the recorder stated of the times of a channel; None where it stated nothing."""
     name = f"alignment values {channel}"
     if name not in content.provenance:
         return None

@@ -93,10 +93,10 @@ def fit_file(
     InputError
         If it is no cutting trial, or lacks what the fit needs.
     """
-    from sawbench.analysis import fit_trial, open_trial, process_opened
+    from sawbench.analysis import fit_trial, load_and_process
 
-    opened = open_trial(place, config)
-    trial = opened.recording.trial
+    analysed = load_and_process(place, config)
+    trial = analysed.recording.trial
     if skips_idle and trial.is_idle:
         return trial.trial_id, None
-    return trial.trial_id, fit_trial(process_opened(opened), method)[0]
+    return trial.trial_id, fit_trial(analysed, method)[0]

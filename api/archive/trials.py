@@ -9,7 +9,7 @@ from functools import cached_property
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Final
 
-from sawbench.analysis import AnalysedTrial, evaluate, open_trial, process_opened
+from sawbench.analysis import AnalysedTrial, evaluate, load_and_process
 from sawbench.archive.batch import WORTH_COMPILING, Outcome, Workers, run_batch
 from sawbench.archive.detail import as_json, from_json
 from sawbench.archive.table import ResultTable
@@ -71,7 +71,7 @@ def evaluate_file(place: Place, config: LoadedConfig | None, *, compiles: bool =
     InputError
         If it is no recording, or the configuration is not valid.
     """
-    return evaluated(process_opened(open_trial(place, config)), compiles=compiles)
+    return evaluated(load_and_process(place, config), compiles=compiles)
 
 
 def evaluated(trial: AnalysedTrial, *, compiles: bool = False) -> ComparedTrial:
@@ -110,8 +110,8 @@ def evaluated_row(task: Task) -> dict[str, Any]:
     """Return the row of a recording; one that cannot be evaluated has its error in it."""
     place = task.file.place
     try:
-        opened = open_trial(place, task.config)
-        found = evaluated(process_opened(opened), compiles=task.compiles)
+        opened = load_and_process(place, task.config)
+        found = evaluated(opened, compiles=task.compiles)
     except SawbenchError as error:
         return failed_row(task, error) | {"source_sha256": _hash_if_readable(place)}
     is_default = task.config is None and not opened.recording.config_toml

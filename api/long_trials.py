@@ -1,0 +1,151 @@
+"""A recording that is too long to be in memory: processed piece by piece, kept in outline."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from sawbench.analysis import AnalysedTrial, refuse_wrong_effects
+from sawbench.bench.errors import InputError
+from sawbench.bench.recording import Recording, Signal
+from sawbench.inputs import config_for
+
+if TYPE_CHECKING:
+    from sawbench.bench.config import LoadedConfig
+    from sawbench.bench.processed import ProcessedTrial
+    from sawbench.modeling.measured_cycles import MeasuredCycles
+
+# Points a second that are kept of every channel: the lowest and the highest sample of every 0.2 s.
+OUTLINE_RATE_HZ: Final = 10.0
+# So much of the end of a piece is kept whole: a picture of the next one may begin a little before it.
+_EDGE_S: Final = 0.1
+
+
+def process_long(
+    local: Path, config_path: Path | LoadedConfig | None, *, path: str, sha256: str, n_samples: int | None = None
+) -> AnalysedTrial:
+    """Process a recording piece by piece; the memory that it takes does not grow with its samples.
+
+    Parameters
+    ----------
+    local : Path
+    config_path : Path or LoadedConfig, optional
+    path : str
+        The name it goes by.
+    sha256 : str
+        Of the file.
+    n_samples : int, optional
+        Of a piece; default: `pieces.SAMPLES_A_PIECE`.
+
+    Returns
+    -------
+    AnalysedTrial
+        `strokes` are those of all pieces. Angle and channels of `processed` are of one piece, the one with the most
+        strokes; its samples, and an outline of all others, are the signals of `recording`.
+
+    Raises
+    ------
+    InputError
+        As `load_and_process`.
+    """
+    from sawbench.processing.joined import join_processed
+    from sawbench.processing.process import process_recording
+    from sawbench.storage.pieces import SAMPLES_A_PIECE, read_pieces
+
+    loaded: LoadedConfig | None = None
+    found: list[ProcessedTrial] = []
+    outlines: list[Recording] = []
+    strokes: list[MeasuredCycles] = []
+    best = 0
+    for number, read in enumerate(read_pieces(local, n_samples or SAMPLES_A_PIECE)):
+        piece = replace(read, path=path)
+        if loaded is None:
+            loaded = config_for(piece, config_path)
+            refuse_wrong_effects(loaded)
+        processed = process_recording(piece, loaded.config, source_sha256=sha256)
+        strokes += _strokes(processed)
+        found.append(processed)
+        if number and _n_strokes(processed) <= _n_strokes(found[best]):
+            found[number] = _light(processed)
+            outlines.append(_outline(piece))
+            continue
+        if number:
+            found[best], outlines[best] = _light(found[best]), _outline(outlines[best])
+        outlines.append(piece)
+        best = number
+    assert loaded is not None
+    whole = join_processed(found, loaded.config)
+    if whole.angle is not None and len(found) > 1:
+        span = f"{whole.angle.time_s[0]:.0f} s to {whole.angle.time_s[-1]:.0f} s"
+        note = f"long: processed in {len(found)} pieces; crank angle over time and spectra are those of {span}"
+        whole = replace(whole, warnings=(*whole.warnings, note))
+    return AnalysedTrial(
+        recording=_joined(outlines), loaded=loaded, processed=whole, strokes=_joined_strokes(strokes)
+    )  # fmt: skip
+
+
+def _n_strokes(processed: ProcessedTrial) -> int:
+    return 0 if processed.period is None else processed.period.n_cycles
+
+
+def _light(processed: ProcessedTrial) -> ProcessedTrial:
+    return replace(processed, angle=None, steady=None, channels={})
+
+
+def _strokes(processed: ProcessedTrial) -> list[MeasuredCycles]:
+    """Strokes of a piece as the fit takes them; none where it has none."""
+    from sawbench.processing.measured_cycles import measured_cycles
+
+    try:
+        return [measured_cycles(processed)]
+    except InputError:
+        return []
+
+
+def _joined_strokes(rows: Sequence[MeasuredCycles]) -> MeasuredCycles | None:
+    """Strokes of all pieces; of a channel that not every piece has, none."""
+    if not rows:
+        return None
+    names = (
+        "cycle_start_s", "period_s", "current_a", "force_n", "crank_speed_rad_s", "battery_voltage_v",
+        "battery_current_a",
+    )  # fmt: skip
+    parts = {name: [getattr(row, name) for row in rows] for name in names}
+    return replace(
+        rows[0],
+        **{
+            name: None if any(part is None for part in found) else np.concatenate(found)
+            for name, found in parts.items()
+        },
+    )
+
+
+def _outline(piece: Recording) -> Recording:
+    return replace(piece, signals={name: _outlined(signal) for name, signal in piece.signals.items()})
+
+
+def _outlined(signal: Signal) -> Signal:
+    from sawbench.visualization.envelope import envelope_indices
+
+    kept = envelope_indices(signal.time_s, signal.values, max_rate_hz=OUTLINE_RATE_HZ)
+    edge = int(np.searchsorted(signal.time_s, signal.time_s[-1] - _EDGE_S))
+    kept = np.union1d(kept, np.arange(edge, len(signal.time_s)))
+    return replace(signal, time_s=signal.time_s[kept], values=signal.values[kept])
+
+
+def _joined(pieces: Sequence[Recording]) -> Recording:
+    """One recording of pieces that follow each other."""
+    last = pieces[-1]
+    signals = {}
+    for name in dict.fromkeys(name for piece in pieces for name in piece.signals):
+        rows = [piece.signals[name] for piece in pieces if name in piece.signals]
+        signals[name] = replace(
+            rows[0],
+            time_s=np.concatenate([row.time_s for row in rows]),
+            values=np.concatenate([row.values for row in rows]),
+            gaps=tuple(gap for row in rows for gap in row.gaps),
+        )
+    return replace(last, signals=signals, events=tuple(event for piece in pieces for event in piece.events))
