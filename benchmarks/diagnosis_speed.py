@@ -1,9 +1,12 @@
-"""Time of a diagnosis over trials and known effects; its accuracy against the peers stands in docs/peers.md."""
+"""Time of a diagnosis over trials, and of the whole command; its accuracy against the peers stands in docs/peers.md."""
 
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 import tempfile
+import time
 from pathlib import Path
 
 from sawbench.bench.config import load_config
@@ -17,6 +20,8 @@ from benchmarks.measuring import Clock, Goal, Plot, Section, Table
 
 PEERS_PAGE = Path(__file__).parents[1] / "docs" / "peers.md"
 SEED = 811  # one of the seeds for tuning
+# Factor on the length of the trials that makes 18 of them 1.1 million rows, the campaign that the goal names.
+LENGTH = 1.45
 # Rows of docs/peers.md that say most.
 ROWS = (
     "exact effect, typical single effects",
@@ -42,16 +47,34 @@ def accuracy() -> Table:
 
 
 def campaign(folder: Path, length: float):
-    """Recordings of a campaign of 18 trials with guide friction, and its configuration."""
+    """Write a campaign of 18 trials with guide friction; return its recordings and its configuration."""
     make_campaign(SEED, folder, effects={"guide_friction": 1.0}, length=length)
     paths = import_path(folder / "campaign.toml", folder / "imported").paths
     return [read_recording(path) for path in paths], load_config(folder / "bench_config.toml")
 
 
+def whole_command(folder: Path) -> float:
+    """Wall time of `sawbench diagnose`, from the start of the process to the page, s: the shorter of two calls."""
+    arguments = [str(folder / "imported"), "--config", str(folder / "bench_config.toml"), "--out", str(folder / "gap")]
+    took_s = []
+    for _ in range(2):
+        start = time.perf_counter()
+        call = [sys.executable, "-m", "sawbench.commands.main", "diagnose", *arguments, "--force"]
+        subprocess.run(call, check=True, capture_output=True)
+        took_s.append(time.perf_counter() - start)
+    return min(took_s)
+
+
+def rows_of(recordings) -> int:
+    """Rows of the tables of some trials: samples of one channel."""
+    return sum(max(len(signal.values) for signal in recording.signals.values()) for recording in recordings)
+
+
 def measure(clock: Clock) -> Section:
-    """Time of `diagnose` without page over the number of trials, on one thread."""
+    """Time of `diagnose` without page over the number of trials, on one thread, and of the whole command."""
     with tempfile.TemporaryDirectory() as place:
-        recordings, loaded = campaign(Path(place) / "campaign", 0.25 if clock.quick else 1.0)
+        recordings, loaded = campaign(Path(place) / "campaign", 0.25 if clock.quick else LENGTH)
+        command_s = whole_command(Path(place) / "campaign")
     rows, numbers, seconds = [], (6, 12, 18), []
     with threadpool_limits(limits=1, user_api="blas"):
         diagnose(recordings[: numbers[0]], loaded, provenance={})  # compiles
@@ -60,16 +83,22 @@ def measure(clock: Clock) -> Section:
             seconds.append(
                 clock.once(lambda n=n, report=report: report.update(diagnose(recordings[:n], loaded, provenance={})))
             )
-            n_samples = sum(len(s.values) for recording in recordings[:n] for s in recording.signals.values())
-            rows.append((str(n), f"{n_samples / 1e6:.2f} million", f"{seconds[-1]:.1f} s", report["verdict"]))
+            n_rows = f"{rows_of(recordings[:n]) / 1e6:.2f} million"
+            rows.append((str(n), n_rows, f"{seconds[-1]:.1f} s", report["verdict"]))
+    whole = f"{rows_of(recordings) / 1e6:.1f} million rows"
     return Section(
         title="Diagnosis",
         words=[
             "A campaign of the blind check with guide friction, diagnosed on one thread, page not counted. All effects "
-            "of the catalogue are weighed every time, so the number of trials decides the cost."
+            "of the catalogue are weighed every time, so the number of trials decides the cost.",
+            f"The whole command, which reads {len(recordings)} trials of {whole} and draws the page, takes "
+            f"{command_s:.1f} s of wall time: a second core gets half of the trials, effects and pictures.",
         ],
-        tables=[Table(head=("trials", "samples", "time", "verdict"), rows=rows), accuracy()],
-        goals=[Goal(what="diagnosis of 18 trials", value=seconds[-1], bound=15.0, unit="s")],
+        tables=[Table(head=("trials", "rows", "time", "verdict"), rows=rows), accuracy()],
+        goals=[
+            Goal(what="diagnosis of 18 trials", value=seconds[-1], bound=15.0, unit="s"),
+            Goal(what=f"`diagnose` of {whole}", value=command_s, bound=10.0, unit="s"),
+        ],
         plots=[
             Plot(name="diagnosis", title="Diagnosis over trials", x_label="trials", y_label="s",
                  lines={"diagnose": (list(map(float, numbers)), seconds)}),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 from sawbench.bench.errors import SawbenchError
+from sawbench.bench.second_core import on_two_cores, second_core
 from sawbench.commands.batch import Batch, batch_options
 from sawbench.commands.failures import Failures
 from sawbench.commands.options import (
@@ -69,7 +70,7 @@ def command(
         raise click.UsageError("--jobs, --scheduler and --retry are for many campaigns: add --each")
     for name in RESULTS:
         refuse_unwritable(out_dir / name, force=force, makes_folder=True)
-    with stepper("diagnosing:") as step:
+    with second_core(), stepper("diagnosing:") as step:
         report = diagnosed(request, step)
     improved_path, plan_path = out_dir / "improved_model.toml", out_dir / "plan.csv"
     lines = [_as_text(report), "", *(str(out_dir / name) for name in RESULTS[:2])]
@@ -119,10 +120,8 @@ def diagnosed(
     from sawbench.gap import diagnose_trials
     from sawbench.results import GapReport
 
-    files, trials = find_recordings(request.paths), []
-    for number, path in enumerate(files):
-        trials.append(open_trial(path, request.config_path))
-        on_step(_OPENED * (number + 1) // len(files), 100, f"reading {path.name}")
+    on_step(0, 100, "reading")
+    trials = on_two_cores(lambda path: open_trial(path, request.config_path), find_recordings(request.paths))
     report = diagnose_trials(
         trials,
         until_closed=request.until_closed,

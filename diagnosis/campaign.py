@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,6 +12,7 @@ from sawbench.bench.config import LoadedConfig
 from sawbench.bench.errors import InputError
 from sawbench.bench.processed import ProcessedTrial
 from sawbench.bench.recording import Floats, Recording, Trial
+from sawbench.bench.second_core import on_two_cores
 from sawbench.bench.units import DISPLACEMENT
 from sawbench.diagnosis.inference.off_stroke import OffStroke, off_stroke
 from sawbench.diagnosis.inference.settings import SETTINGS
@@ -96,7 +97,7 @@ def reduce_campaign(
     baseline = baseline_of(loaded)
     ordered, warnings = screen(_in_order(recordings), baseline)
     if not any(DISPLACEMENT.name in recording.signals for recording in ordered):
-        return _without_displacement(list(_processed(ordered, loaded)), baseline, warnings)
+        return _without_displacement(_processed(ordered, loaded), baseline, warnings)
     usable: list[ProcessedTrial] = []
     for number, processed in enumerate(_processed(ordered, loaded)):
         reason = _unusable(processed)
@@ -138,24 +139,27 @@ def campaign_of(trials: Sequence[ProcessedTrial], baseline: Baseline, warnings: 
     guesses = _with_guesses(baseline, states)
     labels = {state.setting.label for state in states}
     kept = [trial for trial in trials if trial.trial.trial_id in labels]
-    series = [stroke_series(t, mechanism=baseline.mechanism, cutting_sign=baseline.cutting_sign) for t in kept]
-    beside = [off_stroke(trial) for trial in kept]
+
+    def of_strokes(trial: ProcessedTrial) -> tuple[StrokeSeries | None, OffStroke | None, list[ChannelHealth]]:
+        series = stroke_series(trial, mechanism=baseline.mechanism, cutting_sign=baseline.cutting_sign)
+        return series, off_stroke(trial), list(channel_health(trial))
+
+    found = on_two_cores(of_strokes, kept)
     return Campaign(
         plant=Jigsaw(baseline=baseline),
         states=tuple(states),
         k_guess_n_s_per_m=guesses,
         warnings=tuple(warnings),
-        strokes=tuple(s for s in series if s is not None),
-        off_stroke=tuple(s for s in beside if s is not None),
-        health=tuple(one for trial in kept for one in channel_health(trial)),
+        strokes=tuple(series for series, _, _ in found if series is not None),
+        off_stroke=tuple(beside for _, beside, _ in found if beside is not None),
+        health=tuple(one for _, _, health in found for one in health),
     )
 
 
-def _processed(recordings: Sequence[Recording], loaded: LoadedConfig) -> Iterator[ProcessedTrial]:
+def _processed(recordings: Sequence[Recording], loaded: LoadedConfig) -> list[ProcessedTrial]:
     from sawbench.processing.process import process_recording
 
-    for recording in recordings:
-        yield process_recording(recording, loaded.config)
+    return on_two_cores(lambda recording: process_recording(recording, loaded.config), recordings)
 
 
 def _unusable(trial: ProcessedTrial) -> str:

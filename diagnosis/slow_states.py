@@ -50,8 +50,6 @@ def slow_tracks(trials: Sequence[ProcessedTrial], *, stroke_m: float) -> list[Sl
     stroke_m : float
         Blade travel a stroke, one way, m.
     """
-    from scipy.signal import lfilter
-
     charge: dict[str, float] = {}
     distance: dict[str, float] = {}
     held = dict.fromkeys(MEMORIES, 0.0)
@@ -76,10 +74,13 @@ def slow_tracks(trials: Sequence[ProcessedTrial], *, stroke_m: float) -> list[Sl
         memories: dict[Memory, Floats] = {}
         for memory in MEMORIES:
             tau = memory.time_constant_s
-            keep = np.exp(-_STEP_S / tau)
-            start = held[memory] * np.exp(-rest_s / tau)
-            track, _ = lfilter([1.0 - keep], [1.0, -keep], drives[memory.drive], zi=[keep * start])
-            held[memory] = float(track[-1])
+            keep = float(np.exp(-_STEP_S / tau))
+            value = held[memory] * float(np.exp(-rest_s / tau))
+            track = np.empty(len(middle))
+            for k, drive in enumerate(drives[memory.drive].tolist()):
+                value = keep * value + (1.0 - keep) * drive
+                track[k] = value
+            held[memory] = value
             memories[memory] = track
         battery, blade = trial.battery or "", trial.blade or ""
         used = charge.get(battery, 0.0) + np.cumsum(battery_a) * _STEP_S

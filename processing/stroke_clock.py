@@ -119,9 +119,9 @@ def _slips_of(channel: str, cycles: Cycles, waves: NDArray[np.complex128]) -> li
         return []
     middle_s, typical_s = 0.5 * (cycles.start_s + cycles.end_s), float(np.median(cycles.period_s))
     least_rad = max(_LEAST_RAD, 2.0 * np.pi * _LEAST_S / typical_s)
-    steps_rad = np.zeros(len(waves))
+    steps_rad, turned = np.zeros(len(waves)), waves / size
     for k in range(_FEWEST, len(waves) - _FEWEST):
-        steps_rad[k] = _step_at(waves, size, k, least_rad)
+        steps_rad[k] = _step_at(turned, size, k, least_rad)
     found: list[Slip] = []
     while steps_rad.any():
         k = int(np.argmax(np.abs(steps_rad)))
@@ -131,16 +131,15 @@ def _slips_of(channel: str, cycles: Cycles, waves: NDArray[np.complex128]) -> li
     return found
 
 
-def _step_at(waves: NDArray[np.complex128], size: Floats, k: int, least_rad: float) -> float:
+def _step_at(turned: NDArray[np.complex128], size: Floats, k: int, least_rad: float) -> float:
     """Step of the phase in stroke `k`, rad; 0 where there is none, or where the single strokes scatter too much."""
     before, after = slice(max(0, k - _WINDOW), k), slice(k + 1, k + 1 + _WINDOW)
-    if abs(np.log(np.median(size[after]) / np.median(size[before]))) > _SAME_AMPLITUDE:
-        return 0.0
-    turned = waves / size
     means = [np.sum(turned[part]) for part in (before, after)]
     step_rad = float(np.angle(means[1] * np.conj(means[0])))
+    if abs(step_rad) < least_rad or abs(np.log(np.median(size[after]) / np.median(size[before]))) > _SAME_AMPLITUDE:
+        return 0.0
     off_rad = np.concatenate([np.angle(turned[p] * np.conj(m)) for p, m in zip((before, after), means, strict=True)])
-    return step_rad if abs(step_rad) >= max(least_rad, _LEAST_STDS * float(np.std(off_rad))) else 0.0
+    return step_rad if abs(step_rad) >= _LEAST_STDS * float(np.std(off_rad)) else 0.0
 
 
 def _of_displacement(found: list[Slip], n_judged: int) -> list[Slip]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from sawbench.bench.second_core import on_two_cores
 from sawbench.reporting.cause_words import (
     equations_of,
     improved_command,
@@ -65,6 +66,7 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         ("with_effect", "model with the cause") if _has_cause(report) else ("retuned", "model, re-tuned")
     )
     context = {
+        **_pictures(report, detail, after, after_words),
         "title": "Sim-to-real gap",
         "is_simulated": report["provenance"].get("is_simulated", False),
         "heading": _heading(report),
@@ -73,21 +75,13 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         "meaning": _meaning(report),
         "to_do": _to_do(report),
         "tiles": _tiles(report),
-        "strokes": strokes_picture(detail["strokes"], after, after_words) if detail.get("strokes") else None,
-        "ladder": ladder_picture(report["gap"]["by_channel"], rungs_of(report["verdict"])),
         "gap_rungs": rungs_of(report["verdict"]),
-        "closing": closing_picture(report["until_closed"]) if "until_closed" in report else None,
         "closing_rows": closing_rows(report["until_closed"]) if "until_closed" in report else [],
         "closing_sentences": closing_sentences(report["until_closed"]) if "until_closed" in report else [],
         "plan_columns": PLAN_COLUMNS,
         "plan_rows": plan_rows(report["plan"]) if "plan" in report else [],
         "plan_sentences": plan_sentences(report["plan"]) if "plan" in report else [],
-        "map": map_picture(detail["map"], _equations(report, detail))
-        if detail.get("map") and report["where"]
-        else None,
         "where": [_spot(spot, detail.get("standing_out")) for spot in report["where"]],
-        "learned": learned_picture(report["learned_term"]) if report.get("learned_term") else None,
-        "standing_out": standing_out_picture(detail["standing_out"]) if detail.get("standing_out") else None,
         "standing_out_words": _standing_out_words(report, detail),
         "causes": [_cause(cause) for cause in report["causes"]],
         "others": [
@@ -108,6 +102,25 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         "version": software_version(),
     }
     return write_whole(path, in_words_of(report, render("gap_page.html.j2", context)), overwrite=overwrite)
+
+
+def _pictures(report: Mapping[str, Any], detail: Mapping[str, Any], after: str, after_words: str) -> dict[str, Any]:
+    """Draw what there is to draw; None for a picture that the report has nothing for."""
+    drawn: dict[str, Callable[[], Any]] = {
+        "ladder": lambda: ladder_picture(report["gap"]["by_channel"], rungs_of(report["verdict"]))
+    }
+    if detail.get("strokes"):
+        drawn["strokes"] = lambda: strokes_picture(detail["strokes"], after, after_words)
+    if detail.get("map") and report["where"]:
+        drawn["map"] = lambda: map_picture(detail["map"], _equations(report, detail))
+    if detail.get("standing_out"):
+        drawn["standing_out"] = lambda: standing_out_picture(detail["standing_out"])
+    if "until_closed" in report:
+        drawn["closing"] = lambda: closing_picture(report["until_closed"])
+    if report.get("learned_term"):
+        drawn["learned"] = lambda: learned_picture(report["learned_term"])
+    nothing = dict.fromkeys(("ladder", "strokes", "map", "standing_out", "closing", "learned"))
+    return nothing | dict(zip(drawn, on_two_cores(lambda draw: draw(), list(drawn.values())), strict=True))
 
 
 def verdict_sentence(report: Mapping[str, Any]) -> str:

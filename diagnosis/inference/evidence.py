@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, Widened
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.log_mean import log_mean_exp, log_mean_exp_rows
@@ -123,8 +124,8 @@ def catalogue_columns(problem: LinearProblem, effects: Sequence[Effect]) -> dict
         By effect; an empty list where the campaign shows nothing of it.
     """
     out: dict[str, list[Column]] = {}
-    for effect in effects:
-        found = _columns(problem, effect, effect.shapes)
+    all_found = on_two_cores(lambda effect: _columns(problem, effect, effect.shapes), effects)
+    for effect, found in zip(effects, all_found, strict=True):
         out[effect.name] = [
             Column(effect=effect, shape=shape, columns=effect.strength.typical * columns)
             for shape, columns in zip(effect.shapes, found, strict=True)

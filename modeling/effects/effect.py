@@ -189,9 +189,13 @@ class Effect:
         if self._is_silent(state):
             return tuple({} for _ in range(self.n_signatures(shape)))
         found = self.signature(baseline, state, **shape)
-        kept = baseline.evaluable_equations(state)
+        kept, grid = baseline.evaluable_equations(state), state.angle_rad.shape
         return tuple(
-            {name: np.broadcast_to(wave, state.angle_rad.shape) for name, wave in part.items() if name in kept}
+            {
+                name: wave if np.shape(wave) == grid else np.broadcast_to(wave, grid)
+                for name, wave in part.items()
+                if name in kept
+            }
             for part in found
         )
 

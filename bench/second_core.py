@@ -1,0 +1,105 @@
+"""Half of a list of work on a second core, in a forked process: for a command, which alone knows what else runs.
+
+Nothing is copied on the way there; what comes back is pickled. Off unless the command says `second_core`, and where
+the system cannot fork safely or has one core.
+"""
+
+from __future__ import annotations
+
+import copyreg
+import io
+import os
+import pickle
+import signal
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from multiprocessing.connection import Connection, Pipe
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+_is_allowed: ContextVar[bool] = ContextVar("_is_allowed", default=False)
+
+
+@contextmanager
+def second_core() -> Iterator[None]:
+    """Let `on_two_cores` fork inside this block."""
+    token = _is_allowed.set(True)
+    try:
+        yield
+    finally:
+        _is_allowed.reset(token)
+
+
+def on_two_cores(work: Callable[[T], R], items: Sequence[T]) -> list[R]:
+    """Work on every item, every second one in a forked process where that is allowed.
+
+    Parameters
+    ----------
+    work : callable
+        Takes an item; what it returns must be picklable. It may do nothing but return.
+    items : sequence
+
+    Returns
+    -------
+    list
+        In the order of the items. What the other process fails at, this one does again, so errors are raised here.
+
+    Examples
+    --------
+    >>> with second_core():
+    ...     on_two_cores(abs, [-1, 2, -3])
+    [1, 2, 3]
+    """
+    if len(items) < 2 or not _is_allowed.get() or sys.platform != "linux" or len(os.sched_getaffinity(0)) < 2:
+        return [work(item) for item in items]
+    reader, writer = Pipe(duplex=False)
+    with warnings.catch_warnings():  # from Python 3.12 on: of threads, which here wait or draw the progress
+        warnings.simplefilter("ignore", DeprecationWarning)
+        pid = os.fork()
+    if pid == 0:
+        _send(writer, work, items[1::2])
+    writer.close()
+    found: list[Any] = [None] * len(items)
+    try:
+        found[::2] = [work(item) for item in items[::2]]
+        theirs = _received(reader)
+    finally:
+        os.kill(pid, signal.SIGKILL)  # it has sent all or nothing, or nobody waits for it any more
+        os.waitpid(pid, 0)
+        reader.close()
+    found[1::2] = [work(item) for item in items[1::2]] if theirs is None else theirs
+    return found
+
+
+def _send(writer: Connection, work: Callable[[T], R], items: Sequence[T]) -> None:
+    """In the forked process: work, send, and end without what Python does at an end."""
+    try:
+        pickled = io.BytesIO()
+        pickler = pickle.Pickler(pickled, protocol=pickle.HIGHEST_PROTOCOL)
+        pickler.dispatch_table = copyreg.dispatch_table | {MappingProxyType: _reduced}
+        pickler.dump([work(item) for item in items])
+        writer.send_bytes(pickled.getbuffer())
+    finally:
+        os._exit(0)
+
+
+def _reduced(mapping: Mapping[Any, Any]) -> tuple[Any, tuple[Any, ...]]:
+    """Give what pickle needs of a read-only mapping, which it cannot write by itself."""
+    return _read_only, (dict(mapping),)
+
+
+def _read_only(values: dict[Any, Any]) -> Mapping[Any, Any]:
+    return MappingProxyType(values)
+
+
+def _received(reader: Connection) -> list[Any] | None:
+    try:
+        return pickle.loads(reader.recv_bytes())
+    except EOFError:
+        return None
