@@ -5,11 +5,15 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from importlib.util import find_spec
 from typing import Any, Final
 
 from sawbench.acquisition.device_probe import DeviceProbe, probe_devices
 from sawbench.acquisition.devices import INSTRUMENTS, load_instrument, validate_table
+from sawbench.acquisition.line_recognition import recognise_lines
+from sawbench.acquisition.transports.serial_port import SerialPort
+from sawbench.bench.errors import DeviceError
 from serial.tools import list_ports
 
 SERIAL: Final = "serial"
@@ -17,6 +21,9 @@ SERIAL: Final = "serial"
 _CAN_INTERFACES: Final = ("socketcan", "pcan", "kvaser", "vector", "ixxat")
 _CAN_DRIVER: Final = "dbc_can"
 _LISTEN_S: Final = 0.5
+# Ten lines a second are the slowest that are recognised.
+_HEAR_S: Final = 1.2
+_BAUD_RATES: Final = (115_200, 9600, 57_600)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -50,12 +57,19 @@ class FoundInstrument:
         Of the instrument or its USB adapter; None where neither states one.
     about : str
         Model or bus, and what its first channel reads at present.
+    table : mapping of str to Any
+        Its `[devices.NAME]` table as far as what it sent tells, with `driver`; empty: that of `example_table`.
     """
 
     driver: str
     place: FoundPort
     serial_number: str | None
     about: str
+    table: Mapping[str, Any] = field(default_factory=dict)
+
+    def proposed(self) -> dict[str, Any]:
+        """Table for a configuration, without port."""
+        return dict(self.table) or example_table(self.driver)
 
 
 def find_ports() -> tuple[FoundPort, ...]:
@@ -114,14 +128,17 @@ def identify(
 
     Notes
     -----
-    A CAN bus answers by frames of any kind; its bit rate is taken to be that of the driver's default.
+    A CAN bus answers by frames of any kind; its bit rate is taken to be that of the driver's default. A serial port
+    that understands no request is listened to: see `recognise_lines`.
     """
     found: dict[FoundPort, FoundInstrument] = {}
-    for driver in INSTRUMENTS:
+    # Any frame makes a bus, so those that answer to a question come before.
+    for driver in sorted(INSTRUMENTS, key=lambda name: name == _CAN_DRIVER):
         instrument = load_instrument(driver)
-        if not instrument.is_searched:
+        if not instrument.is_searched or (instrument.package is not None and find_spec(instrument.package) is None):
             continue
-        waiting = [p for p in ports if p not in found and (p.interface == SERIAL or driver == _CAN_DRIVER)]
+        is_can = "interface" in instrument.settings.model_fields
+        waiting = [p for p in ports if p not in found and (p.interface == SERIAL or is_can)]
         if not waiting:
             continue
         if watch is not None:
@@ -139,12 +156,50 @@ def identify(
                     serial_number=probe.facts.get("serial_number"),
                     about=_about(probe),
                 )
+    for place in ports:
+        if place.interface == SERIAL and place not in found:
+            if watch is not None:
+                watch(f"lines of numbers at {place.port}")
+            heard = _heard(place, clock)
+            found |= {} if heard is None else {place: heard}
     return tuple(found[place] for place in ports if place in found)
+
+
+def _heard(place: FoundPort, clock: Callable[[], float]) -> FoundInstrument | None:
+    """What prints lines at a port by itself."""
+    for baud_rate in _BAUD_RATES:
+        link = SerialPort(place.port, device=place.port, baud_rate=baud_rate)
+        try:
+            link.open()
+            # What had been waiting says nothing about a rate.
+            link.read()
+            begun_s, received = clock(), b""
+            while (heard_s := clock() - begun_s) < _HEAR_S:
+                received += link.read()
+        except DeviceError:
+            return None
+        finally:
+            link.close()
+        lines = recognise_lines(received, heard_s)
+        if lines is None:
+            continue
+        example = example_table(lines.driver)
+        ((channel, wired),) = example["channels"].items()
+        table = {
+            "driver": lines.driver,
+            "baud_rate": baud_rate,
+            **lines.settings,
+            "channels": {channel: {**wired, "input": lines.column}},
+        }
+        number = link.facts.get("serial_number")
+        return FoundInstrument(driver=lines.driver, place=place, serial_number=number, about=lines.about, table=table)
+    return None
 
 
 def example_table(driver: str) -> dict[str, Any]:
     """Return a table of a driver as its `Instrument` has it, without port, reading the first input."""
-    example = dict(load_instrument(driver).example)
+    instrument = load_instrument(driver)
+    example = dict(instrument.example if instrument.searched_as is None else instrument.searched_as)
     if "channels" in example:
         # An amplifier need not send its further inputs.
         example["channels"] = {name: {**table, "input": 1} for name, table in example["channels"].items()}

@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 import tomli_w
+from sawbench.acquisition.devices import load_instrument, validate_table
+from sawbench.acquisition.simulation.bench_server import TICK_S
 from sawbench.bench.config import BenchConfig, LoadedConfig, parse_config
 from sawbench.bench.recording import Signal
 
 SECONDS, FAULT_AT_S, SINE_HZ = 9.0, 3.0, 10.0
-MEAN = {"displacement_mm": 10.0}
+MEAN = {"displacement_mm": 12.0}
 AMPLITUDE = {"force_n": 200.0, "displacement_mm": 10.0, "motor_current_a": 40.0}
 # What the clock leaves without any fault: see the first row of each instrument.
 SILENT_ERROR_S = 0.0025
@@ -28,6 +30,18 @@ class Instrument:
     table: dict[str, Any]
     n_bytes_12_ms: int
     witness: str = "displacement_mm"
+    is_polled: bool = False
+    has_processes: bool = True
+
+    @property
+    def silent_error_s(self) -> float:
+        """Time error that has to be said, s: three samples of a slow instrument, a tick of the rig of a polled one."""
+        return 2 * TICK_S if self.is_polled else max(SILENT_ERROR_S, 3.0 / self.rate_hz)
+
+    @property
+    def rate_words(self) -> str:
+        """Its rate, or that it is asked."""
+        return "asked for every value" if self.is_polled else f"{self.rate_hz:g} Hz"
 
     def loaded(self) -> LoadedConfig:
         """Victim and witness, as a file holds them."""
@@ -41,6 +55,17 @@ class Instrument:
         calibration = {"displacement_mm": {"scale": 2.5}, "force_n": {"scale": 250.0}}[self.witness]
         channels = {self.witness: {"input": 1, "raw_range": [-10.5, 10.5], "calibration": calibration}}
         return {"victim": {"port": "x", **self.table}, "witness": {**WITNESS, "channels": channels}}
+
+
+def _further(name: str, channel: str, rate_hz: float, n_bytes_12_ms: int, *, is_polled: bool = False) -> Instrument:
+    """An instrument as its own example has it, for the faults of its link alone."""
+    table: dict[str, Any] = {"driver": name, **load_instrument(name).example}
+    if "interface" in validate_table("v", {**table, "port": "x"})[0].settings.model_fields:
+        table["interface"] = "slcan"
+    return Instrument(
+        name=name, channel=channel, rate_hz=rate_hz, n_bytes_12_ms=n_bytes_12_ms, table=table, is_polled=is_polled,
+        witness="force_n" if channel == "displacement_mm" else "displacement_mm", has_processes=False,
+    )  # fmt: skip
 
 
 FORCE = {"force_n": {"input": 1, "raw_range": [-3.5, 3.5], "calibration": {"scale": 250.0}}}
@@ -60,6 +85,15 @@ INSTRUMENTS = (
             "signals": {"motor_current_a": "MotorStatus.MotorCurrent"},
         },
     ),
+    _further("msc7xxx", "displacement_mm", 100.0, 0, is_polled=True),
+    _further("loadstar", "force_n", 150.0, 16),
+    _further("mantracourt", "force_n", 100.0, 0, is_polled=True),
+    _further("hx711", "force_n", 80.0, 10),
+    _further("text_lines", "force_n", 500.0, 6 * 18),
+    _further("binary_frames", "force_n", 1000.0, 12 * 8),
+    _further("micro_epsilon_ethernet", "displacement_mm", 1041.67, 0),
+    _further("mantracourt_can", "force_n", 250.0, 3 * 14),
+    _further("cia404", "force_n", 100.0, 2 * 22),
 )  # fmt: skip
 
 
@@ -82,10 +116,12 @@ def sine_of(channel: str, time_s: Any, noise: Any = 0.0) -> Any:
 def stroke_phases(signal: Signal, marks: list[tuple[float, float]], seconds: float = SECONDS) -> Any:
     """Phase factor of each stroke of the sine, complex, outside of what events mark."""
     found = []
+    # Most of the samples of a stroke, and enough for three unknowns.
+    fewest = max(6, min(20, 0.6 * len(signal.time_s) / (signal.duration_s * SINE_HZ)))
     for k in range(int(seconds * SINE_HZ)):
         start_s, end_s = k / SINE_HZ, (k + 1) / SINE_HZ
         inside = (signal.time_s >= start_s) & (signal.time_s < end_s)
-        if inside.sum() < 20 or any(low < end_s and start_s < high for low, high in marks):
+        if inside.sum() < fewest or any(low < end_s and start_s < high for low, high in marks):
             continue
         angle = 2 * np.pi * SINE_HZ * signal.time_s[inside]
         basis = np.stack([np.cos(angle), np.sin(angle), np.ones_like(angle)], axis=1)

@@ -11,6 +11,7 @@ import json
 import os
 import resource
 import signal
+import subprocess
 import tempfile
 import threading
 import time
@@ -18,9 +19,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import tomli_w
 from sawbench.acquisition.devices import build_devices
 from sawbench.acquisition.simulation.bench_server import run_bench
-from sawbench.bench.config import BenchConfig
+from sawbench.bench.config import BenchConfig, parse_config
 from sawbench.bench.errors import SawbenchError
 from sawbench.bench.recording import Recording, Trial
 from sawbench.commands.recording_session import SessionOptions, record_trial
@@ -31,7 +33,9 @@ from benchmarks.fault_rig import SILENT_ERROR_S, Instrument, Row, sine_of, worst
 
 SECONDS, FAULT_AFTER_S = 5.0, 2.0
 NOBODY = 65534
+# A disk holds whole pages, and the names of the files.
 DISK_BYTES = 80_000
+SMALL_DISK = "size=96k"
 NO_FILE_S = 60.0
 
 
@@ -136,7 +140,9 @@ def row(name: str, instrument: Instrument, recorder: Recorder, said: list[str], 
         last_s = min(until_s, float(victim.time_s[-1]), float(witness.time_s[-1]))
         error_s = worst_time_error_s(victim, witness, marks, last_s)
     n_lost = round(instrument.rate_hz * until_s) - (0 if victim is None else len(victim.time_s))
-    texts = [f"{e.kind}: {e.text}" for e in recording.events if e.kind in {"gap", "warning", "interrupted"}]
+    kinds = {"gap", "warning", "interrupted"}
+    here = str(recorder.path.parent)
+    texts = [f"{e.kind}: {e.text}".replace(here, "FOLDER") for e in recording.events if e.kind in kinds]
     said = [*said, *texts, *([] if recording.is_complete else ["file: not complete"])]
     is_wrong = abs(n_lost) > 3 or error_s > SILENT_ERROR_S
     return Row(
@@ -256,15 +262,82 @@ def without_permission(instrument: Instrument, folder: Path) -> list[Row]:
 
 
 def full_disk(instrument: Instrument, folder: Path) -> list[Row]:
-    """A file that may not grow any further (RLIMIT_FSIZE)."""
+    """A disk that is full (ENOSPC), where this process may mount one; else a file that may not grow (RLIMIT_FSIZE)."""
 
     def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (DISK_BYTES, DISK_BYTES))
+        if not is_mounted:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (DISK_BYTES, DISK_BYTES))
 
-    with bench(instrument.config()) as ports:
-        recorder = Recorder(instrument, ports, folder / "full.mcap", before=limit)
-        said = _said_of(recorder.end())
-        return [row("disk full", instrument, recorder, said)]
+    disk = folder / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", SMALL_DISK, "tmpfs", str(disk)]
+    is_mounted = subprocess.run(mount, capture_output=True, check=False).returncode == 0
+    try:
+        with bench(instrument.config()) as ports:
+            recorder = Recorder(instrument, ports, disk / "full.mcap", before=limit)
+            said = _said_of(recorder.end())
+            return [row("disk full" if is_mounted else "file may not grow", instrument, recorder, said)]
+    finally:
+        if is_mounted:
+            subprocess.run(["umount", str(disk)], check=True)
+
+
+class _OffBus:
+    """Frames of the instrument on python-can's virtual bus, which then says that it is off, and comes back."""
+
+    def __init__(self, channel: str) -> None:
+        import can
+
+        self._bus = can.Bus(interface="virtual", channel=channel)
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        import can
+
+        begun_s, n, is_off = time.monotonic(), 0, False
+        while not self._stopping.wait(0.004):
+            now_s = time.monotonic() - begun_s
+            if not is_off and now_s > 3.0:
+                is_off = True
+                self._bus.send(can.Message(arbitration_id=0x40, is_error_frame=True, data=bytes(8)))
+            for k in range(n, int(1000 * now_s)):
+                if not 3.0 < k / 1000 < 3.5:
+                    data = (k & 0xFFFF).to_bytes(2, "little") + bytes(2)
+                    self._bus.send(can.Message(arbitration_id=0x100, data=data, is_extended_id=False))
+            n = int(1000 * now_s)
+
+    def close(self) -> None:
+        self._stopping.set()
+        self._thread.join()
+        self._bus.shutdown()
+
+
+def bus_off(instrument: Instrument, folder: Path) -> list[Row]:
+    """A CAN bus that goes off for half a second, on an interface that tells of it."""
+    if instrument.name != "dbc_can":
+        return []
+    path, channel = folder / "off.mcap", "off"
+    table = {**instrument.table, "interface": "virtual", "port": channel}
+    loaded = parse_config(tomli_w.dumps({"devices": {"victim": table}}))
+    sender = _OffBus(channel)
+    try:
+        record_trial(loaded, SessionOptions(path=path, trial=Trial(trial_id="o"), seconds=SECONDS))
+    finally:
+        sender.close()
+    recording = read_recording(path)
+    n_lost = round(instrument.rate_hz * SECONDS) - len(recording.signals[instrument.channel].time_s)
+    said = [f"{e.kind}: {e.text}" for e in recording.events if e.kind == "gap" or e.text.startswith("link ")]
+    return [
+        Row(
+            fault="bus off for 0.5 s (error frame)",
+            lost=f"{n_lost} samples ({n_lost / instrument.rate_hz:.2f} s)",
+            said="; ".join(said) or "nothing",
+            time_error_ms=None,
+            is_silent=n_lost > 3 and not said,
+        )
+    ]
 
 
 def dead_views(instrument: Instrument, folder: Path) -> list[Row]:
@@ -273,6 +346,7 @@ def dead_views(instrument: Instrument, folder: Path) -> list[Row]:
     def watch(number: int, path: Path) -> Callable[[], list[Any]]:
         def start() -> list[Any]:
             view = LiveViewProcess(show="none", save_path=path)
+            path.with_suffix(".pid").write_text(str(view.pid))
             threading.Timer(FAULT_AFTER_S, lambda: os.kill(view.pid, number)).start()
             return [view]
 
@@ -283,11 +357,15 @@ def dead_views(instrument: Instrument, folder: Path) -> list[Row]:
         path = folder / f"view{int(number)}.mcap"
         with bench(instrument.config()) as ports:
             recorder = Recorder(instrument, ports, path, watch=watch(number, path.with_suffix(".rrd")))
-            rows.append(row(name, instrument, recorder, _said_of(recorder.end())))
+            said = _said_of(recorder.end())
+            # One that hangs would hang forever.
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(int(path.with_suffix(".pid").read_text()), signal.SIGKILL)
+            rows.append(row(name, instrument, recorder, said))
     return rows
 
 
-FAULTS = (killed_and_restarted, stopped, two_recorders, without_permission, full_disk, dead_views)
+FAULTS = (killed_and_restarted, stopped, two_recorders, without_permission, full_disk, bus_off, dead_views)
 
 
 def process_rows(instrument: Instrument) -> list[Row]:

@@ -252,18 +252,16 @@ def _channels(table_: Mapping[str, Any]) -> set[str]:
 
 def _fits(found: FoundInstrument, shipped: Mapping[str, Any]) -> bool:
     """Whether the instrument can be the device: the same driver, or one whose example gives such a channel."""
-    from sawbench.acquisition.bench_search import example_table
-
-    return found.driver == shipped["driver"] or bool(_channels(example_table(found.driver)) & _channels(shipped))
+    return found.driver == shipped["driver"] or bool(_channels(found.proposed()) & _channels(shipped))
 
 
 def _device_table(shipped: Mapping[str, Any], known: FoundInstrument | None, port: str) -> dict[str, Any]:
-    from sawbench.acquisition.bench_search import SERIAL, example_table
+    from sawbench.acquisition.bench_search import SERIAL
 
     if known is None:
         return {**shipped, "port": port}
     is_shipped = known.driver == shipped["driver"]
-    rest = shipped if is_shipped else example_table(known.driver)
+    rest = shipped if is_shipped else known.proposed()
     interface = {} if known.place.interface == SERIAL else {"interface": known.place.interface}
     number = {} if known.serial_number is None else {"serial_number": known.serial_number}
     return {

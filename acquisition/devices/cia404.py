@@ -283,5 +283,5 @@ INSTRUMENT: Final = Instrument(
     make=Cia404,
     emulate=emulate,
     example={"channels": {"force_n": {"input": 1, "raw_range": [-2000, 2000], "calibration": {"raw_unit": "N"}}}},
-    is_searched=False,
+    package="canopen",
 )

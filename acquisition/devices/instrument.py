@@ -28,6 +28,10 @@ class Instrument:
         `sawbench simbench` cannot serve it.
     is_searched : bool
         `sawbench init` tries it at every port: only where the instrument can be told from another one.
+    searched_as : mapping of str to Any, optional
+        Table that `sawbench init` tries and proposes, where that is not the example.
+    package : str, optional
+        Python package without which it is not searched.
     """
 
     settings: type[BaseModel]
@@ -35,3 +39,5 @@ class Instrument:
     example: Mapping[str, Any]
     emulate: Callable[[str, Any, PlantStream, float], EmulatedInstrument] | None = None
     is_searched: bool = True
+    searched_as: Mapping[str, Any] | None = None
+    package: str | None = None

@@ -229,5 +229,8 @@ INSTRUMENT: Final = Instrument(
         "rate_hz": 250.0,
         "channels": {"force_n": {"input": 1, "raw_range": [-9999, 9999], "calibration": {"raw_unit": "N"}}},
     },
-    is_searched=False,
+    # The identifier of a stream is set by whoever installed the module; asked, every one answers.
+    searched_as={
+        "channels": {"force_n": {"input": 1, "raw_range": [-9999, 9999], "calibration": {"raw_unit": "N"}}},
+    },
 )

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     import can
 
 _WAIT_S: Final = 0.1
+# Error class of an error frame, as linux/can/error.h and python-can number it.
+_BUS_OFF: Final = 0x40
 _MOST_AT_ONCE: Final = 2000
 # A bus time further than this from the host's wall clock counts from something else than 1970.
 _LARGEST_CLOCK_DIFFERENCE_S: Final = 5.0
@@ -95,6 +97,7 @@ class PythonCanBus:
         self._clock = clock
         self._wall_clock = wall_clock
         self._bus: can.BusABC | None = None
+        self._is_off = False
         self.time_source = "time stamps of the bus"
         self.n_discarded_bytes = 0
         self.facts: dict[str, str] = {}
@@ -109,6 +112,7 @@ class PythonCanBus:
         """
         import can
 
+        self._is_off = False
         try:
             self._bus = can.Bus(interface=self._interface, channel=self._channel, bitrate=self._bitrate)
         except (can.CanError, OSError, ValueError, ImportError, TypeError, NameError) as error:
@@ -119,10 +123,16 @@ class PythonCanBus:
             ) from error
 
     def read(self) -> CanBatch:
-        """Return the frames that arrived; wait at most 0.1 s for the first."""
+        """Return the frames that arrived; wait at most 0.1 s for the first; DeviceError once the bus said it is off."""
         import can
 
         bus = self._opened()
+        if self._is_off:
+            raise DeviceError(
+                "the bus is off: too many errors",
+                where=self._where,
+                remedy="check bit rate, termination and cable, and that another node is on the bus",
+            )
         messages: list[can.Message] = []
         try:
             message = bus.recv(_WAIT_S)
@@ -131,6 +141,7 @@ class PythonCanBus:
                 message = bus.recv(0) if len(messages) < _MOST_AT_ONCE else None
         except (can.CanError, OSError) as error:
             raise self._failed(error) from error
+        self._is_off = any(m.is_error_frame and m.arbitration_id & _BUS_OFF for m in messages)
         usable = [m for m in messages if not (m.is_error_frame or m.is_remote_frame or m.is_fd)]
         self.n_discarded_bytes += sum(len(m.data) for m in messages) - sum(len(m.data) for m in usable)
         frames = [ParsedFrame(m.arbitration_id, m.is_extended_id, bytes(m.data)) for m in usable]
