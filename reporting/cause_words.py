@@ -41,6 +41,11 @@ def what_to_do(effect: str) -> str:
     return f"{known.words.mend}. To make sure, measure {known.words.measure}"
 
 
+def is_undetermined(ends: Sequence[float]) -> bool:
+    """Whether too little was withheld for a 95 % interval: its ends are then -1 and 1."""
+    return tuple(ends) == (-1.0, 1.0)
+
+
 def interval_words(ends: Sequence[float]) -> str:
     """95 % interval of a closed share in per cent.
 
@@ -55,7 +60,7 @@ def interval_words(ends: Sequence[float]) -> str:
     ('81 to 97 %', 'not determined')
     """
     low, high = (round(100 * end) for end in ends)
-    return "not determined" if (low, high) == (-100, 100) else f"{low} to {high} %"
+    return "not determined" if is_undetermined(ends) else f"{low} to {high} %"
 
 
 def improved_command(report: Mapping[str, Any], path: str) -> str:

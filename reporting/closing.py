@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from sawbench.reporting.cause_words import interval_words, magnitude_words, name_of
+from sawbench.reporting.cause_words import interval_words, is_undetermined, magnitude_words, name_of
 from sawbench.reporting.figures import INK, QUIET, WIDTH_IN, figure_style
 from sawbench.reporting.html import Picture, figure_to_svg
 
@@ -147,7 +147,9 @@ def _note(rung: Mapping[str, Any]) -> str:
 
 
 def _rms_interval(closing: Mapping[str, Any], rung: Mapping[str, Any]) -> tuple[float, float]:
-    """Root mean square at the ends of the interval of what is closed so far."""
+    """Root mean square at the ends of the interval of what is closed so far; of its value where there is none."""
+    if is_undetermined(rung["gap_closed_ci95"]):
+        return rung["with_effect"], rung["with_effect"]
     floor, room = closing["noise_floor"] ** 2, closing["retuned"] ** 2 - closing["noise_floor"] ** 2
     low, high = ((floor + (1.0 - share) * max(room, 0.0)) ** 0.5 for share in reversed(rung["gap_closed_ci95"]))
     return low, high

@@ -12,6 +12,7 @@ from sawbench.reporting.cause_words import (
     improved_command,
     in_words_of,
     interval_words,
+    is_undetermined,
     magnitude_words,
     name_of,
     what_happens,
@@ -210,15 +211,15 @@ def _where_it_acts(report: Mapping[str, Any], cause: Mapping[str, Any]) -> list[
 
 
 def _explained(cause: Mapping[str, Any]) -> str:
-    low, high = cause["gap_closed_ci95"]
-    if (low, high) == (-1.0, 1.0) and cause["gap_closed"] == 0.0:
+    ends = cause["gap_closed_ci95"]
+    if is_undetermined(ends) and cause["gap_closed"] == 0.0:
         return "With re-tuned parameters the remaining error is too small to tell how much of it the cause explains."
     closed = f"Adding it explains {round(100 * cause['gap_closed'])} %"
-    if (low, high) == (-1.0, 1.0):
+    if is_undetermined(ends):
         return (
             f"{closed} of the remaining error; its 95 % interval is not determined: too few trials could be withheld."
         )
-    return f"{closed} ({interval_words((low, high))}) of the remaining error at withheld operating points."
+    return f"{closed} ({interval_words(ends)}) of the remaining error at withheld operating points."
 
 
 def _runtime_sentence(report: Mapping[str, Any]) -> list[str]:

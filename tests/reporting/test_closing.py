@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from sawbench.reporting.closing import closing_picture, closing_rows, closing_sentences
 
@@ -49,6 +51,23 @@ def test_the_figure_names_every_model_and_its_residual():
     for text in ("as configured: 4", "re-tuned: 2", "+ guide friction: 1", "noise: 0.5"):
         assert text in picture.svg
     assert closing_picture(CLOSING | {"rungs": []}) is None
+
+
+def test_an_interval_that_nobody_knows_is_neither_drawn_nor_given():
+    unknown = CLOSING | {"rungs": [FRICTION | {"gap_closed_ci95": [-1.0, 1.0]}]}
+    assert closing_rows(unknown)[2]["interval"] == "not determined"
+    known = closing_picture(CLOSING | {"rungs": [FRICTION]})
+    drawn = closing_picture(unknown)
+    assert known is not None
+    assert drawn is not None
+    # Lines in the colour of causes, one a row: that of a cause is as long as its interval.
+    assert [len(set(ends)) for ends in lines(known.svg)] == [1, 1, 2]
+    assert [len(set(ends)) for ends in lines(drawn.svg)] == [1, 1, 1]
+
+
+def lines(svg: str) -> list[tuple[str, ...]]:
+    """Abscissas of both ends of every line in the colour of causes."""
+    return re.findall(r'<path d="M ([\d.]+) [\d.]+ \nL ([\d.]+) [\d.]+ \n"[^>]*stroke: #00507f', svg)
 
 
 def test_the_page_has_the_ladder_only_where_it_was_asked_for(tmp_path):
