@@ -3,7 +3,7 @@
     python -m benchmarks.through_wires OUT [--seeds 801 802 ...] [--length 0.25]
 
 Draws campaigns of the blind check without an effect, plays every trial to the emulated instruments of the default
-configuration (`acquisition.simulation.scripted_bench`: bytes, drivers, clocks and MCAP as on the bench, in scripted
+configuration (`benchmarks.scripted_bench`: bytes, drivers, clocks and MCAP as on the bench, in scripted
 time), and diagnoses the recordings. Prints the verdict of each; ends with 1 if an effect is declared.
 """
 
@@ -20,7 +20,6 @@ import tomli_w
 from sawbench.acquisition.devices import build_devices
 from sawbench.acquisition.recorder import record
 from sawbench.acquisition.recording_report import RecordingStart
-from sawbench.acquisition.simulation.scripted_bench import ScriptedBench
 from sawbench.bench.config import LoadedConfig, load_config
 from sawbench.bench.recording import Trial
 from sawbench.blindcheck.campaign import measured_trials
@@ -32,6 +31,7 @@ from sawbench.storage.writer import RecordingWriter
 from threadpoolctl import threadpool_limits
 
 from benchmarks.playback import Playback
+from benchmarks.scripted_bench import ScriptedBench
 
 _STARTED: Final = datetime(2026, 3, 2, 9, tzinfo=UTC)
 # Three times as fast as the fastest instrument; quartzes are off by some 10 ppm.

@@ -12,8 +12,6 @@ import serial
 from sawbench.bench.errors import DeviceError, OtherInstrumentError
 from serial.tools import list_ports
 
-# Handler of `emulated://`, see `acquisition.simulation.scripted_bench`.
-serial.protocol_handler_packages.append("sawbench.acquisition.simulation")
 _WAIT_S: Final = 0.1
 # A socket cannot say how much is waiting, so it is read for a fixed short time instead.
 _SOCKET_WAIT_S: Final = 0.004

@@ -9,10 +9,10 @@ import pytest
 from sawbench.acquisition import bench_search
 from sawbench.acquisition.bench_search import FoundPort, example_table, find_ports, identify
 from sawbench.acquisition.devices import load_instrument, validate_table
-from sawbench.acquisition.simulation import protocol_emulated
 from sawbench.acquisition.simulation.bench_server import make_instruments
 from sawbench.bench.config import BenchConfig, load_config
 
+from benchmarks import protocol_emulated
 from tests.rigs.resting import CONFIG, RestingTool
 
 pytestmark = pytest.mark.contract

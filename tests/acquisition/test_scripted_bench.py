@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from sawbench.acquisition.devices import build_devices
 from sawbench.acquisition.recorder import record
-from sawbench.acquisition.simulation.scripted_bench import ScriptedBench
 from sawbench.bench.errors import RecordingError
 from sawbench.bench.recording import Trial
 from sawbench.inputs import config_for, default_config_path
 from sawbench.storage.reader import read_recording
 from sawbench.storage.writer import RecordingWriter
+
+from benchmarks.scripted_bench import ScriptedBench
 
 pytestmark = pytest.mark.pipeline
 

@@ -13,10 +13,11 @@ from types import TracebackType
 from typing import Final
 
 import numpy as np
-from sawbench.acquisition.simulation import protocol_emulated
 from sawbench.acquisition.simulation.bench_server import TICK_S, make_instruments
 from sawbench.acquisition.simulation.plant_stream import EmulatedInstrument, PlantStream
 from sawbench.bench.config import BenchConfig
+
+from benchmarks import protocol_emulated
 
 # Mean of what a read comes late by beside the constant latency: an idle desktop machine wakes a thread in that time.
 _WAKE_S: Final = 1e-4

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
+import serial
+
+serial.protocol_handler_packages.append("benchmarks")
+
 
 class Plug(Protocol):
     """What stands behind such a port."""
