@@ -80,7 +80,6 @@ class Loadstar(RowInstrument[LoadstarSettings]):
 
     def __init__(self, name: str, settings: LoadstarSettings, clock: Callable[[], float] = time.monotonic) -> None:
         self._family = _FAMILIES[settings.family]
-        self._number = ""
         protocol = RowProtocol(
             new_framer=lambda is_begun: LineFramer(LineFormat(columns=(1,)), is_begun=is_begun),
             timing=RowTiming(rate_hz=settings.rate_hz),
@@ -91,8 +90,7 @@ class Loadstar(RowInstrument[LoadstarSettings]):
 
     def describe(self) -> dict[str, str]:
         """Model, number, rate, where its times come from."""
-        number = {"serial_number": self._number} if self._number else {}
-        return {**super().describe(), "model": f"{self.MODEL} {self._family.model}", **number}
+        return {**super().describe(), "model": f"{self.MODEL} {self._family.model}"}
 
     def _open_dialogue(self) -> None:
         super()._open_dialogue()

@@ -68,7 +68,6 @@ class Mantracourt(RowInstrument[MantracourtSettings]):
     STREAM = "readings"
 
     def __init__(self, name: str, settings: MantracourtSettings, clock: Callable[[], float] = time.monotonic) -> None:
-        self._number = ""
         protocol = RowProtocol(
             new_framer=lambda is_begun: LineFramer(LineFormat(columns=(1,), line_end="\r"), is_begun=is_begun),
             timing=RowTiming(),
@@ -78,8 +77,7 @@ class Mantracourt(RowInstrument[MantracourtSettings]):
 
     def describe(self) -> dict[str, str]:
         """Model, serial number, station, where its times come from."""
-        number = {"serial_number": self._number} if self._number else {}
-        return {**super().describe(), **number, "station": f"{self._settings.station:03d}"}
+        return {**super().describe(), "station": f"{self._settings.station:03d}"}
 
     def _open_dialogue(self) -> None:
         station = self._settings.station

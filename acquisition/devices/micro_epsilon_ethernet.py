@@ -137,7 +137,6 @@ class MicroEpsilonEthernet(RowInstrument[MicroEpsilonEthernetSettings]):
         self, name: str, settings: MicroEpsilonEthernetSettings, clock: Callable[[], float] = time.monotonic
     ) -> None:
         columns = tuple(table.input for table in settings.channels.values())
-        self._number = ""
         protocol = RowProtocol(
             new_framer=lambda _is_begun: BlockFramer(settings.family, columns),
             timing=RowTiming(rate_hz=settings.rate_hz, counter_bits=_COUNTER_BITS),
@@ -151,8 +150,7 @@ class MicroEpsilonEthernet(RowInstrument[MicroEpsilonEthernetSettings]):
 
     def describe(self) -> dict[str, str]:
         """Model, serial number, rate, where its times come from."""
-        number = {"serial_number": self._number} if self._number else {}
-        return {**super().describe(), "model": f"{self.MODEL} {self._settings.family}", **number}
+        return {**super().describe(), "model": f"{self.MODEL} {self._settings.family}"}
 
     def _renew(self, *, is_begun: bool) -> None:
         # The block that ended the waiting told the number.

@@ -93,6 +93,7 @@ class RowInstrument(SerialInstrument[Settings, RowFramer]):
             parity=parity,
         )
         self._protocol = protocol
+        self._number = ""  # of the instrument, where a driver learns it
         self._rows = RowStream(self.STREAM, protocol.timing)
 
     @property
@@ -149,12 +150,13 @@ class RowInstrument(SerialInstrument[Settings, RowFramer]):
         return [Chunk(stream=self.STREAM, raw=raw, arrival_s=np.array([arrival_s]), time_s=middle)]
 
     def describe(self) -> dict[str, str]:
-        """Model, rate, where its times come from."""
+        """Model, rate, where its times come from, serial number where it is known."""
         timing = self._protocol.timing
         rate = {"rate_hz": f"{timing.rate_hz:g}"} if timing.rate_hz else {}
         polled = self._protocol.question
         words = "middle between question and answer" if polled else timing.words
-        return {"model": self.MODEL, **rate, "time_source": words, **self._link.facts}
+        number = {"serial_number": self._number} if self._number else {}
+        return {"model": self.MODEL, **rate, "time_source": words, **self._link.facts, **number}
 
     def _open_dialogue(self) -> None:
         """Stop the transmission, where there is a command for it; an instrument that tells its name adds questions."""

@@ -1,7 +1,7 @@
 """Degraded campaigns through the whole diagnosis: a more modest answer, never a confident wrong one.
 
-Run by `pytest -m slow tests/pipeline/test_degraded_diagnosis.py`; half a minute a case. What must be refused is
-tested before the diagnosis proper, in tests/unit/test_plausibility.py.
+Run by `pytest -m slow tests/diagnosis/test_degraded_campaigns.py`; half a minute a case. What must be refused is
+tested before the diagnosis proper, in tests/diagnosis/test_screening.py.
 """
 
 from __future__ import annotations
