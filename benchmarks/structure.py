@@ -53,6 +53,7 @@ class Tree:
     """What is counted of one commit."""
 
     lines: Mapping[str, int]
+    n_code_lines: int
     functions: tuple[Function, ...]
     product: Mapping[str, str]
     longest_module: tuple[int, str]
@@ -104,6 +105,16 @@ def functions_of(path: str, text: str) -> Iterator[Function]:
             )
 
 
+def count_code(text: str) -> int:
+    """Lines that are neither docstring nor comment nor blank."""
+    lines = text.splitlines()
+    said: set[int] = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            said |= set(range(node.lineno - 1, node.end_lineno))  # type: ignore[arg-type]
+    return sum(k not in said and bool(one.strip()) and not one.lstrip().startswith("#") for k, one in enumerate(lines))
+
+
 def read_tree(commit: str) -> Tree:
     found = sources(commit)
     files = {path: text for path, text in found.items() if path.endswith(".py")}
@@ -115,7 +126,13 @@ def read_tree(commit: str) -> Tree:
     }
     functions = tuple(function for path, text in product.items() for function in functions_of(path, text))
     longest = max((text.count("\n"), path) for path, text in product.items())
-    return Tree(lines=lines, functions=functions, product=product | tables, longest_module=longest)
+    return Tree(
+        lines=lines,
+        n_code_lines=sum(map(count_code, product.values())),
+        functions=functions,
+        product=product | tables,
+        longest_module=longest,
+    )
 
 
 def stated(tree: Tree, pattern: str) -> list[str]:
@@ -136,6 +153,8 @@ def rows(before: Tree, after: Tree) -> Iterator[tuple[str, str, str]]:
     for package in before.lines:
         yield f"lines, {package}", f"{before.lines[package]:,}", f"{after.lines[package]:,}"
     yield "lines, product", *(f"{sum(tree.lines[p] for p in PACKAGES):,}" for tree in (before, after))
+    code = "lines, product, without docstrings, comments and blank lines"
+    yield code, *(f"{tree.n_code_lines:,}" for tree in (before, after))
     yield "longest module, lines", *(f"{n} ({path})" for n, path in (before.longest_module, after.longest_module))
     long = [[f for f in tree.functions if f.n_lines > LONG_LINES] for tree in (before, after)]
     yield f"functions over {LONG_LINES} lines", *(str(len(found)) for found in long)

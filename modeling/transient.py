@@ -45,6 +45,7 @@ def battery_table(supply: Supply) -> Floats:
     return NO_TABLE if table is None else table
 
 
+# Size: options by name, of the run and of the method.
 def simulate(
     parameters: JigsawParameters,
     *,

@@ -48,7 +48,7 @@ def campaign(tmp_path_factory):
     from benchmarks.diagnosis_peers.reduction import read_campaign, reduce
 
     folder = tmp_path_factory.mktemp("peers") / "case"
-    make_campaign(31, folder, effects={"motor_coulomb_friction": 1.5}, length=0.3)
+    make_campaign(31, folder, effects={"motor_coulomb_friction": 1.5}, length=0.3, rate_hz=2500.0)
     return reduce(*read_campaign(folder))
 
 

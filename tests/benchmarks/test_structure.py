@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.structure import EQUATIONS, PACKAGES, Tree, functions_of, is_oversized, stated, touched
+from benchmarks.structure import EQUATIONS, PACKAGES, Tree, count_code, functions_of, is_oversized, stated, touched
 
 pytestmark = pytest.mark.unit
 
@@ -35,7 +35,7 @@ def test_functions_are_counted_without_docstring_and_self():
 
 def test_an_equation_counts_once_where_it_stands():
     functions = (*functions_of("modeling/part.py", SOURCE), *functions_of("blindcheck/own.py", SOURCE))
-    tree = Tree(lines={}, functions=functions, product={}, longest_module=(0, ""))
+    tree = Tree(lines={}, n_code_lines=0, functions=functions, product={}, longest_module=(0, ""))
     assert stated(tree, EQUATIONS["lever or displacement of the mechanism"]) == ["modeling/part.py:inner"]
     assert stated(tree, EQUATIONS["stages of Dormand-Prince 5(4)"]) == []
 
@@ -47,7 +47,7 @@ def test_an_addition_touches_the_files_that_name_it():
         "modeling/a.py": "dragging",
         "blindcheck/a.py": "drag",
     }
-    tree = Tree(lines={}, functions=(), product=product, longest_module=(0, ""))
+    tree = Tree(lines={}, n_code_lines=0, functions=(), product=product, longest_module=(0, ""))
     assert touched(tree, "drag") == "2 files (drag)"
 
 
@@ -81,3 +81,8 @@ def test_every_function_of_more_than_60_lines_or_8_parameters_says_why():
         if is_oversized(function) and not function.reason
     ]
     assert not bare, f'split them, or write "# Size: ..." with the reason above: {", ".join(bare)}'
+
+
+def test_code_is_counted_without_what_explains_it():
+    text = '"""What it is."""\n\n# Why.\nX = "a text"\n\n\ndef f():\n    """Return one.\n\n    More.\n    """\n    return 1  # one\n'
+    assert count_code(text) == 3

@@ -22,7 +22,7 @@ SAMPLES = Path(__file__).parents[2] / "recordings"
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
     folder = tmp_path_factory.mktemp("campaign")
-    make_campaign(901, folder / "tables", effects={"motor_coulomb_friction": 1.5}, length=0.6)
+    make_campaign(901, folder / "tables", effects={"motor_coulomb_friction": 1.5}, length=0.4, rate_hz=2500.0)
     assert main(["import", str(folder / "tables" / "campaign.toml"), "--out", str(folder / "mcap")]) == 0
     config = folder / "tables" / "bench_config.toml"
     assert main(["diagnose", str(folder / "mcap"), "--config", str(config), "--out", str(folder / "gap")]) == 0

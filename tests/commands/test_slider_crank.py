@@ -47,7 +47,8 @@ def test_recorded_processed_fitted_and_its_runtime_predicted(tmp_path, capsys):
 
 def test_the_hidden_friction_of_a_campaign_is_named_first(tmp_path, capsys):
     effect = {"guide_friction": 1.5}
-    make_campaign(903, tmp_path / "tables", effects=effect, length=0.6, mechanism="slider_crank")
+    nature = {"length": 0.4, "rate_hz": 2500.0, "mechanism": "slider_crank"}
+    make_campaign(903, tmp_path / "tables", effects=effect, **nature)
     assert main(["import", str(tmp_path / "tables" / "campaign.toml"), "--out", str(tmp_path / "mcap")]) == 0
     capsys.readouterr()
     config = tmp_path / "tables" / "bench_config.toml"
