@@ -60,7 +60,7 @@ def test_a_killed_process_is_a_reason_and_calls_go_on(tmp_path):
         view(block(500 * k))
     view.close()
     assert view.is_dead
-    assert "is gone" in view.dead_reason
+    assert "ended" in view.dead_reason
 
 
 def test_a_process_that_hangs_drops_what_it_should_show_and_is_ended():
@@ -76,7 +76,7 @@ def test_a_process_that_hangs_drops_what_it_should_show_and_is_ended():
 def test_a_file_that_cannot_be_written_is_said_before_anything_starts(tmp_path):
     path = tmp_path / "live.rrd"
     path.write_text("precious")
-    with pytest.raises(InputError, match="already exists"):
+    with pytest.raises(InputError, match="exists already"):
         LiveViewProcess(show="none", save_path=path)
     with pytest.raises(InputError, match="folder does not exist"):
         LiveViewProcess(show="none", save_path=tmp_path / "nowhere" / "live.rrd")

@@ -126,9 +126,9 @@ def test_live_view_finds_the_stroke_rate_itself(tmp_path):
 def test_an_existing_file_is_not_overwritten(tmp_path):
     path = tmp_path / "live.rrd"
     path.write_text("precious")
-    with pytest.raises(InputError, match="already exists"):
+    with pytest.raises(InputError, match="exists already"):
         LiveView(show="none", save_path=path)
-    with pytest.raises(InputError, match="already exists"):
+    with pytest.raises(InputError, match="exists already"):
         view_recording(make_recording(), save_path=path, spawn=False)
     assert path.read_text() == "precious"
     with pytest.raises(InputError, match="folder does not exist"):
