@@ -213,7 +213,7 @@ def read_points(path: Path) -> tuple[CalibrationPoint, ...]:
     Raises
     ------
     InputError
-        If it is missing, has other columns, or holds what is no number; names the line.
+        If it is missing, has other columns, or holds what is not a number; names the line.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:

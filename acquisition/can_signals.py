@@ -26,7 +26,7 @@ def load_dbc(path: str | Path) -> Database:
     Raises
     ------
     ConfigError
-        If it is missing or is no DBC.
+        If it is missing or is not a DBC.
     """
     import cantools
 

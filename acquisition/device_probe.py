@@ -1,6 +1,6 @@
 """Look at instruments for a few seconds without recording: used by `check`, `tare` and `calibrate`.
 
-Other than the recorder this goes on where an instrument fails, since what failed is the very question.
+Other than the recorder this continues where an instrument fails, since what failed is the very question.
 """
 
 from __future__ import annotations

@@ -192,7 +192,7 @@ class _Lag:
         self.begin()
 
     def begin(self) -> None:
-        """Count anew: the instrument has just been started."""
+        """Count again: the instrument has just been started."""
         self._n = 0
         self._least_s = self._least_before_s = np.inf
         self._window_s = -np.inf

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sawbench.acquisition.clock import ArrivalClock
 
 _STEP_S: Final = 1e-6
-# A stamp that contradicts the arrival by more than this was damaged, or the instrument began anew.
+# A stamp that contradicts the arrival by more than this was damaged, or the instrument restarted.
 _CONTRADICTION_S: Final = 2.5
 
 
@@ -26,7 +26,7 @@ class InstrumentClock:
     Notes
     -----
     The stamps are tied to the arrivals as sample counts are, by `ArrivalClock`. A stamp that contradicts the time of
-    its arrival by more than 2.5 s is left out; where the next one agrees with it the instrument began anew, and so
+    its arrival by more than 2.5 s is left out; where the next one agrees with it the instrument restarted, and so
     does this clock.
 
     Examples
@@ -80,7 +80,7 @@ class InstrumentClock:
         return np.array([self._clock.stamp(n, 1)[0] for n in index]), is_used
 
     def _step_to(self, stamp: float, arrival_s: float) -> tuple[float | None, bool]:
-        """Ticks from the last stamp to this one, None where it cannot be; and whether the instrument began anew."""
+        """Ticks from the last stamp to this one, None where it cannot be; and whether the instrument restarted."""
         step = 0.0 if self._last is None else self._step(self._last, stamp, arrival_s)
         is_new = step is None and self._left_out is not None and bool(self._step(self._left_out, stamp, arrival_s))
         if step is None and not is_new:

@@ -105,7 +105,7 @@ class LiveWarnings:
 
     @property
     def is_spoilt(self) -> bool:
-        """Whether one of them makes a trial that is not to be trusted; noise, rate and clock can be looked into."""
+        """Whether one of them makes a trial that is not reliable; noise, rate and clock can be looked into."""
         return any(what in _SPOILS for what, _, _ in self._active)
 
     def take(self, item: SampleBlock | Event) -> None:

@@ -64,7 +64,7 @@ class Finding:
     Attributes
     ----------
     severity : {"fault", "note"}
-        A fault is not to be trusted; a note is worth knowing.
+        A fault is not reliable; a note is worth knowing.
     code : str
         For scripts.
     device, channel : str

@@ -84,7 +84,7 @@ class RecordingStatus:
     warnings : tuple of str
         What is wrong at the moment, see `live_warnings`.
     is_spoilt : bool
-        One of them spoils the trial: it is not to be trusted if this goes on.
+        One of them spoils the trial: it is not reliable if this goes on.
     phase : {"recording", "finishing"}
         "finishing": the end is decided, what is on its way is stored and the file closed.
     """
@@ -167,7 +167,7 @@ class RecordingSummary:
 
     @property
     def losses(self) -> tuple[str, ...]:
-        """Channels that miss more than a hundredth of their samples, in words; then the trial is not to be trusted."""
+        """Channels that miss more than a hundredth of their samples, in words; then the trial is not reliable."""
         return tuple(text for text in map(_loss, self.channels) if text)
 
 

@@ -28,7 +28,7 @@ class Counted:
     n_lost : ndarray of int, shape (n_ready,)
         Samples lost before each frame.
     is_exact : ndarray of bool, shape (n_ready,)
-        False where the counter began anew or contradicts the time of arrival: then only the time tells the loss.
+        False where the counter restarted or contradicts the time of arrival: then only the time tells the loss.
     """
 
     n_ready: int

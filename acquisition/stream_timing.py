@@ -323,7 +323,7 @@ class StreamTimer:
         last_s = self._last_time_s or 0.0
         if n_back:
             start_s = self._clock.line.time_of(self._inferred_from)
-            # What waits is numbered anew with the rest, so that it can be stamped behind what was given out.
+            # What waits is numbered again with the rest, so that it can be stamped behind what was given out.
             self._clock.renumber(self._inferred_from, -n_back)
             self._held = [replace(h, n_before=h.n_before - n_back) for h in self._held]
             self._count -= n_back

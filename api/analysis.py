@@ -76,7 +76,7 @@ def open_trial(path: Place, config_path: Path | LoadedConfig | None) -> OpenedTr
     Raises
     ------
     InputError
-        If the file is no recording or the configuration is not valid.
+        If the file is not a recording or the configuration is not valid.
     """
     from sawbench.storage.digest import sha256_of
     from sawbench.storage.places import on_disk
@@ -199,7 +199,7 @@ class Evaluation:
     estimates : ParameterEstimates or None
         As `fit_trial` returns them.
     runtime : RuntimePrediction or None
-        None where the fit is missing or not to be relied on.
+        None where the fit is missing or not reliable.
     note : str
         Why there is no fit or runtime; empty where nothing went wrong.
     """

@@ -96,7 +96,7 @@ def read_discharges(
     Raises
     ------
     InputError
-        If a table cannot be read or holds no discharge.
+        If a table cannot be read or has no discharge.
     """
     from sawbench.modeling.measured_discharge import BatteryLog, discharges_in
     from sawbench.storage.importers.discharge_tables import read_discharge_tables

@@ -129,7 +129,7 @@ def runtime(
     Raises
     ------
     UntrustedResult
-        If the fit of the trial is not to be relied on; the message says why.
+        If the fit of the trial is not reliable; the message says why.
     InputError
         As `fit`.
 
@@ -259,7 +259,7 @@ def diagnose(
     config : str or Path, optional
         As in `read`; default: that of the first recording.
     until_closed : bool
-        Add cause after cause to the model until nothing more closes at withheld operating points; the ladder of causes
+        Add causes one by one to the model until nothing more closes at withheld operating points; the ladder of causes
         is `report["until_closed"]`.
     plan : int
         How many trials to propose that tell most about what is still possible, 0 to 20: `report["plan"]`, and plan.csv

@@ -30,7 +30,7 @@ def diagnose_trials(
     loaded : LoadedConfig, optional
         Default: that of the first trial.
     until_closed : bool
-        Add cause after cause to the model until nothing more closes.
+        Add causes one by one to the model until nothing more closes.
     plan : int
         Trials to propose, 0 to 20.
     on_step : callable, optional

@@ -45,7 +45,7 @@ def find_files(paths: Iterable[Place]) -> list[FoundFile]:
     Raises
     ------
     InputError
-        If a path does not exist or a directory holds no recording.
+        If a path does not exist or a directory has no recording.
     """
     found: list[FoundFile] = []
     for path in paths:
@@ -58,7 +58,7 @@ def find_files(paths: Iterable[Place]) -> list[FoundFile]:
             raise InputError("no such file", where=path)
         if not inside:
             raise InputError(
-                "holds no .mcap file",
+                "has no .mcap file",
                 where=path,
                 remedy="give the folder of the recordings, or create recordings with `sawbench import`",
             )

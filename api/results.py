@@ -145,7 +145,7 @@ class MaterialComparison:
         return compare(self.rows, self.left_out)
 
     def table(self) -> pandas.DataFrame:
-        """Return one row a trial, with every number and its standard uncertainty; columns end in their unit."""
+        """Return one row per trial, with every number and its standard uncertainty; columns end in their unit."""
         from sawbench.reporting.comparison_data import comparison_table
 
         return comparison_table(self.rows)

@@ -40,7 +40,7 @@ class ConfigError(InputError):
 
 
 class RecordingError(InputError):
-    """A file is no recording, or is damaged beyond what was asked (exit code 2)."""
+    """A file is not a recording, or is damaged beyond what was asked (exit code 2)."""
 
 
 class DeviceError(SawbenchError):

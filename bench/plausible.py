@@ -36,7 +36,7 @@ LENGTH_UNITS: Final = (("m", 1e3), ("cm", 10.0), ("inches", 25.4), ("um", 1e-3))
 
 
 def is_outside(value: float, bounds: Bounds) -> bool:
-    """Whether a value lies outside of bounds, or is no number.
+    """Whether a value lies outside of bounds, or is not a number.
 
     Examples
     --------

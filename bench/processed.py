@@ -180,7 +180,7 @@ class ChannelQuality:
     problems : tuple of str
     doubts : tuple of str
         Those of `problems` that make the values wrong, not only fewer: clipped, reversed, swapped, in another
-        unit, not connected, moved in time. A result that rests on such a channel is not to be trusted.
+        unit, not connected, moved in time. A result that rests on such a channel is not reliable.
     """
 
     channel: str

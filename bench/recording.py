@@ -46,7 +46,7 @@ def read_only(values: Any, *, name: str, allow_nan: bool = False) -> Floats:
     return array
 
 
-# A channel that misses more than this share of its samples makes a trial that is not to be trusted.
+# A channel that misses more than this share of its samples makes a trial that is not reliable.
 HEAVY_LOSS_SHARE: Final = 0.01
 
 

@@ -21,7 +21,7 @@ def read_toml_text(path: Path, *, remedy: str = "check the path") -> str:
     Raises
     ------
     ConfigError
-        If the file is missing, cannot be read or is no UTF-8.
+        If the file is missing, cannot be read or is not UTF-8.
     """
     try:
         return path.read_text(encoding="utf-8-sig")

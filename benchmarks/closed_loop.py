@@ -113,7 +113,7 @@ def score(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     ]
     right = [r for r, exact in zip(rows, is_exact, strict=True) if exact]
     improved = [r for r in rows if r.get("fresh_verdict")]
-    for words, chosen in (("right claims", right), ("improved models", improved)):
+    for words, chosen in (("correct claims", right), ("improved models", improved)):
         fresh = [r for r in chosen if r.get("fresh_verdict")]
         timed = [r for r in fresh if r["fresh_miss"] is not None]
         stated = [r for r in timed if r["runtime_rel_std"]]

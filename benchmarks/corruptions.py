@@ -1,8 +1,8 @@
 """Recordings altered in every way that comes to mind: `python -m benchmarks.corruptions --count 10000`.
 
-One recording is written, and altered anew from every seed: bits, bytes, ranges, chunks, lengths, sectors, the end, a
+One recording is written, and altered again from every seed: bits, bytes, ranges, chunks, lengths, sectors, the end, a
 chunk of another recording, a decompression bomb, another file behind it; one in seven gets two of these. Each altered
-file is read; what comes out is held against what was written. The command exits with 1 where anything wrong went
+file is read; what comes out is compared with what was written. The command exits with 1 where anything wrong went
 unsaid.
 """
 
@@ -225,7 +225,7 @@ def judge(before: Recording, path: Path) -> tuple[str, str]:
             f"unsaid: {foreign} foreign samples, {n_kept} of {n_before} kept, complete: {after.is_complete}",
         )
     if foreign and not any(word in text for text in said for word in DOUBT):
-        return "altered", f"{foreign} foreign samples vouched for: {'; '.join(said)}"
+        return "altered", f"{foreign} foreign samples verified: {'; '.join(said)}"
     return ("foreign samples, said" if foreign else "less, said"), ""
 
 

@@ -33,7 +33,7 @@ K_TOLERANCE: Final = 1e-4
 
 @dataclass(kw_only=True, slots=True)
 class CurrentTrace:
-    """A measured (or simulated) current over time and the model that is held against it.
+    """A measured (or simulated) current over time and the model that is compared with it.
 
     Attributes
     ----------

@@ -2,7 +2,7 @@
 
 The logs are those of the Medical Robotics and Devices Lab, University of Minnesota (O'Neill, Stephens, Kowalewski,
 IEEE RA-L 2018, doi 10.1109/LRA.2018.2849862; Open Database License): a motor with gearbox drives a cable-driven
-tool to and fro at 0.1 to 0.5 Hz against a set torque; torque is measured at both ends, motor current and angle.
+tool back and forth at 0.1 to 0.5 Hz against a set torque; torque is measured at both ends, motor current and angle.
 
     python benchmarks/davinci_axis.py FOLDER_OF_LOGS OUT
 

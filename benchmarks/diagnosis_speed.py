@@ -28,7 +28,7 @@ ROWS = (
     "false alarms: an effect is claimed, none or parameters only",
     "called unknown, effects outside the catalogue",
     "log-loss / nats",
-    "time a case, median / s",
+    "time per case, median / s",
 )
 
 

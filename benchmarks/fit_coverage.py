@@ -2,7 +2,7 @@
 
 Each trial has its own plant (nominals off by their rel_std), sensor gains, zeros and noise, stroke-to-stroke
 variation of 4-5 % with random correlation, duty, k_Fc and length. Trials that are done are kept in the
-results file, so a stopped run goes on where it was.
+results file, so a stopped run continues where it was.
 
     python -m benchmarks.fit_coverage --trials 400 --results coverage.jsonl
 """

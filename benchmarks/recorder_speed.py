@@ -52,7 +52,7 @@ def least(path: Path, written) -> None:
 
 
 def csv_logger(path: Path, written) -> None:
-    """A row a sample, as a small script does."""
+    """A row per sample, as a small script does."""
     with path.open("w", newline="") as file:
         table = csv.writer(file)
         for block in written:
@@ -85,7 +85,7 @@ def measure(clock: Clock) -> Section:
         loggers |= {
             name: partial(work, folder / f"{k}.log", written)
             for k, (name, work) in enumerate(
-                (("limit: scale and write the bytes", least), ("CSV, a row a sample", csv_logger),
+                (("limit: scale and write the bytes", least), ("CSV, a row per sample", csv_logger),
                  ("HDF5, appended in blocks", hdf5_logger))
             )
         }  # fmt: skip

@@ -104,7 +104,7 @@ def measure(clock: Clock) -> Section:
         rows, lines = over_effects(clock, folder)
     return Section(
         title="One recording",
-        words=["Everything compiled, on one thread; what a first call costs stands under Commands."],
+        words=["Everything compiled, on one thread; what a first call costs is under Commands."],
         tables=[
             Table(
                 head=("step", "shipped trial, 2 s, 30 000 samples", f"simulated trial, 10 s, {n_long} samples"),

@@ -152,7 +152,7 @@ def read_parquet(path: Path) -> None:
 
 
 def write_csv(path: Path, columns: Columns) -> None:
-    """One row a sample."""
+    """One row per sample."""
     with path.open("w", newline="") as file:
         table = csv.writer(file)
         for name, (time_s, values) in columns.items():

@@ -1,6 +1,6 @@
 """Synthetic jigsaw trials from an integrator of its own: shares no code with `modeling`'s solvers.
 
-Equations 12, 13 and 16 in the time domain by scipy's adaptive solver, the cutting coefficient drawn anew for
+Equations 12, 13 and 16 in the time domain by scipy's adaptive solver, the cutting coefficient drawn again for
 every stroke, plant constants drawn around their nominals, sensors with gains, offsets and noise.
 """
 

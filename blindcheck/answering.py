@@ -128,7 +128,7 @@ def answer(
     timeout_s : float
         For one step of one case; a case that takes longer has failed.
     force : bool
-        Throw away the answers of other software and begin again.
+        Discard the answers of other software and begin again.
     on_progress : callable, optional
         (done, wanted, case).
     elsewhere : callable, optional
@@ -228,7 +228,7 @@ def read_answers(set_dir: Path, answers_dir: Path | None = None) -> tuple[dict[s
         raise InputError(
             f"{len(missing)} of {len(cases)} cases are not answered, the first is {missing[0]}",
             where=answers_dir,
-            remedy="run `sawbench blind answer` again, it goes on where it stopped",
+            remedy="run `sawbench blind answer` again, it continues where it stopped",
         )
     found += [f"{name}.json is for no case of this set" for name in sorted(set(hashes) - set(cases))]
     found += [f"{name}.json was changed or removed" for name in cases if not _is_valid(answers_dir, name, hashes[name])]
@@ -257,7 +257,7 @@ def refuse_key_inside(set_dir: Path) -> None:
             )
 
 
-# What the software on record must agree in: its sources, and whether it was asked for cause after cause.
+# What the software on record must agree in: its sources, and whether it was asked for causes one by one.
 _DECIDING = ("source_sha256", "until_closed")
 
 
@@ -275,7 +275,7 @@ def _open_index(answers_dir: Path, set_dir: Path, program: Program, *, force: bo
             raise InputError(
                 f"the answers there are of {whose}, not of this one",
                 where=answers_dir,
-                remedy="name another folder with --answers, or throw them away with --force",
+                remedy="give another folder with --answers, or discard them with --force",
             )
         shutil.rmtree(answers_dir)
     answers_dir.mkdir(parents=True, exist_ok=True)
@@ -297,7 +297,7 @@ def _keep(answers_dir: Path, index: dict[str, Any], name: str, found: dict[str, 
         raise InputError(
             "the software changed while it was answering",
             where=name,
-            remedy="run it from a copy that nobody edits; name another folder with --answers",
+            remedy="run it from a copy that nobody edits; give another folder with --answers",
         )
     path = answers_dir / f"{name}.json"
     write_json(path, {"schema_version": SCHEMA_VERSION, "case": name, **found})

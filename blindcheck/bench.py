@@ -69,7 +69,7 @@ class Nature:
         return cls(**{item.name: record[item.name] for item in fields(cls) if item.name in record})
 
     def differs_in(self, shift: str) -> bool:
-        """Whether the bench is drawn anew in one of `SHIFTS`."""
+        """Whether the bench is drawn again in one of `SHIFTS`."""
         return self.benches == "foreign" and shift not in self.without
 
 

@@ -15,7 +15,7 @@ RUNTIMES = ("nominal", "retuned", "with_effect")
 
 
 def place_of(report: Mapping[str, Any]) -> str | None:
-    """Return the equation with the largest share of `where`; None where the report names no place.
+    """Return the equation with the largest share of `where`; None where the report states no place.
 
     Examples
     --------
@@ -65,7 +65,7 @@ def runtime_misses(report: Mapping[str, Any]) -> dict[str, float]:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RuntimeScore:
-    """Median distance of the runtime from the measured one, relative to it, of right claims of an effect.
+    """Median distance of the runtime from the measured one, relative to it, of correct claims of an effect.
 
     Attributes
     ----------

@@ -9,7 +9,7 @@ import numpy as np
 from sawbench.blindcheck.score_statistics import Estimate, Floats, Proportion, mean_of, ratio_of_medians, wilson
 from sawbench.blindcheck.scored_case import Case
 
-# Share of what can be closed that a right claim should close.
+# Share of what can be closed that a correct claim should close.
 ENOUGH = 0.9
 # Where less of the gap can be closed it is that of the small background effects, and the share says nothing.
 LEAST_CLOSABLE = 0.1
@@ -25,11 +25,11 @@ class GapScore:
         Stated minus oracle, all claims of an effect.
     coverage : Proportion
         How often the stated 95 % interval holds the oracle's value, all claims. The oracle computes it as the answer
-        does, from the same recordings: of a right claim it says no more than that the form was well chosen.
+        does, from the same recordings: of a correct claim it says no more than that the form was well chosen.
     share_of_oracle : Estimate
-        Median stated over median oracle, of right claims where the oracle closes something.
+        Median stated over median oracle, of correct claims where the oracle closes something.
     share_of_closable : Estimate
-        Median stated over median of what is gone in a twin simulated without the effects, of right claims where that
+        Median stated over median of what is gone in a twin simulated without the effects, of correct claims where that
         is at least `LEAST_CLOSABLE`.
     closes_enough : Proportion
         How often at least `ENOUGH` of that is closed, of the same.

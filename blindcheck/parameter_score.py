@@ -70,7 +70,7 @@ class EffectParameter:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ParameterScore:
-    """Reported numbers of right claims against the truth.
+    """Reported numbers of correct claims against the truth.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class ParameterScore:
 
 
 def stated_parameters(truth: Mapping[str, Any], cause: Mapping[str, Any]) -> tuple[StatedParameter, ...]:
-    """Return the numbers of one cause of a report that can be held against the truth.
+    """Return the numbers of one cause of a report that can be compared with the truth.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def stated_parameters(truth: Mapping[str, Any], cause: Mapping[str, Any]) -> tup
     Raises
     ------
     KeyError, TypeError, ValueError
-        If a stated number is no number.
+        If a stated number is not a number.
     """
     stated = cause.get("parameters", {})
     if len(stated) < len(cause["effects"]):

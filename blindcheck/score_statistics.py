@@ -100,7 +100,7 @@ def wilson(hits: int, n: int) -> Proportion:
 
 
 def mean_of(values: Floats, *, seed: int = 0) -> Estimate:
-    """Return the mean of one value a case with its 95 % percentile bootstrap interval.
+    """Return the mean of one value per case with its 95 % percentile bootstrap interval.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def mean_of(values: Floats, *, seed: int = 0) -> Estimate:
 
 
 def median_of(values: Floats, *, seed: int = 0) -> Estimate:
-    """Return the median of one value a case with its 95 % percentile bootstrap interval.
+    """Return the median of one value per case with its 95 % percentile bootstrap interval.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def median_of(values: Floats, *, seed: int = 0) -> Estimate:
 
 
 def ratio_of_medians(over: Floats, under: Floats, *, seed: int = 0) -> Estimate:
-    """Return the median of one value a case over that of another, with its 95 % percentile bootstrap interval.
+    """Return the median of one value per case over that of another, with its 95 % percentile bootstrap interval.
 
     Parameters
     ----------

@@ -60,10 +60,10 @@ class Case:
     indistinguishable_from : collection of str
         Effects that the answer says it cannot tell from the declared one.
     gap_closed, oracle_gap_closed : float, optional
-        Share of the held-out gap that the declared and the true effect close.
+        Share of the withheld gap that the declared and the true effect close.
     gap_closed_ci95 : tuple of float, optional
     closable : float, optional
-        Share of the held-out gap that is gone in a twin simulated without the hidden effects.
+        Share of the withheld gap that is gone in a twin simulated without the hidden effects.
     parameters : tuple of StatedParameter
         Numbers that the answer states of the declared effects that are hidden, beside the true ones.
     place : str, optional
@@ -89,7 +89,7 @@ class Case:
     Raises
     ------
     InputError
-        If a probability is no number in 0..1, or they sum to more than 1.
+        If a probability is not a number in 0..1, or they sum to more than 1.
     """
 
     name: str

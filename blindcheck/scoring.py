@@ -73,7 +73,7 @@ class Score:
     n_by_kind : dict of str to int
     rows : tuple of Row
     chance_exact : float or None
-        The share "exact" that the same answers, dealt at random among the typical single effects, would have.
+        The share "exact" that the same answers, assigned at random among the typical single effects, would have.
     group_size : Estimate
         Number of effects in the answered groups.
     brier : Estimate
@@ -90,9 +90,9 @@ class Score:
     gap : GapScore or None
         None where no oracle was asked.
     parameters : ParameterScore
-        Of right claims.
+        Of correct claims.
     runtime : RuntimeScore
-        Of right claims.
+        Of correct claims.
     by_shift : tuple of ShiftScore
         The rows of each kind of bench; empty where the cases are of one kind.
     time_median_s, time_p95_s : float or None

@@ -127,7 +127,7 @@ def make(
     workers: int | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Make a sealed set of cases; a run that was broken off goes on where it stopped.
+    """Make a sealed set of cases; a run that was broken off continues where it stopped.
 
     Parameters
     ----------

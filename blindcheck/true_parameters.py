@@ -1,6 +1,6 @@
 """The number by which a report states an effect, as the generator's form of the effect has it.
 
-Names and units are those of the contract. An effect is left out where its form here holds no such number; why, and
+Names and units are those of the contract. An effect is left out where its form here has no such number; why, and
 what counts as the true value of each, is said in docs/blind_check.md.
 """
 

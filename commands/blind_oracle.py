@@ -76,7 +76,7 @@ def _hash_of(name: str) -> str:
 
 
 def ask(case_dir: Path, truth: Mapping[str, Any]) -> dict[str, float | None] | None:
-    """Return how far the held-out gap closes with the true effects told, and how far it could.
+    """Return how far the withheld gap closes with the true effects told, and how far it could.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def closable_share(hidden: tuple[float, float], bare: tuple[float, float]) -> fl
     Parameters
     ----------
     hidden, bare : tuple of (float, float)
-        Held-out residual after re-tuning and noise floor, both over the noise, of the campaign and of its twin.
+        Withheld residual after re-tuning and noise floor, both over the noise, of the campaign and of its twin.
 
     Returns
     -------

@@ -60,7 +60,7 @@ def command(
 
 
 def describe(found: pandas.DataFrame) -> str:
-    """One row a recording, then the reasons of those that failed."""
+    """One row per recording, then the reasons of those that failed."""
     from sawbench.reporting.quantities import format_quantity
 
     rows, reasons = [], []

@@ -58,7 +58,7 @@ def command(paths: tuple[Place, ...], config_path: Path | None, method: Any, bat
 
 
 def describe(fits: list[tuple[str, CuttingFit]]) -> str:
-    """One row a trial, then the remarks."""
+    """One row per trial, then the remarks."""
     from sawbench.reporting.quantities import format_quantity
 
     rows = [

@@ -1,7 +1,7 @@
 """Link of a running command to the panel that started it, through files of one folder.
 
 The command writes what it asks and measures; the panel writes answers, notes and the wish to stop. Neither waits for
-the other: the command goes on where the panel has crashed or its page was closed, and a panel that is started again
+the other: the command continues where the panel has crashed or its page was closed, and a panel that is started again
 finds everything in the folder.
 
 | file | written by | holds |
@@ -151,7 +151,7 @@ class Link:
         )  # fmt: skip
 
     def phase(self, text: str) -> None:
-        """Say what goes on where there are no numbers yet, or none any more."""
+        """Say what continues where there are no numbers yet, or none any more."""
         self._add_live({"kind": "phase", "phase": text})
 
     def progress(self, done: int, total: int, what: str) -> None:

@@ -110,7 +110,7 @@ class LiveCounters:
             click.echo(text, err=True)
 
     def _drawn(self) -> Any:
-        """Draw the display anew; also between two snapshots, so that a note shows as it is typed."""
+        """Draw the display again; also between two snapshots, so that a note shows as it is typed."""
         from rich.console import Group
         from rich.text import Text
 

@@ -101,7 +101,7 @@ def is_trusted(processed: ProcessedTrial) -> bool:
 
 
 def describe(results: list[ProcessedTrial]) -> str:
-    """One row a trial, then what is to be said about each."""
+    """One row per trial, then what is to be said about each."""
     from sawbench.processing.stroke_offsets import changed_between
     from sawbench.reporting.quantities import format_quantity
 

@@ -68,7 +68,7 @@ def command() -> None:
 def plan_command(out_path: Path, config_path: Path | None, force: bool, as_json: bool, **options: Any) -> int:
     """Write a plan: materials x duties x feeds x thicknesses x repetitions, in random order within blocks.
 
-    The plan is a text file with one line a trial: read it, edit it, then `sawbench series run` it.
+    The plan is a text file with one line per trial: read it, edit it, then `sawbench series run` it.
     """
     from sawbench.acquisition.series.plan import departures, load_plan
     from sawbench.acquisition.series.plan_design import SeriesDesign, designed_plan, plan_text
@@ -112,7 +112,7 @@ def run_command(
 ) -> int:
     """Lead through the trials of PLAN that are not kept yet: what to mount, clamp and set, tare, check, record, judge.
 
-    A line that begins with `n ` is a note. `q` or Ctrl-C ends the sitting; the same command goes on with it, after a
+    A line that begins with `n ` is a note. `q` or Ctrl-C ends the sitting; the same command continues with it, after a
     crash and on another day too. PLAN is what `series plan` wrote, or a table (CSV) with a row for each trial. The exit
     code is 1 where a trial was kept although something is wrong with it.
     """

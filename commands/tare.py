@@ -123,7 +123,7 @@ def take_tare(
     from sawbench.acquisition.resting_channel import tare
     from sawbench.storage.writer import software_version
 
-    # The zero is found anew, so that former tares do not matter, not even ones that no longer fit.
+    # The zero is found again, so that former tares do not matter, not even ones that no longer fit.
     book = calibrations_of(read_book(asked.book), asked.channel)
     devices, configured = build_calibrated(loaded.config, book, endpoints)
     resting = read_resting(devices, asked.channel, seconds=asked.seconds, tolerance=asked.tolerance, saying="taring")

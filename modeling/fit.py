@@ -19,7 +19,7 @@ UNIDENTIFIED_SHARE = 0.5
 CONTRADICTING_PULL = 5.0
 # A mean stroke that misses the measured one by more than this share of its rms is no description of it.
 LARGEST_MISS = 0.25
-# Zeros of the sensors are set anew for each trial and may lie anywhere.
+# Zeros of the sensors are set again for each trial and may lie anywhere.
 FREE_SENSOR_ZEROS = ("force_offset_n", "angle_zero_rad")
 
 

@@ -27,7 +27,7 @@ class MeasuredCycles:
     current_a, force_n, crank_speed_rad_s : ndarray, shape (n_cycles, n_bins), or None
         Motor current, cutting force (positive when the blade cuts), crank speed; NaN marks an empty bin.
     battery_voltage_v, battery_current_a : ndarray, shape (n_cycles,), or None
-        Mean over each stroke; NaN where the stroke holds no sample.
+        Mean over each stroke; NaN where the stroke has no sample.
     duty : float or None
         Commanded duty, 0..1.
     label : str

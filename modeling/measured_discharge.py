@@ -141,7 +141,7 @@ def discharges_in(log: BatteryLog) -> tuple[list[MeasuredDischarge], list[str]]:
     Raises
     ------
     InputError
-        If the log holds no discharge.
+        If the log has no discharge.
 
     Examples
     --------

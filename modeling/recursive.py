@@ -7,7 +7,7 @@ distance cut, whatever the speed does within the stroke:
 
 From the current, k_Fc follows from the mean torques, with the small effect of the ripple taken from the
 periodic model. A running mean with its autocorrelation gives the uncertainty; a two-sided cumulative sum
-notices a change of material and starts the mean anew from where the change began.
+notices a change of material and starts the mean again from where the change began.
 
 What known effects add to a stroke at that k_Fc is taken off first, as in a fit (`modeling.effect_fit`).
 """
@@ -254,7 +254,7 @@ class RecursiveCuttingEstimator:
         return k_fc, 1.0 / math.sqrt(sum(weights))
 
     def _notice_change(self, k_fc: float) -> bool:
-        """Two-sided cumulative sum of innovations; on a change the mean starts anew from it."""
+        """Two-sided cumulative sum of innovations; on a change the mean restarts from it."""
         level = self._level
         if level.count < FEWEST_FOR_SCATTER:
             return False

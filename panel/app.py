@@ -225,7 +225,7 @@ class Panel:
         return RedirectResponse(f"/series/{quote(out.name, safe='')}", 303)
 
     async def run_series(self, request: Request) -> Response:
-        """Go on with a series."""
+        """Continue a series."""
         state = await self._series(request)
         call = commands_of.series_run(self._options, state.path, request.state.form)
         return _to(await run_in_threadpool(self._start, call))

@@ -19,7 +19,7 @@ function follow(address, on) {
   });
 }
 
-// What the page says of the job, made anew by the server.
+// What the page says of the job, made again by the server.
 async function refreshStep(isFocused) {
   const answer = await fetch(location.href, { headers: { "X-Requested-With": "panel" } });
   if (!answer.ok) return;
@@ -153,7 +153,7 @@ class LivePlot {
   }
 }
 
-// A result that is being computed elsewhere: the page is made anew once it is there.
+// A result that is being computed elsewhere: the page is made again once it is there.
 function watch() {
   for (const place of document.querySelectorAll("[data-watch]")) {
     follow(place.dataset.watch, { live() {}, log() {}, state(state) { if (!state.is_running) location.reload(); } });

@@ -124,7 +124,7 @@ def _problem(info: RecordingInfo) -> str:
 
 
 def corrections(form: Mapping[str, str], trial: Trial) -> dict[str, Any]:
-    """Return what a form changes of the settings of a trial; an emptied field means that nobody knows.
+    """Return what a form changes of the settings of a trial; an emptied field means that is unknown.
 
     Raises
     ------

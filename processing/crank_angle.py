@@ -63,7 +63,7 @@ def track_crank_angle(
     displacement_m : ndarray, shape (n,), m
         c + r (1 - cos angle), any c; noise, drift of c and r, and outliers allowed.
     mechanism : Mechanism, optional
-        Nominal; its radius is used only where the trial holds no complete stroke. A Scotch yoke without it.
+        Nominal; its radius is used only where the trial has no complete stroke. A Scotch yoke without it.
     source : str
         Channel name for the result.
 

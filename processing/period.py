@@ -1,6 +1,6 @@
 """Stroke period: which line of the spectrum is the stroke, and how long a stroke lasts on average.
 
-The displacement has one line a stroke and is believed, after a look at half and twice the rate. Force and
+The displacement has one line per stroke and is believed, after a look at half and twice the rate. Force and
 currents may have their strongest line at any order (belts at 0.27, alternating strokes at 0.5, torque ripple
 from 2 up): without displacement the answer is at most of moderate confidence, from a current alone always of
 low confidence.

@@ -3,7 +3,7 @@
 What the strokes tell, from the surest to the least sure: that a channel moves against the crank within the trial
 (`stroke_waves`), and by how much the motor current comes too early or too late against the displacement. The second is
 read from the circuit of the motor, L di/dt + R i = v - k_e w: the ripple of the crank's speed, which the displacement
-shows, makes that of the current, whatever the load. The lag of the circuit is known as well as L / R is; a lag that is
+shows, makes that of the current, at any load. The lag of the circuit is known as well as L / R is; a lag that is
 not in it, such as that of a filter in front of the instrument, is confounded with an offset of its clock.
 """
 
@@ -81,7 +81,7 @@ def stroke_offsets(
         if signal is None or own is None or name not in folded or signal.device == reference.device:
             continue
         change = _change(angle, *channels[name], own)
-        told = _Told(reason="only a change shows in the strokes: nobody knows the force itself")
+        told = _Told(reason="only a change shows in the strokes: is unknown the force itself")
         if name == _CURRENT:
             told = _offset_of_current(folded[name], own, angle, config)
         found.append(_judged(name, change, told, signal, reference))

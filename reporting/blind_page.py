@@ -113,7 +113,7 @@ def share_words(value: Mapping[str, Any]) -> tuple[str, str, str]:
 def _sentence(record: Mapping[str, Any], rows: Mapping[str, Any]) -> str:
     declared, all_typical = rows["declared_exact"]["value"], rows["exact"]["value"]
     if all_typical["share"] is None:
-        return "The set holds no single effect of typical severity."
+        return "The set has no single effect of typical severity."
     n, hits = all_typical["n"], all_typical["hits"]
     said = f"Named exactly: {hits} of {n} hidden effects of typical severity."
     if declared["share"] is not None:

@@ -284,7 +284,7 @@ def _differences(series: Sequence[Series]) -> dict[str, tuple[Difference, ...]]:
 
 
 def _values_left_out(row: ComparedTrial) -> list[LeftOut]:
-    """Say which of a trial's results are missing or not to be relied on."""
+    """Say which of a trial's results are missing or not reliable."""
     found = []
     if row.fit is None:
         found.append(LeftOut(name=row.name, reason=f"no k_Fc: {row.note or 'it was not fitted'}"))

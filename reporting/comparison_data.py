@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def comparison_table(rows: Sequence[ComparedTrial]) -> pandas.DataFrame:
-    """Return one row a trial, with every number of the page, for CSV.
+    """Return one row per trial, with every number of the page, for CSV.
 
     Returns
     -------

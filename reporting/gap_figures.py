@@ -49,7 +49,7 @@ def point_words(operating_point: str) -> str:
 
 
 def strokes_picture(strokes: Sequence[Mapping[str, Any]], after: str, after_words: str) -> Picture | None:
-    """Measured strokes against the model before and after.
+    """Measured strokes and the model before and after the diagnosis.
 
     Parameters
     ----------

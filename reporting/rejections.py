@@ -1,4 +1,4 @@
-"""Why a fit is not to be relied on, in words: the likely cause, and how to correct it."""
+"""Why a fit is not reliable, in words: the likely cause, and how to correct it."""
 
 from __future__ import annotations
 

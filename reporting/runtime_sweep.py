@@ -27,7 +27,7 @@ MOST_PANELS_ABREAST: Final = 3
 
 
 def sweep_rows(sweep: RuntimeSweep) -> list[dict[str, Any]]:
-    """Give one row a case, also for those without a runtime.
+    """Give one row per case, also for those without a runtime.
 
     Returns
     -------

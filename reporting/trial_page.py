@@ -252,7 +252,7 @@ def trust_in(report: TrialReport) -> Trust:
     Returns
     -------
     Trust
-        "bad" where a result is not to be trusted or a channel lost more than 1 % of its samples.
+        "bad" where a result is not reliable or a channel lost more than 1 % of its samples.
     """
     processed, fit, runtime = report.processed, report.fit, report.runtime
     bad, warn = [], list(processed.warnings)

@@ -129,7 +129,7 @@ def amend(recording: Path, trial: Trial, new: Mapping[str, Any], *, by: str, bec
     trial : Trial
         Its settings as they are in force now, see `reader.read_recording`.
     new : mapping of str to value
-        Setting, one of `AMENDABLE`, to what is right; None: nobody knows.
+        Setting, one of `AMENDABLE`, to what is right; None: is unknown.
     by : str
         Who corrects it.
     because : str

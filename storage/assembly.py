@@ -101,7 +101,7 @@ def join_blocks(
 
 
 def _index_jumps(blocks: Sequence[SampleBlock]) -> dict[int, int | None]:
-    """Return position behind the jump and samples missing; None where the device counts anew."""
+    """Return position behind the jump and samples missing; None where the device restarts its count."""
     jumps: dict[int, int | None] = {}
     position = 0
     expected = blocks[0].first_index

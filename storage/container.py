@@ -142,7 +142,7 @@ def read_records(path: Path, scan: Scan) -> Iterator[McapRecord]:
     Raises
     ------
     RecordingError
-        If the file cannot be opened or is no MCAP file.
+        If the file cannot be opened or is not an MCAP file.
     """
     try:
         with path.open("rb") as stream:
@@ -188,7 +188,7 @@ def _scan_records(content: mmap.mmap, scan: Scan) -> Iterator[McapRecord]:
             continue
         if isinstance(record, Chunk):
             broken_chunk = None
-            offset = start + stream.count  # where a damaged length disagrees, the checksum vouches for this
+            offset = start + stream.count  # where a damaged length disagrees, the checksum confirms this
         elif stream.count == end - start:
             offset = end
         else:

@@ -105,7 +105,7 @@ def iter_messages(content: Content) -> Iterator[tuple[str, Message]]:
     Raises
     ------
     RecordingError
-        If the file is no MCAP file.
+        If the file is not an MCAP file.
     """
     for record in read_records(content.path, content.scan):
         take_record(content, record)
@@ -149,7 +149,7 @@ def iter_samples(content: Content) -> Iterator[SampleBlock | Event]:
     Raises
     ------
     RecordingError
-        If the file is no MCAP file.
+        If the file is not an MCAP file.
     """
     for message_type, message in iter_messages(content):
         try:

@@ -111,7 +111,7 @@ def export_recording(
     Raises
     ------
     InputError
-        If the recording holds no samples, two columns have one name, or a file exists or cannot be written.
+        If the recording has no samples, two columns have one name, or a file exists or cannot be written.
     """
     bases = time_bases(recording, with_raw=with_raw)
     paths = _table_paths(recording, Path(out_dir), file_format, bases)
@@ -256,7 +256,7 @@ def _arrow_table(base: TimeBase) -> pa.Table:
 
 
 def _csv_content(shown: Sequence[TimeBase], about: str, started_at: datetime | None) -> bytes:
-    """Return a header of names and a row a sample; the cells of a gap are empty."""
+    """Return a header of names and a row per sample; the cells of a gap are empty."""
     import pyarrow.csv
 
     del about, started_at

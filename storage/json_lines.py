@@ -12,7 +12,7 @@ from typing import Any
 def append_line(path: Path, fields: Mapping[str, Any]) -> None:
     """Append one line in one piece and wait until it is on the disk.
 
-    A crash leaves the line whole or, at worst, torn at the very end; the next one then starts anew.
+    A crash leaves the line whole or, at worst, torn at the very end; the next one then restarts.
 
     Parameters
     ----------

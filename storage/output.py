@@ -52,7 +52,7 @@ def write_whole(
     OSError
         If the disk is full.
     """
-    # A name of a file that is no UTF-8 may stand in a text.
+    # A name of a file that is not UTF-8 may stand in a text.
     data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
     if isinstance(path, StoreFile):
         return write_to_store(path, data, overwrite=overwrite)

@@ -118,7 +118,7 @@ def read_recording(path: str | Path) -> Recording:
     Raises
     ------
     RecordingError
-        If the file is missing, is no MCAP file, was written by another program or by a newer sawbench.
+        If the file is missing, is not an MCAP file, was written by another program or by a newer sawbench.
     """
     content = Content(path=Path(path))
     recording = _read(content)
@@ -193,7 +193,7 @@ def describe_recording(path: str | Path) -> RecordingInfo:
     Raises
     ------
     RecordingError
-        If the file is missing, is no MCAP file or was written by a newer sawbench.
+        If the file is missing, is not an MCAP file or was written by a newer sawbench.
     """
     content = Content(path=Path(path))
     recording = _read(content)

@@ -62,7 +62,7 @@ def recover_recording(path: str | Path, out: str | Path, overwrite: bool = False
     Raises
     ------
     RecordingError
-        If `path` is no MCAP file or holds nothing readable, or if `out` exists or is `path`.
+        If `path` is not an MCAP file or holds nothing readable, or if `out` exists or is `path`.
     """
     path, out = Path(path), Path(out)
     if out.resolve() == path.resolve():
@@ -158,7 +158,7 @@ class _Copier:
         self.n_messages += 1
 
     def _topic(self, topic: str, message_type: str, channel: Channel | None = None) -> int:
-        """Return the id of a topic in the new file; where its announcement was lost, ours is made anew."""
+        """Return the id of a topic in the new file; where its announcement was lost, ours is made again."""
         encoding = channel.message_encoding if channel else "protobuf"
         key = (topic, message_type, encoding)
         if key not in self._channel_ids:

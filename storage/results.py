@@ -154,7 +154,7 @@ def read_processed(path: str | Path) -> ProcessedTrial:
     Raises
     ------
     InputError
-        If the file is missing, is no HDF5, or is not a processed trial of this version.
+        If the file is missing, is not HDF5, or is not a processed trial of this version.
     """
     import h5py
 

@@ -75,7 +75,7 @@ class RecordingWriter:
     provenance : mapping of str to str
         Software, clock alignment, calibration, ...; the software version is added.
     started_at : datetime or None
-        UTC of the recording's zero, timezone-aware. None where nobody knows: log times then count from
+        UTC of the recording's zero, timezone-aware. None where is unknown: log times then count from
         1970 and the provenance says so.
     preview_rate_hz : float
         Preview intervals a second, 0 to 100 Hz.

@@ -7,7 +7,7 @@ from sawbench.bench.recording import Floats
 
 
 class LiveStrokeRate:
-    """Stroke rate from the rising crossings of the mid-stroke, one value a stroke.
+    """Stroke rate from the rising crossings of the mid-stroke, one value per stroke.
 
     The mid-level is half-way between the extremes of the last `window_s` seconds, and a crossing counts only
     after the signal has been in the lower quarter, so noise around the level makes no strokes. The crossing

@@ -86,7 +86,7 @@ class FrameFormat:
         Raises
         ------
         ValueError
-            If `fields` holds anything that is no number of fixed length.
+            If `fields` holds anything that is not a number of fixed length.
         """
         order, text = self.fields[:1], self.fields[1:]
         if order not in {"<", ">"}:
@@ -102,7 +102,7 @@ class FrameFormat:
             else:
                 raise ValueError(f"holds {character!r}; fields are {', '.join(_NUMPY_TYPES)}")
         if count or not types:
-            raise ValueError("has a number without a field" if count else "names no field")
+            raise ValueError("has a number without a field" if count else "has no field")
         return tuple(types)
 
     @property

@@ -13,7 +13,7 @@ from sawbench.acquisition.devices.device import Chunk, Stream
 from sawbench.acquisition.devices.sample_rows import OWN_CLOCK, RowStream, RowTiming
 from sawbench.acquisition.devices.serial_instrument import SerialInstrument, Settings
 
-# A microcontroller begins anew when its port is opened, and first waits for its boot loader, then takes its zero.
+# A microcontroller restarts when its port is opened, and first waits for its boot loader, then takes its zero.
 _FIRST_ROW_S: Final = 5.0
 
 

@@ -47,7 +47,7 @@ class Journal:
     """The file `series_journal.jsonl` of a folder.
 
     A line is written in one piece and waited for until it is on the disk, so that a crash leaves it whole or, at worst,
-    torn at the very end; a torn line is passed over and the next one starts anew.
+    torn at the very end; a torn line is passed over and the next one restarts.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -107,7 +107,7 @@ def designed_plan(design: SeriesDesign, **stated: Any) -> SeriesPlan:
 
 
 def plan_text(plan: SeriesPlan) -> str:
-    """Write a plan as TOML, one line a trial."""
+    """Write a plan as TOML, one line per trial."""
     tables = plan.model_dump(exclude_none=True, exclude={"trial"})
     tables["required"] = list(tables["required"])
     tables["trial"] = [trial.model_dump(exclude_none=True) for trial in plan.trial]
@@ -126,7 +126,7 @@ def plan_text(plan: SeriesPlan) -> str:
 
 
 def plan_table(trials: Sequence[PlannedTrial]) -> str:
-    """Write trials as a table that is a plan as well, a row a trial.
+    """Write trials as a table that is a plan as well, a row per trial.
 
     Examples
     --------

@@ -21,7 +21,7 @@ class Fault:
     kind : str
         drop_bytes, garble_bytes, flip_bits (the lowest of each byte), double_bytes (the latest bytes again): `n_bytes`
         bytes on the way to the host; unplug: gone for `seconds`, then
-        switched on anew; silence: samples of `seconds` are never sent; stall: samples of `seconds` are sent
+        switched on again; silence: samples of `seconds` are never sent; stall: samples of `seconds` are sent
         late, all at once.
     at_s : float
         After all instruments stream, s.

@@ -36,7 +36,7 @@ class Sampler:
         return self.begun_s is not None
 
     def begin(self, now_s: float) -> None:
-        """Take the first sample at `now_s`; going on already, begin anew."""
+        """Take the first sample at `now_s`; going on already, restart."""
         self.begun_s, self.n_taken = now_s, 0
 
     def end(self) -> None:

@@ -36,7 +36,7 @@ def process_file(
     Raises
     ------
     InputError
-        If it is no recording, the configuration is not valid, or the result cannot be written.
+        If it is not a recording, the configuration is not valid, or the result cannot be written.
     """
     from sawbench.analysis import load_and_process
     from sawbench.archive.trials import light

@@ -96,7 +96,7 @@ class Journal:
     retries : bool
         Do again what failed before.
     overwrites : bool
-        Replace targets also where they are not of this batch, and do everything anew.
+        Replace targets also where they are not of this batch, and do everything again.
     """
 
     def __init__(self, folder: Path, *, retries: bool = False, overwrites: bool = False) -> None:
@@ -108,7 +108,7 @@ class Journal:
     ) -> Iterator[Row]:
         """Work on the pieces that are not done yet, and yield the row of every piece, those done before first.
 
-        A target that is half written, because an earlier run was broken off, is written anew.
+        A target that is half written, because an earlier run was broken off, is written again.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""The results of an archive: a Parquet table, partitioned by material and month, one row a recording.
+"""The results of an archive: a Parquet table, partitioned by material and month, one row per recording.
 
 pandas, DuckDB and Polars read the folder `trials` as it stands. Rows are only added while a batch runs; when it ends,
 rows that were replaced are taken out and the small files of a partition are joined.

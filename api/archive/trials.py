@@ -69,7 +69,7 @@ def evaluate_file(place: Place, config: LoadedConfig | None, *, compiles: bool =
     Raises
     ------
     InputError
-        If it is no recording, or the configuration is not valid.
+        If it is not a recording, or the configuration is not valid.
     """
     return evaluated(load_and_process(place, config), compiles=compiles)
 

@@ -46,7 +46,7 @@ class Watch:
         Raises
         ------
         SawbenchError, OSError
-            If the folder or the archive cannot be reached; the next look goes on where this one stopped.
+            If the folder or the archive cannot be reached; the next look continues where this one stopped.
         """
         files = [file.absolute() for file in list_recordings(self.folder)]
         at_rest = [file for file in files if not waits or self._seen.get(file.place) == file]

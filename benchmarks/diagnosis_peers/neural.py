@@ -2,7 +2,7 @@
 
 `ModelComparisonApproximator` on residual features (Radev and others, J. Open Source Softw. 8(89), 5702 (2023)), backend
 JAX on the processor. The features are squashed, whitened by principal components and jittered; a few networks with
-different seeds are averaged; the temperature is chosen on cases held out of the training.
+different seeds are averaged; the temperature is chosen on cases withheld from the training.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Networks:
     power : float
         Inverse temperature.
     log_loss : float
-        On held-out cases, nats.
+        On withheld cases, nats.
     """
 
     members: tuple[Any, ...]
@@ -87,7 +87,7 @@ class Networks:
 
 
 def train_networks(vectors: Floats, labels: Sequence[str], *, epochs: int = 30, seed: int = 0) -> Networks:
-    """Train one network a fold, each held against the fold that it has not seen.
+    """Train one network a fold, each compared with the fold that it has not seen.
 
     Parameters
     ----------

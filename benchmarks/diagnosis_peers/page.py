@@ -51,7 +51,7 @@ python -m benchmarks.diagnosis_peers isolability blind/set --cases 3
 python -m benchmarks.diagnosis_peers score blind/set --key blind/set.key.json --out docs/peers.md
 ```
 Needs the extra `peers` (`pip install -e .[peers]`). `develop` makes campaigns as `blind make` does, keeps their
-features and throws them away; it takes seeds 1 to 999 only. `develop` and `features` go on where they were broken off,
+features and discards them; it takes seeds 1 to 999 only. `develop` and `features` continue where they were broken off,
 and `--first K --every N` shares them among N processes. Only `score` is given the key. Features and answers lie beside
 the set, in `<set>.peers/`.
 """

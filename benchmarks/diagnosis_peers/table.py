@@ -151,7 +151,7 @@ def table(scores: Mapping[str, Score]) -> str:
         ("log-loss / nats", lambda s: s.log_loss.value),
         ("calibration error (ECE)", lambda s: s.calibration.error.value),
         ("the same by chance", lambda s: s.calibration.error_by_chance),
-        ("time a case, median / s", lambda s: s.time_median_s),
+        ("time per case, median / s", lambda s: s.time_median_s),
         ("cases without an answer", lambda s: float(s.n_failed)),
     ):
         values = [get(scores[title]) for title in titles]

@@ -71,7 +71,7 @@ ACTS_IN: Mapping[str, frozenset[str]] = MappingProxyType(
 # An ordinary fault of a sensor on a foreign bench, and so no effect there.
 _NUISANCES_TOO = frozenset({"interference_bursts"})
 
-# Beside its catalogue, the diagnosis of this repository looks for a bent displacement sensor, friction that falls as
+# Besides its catalogue the diagnosis looks for a nonlinear displacement sensor, friction that falls as
 # the machine warms up, hardness that waves in time, and lines and bursts that do not follow the stroke, and answers
 # "unknown" for them. Named here, since the blind check imports nothing of the diagnosis.
 LOOKED_FOR_OUTSIDE = frozenset(

@@ -2,7 +2,7 @@
 
 A candidate runs at an operating point of the campaign, or at a new combination of the duties, feeds and workpieces that
 the campaign has used. Where the campaign has been, its mean stroke is that of the trial there; elsewhere it is the
-periodic stroke of the model as configured. What warms, empties and wears goes on from where the campaign ended.
+periodic stroke of the model as configured. What warms, empties and wears continues from where the campaign ended.
 """
 
 from __future__ import annotations

@@ -60,7 +60,7 @@ class ChannelGap:
     Attributes
     ----------
     by_channel : dict of str to (Rungs, unit)
-        Root mean square of measured less predicted mean stroke, over all operating points.
+        Root mean square of measured minus predicted mean stroke, over all operating points.
     cycles : tuple of Cycle
     runtime_s : dict of str to float
         "nominal", "retuned", "with_effect", "measured"; empty where it cannot be said.

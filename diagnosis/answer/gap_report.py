@@ -70,7 +70,7 @@ def diagnose(
     provenance : mapping
         Goes into the report as it is.
     until_closed : bool
-        Add cause after cause until nothing more closes; see `diagnosis.answer.until_closed`.
+        Add causes one by one until nothing more closes; see `diagnosis.answer.until_closed`.
     n_planned : int
         Trials to propose; see `diagnosis.answer.trial_plan`.
     on_step : callable, optional

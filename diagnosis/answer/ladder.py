@@ -52,7 +52,7 @@ class Fit:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ladder:
-    """Held-out gap.
+    """Withheld gap.
 
     Attributes
     ----------
@@ -66,9 +66,9 @@ class Ladder:
     gap_closed_ci95 : tuple of float
         95 % interval; (-1, 1) where there is nothing to close, or nothing to hold out.
     fits : dict of str to Fit
-        By the group of trials that was held out.
+        By the group of trials that was withheld.
     held_out : HeldOut
-        What was held out, each in turn.
+        What was withheld, each in turn.
     energy : dict of str to ndarray, shape (n_groups,)
         Sum of squares of the whitened residual in each group, by rung.
     """
@@ -83,7 +83,7 @@ class Ladder:
 
 
 class HoldOut:
-    """A problem divided into groups of trials, each of which can be held out of a fit.
+    """A problem divided into groups of trials, each of which can be withheld from a fit.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ class HoldOut:
         ----------
         alternatives : sequence of ndarray, shape (n, q)
             Whitened signatures of the cause, times a generous amplitude, one for each form it may have; the form is
-            chosen without the group that is held out. Empty where there is no cause.
+            chosen without the group that is withheld. Empty where there is no cause.
 
         Returns
         -------
@@ -207,7 +207,7 @@ class HoldOut:
         """
         held = self.rows[group] if self.held_out != "nothing" else np.zeros(len(self.problem.data), dtype=bool)
         n, width = self.base.shape[1], whole[1].shape[1]
-        # What all trials say, less what the held-out ones say.
+        # What all trials say, less what the withheld ones say.
         cross, own, pull_base, pull_forms = (
             a - b for a, b in zip(whole, self._products(held, forms, width), strict=True)
         )
@@ -319,7 +319,7 @@ def climb(problem: LinearProblem, columns: Floats | None) -> Ladder:
 
 
 def _grouping(problem: LinearProblem, *, by_trial: bool) -> tuple[HeldOut, Callable[[Part], str]]:
-    """Name what is held out, and say which group a part belongs to: trials where there are few operating points."""
+    """Name what is withheld, and say which group a part belongs to: trials where there are few operating points."""
     n_points = len({part.setting.operating_point for part in problem.parts})
     n_trials = len({part.setting.label for part in problem.parts})
     if n_points >= min(_NUMBERS.least_groups, n_trials) > 1 and not by_trial:

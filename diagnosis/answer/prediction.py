@@ -96,7 +96,7 @@ class Predictions:
         return self._hold_outs[by_trial]
 
     def _forms(self, members: Sequence[Explanation]) -> list[tuple[Column, ...]]:
-        """The form of a single effect is chosen anew in every fit; of two together, the best ones are kept."""
+        """The form of a single effect is chosen again in every fit; of two together, the best ones are kept."""
         if not members:
             return []
         width = sum(m.column.columns.shape[1] for m in members)

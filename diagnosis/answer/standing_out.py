@@ -11,7 +11,7 @@ is no smaller than the covariance of u can be, A = n UU' + (U M^-1 S)(U M^-1 S)'
 - The noise is taken as large as it is stated, though an intact machine leaves only the share `Weights.quiet` of it:
   that share differs from cell to cell.
 
-The misfit is then a weighted sum of chi-squared numbers with no weight above 1. It is held against the chi-squared law
+The misfit is then a weighted sum of chi-squared numbers with no weight above 1. It is compared with the chi-squared law
 with its expectation as degrees of freedom: of all such sums with that expectation, that one has the heaviest tail.
 
 Of all cells together those are significant that the rule of Benjamini and Yekutieli (2001, doi

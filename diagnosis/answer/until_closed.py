@@ -1,4 +1,4 @@
-"""Cause after cause: what was found becomes part of the model, and the rest of the gap is weighed again.
+"""Causes one by one: what was found becomes part of the model, and the rest of the gap is weighed again.
 
 One pass names one effect or two. The next pass weighs the same campaign with these in the model, their magnitudes free
 to be refined, and so on. All causes together are then one hypothesis about the model as configured: they are sized
@@ -305,7 +305,7 @@ def _joined(first: Pass, before: Posterior, step: Posterior) -> Posterior:
     asked, found[base.name] = base.probability, replace(base, probability=0.0)
     doubt = found["unknown"]
     if doubt.log_evidence < base.log_evidence:
-        # It stands for what these causes leave, and that is weighed anew.
+        # It stands for what these causes leave, and that is weighed again.
         asked, found["unknown"] = asked + doubt.probability, replace(doubt, probability=0.0)
     likeliest = next((h for h in weighed_again if len(h.effects) > len(base.effects)), base)
     joint = _Joint(first, before, step, (*base.members, *likeliest.members))

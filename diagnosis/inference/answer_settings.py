@@ -45,7 +45,7 @@ class Learning:
     most_sites: int = marked(3, "convention", "time: each costs a pass over all candidates")
     beam: int = marked(4, "convention", "time: each costs a pass over the quantities")
     least_range: float = marked(1e-3, "convention", "the linearity of a sensor")
-    least_taken: float = marked(0.1, "convention", "what a right claim may leave of what can be closed")
+    least_taken: float = marked(0.1, "convention", "what a correct claim may leave of what can be closed")
     resembles: float = marked(0.8, "convention", "two thirds of the variance are common")
     one_way: float = marked(0.8, "convention", "nine parts up for one down")
 
@@ -141,7 +141,7 @@ class Report:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Closing:
-    """Cause after cause: how the model that holds some causes is weighed again.
+    """Causes one by one: how the model that holds some causes is weighed again.
 
     Attributes
     ----------

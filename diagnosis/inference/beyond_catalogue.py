@@ -83,7 +83,7 @@ def _warming_friction(
 def _soft_start(
     baseline: Baseline, state: State, length_s: float, from_share: float, decays: float
 ) -> tuple[Signature, ...]:
-    """Voltage held back at the start, whatever the current: a ramp of the duty, or one that ends like a decay.
+    """Voltage held back at the start, at any current: a ramp of the duty, or one that ends like a decay.
 
     As with a current limit, the baseline still counts it (electrical residual positive) and expects more battery
     current (converter residual negative, by the same share of the current).

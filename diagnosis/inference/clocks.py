@@ -1,6 +1,6 @@
 """How far the clocks of the instruments may be off by what the recordings state themselves: that is no gap.
 
-Each recording aligns the clock of every stream anew, with the uncertainty that it states, and no receiver sees the
+Each recording aligns the clock of every stream again, with the uncertainty that it states, and no receiver sees the
 smallest latency of a link, which is the same in every recording. Both are delays of a device's channels, and so are
 nuisances of the form that the effect `clock_offset` has; what is later than that is a cause. Tables state nothing.
 """

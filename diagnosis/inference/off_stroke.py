@@ -105,7 +105,7 @@ class OffStroke:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Line:
-    """A line at one frequency whatever the stroke rate, in one channel.
+    """A line at one frequency at any stroke rate, in one channel.
 
     Attributes
     ----------

@@ -110,7 +110,7 @@ class Forms:
     steady_share : float
         Of an effect that does not depend on time, the part that does.
     harmonic_factor : float
-        Each harmonic may also be larger and turned on its own, as another filter or a sharper corner would have it.
+        Each harmonic may also be larger and turned on its own, as another filter or a sharper corner would cause.
     screen_share : float
         Share that the first effect of a pair may miss while the second one is screened.
     n_formed, n_first, n_pairs : int

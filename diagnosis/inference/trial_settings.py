@@ -50,7 +50,7 @@ class Screening:
     saturated_share: float = marked(0.005, "convention", "less costs nothing")
     stalled_share: float = marked(0.3, "convention", "of a running motor the back-EMF holds most of the voltage")
     duty_deviation: float = marked(0.055, "fitted", "no effect at twice its size passes it; a step of 1/16 does")
-    duty_least_trials: int = marked(6, "convention", "twice the numbers of the line that they are held against")
+    duty_least_trials: int = marked(6, "convention", "twice the numbers of the line that they are compared with")
     alike_current: float = marked(0.15, "convention", "three times the scatter of repeats in wood")
     cuts_nothing: float = marked(0.05, "convention", "a twentieth of the usual: no wood is that soft")
     at_odds: float = marked(0.3, "convention", "about one of three")

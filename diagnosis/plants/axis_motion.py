@@ -1,4 +1,4 @@
-"""Recordings of an axis that moves to and fro at a constant rate, as states over the phase of its cycle.
+"""Recordings of an axis that moves back and forth at a constant rate, as states over the phase of its cycle.
 
 Phase 0 is where the fundamental of the displacement is lowest. Every channel is fitted over whole cycles by a
 Fourier series in the phase, which needs no equal spacing and gives speed and acceleration without differences. How
@@ -141,7 +141,7 @@ def _fundamental(displacement: Signal, rate_hz: float) -> Cycles | str:
         return "its displacement is not cyclic at a constant rate"
     n = int((displacement.duration_s + _NUMBERS.lacking_samples / displacement.rate_hz) * rate_hz)
     if n < 1:
-        return "it holds no complete cycle"
+        return "it has no complete cycle"
     # The fundamental is -cos(phase): lowest where its phase is 0.
     lowest_s = float(np.arctan2(-theta[1 + _RATE_HARMONICS], -theta[1]) / (TWO_PI * rate_hz))
     starts_s = time_s[-1] - np.arange(n, 0, -1) / rate_hz

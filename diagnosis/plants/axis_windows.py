@@ -1,7 +1,7 @@
 """Recordings of an axis whose motion is not periodic (one move, a chirp, random set points), as states over time.
 
 The balance of forces holds at every instant and needs no period. Displacement, drive and load pass the same filter
-without phase (a Butterworth run to and fro), so that the balance stays true for what is left of them, and speed and
+without phase (a Butterworth run back and forth), so that the balance stays true for what is left of them, and speed and
 acceleration are differences of the filtered displacement: the usual way to identify the inverse model of robot axes
 (Gautier 1997). The record is cut into windows that are compared by their Fourier coefficients, as a cycle is.
 """

@@ -2,7 +2,7 @@
 
 h_ref = 0.3 mm. The gain changes with feed and stroke rate, the shape of the force over the stroke does not.
 Nothing can be said where nobody told the feed. m = 0.4 to 0.9 in wood (tooth forces about h^0.68), assumed.
-A speed exponent changes the shape too; wear grows whatever the feed.
+A speed exponent changes the shape too; wear grows at any feed.
 """
 
 from __future__ import annotations

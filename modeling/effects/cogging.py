@@ -1,6 +1,6 @@
 """A linear drive is pulled towards fixed positions: a sin(2 pi x / p + psi), p the pitch of its magnets.
 
-Locked to the position, whatever the speed and the direction: the work over a cycle is 0, where friction takes some.
+Locked to the position, at any speed in both directions: the work over a cycle is 0, where friction takes some.
 Free phase: sine and cosine part. An elastic load pulls towards one place, cogging towards many. Iron-core linear
 motors: some per cent of the rated force, pitches of a tenth to a third of the stroke: assumed.
 """

@@ -62,7 +62,7 @@ class Words:
     Attributes
     ----------
     happens : str
-        Goes on from "the model leaves out that".
+        Continues "the model leaves out that".
     measure : str
         What to measure at the machine itself, apart from any trial, that shows it.
     mend : str

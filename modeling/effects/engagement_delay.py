@@ -2,7 +2,7 @@
 
     F = 0 while travelled / stroke < d,  then k v  (sharp, or rising over a few per cent of the stroke)
 
-Fixed in position, whatever the speed; the reading is the true force. Baseline minus what is missing:
+Fixed in position, at any speed; the reading is the true force. Baseline minus what is missing:
 negative residual at the start of the cut. Backlash delays by far less and also bends the displacement; a
 lag moves with the stroke rate. Range 2 to 40 % of the travel: assumed (play of blade and workpiece, tooth
 pitch over thickness).

@@ -1,4 +1,4 @@
-"""Dry friction of the plunger in its guides: force F_c sgn(v) against the motion, whatever the load.
+"""Dry friction of the plunger in its guides: force F_c sgn(v) against the motion, at any load.
 
     m x'' = ... - F_c sgn(v) (1 + (s - 1) exp(-(v/v_s)^2))
 

@@ -79,7 +79,7 @@ EFFECT = Effect(
     words_on={
         "linear_axis": Words(
             happens="drive and guides rub the harder they are loaded",
-            measure="the force of the drive with known loads, moving to and fro",
+            measure="the force of the drive with known loads, moving back and forth",
             mend="check the lubrication of drive and guides",
         )
     },

@@ -12,7 +12,7 @@ _K_UNIT_N_S_PER_M = 240.0
 
 
 def stock_share(state: State) -> float:
-    """Thickness over 20 mm: that many more teeth cut, whatever the wood.
+    """Thickness over 20 mm: that many more teeth cut, at any wood.
 
     Where nobody stated the thickness, the cutting coefficient over 240 N*s/m stands for it.
     """

@@ -4,7 +4,7 @@
 
 F_drive is a measured force, or a measured current times a force constant. x, v and a come from the measured
 displacement; F_load is measured, or absent. Positive drive and displacement point the same way, the load
-against them. The axis moves to and fro at a constant rate in each trial. Friction is not in the baseline but
+against them. The axis moves back and forth at a constant rate in each trial. Friction is not in the baseline but
 for its viscous part, so what a real guide does is in the gap.
 """
 

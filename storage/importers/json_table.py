@@ -24,7 +24,7 @@ def read_json_table(path: Path) -> RawTable:
     Raises
     ------
     InputError
-        If the file is missing or is no JSON.
+        If the file is missing or is not JSON.
     """
     try:
         columns = dict(_lists(json.loads(path.read_bytes()), ""))

@@ -24,7 +24,7 @@ def read_mat_table(path: Path) -> RawTable:
     Raises
     ------
     InputError
-        If the file is missing, or is no MATLAB file.
+        If the file is missing, or is not a MATLAB file.
     """
     import h5py
     from scipy.io import loadmat

@@ -22,7 +22,7 @@ def read_mf4_signals(path: Path) -> RawTable:
     Raises
     ------
     InputError
-        If the file is no MF4 or holds no channel.
+        If the file is not an MF4 file or has no channel.
     FramesNeedDbc
         If it holds CAN frames instead of channels.
     """

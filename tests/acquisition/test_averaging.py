@@ -49,7 +49,7 @@ def test_rest_is_let_pass_and_each_kind_of_motion_is_named():
     assert [said(0.0) for _ in range(100)].count("") >= 99
     assert "drifts by +2" in said(0.7 * time_s)
     assert "drifts by -2" in said(-0.7 * time_s)
-    # Slow and to and fro: no drift over the whole, no rest either.
+    # Slow and back and forth: no drift over the whole, no rest either.
     assert "moves by" in said(1.5 * np.cos(2 * np.pi * time_s / 1.5))
     assert "vibrates" in said(10.0 * np.sin(2 * np.pi * 50.0 * time_s))
 

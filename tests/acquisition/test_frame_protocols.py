@@ -110,7 +110,7 @@ def table(**changes):
         ({"sync": "AAA"}, "hexadecimal"),
         ({"fields": "Hh"}, "begin with <"),
         ({"fields": "<Hs"}, "holds 's'"),
-        ({"fields": "<"}, "names no field"),
+        ({"fields": "<"}, "has no field"),
         ({"channels": {"force_n": {"input": 3}}}, "fields are numbered 1..2"),
         ({"counter_field": 2}, "without a sign"),
         ({"counter_field": 5}, "but field 5 is configured"),

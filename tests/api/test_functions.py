@@ -140,7 +140,7 @@ def test_wrong_input_is_one_clear_error(tmp_path):
         sawbench.read(tmp_path / "none.mcap")
     with pytest.raises(InputError, match="no trial to diagnose"):
         sawbench.diagnose([])
-    with pytest.raises(InputError, match=r"holds no \.mcap file"):
+    with pytest.raises(InputError, match=r"has no \.mcap file"):
         sawbench.compare(tmp_path)
 
 

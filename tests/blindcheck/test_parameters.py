@@ -1,4 +1,4 @@
-"""Reported numbers of rightly named effects are held against true ones that are known by hand."""
+"""Reported numbers of rightly named effects are compared with true ones that are known by hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whatever a test of this folder makes a command print as JSON is held against the documented schema."""
+"""Whatever a test of this folder makes a command print as JSON is compared with the documented schema."""
 
 from __future__ import annotations
 

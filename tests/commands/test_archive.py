@@ -32,7 +32,7 @@ def lab(tmp_path_factory):
 def test_the_page_of_an_archive_is_that_of_its_recordings(lab, tmp_path, capsys):
     assert main(["compare", str(lab / "in"), "--out", str(tmp_path / "direct.html")]) == 1
     assert main(["compare", str(lab / "archive"), "--out", str(tmp_path / "kept.html")]) == 1
-    assert "bad.mcap: is no recording" in capsys.readouterr().out
+    assert "bad.mcap: is not a recording" in capsys.readouterr().out
     for suffix in (".html", ".csv", ".h5"):
         direct, kept = ((tmp_path / f"{name}{suffix}").read_bytes() for name in ("direct", "kept"))
         assert direct == kept, suffix
@@ -58,13 +58,13 @@ def test_the_catalogue_lists_and_filters(lab, capsys):
     assert main(["catalogue", archive]) == 0
     shown = capsys.readouterr().out
     assert "4 of 4 recordings" in shown
-    assert "bad.mcap: is no recording" in shown
+    assert "bad.mcap: is not a recording" in shown
     assert main(["catalogue", archive, "--material", "oak", "--since", "2026-11-21", "--json"]) == 0
     assert [row["trial_id"] for row in json.loads(capsys.readouterr().out)] == ["oak-01", "oak-02"]
     assert main(["catalogue", archive, "--until", "2026-11-20", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == []
     assert main(["catalogue", archive, "--quality", "failed", "--json"]) == 0
-    assert [row["error"][:15] for row in json.loads(capsys.readouterr().out)] == ["is no recording"]
+    assert [row["error"][:15] for row in json.loads(capsys.readouterr().out)] == ["is not a recording"]
 
 
 def test_what_is_no_archive_is_one_error(tmp_path, capsys):
@@ -78,7 +78,7 @@ def test_an_object_store_is_read_and_written(tmp_path, capsys):
     store.pipe_file("/lab/bad.mcap", b"no MCAP")
     try:
         assert main(["process", "memory://lab", "--out", "memory://out"]) == 2
-        assert "memory://lab/bad.mcap: is no recording" in capsys.readouterr().err.replace("memory:///", "memory://")
+        assert "memory://lab/bad.mcap: is not a recording" in capsys.readouterr().err.replace("memory:///", "memory://")
         assert sorted(store.ls("/out", detail=False)) == ["/out/nylon-01.h5", "/out/summary.csv"]
         written = store.modified("/out/nylon-01.h5")
         assert main(["process", "memory://lab/nylon-01.mcap", "--out", "memory://out"]) == 0
@@ -91,7 +91,7 @@ def test_an_object_store_is_read_and_written(tmp_path, capsys):
         assert main(["catalogue", "memory://arc"]) == 0
         assert "2 of 2 recordings" in capsys.readouterr().out
         assert main(["process", "memory://nowhere"]) == 2
-        assert "holds no .mcap file" in capsys.readouterr().err
+        assert "has no .mcap file" in capsys.readouterr().err
     finally:
         store.store.clear()
 

@@ -154,7 +154,7 @@ def test_each_campaign_is_diagnosed_once_in_a_folder_of_its_own(tmp_path, capsys
     def diagnosed(request):
         asked.append(request.out_dir.name)
         if request.paths[0].name == "bad":
-            raise InputError("holds no trial that can be diagnosed", where=request.paths[0])
+            raise InputError("has no trial that can be diagnosed", where=request.paths[0])
         request.out_dir.mkdir(exist_ok=True)
         causes = [{"effects": ["guide_friction"], "probability": 0.9, "gap_closed": 0.8}]
         return {"verdict": "effect", "causes": causes, "probabilities": {"no_gap": 0.04, "unknown": 0.06}}
@@ -168,7 +168,7 @@ def test_each_campaign_is_diagnosed_once_in_a_folder_of_its_own(tmp_path, capsys
     shown = capsys.readouterr()
     assert "guide_friction" in shown.out and "90.0%" in shown.out
     assert "2 of 3 campaigns" in shown.out
-    assert "bad: " in shown.err and "holds no trial" in shown.err
+    assert "bad: " in shown.err and "has no trial" in shown.err
     shutil.copy(SAMPLES / "oak-01.mcap", tmp_path / "two")
     assert main([*call, str(tmp_path / "gaps"), "--json"]) == 2
     rows = json.loads(capsys.readouterr().out)

@@ -54,7 +54,7 @@ def test_info_goes_on_behind_a_file_that_is_no_recording(bench, capsys):
     assert main(["info", str(bench), "--json"]) == 2
     shown = capsys.readouterr()
     assert [info["trial"]["trial_id"] for info in json.loads(shown.out)] == ["a", "b"]
-    assert "c.mcap: is no recording" in shown.err
+    assert "c.mcap: is not a recording" in shown.err
 
 
 def test_export_writes_every_recording_and_exits_1_for_a_loss(bench, capsys):

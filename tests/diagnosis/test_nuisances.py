@@ -71,7 +71,7 @@ def test_a_mistuned_number_of_the_plant(true, name):
     believed = mistuned(name, amount)
     seen = gap(believed, true)
     if name == "crank_radius_m":
-        del seen["cutting"]  # k_Fc takes it up: nobody knows it beforehand
+        del seen["cutting"]  # k_Fc takes it up: is unknown it beforehand
     claimed = nuisance(name, believed).signature(believed, true)
     compare(seen, {key: amount * wave for key, wave in claimed.items()}, 0.03)
 

@@ -1,4 +1,4 @@
-"""Cause after cause: three effects in three equations are found, an intact machine gets none, what is needless goes."""
+"""Causes one by one: three effects in three equations are found, an intact machine gets none, what is needless goes."""
 
 from __future__ import annotations
 

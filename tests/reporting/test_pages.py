@@ -250,7 +250,7 @@ def trial_path(tmp_path_factory):
 @pytest.fixture(scope="module")
 def comparison_path(tmp_path_factory):
     path = tmp_path_factory.mktemp("comparison") / "report.html"
-    left_out = [LeftOut(name=f"broken {HOSTILE}.mcap", reason="is no recording")]
+    left_out = [LeftOut(name=f"broken {HOSTILE}.mcap", reason="is not a recording")]
     return write_comparison_page(path, make_rows(), left_out=left_out)
 
 
@@ -483,7 +483,7 @@ def test_nothing_is_overwritten_unasked(tmp_path):
 
 
 def test_comparison_drops_nothing_silently():
-    found = compare(make_rows(), [LeftOut(name="broken.mcap", reason="is no recording")])
+    found = compare(make_rows(), [LeftOut(name="broken.mcap", reason="is not a recording")])
     names = {row.name for one in found.series for row in one.trials} | {row.name for row in found.idle}
     names |= {item.name for item in found.left_out}
     assert names == {row.name for row in make_rows()} | {"broken.mcap"}

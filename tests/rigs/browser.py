@@ -106,7 +106,7 @@ class Browser:
             self._is_loaded = True
 
     def open(self, page, *, width=1280, height=900, is_dark=False, media="", waits_for_drawing=True) -> None:
-        """Load a page (a path or an address) and wait until it is drawn; `complaints` and `requests` begin anew.
+        """Load a page (a path or an address) and wait until it is drawn; `complaints` and `requests` restart.
 
         `waits_for_drawing` needs script in the page.
         """

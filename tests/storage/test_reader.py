@@ -76,7 +76,7 @@ def test_a_device_that_counts_anew_leaves_a_gap(tmp_path):
     path = write(tmp_path / "a.mcap", block(500, np.arange(10) / 1000), block(0, np.arange(20, 40) / 1000))
     (gap,) = read_recording(path).signal("force_n").gaps
     assert (gap.start_s, gap.end_s, gap.n_missing) == (0.009, 0.020, 10)
-    assert "anew" in gap.reason
+    assert "again" in gap.reason
 
 
 def test_time_that_steps_back_is_left_out_and_said(tmp_path):
@@ -203,7 +203,7 @@ def test_recovery_never_harms_its_source(tmp_path):
 def test_a_file_that_is_no_recording(tmp_path, content, read):
     path = tmp_path / "x.mcap"
     path.write_bytes(content)
-    with pytest.raises(RecordingError, match="is no recording"):
+    with pytest.raises(RecordingError, match="is not a recording"):
         read(path)
 
 

@@ -1,4 +1,4 @@
-"""A batch whose results are files does every piece once, and goes on where it stopped."""
+"""A batch whose results are files does every piece once, and continues where it stopped."""
 
 from __future__ import annotations
 

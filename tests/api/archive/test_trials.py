@@ -95,7 +95,7 @@ def test_a_watch_leaves_alone_what_still_grows(folder, tmp_path):
     watch = Watch(folder=folder, archive=archive, workers=Workers(), on_change=lambda: pages.append(1))
     (folder / "running.mcap.part").write_bytes(b"a recording that runs")
     assert watch.look() == []
-    (folder / "bad.mcap").write_bytes(b"more of what is no MCAP")
+    (folder / "bad.mcap").write_bytes(b"more of what is not an MCAP")
     assert [(file.place.name, error) for file, error in watch.look()] == [("idle.mcap", "")]
     ((file, error),) = watch.look()
     assert file.place.name == "bad.mcap"
