@@ -104,7 +104,7 @@ def _one_number(values: np.ndarray, rate_hz: float) -> RecognisedLines:
 
 def _columns(numbers: np.ndarray, separator: str | None, rate_hz: float) -> RecognisedLines:
     steps = np.diff(numbers, axis=0)
-    # Where the counter begins anew, one step is another.
+    # Where the counter restarts, one step is another.
     counts = np.flatnonzero(np.mean(steps == 1.0, axis=0) > _LEAST_SHARE)
     settings: dict[str, Any] = {"rate_hz": rate_hz}
     settings |= {} if separator is None else {"separator": separator}

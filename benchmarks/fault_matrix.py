@@ -128,7 +128,7 @@ def _judged(instrument: Instrument, name: str, writer: _Writer, summary: Recordi
     processed = process_recording(Recording(trial=Trial(trial_id="t"), signals=signals), BenchConfig())
     doubts = [f"process: {text}" for q in processed.quality for text in q.doubts if "strokes" in text]
     exits = summary.losses or (() if summary.is_complete else ("not complete",))
-    # Of an instrument that is asked, nobody knows how many there should be; its times show every pause.
+    # Of an instrument that is asked, is unknown how many there should be; its times show every pause.
     is_wrong = error_s > instrument.silent_error_s or (abs(true_lost) > 3 and not instrument.is_polled)
     return Row(
         fault=name,

@@ -163,7 +163,7 @@ class Closing:
     least_rel_std: float = marked(0.25, "convention", "a second cause moves the first by half at most")
     least_probability: float = marked(0.02, "convention", "odds of fifty to one against")
     within_noise: float = marked(0.02, "convention", "as the ladder: less cannot be shown")
-    left_on_trial: float = marked(0.1, "convention", "what a right claim leaves of what can be closed")
+    left_on_trial: float = marked(0.1, "convention", "what a correct claim leaves of what can be closed")
     rounds: int = marked(3, "convention", "time: most forms stay from the second one on")
 
 

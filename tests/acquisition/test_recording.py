@@ -253,7 +253,7 @@ def test_frames_over_python_can():
         chunks = device.read()
         assert [(c.n_lost, c.raw[:, 0].tolist()) for c in chunks] == [(0, [0.0, 1.0, 2.0]), (2, [5.0, 6.0])]
         assert all(len(c.arrival_s) == len(c.raw) for c in chunks)
-        # An error frame of the class "bus off": what came before it counts, then the link is lost, until opened anew.
+        # An error frame of the class "bus off": what came before it counts, then the link is lost, until opened again.
         sender.send(can.Message(arbitration_id=0x100, is_extended_id=False, data=bytes((7, 0, 0, 0))))
         sender.send(can.Message(arbitration_id=0x40, is_error_frame=True, data=bytes(8)))
         assert sum(len(c.raw) for c in device.read()) == 1

@@ -32,7 +32,7 @@ def test_found_false_and_missed_effects_are_counted_apart():
     said = closed_loop.score(rows)
     assert said[0] == "all effects 1, all but one 2, exactly these 1, a false one in 1, of 3 cases"
     assert said[1] == (
-        "right claims: fresh campaign closed 1 of 1; runtime within 1 % 1 of 1; 95 % interval holds 1 of 1"
+        "correct claims: fresh campaign closed 1 of 1; runtime within 1 % 1 of 1; 95 % interval holds 1 of 1"
     )
     assert "closed 2 of 3; runtime within 1 % 1 of 3; 95 % interval holds 1 of 3" in said[2]
 
