@@ -340,7 +340,7 @@ def _further(problem: LinearProblem, base: Hypothesis, added: Hypothesis) -> Hyp
 class _Joint:
     """States causes of several passes beside each other, on the model as configured.
 
-    The form in which an effect was found alone has taken up what it can of the others: each is chosen again beside them.
+    The form in which an effect was found alone has taken up what it can of the others: each is chosen again.
     """
 
     def __init__(self, first: Pass, before: Posterior, step: Posterior, members: Sequence[Explanation]) -> None:
