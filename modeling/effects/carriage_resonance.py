@@ -3,10 +3,10 @@
 Only the reading rings; the motor feels the force itself, so the mechanical residual, which uses the
 reading, shows the same error with the other sign. Fixed in Hz at every speed, where tooth ripple keeps its
 blade position. Part of the force may bypass the spring (amplitude below 1), and a carriage has upper modes: a
-second form adds modes at 1.5 to 3 times the first, each of its own size. The ringing is that of the
-expected force or, inverted, is undone on the reading, F = F_m + 2 zeta F_m' / w_n + F_m'' / w_n^2, which then
-may hold any other effect of the cut too. f_n = 60 to 450 Hz (carriage of 0.5 to 3 kg on a cell of 1e6 N/m)
-and zeta = 0.02 to 0.2: assumed.
+second form adds modes at 1.5 to 3 times the first, each of its own size; they do not count without the first. The
+ringing is that of the expected force or, inverted, is undone on the reading,
+F = F_m + 2 zeta F_m' / w_n + F_m'' / w_n^2, which then may hold any other effect of the cut too. f_n = 60 to 450 Hz
+(carriage of 0.5 to 3 kg on a cell of 1e6 N/m) and zeta = 0.02 to 0.2: assumed.
 """
 
 from __future__ import annotations
@@ -79,6 +79,7 @@ EFFECT = Effect(
     ),
     shape_strength=_frequency_hz,
     carries=("frequency_hz",),
+    leading=1,
     is_pointwise=False,
     needs=("force_n",),
     grows_with=("speed", "load"),

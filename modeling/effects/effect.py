@@ -132,7 +132,8 @@ class Effect:
         than signature by signature.
     size_of : callable, optional
         Coefficients of the columns, in multiples of the typical size -> size of the effect; without it the one
-        coefficient, or the root of the sum of squares of the first two (sine and cosine).
+        coefficient, or the root of the sum of squares of the first two (sine and cosine); the first alone where
+        `leading` is 1.
     leading : int
         Signatures of each shape that must have the least size for the further ones, overtones, to count; 0 where all
         are alike.
@@ -220,7 +221,8 @@ class Effect:
         """Size, in multiples of the typical one, that goes with the fitted coefficients of one shape."""
         if self.size_of is not None:
             return self.size_of(coefficients)
-        return float(coefficients[0] if len(coefficients) == 1 else np.hypot(*coefficients[:2]))
+        leading = min(self.leading or 2, len(coefficients))
+        return float(coefficients[0] if leading == 1 else np.hypot(*coefficients[:2]))
 
     def combined(self, baseline: Any, state: State, shape: dict[str, float], coefficients: Floats) -> Signature:
         """Sum of the signatures of one shape times coefficients, in units of `strength`."""

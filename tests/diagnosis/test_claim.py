@@ -14,6 +14,7 @@ from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import Marginal
 from sawbench.diagnosis.inference.posterior import judge
+from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 from sawbench.modeling.state import State
 
 from tests.rigs.scattered_strokes import problem_of, strokes
@@ -218,3 +219,20 @@ def test_the_gap_lies_first_where_its_cause_acts(problem, columns, judged, name,
     assert spots[0].equation == place
     assert sum(spot.share for spot in spots) == pytest.approx(1.0)
     assert [spot.share for spot in spots] == sorted((spot.share for spot in spots), reverse=True)
+
+
+def test_a_carriage_with_two_modes_states_the_first(problem, columns):
+    """165 and 408 Hz: a form of modes at 66, 99, 132, 165 and 198 Hz holds them as well, but has nothing at 66 Hz."""
+    effect, baseline = EFFECT_BY_NAME["carriage_resonance"], problem.campaign.baseline
+
+    def ringing(share, frequency_hz):
+        def signature(state: State):
+            (rings,) = effect.signatures(baseline, state, {"frequency_hz": frequency_hz, "damping": 0.045})
+            return {equation: share * wave for equation, wave in rings.items()}
+
+        return problem.project(signature)
+
+    data = replace(problem, data=problem.data + ringing(0.69, 164.6) + ringing(0.23, 407.8))
+    found = explain(Marginal(data), columns["carriage_resonance"])
+    assert found.strength == pytest.approx(164.6, rel=0.1)
+    assert effect.amplitude(np.array([0.01, 0.7, 0.0, 0.2, 0.0])) == 0.01
