@@ -6,7 +6,15 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sawbench.analysis import AnalysedTrial, OpenedTrial, fit_trial, open_trial, process_opened, runtime_of
+from sawbench.analysis import (
+    AnalysedTrial,
+    OpenedTrial,
+    fit_trial,
+    load_and_process,
+    open_trial,
+    process_opened,
+    runtime_of,
+)
 from sawbench.bench.errors import UntrustedResult
 from sawbench.comparison import compare_files
 from sawbench.gap import diagnose_trials
@@ -75,9 +83,9 @@ def process(trial: Source, *, config: str | Path | None = None) -> AnalysedTrial
     >>> trial.processed.period.confidence
     'high'
     """
-    if not isinstance(trial, OpenedTrial):
-        trial = read(trial, config=config)
-    return process_opened(trial)
+    if isinstance(trial, OpenedTrial):
+        return process_opened(trial)
+    return load_and_process(Path(trial), None if config is None else Path(config))
 
 
 def fit(trial: Source | AnalysedTrial, *, method: FitMethod | None = None) -> TrialFit:

@@ -91,6 +91,11 @@ def config_for(recording: Recording | None, config_path: Path | LoadedConfig | N
     return load_config(default_config_path())
 
 
+def default_config_file() -> Path:
+    """./bench_config.toml, else the one of the package; says nothing, for what only asks whether it changed."""
+    return DEFAULT_CONFIG if DEFAULT_CONFIG.exists() else shipped_config()
+
+
 def default_config_path() -> Path:
     """./bench_config.toml, else the one that ships with sawbench."""
     if DEFAULT_CONFIG.exists():

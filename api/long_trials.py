@@ -80,7 +80,7 @@ def process_long(
     whole = join_processed(found, loaded.config)
     if whole.angle is not None and len(found) > 1:
         span = f"{whole.angle.time_s[0]:.0f} s to {whole.angle.time_s[-1]:.0f} s"
-        note = f"long: processed in {len(found)} pieces; crank angle over time and spectra are those of {span}"
+        note = f"long: processed in {len(found)} pieces; crank angle over time, spectra and offsets are those of {span}"
         whole = replace(whole, warnings=(*whole.warnings, note))
     return AnalysedTrial(
         recording=_joined(outlines), loaded=loaded, processed=whole, strokes=_joined_strokes(strokes)

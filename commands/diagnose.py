@@ -20,7 +20,7 @@ from sawbench.commands.options import (
     refuse_unwritable_folder,
 )
 from sawbench.commands.terminal import emit, stepper, table
-from sawbench.inputs import default_config_path, find_recordings
+from sawbench.inputs import default_config_file, find_recordings
 from sawbench.storage.digest import sha256_of
 from sawbench.storage.places import AMENDMENTS
 
@@ -176,7 +176,7 @@ def _piece(request: DiagnosisRequest, path: Path) -> Piece:
     try:
         recordings = find_recordings([path])
         beside = [place for file in recordings if (place := Path(f"{file}{AMENDMENTS}")).exists()]
-        used = [*recordings, *beside, config_path or default_config_path()]
+        used = [*recordings, *beside, config_path or default_config_file()]
         hashes = [sha256_of(file) for file in used]
     except SawbenchError:
         hashes = []  # the diagnosis will say what is wrong with it

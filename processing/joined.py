@@ -31,8 +31,8 @@ def join_processed(pieces: Sequence[ProcessedTrial], config: BenchConfig) -> Pro
     Parameters
     ----------
     pieces : sequence of ProcessedTrial
-        At least one, in their order. Angle, channels and steady part are those of the piece that has them, the last
-        such one.
+        At least one, in their order. Angle, channels, steady part and offsets between the instruments are those of the
+        last piece that has an angle.
     config : BenchConfig
         `cutting` says which half of the joined force cycle is zeroed.
 
@@ -57,6 +57,7 @@ def join_processed(pieces: Sequence[ProcessedTrial], config: BenchConfig) -> Pro
         angle=whole.angle,
         steady=whole.steady,
         channels=whole.channels,
+        offsets=whole.offsets,
         phases=_phases(chain.from_iterable(piece.phases for piece in pieces)),
         folded=folded,
         cutting_force=cutting,

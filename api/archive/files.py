@@ -70,11 +70,12 @@ def _key(place: Place, config: LoadedConfig | None, sha256: str) -> str:
     """Key of everything that the result of a recording depends on."""
     from sawbench.archive.journal import key_of
     from sawbench.bench.source_identity import analysis_identity
-    from sawbench.inputs import config_for
+    from sawbench.inputs import default_config_file
 
     amendments = place_of(f"{place}{AMENDMENTS}")
     amended = None if find_file(amendments) is None else sha256_of(amendments)
-    return key_of(analysis_identity(), sha256, amended, (config or config_for(None, None)).sha256)
+    used = sha256_of(default_config_file()) if config is None else config.sha256
+    return key_of(analysis_identity(), sha256, amended, used)
 
 
 def fit_file(
