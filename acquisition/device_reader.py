@@ -223,14 +223,6 @@ def joined(before: Sequence[Chunk], after: Sequence[Chunk]) -> list[Chunk]:
     """Chunks of two reads, those that follow each other without a break as one.
 
     Where a chunk has one arrival for all its samples, that of the later one holds for both.
-
-    Parameters
-    ----------
-    before, after : sequence of Chunk
-
-    Returns
-    -------
-    list of Chunk
     """
     out = list(before)
     latest = {chunk.stream: k for k, chunk in enumerate(out)}

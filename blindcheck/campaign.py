@@ -185,11 +185,6 @@ def make_campaign(
 def write_campaign(draw: CampaignDraw, out_dir: Path) -> None:
     """Measure the trials of a campaign and write them into an empty or new folder.
 
-    Parameters
-    ----------
-    draw : CampaignDraw
-    out_dir : Path
-
     Raises
     ------
     InputError

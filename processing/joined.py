@@ -35,10 +35,6 @@ def join_processed(pieces: Sequence[ProcessedTrial], config: BenchConfig) -> Pro
         last piece that has an angle.
     config : BenchConfig
         `cutting` says which half of the joined force cycle is zeroed.
-
-    Returns
-    -------
-    ProcessedTrial
     """
     if len(pieces) == 1:
         return pieces[0]

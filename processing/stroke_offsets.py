@@ -67,10 +67,6 @@ def stroke_offsets(
         From the displacement.
     config : BenchConfig
         Without a plant only the change within the trial is estimated.
-
-    Returns
-    -------
-    tuple of StrokeOffset
     """
     if not angle.is_absolute or DISPLACEMENT not in signals:
         return ()
