@@ -8,7 +8,7 @@ from typing import Any, Final
 import click
 from sawbench.bench.errors import InputError
 from sawbench.commands.failures import Failures
-from sawbench.commands.options import json_option, recordings_argument
+from sawbench.commands.options import json_option, recordings_argument, setting_options
 from sawbench.commands.terminal import emit
 from sawbench.inputs import find_recordings
 
@@ -24,11 +24,7 @@ _SETTING_OF: Final = {
 )
 @recordings_argument
 @click.option("--material", help="Workpiece material; 'none' for an idle run.")
-@click.option("--duty", type=click.FloatRange(0, 1, min_open=True), help="Commanded PWM duty, 0..1.")
-@click.option("--thickness", "thickness_mm", type=click.FloatRange(0, min_open=True), help="mm")
-@click.option("--feed", "feed_mm_s", type=click.FloatRange(0), help="mm/s")
-@click.option("--blade", help="Blade identifier.")
-@click.option("--battery", help="Battery identifier.")
+@setting_options
 @click.option("--operator", help="Who recorded.")
 @click.option("--repetition", type=click.IntRange(1))
 @click.option("--batch", help="Batch of the workpiece material.")

@@ -13,7 +13,7 @@ from sawbench.bench.recording import Trial
 from sawbench.commands.batch import Batch, batch_options
 from sawbench.commands.can_import import CanLog
 from sawbench.commands.failures import Failures
-from sawbench.commands.options import force_option, json_option, refuse_unwritable_folder
+from sawbench.commands.options import force_option, json_option, refuse_unwritable_folder, setting_options
 from sawbench.commands.terminal import emit, stepper
 from sawbench.plain import plain
 from sawbench.storage.digest import sha256_of
@@ -48,11 +48,7 @@ if TYPE_CHECKING:
     help="Bench configuration, stored in the recording; its [devices.*] describe the signals of a CAN log.",
 )  # fmt: skip
 @click.option("--material", help="Workpiece material; 'none' for an idle run.")
-@click.option("--duty", type=click.FloatRange(0, 1, min_open=True), help="Commanded PWM duty, 0..1.")
-@click.option("--thickness", "thickness_mm", type=click.FloatRange(0, min_open=True), help="mm")
-@click.option("--feed", "feed_mm_s", type=click.FloatRange(0), help="mm/s")
-@click.option("--blade", help="Blade identifier; its wear carries over to later trials.")
-@click.option("--battery", help="Battery identifier; its state of charge carries over to later trials.")
+@setting_options
 @batch_options(has_archive=False)
 @force_option
 @json_option

@@ -42,6 +42,20 @@ recordings_argument: Decorator = click.argument(
 )
 
 
+def setting_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the settings of a trial that somebody has to state."""
+    options = (
+        click.option("--duty", type=click.FloatRange(0, 1, min_open=True), help="Commanded PWM duty, 0..1."),
+        click.option("--thickness", "thickness_mm", type=click.FloatRange(0, min_open=True), help="mm"),
+        click.option("--feed", "feed_mm_s", type=click.FloatRange(0), help="mm/s"),
+        click.option("--blade", help="Blade identifier; its wear carries over to later trials."),
+        click.option("--battery", help="Battery identifier; its state of charge carries over to later trials."),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
 def calibration_book_path(config_path: Path, *, simulated: bool) -> Path:
     """Place of the tares and calibrations that belong to a configuration."""
     from sawbench.acquisition.calibration_book import book_path

@@ -13,7 +13,14 @@ import click
 from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Trial
 from sawbench.commands.link import current_link
-from sawbench.commands.options import calibration_book_path, config_option, force_option, json_option, refuse_unwritable
+from sawbench.commands.options import (
+    calibration_book_path,
+    config_option,
+    force_option,
+    json_option,
+    refuse_unwritable,
+    setting_options,
+)
 from sawbench.commands.terminal import emit
 from sawbench.commands.typed_lines import TypedLines, typed_lines
 from sawbench.inputs import config_for, default_config_path
@@ -49,11 +56,7 @@ if TYPE_CHECKING:
     type=click.FloatRange(0, 60),
     help="With --touch: seconds before the contact that are kept; default 3.",
 )
-@click.option("--duty", type=click.FloatRange(0, 1, min_open=True), help="Commanded PWM duty, 0..1.")
-@click.option("--thickness", "thickness_mm", type=click.FloatRange(0, min_open=True), help="mm")
-@click.option("--feed", "feed_mm_s", type=click.FloatRange(0), help="mm/s")
-@click.option("--blade", help="Blade identifier; its wear carries over to later trials.")
-@click.option("--battery", help="Battery identifier; its state of charge carries over to later trials.")
+@setting_options
 @click.option("--operator", help="Name of the operator.")
 @click.option("--repetition", type=click.IntRange(1))
 @click.option("--note", "note_texts", multiple=True, help="Note stored with the trial; may be repeated.")
