@@ -66,7 +66,8 @@ class LiveWarnings:
     - clock: more than 500 ppm and three standard uncertainties off.
     - silent: an instrument is a second behind the newest sample of the others.
     - disk: under 500 MB are free.
-    - busy: this computer let the recorder wait for 0.25 s; an instrument that is silent then may not be to blame.
+    - busy: this computer let the recorder wait for 0.25 s, or has four programs a processor; an instrument that is
+      silent then may not be to blame.
 
     The tool runs where the blade moves by 1 mm in a second or the motor draws 0.5 A and 30 % of the most it drew. A
     second in which that changes is judged for range and rate alone. Fails: noise that is there from the beginning.

@@ -15,10 +15,10 @@ pytestmark = pytest.mark.unit
 
 
 class Busy:
-    """Waits last as long as they are asked to, and `extra_s` on top."""
+    """Waits last as long as they are asked to, and `extra_s` on top; `load` programs want each processor."""
 
     def __init__(self):
-        self.now_s, self.extra_s = 50.0, 0.0
+        self.now_s, self.extra_s, self.load = 50.0, 0.0, 0.5
 
     def clock(self):
         return self.now_s
@@ -29,7 +29,7 @@ class Busy:
 
 def test_a_wait_that_is_too_long_is_said_for_four_seconds():
     machine = Busy()
-    watch = BusyWatch(clock=machine.clock, sleep=machine.sleep)
+    watch = BusyWatch(clock=machine.clock, sleep=machine.sleep, load=lambda: machine.load)
     watch.look()
     assert watch.words() == ""
     machine.extra_s = 0.7
@@ -44,10 +44,22 @@ def test_a_wait_that_is_too_long_is_said_for_four_seconds():
     assert watch.words() == ""
 
 
+def test_many_programs_are_said_although_the_recorder_itself_is_served():
+    machine = Busy()
+    watch = BusyWatch(clock=machine.clock, sleep=machine.sleep, load=lambda: machine.load)
+    machine.load = 14.6
+    assert watch.words() == ""
+    watch.look()
+    assert watch.words() == "this computer is too busy: 15 programs want each processor; end other programs"
+    machine.load = 1.5
+    watch.look()
+    assert watch.words() == ""
+
+
 def test_what_is_late_while_the_computer_is_busy_is_blamed_on_it():
     machine = Busy()
     run = _Run([Scripted()], (), Clock(), RecorderLimits(), lambda: None)
-    run._busy = BusyWatch(clock=machine.clock, sleep=machine.sleep)
+    run._busy = BusyWatch(clock=machine.clock, sleep=machine.sleep, load=lambda: machine.load)
     gap = Event(kind="gap", time_s=1.0, text="about 5 samples missing")
     assert run._blamed(gap) == gap
     machine.extra_s = 1.2
