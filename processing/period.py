@@ -3,7 +3,8 @@
 The displacement has one line per stroke and is believed, after a look at half and twice the rate. Force and
 currents may have their strongest line at any order (belts at 0.27, alternating strokes at 0.5, torque ripple
 from 2 up): without displacement the answer is at most of moderate confidence, from a current alone always of
-low confidence.
+low confidence. A force is ambiguous between a rate and its multiples as well (a machine that cuts both ways, or teeth):
+only a nominal rate decides.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from sawbench.processing.spectrum import Line, Spectrum, find_lines, power_near
 _MIN_PROMINENCE = 40.0
 _RIVAL_SHARE = 0.02
 _SERIOUS_SHARE = 0.25
+_MOST_REL_STD = 0.025  # what is doubted and known worse is of low confidence, so that moderate is right within 1 %
 _NARROW_SHARE = 0.5  # second harmonic over first; a half sine has 0.18
 _MAX_RIVALS = 8
 
@@ -274,7 +276,7 @@ def from_displacement(
     reason = f"{n} complete strokes of the displacement, one line per stroke"
     rivals = stroke.rivals if stroke is not None else ()
     if stroke is not None and abs(stroke.rate_hz * period - 1) > max(0.03, 3 * spread / period):
-        confidence = "moderate"
+        confidence = "low"
         reason = f"the stroke count differs from the spectrum, which gives {stroke.rate_hz:.4g} Hz"
         found = PeriodCandidate(
             period_s=1 / stroke.rate_hz, relative_power=1.0, reason="strongest line of the spectrum"
@@ -289,6 +291,8 @@ def from_displacement(
         reason = f"{1 / period:.4g} Hz is outside of the allowed {band_hz[0]:g}..{band_hz[1]:g} Hz"
     if n < 3:
         confidence, reason = ("low" if n == 1 else "moderate"), f"only {n} complete stroke(s)"
+    if confidence == "moderate" and std > _MOST_REL_STD * period:
+        confidence, reason = "low", f"{reason}; the period is known to {100 * std / period:.2g} % only"
     return PeriodEstimate(
         period_s=period,
         period_std_s=std,
@@ -308,6 +312,7 @@ def from_line(
     stroke: StrokeLine,
     others: Sequence[StrokeLine],
     band_hz: tuple[float, float],
+    nominal_hz: tuple[float, float] | None = None,
 ) -> PeriodEstimate | None:
     """Period from the phase of a line of the force or of a current.
 
@@ -323,11 +328,15 @@ def from_line(
     others : sequence of StrokeLine
         What the other channels say.
     band_hz : tuple of float
+        Allowed stroke rates.
+    nominal_hz : tuple of float, optional
+        Between which rates the machine runs at its supply, the upper below twice the lower one; it alone decides
+        between a rate and its multiples.
 
     Returns
     -------
     PeriodEstimate or None
-        Confidence at most "moderate" (force), "low" for everything electrical; None without a whole turn.
+        Confidence "moderate" of a force at a nominal rate, else "low"; None without a whole turn.
     """
     period, std, spread, n = mean_period(angle, stretches, cycles)
     if n == 0:
@@ -347,6 +356,14 @@ def from_line(
         confidence, reason = "low", f"in the force {stroke.doubts[0]}"
     elif n < 3:
         confidence, reason = "low", f"only {n} complete cycle(s) of the force"
+    elif nominal_hz is None:
+        confidence = "low"
+        reason += "; no nominal rate tells it from its multiples: the configuration needs [plant], the trial its duty"
+    elif not nominal_hz[0] <= 1 / period <= nominal_hz[1]:
+        confidence = "low"
+        reason += f"; at its supply the machine runs at {nominal_hz[0]:.3g} to {nominal_hz[1]:.3g} Hz"
+    elif std > _MOST_REL_STD * period:
+        confidence, reason = "low", f"{reason}; the period is known to {100 * std / period:.2g} % only"
     return PeriodEstimate(
         period_s=period,
         period_std_s=std,

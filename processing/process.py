@@ -40,6 +40,7 @@ _FORCE, _DISPLACEMENT, _CURRENT = "force_n", "displacement_mm", "motor_current_a
 _LINE_CHANNELS = (_FORCE, _CURRENT, "battery_current_a", "battery_voltage_v")
 _WINDOW_CYCLES = 4.0
 _CLIPPED_SHARE = 0.02
+_LOADED, _UNLOADED = 0.55, 1.05  # of the rate without load; less than twice apart, so one of two multiples is meant
 _TWO_THREADS_FROM = 4_000_000
 
 Channels = dict[str, CleanChannel]
@@ -89,7 +90,7 @@ def process_recording(recording: Recording, config: BenchConfig, *, source_sha25
     """
     channels = {name: clean_channel(signal) for name, signal in recording.signals.items() if len(signal.values)}
     quality = _judged(channels, config, recording.trial)
-    motion = _find_motion(channels, config)
+    motion = _find_motion(channels, config, recording.trial)
     status = _status_without_cutting(channels, config, recording.trial, motion)
     base = ProcessedTrial(
         trial=recording.trial,
@@ -133,7 +134,7 @@ def _without_spikes(signal: Signal, clean: CleanChannel) -> Signal:
     return replace(signal, time_s=clean.time_s, values=clean.values, raw=None)
 
 
-def _find_motion(channels: Channels, config: BenchConfig) -> _Motion:
+def _find_motion(channels: Channels, config: BenchConfig, trial: Trial) -> _Motion:
     """Angle from the displacement where it has any, else from the strongest line of another channel."""
     displacement = channels.get(_DISPLACEMENT)
     is_alive = displacement is not None and float(np.ptp(displacement.values)) > 0
@@ -165,11 +166,29 @@ def _find_motion(channels: Channels, config: BenchConfig) -> _Motion:
         "that this channel peaks where the blade cuts fastest",
     )
     phases, stretches, cycles, more = _phases_and_cycles(angle, channels, channel.holes)
-    period = from_line(angle, stretches, cycles, chosen, others, band)
+    period = from_line(angle, stretches, cycles, chosen, others, band, _nominal_rates_hz(channels, config, trial))
     return _Motion(
         angle=angle, phases=phases, cycles=cycles, period=period, warnings=warnings + more,
         steady=find_steady_part(angle),
     )  # fmt: skip
+
+
+def _nominal_rates_hz(channels: Channels, config: BenchConfig, trial: Trial) -> tuple[float, float] | None:
+    """Between which stroke rates a saw runs at its supply: 55 to 105 % of the rate without load; None if not known."""
+    plant, converter = config.plant, config.converter
+    voltage = channels.get("battery_voltage_v")
+    if converter.mode == "held_voltage":
+        motor_v = converter.voltage_v
+    elif trial.duty is not None and voltage is not None and len(voltage.values):
+        motor_v = trial.duty * float(np.median(voltage.values))
+    elif trial.duty is not None and config.battery is not None:
+        motor_v = trial.duty * config.battery.nominal_voltage_v
+    else:
+        motor_v = None
+    if plant is None or not motor_v:
+        return None
+    unloaded_hz = motor_v / (plant.back_emf_constant_v_s_per_rad.nominal * plant.gear_ratio) / (2 * np.pi)
+    return _LOADED * unloaded_hz, _UNLOADED * unloaded_hz
 
 
 def _fastest_cut_rad(config: BenchConfig) -> float:

@@ -259,7 +259,8 @@ def _follow_turns(y: Floats, turns: Turns, *, radius_std_m: float) -> Travel:
     """
     n, value = len(y), y[turns.index]
     level = np.where(turns.is_top, np.percentile(value[turns.is_top], 75.0), np.percentile(value[~turns.is_top], 25.0))
-    is_usual = np.abs(value - level) < _VARYING_SHARE * 0.5 * (np.ptp(level) or 1.0)
+    off = np.abs(value - level)
+    is_usual = off <= max(_VARYING_SHARE * 0.5 * (np.ptp(level) or 1.0), off.min())  # where all differ, the nearest
     edges = np.flatnonzero(np.diff(np.r_[False, is_usual, False]))
     run = int(np.argmax(edges[1::2] - edges[::2]))
     usual = slice(edges[2 * run], edges[2 * run + 1])
