@@ -10,7 +10,7 @@ import difflib
 import hashlib
 import itertools
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from sawbench.bench.errors import ConfigError
@@ -21,6 +21,8 @@ from sawbench.bench.units import CHANNEL_BY_NAME, TIME_COLUMN, Channel
 _STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 # No constant of a machine lies outside, in any SI unit; 0 may.
 _SMALLEST, _LARGEST = 1e-15, 1e9
+# Largest relative standard uncertainty of a constant: beyond it nothing is stated.
+MOST_REL_STD: Final = 10.0
 
 
 def _of_a_machine(value: float) -> float:
@@ -43,7 +45,7 @@ class Uncertain(BaseModel):
 
     model_config = _STRICT
     nominal: Constant
-    rel_std: float = Field(default=0.0, ge=0.0, le=10.0)
+    rel_std: float = Field(default=0.0, ge=0.0, le=MOST_REL_STD)
 
     @property
     def std(self) -> float:

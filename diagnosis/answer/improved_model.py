@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from sawbench.bench.config import BatteryConfig, LoadedConfig
+from sawbench.bench.config import MOST_REL_STD, BatteryConfig, LoadedConfig
 from sawbench.bench.recording import Floats
 from sawbench.bench.toml_writing import toml_text
 from sawbench.diagnosis.answer.learned_term import LearnedAnswer
@@ -141,10 +141,13 @@ def _retuned(tables: Mapping[str, Any], problem: LinearProblem, found: _Solution
         stated = out[table].get(nuisance.name)
         if nuisance.name in BatteryConfig.model_fields:
             out[table][nuisance.name] = max(value, 0.0)
-        elif value > 0.0:
-            rel_std = stated.get("rel_std", 0.0) if isinstance(stated, Mapping) else 0.0
-            kept = float(f"{rel_std * abs(nuisance.nominal) / value:.4g}")
-            out[table][nuisance.name] = {"nominal": value, "rel_std": kept}
+            continue
+        rel_std = stated.get("rel_std", 0.0) if isinstance(stated, Mapping) else 0.0
+        std = rel_std * abs(nuisance.nominal)
+        # What is re-tuned to nothing, or beyond, becomes as small as a configuration can state it.
+        value = max(value, float(f"{std / MOST_REL_STD:.6g}"))
+        if value > 0.0:
+            out[table][nuisance.name] = {"nominal": value, "rel_std": float(f"{std / value:.4g}")}
     return out
 
 

@@ -139,7 +139,7 @@ def until_closed(first: Pass, *, on_pass: Callable[[int, str], None] | None = No
     numbers = first.problem.settings.closing
     if first.posterior.verdict == "unknown":
         answer, is_on_trial = _on_trial(first), True
-    found = _Found(first=answer)
+    found = _Found(answer.posterior, is_on_trial=is_on_trial)
     stopped: Stopped = first.posterior.best.other or "nothing_more"
     rest = 1.0
     while answer.posterior.best.effects:
@@ -164,14 +164,15 @@ def until_closed(first: Pass, *, on_pass: Callable[[int, str], None] | None = No
                 answer = after
                 kept = kept if is_on_trial else answer
             break
-        found.add(number, after.posterior)
+        found.add(number, after.posterior, is_on_trial=needs_trial)
         answer, is_on_trial = after, is_on_trial or needs_trial
         if not is_on_trial:
             kept = answer
     if is_on_trial and (stopped in ("unknown", "passes") or rest > numbers.left_on_trial):
         answer, stopped = kept, "unknown"
+    posterior = answer.posterior
     return Closing(
-        answer=answer, rungs=_rungs(answer, found.named), dropped=found.dropped(answer.posterior.best),
+        answer=answer, rungs=_rungs(answer, found.settled(posterior)), dropped=found.dropped(posterior.best),
         stopped=stopped, n_passes=number,
     )  # fmt: skip
 
@@ -218,20 +219,30 @@ def closing_table(closing: Closing) -> dict[str, Any]:
 class _Found:
     """In which pass each effect was named, with which probability, and what stood together before."""
 
-    def __init__(self, first: Pass) -> None:
-        best = first.posterior.best
-        self.named = {name: (1, _part(first.posterior, name)) for name in best.effects}
-        self._seen = [best.effects]
+    def __init__(self, first: Posterior, *, is_on_trial: bool) -> None:
+        self._named: dict[str, tuple[int, float]] = {}
+        self._on_trial: set[str] = set()
+        self._seen: list[tuple[str, ...]] = []
+        self.add(1, first, is_on_trial=is_on_trial)
 
     def is_new(self, best: Hypothesis) -> bool:
         """Whether these effects have not stood together before, nor more than them."""
         return not any(set(best.effects) <= set(effects) for effects in self._seen)
 
-    def add(self, number: int, posterior: Posterior) -> None:
+    def add(self, number: int, posterior: Posterior, *, is_on_trial: bool) -> None:
         """Note what a pass has added."""
         effects = posterior.best.effects
-        self.named |= {name: (number, _part(posterior, name)) for name in effects if name not in self.named}
+        fresh = [name for name in effects if name not in self._named]
+        self._named |= {name: (number, _part(posterior, name)) for name in fresh}
+        self._on_trial |= set(fresh) if is_on_trial else set()
         self._seen.append(effects)
+
+    def settled(self, answer: Posterior) -> dict[str, tuple[int, float]]:
+        """Passes and probabilities; what was named on trial has the one that the answer leaves it."""
+        return {
+            name: (number, _part(answer, name) if name in self._on_trial else probability)
+            for name, (number, probability) in self._named.items()
+        }
 
     def dropped(self, best: Hypothesis) -> tuple[str, ...]:
         """Effects that stood in the answer once and do no more."""

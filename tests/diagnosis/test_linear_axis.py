@@ -141,6 +141,17 @@ def test_the_improved_model_of_an_axis_leaves_no_cause(dry):
     assert report["verdict"] in {"no_gap", "parameters"}
 
 
+def test_damping_that_is_not_there_leaves_an_improved_model_that_can_be_read():
+    """Dry friction alone, where the model has viscous damping known to a half: hardly any of it is left."""
+    stated = CONFIG.replace("nominal = 60.0, rel_std = 0.1", "nominal = 60.0, rel_std = 0.5")
+    report = diagnosed(rig.Friction(coulomb=8.0, viscous=0.0), seed=4, config=stated)
+    assert "guide_friction" in report["causes"][0]["effects"]
+    damping = parse_config(report["improved_model"]).config.linear_axis.viscous_damping_n_s_per_m
+    assert 0.0 < damping.nominal < 20.0
+    # Its absolute uncertainty stays what it was, as far as a configuration can state it.
+    assert damping.std == pytest.approx(30.0, rel=1e-3)
+
+
 def test_ripple_locked_to_the_position_is_cogging():
     report = diagnosed(rig.Friction(), ripple_n=3.0)
     assert "cogging" in report["causes"][0]["effects"]

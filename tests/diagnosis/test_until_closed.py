@@ -65,18 +65,22 @@ def test_the_ladder_goes_down_to_the_noise_cause_by_cause(closing):
     assert table["stopped"] in {"no_gap", "parameters", "repeatability"}
 
 
-def test_a_form_that_others_have_bent_is_chosen_anew_beside_them(first):
-    """What was found first is believed in its worst form, as if what was missing then had decided that."""
-    best = first.posterior.best
+def test_what_is_followed_on_trial_takes_another_form_and_its_probability_from_all_together(first):
+    """ "Unknown" is likelier than what was found, which stands in its worst form: what was missing had decided that."""
+    best, unknown = first.posterior.best, first.posterior.of("unknown")
     wrong = [replace(m, column=first.columns[m.effect.name][-1]) for m in best.members]
-    believed = (replace(best, members=tuple(wrong)), *first.posterior.hypotheses[1:])
+    rest = [replace(h, probability=0.0) for h in first.posterior.hypotheses if h not in (best, unknown)]
+    believed = (replace(unknown, probability=0.6), replace(best, members=tuple(wrong), probability=0.4), *rest)
     posterior = replace(first.posterior, hypotheses=believed)
     predictions = Predictions(first.problem, first.columns, posterior)
-    found = until_closed(
+    closing = until_closed(
         Pass(problem=first.problem, columns=first.columns, posterior=posterior, predictions=predictions)
-    ).answer.posterior.best
-    assert set(found.effects) == set(TRUTH)
-    shapes = {m.effect.name: m.column.shape for m in found.members}
+    )
+    answer = closing.answer.posterior
+    assert set(answer.best.effects) == set(TRUTH)
+    assert 0.0 < answer.of("unknown").probability < 0.5
+    assert all(rung.probability <= 1.0 - answer.of("unknown").probability + 1e-9 for rung in closing.rungs)
+    shapes = {m.effect.name: m.column.shape for m in answer.best.members}
     # A resistance that does not grow with the discharge, and an edge that bites at once.
     assert shapes["battery_internal_resistance"] == {}
     assert shapes["edge_force"]["onset_m_s"] == 0.01
