@@ -39,6 +39,11 @@ class Instrument:
         return 2 * TICK_S if self.is_polled else max(SILENT_ERROR_S, 3.0 / self.rate_hz)
 
     @property
+    def beyond(self) -> float:
+        """What its input cannot mean, and its bytes still can."""
+        return 2400.0 if self.name == "cia404" else 649.0 if self.name == "binary_frames" else 1e6
+
+    @property
     def rate_words(self) -> str:
         """Its rate, or that it is asked."""
         return "asked for every value" if self.is_polled else f"{self.rate_hz:g} Hz"
