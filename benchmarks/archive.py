@@ -76,8 +76,8 @@ def wait_for(port: int, limit_s: float = 120.0) -> None:
     raise TimeoutError(f"nobody answers at port {port}")
 
 
-def upload(n: int, folder: str) -> list[str]:
-    """Put short recordings into a store or a folder; return the names of those that are corrupt."""
+def upload(n: int, folder: str, every_corrupt: int | None = EVERY_CORRUPT) -> list[str]:
+    """Write short recordings, all different, to a store or a folder; return the names of those that are corrupt."""
     length = {"duration_s": _SECONDS, "rate_hz": _RATE_HZ}
     runs = {name: sawbench.simulate(k_fc_n_s_per_m=k_fc, **length).recording(material=name)
             for name, k_fc in _MATERIALS.items()}  # fmt: skip
@@ -96,8 +96,8 @@ def upload(n: int, folder: str) -> list[str]:
             path = write_recording(replace(whole, trial=trial, signals=noisy), Path(place) / f"{name}.mcap")
             content = path.read_bytes()
             path.unlink()
-            if number % EVERY_CORRUPT == EVERY_CORRUPT - 1:
-                content = (b"", rng.bytes(4096), b"\x00" * 100 + content[100:])[number // EVERY_CORRUPT % 3]
+            if every_corrupt is not None and number % every_corrupt == every_corrupt - 1:
+                content = (b"", rng.bytes(4096), b"\x00" * 100 + content[100:])[number // every_corrupt % 3]
                 corrupt.append(f"{name}.mcap")
             write_whole(place_of(f"{folder}/{name}.mcap"), content, overwrite=True, makes_folder=True)
     return corrupt

@@ -98,7 +98,9 @@ class TextLinesSettings(SerialTable):
         if self.pattern is not None:
             n_groups = re.compile(self.pattern).groups
             if max(self.line_format.columns) > n_groups:
-                raise ValueError(f"pattern has {n_groups} groups, but group {max(self.line_format.columns)}")
+                raise ValueError(
+                    f"pattern has {n_groups} groups, but group {max(self.line_format.columns)} is configured"
+                )
             if self.separator is not None:
                 raise ValueError("give either pattern or separator, not both")
         return self

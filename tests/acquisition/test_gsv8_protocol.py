@@ -230,7 +230,7 @@ def test_stop_is_repeated_while_values_pour_in(monkeypatch):
         ([STOP, IDENTITY, SERIAL, ("aa948b45bb800085", "aa505485")], "value too large"),
         (
             [STOP, IDENTITY, SERIAL, ("aa948b45bb800085", "aa500185"), ("aa908a85", "aa540045 2f000085")],
-            "chose 2800 Hz",
+            "uses 2800 Hz",
         ),
     ],
 )

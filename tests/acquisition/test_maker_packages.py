@@ -112,7 +112,7 @@ def test_what_ni_refuses_is_one_clear_error(nidaqmx):
     with pytest.raises(OtherInstrumentError, match="1A2B3C, the configuration names FF"):
         device("ni_daqmx", serial_number="FF").open()
     answers["samp_clk_rate"] = 800.0
-    with pytest.raises(DeviceError, match="chose 800 Hz"):
+    with pytest.raises(DeviceError, match="uses 800 Hz"):
         device("ni_daqmx").open()
     answers["samp_clk_rate"] = 1000.0
     ni = device("ni_daqmx")
@@ -179,7 +179,7 @@ def test_what_labjack_refuses_is_one_clear_error(ljm):
     labjack = device("labjack")
     labjack.open()
     answers["rate_hz"] = 500.0
-    with pytest.raises(DeviceError, match="chose 500 Hz"):
+    with pytest.raises(DeviceError, match="uses 500 Hz"):
         labjack.start()
     for call, act in (("eStreamRead", labjack.read), ("openS", labjack.open)):
         answers["error"] = call
