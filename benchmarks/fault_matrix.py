@@ -38,6 +38,7 @@ from tests.rigs.resting import resting_bench
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "faults.md"
 STUCK_AFTER_S = 60.0
+NOT_JUDGED = "not judged"
 
 
 def link_faults(instrument: Instrument) -> dict[str, list[dict[str, Any]]]:
@@ -123,7 +124,7 @@ def run_link_fault(
         except SawbenchError as error:
             return Row(fault=name, lost="all", said=f"refused: {error.what}", time_error_ms=None, is_silent=False)
     if stuck.is_set():
-        said = "not judged: this emulator does not come back in simulated time"
+        said = f"{NOT_JUDGED}: not done within {STUCK_AFTER_S:g} s of real time"
         return Row(fault=name, lost="-", said=said, time_error_ms=None, is_silent=False)
     return _judged(instrument, name, writer, summary)
 
@@ -258,7 +259,9 @@ def main() -> None:
             print(instrument.name, "done", flush=True)
     every = [row for rows in tables.values() for row in rows]
     n_silent = sum(row.is_silent for row in every)
-    summary = f"Of {len(every)} faults, {n_silent} {'is' if n_silent == 1 else 'are'} silent."
+    n_open = sum(row.said.startswith(NOT_JUDGED) for row in every)
+    judged = f"Of {len(every) - n_open} faults, {n_silent} {'is' if n_silent == 1 else 'are'} silent."
+    summary = f"{judged} {n_open} were not judged." if n_open else judged
     pages = [HEAD.format(summary=summary), *(_table(title, rows) for title, rows in tables.items())]
     options.out.write_text("\n".join(pages), encoding="utf-8")
     print(f"{options.out}: {summary}")
