@@ -113,7 +113,7 @@ def decode_can_log(
         raise InputError("contains no frame that the DBC describes", where=path, remedy="use another DBC")
     started_at = datetime.fromtimestamp(start_s, UTC) if start_s > _YEAR_2000_S else None
     return Recording(
-        trial=Trial(trial_id=path.name.split(".")[0], started_at=started_at, source=f"importing {path.name}"),
+        trial=Trial(trial_id=path.name.split(".")[0], started_at=started_at, source=f"import of {path.name}"),
         signals=found,
         events=tuple(events),
         provenance={

@@ -151,7 +151,7 @@ def stem_of(path: Path) -> str:
 
 
 def _job_of_table(path: Path, table_map: TableMap | None, trial: Trial | None, config_toml: str) -> _Job:
-    settings = trial or Trial(trial_id=stem_of(path), source=f"importing {path.name}")
+    settings = trial or Trial(trial_id=stem_of(path), source=f"import of {path.name}")
     return _Job(table=path, trial=settings, table_map=table_map, config_toml=config_toml, provenance={})
 
 

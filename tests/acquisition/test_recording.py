@@ -206,7 +206,7 @@ def test_a_port_in_use_is_said(tmp_path):
     first, second = (SerialPort(endpoint.address, device="load_cell") for _ in range(2))
     try:
         first.open()
-        with pytest.raises(DeviceError, match="busy"):
+        with pytest.raises(DeviceError, match="in use"):
             second.open()
         endpoint.write(b"\xaa" * 3000)
         received = b""

@@ -89,7 +89,7 @@ def test_several_columns_of_one_name_are_not_guessed_between(tmp_path):
     path = tmp_path / "rates.mat"
     run = {"time": np.arange(3.0), "current": np.ones(3), "voltage": np.arange(3.0)}
     savemat(path, {"a": run, "b": run})
-    with pytest.raises(InputError, match="holds 2 columns that may be time_s") as caught:
+    with pytest.raises(InputError, match="has 2 columns that may be time_s") as caught:
         read_discharge_tables(path)
     assert "'*.time'" in str(caught.value)
 

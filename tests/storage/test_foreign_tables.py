@@ -204,7 +204,7 @@ def test_column_in_a_unit_of_another_quantity_is_refused(tmp_path):
 
 
 def test_column_that_is_not_there_is_named_with_those_that_are(tmp_path):
-    with pytest.raises(InputError, match="has no column 'Fz'; it holds time_s, Fx, Fy") as caught:
+    with pytest.raises(InputError, match="has no column 'Fz'; its columns are time_s, Fx, Fy") as caught:
         taken_in(tmp_path, "t.csv", "time_s,Fx,Fy\n0,1,2\n1,2,3\n", table_map(tmp_path, MAP))
     assert "did you mean 'Fx'" in str(caught.value) or "did you mean 'Fy'" in str(caught.value)
 
@@ -304,11 +304,11 @@ def test_json_rows_without_names(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("time_s,force_n\n0,1\n0.001,2\nEnd of file\n", "column time_s holds 'End of file' in data row 3"),
-        ("time_s,force_n\n0,1\nEnd of file\n", "column time_s holds 'End of file' in data row 2"),
+        ("time_s,force_n\n0,1\n0.001,2\nEnd of file\n", "column time_s has 'End of file' in data row 3"),
+        ("time_s,force_n\n0,1\nEnd of file\n", "column time_s has 'End of file' in data row 2"),
         ("time_s," + 200_000 * "a" + "\n0,1\n", "cannot be read as a table: field larger than"),
         ("time_s,force_n\n0,\n1,\n", "has no channel with values; column force_n is empty"),
-        ("Fz\n0,5\n1,5\n", "has no column time_s; it holds Fz"),
+        ("Fz\n0,5\n1,5\n", "has no column time_s; its columns are Fz"),
     ],
     ids=["line at the end", "line at the end of two", "a cell without end", "empty", "one column of decimal commas"],
 )

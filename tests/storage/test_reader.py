@@ -76,7 +76,7 @@ def test_a_device_that_counts_anew_leaves_a_gap(tmp_path):
     path = write(tmp_path / "a.mcap", block(500, np.arange(10) / 1000), block(0, np.arange(20, 40) / 1000))
     (gap,) = read_recording(path).signal("force_n").gaps
     assert (gap.start_s, gap.end_s, gap.n_missing) == (0.009, 0.020, 10)
-    assert "again" in gap.reason
+    assert "restarted" in gap.reason
 
 
 def test_time_that_steps_back_is_left_out_and_said(tmp_path):
