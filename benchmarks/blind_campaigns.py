@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from sawbench.bench.config import LoadedConfig, load_config
@@ -16,6 +17,9 @@ from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.plants.choice import reduce_recordings
 from sawbench.storage.importers.dispatch import import_path
 from sawbench.storage.reader import read_recording
+
+# Seeds beyond it are for claims.
+LAST_SEED: Final = 999
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -57,6 +61,34 @@ def read_back(tables: Path) -> tuple[list[Recording], LoadedConfig]:
     """Import the tables of a campaign and read its recordings, which then need no file."""
     found = import_path(tables / "campaign.toml", tables.with_name("mcap"))
     return [read_recording(path) for path in found.paths], load_config(tables / "bench_config.toml")
+
+
+def kept_cases(
+    out: Path, kind: str, seeds: range, make: Callable[[int], dict[str, Any]], *, may_begin: Callable[[], bool]
+) -> Iterator[dict[str, Any]]:
+    """Cases of a benchmark, each kept as `OUT/KIND-SEED.json`: what is there already is read, not made again.
+
+    Parameters
+    ----------
+    out : Path
+    kind : str
+    seeds : range
+        Development seeds.
+    make : callable
+        seed -> what is kept of it.
+    may_begin : callable
+        Whether one more case is made; the first refusal ends it.
+    """
+    if seeds.stop - 1 > LAST_SEED:
+        raise SystemExit(f"seeds above {LAST_SEED} are for claims: begin earlier, or ask for fewer cases")
+    out.mkdir(parents=True, exist_ok=True)
+    for seed in seeds:
+        path = out / f"{kind}-{seed}.json"
+        if not path.exists():
+            if not may_begin():
+                return
+            path.write_text(json.dumps(make(seed)), encoding="utf-8")
+        yield json.loads(path.read_text(encoding="utf-8"))
 
 
 def severity(rng: np.random.Generator) -> float:

@@ -12,7 +12,6 @@ claims and are refused. Resumable: one file a case in OUT; two minutes of one co
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
@@ -26,9 +25,8 @@ from sawbench.blindcheck.effects.table import ACTS_IN, CATALOGUE
 from sawbench.diagnosis.answer.gap_report import diagnose
 from sawbench.diagnosis.inference.settings import Z95
 
-from benchmarks.blind_campaigns import blind_campaign, severity
+from benchmarks.blind_campaigns import blind_campaign, kept_cases, severity
 
-LAST_SEED: Final = 999
 N_TOGETHER: Final = 3
 _CLOSED: Final = frozenset({"no_gap", "parameters"})
 
@@ -134,18 +132,14 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=901)
     parser.add_argument("--length", type=float, default=1.0, help="factor on the duration of every trial")
     told = parser.parse_args()
-    if told.first_seed + told.cases - 1 > LAST_SEED:
-        raise SystemExit(f"seeds above {LAST_SEED} are for claims: begin earlier, or ask for fewer cases")
-    told.out.mkdir(parents=True, exist_ok=True)
-    rows = []
-    for number in range(told.cases):
-        seed = told.first_seed + number
-        path = told.out / f"{told.kind}-{seed}.json"
-        if not path.exists():
-            effects = hidden_in(told.kind, number, seed)
-            path.write_text(json.dumps(case(seed, effects, told.length)), encoding="utf-8")
-        rows.append(json.loads(path.read_text(encoding="utf-8")))
-        print(line(rows[-1]), flush=True)
+    seeds, rows = range(told.first_seed, told.first_seed + told.cases), []
+
+    def made(seed: int) -> dict[str, Any]:
+        return case(seed, hidden_in(told.kind, seed - told.first_seed, seed), told.length)
+
+    for row in kept_cases(told.out, told.kind, seeds, made, may_begin=lambda: True):
+        rows.append(row)
+        print(line(row), flush=True)
     print("\n".join(score(rows)))
 
 

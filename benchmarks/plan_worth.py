@@ -12,7 +12,6 @@ counted and left. Resumable: one file a case in OUT; `--minutes` ends between tw
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
@@ -34,9 +33,8 @@ from sawbench.diagnosis.inference.posterior import judge
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plants.choice import reduce_recordings
 
-from benchmarks.blind_campaigns import read_back, severity
+from benchmarks.blind_campaigns import kept_cases, read_back, severity
 
-LAST_SEED: Final = 999
 WAYS: Final = ("proposed", "random", "repeat")
 
 
@@ -146,20 +144,17 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=401)
     parser.add_argument("--minutes", type=float, default=15.0, help="of processor time, after which no case is begun")
     told = parser.parse_args()
-    if told.first_seed + told.cases - 1 > LAST_SEED:
-        raise SystemExit(f"seeds above {LAST_SEED} are for claims: begin earlier, or ask for fewer cases")
-    told.out.mkdir(parents=True, exist_ok=True)
-    rows = []
-    for number in range(told.cases):
-        seed = told.first_seed + number
-        path = told.out / f"case-{seed}.json"
-        if not path.exists():
-            if time.process_time() > 60.0 * told.minutes:
-                break
-            path.write_text(json.dumps(case(number, seed)), encoding="utf-8")
-        rows.append(json.loads(path.read_text(encoding="utf-8")))
-        after = {way: f"{one['answer']} {one['of_truth']:.2f}" for way, one in rows[-1].get("after", {}).items()}
-        print(seed, rows[-1]["hidden"], rows[-1]["answer"], f"{rows[-1]['of_truth']:.2f}", after, flush=True)
+    seeds, rows = range(told.first_seed, told.first_seed + told.cases), []
+
+    def has_time() -> bool:
+        return time.process_time() < 60.0 * told.minutes
+
+    for row in kept_cases(told.out, "case", seeds, lambda s: case(s - told.first_seed, s), may_begin=has_time):
+        rows.append(row)
+        after = {way: f"{one['answer']} {one['of_truth']:.2f}" for way, one in row.get("after", {}).items()}
+        print(
+            told.first_seed + len(rows) - 1, row["hidden"], row["answer"], f"{row['of_truth']:.2f}", after, flush=True
+        )
     print("\n".join(summary(rows)))
 
 
