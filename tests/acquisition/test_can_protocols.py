@@ -101,7 +101,7 @@ def test_a_stream_begins_and_ends_with_the_messages_of_the_manual(monkeypatch):
 
 def test_a_stream_needs_its_rate():
     table = {"driver": "mantracourt_can", "port": "x", "channels": FORCE, "stream_id": 0x181}
-    with pytest.raises(ConfigError, match="belong together"):
+    with pytest.raises(ConfigError, match="must be given together"):
         build_devices(BenchConfig(devices={"cell": table}))
 
 

@@ -62,14 +62,21 @@ def test_an_error_of_the_other_process_is_raised_here():
         on_two_cores(fails, range(4))
 
 
-def test_an_error_here_leaves_no_process_behind():
+def test_an_error_here_leaves_no_process_behind(monkeypatch):
+    pids, fork = [], os.fork
+
+    def noted_fork():
+        pids.append(fork())
+        return pids[-1]
+
     def fails(number):
         raise ValueError(str(number))
 
+    monkeypatch.setattr(os, "fork", noted_fork)
     with second_core(), pytest.raises(ValueError, match="0"):
         on_two_cores(fails, range(4))
     with pytest.raises(ChildProcessError):
-        os.waitpid(-1, os.WNOHANG)
+        os.waitpid(pids[0], os.WNOHANG)
 
 
 def test_what_a_dead_process_had_is_done_here():

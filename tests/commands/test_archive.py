@@ -64,7 +64,7 @@ def test_the_catalogue_lists_and_filters(lab, capsys):
     assert main(["catalogue", archive, "--until", "2026-11-20", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == []
     assert main(["catalogue", archive, "--quality", "failed", "--json"]) == 0
-    assert [row["error"][:15] for row in json.loads(capsys.readouterr().out)] == ["is not a recording"]
+    assert [row["error"][:18] for row in json.loads(capsys.readouterr().out)] == ["is not a recording"]
 
 
 def test_what_is_no_archive_is_one_error(tmp_path, capsys):
@@ -85,7 +85,7 @@ def test_an_object_store_is_read_and_written(tmp_path, capsys):
         assert store.modified("/out/nylon-01.h5") == written
         store.pipe_file("/out/nylon-01.h5", b"somebody's")
         assert main(["process", "memory://lab/nylon-01.mcap", "--out", "memory://out"]) == 2
-        assert "already exists" in capsys.readouterr().err
+        assert "exists already" in capsys.readouterr().err
         assert main(["compare", "memory://lab", "--archive", "memory://arc", "--out", "memory://pages/p.html"]) == 1
         assert b"nylon" in store.cat_file("/pages/p.html")
         assert main(["catalogue", "memory://arc"]) == 0

@@ -169,7 +169,7 @@ def test_missing_folder_is_said_before_the_work(call, tmp_path, capsys, monkeypa
     monkeypatch.chdir(tmp_path)
     code, out, err = run(capsys, *call)
     assert code == 2 and not out
-    assert "nowhere/x" in err and "make nowhere first" in err
+    assert "nowhere/x" in err and "create nowhere first" in err
     (tmp_path / "nowhere").touch()
     code, out, err = run(capsys, *call)
     assert code == 2 and not out and "nowhere: cannot be written to: Not a directory" in err
@@ -193,7 +193,7 @@ def test_folder_that_cannot_be_made_is_said_before_the_work(call, tmp_path, caps
         (tmp_path / name).write_text("nothing of the kind")
     code, out, err = run(capsys, *call, "--out", "file/out")
     assert code == 2 and not out
-    assert "file/out: cannot be written to: Not a directory" in err and "name another folder" in err
+    assert "file/out: cannot be written to: Not a directory" in err and "give another folder" in err
 
 
 @pytest.mark.parametrize("options", [["--out", "a.csv"], ["--out", "a.html", "--csv", "a.html"], ["--out", "a.h5"]])

@@ -136,7 +136,7 @@ def test_sigkill_loses_at_most_the_last_second(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "exit_code", "words"),
     [
-        (["process", "{here}/text.mcap"], 2, ["text.mcap", "no recording"]),
+        (["process", "{here}/text.mcap"], 2, ["text.mcap", "is not a recording"]),
         (["info", "{here}/missing.mcap"], 2, ["missing.mcap"]),
         (["simulate", "--config", "{here}/wrong.toml"], 2, ["wrong.toml", "resistence_ohm", "resistance_ohm"]),
         (

@@ -211,7 +211,7 @@ def test_a_start_at_rest_is_left_out():
     assert cycles is not None
     assert cycles.rate_hz == pytest.approx(1.0, abs=2e-3)
     assert cycles.starts_s[0] > 1.9
-    assert "2.0 cycles at the beginning move differently" in said
+    assert "2.0 cycles at the beginning differ" in said
 
 
 @pytest.mark.parametrize(

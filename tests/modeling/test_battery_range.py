@@ -65,7 +65,7 @@ def test_just_beside_the_range_still_counts_as_inside():
 def test_a_condition_that_the_fit_does_not_state_is_not_known():
     bare = {key: FITTED[key] for key in ("runtime_rel_std", "current_a")}
     (note,) = with_battery_fit(prediction(), battery(fitted=bare), BatteryUse(temperature_c=20.0)).notes
-    assert "not known" in note
+    assert "unknown" in note
 
 
 def test_a_deeper_cutoff_than_the_discharges_is_named():

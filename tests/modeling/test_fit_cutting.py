@@ -273,7 +273,7 @@ def test_missing_channels_are_named(noisy):
         fit_cutting_coefficient(without(noisy, "force_n"), plant=plant(), battery=BATTERY)
     with pytest.raises(InputError, match="neither"):
         available_method(without(noisy, "force_n", "current_a"))
-    with pytest.raises(InputError, match="too few"):
+    with pytest.raises(InputError, match="not enough"):
         fit_cutting_coefficient(noisy.between(0, 3), plant=plant(), battery=BATTERY)
     with pytest.raises(InputError, match="bounds"):
         fit_cutting_coefficient(noisy, plant=plant(), battery=BATTERY, bounds=(300.0, 200.0))

@@ -39,7 +39,7 @@ def test_interval_of_the_mean_covers(n, rho):
 
 def test_constant_series_has_no_scatter_and_short_ones_are_refused():
     assert std_of_mean(np.ones(10))[0] == 0.0
-    with pytest.raises(InputError, match="too few"):
+    with pytest.raises(InputError, match="not enough"):
         std_of_mean([1.0, 2.0, 3.0])
 
 
