@@ -237,7 +237,8 @@ class HoldOut:
         normal, pull = problems[k]
         kept = ~held
         left = float(np.sum(self.problem.data[kept] ** 2) - (2.0 * pull - normal @ solution) @ solution)
-        raised = max(left / float(np.sum(self._noise[kept] ** 2)), 1.0)
+        noise = float(np.sum(self._noise[kept] ** 2))
+        raised = max(left / noise, 1.0) if noise > 0.0 else 1.0
         root = np.sqrt(raised) * np.linalg.cholesky(np.linalg.inv(normal)[n:, n:])
         return Fit(retuned=retuned, nuisances=solution[:n], amplitudes=solution[n:], alternative=k, root=root)
 

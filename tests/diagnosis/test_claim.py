@@ -160,6 +160,12 @@ def test_what_a_prediction_does_not_know_is_no_error_of_it(problem, columns):
     assert left(common, grows) < 1.5 * left(grows)
 
 
+def test_a_campaign_that_the_model_predicts_to_the_last_digit_has_nothing_to_close(problem, columns):
+    ladder = HoldOut(replace(problem, data=np.zeros_like(problem.data))).climb([columns[FRICTION][0].columns[:, :1]])
+    assert np.all(np.isfinite(ladder.energy["with_effect"]))
+    assert (ladder.gap_closed, ladder.gap_closed_ci95) == (0.0, (-1.0, 1.0))
+
+
 def test_a_little_of_an_effect_is_no_cause(problem, columns, judged):
     """However sure: a twentieth of the typical size is what every machine has."""
     data = with_columns(problem, columns, RUBBING, 1.0)
