@@ -24,9 +24,13 @@ class SawbenchError(Exception):
         self.remedy = remedy
         super().__init__(str(self))
 
+    @property
+    def failure(self) -> str:
+        """Where and what, without the remedy."""
+        return f"{self.where}: {self.what}" if self.where else self.what
+
     def __str__(self) -> str:
-        head = f"{self.where}: {self.what}" if self.where else self.what
-        return f"{head}\n  -> {self.remedy}" if self.remedy else head
+        return f"{self.failure}\n  -> {self.remedy}" if self.remedy else self.failure
 
 
 class InputError(SawbenchError):

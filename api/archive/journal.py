@@ -141,7 +141,7 @@ class Journal:
                 "key": piece.key,
                 "done_at": datetime.now(UTC).isoformat(timespec="seconds"),
                 "result": dict(outcome.value or {}),
-                "error": "" if error is None else _words(error),
+                "error": "" if error is None else error.failure,
                 "remedy": "" if error is None else error.remedy or "",
                 "exit_code": 0 if error is None else error.exit_code,
             }
@@ -180,10 +180,6 @@ class Journal:
             if "name" in line:
                 done[line["name"]] = line
         return planned, done
-
-
-def _words(error: SawbenchError) -> str:
-    return f"{error.where}: {error.what}" if error.where else error.what
 
 
 def _row_of(line: Mapping[str, Any], *, was_done: bool = False) -> Row:
