@@ -22,7 +22,7 @@ _FIT_SLOTS: Final = 5
 # Slots whose least late arrival lies further above the line than this were late as a whole and bound nothing.
 _LATE_SLOT_S: Final = 0.003
 # Smallest latency of a link is not repeatable to better than this, however little the slots scatter.
-_LATENCY_STD_S: Final = 1e-4
+LATENCY_STD_S: Final = 1e-4
 # Latency of a USB link that is the same for every sample, at most: full-speed devices are asked once a millisecond.
 LINK_LATENCY_S: Final = 1e-3
 # Standard deviation of the quartz of an instrument; a rate further off than this explains was rounded by it.
@@ -261,7 +261,7 @@ class ArrivalClock:
         limit = _LARGEST_RATE_ERROR * self._nominal_period_s
         slope = float(np.clip(_hull_slope_below_mean(index, late_s), -limit, limit))
         self._hull_slope = slope
-        std = 2**0.5 * max(self._spread_s, _LATENCY_STD_S) / span_s
+        std = 2**0.5 * max(self._spread_s, LATENCY_STD_S) / span_s
         relative = slope / self._nominal_period_s
         is_quartz = abs(relative) < _ROUNDED_SIGMAS * (_QUARTZ_STD**2 + std**2) ** 0.5
         if is_quartz or not self._can_be_rounded:

@@ -13,7 +13,14 @@ from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from sawbench.acquisition.clock import LARGEST_SLEW, LINK_LATENCY_S, SLEW_SETTLED_S, ArrivalClock
+from sawbench.acquisition.clock import (
+    LARGEST_SLEW,
+    LATENCY_STD_S,
+    LINK_LATENCY_S,
+    SLEW_SETTLED_S,
+    ArrivalClock,
+    ClockLine,
+)
 from sawbench.acquisition.devices.device import Chunk, Stream
 from sawbench.bench.recording import Alignment
 
@@ -27,7 +34,9 @@ _LATE_STDS: Final = 6.0
 _EARLY_S: Final = 0.002
 _EARLY_SAMPLES: Final = 1.5
 _EARLY_STEP_S: Final = 0.0005
+# It is waited for the earliest one, but no longer than this where a link falls back into time little by little.
 _EARLY_WAIT_S: Final = 0.25
+_EARLY_WAIT_LONGEST_S: Final = 1.0
 _HOLD_SUSPECT_S: Final = 0.5
 _SUSPECT_LATE_S: Final = 0.025
 _HOLD_LATE_S: Final = 2.1
@@ -36,6 +45,8 @@ _SAY_LATE_S: Final = 1.75
 _QUARTER_S: Final = 0.25
 _STEADY_QUARTERS: Final = 4
 _HOLD_LONGEST_S: Final = 10.0
+# A clock goes wrong by its uncertainty in about the time that it was watched.
+_BEFORE_STDS: Final = 5.0
 _LARGEST_RATE_ERROR: Final = 0.03
 
 
@@ -110,12 +121,32 @@ class _Held:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Hold:
-    """Why and since when chunks are held back, what was said of it; `earliest_s` is the most negative lateness seen."""
+    """Why and since when chunks are held back, what was said of it.
+
+    `earliest_s` is the most negative lateness seen, at `earliest_at_s`.
+    """
 
     kind: Literal["late", "suspect", "early"]
     since_s: float
     earliest_s: float = 0.0
+    earliest_at_s: float = 0.0
     said: Doubt | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Inferred:
+    """Samples called lost by the time alone: `n` of them, before sample `from_index`."""
+
+    from_index: int
+    n: int
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Before:
+    """The clock as it was before a loss was inferred, and until when it is still known well enough."""
+
+    line: ClockLine
+    until_s: float
 
 
 class StreamTimer:
@@ -238,8 +269,8 @@ class StreamTimer:
         self._count = 0
         self._n_seen = 0
         self._hold: _Hold | None = None
-        self._n_inferred = 0
-        self._inferred_from = 0
+        self._inferred: list[_Inferred] = []
+        self._before: _Before | None = None
         self._session_start_s = 0.0
         self._is_first = True
 
@@ -252,10 +283,11 @@ class StreamTimer:
     def _judge(self, newest_s: float) -> list[Timed]:
         held = self._held[-1]
         late_s = self._late_s(held)
+        least_late_s = self._least_late_s(held)
         if self._hold is not None:
-            return self._go_on_holding(self._hold, newest_s, late_s)
-        if late_s < self._early_limit_s():
-            self._hold = _Hold(kind="early", since_s=newest_s, earliest_s=late_s)
+            return self._go_on_holding(self._hold, newest_s, late_s, least_late_s)
+        if least_late_s < self._early_limit_s():
+            self._hold = _Hold(kind="early", since_s=newest_s, earliest_s=least_late_s, earliest_at_s=newest_s)
         elif held.chunk.n_lost > 0 and not held.chunk.is_loss_exact:
             self._hold = _Hold(kind="suspect", since_s=newest_s)
         elif late_s > self._tolerance_s():
@@ -266,12 +298,14 @@ class StreamTimer:
             return self._release() if self._held_s() >= _BLOCK_S else []
         return []
 
-    def _go_on_holding(self, hold: _Hold, newest_s: float, late_s: float) -> list[Timed]:
-        if late_s < min(self._early_limit_s(), hold.earliest_s - _EARLY_STEP_S):
-            self._hold = _Hold(kind="early", since_s=newest_s, earliest_s=late_s, said=hold.said)
-            return []
+    def _go_on_holding(self, hold: _Hold, newest_s: float, late_s: float, least_late_s: float) -> list[Timed]:
+        if least_late_s < min(self._early_limit_s(), hold.earliest_s - _EARLY_STEP_S):
+            since_s = hold.since_s if hold.kind == "early" else newest_s
+            hold = replace(hold, kind="early", since_s=since_s, earliest_s=least_late_s, earliest_at_s=newest_s)
+            self._hold = hold
         if hold.kind == "early":
-            return self._contradicted(-hold.earliest_s) if newest_s - hold.since_s > _EARLY_WAIT_S else []
+            is_over = newest_s - hold.earliest_at_s > _EARLY_WAIT_S or newest_s - hold.since_s > _EARLY_WAIT_LONGEST_S
+            return self._contradicted(-hold.earliest_s) if is_over else []
         if hold.kind == "late" and late_s <= self._tolerance_s():
             said = hold.said
             over = [] if said is None else [replace(said, end_s=newest_s, text=f"over: {said.text}: nothing was lost")]
@@ -317,30 +351,51 @@ class StreamTimer:
 
     def _contradicted(self, early_s: float) -> list[Timed]:
         """Handle samples that came before they can have been taken: they were counted as later ones than they are."""
-        n_back = min(round(early_s * self.stream.rate_hz), self._n_inferred)
-        if n_back and self._n_inferred - n_back <= _LATE_SAMPLES:
-            n_back = self._n_inferred
-        last_s = self._last_time_s or 0.0
+        n_back, start_s = self._take_back(round(early_s * self.stream.rate_hz))
         if n_back:
-            start_s = self._clock.line.time_of(self._inferred_from)
-            # What waits is numbered again with the rest, so that it can be stamped behind what was given out.
-            self._clock.renumber(self._inferred_from, -n_back)
-            self._held = [replace(h, n_before=h.n_before - n_back) for h in self._held]
-            self._count -= n_back
-            self._base += n_back
-            self._n_inferred -= n_back
             text = (
                 f"{n_back} samples reported as lost arrived late; times here are late by up to {early_s * 1e3:.0f} ms"
             )
         else:
-            start_s = self._session_start_s
             text = (
-                f"samples came {early_s * 1e3:.1f} ms earlier than possible: some were sent twice, or all earlier"
-                " ones were "
-                "late; times here are late by up to as much"
+                f"samples came {early_s * 1e3:.1f} ms earlier than possible: some were sent twice, or all earlier "
+                "ones were late; times here are late by up to as much"
             )
-        end_s = max(start_s, last_s + early_s / LARGEST_SLEW + SLEW_SETTLED_S)
+        # What waits is stamped as one: the error fades over all of it, and behind it where it is too large for that.
+        last_s = (self._last_time_s or 0.0) + max(early_s / LARGEST_SLEW, self._held_s())
+        end_s = max(start_s, last_s + SLEW_SETTLED_S)
         return [Doubt(start_s=start_s, end_s=end_s, text=text, n_taken_back=n_back), *self._end_hold()]
+
+    def _take_back(self, n_early: int) -> tuple[int, float]:
+        """Number the samples as if up to `n_early` of those inferred as lost, the latest first, were none.
+
+        Returns
+        -------
+        n_back : int
+        start_s : float
+            Where the earliest of them was, monotonic clock, s; the begin of the session where there is none.
+        """
+        n_back, start_s = 0, self._session_start_s
+        while self._inferred and n_back < n_early:
+            latest = self._inferred.pop()
+            n = min(n_early - n_back, latest.n)
+            if (latest.n - n) / self.stream.rate_hz <= -self._early_limit_s():
+                # What is left of it is too little to be told from none.
+                n = latest.n
+            else:
+                self._inferred.append(replace(latest, n=latest.n - n))
+            start_s = self._clock.line.time_of(latest.from_index)
+            # What waits is numbered again with the rest, so that it can be stamped behind what was given out.
+            self._clock.renumber(latest.from_index, -n)
+            n_back += n
+            if n < latest.n:
+                break
+        self._held = [replace(h, n_before=h.n_before - n_back) for h in self._held]
+        self._count -= n_back
+        self._base += n_back
+        if not self._inferred:
+            self._before = None
+        return n_back, start_s
 
     def _end_hold(self, n_extra: int = 0, *, at: int = 0) -> list[Timed]:
         """Let the held chunks go, with `n_extra` samples lost before the chunk at place `at`."""
@@ -348,9 +403,13 @@ class StreamTimer:
             chunk = self._held[at].chunk
             chunk = replace(chunk, n_lost=chunk.n_lost + n_extra, is_loss_exact=False)
             self._held[at] = replace(self._held[at], chunk=chunk)
-            self._inferred_from = self._held[at].n_before + n_extra
-            self._n_inferred += n_extra
+            self._inferred.append(_Inferred(from_index=self._held[at].n_before + n_extra, n=n_extra))
             self._count += n_extra
+            now_s = float(self._held[-1].chunk.arrival_s[-1])
+            if self._before is None or now_s > self._before.until_s:
+                std_s = max(self._clock.uncertainty_s, LATENCY_STD_S)
+                good_for_s = self._clock.span_s * -self._early_limit_s() / (_BEFORE_STDS * std_s)
+                self._before = _Before(line=self._clock.line, until_s=now_s + good_for_s)
         for k, held in self._waiting():
             if n_extra and k >= at:
                 self._held[k] = replace(held, n_before=held.n_before + n_extra)
@@ -361,6 +420,17 @@ class StreamTimer:
     def _late_s(self, held: _Held) -> float:
         last = held.n_before + len(held.chunk.raw) - 1
         return self._clock.residual_s(last, float(held.chunk.arrival_s[-1]))
+
+    def _least_late_s(self, held: _Held) -> float:
+        """Lateness by the present clock or by the one before an inferred loss, whichever is less.
+
+        A link that falls back into time little by little takes the present clock along.
+        """
+        arrival_s = float(held.chunk.arrival_s[-1])
+        if self._before is None or arrival_s > self._before.until_s:
+            return self._late_s(held)
+        last = held.n_before + len(held.chunk.raw) - 1
+        return min(self._late_s(held), arrival_s - self._before.line.time_of(last))
 
     def _observe(self, held: _Held) -> None:
         arrival_s = held.chunk.arrival_s

@@ -73,6 +73,35 @@ def test_a_link_late_for_longer_is_called_a_loss_and_taken_back():
     assert wrong_s.max() < 7.0 + 3.5
 
 
+def _in_steps(*steps):
+    """Late by 100 ms from 4 s to 7 s, called a loss by then, and after that by (from time in s, lateness in s)."""
+    return lambda t: (
+        0.0 if t < 4 else 0.1 if t < 7 else [late_s for at_s, late_s in ((7.0, 0.1), *steps) if t >= at_s][-1]
+    )
+
+
+@pytest.mark.parametrize("read_every_s", [0.0047, 0.0297])
+@pytest.mark.parametrize(
+    "lateness",
+    [
+        _in_steps((7.0, 0.0983), (8.5, 0.0)),
+        _in_steps((7.0, 0.0017), (8.5, 0.0)),
+        lambda t: 0.1 if 4 <= t < 7 else 0.1 * (13 - t) / 6 if 7 <= t < 13 else 0.0,
+    ],
+    ids=["a little sooner at first", "a little late at last", "over 6 s"],
+)
+def test_a_false_loss_is_taken_back_whole_however_the_link_falls_back_into_time(lateness, read_every_s):
+    """The clock follows a step of less than 2 ms, so that less is left to be contradicted by the next one."""
+    rate_hz = 10_000.0
+    found = timed(rate_hz, lateness, seconds=17.0, read_every_s=read_every_s)
+    assert sum(loss.n_missing for loss in found.losses) == sum(doubt.n_taken_back for doubt in found.doubts)
+    is_wrong = np.abs(found.error_s) > 1.0 / rate_hz + SMALLEST_ERROR_S
+    assert is_wrong.any()
+    given_s = (found.true_s + found.error_s)[is_wrong] + START_S
+    marked = [(doubt.start_s - 0.001 <= given_s) & (given_s <= doubt.end_s) for doubt in found.doubts]
+    assert np.any(marked, axis=0).all()
+
+
 def test_a_link_late_while_its_clock_settles_is_said():
     found = timed(6000.0, late(0.1, 0.5, at_s=0.0))
     (doubt,) = found.doubts
