@@ -18,7 +18,7 @@ _LONGEST_PAUSE_S: Final = 2.0
 _QUEUE_WAIT_S: Final = 0.2
 _SERIAL_NUMBER: Final = "serial_number"
 # So many samples may gather: an adapter keeps no more than a few kilobytes.
-_GATHERED_SAMPLES: Final = 250
+_GATHERED_SAMPLES: Final = 400
 # Slower instruments are read as they send; and all are while the clock settles, which wants every arrival.
 _GATHER_FROM_HZ: Final = 200.0
 _EAGER_S: Final = 3.0

@@ -82,7 +82,7 @@ class RecorderLimits:
     grace_s: float = 2.0
     status_every_s: float = 0.2
     queue_length: int = 8192
-    gather_s: float = 0.025
+    gather_s: float = 0.04
     preload_n: float | None = None
     folder: Path | None = None
     touch: Touch | None = None
@@ -344,6 +344,8 @@ class _Run:
             self._between_rounds()
             for device in self._devices:
                 self._messages.put(Samples(device=device.name, chunks=device.read()))
+        elif self._messages.empty():
+            time.sleep(self._limits.gather_s)  # Waking up for each read costs more than it holds.
         try:
             return self._messages.get(timeout=_WAIT_S)
         except queue.Empty:

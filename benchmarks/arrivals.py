@@ -21,7 +21,7 @@ N_PATTERNS = 40
 LOST_AT_S, SECONDS = 13.0, 17.0
 SHORTEST_LOSS_S, FOUND_WITHIN_S = 0.005, 2.0
 # Instruments are read as they send at first, and after 3 s where their samples have gathered.
-READ_EVERY_S = (0.0047, 0.0297)
+READ_EVERY_S = (0.0047, 0.0447)
 SHAPES = {"late": late, "rising": rising, "swelling": swelling}
 
 
@@ -131,7 +131,7 @@ HEAD = """# Late links and losses
 How well the common clock (`acquisition/clock.py`, `acquisition/stream_timing.py`) times a stream that has no counter
 and whose link is late; `python -m benchmarks.arrivals` writes this page. Each pattern is drawn from its seed: rate,
 quartz (+-50 ppm), jitter of the reads (mean 0.03 to 0.3 ms), and spells of lateness; even seeds are read every
-4.7 ms, odd ones every 29.7 ms, as the recorder does at first and later. {summary}
+4.7 ms, odd ones every 44.7 ms, as the recorder does at first and later. {summary}
 
 A loss is only a loss when nothing has come in time for 2.1 s, as until then it may be a late link; the samples wait
 until then. After 1.75 s it is said that they do, and by how much they are late ("late" below): a late link, or a loss.

@@ -85,6 +85,9 @@ class SerialPort:
             )
         except (OSError, ValueError) as error:
             raise self._open_error(error) from error
+        if hasattr(self._port, "set_buffer_size"):
+            # Windows keeps 4096 bytes unless it is told otherwise; samples gather for longer than that.
+            self._port.set_buffer_size(rx_size=_LARGEST_READ)
         self._require_adapter()
 
     def _require_adapter(self) -> None:
