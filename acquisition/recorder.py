@@ -36,6 +36,8 @@ from sawbench.bench.errors import DeviceError, InputError
 from sawbench.bench.recording import Event, SampleBlock
 
 _WAIT_S: Final = 0.05
+# Where samples may gather, reads of all instruments do too: waking up for each costs more than it holds.
+_TAKE_EVERY_S: Final = 0.1
 _JOIN_S: Final = 3.0
 # A touch is seen this late at most: samples wait while a link is late.
 _LATEST_TOUCH_S: Final = 3.0
@@ -182,13 +184,8 @@ class _Run:
                 self._streams[device.name, stream.name] = StreamRecorder(device.name, stream)
         for device in self._devices:
             device.start()
-            reader = DeviceReader(
-                device,
-                self._messages,
-                clock=self._clock,
-                silence_s=self._limits.silence_s,
-                gather_s=self._limits.gather_s,
-            )
+            times_s = {"silence_s": self._limits.silence_s, "gather_s": self._limits.gather_s}
+            reader = DeviceReader(device, self._messages, clock=self._clock, **times_s)
             self._readers.append(reader)
         for reader in self._readers if self._between_rounds is None else ():
             reader.start()
@@ -344,8 +341,8 @@ class _Run:
             self._between_rounds()
             for device in self._devices:
                 self._messages.put(Samples(device=device.name, chunks=device.read()))
-        elif self._messages.empty():
-            time.sleep(self._limits.gather_s)  # Waking up for each read costs more than it holds.
+        elif self._limits.gather_s and self._messages.empty():
+            time.sleep(_TAKE_EVERY_S)
         try:
             return self._messages.get(timeout=_WAIT_S)
         except queue.Empty:
