@@ -30,6 +30,12 @@ pathlib.Path("../gap_report.json").write_text(json.dumps({
 """
 
 
+def pytest_collection_modifyitems(items):
+    """What takes longest comes first, so that two workers end together: whole pipelines before single modules."""
+    levels = ("pipeline", "contract", "unit")
+    items.sort(key=lambda item: next((k for k, level in enumerate(levels) if item.get_closest_marker(level)), 0))
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _one_thread():
     """Small matrix products on one thread, as `sawbench diagnose` has them: workers share the cores already."""

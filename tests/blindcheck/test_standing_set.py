@@ -17,10 +17,11 @@ from sawbench.storage.reader import read_recording
 
 pytestmark = pytest.mark.pipeline
 
-# Kind, hidden effects and seed; sizes in multiples of the typical one.
+# Kind, hidden effects and seed; sizes in multiples of the typical one. The saw of the second has a slider crank.
+SLIDER_CRANK = 903
 CASES = (
     ("none", {}, 951),
-    ("effect", {"guide_friction": 1.3}, 952),
+    ("effect", {"guide_friction": 1.5}, SLIDER_CRANK),
     ("effect", {"edge_force": 1.0}, 953),
     ("effect", {"converter_loss": 0.8}, 954),
     ("effect", {"grain_variation": 1.5}, 956),
@@ -35,7 +36,7 @@ def reports(tmp_path_factory):
         folder = tmp_path_factory.mktemp(f"case{seed}")
         make_campaign(
             seed, folder / "in", effects=effects, parameters="beyond" if kind == "parameters" else "within",
-            length=0.4, rate_hz=2500.0,
+            length=0.4, rate_hz=2500.0, mechanism="slider_crank" if seed == SLIDER_CRANK else "scotch_yoke",
         )  # fmt: skip
         imported = import_path(folder / "in" / "campaign.toml", folder / "out")
         recordings = [read_recording(path) for path in imported.paths]
@@ -61,6 +62,15 @@ def test_hidden_effects_are_named_and_nothing_else_is_claimed(reports):
     )
     assert scored.row("exact").share == 1.0
     assert scored.row("false_alarms").share == 0.0
+
+
+def test_the_hidden_friction_of_a_slider_crank_is_named_as_surely_as_that_of_a_yoke(reports):
+    report = reports[[seed for *_, seed in CASES].index(SLIDER_CRANK)]
+    first = report["causes"][0]
+    assert report["verdict"] == "effect"
+    assert first["effects"] == ["guide_friction"]
+    assert first["probability"] > 0.8
+    assert first["gap_closed"] > 0.7
 
 
 def test_answers_dealt_to_other_campaigns_are_wrong(reports):

@@ -1,4 +1,4 @@
-"""The main job as a user runs it: separate processes, real ports, real files."""
+"""The main job as a user runs it: real ports and files; processes of its own where that is what matters."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from sawbench.blindcheck.plant import Plant, brute_force_runtime, column
 from sawbench.blindcheck.settings import PlantSettings
+from sawbench.commands.main import main
 from sawbench.storage.reader import iter_blocks, read_recording
 
 pytestmark = pytest.mark.pipeline
@@ -23,9 +24,16 @@ CONFIG = ROOT / "bench_config.toml"
 SECONDS = 6.0
 
 
-def sawbench(*arguments: object, cwd: Path | None = None, **options) -> subprocess.CompletedProcess[str]:
+def sawbench(*arguments: object) -> subprocess.CompletedProcess[str]:
     call = [sys.executable, "-m", "sawbench.commands.main", *map(str, arguments)]
-    return subprocess.run(call, capture_output=True, text=True, check=False, cwd=cwd, timeout=300, **options)
+    return subprocess.run(call, capture_output=True, text=True, check=False, timeout=300)
+
+
+def within(capsys, *arguments: object) -> tuple[int, str, str]:
+    """Exit code, standard output and standard error of a command that needs no process of its own."""
+    capsys.readouterr()
+    code = main([*map(str, arguments)])
+    return code, *capsys.readouterr()
 
 
 @pytest.fixture(scope="module")
@@ -153,16 +161,16 @@ def test_sigkill_loses_at_most_the_last_second(tmp_path):
         ),
     ],
 )  # fmt: skip
-def test_bad_input_gets_one_clear_message(tmp_path, arguments, exit_code, words):
+def test_bad_input_gets_one_clear_message(tmp_path, capsys, arguments, exit_code, words):
     text = CONFIG.read_text()
     (tmp_path / "text.mcap").write_text("this is a shopping list\n")
     (tmp_path / "wrong.toml").write_text(
         text.replace("resistance_ohm = { nominal = 0.176", "resistence_ohm = { nominal = 0.176")
     )
     (tmp_path / "ports.toml").write_text(text.replace("/dev/ttyACM", "/dev/ttyNONE"))
-    result = sawbench(*[a.format(here=tmp_path) for a in arguments])
-    said = result.stdout + result.stderr
-    assert result.returncode == exit_code, said
+    code, out, err = within(capsys, *[a.format(here=tmp_path) for a in arguments])
+    said = out + err
+    assert code == exit_code, said
     assert "Traceback" not in said
     assert "internal error" not in said
     for word in words:
@@ -178,23 +186,23 @@ def test_nothing_is_overwritten_without_force(tmp_path):
     assert target.read_text() == "mine"
 
 
-def test_every_command_eats_the_sample_recordings(tmp_path):
+def test_every_command_eats_the_sample_recordings(tmp_path, capsys):
     sample = ROOT / "recordings" / "oak-01.mcap"
-    assert sawbench("process", sample, "--out", tmp_path / "processed").returncode == 0
+    assert within(capsys, "process", sample, "--out", tmp_path / "processed")[0] == 0
     assert (tmp_path / "processed" / "oak-01.h5").exists()
-    fit = json.loads(sawbench("fit", sample, "--json").stdout)
-    assert fit[0]["status"] == "ok"
-    runtime = json.loads(sawbench("runtime", sample, "--json").stdout)
-    assert runtime[0]["status"] == "ok"
-    view = sawbench("view", sample, "--rrd", tmp_path / "oak.rrd", "--no-view")
-    assert view.returncode == 0, view.stderr
+    (fit,) = json.loads(within(capsys, "fit", sample, "--json")[1])
+    assert fit["status"] == "ok"
+    (runtime,) = json.loads(within(capsys, "runtime", sample, "--json")[1])
+    assert runtime["status"] == "ok"
+    code, _, err = within(capsys, "view", sample, "--rrd", tmp_path / "oak.rrd", "--no-view")
+    assert code == 0, err
     assert (tmp_path / "oak.rrd").stat().st_size > 10_000
 
 
-def test_compare_makes_an_offline_page_with_every_material(tmp_path):
+def test_compare_makes_an_offline_page_with_every_material(tmp_path, capsys):
     page = tmp_path / "report.html"
-    result = sawbench("compare", ROOT / "recordings", "--out", page, "--json")
-    assert result.returncode == 0, result.stderr
+    code, _, err = within(capsys, "compare", ROOT / "recordings", "--out", page, "--json")
+    assert code == 0, err
     text = page.read_text()
     assert all(material in text for material in ("nylon", "black_locust", "oak"))
     assert 'src="http' not in text and 'href="http' not in text

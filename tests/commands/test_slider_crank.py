@@ -1,4 +1,4 @@
-"""A slider-crank saw from its simulated bench to the runtime, and from a campaign to the named cause."""
+"""A slider-crank saw from its simulated bench to the runtime; tests/blindcheck/test_standing_set.py diagnoses one."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 import pytest
-from sawbench.blindcheck.campaign import make_campaign
 from sawbench.blindcheck.plant import brute_force_runtime
 from sawbench.blindcheck.settings import PlantSettings
 from sawbench.commands.main import main
@@ -43,17 +42,3 @@ def test_recorded_processed_fitted_and_its_runtime_predicted(tmp_path, capsys):
     _, (as_yoke,) = told(capsys, "fit", found["files"]["recording"], "--config", yoke)
     assert as_yoke["rmse_a"] > 3.0 * fit["rmse_a"]
     assert as_yoke["status"] != "ok"
-
-
-def test_the_hidden_friction_of_a_campaign_is_named_first(tmp_path, capsys):
-    effect = {"guide_friction": 1.5}
-    nature = {"length": 0.4, "rate_hz": 2500.0, "mechanism": "slider_crank"}
-    make_campaign(903, tmp_path / "tables", effects=effect, **nature)
-    assert main(["import", str(tmp_path / "tables" / "campaign.toml"), "--out", str(tmp_path / "mcap")]) == 0
-    capsys.readouterr()
-    config = tmp_path / "tables" / "bench_config.toml"
-    code, report = told(capsys, "diagnose", tmp_path / "mcap", "--config", config, "--out", tmp_path / "gap")
-    assert code == 0 and report["verdict"] == "effect"
-    assert report["causes"][0]["effects"] == ["guide_friction"]
-    assert report["causes"][0]["probability"] > 0.8
-    assert report["causes"][0]["gap_closed"] > 0.7
