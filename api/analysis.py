@@ -70,20 +70,30 @@ class AnalysedTrial:
         return processed_block(self.processed)
 
 
-def open_trial(path: Place, config_path: Path | LoadedConfig | None) -> OpenedTrial:
-    """Read one recording, on the disk or in an object store.
+def open_trial(
+    path: Place, config_path: Path | LoadedConfig | None, span_s: tuple[float, float] | None = None
+) -> OpenedTrial:
+    """Read one recording, or a part of it, on the disk or in an object store.
 
     Raises
     ------
     InputError
-        If the file is not a recording or the configuration is not valid.
+        If the file is not a recording, is too long to be in memory at once, or the configuration is not valid.
     """
     from sawbench.storage.digest import sha256_of
+    from sawbench.storage.pieces import MOST_AT_ONCE, is_long, read_span
     from sawbench.storage.places import on_disk
     from sawbench.storage.reader import read_recording
 
     with on_disk(path) as local:
-        recording = replace(read_recording(local), path=str(path))
+        if span_s is None and is_long(local, MOST_AT_ONCE):
+            raise InputError(
+                f"holds more than {MOST_AT_ONCE / 1e6:.0f} million samples, too many to be in memory at once",
+                where=path,
+                remedy="`sawbench process` takes all of it; in Python sawbench.read(path, span_s=(0, 60)) reads a part",
+            )
+        read = read_recording(local) if span_s is None else read_span(local, *span_s)
+        recording = replace(read, path=str(path))
         return OpenedTrial(recording=recording, loaded=config_for(recording, config_path), sha256=sha256_of(local))
 
 

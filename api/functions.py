@@ -29,8 +29,10 @@ Source = str | Path | OpenedTrial
 """A recording: its file, or what `read` or `SimulatedTrial.recording` returned."""
 
 
-def read(path: str | Path, *, config: str | Path | None = None) -> OpenedTrial:
-    """Read a recording.
+def read(
+    path: str | Path, *, config: str | Path | None = None, span_s: tuple[float, float] | None = None
+) -> OpenedTrial:
+    """Read a recording, or a part of it.
 
     Parameters
     ----------
@@ -38,6 +40,9 @@ def read(path: str | Path, *, config: str | Path | None = None) -> OpenedTrial:
         `.mcap` file; `sawbench import` makes one from a table or a log.
     config : str or Path, optional
         Bench configuration; default: the recording's own, else ./bench_config.toml, else the one that ships.
+    span_s : (float, float), optional
+        Only the samples from the first time to the second, s on the recording's clock. A recording of more than 60
+        million samples, 20 minutes at 6 channels of 8 kHz, is only read in parts; `process` takes one of any length.
 
     Returns
     -------
@@ -47,14 +52,17 @@ def read(path: str | Path, *, config: str | Path | None = None) -> OpenedTrial:
     Raises
     ------
     InputError
-        If the file is missing or no recording, or the configuration is not valid.
+        If the file is missing or no recording, is too long to be read at once or has no sample in the span, or the
+        configuration is not valid.
 
     Examples
     --------
     >>> read("oak-01.mcap").recording.signals["force_n"].rate_hz  # doctest: +SKIP
     6000.0
+    >>> read("hour.mcap", span_s=(1800.0, 1810.0)).recording.signals["force_n"].duration_s  # doctest: +SKIP
+    9.9999
     """
-    return open_trial(Path(path), None if config is None else Path(config))
+    return open_trial(Path(path), None if config is None else Path(config), span_s)
 
 
 def process(trial: Source, *, config: str | Path | None = None) -> AnalysedTrial:

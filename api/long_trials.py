@@ -53,7 +53,7 @@ def process_long(
     """
     from sawbench.processing.joined import join_processed
     from sawbench.processing.process import process_recording
-    from sawbench.storage.pieces import SAMPLES_A_PIECE, read_pieces
+    from sawbench.storage.pieces import SAMPLES_A_PIECE, joined_pieces, read_pieces
 
     loaded: LoadedConfig | None = None
     found: list[ProcessedTrial] = []
@@ -83,7 +83,7 @@ def process_long(
         note = f"long: processed in {len(found)} pieces; crank angle over time, spectra and offsets are those of {span}"
         whole = replace(whole, warnings=(*whole.warnings, note))
     return AnalysedTrial(
-        recording=_joined(outlines), loaded=loaded, processed=whole, strokes=_joined_strokes(strokes)
+        recording=joined_pieces(outlines), loaded=loaded, processed=whole, strokes=_joined_strokes(strokes)
     )  # fmt: skip
 
 
@@ -134,18 +134,3 @@ def _outlined(signal: Signal) -> Signal:
     edge = int(np.searchsorted(signal.time_s, signal.time_s[-1] - _EDGE_S))
     kept = np.union1d(kept, np.arange(edge, len(signal.time_s)))
     return replace(signal, time_s=signal.time_s[kept], values=signal.values[kept])
-
-
-def _joined(pieces: Sequence[Recording]) -> Recording:
-    """One recording of pieces that follow each other."""
-    last = pieces[-1]
-    signals = {}
-    for name in dict.fromkeys(name for piece in pieces for name in piece.signals):
-        rows = [piece.signals[name] for piece in pieces if name in piece.signals]
-        signals[name] = replace(
-            rows[0],
-            time_s=np.concatenate([row.time_s for row in rows]),
-            values=np.concatenate([row.values for row in rows]),
-            gaps=tuple(gap for row in rows for gap in row.gaps),
-        )
-    return replace(last, signals=signals, events=tuple(event for piece in pieces for event in piece.events))

@@ -27,7 +27,8 @@ import numpy as np
 import zstandard
 from sawbench.bench.errors import SawbenchError
 from sawbench.bench.recording import Event, Recording, SampleBlock, Trial
-from sawbench.storage.reader import describe_recording, read_recording
+from sawbench.storage.describe import describe_recording
+from sawbench.storage.reader import read_recording
 from sawbench.storage.writer import RecordingWriter
 
 STARTED_AT = datetime(2026, 3, 2, 9, 0, tzinfo=UTC)

@@ -29,11 +29,13 @@ RATE_HZ, BLOCK_S, K_FC = 10_000.0, 0.5, 240.0
 MOST_GB = 1.5
 OTHERS = {"vibration_g": 3.0, "motor_temperature_degc": 60.0, "sound_pa": 0.5}
 COMMANDS = {
+    "info": "info {recording}",
     "process": "process {recording} --out {out}/processed",
     "fit": "fit {recording}",
     "report": "report {recording} --out {out}/pages",
     "view": "view {recording} --no-view --rrd {out}/view.rrd",
     "compare": "compare {recording} --out {out}/comparison.html",
+    "export": "export {recording} --format parquet --out {out}/tables",
 }
 
 

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from sawbench.commands.failures import Failures
 from sawbench.commands.options import force_option, json_option, recordings_argument, refuse_unwritable
 from sawbench.commands.terminal import emit, progress
 from sawbench.inputs import find_recordings
-
-if TYPE_CHECKING:
-    from sawbench.bench.recording import Recording
 
 
 @click.command(name="export", epilog="Example: sawbench export recordings/*.mcap --format parquet --out tables")
@@ -39,7 +36,6 @@ def command(
     """
     from sawbench.storage.digest import sha256_of
     from sawbench.storage.export import export_recording, metadata_path
-    from sawbench.storage.reader import read_recording
 
     files = find_recordings(paths)
     targets = {path: metadata_path(path, out_dir, file_format) for path in files}
@@ -51,22 +47,14 @@ def command(
     rows: list[dict[str, Any]] = []
     for path in progress(files, "exporting"):
         with failures.collected():
-            recording = read_recording(path)
             report = export_recording(
-                recording, out_dir, file_format=file_format, with_raw=with_raw, sha256=sha256_of(path), overwrite=force
-            )  # fmt: skip
-            losses = _losses(recording)
-            rows.append({"recording": path, "files": report.paths, "n_samples": report.n_samples, "losses": losses})
+                path, out_dir, file_format=file_format, with_raw=with_raw, sha256=sha256_of(path), overwrite=force
+            )
+            rows.append(
+                {"recording": path, "files": report.paths, "n_samples": report.n_samples, "losses": list(report.losses)}
+            )
     emit(rows, "\n".join(_as_text(row) for row in rows), as_json=as_json)
     return failures.exit_code(is_trusted=not any(row["losses"] for row in rows))
-
-
-def _losses(recording: Recording) -> list[str]:
-    """What of a recording is missing, where that matters."""
-    from sawbench.bench.recording import loss_in_words
-
-    lost = [loss_in_words(s.channel, len(s.values), s.n_missing) for s in recording.signals.values()]
-    return [*(words for words in lost if words), *([] if recording.is_complete else ["the recording is incomplete"])]
 
 
 def _as_text(row: dict[str, Any]) -> str:

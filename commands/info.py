@@ -17,7 +17,7 @@ COLUMN_OF: Final = "column of "
 
 if TYPE_CHECKING:
     from sawbench.bench.recording import Trial
-    from sawbench.storage.reader import ChannelInfo, RecordingInfo
+    from sawbench.storage.describe import ChannelInfo, RecordingInfo
 
 
 @click.command(name="info", epilog="Example: sawbench info recordings/oak-01.mcap")
@@ -28,7 +28,7 @@ def command(paths: tuple[Path, ...], as_json: bool) -> int:
 
     Several files, or a folder, give a table of one row each, and with --json a list of what one file gives.
     """
-    from sawbench.storage.reader import describe_recording
+    from sawbench.storage.describe import describe_recording
 
     if len(paths) == 1 and not paths[0].is_dir():
         info = describe_recording(paths[0])

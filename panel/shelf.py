@@ -11,7 +11,7 @@ from sawbench.acquisition.series.rejected import REJECTED
 from sawbench.bench.errors import InputError, SawbenchError
 from sawbench.bench.recording import Trial, loss_in_words
 from sawbench.storage.amendments import AMENDABLE, amendments_path
-from sawbench.storage.reader import RecordingInfo, describe_recording
+from sawbench.storage.describe import RecordingInfo, describe_recording
 
 PANEL_FOLDER: Final = "panel"
 _NUMBERS: Final = ("duty", "thickness_mm", "feed_mm_s")

@@ -6,18 +6,23 @@ import csv
 import io
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from hashlib import sha256 as new_hash
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
 import numpy as np
 from sawbench.bench.errors import InputError
-from sawbench.bench.recording import Floats, Recording, Signal
+from sawbench.bench.recording import Floats, Recording, loss_in_words
 from sawbench.bench.units import TIME_COLUMN
-from sawbench.storage.output import write_whole
+from sawbench.storage.describe import ChannelOutline, outline_of
+from sawbench.storage.output import whole_file, write_whole
+from sawbench.storage.pieces import is_long, read_pieces
+from sawbench.storage.reader import read_recording
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -34,32 +39,20 @@ class Column:
 
     Attributes
     ----------
-    channel, unit, device : str
-    values : ndarray, shape (n,), in `unit`
-        NaN in the rows that stand for a gap, and only there.
+    name, channel, unit, device : str
+    is_raw : bool
+        What the instrument sent, before calibration.
     """
 
+    name: str
     channel: str
     unit: str
     device: str
-    values: Floats
+    is_raw: bool
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class TimeBase:
-    """The channels that share their sample times, as one table.
-
-    Attributes
-    ----------
-    time_s : ndarray, shape (n,), s
-        Strictly increasing. A gap is one row, halfway between the samples around it; a gap behind the last
-        sample ends at its row.
-    columns : mapping of str to Column
-        By the name of the column.
-    """
-
-    time_s: Floats
-    columns: Mapping[str, Column]
+Table = tuple[Column, ...]
+"""Columns of channels that share their sample times."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -72,14 +65,17 @@ class ExportReport:
         The tables, then the metadata.
     n_samples : int
         Over all channels.
+    losses : tuple of str
+        What of the recording is missing, where that matters.
     """
 
     paths: tuple[Path, ...]
     n_samples: int
+    losses: tuple[str, ...]
 
 
 def export_recording(
-    recording: Recording,
+    source: Recording | Path,
     out_dir: str | Path,
     *,
     file_format: str,
@@ -93,10 +89,14 @@ def export_recording(
     file with a channel group for each. Parquet and MF4 hold the values bit for bit, CSV as the shortest decimal
     number that is read back as the same value (at most 17 significant digits).
 
+    Channels share a table only where all times and gaps are equal: equal rates are not enough, as every instrument has
+    its own clock. A gap is one row, halfway between the samples around it;
+    one behind the last sample ends at its row.
+
     Parameters
     ----------
-    recording : Recording
-        Read from a file: the tables take its name.
+    source : Recording or Path
+        Read from a file, whose name the tables take; or the file, which is read piece by piece where it is long.
     out_dir : str or Path
         Made if missing.
     file_format : str
@@ -113,20 +113,38 @@ def export_recording(
     InputError
         If the recording has no samples, two columns have one name, or a file exists or cannot be written.
     """
-    bases = time_bases(recording, with_raw=with_raw)
-    paths = _table_paths(recording, Path(out_dir), file_format, bases)
+    pieces = _pieces_of(source, with_raw=with_raw)
+    recording, channels, shared = _surveyed(pieces())
+    tables = tuple(_columns([channels[name] for name in names], channels, recording, with_raw) for names in shared)
+    paths = _table_paths(recording, Path(out_dir), file_format, tables)
     about_path = metadata_path(recording.path, out_dir, file_format)
     for path in (*paths, about_path):
         if path.exists() and not overwrite:
             raise InputError("already exists", where=path, remedy="give another folder, or overwrite with --force")
-    about = _metadata(recording, paths, bases, sha256)
-    for path, shown in paths.items():
-        write_whole(
-            path, FORMATS[file_format](shown, about, recording.trial.started_at), overwrite=True, makes_folder=True
-        )
+    about = _metadata(recording, channels, paths, sha256)
+    with ExitStack() as stack:
+        files = [
+            stack.enter_context(
+                FORMATS[file_format](
+                    stack.enter_context(whole_file(path, overwrite=True, makes_folder=True)),
+                    shown, about, recording.trial.started_at,
+                )
+            )
+            for path, shown in paths.items()
+        ]  # fmt: skip
+        for piece in pieces():
+            for file, shown in zip(files, paths.values(), strict=True):
+                for number, table in enumerate(shown):
+                    if table[0].channel in piece.signals:
+                        file.add(number, *_rows(table, piece))
     write_whole(about_path, about, overwrite=True, makes_folder=True)
-    n_samples = sum(len(signal.values) for signal in recording.signals.values())
-    return ExportReport(paths=(*paths, about_path), n_samples=n_samples)
+    outlines = channels.values()
+    lost = (loss_in_words(one.first.channel, one.n_samples, one.n_missing) for one in outlines)
+    return ExportReport(
+        paths=(*paths, about_path),
+        n_samples=sum(one.n_samples for one in outlines),
+        losses=(*filter(None, lost), *(() if recording.is_complete else ("the recording is incomplete",))),
+    )
 
 
 def metadata_path(recording_path: str | Path, out_dir: str | Path, file_format: str) -> Path:
@@ -134,53 +152,63 @@ def metadata_path(recording_path: str | Path, out_dir: str | Path, file_format: 
     return Path(out_dir) / f"{_stem(recording_path)}.{file_format}.json"
 
 
-def time_bases(recording: Recording, *, with_raw: bool = False) -> tuple[TimeBase, ...]:
-    """Group the channels by their sample times.
+def _pieces_of(source: Recording | Path, *, with_raw: bool) -> Callable[[], Iterable[Recording]]:
+    """Return what gives the recording from its start, in one piece or in several."""
+    if isinstance(source, Recording):
+        return lambda: (source,)
+    if is_long(source):
+        return lambda: read_pieces(source, with_raw=with_raw)
+    whole = read_recording(source)
+    return lambda: (whole,)
 
-    Parameters
-    ----------
-    recording : Recording
-    with_raw : bool
-        As `export_recording`.
 
-    Returns
-    -------
-    tuple of TimeBase
-        Channels are together only where all times and gaps are equal: equal rates are not enough, as every
-        instrument has its own clock.
+def _surveyed(pieces: Iterable[Recording]) -> tuple[Recording, dict[str, ChannelOutline], list[list[str]]]:
+    """Return the recording without samples, its channels, and the names of those that share their times and gaps."""
+    digests: dict[str, Any] = {}
 
-    Raises
-    ------
-    InputError
-        If there is no sample, or a raw column has the name of a channel.
-    """
-    groups: dict[Any, list[Signal]] = {}
-    for signal in recording.signals.values():
-        if len(signal.time_s):
-            gaps = tuple((gap.start_s, gap.end_s) for gap in signal.gaps)
-            groups.setdefault((signal.time_s.tobytes(), gaps), []).append(signal)
+    def seen() -> Iterator[Recording]:
+        for piece in pieces:
+            for name, signal in piece.signals.items():
+                digests.setdefault(name, new_hash()).update(signal.time_s)
+            yield piece
+
+    recording, channels = outline_of(seen())
+    groups: dict[Any, list[str]] = {}
+    for name, channel in channels.items():
+        gaps = tuple((gap.start_s, gap.end_s) for gap in channel.gaps)
+        groups.setdefault((digests[name].digest(), gaps), []).append(name)
     if not groups:
         raise InputError("contains no samples to export", where=recording.path)
-    return tuple(_time_base(signals, recording, with_raw) for signals in groups.values())
+    return recording, channels, list(groups.values())
 
 
-def _time_base(signals: Sequence[Signal], recording: Recording, with_raw: bool) -> TimeBase:
-    time_s, gaps = signals[0].time_s, signals[0].gaps
+def _columns(
+    shown: Sequence[ChannelOutline], channels: Mapping[str, ChannelOutline], recording: Recording, with_raw: bool
+) -> Table:
+    columns: dict[str, Column] = {}
+    for outline in shown:
+        one = outline.first
+        for is_raw in (False, True) if with_raw and outline.has_raw else (False,):
+            name = f"{one.channel}_raw" if is_raw else one.channel
+            if name in columns or (is_raw and name in channels):
+                raise InputError(f"has two columns {name}", where=recording.path, remedy="export without --raw")
+            columns[name] = Column(
+                name=name, channel=one.channel, unit="" if is_raw else one.unit, device=one.device, is_raw=is_raw
+            )
+    return tuple(columns.values())
+
+
+def _rows(table: Table, piece: Recording) -> tuple[Floats, list[Floats]]:
+    """Times and cells of a piece; NaN in the row of a gap, and only there."""
+    first = piece.signals[table[0].channel]
+    time_s, gaps = first.time_s, first.gaps
     behind = [gap.end_s for gap in gaps if gap.start_s >= time_s[-1]]
     between = [0.5 * (gap.start_s + gap.end_s) for gap in gaps if gap.start_s < time_s[-1]]
     gap_s = np.unique([*between, *behind])
     at = np.searchsorted(time_s, gap_s)
-    columns: dict[str, Column] = {}
-    for signal in signals:
-        kinds = {signal.channel: (signal.values, signal.unit)}
-        if with_raw and signal.raw is not None:
-            kinds[f"{signal.channel}_raw"] = (signal.raw, "")
-        for name, (values, unit) in kinds.items():
-            if name in columns or (name != signal.channel and name in recording.signals):
-                raise InputError(f"has two columns {name}", where=recording.path, remedy="export without --raw")
-            gapped = np.insert(values, at, np.nan)
-            columns[name] = Column(channel=signal.channel, unit=unit, device=signal.device, values=gapped)
-    return TimeBase(time_s=np.insert(time_s, at, gap_s), columns=columns)
+    signals = [piece.signals[column.channel] for column in table]
+    own = [signal.raw if column.is_raw else signal.values for column, signal in zip(table, signals, strict=True)]
+    return np.insert(time_s, at, gap_s), [np.insert(values, at, np.nan) for values in own if values is not None]
 
 
 def _stem(recording_path: str | Path) -> str:
@@ -188,15 +216,15 @@ def _stem(recording_path: str | Path) -> str:
 
 
 def _table_paths(
-    recording: Recording, out_dir: Path, file_format: str, bases: Sequence[TimeBase]
-) -> dict[Path, Sequence[TimeBase]]:
-    """Return which time bases go into which file."""
+    recording: Recording, out_dir: Path, file_format: str, tables: Sequence[Table]
+) -> dict[Path, Sequence[Table]]:
+    """Return which tables go into which file."""
     stem = _stem(recording.path)
-    if file_format == "mf4" or len(bases) == 1:
-        return {out_dir / f"{stem}.{file_format}": bases}
-    paths: dict[Path, Sequence[TimeBase]] = {}
-    for base in bases:
-        channels = list(dict.fromkeys(column.channel for column in base.columns.values()))
+    if file_format == "mf4" or len(tables) == 1:
+        return {out_dir / f"{stem}.{file_format}": tables}
+    paths: dict[Path, Sequence[Table]] = {}
+    for table in tables:
+        channels = list(dict.fromkeys(column.channel for column in table))
         name = re.sub(r"[^\w.+-]", "_", "+".join(channels))
         name = name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}+{len(channels)}"
         path = out_dir / f"{stem}.{name}.{file_format}"
@@ -204,35 +232,39 @@ def _table_paths(
         taken = {str(other).casefold() for other in paths}
         if str(path).casefold() in taken:
             path = out_dir / f"{stem}.{name}-{len(paths) + 1}.{file_format}"
-        paths[path] = (base,)
+        paths[path] = (table,)
     return paths
 
 
 def _metadata(
-    recording: Recording, paths: Mapping[Path, Sequence[TimeBase]], bases: Sequence[TimeBase], sha256: str
+    recording: Recording,
+    outlines: Mapping[str, ChannelOutline],
+    paths: Mapping[Path, Sequence[Table]],
+    sha256_hex: str,
 ) -> str:
     """Everything of the recording but its samples, as JSON."""
-    file_of = {channel: path.name for path, shown in paths.items() for base in shown for channel in base.columns}
-    raw = {name for base in bases for name, column in base.columns.items() if name != column.channel}
+    columns = [(path.name, column) for path, shown in paths.items() for table in shown for column in table]
+    file_of = {column.channel: name for name, column in columns}
+    raw = {column.channel for _, column in columns if column.is_raw}
     channels = {
-        signal.channel: {
-            "file": file_of.get(signal.channel),
-            "raw_column": f"{signal.channel}_raw" if f"{signal.channel}_raw" in raw else None,
-            "unit": signal.unit,
-            "device": signal.device,
-            "n_samples": len(signal.values),
-            "rate_hz": signal.rate_hz,
-            "n_missing": signal.n_missing,
-            "gaps": [asdict(gap) for gap in signal.gaps],
-            "alignment": None if signal.alignment is None else asdict(signal.alignment),
+        name: {
+            "file": file_of[name],
+            "raw_column": f"{name}_raw" if name in raw else None,
+            "unit": one.first.unit,
+            "device": one.first.device,
+            "n_samples": one.n_samples,
+            "rate_hz": one.rate_hz,
+            "n_missing": one.n_missing,
+            "gaps": [asdict(gap) for gap in one.gaps],
+            "alignment": None if one.first.alignment is None else asdict(one.first.alignment),
         }
-        for signal in recording.signals.values()
+        for name, one in outlines.items()
     }
     about = {
         "format": _FORMAT,
         "format_version": _FORMAT_VERSION,
         "recording": Path(recording.path).name,
-        "recording_sha256": sha256 or None,
+        "recording_sha256": sha256_hex or None,
         "is_complete": recording.is_complete,
         "files": [path.name for path in paths],
         "trial": asdict(recording.trial),
@@ -244,64 +276,108 @@ def _metadata(
     return json.dumps(about, indent=2, allow_nan=False, default=datetime.isoformat) + "\n"
 
 
-def _arrow_table(base: TimeBase) -> pa.Table:
-    import pyarrow as pa
+class _Arrow:
+    """What CSV and Parquet share: one table, given out as it comes."""
 
-    arrays = [pa.array(base.time_s), *(pa.array(c.values, from_pandas=True) for c in base.columns.values())]
-    fields = [pa.field(TIME_COLUMN, pa.float64(), metadata={"unit": "s"})]
-    fields += [
-        pa.field(name, pa.float64(), metadata={"unit": c.unit, "device": c.device}) for name, c in base.columns.items()
-    ]
-    return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
+    def __init__(self, table: Table, about: str) -> None:
+        import pyarrow as pa
 
+        fields = [pa.field(TIME_COLUMN, pa.float64(), metadata={"unit": "s"})]
+        fields += [pa.field(c.name, pa.float64(), metadata={"unit": c.unit, "device": c.device}) for c in table]
+        self.schema = pa.schema(fields, metadata={"sawbench": about})
 
-def _csv_content(shown: Sequence[TimeBase], about: str, started_at: datetime | None) -> bytes:
-    """Return a header of names and a row per sample; the cells of a gap are empty."""
-    import pyarrow.csv
+    def of(self, time_s: Floats, cells: Sequence[Floats]) -> pa.Table:
+        """Rows; their NaN are empty cells."""
+        import pyarrow as pa
 
-    del about, started_at
-    (base,) = shown
-    header = io.StringIO(newline="")
-    csv.writer(header, lineterminator="\n").writerow([TIME_COLUMN, *base.columns])
-    content = io.BytesIO()
-    content.write(header.getvalue().encode())
-    pyarrow.csv.write_csv(_arrow_table(base), content, pyarrow.csv.WriteOptions(include_header=False))
-    return content.getvalue()
+        arrays = [pa.array(time_s), *(pa.array(values, from_pandas=True) for values in cells)]
+        return pa.Table.from_arrays(arrays, schema=self.schema)
 
 
-def _parquet_content(shown: Sequence[TimeBase], about: str, started_at: datetime | None) -> bytes:
-    """Return a table whose cells are null in a gap; units at the fields, all metadata under the key `sawbench`."""
-    import pyarrow.parquet
+class CsvFile:
+    """A header of names and a row per sample; the cells of a gap are empty."""
 
-    del started_at
-    (base,) = shown
-    content = io.BytesIO()
-    table = _arrow_table(base).replace_schema_metadata({"sawbench": about})
-    pyarrow.parquet.write_table(table, content, compression="zstd")
-    return content.getvalue()
+    def __init__(self, stream: BinaryIO, shown: Sequence[Table], about: str, started_at: datetime | None) -> None:
+        del started_at
+        (table,) = shown
+        self._stream, self._arrow = stream, _Arrow(table, about)
+        header = io.StringIO(newline="")
+        csv.writer(header, lineterminator="\n").writerow([TIME_COLUMN, *(column.name for column in table)])
+        stream.write(header.getvalue().encode())
+
+    def __enter__(self) -> CsvFile:
+        return self
+
+    def add(self, number: int, time_s: Floats, cells: Sequence[Floats]) -> None:
+        """Append rows to the table of this number."""
+        import pyarrow.csv
+
+        del number
+        options = pyarrow.csv.WriteOptions(include_header=False)
+        pyarrow.csv.write_csv(self._arrow.of(time_s, cells), self._stream, options)
+
+    def __exit__(self, *_: object) -> None:
+        pass
 
 
-def _mf4_content(shown: Sequence[TimeBase], about: str, started_at: datetime | None) -> bytes:
-    """Return a channel group a time base; NaN in a gap; all metadata as the attachment `sawbench.json`."""
-    from asammdf import MDF
-    from asammdf import Signal as MdfSignal
+class ParquetFile:
+    """A table whose cells are null in a gap; units at the fields, all metadata under the key `sawbench`."""
 
-    content = io.BytesIO()
-    with MDF(version="4.10") as measurement:
-        for base in shown:
-            signals = [
-                MdfSignal(column.values, base.time_s, name=name, unit=column.unit, comment=column.device)
-                for name, column in base.columns.items()
-            ]
-            measurement.append(signals, common_timebase=True)
+    def __init__(self, stream: BinaryIO, shown: Sequence[Table], about: str, started_at: datetime | None) -> None:
+        from pyarrow.parquet import ParquetWriter
+
+        del started_at
+        (table,) = shown
+        self._arrow = _Arrow(table, about)
+        self._writer = ParquetWriter(stream, self._arrow.schema, compression="zstd")
+
+    def __enter__(self) -> ParquetFile:
+        return self
+
+    def add(self, number: int, time_s: Floats, cells: Sequence[Floats]) -> None:
+        """Append rows to the table of this number."""
+        del number
+        self._writer.write_table(self._arrow.of(time_s, cells))
+
+    def __exit__(self, *_: object) -> None:
+        self._writer.close()
+
+
+class Mf4File:
+    """A channel group a table; NaN in a gap; all metadata as the attachment `sawbench.json`."""
+
+    def __init__(self, stream: BinaryIO, shown: Sequence[Table], about: str, started_at: datetime | None) -> None:
+        from asammdf import MDF
+
+        self._stream, self._tables, self._about = stream, shown, about
+        self._group_of: dict[int, int] = {}
+        self._file = MDF(version="4.10")
         # Left alone, the header would hold the time of the export; MF4 knows no time before 1970.
-        measurement.header.start_time = max(started_at or _EPOCH, _EPOCH)
-        measurement.attach(about.encode(), file_name="sawbench.json", mime="application/json")
-        measurement.save(content, compression=2)
-    return content.getvalue()
+        self._file.header.start_time = max(started_at or _EPOCH, _EPOCH)
+
+    def __enter__(self) -> Mf4File:
+        return self
+
+    def add(self, number: int, time_s: Floats, cells: Sequence[Floats]) -> None:
+        """Append rows to the table of this number."""
+        from asammdf import Signal as MdfSignal
+
+        if number in self._group_of:
+            self._file.extend(self._group_of[number], [(values, None) for values in (time_s, *cells)])
+            return
+        signals = [
+            MdfSignal(values, time_s, name=column.name, unit=column.unit, comment=column.device)
+            for column, values in zip(self._tables[number], cells, strict=True)
+        ]
+        self._group_of[number] = self._file.append(signals, common_timebase=True)
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None:
+            self._file.attach(self._about.encode(), file_name="sawbench.json", mime="application/json")
+            self._file.save(self._stream, compression=2)
+        self._file.close()
 
 
-Content = Callable[[Sequence[TimeBase], str, datetime | None], bytes]
-FORMATS: Final[Mapping[str, Content]] = MappingProxyType(
-    {"csv": _csv_content, "parquet": _parquet_content, "mf4": _mf4_content}
+FORMATS: Final[Mapping[str, type[CsvFile | ParquetFile | Mf4File]]] = MappingProxyType(
+    {"csv": CsvFile, "parquet": ParquetFile, "mf4": Mf4File}
 )

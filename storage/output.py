@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import overload
+from typing import BinaryIO, overload
 
 from sawbench.bench.errors import InputError, RecordingError
 from sawbench.storage.places import Place, StoreFile, write_to_store
@@ -56,29 +56,47 @@ def write_whole(
     data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
     if isinstance(path, StoreFile):
         return write_to_store(path, data, overwrite=overwrite)
-    path = Path(path)
+    with whole_file(Path(path), overwrite=overwrite, makes_folder=makes_folder) as stream:
+        stream.write(data)
+    return Path(path)
+
+
+@contextmanager
+def whole_file(path: Path, *, overwrite: bool = False, makes_folder: bool = False) -> Iterator[BinaryIO]:
+    """Open a file of this machine for writing, which is there once the block has ended without an error.
+
+    Parameters and errors are those of `write_whole`.
+
+    Yields
+    ------
+    file object
+        Also to be read, except where the file cannot be replaced.
+    """
     if path.exists() and not overwrite:
         raise InputError("already exists", where=path, remedy="give another file name, or overwrite with --force")
     try:
         if makes_folder:
             path.parent.mkdir(parents=True, exist_ok=True)
         if path.exists() and not path.is_file():
-            path.write_bytes(data)
+            with path.open("wb") as stream:
+                yield stream
         else:
-            _replace(path.resolve(), data)
+            with _replacing(path.resolve()) as stream:
+                yield stream
     except OSError as error:
         if error.errno in _FULL:
             raise OSError(error.errno, error.strerror, str(path)) from error
         raise InputError(f"cannot be written: {error.strerror or error}", where=path) from error
-    return path
 
 
-def _replace(target: Path, data: bytes) -> None:
+@contextmanager
+def _replacing(target: Path) -> Iterator[BinaryIO]:
     handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+    os.close(handle)
     beside = Path(name)
     try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(data)
+        with beside.open("w+b") as stream:
+            yield stream
             stream.flush()
             os.fsync(stream.fileno())
         beside.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o644)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from sawbench.bench.errors import InputError, RecordingError
-from sawbench.bench.recording import Alignment, Event, Floats, Gap, Recording, SampleBlock, Signal, Trial
+from sawbench.bench.recording import Alignment, Event, Floats, Recording, SampleBlock, Signal, Trial
 from sawbench.storage.amendments import amended
 from sawbench.storage.assembly import join_blocks
 from sawbench.storage.codec import is_equally_spaced
@@ -18,84 +17,6 @@ from sawbench.storage.content import Content, damage_events, iter_samples, requi
 from sawbench.storage.writer import RecordingWriter
 
 _SAMPLES_PER_BLOCK = 2000
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ChannelInfo:
-    """One channel of a recording at a glance.
-
-    Attributes
-    ----------
-    channel, unit, device : str
-    n_samples : int
-    rate_hz : float
-        Median sample rate, Hz.
-    start_s, duration_s : float
-        Of the samples, s on the recording's clock.
-    gaps : tuple of Gap
-    """
-
-    channel: str
-    unit: str
-    device: str
-    n_samples: int
-    rate_hz: float
-    start_s: float
-    duration_s: float
-    gaps: tuple[Gap, ...]
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class TopicInfo:
-    """One topic of an MCAP file: its name, message type, encoding and number of readable messages."""
-
-    topic: str
-    message_type: str
-    encoding: str
-    n_messages: int
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class RecordingInfo:
-    """What is in an MCAP file.
-
-    Attributes
-    ----------
-    path : str
-    size_bytes : int
-    is_sawbench : bool
-        False for the MCAP of another program: then only `topics`, `size_bytes`, `software`, `problems` and
-        `is_complete` (the end record is there and nothing is damaged) say something.
-    is_complete : bool
-    trial : Trial or None
-    channels : tuple of ChannelInfo
-    topics : tuple of TopicInfo
-    events : tuple of Event
-        With one for every damage.
-    problems : tuple of str
-        What is damaged, in words; empty for a whole file.
-    software : str
-        What wrote the file.
-    has_config : bool
-        Whether the bench configuration is in it.
-    provenance : dict of str to str
-    duration_s : float
-        From the first to the last sample of any channel, s.
-    """
-
-    path: str
-    size_bytes: int
-    is_sawbench: bool
-    is_complete: bool
-    trial: Trial | None
-    channels: tuple[ChannelInfo, ...]
-    topics: tuple[TopicInfo, ...]
-    events: tuple[Event, ...]
-    problems: tuple[str, ...]
-    software: str
-    has_config: bool
-    provenance: dict[str, str]
-    duration_s: float
 
 
 def read_recording(path: str | Path) -> Recording:
@@ -121,12 +42,24 @@ def read_recording(path: str | Path) -> Recording:
         If the file is missing, is not an MCAP file, was written by another program or by a newer sawbench.
     """
     content = Content(path=Path(path))
-    recording = _read(content)
+    recording = read_content(content)
     require_sawbench(content)
     return recording
 
 
-def _read(content: Content) -> Recording:
+def read_content(content: Content) -> Recording:
+    """Read all samples of an MCAP file, also of one of another program, which has none.
+
+    Parameters
+    ----------
+    content : Content
+        With its `path`; receives the rest.
+
+    Raises
+    ------
+    RecordingError
+        If the file is missing, is not an MCAP file or was written by a newer sawbench.
+    """
     blocks: dict[str, list[SampleBlock]] = {}
     events: list[Event] = []
     for item in iter_samples(content):
@@ -185,66 +118,6 @@ def iter_blocks(path: str | Path) -> Iterator[SampleBlock]:
         if isinstance(item, SampleBlock):
             yield item
     require_sawbench(content)
-
-
-def describe_recording(path: str | Path) -> RecordingInfo:
-    """Say what is in an MCAP file, also in one of another program.
-
-    Raises
-    ------
-    RecordingError
-        If the file is missing, is not an MCAP file or was written by a newer sawbench.
-    """
-    content = Content(path=Path(path))
-    recording = _read(content)
-    starts = [signal.time_s[0] for signal in recording.signals.values()]
-    ends = [signal.time_s[-1] for signal in recording.signals.values()]
-    # Other programs may leave checksums out, as the format allows; a recording of sawbench has them all.
-    is_whole = content.scan.is_finished and not any(damage.n_bytes for damage in content.scan.damages)
-    return RecordingInfo(
-        path=str(path),
-        size_bytes=content.path.stat().st_size,
-        is_sawbench=content.is_sawbench,
-        is_complete=content.is_complete if content.is_sawbench else is_whole,
-        trial=recording.trial if content.is_sawbench else None,
-        channels=tuple(_channel_info(signal) for signal in recording.signals.values()),
-        topics=_topics(content),
-        events=recording.events if content.is_sawbench else (),
-        problems=(*(damage.what for damage in content.scan.damages), *content.problems),
-        software=content.provenance.get("software", content.library),
-        has_config=bool(content.config_toml),
-        provenance=dict(content.provenance),
-        duration_s=float(max(ends) - min(starts)) if starts else 0.0,
-    )
-
-
-def _channel_info(signal: Signal) -> ChannelInfo:
-    return ChannelInfo(
-        channel=signal.channel,
-        unit=signal.unit,
-        device=signal.device,
-        n_samples=len(signal.time_s),
-        rate_hz=signal.rate_hz,
-        start_s=float(signal.time_s[0]),
-        duration_s=signal.duration_s,
-        gaps=signal.gaps,
-    )
-
-
-def _topics(content: Content) -> tuple[TopicInfo, ...]:
-    rows = []
-    for channel_id in sorted(content.topics.keys() | content.n_messages.keys()):
-        topic, message_type = content.topics.get(channel_id, (f"unknown topic {channel_id}", ""))
-        channel = content.channels.get(channel_id)
-        rows.append(
-            TopicInfo(
-                topic=topic,
-                message_type=message_type,
-                encoding=channel.message_encoding if channel else "",
-                n_messages=content.n_messages.get(channel_id, 0),
-            )
-        )
-    return tuple(rows)
 
 
 def write_recording(recording: Recording, path: str | Path, overwrite: bool = False) -> Path:

@@ -11,7 +11,8 @@ from sawbench.acquisition.recorder import record
 from sawbench.bench.config import parse_config
 from sawbench.bench.errors import ConfigError
 from sawbench.bench.recording import Trial
-from sawbench.storage.reader import describe_recording, read_recording
+from sawbench.storage.describe import describe_recording
+from sawbench.storage.reader import read_recording
 from sawbench.storage.writer import RecordingWriter
 
 from tests.rigs.resting import resting_bench

@@ -11,7 +11,8 @@ from sawbench.bench.errors import InputError, RecordingError
 from sawbench.bench.recording import Recording, Signal, Trial
 from sawbench.commands.main import main
 from sawbench.storage.amendments import amend, amendments_path
-from sawbench.storage.reader import describe_recording, read_recording, write_recording
+from sawbench.storage.describe import describe_recording
+from sawbench.storage.reader import read_recording, write_recording
 
 pytestmark = pytest.mark.unit
 

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sawbench.bench.recording import Event, Gap, Trial
-from sawbench.storage.reader import describe_recording, read_recording
+from sawbench.storage.describe import describe_recording
+from sawbench.storage.reader import read_recording
 
 pytestmark = pytest.mark.contract
 

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
+import pyarrow.parquet
 import pytest
+from asammdf import MDF
+from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Event, Gap, Recording, SampleBlock, Signal, Trial
-from sawbench.storage.pieces import is_long, read_pieces
+from sawbench.storage import describe, export
+from sawbench.storage.describe import describe_recording
+from sawbench.storage.pieces import content_pieces, is_long, read_pieces, read_span
 from sawbench.storage.reader import read_recording, write_recording
 from sawbench.storage.writer import RecordingWriter
 
@@ -89,9 +97,91 @@ def test_a_file_that_was_cut_off_is_one_piece_and_says_so(path, tmp_path):
     assert all(np.array_equal(piece.signals[name].values, one.values) for name, one in whole.signals.items())
 
 
+def test_a_part_is_read_without_the_rest(path):
+    part = read_span(path, 9.5, 14.0, 3_000)
+    force = part.signals["force_n"]
+    assert force.time_s.tolist() == [k / 1000 for k in range(9_500, 14_000) if not 9_990 <= k < 10_020]
+    whole = read_recording(path).signals["force_n"]
+    assert np.array_equal(force.values, whole.values[np.isin(whole.time_s, force.time_s)])
+    assert [gap.n_missing for gap in force.gaps] == [30]
+    assert "motor_current_a" not in part.signals
+    assert [event.text for event in part.events if event.kind == "note"] == ["knot in the wood"]
+    with pytest.raises(InputError, match="no sample from 40 s to 50 s"):
+        read_span(path, 40.0, 50.0)
+
+
 def test_length_is_asked_of_the_summary(path, tmp_path):
     assert is_long(path, 50_000)
     assert not is_long(path, 500_000)
     (tmp_path / "none.mcap").write_bytes(b"no MCAP")
     assert not is_long(tmp_path / "none.mcap", 1)
     assert not is_long(tmp_path / "missing.mcap", 1)
+
+
+def test_a_gap_that_spans_a_cut_is_counted_once(tmp_path):
+    """Force is missing from 4.5 s to 7.5 s; the cut lies inside, and an event tells of the gap, too."""
+    force = signal("force_n", "N", 1000.0, seconds=12.0, lost=[(4_500, 7_500)])
+    shift = signal("displacement_mm", "mm", 1000.0, seconds=12.0)
+    told = Event(kind="gap", time_s=4.499, end_s=7.5, text="the link was gone", channel="force_n")
+    path = write_recording(
+        Recording(
+            trial=Trial(trial_id="t"), signals={"force_n": force, "displacement_mm": shift}, events=(told,)
+        ),
+        tmp_path / "t.mcap",
+    )  # fmt: skip
+    pieces = list(read_pieces(path, 2_000))
+    ends = [piece.signals["displacement_mm"].time_s[-1] for piece in pieces]
+    assert any(4.5 < end_s < 7.4 for end_s in ends)
+    gaps = [gap for piece in pieces if "force_n" in piece.signals for gap in piece.signals["force_n"].gaps]
+    assert [gap.n_missing for gap in gaps] == [3_000]
+
+
+def test_raw_values_come_in_pieces_where_they_are_asked_for(tmp_path):
+    own = signal("force_n", "N", 1000.0)
+    own = replace(own, raw=2.0 * own.values)
+    path = write_recording(Recording(trial=Trial(trial_id="t"), signals={"force_n": own}), tmp_path / "t.mcap")
+    pieces = [piece.signals["force_n"] for piece in read_pieces(path, 7_000, with_raw=True)]
+    assert len(pieces) > 2
+    assert np.array_equal(np.concatenate([piece.raw for piece in pieces]), 2.0 * own.values)
+    assert all(piece.signals["force_n"].raw is None for piece in read_pieces(path, 7_000))
+
+
+def test_what_is_in_a_long_file_is_told_without_reading_it_whole(path, monkeypatch):
+    whole = describe_recording(path)
+    monkeypatch.setattr(describe, "is_long", lambda _: True)
+    monkeypatch.setattr(describe, "content_pieces", partial(content_pieces, n_samples=5_000))
+    monkeypatch.setattr(describe, "read_content", None)
+    pieced = describe_recording(path)
+    assert replace(pieced, channels=(), events=()) == replace(whole, channels=(), events=())
+    assert set(pieced.events) == set(whole.events)
+    for own, other in zip(pieced.channels, whole.channels, strict=True):
+        assert own.rate_hz == pytest.approx(other.rate_hz, rel=1e-9)
+        assert replace(own, rate_hz=0.0) == replace(other, rate_hz=0.0)
+
+
+@pytest.mark.parametrize("file_format", ["csv", "parquet", "mf4"])
+def test_an_export_in_pieces_holds_what_that_of_the_whole_holds(path, tmp_path, monkeypatch, file_format):
+    whole = export.export_recording(path, tmp_path / "whole", file_format=file_format)
+    monkeypatch.setattr(export, "is_long", lambda _: True)
+    monkeypatch.setattr(export, "read_pieces", partial(read_pieces, n_samples=5_000))
+    monkeypatch.setattr(export, "read_recording", None)
+    pieced = export.export_recording(path, tmp_path / "pieced", file_format=file_format)
+    assert pieced.n_samples == whole.n_samples
+    assert pieced.losses == whole.losses
+    assert [one.name for one in pieced.paths] == [one.name for one in whole.paths]
+    for own, other in zip(pieced.paths, whole.paths, strict=True):
+        assert contents(own) == contents(other)
+
+
+def contents(path):
+    """What a table holds, bit for bit; of the metadata, all but the rate, which is a median of pieces."""
+    if path.suffix == ".json":
+        return re.sub(r'"rate_hz": [^,]*', "", path.read_text())
+    if path.suffix == ".csv":
+        return path.read_text()
+    if path.suffix == ".parquet":
+        return pyarrow.parquet.read_table(path).to_pydict()
+    with MDF(path) as measurement:
+        names = [channel.name for group in measurement.groups for channel in group.channels if channel.name != "time"]
+        found = [measurement.get(name) for name in names]
+    return [(one.name, one.unit, one.timestamps.tobytes(), one.samples.tobytes()) for one in found]

@@ -14,8 +14,9 @@ from sawbench.bench.errors import RecordingError
 from sawbench.bench.recording import Event, Gap, Recording, SampleBlock, Signal, Trial
 from sawbench.storage.assembly import find_time_jumps
 from sawbench.storage.container import MAGIC
+from sawbench.storage.describe import describe_recording
 from sawbench.storage.digest import sha256_of
-from sawbench.storage.reader import describe_recording, read_recording, write_recording
+from sawbench.storage.reader import read_recording, write_recording
 from sawbench.storage.recover import recover_recording
 from sawbench.storage.writer import RecordingWriter
 

@@ -18,7 +18,8 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.reader import make_reader
 from sawbench.bench.errors import InputError, RecordingError
 from sawbench.bench.recording import Event, SampleBlock, Trial
-from sawbench.storage.reader import describe_recording, read_recording
+from sawbench.storage.describe import describe_recording
+from sawbench.storage.reader import read_recording
 from sawbench.storage.writer import NO_START_TIME, RecordingWriter
 
 pytestmark = pytest.mark.unit
