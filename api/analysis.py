@@ -182,7 +182,7 @@ def fit_trial(trial: AnalysedTrial, method: FitMethod | None = None) -> tuple[Cu
     }
 
     def fitted(strokes: MeasuredCycles) -> tuple[CuttingFit, ParameterEstimates | None]:
-        if method in {"force", "annealing"}:
+        if method == "force":
             return fit_cutting_coefficient(strokes, **setting), None
         joint = fit_jointly([strokes], **setting)
         return cutting_fits(joint, method)[0], joint.of_trial(0)

@@ -102,7 +102,7 @@ def fit(trial: Source | AnalysedTrial, *, method: FitMethod | None = None) -> Tr
     Parameters
     ----------
     trial : str, Path, OpenedTrial or AnalysedTrial
-    method : {"current_and_force", "current", "force", "annealing"}, optional
+    method : {"current_and_force", "current", "force"}, optional
         Default: every channel there is.
 
     Returns

@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sawbench.bench.errors import InputError
 from sawbench.modeling import slots
-from sawbench.modeling.annealing import APPENDIX_B_BOUNDS, APPENDIX_B_START, Annealed, anneal
 from sawbench.modeling.parameters import JigsawParameters
 from sawbench.modeling.parts.linear import CuttingHalf, LinearCutting
 from sawbench.modeling.results import FitStatus
 from sawbench.modeling.supplies import Supply
 from sawbench.modeling.transient import AT_REST, NO_TABLE, InitialState, run_vector
+
+from benchmarks.annealing import APPENDIX_B_BOUNDS, APPENDIX_B_START, Annealed, anneal
 
 Floats = NDArray[np.float64]
 

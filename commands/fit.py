@@ -18,16 +18,13 @@ if TYPE_CHECKING:
     from sawbench.modeling.results import CuttingFit
     from sawbench.storage.places import Place
 
-METHODS = ("current_and_force", "current", "force", "annealing")
+METHODS = ("current_and_force", "current", "force")
 
 
 @click.command(name="fit", epilog="Example: sawbench fit recordings/oak-01.mcap --method current")
 @places_argument
 @config_option
-@click.option(
-    "--method", type=click.Choice(METHODS),
-    help="Default: all available channels. 'annealing' is the method of the paper, for comparison.",
-)  # fmt: skip
+@click.option("--method", type=click.Choice(METHODS), help="Default: all available channels.")
 @batch_options()
 @json_option
 def command(paths: tuple[Place, ...], config_path: Path | None, method: Any, batch: Batch, as_json: bool) -> int:

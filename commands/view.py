@@ -20,27 +20,17 @@ if TYPE_CHECKING:
 @config_option
 @click.option("--rrd", "rrd_path", type=click.Path(path_type=Path, dir_okay=False), help="Save the view to this file.")
 @click.option("--no-view", is_flag=True, help="Do not open the viewer; with --rrd.")
-@click.option(
-    "--screenshot", "png_path", type=click.Path(path_type=Path, dir_okay=False),
-    help="Save a picture of the view, rendered without a window; with --rrd.",
-)  # fmt: skip
 @force_option
 @json_option
 def command(
-    path: Path,
-    config_path: Path | None,
-    rrd_path: Path | None,
-    no_view: bool,
-    png_path: Path | None,
-    force: bool,
-    as_json: bool,
+    path: Path, config_path: Path | None, rrd_path: Path | None, no_view: bool, force: bool, as_json: bool
 ) -> None:
     """Show a recording as the live view does, with the crank at its angle and the fitted model over the signals."""
     from sawbench.visualization.replay import view_recording
 
-    if (no_view or png_path) and rrd_path is None:
-        raise click.UsageError("--no-view and --screenshot need --rrd FILE")
-    shows = not no_view and png_path is None
+    if no_view and rrd_path is None:
+        raise click.UsageError("--no-view needs --rrd FILE")
+    shows = not no_view
     if shows and not has_display():
         if rrd_path is None:
             raise InputError(
@@ -67,11 +57,7 @@ def command(
         model=model,
         overwrite=force,
     )
-    if png_path is not None and rrd_path is not None:
-        from sawbench.visualization.screenshot import take_screenshot
-
-        take_screenshot(rrd_path, png_path)
-    made = [item for item in (rrd_path, png_path) if item is not None]
+    made = [] if rrd_path is None else [rrd_path]
     emit({"files": made}, "\n".join(map(str, made)) or "viewer started", as_json=as_json)
 
 

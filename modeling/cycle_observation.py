@@ -19,7 +19,7 @@ from sawbench.modeling.parts.mechanism import Mechanism
 from sawbench.modeling.periodic_cycle import COLUMNS, N_STEPS, CuttingHalf, periodic_cycles
 
 Floats = NDArray[np.float64]
-FitMethod = Literal["current_and_force", "current", "force", "annealing"]
+FitMethod = Literal["current_and_force", "current", "force"]
 
 N_HARMONICS: Final = 8
 FINE_PER_STEP: Final = 8

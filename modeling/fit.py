@@ -53,8 +53,7 @@ def fit_cutting_coefficient(
 
     "current_and_force" and "current" compare the mean stroke with the model's periodic stroke by least
     squares with sensitivities (`fit_jointly`); "force" regresses the force on the measured blade speed and
-    needs no motor model; "annealing" searches k_Fc alone on the current, as Appendix B does, with the
-    plant at its nominal values.
+    needs no motor model.
 
     Parameters
     ----------
@@ -67,7 +66,7 @@ def fit_cutting_coefficient(
     cutting_half : {"pi_to_2pi", "zero_to_pi"}
     sensors : SensorPriors
         Standard uncertainty of gains, offsets and the angle's zero.
-    method : {"current_and_force", "current", "force", "annealing"}
+    method : {"current_and_force", "current", "force"}
     bounds : tuple of float
         Lowest and highest k_Fc, N*s/m.
 
@@ -83,17 +82,6 @@ def fit_cutting_coefficient(
     """
     if method == "force":
         return _force_only(cycles, plant, sensors, cutting_half, bounds)
-    if method == "annealing":
-        from sawbench.modeling.annealing import anneal_cycles
-
-        return anneal_cycles(
-            cycles,
-            plant=plant,
-            battery=battery,
-            converter=converter,
-            cutting_half=cutting_half,
-            bounds=bounds,
-        )
     joint = fit_jointly(
         [cycles],
         plant=plant,

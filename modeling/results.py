@@ -59,7 +59,7 @@ class CuttingFit:
     statistical_std_n_s_per_m : float
         The part that more data would shrink.
     method : str
-        "current", "force", "current_and_force", "annealing".
+        "current", "force", "current_and_force".
     status : FitStatus
         "contradicted": found, but only with plant constants or gains far off their nominal values, with a stroke that
         misses the measured one by more than a quarter of its rms, or from channels that are clipped, swapped,

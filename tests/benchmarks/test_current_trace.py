@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sawbench.bench.errors import InputError
-from sawbench.modeling.annealing import anneal
 from sawbench.modeling.machines import paper_jigsaw as paper
 from sawbench.modeling.parts.linear import LinearCutting
 from sawbench.modeling.parts.measured import MeasuredForce
 from sawbench.modeling.supplies import FixedVoltage
 from sawbench.modeling.transient import simulate
 
+from benchmarks.annealing import anneal
 from benchmarks.current_trace import anneal_current_trace, current_trace, fit_current_trace
 
 pytestmark = pytest.mark.unit

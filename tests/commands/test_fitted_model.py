@@ -1,4 +1,4 @@
-"""The fitted model over the measured stroke, and the paper's search from the command line."""
+"""The fitted model over the measured stroke."""
 
 from __future__ import annotations
 
@@ -32,14 +32,6 @@ def test_fitted_stroke_lies_on_the_measured_one_as_closely_as_the_fit_says(trial
     # The scatter of the mean of the strokes within a bin comes on top of the fit's smooth residual.
     noise = float(np.sqrt(np.mean(folded.std**2 / folded.n_cycles)))
     assert np.sqrt(np.mean((model - folded.mean) ** 2)) < 1.5 * np.hypot(getattr(fit, of_fit), noise)
-
-
-def test_annealing_works_on_a_recording_and_agrees_within_its_uncertainty(trial_and_fit, capsys):
-    assert main(["fit", str(OAK), "--method", "annealing", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)[0]
-    assert (found["status"], found["method"]) == ("ok", "annealing")
-    difference = abs(found["k_fc_n_s_per_m"] - trial_and_fit[1].k_fc_n_s_per_m)
-    assert difference < 3 * np.hypot(found["std_n_s_per_m"], trial_and_fit[1].std_n_s_per_m)
 
 
 def test_replayed_force_gives_the_measured_stroke_and_current(trial_and_fit):

@@ -257,15 +257,6 @@ def test_bounds_that_exclude_the_truth_are_reported(noisy):
     assert fit.k_fc_n_s_per_m == 200.0
 
 
-def test_annealing_moves_k_fc_alone(noisy):
-    fit = fit_cutting_coefficient(noisy, plant=plant(), battery=BATTERY, method="annealing", bounds=(100.0, 500.0))
-    current = fit_cutting_coefficient(noisy, plant=plant(), battery=BATTERY, method="current")
-    assert fit.method == "annealing"
-    assert fit.status == "ok"
-    assert abs(fit.k_fc_n_s_per_m - current.k_fc_n_s_per_m) < 4.0 * fit.std_n_s_per_m
-    assert fit.n_simulations > 256  # the grid, and the least squares for the uncertainty
-
-
 def test_missing_channels_are_named(noisy):
     assert available_method(noisy) == "current_and_force"
     assert available_method(without(noisy, "current_a")) == "force"

@@ -18,9 +18,9 @@ from sawbench.bench.recording import Event, Gap, Recording, SampleBlock, Signal,
 from sawbench.visualization.layout import trial_markdown
 from sawbench.visualization.replay import view_recording
 from sawbench.visualization.rerun_view import LiveView
-from sawbench.visualization.screenshot import take_screenshot
 from sawbench.visualization.viewer import ViewerProcess, viewer_environment
 
+from tests.rigs.rerun_picture import take_screenshot
 from tests.rigs.rrd import joined, read_rrd, times_and_texts
 
 pytestmark = pytest.mark.unit

@@ -1,4 +1,4 @@
-"""A picture of the Rerun layout without a window, for the tests and the documentation."""
+"""A picture of the Rerun layout without a window."""
 
 from __future__ import annotations
 
