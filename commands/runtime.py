@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 from sawbench.bench.errors import UntrustedResult
 from sawbench.commands.failures import Failures
-from sawbench.commands.options import config_option, force_option, json_option
+from sawbench.commands.options import config_option, json_option
 from sawbench.commands.terminal import emit, progress
 from sawbench.inputs import config_for, find_recordings
 from sawbench.plain import plain
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @click.command(
     name="runtime",
-    epilog="Example: sawbench runtime recordings/oak-01.mcap; sawbench runtime --k-fc 240 --sweep --plot what-if.svg",
+    epilog="Example: sawbench runtime recordings/oak-01.mcap; sawbench runtime --k-fc 240 --duty 0.5",
 )
 @click.argument("paths", metavar="[FILE...]", nargs=-1, type=click.Path(path_type=Path))
 @config_option
@@ -34,26 +34,7 @@ if TYPE_CHECKING:
 @click.option(
     "--cycle", type=click.FloatRange(0), help="Number of charge cycles of the battery; also checked against that range."
 )
-@click.option("--sweep", "is_sweep", is_flag=True, help="With --k-fc: a table over k_Fc, duty and capacity.")
-@click.option(
-    "--k-fc-range",
-    nargs=3,
-    type=(float, float, int),
-    metavar="LOW HIGH N",
-    default=None,
-    help="k_Fc range of the sweep; default: half to twice k_Fc, 7 values.",
-)
-@click.option("--duties", help="Duties of the sweep, e.g. 0.3,0.44,0.6; default: 3/4, 1 and 5/4 of the duty.")
-@click.option(
-    "--capacities", help="Capacities of the sweep, Ah, e.g. 1.5,2,4; default: 1, 4/3 and 8/3 of the battery's."
-)
-@click.option("--csv", "csv_path", type=click.Path(path_type=Path, dir_okay=False), help="Also write the sweep as CSV.")
-@click.option(
-    "--plot", "plot_path", type=click.Path(path_type=Path, dir_okay=False), help="Plot of the sweep, .svg or .png."
-)
-@force_option
 @json_option
-# click hands over every option by its name: as many parameters as options.
 def command(
     paths: tuple[Path, ...],
     config_path: Path | None,
@@ -62,33 +43,15 @@ def command(
     duty: float | None,
     temperature_c: float | None,
     cycle: float | None,
-    is_sweep: bool,
-    k_fc_range: tuple[float, float, int] | None,
-    duties: str | None,
-    capacities: str | None,
-    csv_path: Path | None,
-    plot_path: Path | None,
-    force: bool,
     as_json: bool,
 ) -> int:
     """Predict how long the battery lasts if the tool goes on cutting as in each trial."""
     from sawbench.analysis import predict
-    from sawbench.commands.runtime_sweep import SweepChoice, sweep
     from sawbench.modeling.battery_range import BatteryUse
 
     if bool(paths) == (k_fc is not None):
         raise click.UsageError("give either recordings or --k-fc")
-    choice = SweepChoice(
-        k_fc_range=k_fc_range, duties=duties, capacities=capacities, csv_path=csv_path, plot_path=plot_path
-    )
     use = BatteryUse(temperature_c=temperature_c, cycle=cycle)
-    if is_sweep:
-        if k_fc is None:
-            raise click.UsageError("--sweep needs --k-fc")
-        loaded = config_for(None, config_path)
-        return sweep(loaded, choice, k_fc=k_fc, duty=duty, use=use, force=force, as_json=as_json)
-    if choice != SweepChoice():
-        raise click.UsageError("--k-fc-range, --duties, --capacities, --csv and --plot need --sweep")
     results: list[tuple[str, RuntimePrediction]] = []
     if k_fc is not None:
         loaded = config_for(None, config_path)

@@ -78,11 +78,7 @@ def basis_of(fitted: BatteryRange) -> str:
 
 
 def outside_range(
-    mean_battery_current_a: float,
-    battery: BatteryConfig,
-    use: BatteryUse | None = None,
-    *,
-    capacity_ah: float | None = None,
+    mean_battery_current_a: float, battery: BatteryConfig, use: BatteryUse | None = None
 ) -> Iterator[str]:
     """Say in words where a discharge lies outside of what its battery was fitted to.
 
@@ -93,16 +89,12 @@ def outside_range(
     battery : BatteryConfig
         Without `fitted` there is nothing to say.
     use : BatteryUse, optional
-    capacity_ah : float, optional
-        Of another battery than the fitted one.
     """
     fitted, use = battery.fitted, use or BatteryUse()
     if fitted is None:
         return
-    fitted_ah = battery.capacity_ah
     checks = (
         ("mean battery current", mean_battery_current_a, " A", fitted.current_a, _NEAR_SHARE * mean_battery_current_a),
-        ("capacity", capacity_ah, " Ah", (fitted_ah, fitted_ah), _NEAR_SHARE * fitted_ah),
         ("temperature", use.temperature_c, " degC", fitted.temperature_c, _NEAR_K),
         ("cycle", use.cycle, "", fitted.cycle, _NEAR_CYCLES),
         ("cut-off state of charge", battery.cutoff_soc, "", fitted.soc, _NEAR_SOC),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -38,14 +37,6 @@ def open_circuit_voltage(config: BatteryConfig, soc: ArrayLike) -> NDArray[np.fl
         return eq16.voltage.py_func(config.nominal_voltage_v, config.beta, 1.0 - (1.0 - at) / config.shape_ratio)[0]
     pieces = _share_table(config.open_circuit.soc, config.open_circuit.share).ocv_table()
     return config.nominal_voltage_v * ocv_table.voltage.py_func(pieces, at)[0]
-
-
-def with_capacity(battery: AnyBattery, capacity_ah: float) -> AnyBattery:
-    """Return the same battery with another capacity: its voltage at a state of charge stays."""
-    if isinstance(battery, Eq16Battery) and battery.shape_capacity_ah is not None:
-        shape_ah = battery.shape_capacity_ah * capacity_ah / battery.capacity_ah
-        return replace(battery, capacity_ah=capacity_ah, shape_capacity_ah=shape_ah)
-    return replace(battery, capacity_ah=capacity_ah)
 
 
 @lru_cache(maxsize=8)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +16,6 @@ from sawbench.modeling.parts.eq16 import Eq16Battery
 from sawbench.modeling.parts.linear import LinearCutting
 from sawbench.modeling.results import ParameterEstimates
 from sawbench.modeling.runtime import predict_runtime
-from sawbench.modeling.runtime_sweep import sweep_runtime
 from sawbench.modeling.supplies import FixedDuty, HeldVoltage
 from sawbench.processing.measured_cycles import cycles_from_samples
 
@@ -128,27 +128,17 @@ def test_appendix_a_beside_it():
     assert found.appendix_a_runtime_s == pytest.approx(0.8 * 180.0 / 4.0)
 
 
-def test_sweep_has_the_shape_and_the_trends():
-    sweep = sweep_runtime(
-        paper.PARAMETERS,
-        battery=SMALL,
-        k_fc_values=[120.0, 240.0],
-        duties=[0.4, 0.6],
-        capacities_ah=[0.03, 0.06],
-    )
-    assert sweep.runtime_s.shape == sweep.status.shape == (2, 2, 2)
-    assert (sweep.status == "ok").all()
-    assert (np.diff(sweep.runtime_s, axis=0) < 0).all()
-    assert (np.diff(sweep.runtime_s, axis=1) < 0).all()
-    np.testing.assert_allclose(sweep.runtime_s[..., 1], 2.0 * sweep.runtime_s[..., 0], rtol=0.05)
+def test_harder_wood_and_more_duty_cost_runtime_and_capacity_gives_it():
+    def runtime_s(k_fc, duty, capacity_ah):
+        supply = FixedDuty(duty=duty, battery=replace(SMALL, capacity_ah=capacity_ah))
+        found = predict_runtime(paper.PARAMETERS, supply=supply, k_fc=k_fc)
+        assert found.status == "ok"
+        return found.runtime_s
 
-
-def test_hard_wood_at_low_duty_still_runs():
-    sweep = sweep_runtime(
-        paper.PARAMETERS, battery=SMALL, k_fc_values=[430.0, 900.0], duties=[0.3, 0.45], capacities_ah=[0.05]
-    )
-    assert (sweep.status == "ok").all()
-    assert (np.diff(sweep.runtime_s, axis=0) < 0).all()
+    usual = runtime_s(240.0, 0.45, 0.03)
+    assert runtime_s(900.0, 0.45, 0.03) < runtime_s(430.0, 0.45, 0.03) < usual
+    assert runtime_s(240.0, 0.6, 0.03) < usual < runtime_s(240.0, 0.3, 0.03)
+    assert runtime_s(240.0, 0.45, 0.06) == pytest.approx(2.0 * usual, rel=0.05)
 
 
 def test_a_supply_that_never_empties_the_battery_is_a_status():
