@@ -218,7 +218,7 @@ def _stream_findings(probe: DeviceProbe, stream: StreamProbe, limits: PreflightL
         found.append(_fault("samples_missing", probe.device, what=what, remedy=remedy))
     drift, drift_std = stream.drift_ppm, stream.drift_std_ppm
     if drift is not None and drift_std is not None and abs(drift) > limits.drift_ppm + 3.0 * drift_std:
-        what = f"its clock deviates by {drift:+.0f} +/- {drift_std:.0f} ppm, more than the tolerance of a quartz"
+        what = f"its clock deviates by {drift:+.0f} ± {drift_std:.0f} ppm, more than the tolerance of a quartz"
         remedy = "no action needed: the recorder follows the clock; have the instrument checked if the deviation grows"
         note = Finding(severity="note", code="clock_drift", device=probe.device, what=what, remedy=remedy)
         found.append(note)

@@ -250,7 +250,7 @@ class StrokeOffset:
             parts.append(f"change within the trial {1e3 * self.change_s:+.2f} ± {1e3 * self.change_std_s:.2f} ms")
         if self.stated_std_s is not None and self.stated_latency_s is not None:
             stated, latency = f"{1e3 * self.stated_std_s:.2f}", f"{1e3 * self.stated_latency_s:.1f}"
-            parts.append(f"stated ± {stated} ms and up to {latency} ms of latency")
+            parts.append(f"stated alignment ± {stated} ms, plus up to {latency} ms of latency")
         return f"{self.channel} ({self.device or 'no instrument named'}) against {self.against}: {'; '.join(parts)}"
 
 

@@ -160,7 +160,7 @@ _ROWS: tuple[tuple[str, str, Test, Test], ...] = (
     ),
     (
         "coherent",
-        "the claim agrees with itself: its size and what it closes differ from 0, or single strokes carry it",
+        "the claim agrees with itself: its magnitude and what it closes differ from 0, or single strokes carry it",
         lambda c: c.is_coherent is not None,
         agrees_with_itself,
     ),

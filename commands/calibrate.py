@@ -223,7 +223,7 @@ def take_points(
                 _ask(f"apply {reference:g} {session.unit}, let it settle, press Enter")
             resting = _read_point(session, reference, n_before=len(points))
             unit = resting.channel.calibration.raw_unit
-            click.echo(f"{reference:g}: {resting.raw_mean:.7g} +/- {resting.raw_std:.2g} {unit}", err=True)
+            click.echo(f"{reference:g}: {resting.raw_mean:.7g} ± {resting.raw_std:.2g} {unit}", err=True)
             points.append(
                 CalibrationPoint(
                     reference=reference,

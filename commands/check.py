@@ -109,7 +109,7 @@ def _row(c: ChannelCheck) -> list[str]:
         f"{c.rate_hz:.1f}",
         f"{c.nominal_rate_hz:g}" if c.nominal_rate_hz else "polled",
         str(c.n_missing),
-        f"{c.drift_ppm:+.0f} +/- {c.drift_std_ppm:.0f}" if is_drift_known else "-",
+        f"{c.drift_ppm:+.0f} ± {c.drift_std_ppm:.0f}" if is_drift_known else "-",
     ]
 
 

@@ -126,7 +126,7 @@ def _as_text(info: RecordingInfo) -> str:
     ]
     lines.append(table(["channel", "samples", "rate Hz", "start s", "length s", "gaps", "missing"], rows))
     lines += [f"{key.removeprefix(COLUMN_OF)} <- {words}" for key, words in info.provenance.items() if COLUMN_OF in key]
-    for event in info.events:
+    for event in sorted(info.events, key=lambda event: event.time_s):
         whose = "".join(f" {name}" for name in (event.device, event.channel) if name)
         lines.append(f"{event.time_s:9.3f} s  {event.kind}{whose}: {event.text}")
     return "\n".join(lines)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 from sawbench.commands.options import json_option
-from sawbench.commands.terminal import emit, table
+from sawbench.commands.terminal import emit
 
 
 @click.command(name="machines", epilog="Example: sawbench machines paper_jigsaw > bench_config.toml")
@@ -21,4 +21,5 @@ def command(name: str | None, as_json: bool) -> None:
         return
     sets = [parameter_set(each) for each in names()]
     rows = [{"name": s.name, "machine": machine_of(s.config).title, "about": s.about} for s in sets]
-    emit(rows, table(list(rows[0]), [list(row.values()) for row in rows]), as_json=as_json)
+    lines = [f"{row['name']}: {row['machine']}\n  {row['about']}" for row in rows]
+    emit(rows, "\n".join(lines), as_json=as_json)

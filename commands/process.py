@@ -134,7 +134,9 @@ def describe(results: list[ProcessedTrial]) -> str:
                 f"{processed.trial.trial_id}: return stroke {removed.half} set to zero; removed:"
                 f" {removed.rms_n:.1f} N rms, {removed.share_of_impulse:.1%} of the impulse"
             )
-        remarks += [f"{processed.trial.trial_id}: time of {offset.words()}" for offset in processed.offsets]
+        # Of many trials only what contradicts the stated alignment is said; that is among the warnings.
+        if len(results) == 1:
+            remarks += [f"{processed.trial.trial_id}: time of {offset.words()}" for offset in processed.offsets]
     remarks += changed_between([(processed.trial.trial_id, processed.offsets) for processed in results])
     head = ["trial", "status", "period", "rate", "confidence", "strokes", "peak force"]
     return "\n".join([table(head, rows), *remarks])

@@ -92,7 +92,7 @@ def _of_recording(
 
 def describe(name: str, result: RuntimePrediction) -> str:
     """The prediction in words."""
-    from sawbench.reporting.quantities import format_quantity
+    from sawbench.reporting.quantities import correlation_words, format_quantity
 
     if result.status != "ok":
         return f"{name}: no runtime ({result.status.replace('_', ' ')})"
@@ -108,5 +108,7 @@ def describe(name: str, result: RuntimePrediction) -> str:
     largest = sorted(result.contributions_s.items(), key=lambda item: -item[1])[:4]
     if largest:
         lines.append("  uncertainty from " + ", ".join(f"{key} {value:.1f} s" for key, value in largest))
+        correlation = correlation_words(result.std_s, result.contributions_s.values())
+        lines += [f"  {correlation}"] if correlation else []
     lines += [f"  {result.battery_basis}"] if result.battery_basis else []
     return "\n".join([*lines, *(f"  note: {text}" for text in result.notes)])

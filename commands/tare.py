@@ -187,6 +187,6 @@ def describe(resting: RestingChannel) -> str:
         f"this is the new zero\n"
         f"{found.n_samples} samples in {found.seconds:.1f} s, equivalent to {found.n_effective:.0f} independent"
         " samples; noise "
-        f"{found.noise_std:.2g} {unit} (1 std), drift {found.drift_per_s * 60:+.2g} +/- "
+        f"{found.noise_std:.2g} {unit} (1 std), drift {found.drift_per_s * 60:+.2g} ± "
         f"{found.drift_std_per_s * 60:.1g} {unit}/min"
     )

@@ -77,7 +77,7 @@ def stroke_offsets(
         if signal is None or own is None or name not in folded or signal.device == reference.device:
             continue
         change = _change(angle, *channels[name], own)
-        told = _Told(reason="only a change shows in the strokes: is unknown the force itself")
+        told = _Told(reason="the cutting force itself is unknown, so the strokes show only a change")
         if name == _CURRENT:
             told = _offset_of_current(folded[name], own, angle, config)
         found.append(_judged(name, change, told, signal, reference))
@@ -176,8 +176,8 @@ def _stated_s(one: Alignment | None, other: Alignment | None) -> tuple[float, fl
 def _change(angle: CrankAngle, time_s: Floats, values: Floats, cycles: Cycles) -> tuple[float, float] | None:
     """How much later a channel comes at the end of the trial than at its beginning, and its standard uncertainty, s.
 
-    A straight line through the phases of the single strokes; None with few strokes, or where the amplitude changes
-    too, because then the load did.
+    A straight line through the phases of the single strokes; None with few strokes, where the amplitude changes
+    too, because then the load did, or where the strokes cannot tell.
     """
     waves = stroke_waves(angle, time_s, values, cycles)
     size = np.abs(waves)
@@ -195,7 +195,7 @@ def _change(angle: CrankAngle, time_s: Floats, values: Floats, cycles: Cycles) -
     n_block = max(1, len(off_s) // _FEWEST_STROKES)
     blocks = off_s[: len(off_s) // n_block * n_block].reshape(-1, n_block).mean(axis=1)
     std_s = float(np.sqrt(np.sum(blocks**2) / max(1, len(blocks) - 2) / (np.sum(place**2) / n_block)))
-    return slope, max(std_s, 1e-6)
+    return (slope, max(std_s, 1e-6)) if std_s <= _USELESS_STD_S else None
 
 
 def _offset_of_current(folded: FoldedCycle, cycles: Cycles, angle: CrankAngle, config: BenchConfig) -> _Told:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from sawbench.reporting.figures import INK, QUIET, SERIES_COLOURS, WIDTH_IN, figure_style
 from sawbench.reporting.html import Picture, figure_to_svg
+from sawbench.reporting.spots import Spot
 
 _CHARACTER_IN = 0.062
 _OUTCOMES = (
@@ -76,7 +77,14 @@ def confusion_picture(table: Mapping[str, Any], *, name: str, title: str, captio
             side.set_visible(True)
             side.set_color("#c9ced3")
         figure.text(left_in / size[0], 0.08 / size[1], "rows: truth; columns: answer", color=QUIET, fontsize=8)
-        svg = figure_to_svg(figure, name=name, title=title, description=_confusion_words(rows, columns, counts))
+        spots = [
+            Spot(axes=axes, x=(j - 0.5, j + 0.5), y=(i - 0.5, i + 0.5),
+                 text=f"truth {_words(rows[i])}, answer {_words(columns[j])}: {count} of {counts[i].sum()}")
+            for (i, j), count in np.ndenumerate(counts) if count
+        ]  # fmt: skip
+        svg = figure_to_svg(
+            figure, name=name, title=title, description=_confusion_words(rows, columns, counts), spots=spots
+        )
     return Picture(svg=svg, caption=caption)
 
 
@@ -114,6 +122,7 @@ def severity_picture(bins: Sequence[Mapping[str, Any]]) -> Picture:
     filled = [one for one in bins if sum(one[key] for key, *_ in _OUTCOMES)]
     totals = np.array([sum(one[key] for key, *_ in _OUTCOMES) for one in filled], dtype=np.float64)
     bottom = np.zeros(len(filled))
+    spots: list[Spot] = []
     with figure_style():
         figure = Figure(figsize=(5.0, 4.0), layout="constrained")
         axes = figure.add_subplot()
@@ -123,6 +132,11 @@ def severity_picture(bins: Sequence[Mapping[str, Any]]) -> Picture:
             axes.bar(
                 range(len(filled)), height, bottom=bottom, color=colour, hatch=hatch, edgecolor="white", label=label
             )
+            spots += [
+                Spot(axes=axes, x=(k - 0.4, k + 0.4), y=(bottom[k], bottom[k] + height[k]),
+                     text=f"severity {one['low']:g} to {one['high']:g}, {label}: {one[key]} of {totals[k]:.0f}")
+                for k, one in enumerate(filled) if one[key]
+            ]  # fmt: skip
             bottom += height
         for k, total in enumerate(totals):
             axes.text(k, 1.01, f"n={total:.0f}", ha="center", va="bottom", fontsize=8, color=QUIET)
@@ -134,7 +148,9 @@ def severity_picture(bins: Sequence[Mapping[str, Any]]) -> Picture:
             + ", ".join(f"{one[key]} {label}" for key, label, *_ in _OUTCOMES)
             for one in filled
         )
-        svg = figure_to_svg(figure, name="severity", title="Outcome by severity", description=words or "no cases")
+        svg = figure_to_svg(
+            figure, name="severity", title="Outcome by severity", description=words or "no cases", spots=spots
+        )
     return Picture(svg=svg, caption="Cases with one hidden effect of the catalogue, by severity.")
 
 
@@ -146,13 +162,20 @@ def time_picture(times_s: Sequence[float]) -> Picture:
     with figure_style():
         figure = Figure(figsize=(WIDTH_IN, 2.2), layout="constrained")
         axes = figure.add_subplot()
-        axes.hist(times, bins=min(30, max(5, len(times) // 5)), color=SERIES_COLOURS[0], edgecolor="white")
+        counts, edges, _ = axes.hist(
+            times, bins=min(30, max(5, len(times) // 5)), color=SERIES_COLOURS[0], edgecolor="white"
+        )
+        spots = [
+            Spot(axes=axes, x=(edges[k], edges[k + 1]), y=(0.0, float(count)),
+                 text=f"{edges[k]:.1f} to {edges[k + 1]:.1f} s: {count:.0f} cases")
+            for k, count in enumerate(np.asarray(counts)) if count
+        ]  # fmt: skip
         axes.axvline(float(np.median(times)), color=INK, linestyle=(0, (4, 3)), linewidth=1.0, label="median")
         axes.margins(y=0.2)
         axes.set(xlabel="wall time of one answer / s", ylabel="cases", xlim=(0, None))
         axes.legend(loc="best")
         words = f"{len(times)} cases, {times.min():.1f} to {times.max():.1f} s, median {np.median(times):.1f} s"
-        svg = figure_to_svg(figure, name="time", title="Time of an answer", description=words)
+        svg = figure_to_svg(figure, name="time", title="Time of an answer", description=words, spots=spots)
     return Picture(svg=svg, caption="Each answer was computed in its own process with one thread.")
 
 

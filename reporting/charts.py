@@ -175,7 +175,10 @@ def _coded_shape(shape: Mapping[str, Any]) -> dict[str, Any]:
 
 def _labels(axes: Axes, lines: list[Line2D], shapes: list[dict[str, Any]], title: str) -> list[str]:
     """Name every line, and let a band without a name go with the line of its colour."""
-    given = ["" if str(line.get_label()).startswith("_") else _plain(str(line.get_label())) for line in lines]
+    # The line of error bars carries no name, they do.
+    of_bars = {one.lines[0]: one.get_label() for one in axes.containers if hasattr(one, "lines")}
+    said = [str(of_bars.get(line, line.get_label())) for line in lines]
+    given = ["" if text.startswith("_") else _plain(text) for text in said]
     colours = [_hex(line.get_color()) for line in lines]
     of_shapes = {shape["colour"]: shape["label"] for shape in shapes if shape["label"]}
     alone = title or _plain(axes.get_ylabel())
@@ -193,9 +196,13 @@ def _axis(axes: Axes, name: str) -> dict[str, Any]:
     axis = axes.xaxis if name == "x" else axes.yaxis
     limits = axes.get_xlim() if name == "x" else axes.get_ylim()
     own = label = _plain(axis.get_label_text())
-    if name == "x" and not label:
-        shared = [one.get_xlabel() for one in axes.get_shared_x_axes().get_siblings(axes)]
-        label = _plain(next((text for text in shared if text), ""))
+    if not label:
+        shared = axes.get_shared_x_axes() if name == "x" else axes.get_shared_y_axes()
+        texts = (_plain(one.xaxis.get_label_text() if name == "x" else one.yaxis.get_label_text())
+                 for one in shared.get_siblings(axes))  # fmt: skip
+        label = next((text for text in texts if text), "")
+    # Panels side by side become panels above one another on a narrow window: each states its quantity.
+    own = label if name == "y" else own
     quantity, _, unit = label.rpartition(" / ")
     is_log = axis.get_scale() == "log"
     low, high = sorted(map(float, limits))

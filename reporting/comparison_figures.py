@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from sawbench.bench.folded import FoldedCycle
 from sawbench.bench.recording import Floats
-from sawbench.reporting.compared import QUANTITIES, Series
+from sawbench.reporting.compared import QUANTITIES, Quantity, Series
 from sawbench.reporting.figures import (
     INK,
     SERIES_COLOURS,
@@ -20,6 +20,7 @@ from sawbench.reporting.figures import (
 )
 from sawbench.reporting.html import Picture, figure_to_svg
 from sawbench.reporting.quantities import format_number
+from sawbench.reporting.spots import Spot
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -192,6 +193,12 @@ def dots_picture(series: Sequence[Series], *, name: str = "dots") -> Picture | N
         name=name,
         title="Results by material with 95 % intervals",
         description=_describe_dots(series),
+        spots=[
+            Spot(axes=axis, x=axis.get_xlim(), y=(index - 0.5, index + 0.5), text=_dots_words(one, quantity))
+            for axis, quantity in zip(axes, shown, strict=False)
+            for index, one in enumerate(series)
+            if quantity.key in one.means
+        ],
     )
     caption = (
         "Small open marks: single repetitions. Large marks: mean with its 95 % interval. The axes do not start at zero."
@@ -211,6 +218,12 @@ def _draw_dots(axis: Axes, series: Series, key: str, index: int) -> None:
     if mean.high > mean.low:
         axis.plot([mean.low, mean.high], [index + 0.1] * 2, color=colour, linewidth=2.2, solid_capstyle="butt")
     axis.plot([mean.mean], [index + 0.1], marker, color=colour, markersize=7.5)
+
+
+def _dots_words(series: Series, quantity: Quantity) -> str:
+    mean = series.means[quantity.key]
+    single = ", ".join(format_number(float(value)) for value in mean.values)
+    return f"{series.label}, {quantity.label}: {quantity.written(mean)}; single repetitions: {single}"
 
 
 def _describe_dots(series: Sequence[Series]) -> str:

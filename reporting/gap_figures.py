@@ -10,6 +10,7 @@ import numpy as np
 from sawbench.reporting.figures import CHANNEL_COLOURS, INK, QUIET, WIDTH_IN, figure_style
 from sawbench.reporting.html import Picture, figure_to_svg
 from sawbench.reporting.quantities import format_number
+from sawbench.reporting.spots import Spot
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -138,6 +139,7 @@ def ladder_picture(by_channel: Mapping[str, Mapping[str, Any]], rungs: Sequence[
         return None
     from matplotlib.figure import Figure
 
+    spots = []
     with figure_style():
         figure = Figure(figsize=(WIDTH_IN, 0.75 + 0.3 * len(rungs)), layout="constrained")
         panels = figure.subplots(1, len(by_channel), sharey=True, squeeze=False)[0]
@@ -153,6 +155,11 @@ def ladder_picture(by_channel: Mapping[str, Mapping[str, Any]], rungs: Sequence[
             axes.spines["bottom"].set_visible(False)
             axes.grid(visible=False)
             axes.set_title(f"{CHANNEL_WORDS.get(channel, channel)} / {row['unit']}", fontsize=9.0)
+            spots += [
+                Spot(axes=axes, x=axes.get_xlim(), y=(place - 0.35, place + 0.35),
+                     text=f"{CHANNEL_WORDS.get(channel, channel)}, {words}: {format_number(value)} {row['unit']}")
+                for place, ((_, words), value) in enumerate(zip(rungs, values, strict=True))
+            ]  # fmt: skip
         panels[0].invert_yaxis()
         described = "; ".join(
             f"{CHANNEL_WORDS.get(name, name)}: "
@@ -160,7 +167,9 @@ def ladder_picture(by_channel: Mapping[str, Mapping[str, Any]], rungs: Sequence[
             + f" {row['unit']}"
             for name, row in by_channel.items()
         )
-        svg = figure_to_svg(figure, name="ladder", title="How far the gap closes, by channel", description=described)
+        svg = figure_to_svg(
+            figure, name="ladder", title="How far the gap closes, by channel", description=described, spots=spots
+        )
     return Picture(
         svg=svg,
         caption="RMSE of the simulated stroke at withheld operating points. The last bar is the repeatability of the"
@@ -185,6 +194,7 @@ def map_picture(found: Mapping[str, Any], order: Sequence[str]) -> Picture | Non
     from matplotlib.figure import Figure
 
     points = [point_words(point) for point in found["operating_points"]]
+    spots: list[Spot] = []
     with figure_style():
         figure = Figure(figsize=(WIDTH_IN, 0.4 + len(names) * (0.55 + 0.2 * len(points))), layout="constrained")
         panels = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
@@ -199,6 +209,7 @@ def map_picture(found: Mapping[str, Any], order: Sequence[str]) -> Picture | Non
                 edges, np.arange(len(points) + 1), values, cmap="RdBu_r",
                 norm=BoundaryNorm(np.linspace(-top, top, _N_LEVELS + 1), 256),
             )  # fmt: skip
+            spots += _map_spots(axes, equation, points, edges)
             axes.set_yticks(np.arange(len(points)) + 0.5, points, fontsize=8.0)
             axes.invert_yaxis()
             axes.grid(visible=False)
@@ -212,6 +223,7 @@ def map_picture(found: Mapping[str, Any], order: Sequence[str]) -> Picture | Non
             figure, name="map", title="Where the gap lies",
             description="Residual of " + ", ".join(EQUATION_WORDS.get(n, n) for n in names)
             + " over crank angle and operating point; the table below says the same in words.",
+            spots=spots,
         )  # fmt: skip
     return Picture(
         svg=svg,
@@ -219,6 +231,16 @@ def map_picture(found: Mapping[str, Any], order: Sequence[str]) -> Picture | Non
         " configured, parameters free within their stated uncertainty. White: no gap. Red: measured above the model."
         " Blue: measured below the model.",
     )
+
+
+def _map_spots(axes: Axes, equation: Mapping[str, Any], points: Sequence[str], edges_deg: Sequence[float]) -> list[Spot]:
+    return [
+        Spot(axes=axes, x=(edges_deg[k], edges_deg[k + 1]), y=(place, place + 1),
+             text=f"{points[place]}, crank angle {edges_deg[k]:.0f}° to {edges_deg[k + 1]:.0f}°: "
+             f"{format_number(value, digits=2)} {equation['unit']}")
+        for place, row in enumerate(equation["values"]) if row is not None
+        for k, value in enumerate(row) if value is not None and np.isfinite(value)
+    ]  # fmt: skip
 
 
 def alike_rows(alike: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -36,6 +36,7 @@ from sawbench.reporting.trial_plan import PLAN_COLUMNS, plan_rows, plan_sentence
 from sawbench.storage.output import write_whole
 
 _SURE: Final = 0.8
+_MOST_ALIKE: Final = 5
 _RAD_TO_DEG: Final = 57.29577951308232
 _PLACES: Final = {
     "electrical": "on the motor's electrical side",
@@ -383,12 +384,15 @@ def _spot_angles(spot: Mapping[str, Any]) -> str:
 
 
 def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
+    alike = [name_of(name) for name in cause["indistinguishable_from"]]
+    n_shown = _MOST_ALIKE if len(alike) > _MOST_ALIKE + 1 else len(alike)
     return {
         "name": " and ".join(name_of(name) for name in cause["effects"]),
         "words": ", and ".join(what_happens(name) for name in cause["effects"]),
         "probability": _percent(cause["probability"]),
-        "closed": f"{round(100 * cause['gap_closed'])} %",
-        "interval": interval_words(cause["gap_closed_ci95"]),
+        "closed": f"{round(100 * cause['gap_closed'])} %".replace("-", "\N{MINUS SIGN}"),
+        "interval": interval_words(cause["gap_closed_ci95"]).replace("-", "\N{MINUS SIGN}"),
         "strengths": [magnitude_words(name, p) for name, p in cause["parameters"].items()],
-        "alike": ", ".join(name_of(name) for name in cause["indistinguishable_from"]) or "none",
+        "alike": ", ".join(alike[:n_shown]) or "none",
+        "more_alike": alike[n_shown:],
     }

@@ -8,7 +8,7 @@ import io
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from html import escape
@@ -19,6 +19,7 @@ from urllib.parse import quote
 
 from sawbench.bench.recording import Floats
 from sawbench.reporting.charts import chart_data
+from sawbench.reporting.spots import Spot, spots_svg
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -55,6 +56,7 @@ def figure_to_svg(
     title: str,
     description: str,
     finer: Mapping[Line2D, tuple[Floats, Floats]] | None = None,
+    spots: Iterable[Spot] = (),
 ) -> Markup:
     """Turn a figure into inline SVG that a screen reader can announce and the script of a page can zoom.
 
@@ -69,6 +71,8 @@ def figure_to_svg(
         What the figure is, and what it shows, in words.
     finer : mapping of Line2D to (x, y), optional
         More points of a line than are drawn, for whoever zooms in.
+    spots : iterable of Spot, optional
+        Areas that say their values under the pointer, for a drawing that is no plot of lines.
     """
     import matplotlib as mpl
     from markupsafe import Markup
@@ -95,7 +99,8 @@ def figure_to_svg(
         f'<svg role="img" viewBox="{view_box[1]}" aria-labelledby="{name}-title {name}-desc"{data}>'
         f'<title id="{name}-title">{escape(title)}</title><desc id="{name}-desc">{escape(description)}</desc>'
     )
-    return Markup(head + body.strip())
+    body = body.strip().removesuffix("</svg>") + spots_svg(figure, spots) + "</svg>"
+    return Markup(head + body)
 
 
 def still_svg(picture: Picture) -> str:

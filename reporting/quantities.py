@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 _NBSP = "\N{NO-BREAK SPACE}"
 _MINUS = "\N{MINUS SIGN}"
@@ -86,6 +87,23 @@ def format_quantity(value: float | None, std: float | None = None, unit: str = "
         inner = f"({_signed(scaled[0])}{_NBSP}±{_NBSP}{scaled[1]})"
         return f"{inner}{_NBSP}×{_NBSP}10{str(shift).translate(_SUPERSCRIPTS)}{tail}"
     return f"{_signed(_fixed(value, decimals))}{_NBSP}±{_NBSP}{_fixed(std, decimals)}{tail}"
+
+
+def correlation_words(std_s: float, contributions_s: Iterable[float]) -> str:
+    """Say why the parts of an uncertainty do not add up to the whole in squares; empty where they do.
+
+    Examples
+    --------
+    >>> correlation_words(5.0, [3.0, 4.0])
+    ''
+    >>> correlation_words(2.0, [3.0, 4.0])
+    'Their errors are correlated and partly cancel: 2.0 s together, 5.0 s if independent'
+    """
+    independent_s = math.hypot(*contributions_s)
+    if abs(independent_s - std_s) <= 0.05 * std_s:
+        return ""
+    way = "partly cancel" if std_s < independent_s else "reinforce each other"
+    return f"Their errors are correlated and {way}: {std_s:.1f} s together, {independent_s:.1f} s if independent"
 
 
 def format_to(value: float, decimals: int, unit: str = "") -> str:

@@ -9,6 +9,8 @@ import numpy as np
 from sawbench.reporting.figures import QUIET, WIDTH_IN, figure_style
 from sawbench.reporting.gap_figures import EQUATION_WORDS, point_words
 from sawbench.reporting.html import Picture, figure_to_svg
+from sawbench.reporting.quantities import format_number
+from sawbench.reporting.spots import Spot
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,7 +19,7 @@ _GREY: Final = "#d3d7da"
 _PANELS: Final = {
     "crank_angle": "crank angle / °",
     "harmonic": "harmonic of the stroke, from",
-    "time": "part of the trial, from / %",
+    "time": "part of the trial / %",
     "start_up": "time after the first motion / ms",
     "operating_point": "operating point",
 }
@@ -83,14 +85,17 @@ def standing_out_picture(found: Mapping[str, Any]) -> Picture | None:
         heights = [_n_rows(row[0], partitions[row[0]]) for row in mosaic]
         figure = Figure(figsize=(WIDTH_IN, 0.75 * len(mosaic) + 0.2 * sum(heights)), layout="constrained")
         panels = figure.subplot_mosaic(mosaic, gridspec_kw={"height_ratios": [h + 2.0 for h in heights]})
+        spots: list[Spot] = []
         for name, partition in partitions.items():
             _one_partition(panels[name], name, partition, norm, found["false_discovery_rate"])
+            spots += _spots(panels[name], name, partition, found["false_discovery_rate"])
         scale = ScalarMappable(norm=norm, cmap="viridis_r")
         bar = figure.colorbar(scale, ax=list(panels.values()), pad=0.01, aspect=40)
         bar.ax.set_yticks(_LEVELS, [str(level) for level in _LEVELS], fontsize=8.0)
         bar.set_label("misfit relative to its expectation without a gap", fontsize=8.5)
         svg = figure_to_svg(
-            figure, name="standing-out", title="Significant regions", description=standing_out_sentence(found)
+            figure, name="standing-out", title="Significant regions", description=standing_out_sentence(found),
+            spots=spots,
         )
     return Picture(
         svg=svg,
@@ -122,13 +127,44 @@ def _one_partition(axes: Axes, name: str, partition: Mapping[str, Any], norm: An
     if name in ("crank_angle", "start_up"):
         axes.set_xticks(np.arange(len(columns))[::step], columns[::step], fontsize=8.0)
     else:
-        axes.set_xticks(np.arange(len(columns)) + 0.5, columns, fontsize=8.0)
+        # Parts of a trial overlap, so that each needs both of its ends.
+        slant: dict[str, Any] = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"} if name == "time" else {}
+        axes.set_xticks(np.arange(len(columns)) + 0.5, columns, fontsize=8.0, **slant)
     axes.invert_yaxis()
     axes.grid(visible=False)
     axes.tick_params(length=0)
     axes.set_title(f"by {_PANELS[name]}", fontsize=9.0, color=QUIET)
 
 
+def _spots(axes: Axes, name: str, partition: Mapping[str, Any], rate: float) -> list[Spot]:
+    found = []
+    for row, (equation, cells) in enumerate(partition["equations"].items()):
+        for column, (times, q_value) in enumerate(zip(cells["times_expected"], cells["q_value"], strict=True)):
+            if q_value is None or times is None:
+                continue
+            place = _place_words(name, partition["places"][column])
+            verdict = "significant" if q_value < rate else "not significant"
+            x, y = (row, column) if name == "operating_point" else (column, row)
+            found.append(
+                Spot(axes=axes, x=(x, x + 1), y=(y, y + 1),
+                     text=f"{EQUATION_WORDS.get(equation, equation)}, {place}: misfit {format_number(times, digits=2)} "
+                     f"times its expectation, {verdict} (q = {q_value:.2g})")
+            )  # fmt: skip
+    return found
+
+
+def _place_words(name: str, place: str) -> str:
+    """Name a region in full."""
+    return {
+        "crank_angle": f"crank angle {place}",
+        "harmonic": f"harmonic {place}",
+        "time": f"{place} of the trial",
+        "start_up": f"{place} after the first motion",
+    }.get(name, point_words(place)).replace("start-up of the trial", "run-up").replace(" deg", "°")
+
+
 def _short(name: str, place: str) -> str:
-    """Where the place begins, for the axis."""
+    """Label of the place on its axis: where it begins, or both ends of a part of the trial."""
+    if name == "time":
+        return place.replace("start-up", "run-up").replace(" to ", "–").removesuffix(" %")
     return point_words(place) if name == "operating_point" else place.split(" ", 1)[0]

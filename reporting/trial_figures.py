@@ -183,7 +183,7 @@ def cycle_picture(processed: ProcessedTrial, simulated: Mapping[str, Floats] | N
     n_cycles = processed.folded[names[0]].n_cycles
     caption = f"{n_cycles} strokes over one turn of the crank; 0° is the dead centre with the blade retracted."
     if processed.removed is not None:
-        caption += " Hatched: force on the return stroke, shown as measured and set to zero in the results."
+        caption += " Grey: force on the return stroke, shown as measured and set to zero in the results."
     return Picture(svg=svg, caption=caption)
 
 
@@ -222,7 +222,7 @@ def zeroed_picture(processed: ProcessedTrial) -> Picture | None:
     )
     caption = (
         f"{cutting.n_cycles} strokes over one turn of the crank; 0° is the dead centre with the blade retracted."
-        " Hatched: force on the return stroke, set to zero in the results."
+        " Grey: force on the return stroke, set to zero in the results."
     )
     return Picture(svg=svg, caption=caption)
 

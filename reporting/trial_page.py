@@ -17,7 +17,7 @@ from sawbench.processing.spectrum import Spectrum
 from sawbench.reporting.compared import FIT_STATUS_WORDS, RUNTIME_STATUS_WORDS
 from sawbench.reporting.html import Picture, link_to, render, software_version
 from sawbench.reporting.model_figures import Deviation, deviations_of, discharge_picture, model_picture
-from sawbench.reporting.quantities import format_duration, format_number, format_quantity
+from sawbench.reporting.quantities import correlation_words, format_duration, format_number, format_quantity
 from sawbench.reporting.spectrum_figures import Cycle, harmonics_picture, period_picture
 from sawbench.reporting.trial_figures import cycle_picture, signals_picture, zeroed_picture
 from sawbench.storage.output import write_whole
@@ -293,7 +293,7 @@ def _sections(report: TrialReport, preview_s: float) -> list[Section]:
         found.append(Section(heading="Stroke period", pictures=_drawn(spectrum), texts=_period_words(processed)))
     if processed.offsets:
         words = tuple(f"{offset.words()}." for offset in processed.offsets)
-        found.append(Section(heading="Times of the instruments, by the strokes", texts=words))
+        found.append(Section(heading="Alignment of the instruments, checked on the strokes", texts=words))
     texts = () if processed.removed is None else (_removed_words(processed),)
     found.append(Section(heading="One stroke", pictures=_stroke_pictures(report), texts=texts))
     if report.model:
@@ -407,7 +407,10 @@ def _runtime_words(runtime: RuntimePrediction) -> tuple[str, ...]:
     largest = sorted(runtime.contributions_s.items(), key=lambda item: -item[1])[:3]
     if largest:
         words = [f"{name} {_short(std, 's')}" for name, std in largest]
-        texts.append(f"Largest contributions to its uncertainty: {', '.join(words)}.")
+        correlation = correlation_words(runtime.std_s, runtime.contributions_s.values())
+        texts.append(
+            f"Largest contributions to its uncertainty: {', '.join(words)}." + (f" {correlation}." if correlation else "")
+        )
     if runtime.battery_basis:
         texts.append(f"{runtime.battery_basis[:1].upper()}{runtime.battery_basis[1:]}.")
     return tuple(texts)

@@ -111,13 +111,15 @@
 
     axis(spec, size) {
       const angles = spec.is_angle ? { incrs: [0.5, 1, 2, 5, 10, 15, 30, 45, 90] } : {};
+      const isWhole = spec === this.spec.x && this.series.every((one) => one.x.every(Number.isInteger));
+      const wholes = isWhole && !spec.is_angle ? { incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000] } : {};
       const decades = spec.is_log ? { splits: (u, k, low, high) => logTicks(low, high), filter: (u, ticks) => ticks } : {};
       // Of panels above one another the lowest carries the numbers.
       const isBare = spec === this.spec.x && !spec.label && this.chart.panels.length > 1;
       return {
         label: spec.label || undefined, labelSize: 18, labelGap: 0, size: isBare ? 8 : size, font: FONT, labelFont: FONT, stroke: AXIS,
         grid: { stroke: GRID, width: 1 }, ticks: { stroke: GRID, width: 1, size: 4 },
-        values: (u, ticks) => ticks.map((tick) => (isBare ? "" : shown(tick))), ...angles, ...decades,
+        values: (u, ticks) => ticks.map((tick) => (isBare ? "" : shown(tick))), ...angles, ...wholes, ...decades,
       };
     }
 
@@ -207,6 +209,7 @@
       }
       context.font = `${12 * ratio}px system-ui, sans-serif`;
       context.textBaseline = "middle";
+      context.textAlign = "left";
       for (const text of this.spec.texts) {
         context.fillStyle = text.colour;
         context.fillText(text.text, u.valToPos(text.x, "x", true), u.valToPos(text.y, "y", true));
@@ -252,6 +255,9 @@
       this.panels = spec.panels.map((panel) => new Panel(panel, this));
       const grid = element("div", { className: "chart-grid" }, ...this.panels.map((panel) => panel.root));
       grid.style.setProperty("--columns", spec.n_columns);
+      // In one column, panels without a title follow the one that stands above them.
+      const isNamedOnce = spec.panels.every((one, k) => k < spec.n_columns || !one.title);
+      this.panels.forEach((panel, k) => panel.root.style.setProperty("--place", isNamedOnce ? k % spec.n_columns : 0));
       this.root = element("div", { className: "chart" }, this.tools(), grid);
       this.root.setAttribute("role", "group");
       this.root.setAttribute("aria-label", svg.querySelector("title").textContent);
@@ -367,5 +373,25 @@
     }
   }
 
+  // Bars, cells and marks say their values beside the pointer; without script a browser shows their titles.
+  function sayValues(svg, tip) {
+    svg.querySelectorAll(".spots rect").forEach((spot) => {
+      spot.dataset.says = spot.textContent;
+      spot.replaceChildren();
+    });
+    svg.addEventListener("pointermove", (event) => {
+      const says = event.target.dataset.says;
+      tip.hidden = !says;
+      tip.textContent = says || "";
+      tip.style.left = `${Math.max(4, Math.min(event.clientX + 12, document.documentElement.clientWidth - tip.offsetWidth - 4))}px`;
+      tip.style.top = `${event.clientY + 16}px`;
+    });
+    svg.addEventListener("pointerleave", () => (tip.hidden = true));
+  }
+
+  const tip = element("div", { className: "spot-tip", hidden: true });
+  tip.setAttribute("aria-hidden", "true");
+  document.body.append(tip);
+  document.querySelectorAll("svg").forEach((svg) => svg.querySelector(".spots") && sayValues(svg, tip));
   document.querySelectorAll("svg[data-chart]").forEach((svg) => new Chart(svg));
 })();

@@ -127,6 +127,21 @@ def test_a_line_is_hidden_by_its_name_and_keys_move_the_cursor(browser, pages):
     assert browser.run("document.querySelector('.chart-at').textContent").startswith("time ")
 
 
+def test_bars_and_cells_say_their_values_under_the_pointer(browser, pages):
+    browser.open(pages["gap"])
+    says = "(e => e.hidden ? null : e.textContent)(document.querySelector('.spot-tip'))"
+    assert browser.run(says) is None
+    left, top, width, height = place_of(browser, "#ladder-title ~ .spots rect")
+    browser.mouse("mouseMoved", left + width / 2, top + height / 2)
+    row = REPORT["gap"]["by_channel"]
+    first = next(iter(row))
+    shown = browser.run(says)
+    assert shown.startswith(f"{first.rsplit('_', 1)[0].replace('_', ' ')}, as configured: ")
+    assert float(shown.split(": ")[1].split()[0]) == pytest.approx(row[first]["nominal"], rel=0.01)
+    browser.mouse("mouseMoved", 2, 2)
+    assert browser.run(says) is None
+
+
 def test_paper_and_a_page_without_script_show_the_drawing(browser, pages):
     browser.open(pages["trial"])
     assert seen(browser, ".chart", "svg.replaced") == [True, False]

@@ -11,6 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 from sawbench.reporting.charts import chart_data, coded
 from sawbench.reporting.html import Picture, figure_to_svg, still_svg
+from sawbench.reporting.spots import Spot
 
 pytestmark = pytest.mark.unit
 
@@ -87,3 +88,28 @@ def test_finer_points_reach_the_page_and_a_still_drawing_has_none():
     still = still_svg(Picture(svg=svg, caption=""))
     assert "data-chart" not in still
     assert len(still) == len(svg) - len(f" data-chart='{data}'")
+
+
+def test_a_bar_says_its_value_where_it_was_drawn():
+    figure = Figure(figsize=(2.0, 1.0))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.barh([0, 1], [4.0, 8.0])
+    axes.set(xlim=(0.0, 10.0), ylim=(1.5, -0.5))
+    spot = Spot(axes=axes, x=(0.0, 4.0), y=(-0.5, 0.5), text="force < 4 N")
+    svg = str(figure_to_svg(figure, name="b", title="t", description="d", spots=[spot]))
+    # Two by one inch is 144 by 72 points; four tenths of the width, and the upper half, counted from the top.
+    assert (
+        '<rect x="0.00" y="0.00" width="57.60" height="36.00"><title>force &lt; 4 N</title></rect></g></svg>' in svg
+    )
+    assert "data-chart" not in svg
+    assert "spots" not in figure_to_svg(figure, name="b", title="t", description="d")
+
+
+def test_error_bars_carry_the_name_of_their_line():
+    figure = Figure()
+    axes = figure.subplots()
+    axes.errorbar([0, 1], [0, 1], yerr=[0.1, 0.1], capsize=2, label="blade B1")
+    axes.plot([0, 1], [1, 0], label="other")
+    figure.canvas.draw()
+    (panel,) = chart_data(figure)["panels"]
+    assert [one["label"] for one in panel["series"]] == ["blade B1", "other"]
