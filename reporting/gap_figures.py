@@ -233,7 +233,9 @@ def map_picture(found: Mapping[str, Any], order: Sequence[str]) -> Picture | Non
     )
 
 
-def _map_spots(axes: Axes, equation: Mapping[str, Any], points: Sequence[str], edges_deg: Sequence[float]) -> list[Spot]:
+def _map_spots(
+    axes: Axes, equation: Mapping[str, Any], points: Sequence[str], edges_deg: Sequence[float]
+) -> list[Spot]:
     return [
         Spot(axes=axes, x=(edges_deg[k], edges_deg[k + 1]), y=(place, place + 1),
              text=f"{points[place]}, crank angle {edges_deg[k]:.0f}° to {edges_deg[k + 1]:.0f}°: "

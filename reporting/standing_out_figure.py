@@ -94,7 +94,10 @@ def standing_out_picture(found: Mapping[str, Any]) -> Picture | None:
         bar.ax.set_yticks(_LEVELS, [str(level) for level in _LEVELS], fontsize=8.0)
         bar.set_label("misfit relative to its expectation without a gap", fontsize=8.5)
         svg = figure_to_svg(
-            figure, name="standing-out", title="Significant regions", description=standing_out_sentence(found),
+            figure,
+            name="standing-out",
+            title="Significant regions",
+            description=standing_out_sentence(found),
             spots=spots,
         )
     return Picture(
@@ -155,12 +158,16 @@ def _spots(axes: Axes, name: str, partition: Mapping[str, Any], rate: float) -> 
 
 def _place_words(name: str, place: str) -> str:
     """Name a region in full."""
-    return {
-        "crank_angle": f"crank angle {place}",
-        "harmonic": f"harmonic {place}",
-        "time": f"{place} of the trial",
-        "start_up": f"{place} after the first motion",
-    }.get(name, point_words(place)).replace("start-up of the trial", "run-up").replace(" deg", "°")
+    return (
+        {
+            "crank_angle": f"crank angle {place}",
+            "harmonic": f"harmonic {place}",
+            "time": f"{place} of the trial",
+            "start_up": f"{place} after the first motion",
+        }.get(name, point_words(place))
+        .replace("start-up of the trial", "run-up")
+        .replace(" deg", "°")
+    )
 
 
 def _short(name: str, place: str) -> str:

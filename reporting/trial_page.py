@@ -408,9 +408,8 @@ def _runtime_words(runtime: RuntimePrediction) -> tuple[str, ...]:
     if largest:
         words = [f"{name} {_short(std, 's')}" for name, std in largest]
         correlation = correlation_words(runtime.std_s, runtime.contributions_s.values())
-        texts.append(
-            f"Largest contributions to its uncertainty: {', '.join(words)}." + (f" {correlation}." if correlation else "")
-        )
+        texts.append(f"Largest contributions to its uncertainty: {', '.join(words)}.")
+        texts += [f"{correlation}."] if correlation else []
     if runtime.battery_basis:
         texts.append(f"{runtime.battery_basis[:1].upper()}{runtime.battery_basis[1:]}.")
     return tuple(texts)

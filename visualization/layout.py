@@ -22,7 +22,6 @@ EVENTS_PATH: Final = "events"
 CYCLE_PATH: Final = "cycle"
 CYCLE_TITLE: Final = "Mean force / N, crank angle / °"
 MECHANISM_PATH: Final = "mechanism"
-SIMULATED: Final = "simulated"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -45,6 +44,11 @@ class Series:
     title: str
     name: str
     colour: tuple[int, int, int]
+
+    @property
+    def simulated_path(self) -> str:
+        """Entity of the fitted model: Rerun draws in the order of the paths, and what is below a path before it."""
+        return f"{self.path}_simulated"
 
 
 _SHOWN: Final = (
@@ -158,6 +162,7 @@ def _panel(series: Series, live_window_s: float | None, *, has_legend: bool) -> 
         )
     return rrb.TimeSeriesView(
         origin=f"/{series.path}",
+        contents=["$origin/**", f"/{series.simulated_path}"],
         name=series.title,
         axis_x=rrb.TimeAxis(link="LinkToGlobal"),
         plot_legend=rrb.PlotLegend(visible=has_legend),
@@ -180,9 +185,9 @@ def log_bounds_style(recording: Any, series: Series) -> None:
 
 
 def log_simulated_style(recording: Any, series: Series) -> None:
-    """Draw what the fitted model gives, `simulated` below the path of the series: thin and light."""
+    """Draw what the fitted model gives over the series: thin and light."""
     style = rr.SeriesLines(colors=(250, 250, 250), names="fitted model", widths=1.0)
-    recording.log(f"{series.path}/{SIMULATED}", style, static=True)
+    recording.log(series.simulated_path, style, static=True)
 
 
 def log_event(recording: Any, event: Event) -> None:
@@ -190,11 +195,10 @@ def log_event(recording: Any, event: Event) -> None:
     level = {"warning": "WARN", "gap": "WARN", "interrupted": "ERROR"}.get(event.kind, "INFO")
     what = " ".join(part for part in (event.kind, event.device, event.channel) if part)
     recording.set_time(TIMELINE, duration=event.time_s)
-    # The view cuts a line that is too long.
-    text = "\n".join(
-        textwrap.wrap(f"{event.time_s:.3f} s  {what}: {event.text}", _TEXT_COLUMNS, subsequent_indent="    ")
-    )
-    recording.log(EVENTS_PATH, rr.TextLog(text, level=level))
+    # The view shows the first line of a text only, and cuts one that is too long.
+    text = f"{event.time_s:.3f} s  {what}: {event.text}"
+    for line in textwrap.wrap(text, _TEXT_COLUMNS, subsequent_indent="    "):
+        recording.log(EVENTS_PATH, rr.TextLog(line, level=level))
 
 
 def log_trial(recording: Any, trial: Trial, processed: ProcessedTrial | None = None) -> None:

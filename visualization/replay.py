@@ -16,7 +16,6 @@ from sawbench.processing.binning import AngleGrid
 from sawbench.visualization.layout import (
     CYCLE_PATH,
     MECHANISM_PATH,
-    SIMULATED,
     STROKE_RATE_PATH,
     TIMELINE,
     log_event,
@@ -122,7 +121,7 @@ def _fill(stream: Any, recording: Recording, processed: ProcessedTrial | None, m
         for name in simulated:
             series = series_of(name, units[name])
             log_simulated_style(stream, series)
-            send_samples(stream, f"{series.path}/{SIMULATED}", *_simulated(processed, angle, model, name))
+            send_samples(stream, series.simulated_path, *_simulated(processed, angle, model, name))
 
 
 def _simulated(

@@ -54,8 +54,9 @@ def test_foreign_benches_are_made_answered_and_scored_by_kind(tmp_path, program,
     assert key["options"]["without"] == ["hum", "rate"]
     assert set(key["options"]["catalogue"]) == {name for name in EFFECT_BY_NAME if name in {**CATALOGUE, **OUTSIDE}}
     monkeypatch.setattr(sawbench.commands.blind, "diagnose_program", lambda **_: program())
-    assert main(["blind", "answer", str(out)]) == 0
     capsys.readouterr()
+    assert main(["blind", "answer", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["n_new"] == 3
     assert main(["blind", "score", str(out), "--key", str(tmp_path / "set.key.json"), "--out", str(page)]) == 0
     assert "kind of bench" in capsys.readouterr().out
     score = json.loads(page.with_suffix(".json").read_text())["score"]

@@ -98,9 +98,7 @@ def test_a_bar_says_its_value_where_it_was_drawn():
     spot = Spot(axes=axes, x=(0.0, 4.0), y=(-0.5, 0.5), text="force < 4 N")
     svg = str(figure_to_svg(figure, name="b", title="t", description="d", spots=[spot]))
     # Two by one inch is 144 by 72 points; four tenths of the width, and the upper half, counted from the top.
-    assert (
-        '<rect x="0.00" y="0.00" width="57.60" height="36.00"><title>force &lt; 4 N</title></rect></g></svg>' in svg
-    )
+    assert '<rect x="0.00" y="0.00" width="57.60" height="36.00"><title>force &lt; 4 N</title></rect></g></svg>' in svg
     assert "data-chart" not in svg
     assert "spots" not in figure_to_svg(figure, name="b", title="t", description="d")
 

@@ -15,7 +15,7 @@ from sawbench.bench.errors import InputError, UntrustedResult
 from sawbench.bench.folded import FoldedCycle
 from sawbench.bench.processed import CrankAngle, Phase, ProcessedTrial
 from sawbench.bench.recording import Event, Gap, Recording, SampleBlock, Signal, Trial
-from sawbench.visualization.layout import trial_markdown
+from sawbench.visualization.layout import series_of, trial_markdown
 from sawbench.visualization.replay import view_recording
 from sawbench.visualization.rerun_view import LiveView
 from sawbench.visualization.viewer import ViewerProcess, viewer_environment
@@ -265,9 +265,12 @@ def with_angle(processed):
 
 def test_the_fitted_model_lies_over_the_measurement_while_the_saw_runs(tmp_path):
     path, turn = tmp_path / "replay.rrd", np.linspace(0.0, 2.0 * np.pi, 200)
+    # Rerun draws lines in the order of their paths; a path below another comes before it.
+    assert series_of("force_n").simulated_path > series_of("force_n").path
+    assert not series_of("force_n").simulated_path.startswith("signals/force_n/")
     model = {"angle_rad": turn, "force_n": np.clip(-180.0 * np.sin(turn), 0.0, None)}
     view_recording(make_recording(), save_path=path, spawn=False, processed=with_angle(make_processed()), model=model)
-    time_s, values = joined(read_rrd(path), "signals/force_n/simulated")
+    time_s, values = joined(read_rrd(path), "signals/force_n_simulated")
     is_shown = np.isfinite(values)
     assert time_s[is_shown].min() == pytest.approx(0.25, abs=2e-3)
     expected = np.clip(-180.0 * np.sin(2.0 * np.pi * 12.0 * time_s[is_shown]), 0.0, None)
@@ -290,6 +293,8 @@ def test_a_long_event_is_told_whole(tmp_path):
     view = LiveView(TRIAL, show="none", save_path=path)
     view(Event(kind="note", time_s=0.5, text=text))
     view.close()
-    (body,) = times_and_texts(path)[1]
-    assert max(map(len, body.splitlines())) <= 160
-    assert " ".join(body.split()).endswith(text)
+    # The view shows one line of a text: each line is a text of its own.
+    bodies = times_and_texts(path)[1]
+    assert max(map(len, bodies)) <= 160
+    assert not any("\n" in body for body in bodies)
+    assert " ".join(" ".join(bodies).split()).endswith(text)
