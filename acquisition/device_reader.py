@@ -17,8 +17,9 @@ _FIRST_PAUSE_S: Final = 0.1
 _LONGEST_PAUSE_S: Final = 2.0
 _QUEUE_WAIT_S: Final = 0.2
 _SERIAL_NUMBER: Final = "serial_number"
-# So many samples may gather: an adapter keeps no more than a few kilobytes.
+# So many samples, and values in them, may gather: adapters and systems hand out a few kilobytes at a time.
 _GATHERED_SAMPLES: Final = 400
+_GATHERED_VALUES: Final = 1000
 # Slower instruments are read as they send; and all are while the clock settles, which wants every arrival.
 _GATHER_FROM_HZ: Final = 200.0
 _EAGER_S: Final = 3.0
@@ -216,7 +217,8 @@ def _gather_s(device: Device, longest_s: float) -> float:
     rates_hz = [stream.rate_hz for stream in device.streams]
     if not rates_hz or min(rates_hz) < _GATHER_FROM_HZ:
         return 0.0
-    return min(longest_s, _GATHERED_SAMPLES / max(rates_hz))
+    values_a_s = sum(stream.rate_hz * len(stream.channels) for stream in device.streams)
+    return min(longest_s, _GATHERED_SAMPLES / max(rates_hz), _GATHERED_VALUES / values_a_s)
 
 
 def joined(before: Sequence[Chunk], after: Sequence[Chunk]) -> list[Chunk]:

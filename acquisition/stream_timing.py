@@ -431,15 +431,11 @@ class StreamTimer:
             chunk, time_s = replace(chunk, raw=chunk.raw[later]), time_s[later]
             if not len(time_s):
                 return []
-            if self._reason_before_restart:
-                out.append(
-                    Loss(
-                        start_s=self._last_time_s,
-                        end_s=float(time_s[0]),
-                        n_missing=0,
-                        reason=self._reason_before_restart,
-                    )
-                )
+            reason = self._reason_before_restart or ("lost in transmission" if chunk.n_lost else "")
+            if reason:
+                end_s = float(time_s[0])
+                out.append(Loss(start_s=self._last_time_s, end_s=end_s, n_missing=chunk.n_lost, reason=reason))
+                self._count += chunk.n_lost
                 self._reason_before_restart = ""
         out.append(TimedBlock(first_index=self._base + self._count, time_s=time_s, period_s=None, raw=chunk.raw))
         self._count += len(time_s)

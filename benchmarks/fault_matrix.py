@@ -7,8 +7,9 @@ The faults run on emulated instruments over real ptys in simulated time (`tests.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -18,12 +19,14 @@ import numpy as np
 from sawbench.acquisition.devices import build_devices
 from sawbench.acquisition.recorder import RecorderLimits, record
 from sawbench.acquisition.recording_report import RecordingSummary
+from sawbench.acquisition.simulation.plant_stream import SWITCH_CHANNEL
 from sawbench.bench.config import BenchConfig
 from sawbench.bench.errors import SawbenchError
 from sawbench.bench.recording import Event, Recording, SampleBlock, Signal, Trial
 from sawbench.processing.process import process_recording
 
 from benchmarks.fault_rig import (
+    EDGES,
     FAULT_AT_S,
     INSTRUMENTS,
     SECONDS,
@@ -38,7 +41,7 @@ from tests.rigs.resting import resting_bench
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "faults.md"
 STUCK_AFTER_S = 60.0
-NOT_JUDGED = "not judged"
+NOT_JUDGED, SILENT = "not judged", "**SILENT**"
 
 
 def link_faults(instrument: Instrument) -> dict[str, list[dict[str, Any]]]:
@@ -66,7 +69,7 @@ def link_faults(instrument: Instrument) -> dict[str, list[dict[str, Any]]]:
         "silent for good": one("silence", seconds=1e6),
     }
     if not instrument.n_bytes_12_ms:
-        # What is asked for, or comes by TCP, is not sent twice.
+        # What is asked for, or comes by TCP, is not sent twice; of an edge there is no second one within 12 ms.
         del found["frames of 12 ms sent twice"]
     return found
 
@@ -107,26 +110,46 @@ def run_link_fault(
 
         return read
 
-    behaviour = {channel: sensor(channel) for channel in (instrument.channel, instrument.witness)}
+    behaviour = {channel: sensor(channel) for channel in (instrument.channel, instrument.witness) if channel != EDGES}
+    behaviour[SWITCH_CHANNEL] = sensor("displacement_mm")
     writer, config = _Writer(), instrument.config()
     altered = {} if on_the_way is None else {"victim": on_the_way}
     with resting_bench(behaviour, config=config, faults=faults, on_the_way=altered) as rig:
         devices = build_devices(config, rig.ports, clock=rig.clock)
         try:
             # Simulated time waits for nobody's pauses, and where an instrument does not come back it stands still.
-            limits, stuck = RecorderLimits(queue_length=1, gather_s=0.0), threading.Event()
-            timer = threading.Timer(STUCK_AFTER_S, stuck.set)
-            timer.start()
-            summary = record(
-                devices, writer, seconds=SECONDS, clock=rig.clock, observers=observers, limits=limits, stop=stuck
-            )
-            timer.cancel()
+            limits = RecorderLimits(queue_length=1, gather_s=0.0)
+            with _stopped_where_stuck(rig.clock) as stuck:
+                summary = record(
+                    devices, writer, seconds=SECONDS, clock=rig.clock, observers=observers, limits=limits, stop=stuck
+                )
         except SawbenchError as error:
             return Row(fault=name, lost="all", said=f"refused: {error.what}", time_error_ms=None, is_silent=False)
     if stuck.is_set():
-        said = f"{NOT_JUDGED}: not done within {STUCK_AFTER_S:g} s of real time"
+        said = f"{NOT_JUDGED}: simulated time stood still for {STUCK_AFTER_S:g} s"
         return Row(fault=name, lost="-", said=said, time_error_ms=None, is_silent=False)
     return _judged(instrument, name, writer, summary)
+
+
+@contextlib.contextmanager
+def _stopped_where_stuck(clock: Callable[[], float]) -> Iterator[threading.Event]:
+    """Give an event that is set once simulated time stands still, however slow the machine is."""
+    stuck, done = threading.Event(), threading.Event()
+
+    def watch() -> None:
+        seen_s = clock()
+        while not done.wait(STUCK_AFTER_S):
+            if clock() == seen_s:
+                stuck.set()
+            seen_s = clock()
+
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield stuck
+    finally:
+        done.set()
+        thread.join()
 
 
 def _judged(instrument: Instrument, name: str, writer: _Writer, summary: RecordingSummary) -> Row:
@@ -140,7 +163,7 @@ def _judged(instrument: Instrument, name: str, writer: _Writer, summary: Recordi
     processed = process_recording(Recording(trial=Trial(trial_id="t"), signals=signals), BenchConfig())
     doubts = [f"process: {text}" for q in processed.quality for text in q.doubts if "strokes" in text]
     exits = summary.losses or (() if summary.is_complete else ("not complete",))
-    # Of an instrument that is asked, is unknown how many there should be; its times show every pause.
+    # How many there should be of an instrument that is asked is unknown; its times show every pause.
     is_wrong = error_s > instrument.silent_error_s or (abs(true_lost) > 3 and not instrument.is_polled)
     return Row(
         fault=name,
@@ -214,8 +237,9 @@ wrong by that much. So it is with five GSV-8 frames lost from the middle of one 
 two halves look like a whole frame. A value changed on the way stands as it is where the protocol has no checksum
 (GSV-3, GSV-8, serial CAN adapters). Behind a serial CAN adapter a bus that is off is an instrument that is silent;
 other interfaces tell of it. An instrument that is asked for every value (MSC7xxx, Mantracourt ASCII) has no rate: each
-value has the time of its own question, and every pause shows in the times. The time stamps of an inductive switch
-(`edge_times`) see no sine; NI and LabJack come through their makers' packages and have no emulator here.
+value has the time of its own question, and every pause shows in the times. So does a lost edge of an inductive switch
+(`edge_times`), whose edges are compared with where the sine passes the switch; one that is silent cannot be told from a
+tool at rest, 0 strokes/s. NI and LabJack come through their makers' packages and have no emulator here.
 """
 
 
@@ -223,7 +247,7 @@ def _table(title: str, rows: list[Row]) -> str:
     lines = [f"## {title}", "", "| fault | lost | time error | said |", "|---|---|---|---|"]
     for row in rows:
         error = "-" if row.time_error_ms is None else f"{row.time_error_ms:.2f} ms"
-        said = ("**SILENT** " if row.is_silent else "") + _short(row.said)
+        said = (f"{SILENT} " if row.is_silent else "") + _short(row.said)
         lines.append(f"| {row.fault} | {row.lost} | {error} | {said} |")
     return "\n".join(lines) + "\n"
 
@@ -243,27 +267,33 @@ def tables_of(instrument: Instrument) -> dict[str, list[Row]]:
     return found
 
 
+def _tables_of(page: Path) -> dict[str, str]:
+    """Return the tables that a page holds, by title."""
+    parts = page.read_text(encoding="utf-8").split("\n## ")[1:] if page.exists() else []
+    return {part.splitlines()[0]: f"## {part.rstrip()}\n" for part in parts}
+
+
 def main() -> None:
     """Run every fault on every instrument and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=PAGE)
-    parser.add_argument("--only", help="instruments, with commas between them")
+    parser.add_argument("--only", help="instruments, with commas between them; the page keeps the tables of the others")
     parser.add_argument("--jobs", type=int, default=1, help="instruments at a time")
     options = parser.parse_args()
     wanted = options.only.split(",") if options.only else [instrument.name for instrument in INSTRUMENTS]
     instruments = [instrument for instrument in INSTRUMENTS if instrument.name in wanted]
-    tables: dict[str, list[Row]] = {}
+    tables = _tables_of(options.out) if options.only else {}
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
         for instrument, found in zip(instruments, pool.map(tables_of, instruments), strict=True):
-            tables |= found
+            tables |= {title: _table(title, rows) for title, rows in found.items()}
             print(instrument.name, "done", flush=True)
-    every = [row for rows in tables.values() for row in rows]
-    n_silent = sum(row.is_silent for row in every)
-    n_open = sum(row.said.startswith(NOT_JUDGED) for row in every)
-    judged = f"Of {len(every) - n_open} faults, {n_silent} {'is' if n_silent == 1 else 'are'} silent."
+    order = [instrument.name for instrument in INSTRUMENTS]
+    texts = [tables[title] for title in sorted(tables, key=lambda title: order.index(title.split("`")[1]))]
+    rows = [line for text in texts for line in text.splitlines()[4:]]
+    n_silent, n_open = (sum(word in row for row in rows) for word in (SILENT, NOT_JUDGED))
+    judged = f"Of {len(rows) - n_open} faults, {n_silent} {'is' if n_silent == 1 else 'are'} silent."
     summary = f"{judged} {n_open} were not judged." if n_open else judged
-    pages = [HEAD.format(summary=summary), *(_table(title, rows) for title, rows in tables.items())]
-    options.out.write_text("\n".join(pages), encoding="utf-8")
+    options.out.write_text("\n".join([HEAD.format(summary=summary), *texts]), encoding="utf-8")
     print(f"{options.out}: {summary}")
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import tomli_w
-from sawbench.acquisition.devices import load_instrument, validate_table
+from sawbench.acquisition.devices import load_instrument
 from sawbench.acquisition.simulation.bench_server import TICK_S
 from sawbench.bench.config import BenchConfig, LoadedConfig, parse_config
 from sawbench.bench.recording import Signal
@@ -17,6 +17,9 @@ MEAN = {"displacement_mm": 12.0}
 AMPLITUDE = {"force_n": 200.0, "displacement_mm": 10.0, "motor_current_a": 40.0}
 # What the clock leaves without any fault: see the first row of each instrument.
 SILENT_ERROR_S = 0.0025
+# The switch of `edge_times` sees the same sine as displacement, and closes where it rises through 10 mm.
+EDGES = "stroke_rate_hz"
+EDGE_ANGLE = float(np.arccos((MEAN["displacement_mm"] - 10.0) / AMPLITUDE["displacement_mm"]))
 WITNESS = {"driver": "gsv8", "port": "x", "rate_hz": 2000}
 
 
@@ -46,6 +49,8 @@ class Instrument:
     @property
     def rate_words(self) -> str:
         """Its rate, or that it is asked."""
+        if self.channel == EDGES:
+            return "an edge a stroke"
         return "asked for every value" if self.is_polled else f"{self.rate_hz:g} Hz"
 
     def loaded(self) -> LoadedConfig:
@@ -54,7 +59,8 @@ class Instrument:
 
     def config(self) -> BenchConfig:
         """Victim and witness."""
-        return BenchConfig(devices=self._devices())
+        further = {EDGES: {"unit": "Hz", "range": [0, 100]}} if self.channel == EDGES else {}
+        return BenchConfig(channels=further, devices=self._devices())
 
     def _devices(self) -> dict[str, dict[str, Any]]:
         calibration = {"displacement_mm": {"scale": 2.5}, "force_n": {"scale": 250.0}}[self.witness]
@@ -65,7 +71,7 @@ class Instrument:
 def _further(name: str, channel: str, rate_hz: float, n_bytes_12_ms: int, *, is_polled: bool = False) -> Instrument:
     """An instrument as its own example has it, for the faults of its link alone."""
     table: dict[str, Any] = {"driver": name, **load_instrument(name).example}
-    if "interface" in validate_table("v", {**table, "port": "x"})[0].settings.model_fields:
+    if "interface" in load_instrument(name).settings.model_fields:
         table["interface"] = "slcan"
     return Instrument(
         name=name, channel=channel, rate_hz=rate_hz, n_bytes_12_ms=n_bytes_12_ms, table=table, is_polled=is_polled,
@@ -99,6 +105,7 @@ INSTRUMENTS = (
     _further("micro_epsilon_ethernet", "displacement_mm", 1041.67, 0),
     _further("mantracourt_can", "force_n", 250.0, 3 * 14),
     _further("cia404", "force_n", 100.0, 2 * 22),
+    _further("edge_times", EDGES, SINE_HZ, 0, is_polled=True),
 )  # fmt: skip
 
 
@@ -120,6 +127,11 @@ def sine_of(channel: str, time_s: Any, noise: Any = 0.0) -> Any:
 
 def stroke_phases(signal: Signal, marks: list[tuple[float, float]], seconds: float = SECONDS) -> Any:
     """Phase factor of each stroke of the sine, complex, outside of what events mark."""
+    if signal.channel == EDGES:
+        inside = (signal.values > 0) & (signal.time_s < seconds)
+        for low, high in marks:
+            inside &= (signal.time_s < low) | (signal.time_s > high)
+        return np.exp(1j * (2 * np.pi * SINE_HZ * signal.time_s[inside] - EDGE_ANGLE))
     found = []
     # Most of the samples of a stroke, and enough for three unknowns.
     fewest = max(6, min(20, 0.6 * len(signal.time_s) / (signal.duration_s * SINE_HZ)))

@@ -126,7 +126,7 @@ def what_is_left(part: Path, killed_at_s: float) -> tuple[float, str]:
     except SawbenchError as error:
         return np.inf, str(error)
     if recording.trial.started_at is None:
-        return np.inf, "is unknown when it started"
+        return np.inf, "when it started is unknown"
     elapsed_s = killed_at_s - recording.trial.started_at.timestamp()
     lost_s = 0.0
     problems = ["" if not recording.is_complete else "called complete"]

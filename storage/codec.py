@@ -59,7 +59,7 @@ def schema_data(message_type: str) -> bytes:
 
 
 def epoch_ns(started_at: datetime | None) -> int:
-    """Return the UTC time of a recording's zero in ns since 1970 (0 where is unknown it)."""
+    """Return the UTC time of a recording's zero in ns since 1970 (0 where it is unknown)."""
     if started_at is None:
         return 0
     if started_at.tzinfo is None:

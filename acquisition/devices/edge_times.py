@@ -69,6 +69,7 @@ class EdgeTimes(SerialInstrument[EdgeTimesSettings, LineFramer]):
         self._times = self._new_times()
         self._latest_stamp: float | None = None
         self._latest_s = 0.0
+        self._n_lost = 0
 
     @property
     def streams(self) -> tuple[Stream, ...]:
@@ -83,6 +84,7 @@ class EdgeTimes(SerialInstrument[EdgeTimesSettings, LineFramer]):
         self._times = self._new_times()
         self._latest_stamp = None
         self._latest_s = self._clock()
+        self._n_lost = 0
 
     def start(self) -> None:
         """Nothing to do: the microcontroller sends by itself."""
@@ -94,6 +96,7 @@ class EdgeTimes(SerialInstrument[EdgeTimesSettings, LineFramer]):
             if piece.n_lost:
                 # An interval across a lost edge is that of two strokes.
                 self._latest_stamp = None
+                self._n_lost += piece.n_lost
             chunks += self._edges(piece.values[:, 0], arrival_s)
         return chunks or self._rest(arrival_s)
 
@@ -103,6 +106,9 @@ class EdgeTimes(SerialInstrument[EdgeTimesSettings, LineFramer]):
 
     def _edges(self, stamps: Floats, arrival_s: float) -> list[Chunk]:
         time_s, is_used = self._times.times(stamps, arrival_s)
+        if not is_used.all():
+            self._latest_stamp = None
+            self._n_lost += int((~is_used).sum())
         if not len(time_s):
             return []
         stamps = stamps[is_used]
@@ -122,9 +128,13 @@ class EdgeTimes(SerialInstrument[EdgeTimesSettings, LineFramer]):
         return self._chunk(np.zeros(1), np.array([now_s - _ON_ITS_WAY_S]), now_s)
 
     def _chunk(self, strokes_hz: Floats, time_s: Floats, arrival_s: float) -> list[Chunk]:
+        n_lost, self._n_lost = self._n_lost, 0
         return [
-            Chunk(stream=self.STREAM, raw=strokes_hz[:, None], arrival_s=np.array([arrival_s]), time_s=time_s),
-        ]
+            Chunk(
+                stream=self.STREAM, raw=strokes_hz[:, None], arrival_s=np.array([arrival_s]), time_s=time_s,
+                n_lost=n_lost, is_loss_exact=False,
+            )
+        ]  # fmt: skip
 
     def _new_times(self) -> InstrumentClock:
         return InstrumentClock(tick_s=self._settings.tick_s, n_bits=self._settings.time_bits)

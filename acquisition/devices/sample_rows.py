@@ -52,6 +52,7 @@ class RowStream:
             if timing.counter_bits is None
             else CountedStream(stream, n_bits=timing.counter_bits, rate_hz=timing.rate_hz)
         )
+        self._n_lost = 0
 
     def chunks(self, rows: NDArray[np.float64], n_lost: int, arrival_s: float) -> list[Chunk]:
         """Return the chunks of rows that came without a break, `n_lost` broken ones before them.
@@ -70,5 +71,14 @@ class RowStream:
         if self._clock is not None:
             time_s, is_used = self._clock.times(rows[:, -1], arrival_s)
             raw = rows[is_used, :-1]
-            return [Chunk(stream=self._stream, raw=raw, arrival_s=arrival, time_s=time_s)] if len(raw) else []
+            # A stamp that cannot be is a row without a time: as good as lost.
+            n_lost, self._n_lost = self._n_lost + n_lost + int((~is_used).sum()), 0
+            if not len(raw):
+                self._n_lost = n_lost
+                return []
+            return [
+                Chunk(
+                    stream=self._stream, raw=raw, arrival_s=arrival, time_s=time_s, n_lost=n_lost, is_loss_exact=False
+                )
+            ]
         return [Chunk(stream=self._stream, raw=rows, arrival_s=arrival, n_lost=n_lost, is_loss_exact=n_lost == 0)]

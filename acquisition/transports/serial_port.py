@@ -16,6 +16,9 @@ _WAIT_S: Final = 0.1
 # A socket cannot say how much is waiting, so it is read for a fixed short time instead.
 _SOCKET_WAIT_S: Final = 0.004
 _LARGEST_READ: Final = 65536
+# A terminal hands out at most 4095 bytes at a time; more of what has arrived follows at once.
+_FULL_READ: Final = 4000
+_REST_WAIT_S: Final = 0.001
 
 
 class SerialPort:
@@ -210,9 +213,12 @@ def _read_at_once(port: Any) -> bytes:
     ready, _, _ = select.select([descriptor], [], [], _WAIT_S)
     if not ready:
         return b""
-    received = os.read(descriptor, _LARGEST_READ)
+    received = latest = os.read(descriptor, _LARGEST_READ)
     if not received:
         raise OSError("the device is ready to be read but has no data: it was unplugged")
+    while len(latest) >= _FULL_READ and select.select([descriptor], [], [], _REST_WAIT_S)[0]:
+        latest = os.read(descriptor, _LARGEST_READ)
+        received += latest
     return received
 
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import queue
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sawbench.acquisition.device_reader import DeviceReader, LinkLost, Samples, _Lag, joined
-from sawbench.acquisition.devices.device import Chunk
+from sawbench.acquisition.device_reader import DeviceReader, LinkLost, Samples, _gather_s, _Lag, joined
+from sawbench.acquisition.devices.device import Chunk, Stream
 from sawbench.bench.errors import DeviceError
 
 from tests.acquisition.test_recorder import Scripted
+from tests.rigs.arrivals import CHANNEL
 
 pytestmark = pytest.mark.unit
 
@@ -42,6 +44,14 @@ def test_streams_are_joined_each_with_its_own():
     other = replace(chunk(7, 8, 1.0), stream="other")
     found = joined([chunk(0, 1, 1.0), other], [replace(chunk(8, 9, 1.1), stream="other"), chunk(1, 2, 1.1)])
     assert [(c.stream, c.raw[:, 0].tolist()) for c in found] == [("frames", [0, 1]), ("other", [7, 8])]
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "n_channels", "gather_s"), [(6e3, 1, 0.04), (2e4, 1, 0.02), (1e4, 4, 0.025), (80, 1, 0)]
+)
+def test_fewer_samples_gather_where_each_holds_more(rate_hz, n_channels, gather_s):
+    streams = (Stream(name="frames", rate_hz=rate_hz, channels=(CHANNEL,) * n_channels),)
+    assert _gather_s(SimpleNamespace(streams=streams), 0.04) == pytest.approx(gather_s)
 
 
 class Ending(Scripted):

@@ -50,7 +50,18 @@ def test_a_broken_line_gives_no_stroke_of_double_length(monkeypatch):
     device = switch(monkeypatch)
     read(device, (0, 1.0), (50_000, 1.05))
     device.decode(b"1\xff0000\r\n", 1.1)
-    assert read(device, (150_000, 1.15), (200_000, 1.2))[1] == pytest.approx([20.0])
+    chunks = [*device.decode(b"150000\r\n", 1.15), *device.decode(b"200000\r\n", 1.2)]
+    assert [chunk.raw[0, 0] for chunk in chunks] == pytest.approx([20.0])
+    assert chunks[0].n_lost == 1
+
+
+def test_a_stamp_that_lost_a_digit_gives_no_stroke_of_double_length_either(monkeypatch):
+    device = switch(monkeypatch)
+    read(device, (10_000_000, 1.0), (10_050_000, 1.05))
+    chunks = [c for stamp, at_s in ((1_010_000, 1.1), (10_150_000, 1.15), (10_200_000, 1.2))
+              for c in device.decode(b"%d\r\n" % stamp, at_s)]  # fmt: skip
+    assert [chunk.raw[0, 0] for chunk in chunks] == pytest.approx([20.0])
+    assert chunks[0].n_lost == 1
 
 
 def test_rest_is_said_and_is_no_stroke(monkeypatch):

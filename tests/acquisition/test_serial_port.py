@@ -58,6 +58,18 @@ def plugged(monkeypatch):
     return plug
 
 
+@pytest.mark.skipif(os.name != "posix", reason="this system has no select on files")
+def test_one_read_gives_all_that_has_arrived_although_a_terminal_hands_out_less_at_a_time(monkeypatch):
+    """What stays behind would be late by one more read, and by one more with every further one."""
+    ours, theirs = os.pipe()
+    read = os.read
+    monkeypatch.setattr(serial_port.os, "read", lambda descriptor, n: read(descriptor, min(n, 4095)))
+    with os.fdopen(ours, "rb") as port, os.fdopen(theirs, "wb", buffering=0) as instrument:
+        sent = bytes(range(250)) * 40
+        instrument.write(sent)
+        assert serial_port._read_at_once(port) == sent
+
+
 def test_the_adapter_that_is_named_is_taken_and_said(plugged):
     plugged({"COM3": "A1", "COM4": None})
     port = SerialPort("COM3", device="power", serial_number="A1")

@@ -156,3 +156,16 @@ def test_a_wrong_rate_is_said(true_hz, is_said):
         if timer.is_settled:
             break
     assert bool(timer.rate_error()) is is_said
+
+
+def test_a_lost_row_of_an_instrument_with_times_of_its_own_is_a_loss():
+    timer = StreamTimer(Stream(name="values", rate_hz=0.0, channels=(CHANNEL,)))
+    out = []
+    for at_s, n_lost in ((1.0, 0), (1.1, 0), (1.4, 2)):
+        arrival_s = np.array([at_s])
+        out += timer.push(
+            Chunk(stream="values", raw=np.ones((1, 1)), arrival_s=arrival_s, time_s=arrival_s, n_lost=n_lost)
+        )
+    (loss,) = [x for x in out if isinstance(x, Loss)]
+    assert (loss.start_s, loss.end_s, loss.n_missing) == (1.1, 1.4, 2)
+    assert [block.first_index for block in blocks_of(out)] == [0, 1, 4]
