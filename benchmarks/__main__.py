@@ -1,9 +1,10 @@
-"""All figures in one run: `python -m benchmarks [--quick] [--busy] [--only NAME ...] [--out docs/benchmarks.md]`.
+"""All figures in one run: `python -m benchmarks [--quick] [--busy] [--only NAME ...] [--out PAGE | --update PAGE]`.
 
 Measures sawbench against its peers and against what the hardware allows, section by section, each in a process of its
 own: recorder, storage, period and fold, simulation and fit, one recording, an hour of one, many on several workers,
-diagnosis, commands. Prints the page; with --out it is written, its pictures beside it. A section that fails is named on
-the page, and the exit code is 1.
+diagnosis, commands. Prints the page; with --out it is written, its pictures beside it; with --update these sections,
+and their goals, take the place of those in a page that is there. A section that fails is named on the page, and the
+exit code is 1.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import tempfile
 from pathlib import Path
 
 from benchmarks.measuring import Clock, Goal, Section
-from benchmarks.page import draw, goals_text, section_text
+from benchmarks.page import draw, goals_text, section_text, updated
 
 ROOT = Path(__file__).parents[1]
 SECTIONS = {
@@ -53,19 +54,22 @@ def measure_apart(name: str, clock: Clock) -> Section:
     return Section(title=name, words=[f"**Failed** with exit code {done.returncode}."], goals=[failed])
 
 
+def said_of(command: str, clock: Clock) -> str:
+    """Say what wrote a page or a section, when, where, and what its times are."""
+    today = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
+    counted = "processor time, because others used the machine" if clock.busy else "wall time"
+    machine = f"{os.cpu_count()} {platform.machine()} cores, Python {platform.python_version()}"
+    return f"Written by `{command}` on {today}: {machine}; {counted}; medians of calls in turns, quartiles in brackets."
+
+
 def page(sections: list[Section], pictures: dict[str, str], command: str, clock: Clock) -> str:
     """The page, Markdown."""
-    today = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
-    counted = (
-        "processor time, because others used the machine" if clock.busy else "wall time"
-    ) + "; medians of calls in turns, quartiles in brackets"
     goals = [goal for section in sections for goal in section.goals]
     n_met = sum(goal.is_met is True for goal in goals)
     return "\n\n".join(
         [
             "# Speed against peers and limits",
-            f"Written by `{command}` on {today}: {os.cpu_count()} {platform.machine()} cores, Python "
-            f"{platform.python_version()}; {counted}. Only ratios travel to other machines.",
+            f"{said_of(command, clock)} Only ratios travel to other machines.",
             f"{n_met} of {len(goals)} goals are met.",
             goals_text(goals),
             *(section_text(section, pictures) for section in sections),
@@ -81,6 +85,7 @@ def main() -> int:
     parser.add_argument("--only", choices=SECTIONS, nargs="+", default=list(SECTIONS), help="these sections")
     parser.add_argument("--out", type=Path, help="write the page there")
     parser.add_argument("--json", type=Path, help="of a single section: its numbers, measured in this process")
+    parser.add_argument("--update", type=Path, metavar="PAGE", help="put these sections into a page that is there")
     options = parser.parse_args()
     clock = Clock(busy=options.busy, quick=options.quick)
     if options.json is not None:
@@ -95,16 +100,21 @@ def main() -> int:
     if {"fit_s", "bytes_a_sample"} <= set(numbers):
         sections.append(importlib.import_module("benchmarks.recordings_speed").plan(numbers))
     pictures = {}
-    if options.out is not None:
-        folder = options.out.parent / "pictures"
+    target = options.out or options.update
+    if target is not None:
+        folder = target.parent / "pictures"
         folder.mkdir(parents=True, exist_ok=True)
         for plot in (plot for section in sections for plot in section.plots):
             draw(plot, folder / f"benchmark-{plot.name}.svg")
             pictures[plot.name] = f"pictures/benchmark-{plot.name}.svg"
-    text = page(sections, pictures, " ".join(["python -m benchmarks", *sys.argv[1:]]), clock) + "\n"
+    command = " ".join(["python -m benchmarks", *sys.argv[1:]])
+    if options.update is None:
+        text = page(sections, pictures, command, clock) + "\n"
+    else:
+        text = updated(options.update.read_text(encoding="utf-8"), sections, pictures, said_of(command, clock))
     print(text)
-    if options.out is not None:
-        options.out.write_text(text, encoding="utf-8")
+    if target is not None:
+        target.write_text(text, encoding="utf-8")
     return 0 if all("Failed" not in " ".join(section.words) for section in sections) else 1
 
 

@@ -23,7 +23,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -103,9 +103,9 @@ def upload(n: int, folder: str, every_corrupt: int | None = EVERY_CORRUPT) -> li
     return corrupt
 
 
-def process(folder: str, archive: str, *options: str) -> tuple[float, str]:
+def process(paths: Sequence[str], archive: str, *options: str) -> tuple[float, str]:
     """Run `sawbench process`; return the seconds it took and what it said."""
-    call = [sys.executable, "-m", "sawbench.commands.main", "process", folder, "--archive", archive, *options, "--json"]
+    call = [sys.executable, "-m", "sawbench.commands.main", "process", *paths, "--archive", archive, *options, "--json"]
     begun = time.monotonic()
     done = subprocess.run(call, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False)
     return time.monotonic() - begun, done.stderr
@@ -142,7 +142,7 @@ def survive(n: int, address: str) -> dict[str, Any]:
     say(f"the batch ended after {seconds:.0f} s")
     found = ResultTable(place_of(archive)).read(("source", "exit_code", "error", "k_fc_n_s_per_m"))
     failed = sorted(Path(source).name for source in found[found["exit_code"] != 0]["source"])
-    again_s, again = process(folder, archive, "--scheduler", address)
+    again_s, again = process([folder], archive, "--scheduler", address)
     return {
         "recordings": n,
         "seconds": round(seconds, 1),
@@ -167,8 +167,8 @@ def scaling(n: int, scheduler_port: int) -> dict[str, float]:
     for n_workers in (1, 2):
         with workers(address, n_workers), Client(address, set_as_default=False) as client:
             client.wait_for_workers(n_workers, timeout=120)
-            process(folder, f"{BUCKET}/warm-{n_workers}", "--scheduler", address)
-            seconds[n_workers] = process(folder, f"{BUCKET}/timed-{n_workers}", "--scheduler", address)[0]
+            process([folder], f"{BUCKET}/warm-{n_workers}", "--scheduler", address)
+            seconds[n_workers] = process([folder], f"{BUCKET}/timed-{n_workers}", "--scheduler", address)[0]
     return {"recordings": n, "one_s": round(seconds[1], 1), "two_s": round(seconds[2], 1),
             "ratio": round(seconds[1] / seconds[2], 2)}  # fmt: skip
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,7 +27,41 @@ def goal_row(goal: Goal) -> str:
 
 def goals_text(goals: list[Goal]) -> str:
     """All goals as a table."""
-    return "\n".join(["| goal | bound | measured | |", "|---|---|---|---|", *map(goal_row, goals)])
+    return "\n".join([GOALS_HEAD, *map(goal_row, goals)])
+
+
+GOALS_HEAD = "| goal | bound | measured | |\n|---|---|---|---|"
+# Stands behind all sections that are measured.
+PLAN = "A plan for a million recordings"
+
+
+def updated(page: str, sections: list[Section], pictures: dict[str, str], note: str) -> str:
+    """Put sections that were measured apart into a page, in place of those of the same title.
+
+    Parameters
+    ----------
+    page : str
+        Markdown that `python -m benchmarks --out` wrote.
+    sections : list of Section
+    pictures : dict of str to str
+        Path of each plot.
+    note : str
+        Says when and how these sections were measured; stands first in each of them.
+    """
+    head, *parts = page.rstrip("\n").split("\n\n## ")
+    texts = {part.partition("\n")[0]: f"## {part}" for part in parts}
+    plan = texts.pop(PLAN, None)
+    for section in sections:
+        texts[section.title] = section_text(replace(section, words=[note, *section.words]), pictures)
+    before, _, after = head.partition(GOALS_HEAD)
+    table, *behind = after.lstrip("\n").split("\n\n")
+    rows = {row.split("|")[1].strip(): row for row in table.splitlines()}
+    for goal in (goal for section in sections for goal in section.goals):
+        rows[goal.what] = goal_row(goal)
+    n_met = sum(row.endswith("| met |") for row in rows.values())
+    before = re.sub(r"\d+ of \d+ goals are met", f"{n_met} of {len(rows)} goals are met", before)
+    goals = "\n".join([GOALS_HEAD, *rows.values()])
+    return "\n\n".join([before.rstrip("\n"), goals, *behind, *texts.values(), *([plan] if plan else [])]) + "\n"
 
 
 def section_text(section: Section, pictures: dict[str, str] | None = None) -> str:

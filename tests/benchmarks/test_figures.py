@@ -9,7 +9,7 @@ import xml.etree.ElementTree as ET
 import pytest
 
 from benchmarks.measuring import Clock, Goal, Plot, Section, Table, time_words
-from benchmarks.page import draw, goal_row, section_text
+from benchmarks.page import GOALS_HEAD, PLAN, draw, goal_row, section_text, updated
 from benchmarks.recordings_speed import plan
 
 pytestmark = pytest.mark.unit
@@ -96,3 +96,25 @@ def test_the_plan_multiplies_what_was_measured():
 )
 def test_times_have_their_unit(seconds, words):
     assert time_words(seconds) == words
+
+
+def test_a_section_measured_apart_takes_its_place_and_its_goals():
+    page = "\n\n".join(
+        [
+            "# Speed", "2 of 2 goals are met. Measured on a quiet machine.",
+            f"{GOALS_HEAD}\n| speed of A | ≥ 2 | 3 | met |\n| memory of B | ≤ 1 GB | 0.5 GB | met |",
+            "## A\n\nold words of A", "## B\n\nwords of B", f"## {PLAN}\n\nplan",
+        ]
+    ) + "\n"  # fmt: skip
+    assert updated(page, [], {}, "note") == page
+    again = Section(
+        title="A", words=["new words"], goals=[Goal(what="speed of A", value=1.0, bound=2.0, at_least=True)]
+    )
+    other = Section(title="C", words=["words of C"], goals=[Goal(what="time of C", value=1.0, bound=2.0, unit="s")])
+    text = updated(page, [again, other], {}, "measured apart")
+    assert [line for line in text.splitlines() if line.startswith("## ")] == ["## A", "## B", "## C", f"## {PLAN}"]
+    assert "old words" not in text
+    assert "## A\n\nmeasured apart\n\nnew words" in text
+    assert "words of B" in text
+    assert "2 of 3 goals are met. Measured" in text
+    assert "| speed of A | ≥ 2 | 1 | **not met** |\n| memory of B | ≤ 1 GB | 0.5 GB | met |\n| time of C |" in text
