@@ -35,9 +35,17 @@ _SHOWN: Final = (
 @click.option("--quality", help="Only this quality: good, failed, 'doubted channel', ... as the table names it.")
 @click.option("--since", type=click.DateTime(["%Y-%m-%d"]), metavar="DATE", help="Started on this day (UTC) or later.")
 @click.option("--until", type=click.DateTime(["%Y-%m-%d"]), metavar="DATE", help="Started on this day (UTC) or before.")
+@click.option("--period", type=(float, float), metavar="LOW HIGH", help="Stroke period from LOW to HIGH, ms.")
+@click.option("--k-fc", type=(float, float), metavar="LOW HIGH", help="k_Fc from LOW to HIGH, N·s/m.")
 @json_option
 def command(
-    directory: Place, since: datetime | None, until: datetime | None, as_json: bool, **wanted: str | None
+    directory: Place,
+    since: datetime | None,
+    until: datetime | None,
+    period: tuple[float, float] | None,
+    k_fc: tuple[float, float] | None,
+    as_json: bool,
+    **wanted: str | None,
 ) -> int:
     """List the recordings of an archive, with what was found in them; make one with `process --archive DIR`."""
     from sawbench.archive.table import ResultTable
@@ -47,6 +55,9 @@ def command(
     for name, value in wanted.items():
         if value is not None:
             found = found[found[name] == value]
+    for name, span in (("stroke_period_s", period), ("k_fc_n_s_per_m", k_fc)):
+        if span is not None:
+            found = found[(_NUMBERS[name][1] * found[name]).between(*span)]
     days = found["started_at"].dt.strftime("%Y-%m-%d")
     for given, is_inside in ((since, lambda day: days >= day), (until, lambda day: days <= day)):
         if given is not None:

@@ -67,6 +67,22 @@ def test_the_catalogue_lists_and_filters(lab, capsys):
     assert [row["error"][:18] for row in json.loads(capsys.readouterr().out)] == ["is not a recording"]
 
 
+@pytest.mark.parametrize(
+    ("option", "column", "scale"), [("--k-fc", "k_fc_n_s_per_m", 1.0), ("--period", "stroke_period_s", 1e3)]
+)
+def test_the_catalogue_filters_by_what_was_found(lab, capsys, option, column, scale):
+    def shown(*options):
+        assert main(["catalogue", str(lab / "archive"), "--json", *options]) == 0
+        return [(row["trial_id"], row[column]) for row in json.loads(capsys.readouterr().out)]
+
+    known = [row for row in shown() if row[1] is not None]
+    least = min(known, key=lambda row: row[1])
+    assert 0 < sum(row[1] > least[1] for row in known) < len(shown())
+    assert shown(option, "0", str(1.0001 * scale * least[1])) == [least]
+    assert least not in shown(option, str(1.0001 * scale * least[1]), "1e9")
+    assert shown(option, "0", "1e-9") == []
+
+
 def test_what_is_no_archive_is_one_error(tmp_path, capsys):
     assert main(["catalogue", str(tmp_path)]) == 2
     assert "is not an archive" in capsys.readouterr().err
