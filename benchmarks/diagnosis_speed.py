@@ -100,7 +100,7 @@ def measure(clock: Clock) -> Section:
             Goal(what=f"`diagnose` of {whole}", value=command_s, bound=10.0, unit="s"),
         ],
         plots=[
-            Plot(name="diagnosis", title="Diagnosis over trials", x_label="trials", y_label="s",
+            Plot(name="diagnosis", title="Diagnosis over trials", x_label="trials", y_label="time / s",
                  lines={"diagnose": (list(map(float, numbers)), seconds)}),
         ],
         numbers={"diagnosis_s": seconds[-1]},

@@ -285,9 +285,9 @@ def measure(clock: Clock) -> Section:
         ],
         goals=goals(times, times_whole) + fit_goals,
         plots=[
-            Plot(name="one_second", title="One second from rest at 1e-6: time", x_label="ms",
+            Plot(name="one_second", title="One second from rest at 1e-6: time", x_label="time / ms",
                  bars={name.replace("`", ""): 1e3 * timing.median_s for name, timing in times.items()}),
-            Plot(name="discharge", title="A whole discharge at 3e-6: time", x_label="ms",
+            Plot(name="discharge", title="A whole discharge at 3e-6: time", x_label="time / ms",
                  bars={name.replace("`", ""): 1e3 * timing.median_s for name, timing in times_whole.items()}),
         ],
     )  # fmt: skip

@@ -109,7 +109,10 @@ def draw(plot: Plot, path: Path) -> None:
             axes.barh(names, [plot.bars[name] for name in names], color=colours, height=0.65)
             logarithmic(axes.xaxis, plot.bars.values())
             for row, name in enumerate(names):
-                axes.annotate(f" {plot.bars[name]:.3g}", (plot.bars[name], row), va="center", fontsize=8)
+                axes.annotate(
+                    f"{float(f'{plot.bars[name]:.3g}'):g}", (plot.bars[name], row), xytext=(3, 0),
+                    textcoords="offset points", va="center", fontsize=8,
+                )  # fmt: skip
             axes.margins(x=0.12)
         for (label, (x, y)), colour in zip(plot.lines.items(), COLOURS, strict=False):
             axes.plot(x, y, "o-", color=colour, label=label, markersize=3.5, linewidth=1.4)

@@ -113,7 +113,7 @@ def measure(clock: Clock) -> Section:
         ],
         plots=[
             Plot(
-                name="recorder", title="Processor time for 100 000 samples", x_label="ms",
+                name="recorder", title="Processor time for 100 000 samples", x_label="time / ms",
                 bars={name: 1e3 * spent for name, spent in per_100_ks.items()},
             )
         ],

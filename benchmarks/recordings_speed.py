@@ -117,7 +117,7 @@ def measure(clock: Clock) -> Section:
             ),
         ],
         plots=[
-            Plot(name="effects", title="Known effects in the model", x_label="effects", y_label="s",
+            Plot(name="effects", title="Known effects in the model", x_label="effects", y_label="time / s",
                  lines=lines),
         ],
         numbers={f"{name}_s": timing.median_s for name, timing in long.items()} | {"samples": float(n_long)},

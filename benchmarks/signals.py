@@ -128,7 +128,7 @@ def measure(clock: Clock) -> Section:
         plots=[
             Plot(name="fold", title="Period and fold: passes over the memory", x_label="passes", bars=passes),
             Plot(name="processing", title="process_recording over the amount of data",
-                 x_label="million samples", y_label="s", lines=lines),
+                 x_label="million samples", y_label="time / s", lines=lines),
         ],
         numbers={"process_s_an_hour_of_4_channels": hour_s},
     )  # fmt: skip

@@ -235,6 +235,6 @@ def measure(clock: Clock) -> Section:
                 rows=[*own_rows, ("import of 6 CSV, 250 200 rows, jittered times", "", f"{imported_s:.1f} s")],
             ),
         ],
-        plots=[Plot(name="storage", title="Bytes a sample", x_label="bytes", bars=sizes)],
+        plots=[Plot(name="storage", title="Size of a sample", x_label="size / bytes", bars=sizes)],
         numbers={"bytes_a_sample": sizes["sawbench (MCAP)"]},
     )
