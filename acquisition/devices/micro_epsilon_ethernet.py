@@ -153,9 +153,9 @@ class MicroEpsilonEthernet(RowInstrument[MicroEpsilonEthernetSettings]):
         return {**super().describe(), "model": f"{self.MODEL} {self._settings.family}"}
 
     def _renew(self, *, is_begun: bool) -> None:
-        # The block that ended the waiting told the number.
+        # The block that ended the waiting told the number; what is dropped at the start tells none.
         if isinstance(self._framer, BlockFramer):
-            self._number = self._framer.serial_number
+            self._number = self._framer.serial_number or self._number
         super()._renew(is_begun=is_begun)
 
 

@@ -264,3 +264,14 @@ def test_calibration_polynomial_and_statement():
         Calibration(polynomial=(1.0,), scale=2.0)
     with pytest.raises(ValueError, match="must not be 0"):
         Calibration(scale=0.0)
+
+
+@needs_pty
+@pytest.mark.parametrize("driver", EMULATED)
+def test_a_link_that_comes_back_finds_the_same_number(driver):
+    """The recorder asks for it when the instrument streams, and compares it once the port is open again."""
+    with streaming(driver) as (device, _):
+        number = device.describe().get("serial_number")
+        device.stop()
+        device.open()
+        assert device.describe().get("serial_number") == number

@@ -183,5 +183,8 @@ def test_another_controller_is_refused(monkeypatch):
     given = {"driver": "micro_epsilon_ethernet", "port": "socket://h:1", "channels": {"displacement_mm": {"input": 1}}}
     device, _ = opened(monkeypatch, make, {**given, "serial_number": "1234"})
     assert device.describe()["serial_number"] == "1234"
+    # What it drops when it starts tells no number, and must not make it unknown.
+    device.start()
+    assert device.describe()["serial_number"] == "1234"
     with pytest.raises(OtherInstrumentError, match="1234, the configuration names 77"):
         opened(monkeypatch, make, {**given, "serial_number": "77"})
