@@ -25,6 +25,7 @@ class _Counter:
     first_s: float = 0.0
     last_s: float = 0.0
     gap_s: float = 0.0
+    gap_behind_s: float = 0.0
     latest: float | None = None
 
 
@@ -153,8 +154,8 @@ class StreamRecorder:
             counter = self._counters[channel.name]
             counter.n_gaps += 1
             counter.n_missing += n_missing
-            # What is missing at the end is not in the span that the rate is taken over.
-            counter.gap_s += end_s - start_s if is_inside else 0.0
+            # Only once samples follow is it in the span that the rate is taken over.
+            counter.gap_behind_s += end_s - start_s if is_inside else 0.0
             events.append(self._gap_event(channel, start_s, end_s, n_missing, reason))
         return events
 
@@ -217,6 +218,7 @@ class StreamRecorder:
             if not counter.n_samples:
                 counter.first_s = float(time_s[a])
             counter.n_samples += b - a
+            counter.gap_s, counter.gap_behind_s = counter.gap_s + counter.gap_behind_s, 0.0
             counter.last_s = float(time_s[b - 1])
             counter.latest = float(values[b - 1])
         return out

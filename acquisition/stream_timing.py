@@ -255,7 +255,18 @@ class StreamTimer:
         n_extra = max(0, round((lost_s - self._clock.uncertainty_s) * self.stream.rate_hz))
         # The loss is behind the last chunk that was less late than it.
         less_late = [k for k, held in self._waiting() if self._late_s(held) < lost_s - self._tolerance_s()]
-        return self._end_hold(n_extra, at=less_late[-1] + 1 if less_late else self._n_observed)
+        at = less_late[-1] + 1 if less_late else self._n_observed
+        return [*self._doubt_before(at), *self._end_hold(n_extra, at=at)]
+
+    def _doubt_before(self, at: int) -> list[Timed]:
+        """Say that samples were late for long before a loss at place `at`: part of the loss may have been there."""
+        before = self._held[self._n_observed : at]
+        if not before or before[-1].chunk.arrival_s[-1] - before[0].chunk.arrival_s[-1] < _QUARTER_S:
+            return []
+        late_s = max(self._late_s(held) for held in before)
+        start_s, end_s = (self._clock.line.time_of(held.n_before) for held in (before[0], self._held[at]))
+        text = f"samples came up to {late_s * 1e3:.0f} ms late before a loss: times here are early by up to as much"
+        return [Doubt(start_s=start_s, end_s=end_s, text=f"{text} where part of it was here")]
 
     def _say_late(self, hold: _Hold, newest_s: float, late_s: float) -> list[Timed]:
         """Say once that samples wait, before it is certain whether any were lost."""

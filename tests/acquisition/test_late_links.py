@@ -121,3 +121,12 @@ def test_what_is_late_when_the_recording_ends_is_said():
     (doubt,) = found.doubts
     assert not found.losses
     assert "a late link, or 30" in doubt.text
+
+
+def test_losses_that_follow_each_other_too_fast_to_be_told_apart_are_said_where_times_may_be_wrong():
+    found = timed(6000.0, lambda _: 0.0, lost=[(4.0 + 0.4 * k, 900) for k in range(6)], seconds=12.0)
+    assert sum(loss.n_missing for loss in found.losses) == pytest.approx(5400, abs=6)
+    given_s = (found.true_s + found.error_s)[np.abs(found.error_s) > 0.001] + START_S
+    marked = [(doubt.start_s - 0.001 <= given_s) & (given_s <= doubt.end_s) for doubt in found.doubts]
+    assert len(given_s)
+    assert np.any(marked, axis=0).all()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from sawbench.acquisition.calibration import Calibration
 from sawbench.acquisition.devices.device import Chunk, Stream, StreamChannel
+from sawbench.acquisition.stream_recorder import StreamRecorder
 from sawbench.acquisition.stream_timing import Loss, StreamTimer, TimedBlock
 
 pytestmark = pytest.mark.unit
@@ -169,3 +170,17 @@ def test_a_lost_row_of_an_instrument_with_times_of_its_own_is_a_loss():
     (loss,) = [x for x in out if isinstance(x, Loss)]
     assert (loss.start_s, loss.end_s, loss.n_missing) == (1.1, 1.4, 2)
     assert [block.first_index for block in blocks_of(out)] == [0, 1, 4]
+
+
+def test_a_gap_behind_which_nothing_came_does_not_raise_the_rate():
+    recorder = StreamRecorder("cell", STREAM)
+    recorder.push(chunk(0, 500))
+    recorder.begin(100.5, 3.0)
+    for k in range(500, 2500, 10):
+        recorder.push(chunk(k, 10))
+    # A second is lost, and what follows lies behind the end of the recording.
+    recorder.push(chunk(3600, 10, n_lost=1100))
+    recorder.finish(3.0, "lost")
+    (status,) = recorder.status()
+    assert status.n_missing > 900
+    assert status.rate_hz == pytest.approx(RATE_HZ, rel=0.01)
