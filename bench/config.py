@@ -389,7 +389,7 @@ def load_config(path: str | Path) -> LoadedConfig:
         every offending key, what was got and what is allowed.
     """
     path = Path(path)
-    text = read_toml_text(path, remedy="give the file with --config, or run in the folder of bench_config.toml")
+    text = read_toml_text(path, remedy="check the path given with --config, or run in the folder of bench_config.toml")
     return parse_config(text, where=str(path))
 
 

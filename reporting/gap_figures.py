@@ -214,7 +214,7 @@ def map_picture(found: Mapping[str, Any], order: Sequence[str]) -> Picture | Non
             axes.invert_yaxis()
             axes.grid(visible=False)
             axes.set_facecolor("#e3e6e8")
-            axes.set_title(f"{EQUATION_WORDS.get(name, name)}: measured minus model / {equation['unit']}", fontsize=9.5)
+            axes.set_title(f"{EQUATION_WORDS.get(name, name)}: measured minus model / {_unit(equation)}", fontsize=9.5)
             bar = figure.colorbar(drawn, ax=axes, pad=0.01, ticks=[-top, 0.0, top], aspect=12)
             bar.ax.set_yticklabels([format_number(-top, digits=2), "0", format_number(top, digits=2)], fontsize=8.0)
         panels[-1].set_xticks([0, 45, 90, 135, 180, 225, 270, 315, 360])
@@ -233,13 +233,17 @@ def map_picture(found: Mapping[str, Any], order: Sequence[str]) -> Picture | Non
     )
 
 
+def _unit(equation: Mapping[str, Any]) -> str:
+    return str(equation["unit"]).replace("*", "·")
+
+
 def _map_spots(
     axes: Axes, equation: Mapping[str, Any], points: Sequence[str], edges_deg: Sequence[float]
 ) -> list[Spot]:
     return [
         Spot(axes=axes, x=(edges_deg[k], edges_deg[k + 1]), y=(place, place + 1),
              text=f"{points[place]}, crank angle {edges_deg[k]:.0f}° to {edges_deg[k + 1]:.0f}°: "
-             f"{format_number(value, digits=2)} {equation['unit']}")
+             f"{format_number(value, digits=2)} {_unit(equation)}")
         for place, row in enumerate(equation["values"]) if row is not None
         for k, value in enumerate(row) if value is not None and np.isfinite(value)
     ]  # fmt: skip
