@@ -305,7 +305,7 @@ def _harmonics(values: Floats) -> Waves:
     """Harmonics 1 to `_N_HARMONICS` of equally spaced values over one stroke."""
     order = np.arange(1, _N_HARMONICS + 1)
     turns = np.arange(len(values)) / len(values)
-    return 2.0 / len(values) * (np.exp(-2j * np.pi * np.outer(order, turns)) @ values)
+    return np.asarray(2.0 / len(values) * (np.exp(-2j * np.pi * np.outer(order, turns)) @ values), dtype=np.complex128)
 
 
 def _harmonic_std(cycle: FoldedCycle) -> float:

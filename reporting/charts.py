@@ -175,8 +175,10 @@ def _coded_shape(shape: Mapping[str, Any]) -> dict[str, Any]:
 
 def _labels(axes: Axes, lines: list[Line2D], shapes: list[dict[str, Any]], title: str) -> list[str]:
     """Name every line, and let a band without a name go with the line of its colour."""
+    from matplotlib.container import ErrorbarContainer
+
     # The line of error bars carries no name, they do.
-    of_bars = {one.lines[0]: one.get_label() for one in axes.containers if hasattr(one, "lines")}
+    of_bars = {one.lines[0]: one.get_label() for one in axes.containers if isinstance(one, ErrorbarContainer)}
     said = [str(of_bars.get(line, line.get_label())) for line in lines]
     given = ["" if text.startswith("_") else _plain(text) for text in said]
     colours = [_hex(line.get_color()) for line in lines]

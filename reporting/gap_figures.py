@@ -209,7 +209,7 @@ def map_picture(found: Mapping[str, Any], order: Sequence[str]) -> Picture | Non
                 edges, np.arange(len(points) + 1), values, cmap="RdBu_r",
                 norm=BoundaryNorm(np.linspace(-top, top, _N_LEVELS + 1), 256),
             )  # fmt: skip
-            spots += _map_spots(axes, equation, points, edges)
+            spots += _map_spots(axes, equation, points, edges.tolist())
             axes.set_yticks(np.arange(len(points)) + 0.5, points, fontsize=8.0)
             axes.invert_yaxis()
             axes.grid(visible=False)

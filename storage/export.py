@@ -374,7 +374,7 @@ class Mf4File:
     def __exit__(self, kind: object, *_: object) -> None:
         if kind is None:
             self._file.attach(self._about.encode(), file_name="sawbench.json", mime="application/json")
-            self._file.save(self._stream, compression=2)
+            self._file.save(self._stream, compression=2)  # pyright: ignore[reportArgumentType] - any binary file will do
         self._file.close()
 
 

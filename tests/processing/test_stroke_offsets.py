@@ -129,7 +129,7 @@ def test_a_clock_that_drifts_within_the_trial_is_found_and_said():
 def test_what_the_trial_cannot_tell_is_said():
     found, _ = offsets(BenchConfig())
     assert found["motor_current_a"].offset_s is None and "[plant]" in found["motor_current_a"].reason
-    assert found["force_n"].offset_s is None and "only a change shows" in found["force_n"].reason
+    assert found["force_n"].offset_s is None and "only a change" in found["force_n"].reason
 
 
 def test_one_instrument_has_one_clock():
