@@ -23,7 +23,9 @@ from sawbench.diagnosis.answer.until_closed import Pass, closing_table, held
 from sawbench.diagnosis.answer.until_closed import until_closed as close
 from sawbench.diagnosis.answer.where import locate
 from sawbench.diagnosis.campaign import Campaign
+from sawbench.diagnosis.inference.dispersion import stacked_with_noise, with_noise
 from sawbench.diagnosis.inference.evidence import Column, catalogue_columns
+from sawbench.diagnosis.inference.gain_drift import GainDrift, gain_drifts
 from sawbench.diagnosis.inference.hypothesis import OTHERS, Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, build_problem
 from sawbench.diagnosis.inference.posterior import Posterior, judge
@@ -151,7 +153,7 @@ def _report(
         "probabilities": {name: posterior.of(name).probability for name in OTHERS},
         "parameter_shifts": _shifts(problem),
         "gap": _gap(first.ladder, channels),
-        "signals": signal_findings(campaign, problem.wander),
+        "signals": signal_findings(campaign, problem.wander, _gain_drifts(problem, posterior)),
         "learned_term": None if learned is None else learned.report(),
         "improved_model": improved_model(problem, posterior, members, causes, loaded, learned),
         "next_trial": next_trial(problem, posterior),
@@ -163,6 +165,13 @@ def _report(
         "detail": {**detail(problem, posterior, channels), "log_odds_at_typical_size": shown},
         "provenance": dict(provenance),
     }  # fmt: skip
+
+
+def _gain_drifts(problem: LinearProblem, posterior: Posterior) -> Mapping[str, GainDrift]:
+    """By the noise of this bench, beside the likeliest cause and a little of every effect."""
+    noise = posterior.dispersion
+    beside = [posterior.small, *(m.column.columns * m.effect.strength.high for m in posterior.best.members)]
+    return gain_drifts(with_noise(problem, noise), stacked_with_noise(problem, beside, noise))
 
 
 def _shown_causes(posterior: Posterior) -> list[Hypothesis]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
-from sawbench.bench.units import CHANNEL_BY_NAME, FORCE
+from sawbench.bench.units import BATTERY_CURRENT, CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
 from sawbench.diagnosis.campaign import Campaign
+from sawbench.diagnosis.inference.gain_drift import GainDrift
 from sawbench.diagnosis.inference.off_stroke import OffStroke, fixed_lines, is_mains
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.strikes import foreign_bursts
@@ -16,10 +18,16 @@ from sawbench.diagnosis.signal_health import ChannelHealth
 
 _LEAST: Final = SETTINGS.report.least_fault
 
+_CHANNEL_OF_GAIN: Final = {
+    "force_gain": FORCE.name, "motor_current_gain": MOTOR_CURRENT.name, "battery_current_gain": BATTERY_CURRENT.name,
+}  # fmt: skip
+
 Entry = dict[str, Any]
 
 
-def signal_findings(campaign: Campaign, wander: ZeroWander | None) -> list[Entry]:
+def signal_findings(
+    campaign: Campaign, wander: ZeroWander | None, drifts: Mapping[str, GainDrift] = MappingProxyType({})
+) -> list[Entry]:
     """Faults of the sensors of a campaign.
 
     Parameters
@@ -27,6 +35,8 @@ def signal_findings(campaign: Campaign, wander: ZeroWander | None) -> list[Entry
     campaign : Campaign
     wander : ZeroWander or None
         Of the force's zero.
+    drifts : mapping of str to GainDrift
+        Of `gain_drifts`.
 
     Returns
     -------
@@ -36,7 +46,12 @@ def signal_findings(campaign: Campaign, wander: ZeroWander | None) -> list[Entry
     by_channel: dict[str, list[ChannelHealth]] = {}
     for one in campaign.health:
         by_channel.setdefault(one.channel, []).append(one)
-    found = [*_lines(campaign.off_stroke, by_channel), *_bursts(campaign.off_stroke), *_wander(wander, by_channel)]
+    found = [
+        *_lines(campaign.off_stroke, by_channel),
+        *_bursts(campaign.off_stroke),
+        *_wander(wander, by_channel),
+        *_drifts(drifts),
+    ]
     for channel, trials in by_channel.items():
         found += _faults(channel, trials)
     return found
@@ -85,6 +100,16 @@ def _wander(wander: ZeroWander | None, health: dict[str, list[ChannelHealth]]) -
     if wander.restart_n > _LEAST["restart_n"]:
         words = f"the zero differs by {wander.restart_n:.2g} N from trial to trial: tare before each trial"
         yield _entry(FORCE.name, "zero_steps", wander.restart_n, "N", words)
+
+
+def _drifts(drifts: Mapping[str, GainDrift]) -> Iterator[Entry]:
+    for gain, drift in drifts.items():
+        if abs(drift.change) > max(_LEAST["gain_drift"], SETTINGS.report.wander_stds * drift.std):
+            words = (
+                f"the gain changes by {100.0 * drift.change:+.2g} % over the session: let the amplifier warm up before"
+                " the first trial"
+            )
+            yield _entry(_CHANNEL_OF_GAIN[gain], "gain_drift", abs(drift.change), "1", words)
 
 
 def _faults(channel: str, trials: Sequence[ChannelHealth]) -> Iterator[Entry]:

@@ -118,7 +118,7 @@ class Report:
         Significance of a zero that wanders.
     least_fault : mapping of str to float
         Below these a fault of a sensor costs nothing: share of samples missing, jitter in sample periods, spikes a
-        second, wander and jumps at restarts in N.
+        second, wander and jumps at restarts in N, drift of a gain.
     """
 
     odds: float = marked(20.0, "convention", "95 %, as every interval")
@@ -134,7 +134,8 @@ class Report:
     worth: float = marked(1.0, "convention", "odds of e")
     wander_stds: float = marked(3.0, "convention", "three standard deviations")
     least_fault: Mapping[str, float] = marked(
-        {"missing": 1e-3, "jitter": 0.05, "spikes_hz": 0.05, "wander_n": 0.1, "restart_n": 0.5}, "convention",
+        {"missing": 1e-3, "jitter": 0.05, "spikes_hz": 0.05, "wander_n": 0.1, "restart_n": 0.5, "gain_drift": 1e-3},
+        "convention",
         "less than the floors of `Sensors`",
     )  # fmt: skip
 

@@ -20,6 +20,10 @@ from sawbench.modeling.state import State
 
 # Of the radius, for the derivative of a torque that is a smooth function of it.
 _RADIUS_STEP = 1e-4
+# Between the name of a gain and the time constant of its warm-up, in the names of nuisances.
+WARM_UP: Final = ", warm-up over "
+# Gains of amplifiers that warm up; a voltage divider hardly does.
+_DRIFTING: Final = ("motor_current_gain", "force_gain", "battery_current_gain")
 # (model of the plant: here a Baseline, State) -> Signature
 SignatureFunction = Callable[[Any, State], Signature]
 
@@ -207,10 +211,31 @@ def _sensor_nuisances() -> list[Nuisance]:
         "battery_voltage_offset_v": _battery_voltage_offset,
         "angle_zero_rad": angle_shift,
     }
+    sensors = SETTINGS.sensors
     return [
-        Nuisance(name=name, nominal=0.0, std=SETTINGS.sensors.std[name], is_plant=False, signature=signature)
-        for name, signature in signatures.items()
-    ]
+        *(
+            Nuisance(name=name, nominal=0.0, std=sensors.std[name], is_plant=False, signature=signature)
+            for name, signature in signatures.items()
+        ),
+        *(
+            Nuisance(
+                name=f"{name}{WARM_UP}{time_s:g} s", nominal=0.0, std=sensors.drift_share * sensors.std[name],
+                is_plant=False, signature=_warming(signatures[name], time_s),
+            )
+            for name in _DRIFTING
+            for time_s in sensors.drift_times_s
+        ),
+    ]  # fmt: skip
+
+
+def _warming(gain: SignatureFunction, time_s: float) -> SignatureFunction:
+    """Of a gain that differs by one in the beginning and comes to its final value as the amplifier warms up."""
+
+    def signature(baseline: Baseline, state: State) -> Signature:
+        left = np.exp(-(state.setting.session_s + state.time_s) / time_s)
+        return {equation: left * wave for equation, wave in gain(baseline, state).items()}
+
+    return signature
 
 
 def _motor_current_gain(baseline: Baseline, state: State) -> Signature:

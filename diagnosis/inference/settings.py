@@ -193,8 +193,12 @@ class Sensors:
         acceleration).
     mean_voltage_floor_v : float
         Of the mean of the electrical equation, at whatever current.
-    force_share, force_harmonic : float
-        Share of its peak to which a load cell is linear, and the harmonic at which that halves: it is smooth.
+    linearity_share, linearity_harmonic : float
+        Share of the range in use to which a sensor is linear, and the harmonic at which that halves: it is smooth.
+    drift_share : float
+        Of the standard deviation of a gain: that of its change while the amplifier warms up.
+    drift_times_s : tuple of float
+        Time constants of that change.
     start_up_floor : mapping of str to float
         At the first motion, where the tracked speed is least certain, in the unit of the equation.
     start_up_decay_s : float
@@ -221,8 +225,12 @@ class Sensors:
         }, "measured", INTACT,
     )  # fmt: skip
     mean_voltage_floor_v: float = marked(0.005, "convention", "0.05 % of 10 V")
-    force_share: float = marked(1e-3, "convention", "linearity of a load cell: a thousandth of the peak")
-    force_harmonic: float = marked(4.0, "convention", "a bend of the characteristic is smooth over the stroke")
+    linearity_share: float = marked(1e-3, "convention", "linearity of load cells and current sensors: a thousandth")
+    linearity_harmonic: float = marked(4.0, "convention", "a bend of the characteristic is smooth over the stroke")
+    drift_share: float = marked(0.5, "convention", "an amplifier that warms up keeps within its stated gain")
+    drift_times_s: tuple[float, ...] = marked(
+        (600.0, 3600.0), "convention", "warm-up times of amplifiers: 10 min to 1 h"
+    )
     start_up_floor: Mapping[str, float] = marked(
         {"electrical": 0.25, "supply": 0.004, "converter": 0.02, "mechanical": 0.01, "cutting": 3.0},
         "measured",

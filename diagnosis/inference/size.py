@@ -190,5 +190,4 @@ def _sum_of_weights(marginal: Marginal, columns: Floats, signs: Floats, *, most_
     correlation = correlation[np.ix_(kept, kept)]
     size, variance = float(each @ found), float(each @ np.linalg.inv(correlation) @ each)
     of_whole = size**2 / float(found @ correlation @ found)
-    of_forms = min(max(variance - of_whole, 0.0), (most_std * size) ** 2)
-    return size, float(np.sqrt(of_whole + of_forms))
+    return size, float(np.sqrt(max(of_whole, min(variance, (most_std * size) ** 2))))

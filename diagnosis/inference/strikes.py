@@ -74,13 +74,21 @@ class StruckTrial(Protocol):
 
 def _runs(left: Floats, resolution: float) -> tuple[np.ndarray, np.ndarray]:
     """First cell of each strike and the one after its last: far off what the same cell does in other strokes."""
-    spread = np.maximum(1.4826 * np.median(np.abs(left), axis=0), resolution)
+    measured = left[_is_measured(left)]
+    if not len(measured):
+        return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
+    spread = np.maximum(1.4826 * np.median(np.abs(measured), axis=0), resolution)
     far = (np.abs(left) > _NUMBERS.strike * spread).ravel()
     beside = np.zeros_like(far)
     beside[1:] = far[:-1]
     beside[:-1] |= far[1:]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], far & beside, [False]]).astype(int)))
     return edges[::2], edges[1::2]
+
+
+def _is_measured(left: Floats) -> np.ndarray:
+    """Strokes that are not zero throughout: what was not measured stands as zeros."""
+    return left.any(axis=1)
 
 
 def resolution_of(values: Floats) -> float:
@@ -95,7 +103,7 @@ def strikes(left: Floats, resolution: float, rate_hz: float) -> Strikes:
     Parameters
     ----------
     left : ndarray, shape (n_strokes, n_cells)
-        Channel less its mean stroke.
+        Channel less its mean stroke; zero throughout a stroke that was not measured whole.
     resolution : float
         In the unit of the channel: the last bit that flips is no strike.
     rate_hz : float
@@ -114,7 +122,7 @@ def strikes(left: Floats, resolution: float, rate_hz: float) -> Strikes:
     return Strikes(
         share=square / max(float(np.sum(flat**2)), 1e-300),
         size=float(np.median(largest)) if largest else 0.0,
-        per_s=apart * rate_hz / len(left),
+        per_s=apart * rate_hz / max(int(_is_measured(left).sum()), 1),
     )
 
 

@@ -107,12 +107,26 @@ class Jigsaw:
                 floor[part] = np.hypot(least, growth * order ** (2.0 if equation == "mechanical" else 1.0))
                 if equation == "electrical":
                     floor[part.start] = sensors.mean_voltage_floor_v
-                if equation == "cutting" and not state.setting.is_idle:
-                    bent_n = sensors.force_share * state.peak_force_n
-                    floor[part] = np.hypot(floor[part], bent_n / (1.0 + (order / sensors.force_harmonic) ** 2))
                 if equation in ("electrical", "mechanical"):
                     floor[part] = np.hypot(floor[part], self._ripple_error(equation, order, state))
-        return np.diag(floor**2)
+        return np.diag(floor**2 + self._bend_of_sensors(layout, state))
+
+    def _bend_of_sensors(self, layout: Layout, state: State) -> Floats:
+        """Variance of every feature by characteristics that are straight to a share of the range in use."""
+        found, sensors = np.zeros(layout.size), SETTINGS.sensors
+        for reading in READINGS.values():
+            values = reading.of(state)
+            if values is None:
+                continue
+            bent = sensors.linearity_share * float(np.ptp(values.mean(axis=0)))
+            for equation, moved in reading.signature(self.baseline, state).items():
+                part = layout.slices.get(equation)
+                if part is None:
+                    continue
+                order = 0.0 if state.kind == "start_up" else orders((part.stop - part.start - 1) // 2)
+                smooth = 1.0 / (1.0 + (order / sensors.linearity_harmonic) ** 2)
+                found[part] += bent**2 * float(np.mean(moved**2)) * smooth**2
+        return found
 
     def _ripple_error(self, equation: Equation, order: Floats, state: State) -> Floats:
         """What an uncertain wave of the angle makes of back-EMF or inertia torque, at each harmonic.

@@ -118,6 +118,14 @@ def test_a_wrong_reading(true, name):
     compare(gap(BASELINE, read), {key: size * wave for key, wave in claimed.items()}, 0.03)
 
 
+@pytest.mark.parametrize("name", ["force_gain", "motor_current_gain", "battery_current_gain"])
+def test_a_gain_that_changes_while_the_amplifier_warms_up(true, name):
+    late = replace(true, setting=replace(true.setting, session_s=450.0))
+    read = replace(late, **READINGS[name](late, SHARE * np.exp(-(450.0 + late.time_s) / 600.0)))
+    claimed = nuisance(f"{name}, warm-up over 600 s").signature(BASELINE, read)
+    compare(gap(BASELINE, read), {key: SHARE * wave for key, wave in claimed.items()}, 0.03)
+
+
 def test_an_offset_of_the_battery_current(true):
     read = replace(true, battery_current_a=true.battery_current_a + 0.1)
     claimed = nuisance("battery_current_offset_a").signature(BASELINE, read)

@@ -15,7 +15,7 @@ from sawbench.bench.units import (
     MOTOR_CURRENT,
 )
 from sawbench.diagnosis.inference.off_stroke import fixed_lines, off_stroke, off_stroke_finding
-from sawbench.diagnosis.inference.strikes import foreign_bursts
+from sawbench.diagnosis.inference.strikes import foreign_bursts, strikes
 
 from tests.rigs.processed import processed_trial
 
@@ -251,3 +251,17 @@ def test_what_stands_in_a_gap_of_the_samples_is_no_burst():
         found.append(off_stroke(processed_trial(trial, signals, angle, 0.0, DURATION_S)))
     assert off_stroke_finding(found) is None
     assert foreign_bursts(found) == {}
+
+
+def test_where_most_strokes_lack_samples_the_others_are_no_bursts():
+    rng = np.random.default_rng(4)
+    left = rng.standard_normal((80, 64))
+    left[rng.random(80) < 0.7] = 0.0
+    found = strikes(left, 1e-3, 12.0)
+    assert (found.size, found.per_s, found.share) == (0.0, 0.0, 0.0)
+    struck = left.copy()
+    measured = np.flatnonzero(left.any(axis=1))
+    struck[measured[3], 20:24] = 40.0
+    assert strikes(struck, 1e-3, 12.0).size == pytest.approx(40.0)
+    assert strikes(struck, 1e-3, 12.0).per_s == pytest.approx(12.0 / len(measured))
+    assert strikes(np.zeros((80, 64)), 1e-3, 12.0).size == 0.0

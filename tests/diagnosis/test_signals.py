@@ -9,6 +9,7 @@ import pytest
 from sawbench.bench.config import BenchConfig
 from sawbench.bench.recording import Recording, Signal, Trial
 from sawbench.diagnosis.answer.signals import signal_findings
+from sawbench.diagnosis.inference.gain_drift import GainDrift, gain_drifts
 from sawbench.diagnosis.inference.zero_wander import ZeroWander
 from sawbench.diagnosis.signal_health import channel_health
 from sawbench.processing.process import process_recording
@@ -88,3 +89,36 @@ def test_a_zero_that_wanders_and_one_that_restarts_elsewhere():
     assert set(found) == {"zero_wander", "zero_steps"}
     assert found["zero_wander"]["magnitude"] == pytest.approx(np.sqrt(0.06 * SECONDS), rel=0.01)
     assert found["zero_steps"]["magnitude"] == 1.5
+
+
+@pytest.mark.parametrize(
+    ("change", "std", "is_named"), [(0.006, 0.001, True), (0.006, 0.004, False), (5e-4, 1e-5, False)]
+)
+def test_a_gain_that_drifts_is_named_where_it_is_certain_and_matters(change, std, is_named):
+    clean = SimpleNamespace(off_stroke=(), health=())
+    listed = signal_findings(clean, None, {"motor_current_gain": GainDrift(change=-change, std=std)})
+    found = [(s["channel"], s["finding"], s["magnitude"], s["unit"]) for s in listed]
+    assert found == ([("motor_current_a", "gain_drift", 0.006, "1")] if is_named else [])
+    assert all("-0.6 %" in s["words"] for s in listed)
+
+
+def test_the_drift_of_a_gain_is_estimated_beside_what_else_may_be_off():
+    """One amplifier comes from +1.2 % to its final gain with a time constant of 600 s; another one is steady."""
+    rng = np.random.default_rng(5)
+    time_s = np.linspace(0.0, 1800.0, 400)
+    names = ("force_gain", "force_gain, warm-up over 600 s", "motor_current_gain, warm-up over 600 s")
+    std = np.array([0.01, 0.005, 0.005])
+    load, current = 100.0 + 20.0 * rng.standard_normal(400), 50.0 + 10.0 * rng.standard_normal(400)
+    left = np.exp(-time_s / 600.0)
+    waves = 20.0 * np.stack([load, load * left, current * left], axis=1)
+    problem = SimpleNamespace(
+        names=names, prior_std=std, nuisance=waves * std, data=waves @ [0.02, 0.012, 0.0] + rng.standard_normal(400),
+        campaign=SimpleNamespace(
+            states=[SimpleNamespace(setting=SimpleNamespace(session_s=0.0), time_s=time_s[:, None])]
+        ),
+    )  # fmt: skip
+    found = gain_drifts(problem, np.zeros((400, 0)))
+    assert set(found) == {"force_gain", "motor_current_gain"}
+    true = 0.012 * (np.exp(-3.0) - 1.0)
+    assert abs(found["force_gain"].change - true) < 3.0 * found["force_gain"].std < 0.1 * abs(true)
+    assert abs(found["motor_current_gain"].change) < 3.0 * found["motor_current_gain"].std < 0.003

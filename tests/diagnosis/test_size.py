@@ -64,6 +64,16 @@ def test_forms_that_look_alike_and_state_other_numbers_make_a_size_uncertain_not
     assert 0.0 < 1.96 * std < 1.2 * size
 
 
+@pytest.mark.parametrize(("hidden", "is_there"), [(0.4, True), (1.5, False)])
+def test_a_size_that_is_right_to_a_factor_of_two_is_there_unless_the_noise_alone_hides_it(hidden, is_there):
+    """What a nuisance may hide does not add to the factor by which forms disagree."""
+    columns = columns_of("brush_voltage_drop", FIRST, (FIRST + 1e-3 * OTHER) / 20.0)
+    problem = problem_of(2.0 * FIRST + noise(3), hidden * FIRST)
+    size, std = size_of(problem, columns).mixture
+    assert std > 0.0
+    assert (1.96 * std < abs(size)) == is_there
+
+
 def test_what_a_nuisance_may_hide_is_known_no_better_on_a_quiet_bench():
     """Sure data, and a gain of 30 % that looks like the effect: the size is known to 30 %, whatever the noise."""
     columns = columns_of("edge_force", FIRST)
