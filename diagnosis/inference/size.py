@@ -85,13 +85,13 @@ def mixed(
     scaled = with_noise(problem, variance)
     stacked = stacked_with_noise(problem, [c.columns for c in columns], variance)
     signs = np.array([_direction(c) for c in columns])
-    most = problem.settings.forms.most_std
-    size, known = _sum_of_weights(
-        Marginal(scaled, extra=stacked_with_noise(problem, fixed, variance)), stacked, signs, most_std=most
+    size, known, _ = _sum_of_weights(
+        Marginal(scaled, extra=stacked_with_noise(problem, fixed, variance)), stacked, signs
     )
-    _, std = _sum_of_weights(
-        Marginal(scaled, extra=stacked_with_noise(problem, [*fixed, *others], variance)), stacked, signs, most_std=most
+    _, whole, shared = _sum_of_weights(
+        Marginal(scaled, extra=stacked_with_noise(problem, [*fixed, *others], variance)), stacked, signs
     )
+    std = max(whole, min(shared, problem.settings.forms.most_std * abs(size)))
     return replace(member, mixture=(size, std)) if np.isfinite(known + std) else member
 
 
@@ -164,19 +164,19 @@ def together(problem: LinearProblem, members: Sequence[Explanation], *, dispersi
     return found
 
 
-def _sum_of_weights(marginal: Marginal, columns: Floats, signs: Floats, *, most_std: float) -> tuple[float, float]:
-    """Sum of the non-negative weights of columns, shape (n, q), times signs, and its standard deviation.
+def _sum_of_weights(marginal: Marginal, columns: Floats, signs: Floats) -> tuple[float, float, float]:
+    """Sum of the non-negative weights of columns, shape (n, q), times signs, and two standard deviations of it.
 
-    Only weights above zero are uncertain; without any the sum is 0, known not at all. How much of the effect is there
-    is what the mixture as it stands says; how the weights are shared among its forms adds `most_std` of the size at
-    most: forms with nearly one signature that state different numbers make a size uncertain, never doubtful.
+    Only weights above zero are uncertain; without any the sum is 0, known not at all. The first is of the mixture as it
+    stands: how much of the effect is there. The second lets the weights be shared otherwise among its forms: those
+    with nearly one signature that state different numbers make a size uncertain, never doubtful.
     """
     from scipy.optimize import nnls
 
     gram, moment = marginal.gram(columns)
     shown = np.diag(gram) > _LEAST_SHOWN * np.sum(columns**2, axis=0)
     if not shown.any():
-        return 0.0, np.inf
+        return 0.0, np.inf, np.inf
     gram, moment, signs = gram[np.ix_(shown, shown)], moment[shown], signs[shown]
     scale = np.sqrt(np.diag(gram))
     values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
@@ -185,9 +185,9 @@ def _sum_of_weights(marginal: Marginal, columns: Floats, signs: Floats, *, most_
     weights, _ = nnls(root[:, None] * vectors.T, vectors.T @ (moment / scale) / root, maxiter=100 * len(scale))
     kept = weights > 0.0
     if not kept.any():
-        return 0.0, np.inf
+        return 0.0, np.inf, np.inf
     each, found = (signs / scale)[kept], weights[kept]
     correlation = correlation[np.ix_(kept, kept)]
     size, variance = float(each @ found), float(each @ np.linalg.inv(correlation) @ each)
     of_whole = size**2 / float(found @ correlation @ found)
-    return size, float(np.sqrt(max(of_whole, min(variance, (most_std * size) ** 2))))
+    return size, float(np.sqrt(of_whole)), float(np.sqrt(max(variance, of_whole)))
