@@ -168,7 +168,7 @@ def _report(
 
 
 def _gain_drifts(problem: LinearProblem, posterior: Posterior) -> Mapping[str, GainDrift]:
-    """By the noise of this bench, beside the likeliest cause and a little of every effect."""
+    """Estimate by the noise of this bench, together with the likeliest cause and background effects."""
     noise = posterior.dispersion
     beside = [posterior.small, *(m.column.columns * m.effect.strength.high for m in posterior.best.members)]
     return gain_drifts(with_noise(problem, noise), stacked_with_noise(problem, beside, noise))
