@@ -147,7 +147,7 @@ def test_from_the_tare_to_the_diagnosis(bench, page):
     page.access_key("n")
     page.type("clamp checked")
     page.press("Enter", code=13, text="\r")
-    page.wait_for("document.querySelector('.said').textContent === 'Noted: clamp checked'")
+    page.wait_for("document.querySelector('.said').textContent === 'Note stored: clamp checked'")
     looked_at(page)
     page.access_key("x")
     assert ended(page) == "done"
