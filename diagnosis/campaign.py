@@ -245,7 +245,9 @@ def _refuse_foreign_angles(states: list[State], warnings: list[str]) -> None:
         lock = lock_to_angle(state) if state.kind == "running" else None
         if lock is not None:
             locks.setdefault(lock[0], {})[state.setting.label] = lock[1]
-    foreign: list[str] = []
+    remedy = "the displacement belongs to another trial, or the clocks of the devices differ"
+    foreign: dict[str, str] = {}
+    n_judged = 0
     for name, found in locks.items():
         spread_rad = _NUMBERS.phase_spread_rad[name]
         usual = sum(lock / abs(lock) for lock in found.values()) if len(found) > 2 else 0.0
@@ -255,14 +257,15 @@ def _refuse_foreign_angles(states: list[State], warnings: list[str]) -> None:
             if abs(lock) < _NUMBERS.locked or (abs(usual) > 0 and abs(np.angle(lock / usual)) > spread_rad)
         ]
         reason = f"the {name} is not synchronous with the strokes of the displacement"
-        remedy = "the displacement belongs to another trial, or the clocks of the devices differ"
         if name == "current in air" and len(off) > _NUMBERS.foreign_share * len(found):
             warnings.append(f"in most trials {reason}: it has another source")
             continue
-        if len(off) > _NUMBERS.foreign_share * len(found):
-            raise InputError(f"in {len(off)} of {len(found)} trials {reason}", where=off[0], remedy=remedy)
-        foreign += off
-        warnings += [f"{label} left out: {reason}; {remedy}" for label in off]
+        n_judged += len(found)
+        foreign |= dict.fromkeys(off, reason)
+    if len(foreign) > _NUMBERS.foreign_share * n_judged:
+        first, reason = next(iter(foreign.items()))
+        raise InputError(f"in {len(foreign)} of {n_judged} trials {reason}", where=first, remedy=remedy)
+    warnings += [f"{label} left out: {reason}; {remedy}" for label, reason in foreign.items()]
     states[:] = [s for s in states if s.setting.label not in foreign]
 
 

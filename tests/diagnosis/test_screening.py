@@ -274,6 +274,22 @@ def test_a_saturated_channel_is_left_out(good):
     assert any("range of the sensor exceeded" in text for text in campaign.warnings)
 
 
+def test_two_trials_whose_current_is_not_synchronous_do_not_cost_the_campaign(good):
+    """Without a force only their current can be judged: both are off, and sixteen other trials are not."""
+    recordings, config = good
+    victims = [k for k, r in enumerate(recordings) if not r.trial.is_idle][:2]
+
+    def slipping(recording):
+        signal = recording.signals[MOTOR]
+        late = np.interp(0.9 * signal.time_s, signal.time_s, signal.values)
+        return without(FORCE)(with_values(recording, **{MOTOR: late}))
+
+    campaign = reduce_campaign([slipping(r) if k in victims else r for k, r in enumerate(recordings)], config)
+    names = {recordings[k].trial.trial_id for k in victims}
+    assert labels(campaign) == {r.trial.trial_id for r in recordings} - names
+    assert sum("the current is not synchronous" in text for text in campaign.warnings) == 2
+
+
 @pytest.mark.parametrize("change", [0.0875, -0.0875])
 def test_a_wrong_duty_is_found_by_the_other_trials(good, change):
     recordings, config = good
