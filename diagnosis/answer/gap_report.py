@@ -9,6 +9,7 @@ import numpy as np
 from sawbench.bench.config import LoadedConfig
 from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Recording
+from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.answer.channel_gap import ChannelGap, forecast
 from sawbench.diagnosis.answer.claim import carried_by_strokes, sized_members
 from sawbench.diagnosis.answer.gap_detail import detail, log_odds_at_typical_size
@@ -135,12 +136,20 @@ def _report(
 ) -> dict[str, Any]:
     """Put an answer into the words of the contract, and further tables beside it."""
     problem, columns, posterior, predictions = answer.problem, answer.columns, answer.posterior, answer.predictions
-    campaign, shown = problem.campaign, log_odds_at_typical_size(problem, columns)
+    campaign = problem.campaign
     shown_causes = _shown_causes(posterior)
     causes = [_cause(problem, columns, posterior, predictions, hypothesis) for hypothesis in shown_causes]
     learned = learned_answer(problem, columns, posterior)
     first = predictions.of(shown_causes[0] if shown_causes else posterior.of("no_gap"))
-    channels = forecast(first.hold_out, first.ladder, first.forms, on_trial=on_trial)
+
+    def predicted() -> ChannelGap:
+        return forecast(first.hold_out, first.ladder, first.forms, on_trial=on_trial)
+
+    def weighed() -> tuple[list[dict[str, Any]], dict[str, float]]:
+        places = [] if posterior.verdict == "no_gap" else _where(problem, posterior)
+        return places, log_odds_at_typical_size(problem, columns)
+
+    channels, (where, shown) = on_two_cores(_done, [predicted, weighed])
     members = sized_members(problem, columns, posterior, posterior.best)
     by_direction, asymmetry = campaign.plant.asymmetry(campaign.states, posterior.best.effects)
     if by_direction:
@@ -148,7 +157,7 @@ def _report(
     return {
         "schema_version": SCHEMA_VERSION,
         "verdict": posterior.verdict,
-        "where": [] if posterior.verdict == "no_gap" else _where(problem, posterior),
+        "where": where,
         "causes": causes,
         "probabilities": {name: posterior.of(name).probability for name in OTHERS},
         "parameter_shifts": _shifts(problem),
@@ -165,6 +174,10 @@ def _report(
         "detail": {**detail(problem, posterior, channels), "log_odds_at_typical_size": shown},
         "provenance": dict(provenance),
     }  # fmt: skip
+
+
+def _done(work: Callable[[], Any]) -> Any:
+    return work()
 
 
 def _gain_drifts(problem: LinearProblem, posterior: Posterior) -> Mapping[str, GainDrift]:
