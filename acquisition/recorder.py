@@ -162,6 +162,8 @@ class _Run:
         self._devices = list(devices)
         self._between_rounds = between_rounds
         self._clock = clock
+        # Simulated time does not stand still while samples gather.
+        self._gather_s = limits.gather_s if clock is time.monotonic else 0.0
         self._limits = limits
         self._messages: queue.Queue[Message] = queue.Queue(limits.queue_length)
         self._readers: list[DeviceReader] = []
@@ -184,7 +186,7 @@ class _Run:
                 self._streams[device.name, stream.name] = StreamRecorder(device.name, stream)
         for device in self._devices:
             device.start()
-            times_s = {"silence_s": self._limits.silence_s, "gather_s": self._limits.gather_s}
+            times_s = {"silence_s": self._limits.silence_s, "gather_s": self._gather_s}
             reader = DeviceReader(device, self._messages, clock=self._clock, **times_s)
             self._readers.append(reader)
         for reader in self._readers if self._between_rounds is None else ():
@@ -341,7 +343,7 @@ class _Run:
             self._between_rounds()
             for device in self._devices:
                 self._messages.put(Samples(device=device.name, chunks=device.read()))
-        elif self._limits.gather_s and self._messages.empty():
+        elif self._gather_s and self._messages.empty():
             time.sleep(_TAKE_EVERY_S)
         try:
             return self._messages.get(timeout=_WAIT_S)

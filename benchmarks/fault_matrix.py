@@ -118,7 +118,7 @@ def run_link_fault(
         devices = build_devices(config, rig.ports, clock=rig.clock)
         try:
             # Simulated time waits for nobody's pauses, and where an instrument does not come back it stands still.
-            limits = RecorderLimits(queue_length=1, gather_s=0.0)
+            limits = RecorderLimits(queue_length=1)
             with _stopped_where_stuck(rig.clock) as stuck:
                 summary = record(
                     devices, writer, seconds=SECONDS, clock=rig.clock, observers=observers, limits=limits, stop=stuck

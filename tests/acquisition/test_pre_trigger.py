@@ -33,7 +33,7 @@ def recorded(touch, seconds):
 
     with resting_bench(BENCH) as rig:
         devices = build_devices(load_config(CONFIG).config, rig.ports, clock=rig.clock)
-        limits = RecorderLimits(queue_length=1, gather_s=0.0, touch=touch)
+        limits = RecorderLimits(queue_length=1, touch=touch)
         summary = record(devices, Writer(), seconds=seconds, clock=rig.clock, limits=limits)
     channels = {}
     for name in ("force_n", "displacement_mm", "motor_current_a"):

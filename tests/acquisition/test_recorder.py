@@ -22,7 +22,7 @@ RATE_HZ = 1000.0
 # Only the limits under test are short. A reader waits until its last read is taken: however busy the machine,
 # the scripted time runs no further ahead of the recorder than two reads.
 PATIENT = RecorderLimits(
-    first_sample_s=1e6, settle_s=1e6, silence_s=1e6, all_lost_s=1e6, grace_s=1e6, queue_length=1, gather_s=0.0
+    first_sample_s=1e6, settle_s=1e6, silence_s=1e6, all_lost_s=1e6, grace_s=1e6, queue_length=1
 )
 
 
@@ -331,7 +331,7 @@ def silent(device):
 def test_silence_at_the_start_names_device_and_port():
     device = Scripted(at=defaultdict(lambda: silent), has_begun=True)
     with pytest.raises(DeviceError, match="sent no sample of frames") as caught:
-        run(device, limits=RecorderLimits(silence_s=1e9, queue_length=1, gather_s=0.0), seconds=1.0)
+        run(device, limits=RecorderLimits(silence_s=1e9, queue_length=1), seconds=1.0)
     assert "cell on port of cell" in str(caught.value)
     assert not device.is_open
 

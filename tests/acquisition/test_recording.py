@@ -125,7 +125,7 @@ def recorded_in_simulated_time(seconds, **options):
     with resting_bench(sines(), **options) as rig:
         devices = build_devices(load_config(CONFIG).config, rig.ports, clock=rig.clock)
         # A reader that is further ahead of the recorder waits, and time with it.
-        limits = RecorderLimits(queue_length=1, gather_s=0.0)
+        limits = RecorderLimits(queue_length=1)
         summary = record(devices, writer, seconds=seconds, clock=rig.clock, limits=limits)
     return writer, summary
 
