@@ -21,9 +21,7 @@ pytestmark = pytest.mark.unit
 RATE_HZ = 1000.0
 # Only the limits under test are short. A reader waits until its last read is taken: however busy the machine,
 # the scripted time runs no further ahead of the recorder than two reads.
-PATIENT = RecorderLimits(
-    first_sample_s=1e6, settle_s=1e6, silence_s=1e6, all_lost_s=1e6, grace_s=1e6, queue_length=1
-)
+PATIENT = RecorderLimits(first_sample_s=1e6, settle_s=1e6, silence_s=1e6, all_lost_s=1e6, grace_s=1e6, queue_length=1)
 
 
 class Clock:
