@@ -203,7 +203,7 @@ class LiveWarnings:
             if peak_n > _PRELOAD_SHARE * self._preload_n:
                 yield (
                     "preload",
-                    (f"{peak_n:.0f} N of {self._preload_n:g} N preload: above it the carriage lifts off its support"),
+                    f"{peak_n:.0f} N of {self._preload_n:g} N preload: above it the carriage lifts off its support",
                 )
         if is_running and is_steady:
             if np.ptp(values) == 0.0:

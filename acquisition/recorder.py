@@ -162,8 +162,9 @@ class _Run:
         self._devices = list(devices)
         self._between_rounds = between_rounds
         self._clock = clock
-        # Simulated time does not stand still while samples gather.
-        self._gather_s = limits.gather_s if clock is time.monotonic else 0.0
+        self._is_real_time = clock is time.monotonic
+        # Simulated time waits for nobody: it does not stand still while samples gather.
+        self._gather_s = limits.gather_s if self._is_real_time else 0.0
         self._limits = limits
         self._messages: queue.Queue[Message] = queue.Queue(limits.queue_length)
         self._readers: list[DeviceReader] = []
@@ -186,13 +187,13 @@ class _Run:
                 self._streams[device.name, stream.name] = StreamRecorder(device.name, stream)
         for device in self._devices:
             device.start()
-            times_s = {"silence_s": self._limits.silence_s, "gather_s": self._gather_s}
-            reader = DeviceReader(device, self._messages, clock=self._clock, **times_s)
+            reader = DeviceReader(
+                device, self._messages, clock=self._clock, silence_s=self._limits.silence_s, gather_s=self._gather_s
+            )
             self._readers.append(reader)
         for reader in self._readers if self._between_rounds is None else ():
             reader.start()
-        # Scripted time waits for nobody.
-        if self._clock is time.monotonic:
+        if self._is_real_time:
             self._busy.start()
 
     def wait_until_settled(self, stop: threading.Event | None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -149,7 +150,7 @@ def _report(
         places = [] if posterior.verdict == "no_gap" else _where(problem, posterior)
         return places, log_odds_at_typical_size(problem, columns)
 
-    channels, (where, shown) = on_two_cores(_done, [predicted, weighed])
+    channels, (where, shown) = on_two_cores(operator.call, [predicted, weighed])
     members = sized_members(problem, columns, posterior, posterior.best)
     by_direction, asymmetry = campaign.plant.asymmetry(campaign.states, posterior.best.effects)
     if by_direction:
@@ -174,10 +175,6 @@ def _report(
         "detail": {**detail(problem, posterior, channels), "log_odds_at_typical_size": shown},
         "provenance": dict(provenance),
     }  # fmt: skip
-
-
-def _done(work: Callable[[], Any]) -> Any:
-    return work()
 
 
 def _gain_drifts(problem: LinearProblem, posterior: Posterior) -> Mapping[str, GainDrift]:

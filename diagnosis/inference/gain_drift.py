@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.diagnosis.inference.linear_problem import LinearProblem
-from sawbench.diagnosis.inference.nuisances import WARM_UP
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.diagnosis.inference.nuisances import DRIFTING, warm_up_of
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -33,20 +33,17 @@ def gain_drifts(problem: LinearProblem, beside: Floats) -> Mapping[str, GainDrif
     dict of str to GainDrift
         By the name of the gain; empty where the plant has none.
     """
-    gains = {k: name.split(WARM_UP)[0] for k, name in enumerate(problem.names) if WARM_UP in name}
-    if not gains:
-        return {}
-    design = np.hstack([problem.nuisance, beside])
-    covariance = np.linalg.inv(np.eye(design.shape[1]) + design.T @ design)
-    mean = covariance @ (design.T @ problem.data)
+    marginal, place = Marginal(problem, extra=beside), {name: k for k, name in enumerate(problem.names)}
     times_s = [s.setting.session_s + s.time_s.ravel()[[0, -1]] for s in problem.campaign.states]
     begins_s, ends_s = np.min(times_s), np.max(times_s)
     found = {}
-    for gain in dict.fromkeys(gains.values()):
-        change = np.zeros(len(mean))
-        for k, name in gains.items():
-            if name == gain:
-                time_s = float(problem.names[k].split(WARM_UP)[1].removesuffix(" s"))
+    for gain in DRIFTING:
+        change = np.zeros(marginal.design.shape[1])
+        for time_s in problem.settings.sensors.drift_times_s:
+            k = place.get(warm_up_of(gain, time_s))
+            if k is not None:
                 change[k] = problem.prior_std[k] * (np.exp(-ends_s / time_s) - np.exp(-begins_s / time_s))
-        found[gain] = GainDrift(change=float(change @ mean), std=float(np.sqrt(change @ covariance @ change)))
+        if change.any():
+            total, std = marginal.weighted_sum(change)
+            found[gain] = GainDrift(change=total, std=std)
     return found

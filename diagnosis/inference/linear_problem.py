@@ -415,6 +415,13 @@ class Marginal:
 
         return cho_solve((self._root, True), self.design.T @ columns)
 
+    def weighted_sum(self, weights: Floats) -> tuple[float, float]:
+        """Posterior mean and standard deviation of a weighted sum of the nuisances, in units of their prior std."""
+        from scipy.linalg import solve_triangular
+
+        half = solve_triangular(self._root, weights, lower=True)
+        return float(weights @ self.data_split[0]), float(np.sqrt(half @ half))
+
     def estimate(self) -> tuple[Floats, Floats]:
         """Posterior mean and standard deviation of the nuisances, in units of their (scaled) prior std."""
         from scipy.linalg import cho_solve

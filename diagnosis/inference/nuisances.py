@@ -20,10 +20,8 @@ from sawbench.modeling.state import State
 
 # Of the radius, for the derivative of a torque that is a smooth function of it.
 _RADIUS_STEP = 1e-4
-# Between the name of a gain and the time constant of its warm-up, in the names of nuisances.
-WARM_UP: Final = ", warm-up over "
 # Gains of amplifiers that warm up; a voltage divider hardly does.
-_DRIFTING: Final = ("motor_current_gain", "force_gain", "battery_current_gain")
+DRIFTING: Final = ("motor_current_gain", "force_gain", "battery_current_gain")
 # (model of the plant: here a Baseline, State) -> Signature
 SignatureFunction = Callable[[Any, State], Signature]
 
@@ -219,13 +217,18 @@ def _sensor_nuisances() -> list[Nuisance]:
         ),
         *(
             Nuisance(
-                name=f"{name}{WARM_UP}{time_s:g} s", nominal=0.0, std=sensors.drift_share * sensors.std[name],
+                name=warm_up_of(name, time_s), nominal=0.0, std=sensors.drift_share * sensors.std[name],
                 is_plant=False, signature=_warming(signatures[name], time_s),
             )
-            for name in _DRIFTING
+            for name in DRIFTING
             for time_s in sensors.drift_times_s
         ),
     ]  # fmt: skip
+
+
+def warm_up_of(gain: str, time_s: float) -> str:
+    """Name of the nuisance for the change of a gain while its amplifier warms up with a time constant."""
+    return f"{gain}, warm-up over {time_s:g} s"
 
 
 def _warming(gain: SignatureFunction, time_s: float) -> SignatureFunction:

@@ -10,6 +10,7 @@ from sawbench.bench.config import BenchConfig
 from sawbench.bench.recording import Recording, Signal, Trial
 from sawbench.diagnosis.answer.signals import signal_findings
 from sawbench.diagnosis.inference.gain_drift import GainDrift, gain_drifts
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.zero_wander import ZeroWander
 from sawbench.diagnosis.signal_health import channel_health
 from sawbench.processing.process import process_recording
@@ -112,7 +113,8 @@ def test_the_drift_of_a_gain_is_estimated_beside_what_else_may_be_off():
     left = np.exp(-time_s / 600.0)
     waves = 20.0 * np.stack([load, load * left, current * left], axis=1)
     problem = SimpleNamespace(
-        names=names, prior_std=std, nuisance=waves * std, data=waves @ [0.02, 0.012, 0.0] + rng.standard_normal(400),
+        names=names, prior_std=std, settings=SETTINGS, nuisance=waves * std,
+        data=waves @ [0.02, 0.012, 0.0] + rng.standard_normal(400),
         campaign=SimpleNamespace(
             states=[SimpleNamespace(setting=SimpleNamespace(session_s=0.0), time_s=time_s[:, None])]
         ),
