@@ -20,6 +20,8 @@ _SERIAL_NUMBER: Final = "serial_number"
 # So many samples, and values in them, may gather: adapters and systems hand out a few kilobytes at a time.
 _GATHERED_SAMPLES: Final = 400
 _GATHERED_VALUES: Final = 1000
+# Timing and writing cost more than a read: what gathered so many times is handed on together.
+_GATHERED_TIMES: Final = 3
 # Slower instruments are read as they send; and all are while the clock settles, which wants every arrival.
 _GATHER_FROM_HZ: Final = 200.0
 _EAGER_S: Final = 3.0
@@ -131,13 +133,13 @@ class DeviceReader(threading.Thread):
                 raise DeviceError(f"sent nothing for {now_s - latest_s:.1f} s", where=self.device.name)
 
     def _gathered(self) -> list[Chunk]:
-        """Let samples gather, take them, and wait for those behind them, whose arrival is then known."""
-        time.sleep(self._gather_s)
-        chunks = self.device.read()
-        if not chunks:
-            return []
+        """Let samples gather, take them, some times; wait for those behind them, whose arrival is then known."""
+        chunks: list[Chunk] = []
         try:
-            return joined(chunks, self.device.read())
+            for _ in range(_GATHERED_TIMES):
+                time.sleep(self._gather_s)
+                chunks = joined(chunks, self.device.read())
+            return joined(chunks, self.device.read()) if chunks else []
         except DeviceError:
             self._send(Samples(device=self.device.name, chunks=chunks))
             raise

@@ -68,8 +68,7 @@ class Cycles:
             end_s = start_s + self.per_unit / self.rate_hz
             inside = (signal.time_s >= start_s) & (signal.time_s < end_s)
             basis = fourier(TWO_PI * self.rate_hz * (signal.time_s[inside] - self.lowest_s), n)
-            normal = basis.T @ basis + 1e-6 * np.eye(basis.shape[1])
-            rows.append(np.linalg.solve(normal, basis.T @ signal.values[inside]))
+            rows.append(_fitted(basis, signal.values[inside]))
         return np.array(rows)
 
 
@@ -81,8 +80,16 @@ def fourier(phase_rad: Floats, n_harmonics: int) -> Floats:
     >>> fourier(np.zeros(1), 2).tolist()
     [[1.0, 1.0, 1.0, 0.0, 0.0]]
     """
-    angle = np.outer(phase_rad, np.arange(1, n_harmonics + 1))
-    return np.hstack([np.ones((len(phase_rad), 1)), np.cos(angle), np.sin(angle)])
+    turn = np.exp(1j * phase_rad)
+    # A product more for each order costs a fifth of a sine and a cosine.
+    lines = np.cumprod(np.broadcast_to(turn[:, None], (len(turn), n_harmonics)), axis=1)
+    return np.hstack([np.ones((len(turn), 1)), lines.real, lines.imag])
+
+
+def _fitted(basis: Floats, values: Floats) -> Floats:
+    """Least squares by the normal equations: over whole cycles the columns are nearly orthogonal."""
+    normal = basis.T @ basis + 1e-6 * np.eye(basis.shape[1])
+    return np.linalg.solve(normal, basis.T @ values)
 
 
 def derivative(coefficients: Floats) -> Floats:
@@ -136,7 +143,7 @@ def _fundamental(displacement: Signal, rate_hz: float) -> Cycles | str:
     """Whole cycles of a rate, counted back from the end; or why there are none."""
     time_s, values = displacement.time_s, displacement.values
     basis = fourier(TWO_PI * rate_hz * time_s, _RATE_HARMONICS)
-    theta = np.linalg.lstsq(basis, values, rcond=None)[0]
+    theta = _fitted(basis, values)
     if float(np.var(values - basis @ theta)) > (1.0 - _NUMBERS.cyclic_share) * float(np.var(values)):
         return "its displacement is not cyclic at a constant rate"
     n = int((displacement.duration_s + _NUMBERS.lacking_samples / displacement.rate_hz) * rate_hz)
@@ -235,7 +242,7 @@ def _rate_hz(displacement: Signal) -> float:
 
     def misfit(rate_hz: float) -> float:
         basis = fourier(TWO_PI * rate_hz * few_s, _RATE_HARMONICS)
-        rest = few - basis @ np.linalg.lstsq(basis, few, rcond=None)[0]
+        rest = few - basis @ _fitted(basis, few)
         return float(rest @ rest)
 
     reach_hz = min(0.5 / duration_s, 0.3 * crude_hz)
@@ -257,10 +264,12 @@ def _refined(displacement: Signal, rate_hz: float) -> float:
         return rate_hz
     for _ in range(_REFINEMENTS):
         basis = fourier(TWO_PI * rate_hz * since_s, n)
-        theta: Floats = np.linalg.lstsq(basis, few, rcond=None)[0].astype(np.float64)
+        rest = few - basis @ (theta := _fitted(basis, few))
         change = TWO_PI * since_s * (basis @ derivative(theta))
-        both = np.linalg.lstsq(np.hstack([basis, change[:, None]]), few, rcond=None)[0]
-        rate_hz += float(np.clip(both[-1], -0.1 / displacement.duration_s, 0.1 / displacement.duration_s))
+        # What the harmonics take of the change is theirs.
+        change -= basis @ _fitted(basis, change)
+        step_hz = float(change @ rest) / max(float(change @ change), 1e-300)
+        rate_hz += float(np.clip(step_hz, -0.1 / displacement.duration_s, 0.1 / displacement.duration_s))
     return rate_hz
 
 

@@ -81,8 +81,8 @@ def test_nothing_is_lost_where_samples_gather(gather_s):
     found = [messages.get() for _ in range(messages.qsize())]
     chunks = [c for m in found if isinstance(m, Samples) for c in m.chunks]
     assert np.concatenate([c.raw[:, 0] for c in chunks]).tolist() == list(range(10_000))
-    # Every read is 10 ms: 3 s are read as they come, then two reads are one chunk.
-    assert len(chunks) == (1000 if not gather_s else pytest.approx(300 + 700 / 2, abs=2))
+    # Every read is 10 ms: 3 s are read as they come, then three reads and the one behind them are one chunk.
+    assert len(chunks) == (1000 if not gather_s else pytest.approx(300 + 700 / 4, abs=2))
     assert [m.reason for m in found if isinstance(m, LinkLost)] == ["unplugged"]
 
 

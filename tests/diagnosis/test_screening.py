@@ -19,6 +19,8 @@ FORCE, DISPLACEMENT, MOTOR = "force_n", "displacement_mm", "motor_current_a"
 VOLTAGE, BATTERY = "battery_voltage_v", "battery_current_a"
 CHANNELS = (FORCE, DISPLACEMENT, MOTOR, VOLTAGE, BATTERY)
 VICTIM = 6
+# Three idle and nine of the first battery: all that a check of a trial against the others needs.
+N_TRIALS = 12
 
 
 def campaign_of(folder, seed, effects=None):
@@ -28,8 +30,14 @@ def campaign_of(folder, seed, effects=None):
 
 
 @pytest.fixture(scope="module")
-def good(tmp_path_factory):
+def whole(tmp_path_factory):
     return campaign_of(tmp_path_factory.mktemp("good"), 321)
+
+
+@pytest.fixture(scope="module")
+def good(whole):
+    recordings, config = whole
+    return recordings[:N_TRIALS], config
 
 
 def with_values(recording, **values):
@@ -194,8 +202,8 @@ def test_wrong_cutting_half_names_the_key_and_rubbing_does_not(good):
 
 
 @pytest.mark.parametrize("name", CHANNELS)
-def test_a_channel_missing_everywhere_weakens_the_answer(good, name):
-    recordings, config = good
+def test_a_channel_missing_everywhere_weakens_the_answer(whole, name):
+    recordings, config = whole
     campaign = reduce_campaign(spoil(recordings, without(name)), config)
     assert campaign.angle_is_assumed == (name == DISPLACEMENT)
     # Idle runs of 1.5 s are too short for a stroke rate from the ripple.
@@ -291,8 +299,8 @@ def test_two_trials_whose_current_is_not_synchronous_do_not_cost_the_campaign(go
 
 
 @pytest.mark.parametrize("change", [0.0875, -0.0875])
-def test_a_wrong_duty_is_found_by_the_other_trials(good, change):
-    recordings, config = good
+def test_a_wrong_duty_is_found_by_the_other_trials(whole, change):
+    recordings, config = whole
     index = next(k for k, r in enumerate(recordings) if r.trial.duty == 0.4375 and not r.trial.is_idle)
     victim = recordings[index].trial
     campaign = reduce_campaign(spoil(recordings, stated(duty=victim.duty + change), only=index), config)
@@ -310,8 +318,8 @@ def test_a_trial_without_drive_is_left_out(good, duty):
         reduce_campaign(spoil(recordings, stated(duty=duty)), config)
 
 
-def test_labels_of_idle_and_cut_are_held_against_the_force(good):
-    recordings, config = good
+def test_labels_of_idle_and_cut_are_held_against_the_force(whole):
+    recordings, config = whole
     idle = next(k for k, r in enumerate(recordings) if r.trial.is_idle and r.trial.duty == 0.4375)
     called_oak = reduce_campaign(spoil(recordings, stated(material="oak", thickness_mm=20.0), only=idle), config)
     assert any("that of an idle run" in text for text in called_oak.warnings)
