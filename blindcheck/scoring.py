@@ -82,6 +82,9 @@ class Score:
         Nats; probabilities below `PROBABILITY_FLOOR` count as that.
     calibration : Calibration
         Of the most probable hypothesis; failed answers left out.
+    calibration_of_claims : Calibration
+        The same where an effect is claimed: an effect that a campaign cannot show is rightly answered "no gap", at a
+        probability that depends on how often the set hides such ones.
     confusion, families : Confusion
         By effect; by the part of the bench that the effect sits in.
     severity : tuple of SeverityBin
@@ -112,6 +115,7 @@ class Score:
     brier: Estimate
     log_loss: Estimate
     calibration: Calibration
+    calibration_of_claims: Calibration
     confusion: Confusion
     families: Confusion
     severity: tuple[SeverityBin, ...]
@@ -154,10 +158,8 @@ def score(cases: Sequence[Case]) -> Score:
         group_size=mean_of(np.array([float(len(case.group)) for case in cases if case.claims_effect])),
         brier=mean_of(np.array([case.brier for case in cases])),
         log_loss=mean_of(np.array([case.log_loss for case in cases])),
-        calibration=calibration_of(
-            np.array([case.probabilities[case.top] for case in given]),
-            np.array([case.top == case.truth for case in given], dtype=np.bool_),
-        ),
+        calibration=_calibration(given),
+        calibration_of_claims=_calibration([case for case in given if case.claims_effect]),
         confusion=_confusion(cases, _effect_label, _hidden_effects(cases)),
         families=_confusion(cases, _family_label, tuple(dict.fromkeys(map(family_of, CATALOGUE)))),
         severity=_by_severity([case for case in cases if case.kind == "effect"]),
@@ -174,6 +176,13 @@ def score(cases: Sequence[Case]) -> Score:
         times_s=tuple(map(float, times)),
         worst=_worst(given),
         failed=tuple(case.name for case in cases if case.is_failed),
+    )
+
+
+def _calibration(cases: Sequence[Case]) -> Calibration:
+    return calibration_of(
+        np.array([case.probabilities[case.top] for case in cases]),
+        np.array([case.top == case.truth for case in cases], dtype=np.bool_),
     )
 
 

@@ -370,6 +370,7 @@ def _means(found: Score) -> list[list[str]]:
         ["Brier score (0 best, 2 worst)", *_numbers(found.brier)],
         ["log-loss / nats", *_numbers(found.log_loss)],
         ["calibration error (ECE)", *_numbers(found.calibration.error)],
+        ["calibration error of claims", *_numbers(found.calibration_of_claims.error)],
     ]
     if found.gap is None:
         numbers.append(["gap_closed against the oracle", "-", "not computed", ""])

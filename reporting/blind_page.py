@@ -129,6 +129,7 @@ def _numbers(score: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
         ("Brier score over all hypotheses (0 best, 2 worst)", score["brier"]),
         ("Log-loss / nats", score["log_loss"]),
         ("Calibration error (ECE)", calibration["error"]),
+        ("Calibration error of claimed effects", score["calibration_of_claims"]["error"]),
         ("Effects in the answered group", score["group_size"]),
     ]
     gap = score["gap"]

@@ -121,14 +121,15 @@ def _closes(ladder: Ladder) -> bool:
     """Whether a cause closes the withheld gap beyond doubt.
 
     It does where the 95 % interval lies above 0, and where no withheld operating point is predicted worse than the
-    gap can be stated: of three or four points the interval says little. What leaves nearly all of the gap unexplained
-    is no cause of it: what explains the rest may well explain that little.
+    gap can be stated, or than by chance: of a few points, or of unequal ones, the interval says little. What leaves
+    nearly all of the gap unexplained is no cause of it: what explains the rest may well explain that little.
     """
     if ladder.held_out == "nothing":
         return True  # the report says that nothing could be withheld
     energy, numbers = ladder.energy, SETTINGS.ladder
     worse = energy["with_effect"] - energy["retuned"]
-    closes_everywhere = len(worse) > 1 and bool(np.all(worse < numbers.least_rest * energy["noise_floor"]))
+    allowed = np.maximum(numbers.least_rest * energy["noise_floor"], numbers.by_chance)
+    closes_everywhere = len(worse) > 1 and bool(np.all(worse < allowed))
     return ladder.gap_closed > numbers.least_added and (ladder.gap_closed_ci95[0] > 0.0 or closes_everywhere)
 
 

@@ -58,6 +58,8 @@ class Ladder:
     ----------
     least_rest : float
         Share of the noise energy below which no cause can be shown to leave less.
+    by_chance : float
+        Sum of squares over the noise by which one number that is fitted elsewhere makes a withheld group worse.
     least_blocks, least_groups : int
         Time blocks of a trial that give a scatter about a straight line; withheld groups that give an interval.
     farthest, farthest_sensor : float
@@ -74,6 +76,7 @@ class Ladder:
     """
 
     least_rest: float = marked(0.02, "convention", "a closed gap is stated to 2 %")
+    by_chance: float = marked(1.0, "convention", "the expectation of chi-square with one degree of freedom")
     least_blocks: int = marked(3, "convention", "a straight line takes two")
     least_groups: int = marked(3, "convention", "a standard error from leaving out one in turn")
     farthest: float = marked(2.0, "convention", "95 %, as every interval")

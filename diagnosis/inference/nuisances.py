@@ -16,7 +16,7 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.residuals import Baseline, Signature, inertia_torque, plunger_swing, residuals
-from sawbench.modeling.state import State
+from sawbench.modeling.state import TWO_PI, State
 
 # Of the radius, for the derivative of a torque that is a smooth function of it.
 _RADIUS_STEP = 1e-4
@@ -82,7 +82,9 @@ def nuisances_of(baseline: Baseline) -> tuple[Nuisance, ...]:
     -------
     tuple of Nuisance
     """
-    return (*_plant_nuisances(baseline), *_battery_nuisances(baseline), *_sensor_nuisances())
+    return (
+        *_plant_nuisances(baseline), *_battery_nuisances(baseline), *_sensor_nuisances(), *_reversal_nuisances(),
+    )  # fmt: skip
 
 
 def of_known(known: KnownEffect) -> Nuisance:
@@ -190,6 +192,30 @@ def _battery_nuisances(baseline: Baseline) -> list[Nuisance]:
             signature=by_capacity,
         ),
     ]
+
+
+def _reversal_nuisances() -> list[Nuisance]:
+    """Force that is missing where the cut begins and where it ends: no law of cutting holds where the blade stands."""
+    return [
+        Nuisance(
+            name=f"force at the {place} of the cut", nominal=0.0, std=1.0, is_plant=False,
+            signature=_missing_beside(is_start=place == "start"),
+        )
+        for place in ("start", "end")
+    ]  # fmt: skip
+
+
+def _missing_beside(*, is_start: bool) -> SignatureFunction:
+    """All of the force within a few degrees of the dead centre at which the cutting half begins, or ends."""
+
+    def signature(baseline: Baseline, state: State) -> Signature:
+        if state.force_n is None or state.setting.is_idle:
+            return {}
+        since = np.mod(state.angle_rad - (0.0 if baseline.cutting_sign > 0 else np.pi), TWO_PI)
+        away = (since if is_start else np.pi - since) / SETTINGS.workpieces.reversal_rad
+        return {"cutting": np.where(away > 0.0, -baseline.expected_force(state) * np.exp(-(away**2)), 0.0)}
+
+    return signature
 
 
 def _sensor_nuisances() -> list[Nuisance]:

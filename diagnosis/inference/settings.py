@@ -254,12 +254,15 @@ class Workpieces:
         Relative, from one piece of a stock to the next, where a campaign has no repeats.
     piece_degrees : float
         Degrees of freedom that this counts beside repeats.
+    reversal_rad : float
+        So near a dead centre the force of the cut may be anything.
     """
 
     stock_std_n_s_per_m: float = marked(1000.0, "convention", "free: three times a hard wood")
     stock_log_std: float = marked(3.0, "convention", "free: a factor of twenty")
     piece_std: float = marked(0.045, "measured", "repeats in wood differ by 4 to 5 %")
     piece_degrees: float = marked(2.0, "convention", "worth one operating point with three trials")
+    reversal_rad: float = marked(0.05, "convention", "3 degrees: there the blade travels less than 0.1 % of its stroke")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -51,6 +51,15 @@ def test_an_interval_holds_its_share_whatever_the_rounding():
             assert found.low <= found.share <= found.high
 
 
+def test_the_calibration_of_claims_leaves_out_what_claims_nothing():
+    claims = [single("edge_force", {"edge_force": 0.9, "no_gap": 0.1}) for _ in range(20)]
+    hidden_from_view = [single("current_limit", {"no_gap": 0.8}) for _ in range(20)]
+    found = score([*claims, *hidden_from_view])
+    assert found.calibration_of_claims.error.n == 20
+    assert found.calibration_of_claims.error.value == pytest.approx(0.1)
+    assert found.calibration.error.value > 0.3
+
+
 def test_no_case_has_no_share():
     assert wilson(0, 0).share is None
     assert mean_of(np.array([])).value is None

@@ -117,22 +117,24 @@ def test_a_second_effect_that_adds_a_hundredth_of_what_stays_unexplained_is_not_
 
 
 @pytest.mark.parametrize(
-    ("retuned", "with_effect", "is_named"),
+    ("retuned", "with_effect", "floor", "is_named"),
     [
-        ([1000.0, 900.0, 950.0, 980.0], [200.0, 190.0, 210.0, 205.0], True),
+        ([1000.0, 900.0, 950.0, 980.0], [200.0, 190.0, 210.0, 205.0], 100.0, True),
         # Every point by a hundredth: what explains the rest may well explain that.
-        ([1000.0, 900.0, 950.0, 980.0], [990.0, 891.0, 940.5, 970.2], False),
+        ([1000.0, 900.0, 950.0, 980.0], [990.0, 891.0, 940.5, 970.2], 100.0, False),
         # One point of three that says nothing of the cause, and one that speaks against it.
-        ([1000.0, 800.0, 300.0], [200.0, 150.0, 301.0], True),
-        ([1000.0, 800.0, 300.0], [200.0, 150.0, 700.0], False),
+        ([1000.0, 800.0, 300.0], [200.0, 150.0, 301.0], 100.0, True),
+        ([1000.0, 800.0, 300.0], [200.0, 150.0, 700.0], 100.0, False),
+        # Less than one number costs by chance speaks against nothing.
+        ([1000.0, 800.0, 130.0], [200.0, 150.0, 130.9], 30.0, True),
     ],
 )
-def test_a_cause_is_named_by_what_it_closes(problem, columns, retuned, with_effect, is_named):
+def test_a_cause_is_named_by_what_it_closes(problem, columns, retuned, with_effect, floor, is_named):
     data = with_columns(problem, columns, FRICTION, 1.0)
     declared = certain_of(judge(data, columns), FRICTION)
     energy = {
         "nominal": np.array(retuned), "retuned": np.array(retuned), "with_effect": np.array(with_effect),
-        "noise_floor": np.full(len(retuned), 100.0),
+        "noise_floor": np.full(len(retuned), floor),
     }  # fmt: skip
 
     class Predicted(Predictions):

@@ -126,6 +126,25 @@ def test_a_gain_that_changes_while_the_amplifier_warms_up(true, name):
     compare(gap(BASELINE, read), {key: SHARE * wave for key, wave in claimed.items()}, 0.03)
 
 
+@pytest.mark.parametrize("place", ["start", "end"])
+def test_a_cut_that_begins_a_little_late_or_ends_a_little_early(true, place):
+    """The blade has travelled less than a thousandth of its stroke; every harmonic that is compared shows it."""
+    late_rad, n_fine, n_points = 0.05, 1 << 14, true.angle_rad.shape[1]
+    # The cutting half of this machine is the second one; cells are averaged, as measured strokes are.
+    since = (np.arange(n_fine) + 0.5) * 2 * np.pi / n_fine - np.pi
+    away = since if place == "start" else np.pi - since
+    missing = np.where((since > 0) & (away < late_rad), -np.sin(away), 0.0)
+    spectrum = np.fft.rfft(missing.reshape(n_points, -1).mean(axis=1))[1:33]
+    claimed = np.fft.rfft(nuisance(f"force at the {place} of the cut").signature(BASELINE, true)["cutting"][0])[1:33]
+    size = np.vdot(claimed, spectrum) / np.vdot(claimed, claimed)
+    assert np.linalg.norm(spectrum - size * claimed) ** 2 < 0.05 * np.linalg.norm(spectrum) ** 2
+
+
+def test_a_cut_is_not_missing_where_nothing_is_cut(true):
+    idle = replace(true, setting=replace(true.setting, is_idle=True))
+    assert nuisance("force at the start of the cut").signature(BASELINE, idle) == {}
+
+
 def test_an_offset_of_the_battery_current(true):
     read = replace(true, battery_current_a=true.battery_current_a + 0.1)
     claimed = nuisance("battery_current_offset_a").signature(BASELINE, read)
