@@ -129,9 +129,11 @@ def _numbers(score: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
         ("Brier score over all hypotheses (0 best, 2 worst)", score["brier"]),
         ("Log-loss / nats", score["log_loss"]),
         ("Calibration error (ECE)", calibration["error"]),
-        ("Calibration error of claimed effects", score["calibration_of_claims"]["error"]),
         ("Effects in the answered group", score["group_size"]),
     ]
+    # Scores of earlier versions do not have it.
+    if "calibration_of_claims" in score:
+        rows.insert(3, ("Calibration error of claimed effects", score["calibration_of_claims"]["error"]))
     gap = score["gap"]
     if gap is not None:
         rows.append(("Gap closed: stated minus oracle", gap["error"]))
