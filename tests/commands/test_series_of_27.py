@@ -92,7 +92,7 @@ def test_27_trials_killed_twice_with_one_bad_trial(tmp_path):
     because = [reason for reasons in rejected.values() for reason in reasons]
     assert because.count("the recording was interrupted") == 2
     bad = [reason for name, reasons in rejected.items() if name.startswith("11-") for reason in reasons]
-    assert any("k_Fc" in reason and "off its repetition" in reason for reason in bad)
+    assert any("k_Fc" in reason and "from the mean of its repetition" in reason for reason in bad)
     assert not any(trial["measures"]["faults"] for trial in found["trials"])
     # What is kept is never recorded again.
     assert sorted(trials_of(path.with_suffix(""), "kept")) == [trial["id"] for trial in found["trials"]]
