@@ -81,7 +81,7 @@ def fourier(phase_rad: Floats, n_harmonics: int) -> Floats:
     [[1.0, 1.0, 1.0, 0.0, 0.0]]
     """
     turn = np.exp(1j * phase_rad)
-    # A product more for each order costs a fifth of a sine and a cosine.
+    # Each order is a product more, which costs less than its sine and cosine.
     lines = np.cumprod(np.broadcast_to(turn[:, None], (len(turn), n_harmonics)), axis=1)
     return np.hstack([np.ones((len(turn), 1)), lines.real, lines.imag])
 
