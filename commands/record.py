@@ -95,7 +95,7 @@ def command(
     as_json: bool,
 ) -> int:
     """Record one trial. Lines typed during the recording are stored as notes; Ctrl-C ends the recording."""
-    from sawbench.commands.recording_session import SWITCH_ON_S, SessionOptions, bench_ports, check_devices
+    from sawbench.commands.recording_session import SessionOptions, check_devices, ports_of_trial
 
     config_path = config_path or default_config_path()
     loaded = config_for(None, config_path)
@@ -110,9 +110,7 @@ def command(
         battery=battery, operator=operator, notes="\n".join(note_texts), repetition=repetition,
         source="simulated bench" if simulated else "bench",
     )  # fmt: skip
-    bench = bench_ports(
-        config_path, simulated=simulated, seed=seed, material=material, duty=duty, trigger_after_s=SWITCH_ON_S
-    )
+    bench = ports_of_trial(config_path, trial, path.parent, simulated=simulated, seed=seed)
     book_path = calibration_book_path(config_path, simulated=simulated)
     options = SessionOptions(
         path=path, trial=trial, seconds=None if until_stopped else seconds or settings.seconds, overwrite=force,

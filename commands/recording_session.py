@@ -204,6 +204,7 @@ def bench_ports(
     duty: float | None = None,
     trigger_after_s: float = NEVER_S,
     load: tuple[str, float] | None = None,
+    drawn_ah: float = 0.0,
 ) -> contextlib.AbstractContextManager[dict[str, str]]:
     """Give the ports of the simulated bench, whose tool stays off unless asked; none where the configured ones hold.
 
@@ -211,16 +212,50 @@ def bench_ports(
     ----------
     config_path : Path
     simulated : bool
-    seed, material, duty, trigger_after_s, load
+    seed, material, duty, trigger_after_s, load, drawn_ah
         As `simulated_bench`.
     """
     if not simulated:
         return contextlib.nullcontext({})
     return simulated_bench(
-        config_path, material=material, duty=duty, seed=seed, trigger_after_s=trigger_after_s, load=load
+        config_path,
+        material=material,
+        duty=duty,
+        seed=seed,
+        trigger_after_s=trigger_after_s,
+        load=load,
+        drawn_ah=drawn_ah,
     )
 
 
+def ports_of_trial(
+    config_path: Path, trial: Trial, folder: Path, *, simulated: bool, seed: int
+) -> contextlib.AbstractContextManager[dict[str, str]]:
+    """Give the ports of the bench for a trial; the simulated tool cuts it, with its battery as its recordings left it.
+
+    Parameters
+    ----------
+    config_path : Path
+    trial : Trial
+    folder : Path
+        Of the campaign's recordings.
+    simulated : bool
+    seed : int
+    """
+    if not simulated:
+        return contextlib.nullcontext({})
+    from sawbench.commands.simulated_battery import drawn_ah
+
+    return simulated_bench(
+        config_path,
+        material=trial.material,
+        duty=trial.duty,
+        seed=seed,
+        drawn_ah=drawn_ah(folder, trial.battery),
+    )
+
+
+# Size: options by name, those of `sawbench simbench`.
 @contextlib.contextmanager
 def simulated_bench(
     config_path: Path,
@@ -231,6 +266,7 @@ def simulated_bench(
     trigger_after_s: float = SWITCH_ON_S,
     truth_path: Path | None = None,
     load: tuple[str, float] | None = None,
+    drawn_ah: float = 0.0,
 ) -> Iterator[dict[str, str]]:
     """Run `sawbench simbench` beside us and give its ports: device name -> port.
 
@@ -245,6 +281,8 @@ def simulated_bench(
         The other process writes the truth there; this one never reads it.
     load : tuple of (str, float), optional
         Channel and what is added to what its sensor feels, in its unit: a known weight or length.
+    drawn_ah : float
+        Charge drawn from the battery before, Ah; see `commands.simulated_battery`.
 
     Raises
     ------
@@ -258,6 +296,7 @@ def simulated_bench(
     call += [] if duty is None else ["--duty", str(duty)]
     call += [] if truth_path is None else ["--truth", str(truth_path)]
     call += [] if load is None else ["--load", f"{load[0]}={load[1]!r}"]
+    call += ["--drawn-ah", repr(drawn_ah)] if drawn_ah else []
     process = subprocess.Popen(call, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         yield _announced_ports(process)

@@ -47,27 +47,22 @@ class Bench:
     simulated: bool = False
     live: bool = False
 
-    def ports(self, planned: PlannedTrial | None, seed: int) -> AbstractContextManager[dict[str, str]]:
+    def ports(self, trial: Trial | None, seed: int, folder: Path) -> AbstractContextManager[dict[str, str]]:
         """Give the ports of the instruments: of the simulated bench, or those of the configuration.
 
         Parameters
         ----------
-        planned : PlannedTrial, optional
-            What the simulated tool cuts; without it the tool stays off.
+        trial : Trial, optional
+            What the simulated tool cuts, and with which battery; without it the tool stays off.
         seed : int
+        folder : Path
+            What the recordings there drew from the simulated battery is gone from it.
         """
-        from sawbench.commands.recording_session import SWITCH_ON_S, bench_ports
+        from sawbench.commands.recording_session import bench_ports, ports_of_trial
 
-        if planned is None:
+        if trial is None:
             return bench_ports(self.config_path, simulated=self.simulated, seed=seed)
-        return bench_ports(
-            self.config_path,
-            simulated=self.simulated,
-            seed=seed,
-            material=planned.material,
-            duty=planned.duty,
-            trigger_after_s=SWITCH_ON_S,
-        )
+        return ports_of_trial(self.config_path, trial, folder, simulated=self.simulated, seed=seed)
 
 
 class SeriesRun:
@@ -181,7 +176,7 @@ class SeriesRun:
             return
         for attempt in count(1):
             try:
-                with self._bench.ports(None, self._seed(planned)) as ports:
+                with self._bench.ports(None, self._seed(planned), self._plan.folder) as ports:
                     if is_tare_due:
                         self._tare(ports)
                     if plan.check_seconds:
@@ -235,7 +230,12 @@ class SeriesRun:
             self._dialogue.meanwhile() as lines,
         ):
             summary, _ = run_session(
-                bench.loaded, options, bench.ports(planned, seed), views, lines, self._dialogue.typed
+                bench.loaded,
+                options,
+                bench.ports(options.trial, seed, self._plan.folder),
+                views,
+                lines,
+                self._dialogue.typed,
             )
         # They are in the recording now.
         self._dialogue.notes.clear()

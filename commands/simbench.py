@@ -28,6 +28,8 @@ _PLANT_KEYS = (
 )
 _BATTERY_KEYS = ("nominal_voltage_v", "capacity_ah", "beta", "internal_resistance_ohm")
 _LARGEST_DEVIATION = 2.0
+# The battery management switches off.
+_EMPTY_AT = 0.95
 
 
 @click.command(name="simbench", epilog="Example: sawbench simbench --material oak --seed 3")
@@ -41,6 +43,9 @@ _LARGEST_DEVIATION = 2.0
 @click.option("--transport", type=click.Choice(["auto", "pty", "tcp"]), default="auto", show_default=True)
 @click.option("--load", "load_text", metavar="CHANNEL=VALUE", help="A known load or displacement added at a sensor.")
 @click.option(
+    "--drawn-ah", type=click.FloatRange(min=0.0), default=0.0, help="Charge drawn from the battery before, Ah."
+)
+@click.option(
     "--truth", "truth_path", type=click.Path(path_type=Path, dir_okay=False),
     help="Write the true values to this file; recordings never contain them.",
 )  # fmt: skip
@@ -52,6 +57,7 @@ def command(
     trigger_after: float,
     transport: str,
     load_text: str | None,
+    drawn_ah: float,
     truth_path: Path | None,
 ) -> None:
     """Emulate the instruments of the configuration and print their ports as one line of JSON.
@@ -73,7 +79,7 @@ def command(
         click.echo(
             f"{loaded.path}: the simulated bench does not simulate the [effects] {names}: they are ignored", err=True
         )
-    settings = true_settings(loaded, material=material, duty=duty, seed=seed)
+    settings = true_settings(loaded, material=material, duty=duty, seed=seed, drawn_ah=drawn_ah)
     if truth_path is not None:
         refuse_unwritable(truth_path, force=False)
         write_whole(truth_path, json.dumps(truth_of(settings), indent=2) + "\n")
@@ -112,7 +118,9 @@ def load_of(text: str, channels: Mapping[str, Channel] = CHANNEL_BY_NAME) -> tup
     return channel, load
 
 
-def true_settings(loaded: LoadedConfig, *, material: str, duty: float | None, seed: int) -> PlantSettings:
+def true_settings(
+    loaded: LoadedConfig, *, material: str, duty: float | None, seed: int, drawn_ah: float = 0.0
+) -> PlantSettings:
     """Draw the plant of the simulated bench from the nominal values and their stated uncertainties.
 
     Parameters
@@ -122,11 +130,13 @@ def true_settings(loaded: LoadedConfig, *, material: str, duty: float | None, se
     duty : float, optional
     seed : int
         Seed 0 is a plant like any other, not the nominal one.
+    drawn_ah : float
+        Charge drawn from the battery before, Ah.
 
     Raises
     ------
     InputError
-        If there is no such material.
+        If there is no such material, or the battery is empty.
     """
     import numpy as np
     from sawbench.bench.errors import InputError
@@ -145,6 +155,11 @@ def true_settings(loaded: LoadedConfig, *, material: str, duty: float | None, se
             where=loaded.path,
             remedy="use a configuration whose [battery] has neither",
         )
+    if drawn_ah >= _EMPTY_AT * battery.capacity_ah:
+        raise InputError(
+            f"the simulated battery is empty: {drawn_ah:.2f} Ah drawn of {battery.capacity_ah:g} Ah",
+            remedy="insert another one (--battery, or another identifier in the plan)",
+        )
     # The tool is the same whatever it cuts: its draw does not depend on the material or the trial.
     rng = np.random.default_rng(20250815)
     drawn = {}
@@ -160,6 +175,7 @@ def true_settings(loaded: LoadedConfig, *, material: str, duty: float | None, se
         rod_length_m=plant.rod_length_m if plant.mechanism == "slider_crank" else None,
         cutting_half=loaded.config.cutting.cutting_half,
         duty=loaded.config.converter.default_duty if duty is None else duty,
+        initial_soc=1.0 - drawn_ah / battery.capacity_ah,
         seed=seed,
     )
 
