@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.processed import CrankAngle, ProcessedTrial
 from sawbench.bench.recording import Floats, Signal
-from sawbench.bench.units import CHANNEL_BY_NAME, DISPLACEMENT, FORCE
-from sawbench.diagnosis.inference.features import HARMONICS
+from sawbench.bench.units import CHANNEL_BY_NAME, DISPLACEMENT
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.parts.mechanism import Mechanism
 from sawbench.modeling.state import START_UP_STEP_S, TWO_PI, State, TrialSetting, angle_derivative
@@ -25,6 +24,8 @@ MIN_SAMPLES_PER_BIN = 1.5
 _NUMBERS = SETTINGS.reading
 # A spline takes 1.4 % off a wave of four samples, 0.06 % off one of eight; longer steps than this miss samples.
 _SAMPLES_A_HARMONIC, _LONGEST_STEP = 4, 2.5
+# A channel too slow for so many harmonics within one stroke is pieced together from many.
+_LEAST_HARMONICS = 8
 START_UP_S = 0.4
 # Channels of a recording and where they stand in a state.
 CHANNEL_OF_STATE: Final = MappingProxyType(
@@ -198,7 +199,8 @@ def running_state(trial: ProcessedTrial, setting: TrialSetting) -> State | None:
     assert angle is not None and steady is not None
     turns = float(np.diff(np.interp([steady.settled_s, steady.end_s], angle.time_s, angle.angle_rad))[0]) / TWO_PI
     period_s = (steady.end_s - steady.settled_s) / max(turns, 1.0)
-    present = {name: between_samples(signal, period_s) for name, signal in _state_channels(trial).items()}
+    measured = _state_channels(trial)
+    present = {name: between_samples(signal, period_s) for name, signal in measured.items()}
     slowest = min([s.rate_hz for s in present.values()], default=0.0)
     grid = lay_grid(angle, steady.settled_s, steady.end_s, slowest)
     if grid is None:
@@ -233,6 +235,11 @@ def running_state(trial: ProcessedTrial, setting: TrialSetting) -> State | None:
         state,
         n_strokes=np.full(len(speed), float(grid.turns_per_row)),
         ripple_std_rad=angle.ripple_std_rad,
+        resolved_orders={
+            CHANNEL_OF_STATE[name]: signal.rate_hz * period_s / _SAMPLES_A_HARMONIC
+            for name, signal in measured.items()
+            if present[name] is not signal
+        },
         blade_excess_m_s=None if missed is None else speed * angle_derivative(missed[is_covered]),
     )
 
@@ -252,12 +259,11 @@ def between_samples(signal: Signal, period_s: float) -> Signal:
     Returns
     -------
     Signal
-        The same where a turn has samples enough, or so few that a spline would miss harmonics that are compared.
-        Nothing is put where samples are missing.
+        The same where a turn has samples enough, or so few that a spline would hardly show the stroke: four a harmonic
+        are resolved, higher ones are those of other waves too. Nothing is put where samples are missing.
     """
     per_turn = signal.rate_hz * period_s
-    least = _SAMPLES_A_HARMONIC * HARMONICS["cutting" if signal.channel == FORCE.name else "electrical"]
-    if not least <= per_turn < MIN_SAMPLES_PER_BIN * N_POINTS:
+    if not _SAMPLES_A_HARMONIC * _LEAST_HARMONICS <= per_turn < MIN_SAMPLES_PER_BIN * N_POINTS:
         return signal
     from scipy.interpolate import CubicSpline
 

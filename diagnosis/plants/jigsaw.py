@@ -31,6 +31,15 @@ _PLACES: Final[dict[Equation, tuple[Place, str, str]]] = {
     "supply": ("supply", "battery_voltage_v", "V"),
     "converter": ("supply", "battery_current_a", "A"),
 }
+_CHANNELS: Final[dict[Equation, tuple[str, ...]]] = {
+    "electrical": ("current_a",),
+    "mechanical": ("current_a", "force_n"),
+    "cutting": ("force_n",),
+    "supply": ("battery_voltage_v", "battery_current_a"),
+    "converter": ("battery_current_a", "current_a"),
+}
+# Floors above the others: nothing is compared there.
+_UNRESOLVED: Final = 1e4
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -109,6 +118,8 @@ class Jigsaw:
                     floor[part.start] = sensors.mean_voltage_floor_v
                 if equation in ("electrical", "mechanical"):
                     floor[part] = np.hypot(floor[part], self._ripple_error(equation, order, state))
+                resolved = min(state.resolved_orders.get(channel, np.inf) for channel in _CHANNELS[equation])
+                floor[part] *= np.where(order > resolved, _UNRESOLVED, 1.0)
         return np.diag(floor**2 + self._bend_of_sensors(layout, state))
 
     def _bend_of_sensors(self, layout: Layout, state: State) -> Floats:

@@ -34,7 +34,7 @@ def current(rate_hz, seed, *, phase_s=0.00025):
     return Signal(channel="motor_current_a", unit="A", time_s=time_s, values=height * wave(turned))
 
 
-def mean_stroke(signal):
+def state_of(signal):
     time_s = np.arange(0.0, SECONDS, 1e-3)
     turned = TWO_PI * STROKES_HZ * time_s
     angle = CrankAngle(
@@ -46,6 +46,11 @@ def mean_stroke(signal):
     )
     state = running_state(trial, setting_of(is_idle=False))
     assert state is not None and state.current_a is not None
+    return state
+
+
+def mean_stroke(signal):
+    state = state_of(signal)
     return harmonics(np.average(state.current_a, axis=0, weights=state.n_strokes)[None], 12)[0]
 
 
@@ -71,3 +76,18 @@ def test_nothing_is_put_where_samples_are_missing():
     assert len(dense.time_s) > 2 * len(holed.time_s)
     assert not np.any((dense.time_s > 0.5005) & (dense.time_s < 0.5295))
     assert np.interp(holed.time_s[5:-5], dense.time_s, dense.values) == pytest.approx(holed.values[5:-5], abs=1e-9)
+
+
+def test_a_slow_channel_says_which_harmonics_its_samples_resolve():
+    assert state_of(current(5000.0, 1)).resolved_orders == {}
+    # 36.5 samples a stroke: no unit mixes strokes, and four samples a harmonic are 9.1 harmonics.
+    assert state_of(current(500.0, 1)).resolved_orders == pytest.approx({"current_a": 500.0 / STROKES_HZ / 4.0})
+    # 22 samples a stroke would show five harmonics: the mean stroke is pieced together from many.
+    assert state_of(current(300.0, 1)).resolved_orders == {}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_a_slow_channel_resolves_is_right_although_strokes_differ(seed):
+    exact, slow = mean_stroke(current(30_000.0, seed)), mean_stroke(current(500.0, seed))
+    resolved = np.r_[:9, 13 : 13 + 8]
+    assert np.abs(slow - exact)[resolved].max() < 0.006

@@ -138,6 +138,15 @@ def test_an_uncertain_ripple_is_an_error_of_the_model(states):
         assert after[place][0] == before[place][0]
 
 
+@pytest.mark.parametrize(("order", "counts"), [(5, True), (7, False)])
+def test_harmonics_that_a_channel_does_not_resolve_are_not_compared(states, order, counts):
+    slow = [replace(s, resolved_orders={"force_n": 5.5}) for s in states]
+    waved = [replace(s, force_n=s.force_n + 3.0 * np.cos(order * s.angle_rad)) for s in slow]
+    before, after = (Marginal(build_problem(problem_of(of).campaign)).misfit for of in (slow, waved))
+    assert (after - before > 100.0) == counts
+    assert abs(after - before) < 1.0 or counts
+
+
 def test_without_a_form_beyond_the_catalogue_nothing_is_added(problem):
     assert beyond_catalogue(forming(problem), Marginal(problem), {}) == {}
 
