@@ -259,8 +259,8 @@ def between_samples(signal: Signal, period_s: float) -> Signal:
     Returns
     -------
     Signal
-        The same where a turn has samples enough, or so few that a spline would hardly show the stroke: four a harmonic
-        are resolved, higher ones are those of other waves too. Nothing is put where samples are missing.
+        The same where a turn has samples enough, or so few that a spline would miss most of the stroke; harmonics of
+        four samples and more are right. Nothing is put where samples are missing.
     """
     per_turn = signal.rate_hz * period_s
     if not _SAMPLES_A_HARMONIC * _LEAST_HARMONICS <= per_turn < MIN_SAMPLES_PER_BIN * N_POINTS:
