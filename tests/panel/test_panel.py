@@ -131,7 +131,7 @@ def test_others_need_the_token(tmp_path):
         assert ask(app, path, headers={"host": "bench.lan", "cookie": cookie})[0] == 401
     status, headers, _ = ask(app, "/jobs?token=right", headers={"host": "bench.lan"})
     assert (status, headers["location"]) == (303, "/jobs")
-    assert "HttpOnly" in headers["set-cookie"] and "SameSite=strict" in headers["set-cookie"]
+    assert "HttpOnly" in headers["set-cookie"] and "SameSite=lax" in headers["set-cookie"]
     assert ask(app, "/jobs", headers={"host": "bench.lan", "cookie": "sawbench_panel=right"})[0] == 200
 
 
