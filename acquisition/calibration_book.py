@@ -346,8 +346,13 @@ def _without_none(value: Any) -> Any:
 
 def said_in_force(book: CalibrationBook, now: datetime) -> list[str]:
     """One line for each entry in force: channel, what it is, how old."""
+    return [f"{e.channel}: {e.title}, {age(e, now)}" for e in entries_in_force(book)]
+
+
+def entries_in_force(book: CalibrationBook) -> list[BookEntry]:
+    """Return what is in force of every channel."""
     places = dict.fromkeys((e.device, e.channel) for e in book.entries)
-    return [f"{e.channel}: {e.title}, {age(e, now)}" for place in places for e in book.in_force(*place)]
+    return [entry for place in places for entry in book.in_force(*place)]
 
 
 def age(entry: BookEntry, now: datetime) -> str:

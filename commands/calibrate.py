@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 from sawbench.bench.errors import InputError, UntrustedResult
+from sawbench.bench.units import CHANNEL_BY_NAME, FORCE
 from sawbench.commands.link import current_link
 from sawbench.commands.options import calibration_book_path, config_option, json_option
 from sawbench.commands.tare import read_resting
@@ -139,7 +140,7 @@ def command(
     )  # fmt: skip
     add_entry(path, entry)
     emit(
-        {"book": path, "complaints": complaints, "fit": line_rows(line), **entry.model_dump(mode="json")},
+        {"book": path, "unit": unit, "complaints": complaints, "fit": line_rows(line), **entry.model_dump(mode="json")},
         f"{said}\nstored in {path}",
         as_json=as_json,
     )
@@ -223,7 +224,7 @@ def take_points(
                 _ask(f"apply {reference:g} {session.unit}, let it settle, press Enter")
             resting = _read_point(session, reference, n_before=len(points))
             unit = resting.channel.calibration.raw_unit
-            click.echo(f"{reference:g}: {resting.raw_mean:.7g} ± {resting.raw_std:.2g} {unit}", err=True)
+            click.echo(f"{reference:g} {session.unit}: {resting.raw_mean:.7g} ± {resting.raw_std:.2g} {unit}", err=True)
             points.append(
                 CalibrationPoint(
                     reference=reference,
@@ -255,7 +256,7 @@ def _read_point(session: Session, reference: float, *, n_before: int) -> Resting
             try:
                 return read_resting(
                     devices, session.channel, seconds=session.seconds, tolerance=session.tolerance,
-                    saying=f"{reference:g}",
+                    saying=f"{reference:g} {session.unit},",
                 )  # fmt: skip
             except UntrustedResult as error:
                 if session.simulated:
@@ -363,12 +364,14 @@ def describe(points: list[CalibrationPoint], line: StraightLine, former: Calibra
 
 def _asked(channel: str, unit: str) -> Iterator[float]:
     """Ask for known values until an empty answer."""
+    label = CHANNEL_BY_NAME[channel].label if channel in CHANNEL_BY_NAME else channel
+    what = "load" if channel == FORCE.name else "value"
     while True:
-        said = _ask(f"{channel}: apply a load, let it settle, and type its value ({unit}); empty to end")
+        said = _ask(f"{label}: apply a known {what}, let it settle, and type it in {unit}; empty to end")
         if not said.strip():
             return
         try:
-            yield float(said)
+            yield float(said.replace(",", "."))
         except ValueError:
             click.echo(f"{said!r} is not a number", err=True)
 

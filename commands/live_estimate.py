@@ -146,6 +146,7 @@ class LiveCuttingEstimate:
             return ""
         line = f"k_Fc {format_quantity(latest.k_fc_n_s_per_m, latest.std_n_s_per_m, 'N·s/m')}"
         if latest.remaining_s is not None:
-            line += f", {format_quantity(latest.remaining_s, latest.remaining_std_s, 's')} of battery runtime left"
+            left = format_quantity(latest.remaining_s, latest.remaining_std_s, "s")
+            line += f", {left} of battery runtime left if the battery was full at the start"
         line += f" ({latest.n_strokes} strokes"
         return line + (f", {self.n_changes} changes of material)" if self.n_changes else ")")

@@ -75,7 +75,7 @@ def bench_facts(config_path: Path, *, simulated: bool) -> Mapping[str, Any]:
     """Return what the panel shows of the bench; what is wrong with the configuration is said in `problem`."""
     from datetime import UTC, datetime
 
-    from sawbench.acquisition.calibration_book import read_book, said_in_force
+    from sawbench.acquisition.calibration_book import age, entries_in_force, read_book
     from sawbench.acquisition.devices import build_devices
     from sawbench.bench.config import load_config
 
@@ -89,7 +89,11 @@ def bench_facts(config_path: Path, *, simulated: bool) -> Mapping[str, Any]:
             facts["devices"].append(row)
             facts["channels"] += channels
         book = read_book(calibration_book_path(config_path, simulated=simulated))
-        facts["in_force"] = said_in_force(book, datetime.now(UTC))
+        now, units = datetime.now(UTC), {name: known.unit for name, known in config.known_channels.items()}
+        facts["in_force"] = [
+            {**entry.model_dump(), "unit": units.get(entry.channel, ""), "age": age(entry, now)}
+            for entry in entries_in_force(book)
+        ]
     except SawbenchError as error:
         facts["problem"] = str(error)
     return facts

@@ -324,7 +324,9 @@ def _stock(trial: Trial) -> str:
 def _operating_point(trial: Trial) -> str:
     if trial.is_idle:
         return f"idle, duty {trial.duty:g}"
-    return f"{trial.material}, {trial.thickness_mm} mm, feed {trial.feed_mm_s} mm/s, duty {trial.duty:g}"
+    thickness = "thickness not stated" if trial.thickness_mm is None else f"{trial.thickness_mm} mm"
+    feed = "feed not stated" if trial.feed_mm_s is None else f"feed {trial.feed_mm_s} mm/s"
+    return f"{trial.material or 'material not stated'}, {thickness}, {feed}, duty {trial.duty:g}"
 
 
 def with_known(campaign: Campaign, known: Sequence[KnownEffect]) -> Campaign:

@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 import asyncio
-import json
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
-from urllib.parse import parse_qs, quote
+from urllib.parse import parse_qs, quote, urlsplit
 
 import sawbench.reporting
 from sawbench.acquisition.series.rejected import move_to_rejected
 from sawbench.bench.errors import InputError, SawbenchError
 from sawbench.panel import commands_of
 from sawbench.panel.commands_of import BenchOptions, Call
+from sawbench.panel.follower import LOOK_EVERY_S, events
 from sawbench.panel.jobs import KINDS, Job, Jobs
+from sawbench.panel.measured import rows_of, value_of
+from sawbench.panel.result_page import with_way_back
 from sawbench.panel.security import Guard, new_secret
 from sawbench.panel.series_state import SeriesState, known_plans, series_state
 from sawbench.panel.shelf import PANEL_FOLDER, Shelf, corrections
 from sawbench.panel.templates import render
-from sawbench.storage.amendments import AMENDABLE, amend
+from sawbench.panel.words import local, refusal_in_panel
+from sawbench.reporting.html import link_to
+from sawbench.storage.amendments import AMENDABLE, amend, amendments_path
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
@@ -36,9 +41,9 @@ _STATIC: Final = {
     "uPlot.iife.min.js": (_ASSETS, "text/javascript"), "uPlot.min.css": (_ASSETS, "text/css"),
 }  # fmt: skip
 _LARGEST_FORM: Final = 1_000_000
-_LOOK_EVERY_S: Final = 0.2
-# Of the live numbers, a page that is opened late gets so much of what was before.
-_LATE_BYTES: Final = 300_000
+
+# Also the name of a file, on every system.
+_PLAN_NAME: Final = re.compile(r"\w[\w .-]*")
 
 Handler = Callable[[Request], Any]
 
@@ -85,7 +90,7 @@ def build_app(settings: PanelSettings, *, token: str = "") -> Starlette:
     ]  # fmt: skip
     actions: list[tuple[str, Handler]] = [
         ("/check", panel.start_with(commands_of.check)), ("/tare", panel.start_with(commands_of.tare)),
-        ("/calibrate", panel.start_with(commands_of.calibrate)), ("/record", panel.start_with(commands_of.record)),
+        ("/calibrate", panel.calibrate), ("/record", panel.start_with(commands_of.record)),
         ("/series", panel.make_plan), ("/series/{name}", panel.run_series), ("/series/{name}/repeat", panel.repeat),
         ("/compare", panel.compare), ("/diagnose", panel.diagnose), ("/amend", panel.amend), ("/reject", panel.reject),
         ("/report", panel.report), ("/jobs/{job}/{order}", panel.order),
@@ -94,7 +99,9 @@ def build_app(settings: PanelSettings, *, token: str = "") -> Starlette:
         *(Route(path, panel.answered(handler), methods=["GET"]) for path, handler in pages),
         *(Route(path, panel.answered(panel.with_form(handler)), methods=["POST"]) for path, handler in actions),
     ]
-    return Starlette(routes=routes, middleware=[Middleware(Guard, token=token)])
+    return Starlette(
+        routes=routes, middleware=[Middleware(Guard, token=token)], exception_handlers={404: panel.unknown}
+    )
 
 
 class Panel:
@@ -117,9 +124,14 @@ class Panel:
             try:
                 return await handler(request)
             except SawbenchError as error:
-                return self._page("message.html.j2", request, 400, title="Error", error=error)
+                return self._page("message.html.j2", request, 400, title="Error", error=error, back=_before(request))
 
         return answer
+
+    async def unknown(self, request: Request, _: Exception) -> Response:
+        """Say that there is no such page."""
+        error = InputError(f"the panel has no page {request.url.path}", remedy="select one from the menu above")
+        return self._page("message.html.j2", request, 404, title="Page not found", error=error, back=_before(request))
 
     def with_form(self, handler: Handler) -> Handler:
         """Give the handler the form, as `request.state.form`, once it is known to be one of ours."""
@@ -137,7 +149,7 @@ class Panel:
             if fields.get("secret") != [self._secret]:
                 raise InputError(
                     "the panel was restarted after this page was loaded",
-                    remedy="go back, reload the page and enter the values again",
+                    remedy="reload the page before and enter the values again",
                 )
             request.state.files = fields.get("file", [])
             request.state.form = {name: values[-1] for name, values in fields.items() if name != "secret"}
@@ -162,7 +174,7 @@ class Panel:
     def _start(self, call: Call) -> Job:
         refused = self._settings.refusal(call.arguments)
         if refused:
-            raise InputError(refused, remedy="go back and correct it")
+            raise InputError(refusal_in_panel(refused, commands_of.LABELS))
         return self._jobs.start(call.kind, call.title, call.arguments, form=call.form)
 
     def start_with(self, make: Callable[[BenchOptions, Mapping[str, str]], Call]) -> Handler:
@@ -178,8 +190,22 @@ class Panel:
     async def bench(self, request: Request) -> Response:
         """Instruments and their health, tare, calibration."""
         known = await run_in_threadpool(self._settings.bench)
-        return self._page("bench.html.j2", request, title="Bench", bench=known, check=self._jobs.latest("check"),
+        return self._page("bench.html.j2", request, title="Bench", bench=known,
+                          in_force=[{**entry, "value": value_of(entry, entry["unit"])} for entry in known["in_force"]],
+                          check=self._jobs.latest("check"),
                           former=_former(self._jobs.latest("tare")))  # fmt: skip
+
+    async def calibrate(self, request: Request) -> Response:
+        """Start a calibration; that one would be replaced is said before any load is applied."""
+        form = request.state.form
+        known = await run_in_threadpool(self._settings.bench)
+        made = [e for e in known["in_force"] if e["kind"] == "calibration" and e["channel"] == form.get("channel")]
+        if made and not form.get("replace"):
+            raise InputError(
+                f"{made[0]['channel']} already has a calibration, of {local(made[0]['made_at'])}",
+                remedy="to replace it, tick “replace the current calibration”; it stays in the history",
+            )
+        return await self.start_with(commands_of.calibrate)(request)
 
     # Trials and series.
 
@@ -218,9 +244,14 @@ class Panel:
         """Write a plan."""
         form = request.state.form
         name = form.get("name", "").strip()
-        if not name or Path(name).name != name or name.startswith("."):
-            raise InputError(f"{name!r} is not a valid plan name: it is also the file name", remedy="go back")
+        if not _PLAN_NAME.fullmatch(name):
+            raise InputError(
+                f"{name!r} is not a valid plan name",
+                remedy="use letters, digits, spaces and . _ -, with a letter or a digit first: it is also a file name",
+            )
         out = self._settings.plans / f"{name.removesuffix('.toml')}.toml"
+        if out.exists():
+            raise InputError(f"there is already a plan {out.stem!r}", remedy="choose another name")
         await self._run_now(commands_of.series_plan(self._options, form, out))
         return RedirectResponse(f"/series/{quote(out.name, safe='')}", 303)
 
@@ -245,7 +276,7 @@ class Panel:
 
         refused = self._settings.refusal(arguments) or await run_in_threadpool(run_now, arguments)
         if refused:
-            raise InputError(refused, remedy="go back and correct it")
+            raise InputError(refusal_in_panel(refused, commands_of.LABELS))
 
     # Recordings.
 
@@ -259,9 +290,13 @@ class Panel:
     async def recording(self, request: Request) -> Response:
         """One recording: settings, corrections, result."""
         row = await run_in_threadpool(self._shelf.row, request.query_params.get("file", ""))
-        report = next((j for j in self._jobs.all() if j.kind == "report" and j.form.get("file") == str(row.path)), None)
+        report = self._report_of(row.path)
         return self._page("recording.html.j2", request, title=f"Recording {row.key}", row=row, report=report,
-                          amendable=AMENDABLE)  # fmt: skip
+                          is_outdated=report is not None and _is_outdated(report), amendable=AMENDABLE)  # fmt: skip
+
+    def _report_of(self, path: Path) -> Job | None:
+        """Return the newest evaluation of a recording."""
+        return next((j for j in self._jobs.all() if j.kind == "report" and j.form.get("file") == str(path)), None)
 
     async def amend(self, request: Request) -> Response:
         """Keep a correction of the settings."""
@@ -295,7 +330,7 @@ class Panel:
 
     def _chosen(self, request: Request) -> list[Path]:
         if not request.state.files:
-            raise InputError("no recording is selected", remedy="go back and select recordings")
+            raise InputError("no recording is selected", remedy="select recordings first")
         return [self._shelf.path(key) for key in request.state.files]
 
     # Jobs.
@@ -316,21 +351,30 @@ class Panel:
         context: dict[str, Any] = {"job": job, "needs_bench": KINDS[job.kind].needs_bench}
         if job.kind == "record" and not job.is_running:
             context |= await run_in_threadpool(self._result_of, job)
+        if job.kind in {"tare", "calibrate"}:
+            context["stored"] = rows_of(job.result) if "details" in (job.result or {}) else []
+        if job.kind == "report":
+            context["key"] = self._key_of(Path(job.form.get("file", "")))
+        context["is_outdated"] = await run_in_threadpool(_is_outdated, context.get("report", job))
         return self._page("job.html.j2", request, title=job.title[:1].upper() + job.title[1:], **context)
 
     def _result_of(self, job: Job) -> dict[str, Any]:
         """Return the recording of a job and the job that evaluates it, which is started where there is none yet."""
         path = Path((job.result or {}).get("path", ""))
-        key = next((key for key, known in self._shelf.keys().items() if known.resolve() == path.resolve()), "")
+        key = self._key_of(path)
         if not key:
             return {"key": ""}
-        known = next((j for j in self._jobs.all() if j.kind == "report" and j.form.get("file") == str(path)), None)
+        known = self._report_of(path)
         if known is None:
             try:
                 known = self._start(commands_of.report(self._options, path))
             except SawbenchError:
                 return {"key": key}
         return {"key": key, "report": known}
+
+    def _key_of(self, path: Path) -> str:
+        """Return by what the list names a recording; empty where it is not in it."""
+        return next((key for key, known in self._shelf.keys().items() if known.resolve() == path.resolve()), "")
 
     async def order(self, request: Request) -> Response:
         """Answer the question of a job, take a note, stop it."""
@@ -342,19 +386,31 @@ class Panel:
             job.order(kind, text=form.get("text", ""))
         else:
             raise InputError(f"there is no action {kind!r}")
-        await asyncio.sleep(_LOOK_EVERY_S)
+        await asyncio.sleep(LOOK_EVERY_S)
         return _to(job)
 
     async def stream(self, request: Request) -> Response:
         """What a job says, as it says it: server-sent events."""
-        return StreamingResponse(_events(self._jobs, self._job(request), request), media_type="text/event-stream")
+        return StreamingResponse(events(self._jobs, self._job(request), request), media_type="text/event-stream")
 
     async def file(self, request: Request) -> Response:
         """One of the files that a job has written."""
         job, name = self._job(request), request.path_params["name"]
         if name not in job.files:
             raise InputError(f"the job has written no file {name!r}")
-        return FileResponse(job.folder / name)
+        path = job.folder / name
+        if path.suffix != ".html":
+            return FileResponse(path)
+        return HTMLResponse(await run_in_threadpool(self._result_page, job, path))
+
+    def _result_page(self, job: Job, path: Path) -> str:
+        links = {}
+        if job.kind == "report":
+            recording = Path(job.form.get("file", ""))
+            key = self._key_of(recording)
+            links = {link_to(recording, path)[0]: f"/recording?file={quote(key)}" if key else ""}
+        page = path.read_text(encoding="utf-8")
+        return with_way_back(page, job=job.id, title=job.title, links=links)
 
     async def static(self, request: Request) -> Response:
         """Script and style of the panel."""
@@ -369,69 +425,24 @@ def _to(job: Job) -> RedirectResponse:
     return RedirectResponse(f"/jobs/{job.id}", 303)
 
 
+def _before(request: Request) -> str:
+    """Return the page of the panel that led here; the first one where the browser does not say."""
+    referrer = urlsplit(request.headers.get("referer", ""))
+    if referrer.netloc != request.headers.get("host", "") or not referrer.path.startswith("/"):
+        return "/"
+    return referrer.path + (f"?{referrer.query}" if referrer.query else "")
+
+
+def _is_outdated(job: Job) -> bool:
+    """Whether the settings of the recording were corrected after a job began to evaluate it."""
+    if job.kind != "report":
+        return False
+    try:
+        corrected_s = amendments_path(Path(job.form.get("file", ""))).stat().st_mtime
+    except OSError:
+        return False
+    return corrected_s > job.started_at.timestamp()
+
+
 def _former(job: Job | None) -> Mapping[str, str]:
     return {} if job is None else job.form
-
-
-async def _events(jobs: Jobs, job: Job, request: Request) -> AsyncIterator[str]:
-    """Follow the files of a job until it has ended or the page is closed."""
-    live = Follower(job.folder / "live.jsonl", late_bytes=_LATE_BYTES)
-    log = Follower(job.folder / "log.txt")
-    state: dict[str, Any] = {}
-    while not await request.is_disconnected():
-        found = await run_in_threadpool(jobs.get, job.id)
-        if found is None:
-            return
-        if lines := [json.loads(line) for line in live.new_lines()]:
-            yield _event("live", lines)
-        if text := log.new_text():
-            yield _event("log", text)
-        now = {"question": found.question.get("number"), "is_running": found.is_running}
-        if now != state:
-            state = now
-            yield _event("state", state)
-        if not found.is_running:
-            return
-        await asyncio.sleep(_LOOK_EVERY_S)
-
-
-def _event(name: str, content: Any) -> str:
-    return f"event: {name}\ndata: {json.dumps(content)}\n\n"
-
-
-class Follower:
-    """What is added to a file while it is watched.
-
-    Parameters
-    ----------
-    path : Path
-        Need not be there yet.
-    late_bytes : int, optional
-        How much of what is there already is given; default: all.
-    """
-
-    def __init__(self, path: Path, *, late_bytes: int | None = None) -> None:
-        self._path = path
-        self._rest = b""
-        size = path.stat().st_size if path.exists() else 0
-        # The line in the middle of which that begins is dropped: `new_lines` takes whole ones alone.
-        self._position = 0 if late_bytes is None else max(0, size - late_bytes)
-
-    def new_lines(self) -> list[str]:
-        """Return the lines that are complete and new."""
-        *lines, self._rest = (self._rest + self._read()).split(b"\n")
-        return [line.decode() for line in lines if line.startswith(b"{")]
-
-    def new_text(self) -> str:
-        """Return what is new."""
-        return self._read().decode(errors="replace")
-
-    def _read(self) -> bytes:
-        try:
-            with self._path.open("rb") as file:
-                file.seek(self._position)
-                new = file.read()
-        except OSError:
-            return b""
-        self._position += len(new)
-        return new

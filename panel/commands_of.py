@@ -15,6 +15,9 @@ _RECORD: Final = {
 }  # fmt: skip
 _TARE: Final = {"seconds": "--seconds", "operator": "--operator", "note": "--note"}
 _CALIBRATE: Final = {"channel": "--channel", "seconds": "--seconds", "operator": "--operator", "note": "--note"}
+_NUMBERS: Final = frozenset({"seconds", "duty", "thickness", "feed", "duties", "feeds", "thicknesses"})
+# Option, where the label of its field has other words.
+LABELS: Final = {"seconds": "Duration or averaging time", "trial": "Name of the trial"}
 _PLAN_MANY: Final = {
     "materials": "--material", "duties": "--duty", "feeds": "--feed", "thicknesses": "--thickness",
 }  # fmt: skip
@@ -92,9 +95,9 @@ def series_plan(options: BenchOptions, form: Mapping[str, str], out: Path) -> li
     many = [
         argument
         for name, option in _PLAN_MANY.items()
-        for value in form.get(name, "").split(",")
+        for value in form.get(name, "").split(";" if ";" in form.get(name, "") else ",")
         if value.strip()
-        for argument in (f"{option}={value.strip()}",)
+        for argument in (f"{option}={_entered(name, value)}",)
     ]
     block = ["--block", form["block"]] if form.get("block") else []
     idle = ["--idle"] if form.get("idle") else []
@@ -131,4 +134,9 @@ def diagnose(options: BenchOptions, recordings: Sequence[Path], form: Mapping[st
 
 def _given(form: Mapping[str, str], options: Mapping[str, str]) -> list[str]:
     """Return options for the fields that are filled in; with `=`, so that no value is taken for an option."""
-    return [f"{option}={value}" for name, option in options.items() if (value := form.get(name, "").strip())]
+    return [f"{option}={value}" for name, option in options.items() if (value := _entered(name, form.get(name, "")))]
+
+
+def _entered(name: str, text: str) -> str:
+    """Return what was entered in a field; a number may have a decimal comma."""
+    return text.strip().replace(",", ".") if name in _NUMBERS else text.strip()

@@ -18,6 +18,7 @@ from types import MappingProxyType
 from typing import Any, Final, Literal
 
 from sawbench.bench.errors import InputError
+from sawbench.panel.words import in_panel
 from sawbench.storage.json_lines import append_line
 from sawbench.storage.output import write_whole
 
@@ -108,8 +109,8 @@ class Job:
 
     @property
     def log(self) -> str:
-        """The end of what it said."""
-        return self._text("log.txt")[-_LOG_CHARACTERS:]
+        """The end of what it said, in words for the panel."""
+        return in_panel(self._text("log.txt")[-_LOG_CHARACTERS:])
 
     @cached_property
     def result(self) -> Any:

@@ -60,7 +60,7 @@ function showLine(line, live, plot) {
   if (line.kind === "progress") {
     const bar = byId("progress");
     if (bar && line.total) bar.value = line.done / line.total;
-    byId("phase").textContent = line.what || "running …";
+    byId("phase").textContent = line.what || "computing …";
     return;
   }
   live.hidden = false;
@@ -170,6 +170,13 @@ document.addEventListener("submit", async (event) => {
   const answer = await fetch(form.action, { method: "POST", body: new URLSearchParams(new FormData(form)) });
   form.querySelector(".said").textContent = answer.ok ? form.dataset.quiet + (input ? input.value : "") : "not accepted, reload the page";
   if (input && answer.ok) input.value = "";
+});
+
+// The page before, with what was entered in its form; without script its address alone.
+document.addEventListener("click", (event) => {
+  if (!event.target.closest("[data-back]") || history.length < 2) return;
+  event.preventDefault();
+  history.back();
 });
 
 document.addEventListener("change", (event) => {

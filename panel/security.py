@@ -74,7 +74,9 @@ class Guard:
         shown = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
         if scope["method"] == "GET" and _is_same(shown, self._token):
             answer = RedirectResponse(scope["path"], 303)
-            answer.set_cookie(_COOKIE, self._token, httponly=True, samesite="strict", path="/")
+            # Not "strict": a page of a result is in a sandbox, so that its link back counts as one of another site.
+            # What changes something is a POST, to which "lax" gives no more.
+            answer.set_cookie(_COOKIE, self._token, httponly=True, samesite="lax", path="/")
             return answer
         return PlainTextResponse(
             "The panel needs its token: open the address that `sawbench panel` has printed.\n", 401

@@ -10,6 +10,7 @@ from typing import Any, Final
 from sawbench.acquisition.series.rejected import REJECTED
 from sawbench.bench.errors import InputError, SawbenchError
 from sawbench.bench.recording import Trial, loss_in_words
+from sawbench.panel.words import local
 from sawbench.storage.amendments import AMENDABLE, amendments_path
 from sawbench.storage.describe import RecordingInfo, describe_recording
 
@@ -44,7 +45,7 @@ class ShelfRow:
     def searched(self) -> str:
         """Everything that a search looks into."""
         trial = self.trial
-        date = "" if trial.started_at is None else trial.started_at.strftime("%Y-%m-%d %H:%M")
+        date = "" if trial.started_at is None else local(trial.started_at)
         texts = (
             self.key, trial.material, trial.blade, trial.battery, trial.operator, trial.batch, trial.notes,
             trial.source, date, self.state, "corrected" if trial.amendments else "",

@@ -10,6 +10,11 @@ from sawbench.reporting.quantities import format_quantity
 
 # Shorter times are given in milliseconds.
 _LEAST_S: Final = 0.1
+# Magnitudes whose unit is a rate: name -> words, unit, factor.
+_RATES: Final = {
+    "drift_n_per_1000_s": ("drift", "N per 1000 s", 1.0),
+    "growth_per_10_m": ("growth", "% per 10 m of cut", 100.0),
+}
 _SUFFIX: Final = {
     "N": "_n", "N*m": "_n_m", "K/W": "_k_per_w", "Ohm": "_ohm", "s": "_s", "m": "_m", "N/m": "_n_per_m",
     "N*s/m": "_n_s_per_m", "Hz": "_hz", "V": "_v",
@@ -129,9 +134,10 @@ def magnitude_words(name: str, parameter: Mapping[str, Any]) -> str:
     'edge force: force 8.31\xa0±\xa00.42\xa0N'
     """
     effect, _, name = name.rpartition(".")
-    unit = parameter["unit"]
-    words = name_of(name.removesuffix(_SUFFIX.get(unit, "")))
-    value, std = parameter["value"], parameter["std"]
+    words, unit, factor = _RATES.get(name) or (
+        name_of(name.removesuffix(_SUFFIX.get(parameter["unit"], ""))), parameter["unit"], 1.0
+    )  # fmt: skip
+    value, std = factor * parameter["value"], None if parameter["std"] is None else factor * parameter["std"]
     if unit == "s" and abs(value) < _LEAST_S:
         unit, value, std = "ms", 1e3 * value, None if std is None else 1e3 * std
     whose = f"{name_of(effect)}: " if effect else ""

@@ -228,8 +228,8 @@ def map_picture(found: Mapping[str, Any], order: Sequence[str]) -> Picture | Non
     return Picture(
         svg=svg,
         caption="Residual of each balance equation over the crank angle, one row per operating point. Model as"
-        " configured, parameters free within their stated uncertainty. White: no gap. Red: measured above the model."
-        " Blue: measured below the model.",
+        " configured, parameters free within their stated uncertainty. Not coloured: no gap. Red: measured above the"
+        " model. Blue: measured below the model.",
     )
 
 

@@ -25,6 +25,24 @@ def measured_duty(processed: ProcessedTrial) -> float | None:
     return battery / motor
 
 
+def wrong_duty(processed: ProcessedTrial) -> tuple[str, str] | None:
+    """Say that the stated duty is not the one that the currents show, and what to do; None where they agree.
+
+    Parameters
+    ----------
+    processed : ProcessedTrial
+    """
+    stated, measured = processed.trial.duty, measured_duty(processed)
+    if not stated or measured is None or abs(measured / stated - 1.0) <= _DUTY_TOLERANCE:
+        return None
+    file = shlex.quote(processed.source_path or processed.trial.trial_id)
+    return (
+        f"wrong duty entered: {stated:.4g} is stated, the currents (battery over motor) show {measured:.3g}",
+        f"if the duty was {measured:.3g}: `sawbench amend {file} --duty {measured:.3g}`, which does not change the"
+        " recording; otherwise check the two current sensors",
+    )
+
+
 def likely_cause(processed: ProcessedTrial, fit: CuttingFit) -> tuple[str, str]:
     """Name what most likely spoilt a fit, and what to do.
 
@@ -41,15 +59,10 @@ def likely_cause(processed: ProcessedTrial, fit: CuttingFit) -> tuple[str, str]:
     doubts = processed.doubts(*processed.mean_values)
     if doubts:
         return "; ".join(doubts), "correct the channel or the configuration and import or record the trial again"
-    stated, measured = processed.trial.duty, measured_duty(processed)
-    file = shlex.quote(processed.source_path or processed.trial.trial_id)
-    if stated and measured is not None and abs(measured / stated - 1.0) > _DUTY_TOLERANCE:
-        return (
-            f"wrong duty entered: {stated:.4g} is stated, the currents (battery over motor) show {measured:.3g}",
-            f"if the duty was {measured:.3g}: `sawbench amend {file} --duty {measured:.3g}`, which does not change the"
-            " recording; otherwise check the two current sensors",
-        )
-    remedy = f"see `sawbench report {file}`"
+    duty = wrong_duty(processed)
+    if duty is not None:
+        return duty
+    remedy = f"see `sawbench report {shlex.quote(processed.source_path or processed.trial.trial_id)}`"
     if fit.status == "contradicted":
         return (
             "; ".join(fit.notes) or "the plant constants or a sensor gain do not agree with the measurement",

@@ -148,7 +148,8 @@ def harmonics_picture(processed: ProcessedTrial, model: Mapping[str, Cycle]) -> 
                 axis.set_ylim(bottom=max(axis.get_ylim()[0], 1e-4 * float(measured.max())))
             row[0].set_title(channel.label.capitalize())
             row[1].set_title("Measured minus model")
-            row[0].set_ylabel(f"amplitude / {channel.unit}")
+            for axis in row:
+                axis.set_ylabel(f"amplitude / {channel.unit}")
             said.append(f"{channel.label}: first harmonic {format_number(float(measured[0]))} {channel.unit}")
         for axis in grid[-1]:
             axis.set_xlabel("harmonic of the stroke")
@@ -162,7 +163,7 @@ def harmonics_picture(processed: ProcessedTrial, model: Mapping[str, Cycle]) -> 
         )
     return Picture(
         svg=svg,
-        caption="Amplitudes of the harmonics of the folded cycle: left measured and modelled, right the deviations.",
+        caption="Amplitudes of the harmonics of the folded cycle: first measured and modelled, then the deviations.",
     )
 
 

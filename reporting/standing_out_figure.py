@@ -103,7 +103,7 @@ def standing_out_picture(found: Mapping[str, Any]) -> Picture | None:
     return Picture(
         svg=svg,
         caption="Residual of each balance equation with re-tuned parameters, by region. Grey: not significant. Colour:"
-        " significant, by how much. White: not compared. Regions overlap: the same gap is divided in several ways.",
+        " significant, by how much. Blank: not compared. Regions overlap: the same gap is divided in several ways.",
     )
 
 

@@ -18,6 +18,7 @@ from sawbench.reporting.compared import FIT_STATUS_WORDS, RUNTIME_STATUS_WORDS
 from sawbench.reporting.html import Picture, link_to, render, software_version
 from sawbench.reporting.model_figures import Deviation, deviations_of, discharge_picture, model_picture
 from sawbench.reporting.quantities import correlation_words, format_duration, format_number, format_quantity
+from sawbench.reporting.rejections import wrong_duty
 from sawbench.reporting.spectrum_figures import Cycle, harmonics_picture, period_picture
 from sawbench.reporting.trial_figures import cycle_picture, signals_picture, zeroed_picture
 from sawbench.storage.output import write_whole
@@ -270,6 +271,8 @@ def trust_in(report: TrialReport) -> Trust:
         )
     if fit is not None and fit.status != "ok":
         bad.append(f"k_Fc is not reliable: {FIT_STATUS_WORDS[fit.status]}.")
+        duty = wrong_duty(processed)
+        bad += [] if duty is None else [f"Likely cause: {'; '.join(duty)}."]
     if runtime is not None and runtime.status != "ok":
         bad.append(f"No runtime: {RUNTIME_STATUS_WORDS[runtime.status]}.")
     if processed.status == "cutting" and report.note and (fit is None or fit.status == "ok"):

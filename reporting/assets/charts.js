@@ -389,6 +389,8 @@
     svg.addEventListener("pointerleave", () => (tip.hidden = true));
   }
 
+  // On paper nobody can open what is closed; a browser that knows ::details-content shows it by the style alone.
+  window.addEventListener("beforeprint", () => document.querySelectorAll("details").forEach((one) => (one.open = true)));
   const tip = element("div", { className: "spot-tip", hidden: true });
   tip.setAttribute("aria-hidden", "true");
   document.body.append(tip);

@@ -195,23 +195,25 @@ def real_ports(bench):
         yield
 
 
-def test_the_interactive_way_asks_for_each_load(bench, monkeypatch, tmp_path):
+def test_the_interactive_way_asks_for_each_load(bench, monkeypatch, capsys):
     """Without --simulated and --point: values are typed, here against a rig whose load follows the typing."""
-    typed, hanging = ["0", "100", "two", "200", ""], [0.0]
+    typed, hanging = ["0", "100", "two", "200,0", ""], [0.0]
     bench.force = lambda load, t, noise: TRUE_ZERO_N + hanging[0] + 0.3 * noise
 
     def answer(*_, **__):
         text = typed.pop(0)
         with contextlib.suppress(ValueError):
-            hanging[0] = float(text)
+            hanging[0] = float(text.replace(",", "."))
         return text
 
-    answering(monkeypatch, answer)
+    asked = answering(monkeypatch, answer)
     with real_ports(bench):
         assert main(["calibrate", "--config", str(bench.config_path), "--seconds", "0.6"]) == 0
     (entry,) = read_book(bench.config_path.with_name("bench_config.calibration.toml")).entries
     assert entry.result.scale == pytest.approx(250.0, rel=1e-3)
     assert entry.result.zero_raw == pytest.approx(TRUE_ZERO_N / 250.0, abs=1e-3)
+    assert set(asked) == {"cutting force: apply a known load, let it settle, and type it in N; empty to end"}
+    assert "\n100 N: " in capsys.readouterr().err
     # The book of the simulated bench is another one.
     assert not bench.book_path.exists()
 

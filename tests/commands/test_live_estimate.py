@@ -48,6 +48,8 @@ def test_agrees_with_the_batch_fit_within_its_stated_uncertainty(oak_and_its_sho
     periods = np.diff([time_s for time_s, _ in shown])
     assert 0.07 < periods.min() < periods.max() < 0.08
     assert "N·s/m" in live.describe()
+    # Nobody states the charge before a trial: the estimate begins at a full battery.
+    assert "of battery runtime left if the battery was full at the start" in live.describe()
 
 
 def test_known_effects_make_the_same_of_it_as_fit_and_runtime(tmp_path):

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import html
 import json
 import re
 import shutil
+from datetime import UTC, datetime
 from pathlib import Path
 from urllib.parse import urlencode
 
@@ -17,10 +19,14 @@ from sawbench.commands.link import Link
 from sawbench.commands.main import main
 from sawbench.commands.panel import refusal
 from sawbench.panel import jobs as panel_jobs
-from sawbench.panel.app import Follower, PanelSettings, build_app
-from sawbench.panel.commands_of import BenchOptions, record
+from sawbench.panel.app import PanelSettings, build_app
+from sawbench.panel.commands_of import BenchOptions, record, series_plan, tare
+from sawbench.panel.follower import Follower
 from sawbench.panel.jobs import Jobs
 from sawbench.panel.series_state import known_plans, series_state
+from sawbench.reporting.trial_page import write_trial_page
+
+from tests.reporting.test_pages import full_report
 
 pytestmark = pytest.mark.contract
 
@@ -40,10 +46,10 @@ def started(monkeypatch):
     return launched
 
 
-def panel(folder: Path, token: str = ""):
+def panel(folder: Path, token: str = "", in_force=()):
     shutil.copy(SAMPLES / "oak-01.mcap", folder)
     (folder / "secret.txt").write_text("not for the panel")
-    facts = {"config": "", "devices": [], "channels": ["force_n"], "in_force": [], "problem": ""}
+    facts = {"config": "", "devices": [], "channels": ["force_n"], "in_force": list(in_force), "problem": ""}
     settings = PanelSettings(
         options=BenchOptions(recordings=folder, simulated=True), plans=folder, bench=lambda: facts, refusal=refusal
     )
@@ -125,7 +131,7 @@ def test_others_need_the_token(tmp_path):
         assert ask(app, path, headers={"host": "bench.lan", "cookie": cookie})[0] == 401
     status, headers, _ = ask(app, "/jobs?token=right", headers={"host": "bench.lan"})
     assert (status, headers["location"]) == (303, "/jobs")
-    assert "HttpOnly" in headers["set-cookie"] and "SameSite=strict" in headers["set-cookie"]
+    assert "HttpOnly" in headers["set-cookie"] and "SameSite=lax" in headers["set-cookie"]
     assert ask(app, "/jobs", headers={"host": "bench.lan", "cookie": "sawbench_panel=right"})[0] == 200
 
 
@@ -220,6 +226,158 @@ def test_plans_are_told_from_other_tables(tmp_path, capsys):
     state = series_state(tmp_path / "wood.toml")
     assert state.progress is not None and len(state.progress.trials) == 3
     assert "oak" in ask(panel(tmp_path), "/series/wood.toml")[2]
+
+
+def end(folder: Path, result, code: int = 0) -> None:
+    """What a command leaves in the folder of its job."""
+    (folder / "out.txt").write_text(json.dumps(result))
+    (folder / "exit.json").write_text(json.dumps({"code": code}))
+
+
+def test_a_result_from_before_a_correction_is_not_called_reliable(tmp_path, started):
+    app = panel(tmp_path)
+    secret, path = secret_of(app), "/recording?file=oak-01.mcap"
+    result = [{"verdict": "The saw cut oak.", "trust": "good", "reasons": []}]
+
+    def evaluate(number):
+        assert ask(app, "/report", form={"secret": secret, "file": "oak-01.mcap"})[0] == 303
+        end(tmp_path / "panel" / f"000{number}-report", result)
+
+    evaluate(1)
+    assert "The results are reliable." in ask(app, path)[2]
+    correction = {"secret": secret, "file": "oak-01.mcap", "duty": "0.5", "by": "Kim"}
+    assert ask(app, "/amend", form=correction)[0] == 303
+    for page in (path, "/jobs/0001-report"):
+        said = ask(app, page)[2]
+        assert "Evaluated before the settings were corrected" in said
+        assert "The results are reliable." not in said
+    assert "Evaluate again" in ask(app, path)[2]
+    result[0]["reasons"] = ["if it was 0.4: `sawbench amend oak-01.mcap --duty 0.4`, <b> or see `sawbench check`."]
+    evaluate(2)
+    assert "The results are reliable." in ask(app, path)[2]
+    said = ask(app, path)[2]
+    assert "if it was 0.4: correct the duty to 0.4 on the page of the recording, &lt;b&gt;" in said
+    assert "see <code>sawbench check</code>." in said
+    assert '<a href="/recording?file=oak-01.mcap">' in ask(app, "/jobs/0002-report")[2]
+
+
+def test_a_page_of_a_result_leads_back_and_to_its_recording(tmp_path, started):
+    app = panel(tmp_path)
+    ask(app, "/report", form={"secret": secret_of(app), "file": "oak-01.mcap"})
+    (folder,) = (tmp_path / "panel").iterdir()
+    page = write_trial_page(folder / "oak-01.html", full_report(), files={"Recording": tmp_path / "oak-01.mcap"})
+    assert 'href="../../oak-01.mcap"' in page.read_text()
+    address = f"/jobs/{folder.name}/files/oak-01.html"
+    said = ask(app, address)[2]
+    assert f'<a href="/jobs/{folder.name}">page of oak-01</a>' in said
+    assert '<a href="/recording?file=oak-01.mcap">' in said and "../../oak-01.mcap" in said
+    (tmp_path / "oak-01.mcap").unlink()
+    said = ask(app, address)[2]
+    assert "oak-01.mcap</a>" not in said and "../../oak-01.mcap" in said
+
+
+RESULT = {"zero_raw": -6.07e-05, "raw_unit": "mV/V"}
+TARE = {
+    "kind": "tare", "channel": "force_n", "result": RESULT, "zero_std_raw": 5.0e-05,
+    "details": {"offset": -0.01518, "offset_std": 0.01248, "unit": "N", "noise_std": 1.0, "drift_per_s": -0.0076,
+                "drift_std_per_s": 0.004},
+}  # fmt: skip
+CALIBRATION = {
+    "kind": "calibration", "channel": "force_n", "unit": "N", "result": RESULT, "zero_std_raw": 5.0e-05,
+    "details": {"fit": {"gain": 250.4, "gain_rel_std": 0.001, "nonlinearity": 6.2e-4, "hysteresis": 4.8e-4},
+                "points": [{}, {}, {}]},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "result", "words"),
+    [
+        ("tare", TARE, ["−0.015 ± 0.012 N", "one standard deviation"]),
+        ("calibrate", CALIBRATION, ["250.40 ± 0.25 N/(mV/V)", "0.062 % of the range", "0.048 % of the range"]),
+    ],
+)
+def test_a_tare_and_a_calibration_show_what_they_found(tmp_path, started, name, result, words):
+    app = panel(tmp_path)
+    ask(app, f"/{name}", form={"secret": secret_of(app), "channel": "force_n"})
+    (folder,) = (tmp_path / "panel").iterdir()
+    end(folder, result)
+    said = ask(app, f"/jobs/{folder.name}")[2].replace("\N{NO-BREAK SPACE}", " ")
+    assert [text for text in words if text not in said] == []
+    (folder / "out.txt").write_text(json.dumps({"error": {"what": "the value drifts"}}))
+    end(folder, {"error": {"what": "the value drifts"}}, 1)
+    assert "Not stored." in ask(app, f"/jobs/{folder.name}")[2]
+
+
+def test_a_calibration_that_would_be_replaced_is_said_before_any_load_is_applied(tmp_path, started):
+    made_at = datetime(2026, 3, 2, 9, 30, tzinfo=UTC)
+    kept = {**CALIBRATION, "made_at": made_at, "operator": "Kim", "age": "2.0 h old"}
+    app = panel(tmp_path, in_force=[kept])
+    form = {"secret": secret_of(app), "channel": "force_n"}
+    bench = ask(app, "/")[2].replace("\N{NO-BREAK SPACE}", " ")
+    when = made_at.astimezone().strftime("%Y-%m-%d %H:%M")
+    assert f"force_n: calibration of {when} by Kim, 2.0 h old: gain 250.40 ± 0.25 N/(mV/V)" in bench
+    status, _, said = ask(app, "/calibrate", form=form)
+    assert (status, started) == (400, [])
+    assert "tick “replace the current calibration”" in said and "--force" not in said
+    assert ask(app, "/calibrate", form={**form, "replace": "1"})[0] == 303
+    assert ask(app, "/calibrate", form={**form, "channel": "displacement_mm", "replace": ""})[0] == 303
+
+
+def test_a_number_may_have_a_decimal_comma(tmp_path):
+    options = BenchOptions(recordings=tmp_path)
+    form = {"material": "oak, old", "duty": "0,44", "seconds": "2,5", "feed": "4"}
+    assert {"--material=oak, old", "--duty=0.44", "--seconds=2.5", "--feed=4"} < set(record(options, form).arguments)
+    assert "--seconds=2.5" in tare(options, form).arguments
+    plan = series_plan(
+        options, {"materials": "oak, nylon", "duties": "0,44; 0,5", "feeds": "3, 4"}, tmp_path / "p.toml"
+    )
+    assert {"--material=nylon", "--duty=0.44", "--duty=0.5", "--feed=3", "--feed=4"} < set(plan)
+
+
+def test_errors_name_the_field_and_lead_back(tmp_path, started):
+    app = panel(tmp_path)
+    form = {"secret": secret_of(app), "material": "oak", "duty": "much"}
+    came = {"referer": "http://127.0.0.1:8765/record?next=1"}
+    said = html.unescape(ask(app, "/record", form=form, headers=came)[2])
+    assert "Duty: 'much' is not a number." in said and "--duty" not in said
+    assert '<a href="/record?next=1" data-back>Go back</a>' in said
+    foreign = {"referer": "http://evil.example/page"}
+    assert '<a href="/" data-back>' in ask(app, "/record", form=form, headers=foreign)[2]
+    (tmp_path / "wood.toml").write_text('[[trial]]\nmaterial = "oak"\n')
+    plan = {"secret": form["secret"], "materials": "oak"}
+    said = html.unescape(ask(app, "/series", form={**plan, "name": "wood"})[2])
+    assert "there is already a plan 'wood'" in said and "choose another name" in said
+    for name in ("a/b", ".hidden", "", "a\\b"):
+        assert "use letters, digits, spaces and" in ask(app, "/series", form={**plan, "name": name})[2]
+
+
+def test_an_unknown_address_has_a_page_with_a_way_back(tmp_path):
+    status, _, said = ask(panel(tmp_path), "/nope")
+    assert status == 404
+    assert "the panel has no page /nope" in said and '<a href="/"' in said
+
+
+def test_the_output_has_no_instructions_for_a_terminal(tmp_path, started):
+    app = panel(tmp_path)
+    ask(app, "/record", form={"secret": secret_of(app), "material": "oak"})
+    (folder,) = (tmp_path / "panel").iterdir()
+    (folder / "log.txt").write_text(
+        "Enter when ready: \ncheck: no faults\nrecording 4 s; switch the tool on (Ctrl-C ends the recording)\n"
+        "k: keep, r: repeat: k\nforce_n: tare of 2026-03-02T09:30:06+00:00, 1.0 h old\n"
+    )
+    end(folder, {})
+    when = datetime(2026, 3, 2, 9, 30, tzinfo=UTC).astimezone().strftime("%Y-%m-%d %H:%M")
+    wanted = f"check: no faults\nrecording 4 s; switch the tool on\nAnswer: keep\nforce_n: tare of {when}, 1.0 h old\n"
+    assert wanted in ask(app, f"/jobs/{folder.name}")[2]
+    assert (
+        json.loads(ask(app, f"/jobs/{folder.name}/stream")[2].partition("event: log\ndata: ")[2].split("\n")[0])
+        == wanted
+    )
+
+
+def test_the_list_says_where_and_what_was_searched(tmp_path):
+    assert "matching “oak”." in ask(panel(tmp_path), "/recordings?q=oak")[2]
+    assert f"1 recording in {tmp_path} matching" in ask(panel(tmp_path), "/recordings?q=oak")[2]
 
 
 def test_orders_reach_the_command(tmp_path, started):

@@ -135,6 +135,12 @@ def test_from_the_tare_to_the_diagnosis(bench, page):
         "Mount a new blade", "Insert a full battery", "Everything ready?", "Keep this trial, or repeat it?",
     ]  # fmt: skip
     assert ended(page) == "done"
+    said = page.run("document.getElementById('log').textContent")
+    assert "Answer: keep" in said and "Enter" not in said and "Ctrl-C" not in said
+    # The form that repeats a kept trial has words for screen readers alone: they may not widen the page.
+    page.open(f"{address}/series/wood.toml")
+    assert "Repeat" in page.run("document.querySelector('td button').textContent")
+    looked_at(page)
     (recorded,) = (folder / "recordings" / "wood").glob("*.mcap")
     assert read_recording(recorded).trial.operator == "Kim"
     # A trial: live numbers, a note, stop; its result; the panel does not know the next page.

@@ -7,12 +7,14 @@ import math
 from pathlib import Path
 
 import pytest
+from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 from sawbench.reporting.blind_page import write_blind_page
+from sawbench.reporting.compared import LeftOut
 from sawbench.reporting.comparison_page import write_comparison_page
 from sawbench.reporting.gap_page import write_gap_page
 from sawbench.reporting.trial_page import write_trial_page
 
-from tests.reporting.test_gap_page import REPORT
+from tests.reporting.test_gap_page import CAUSE, REPORT
 from tests.reporting.test_pages import full_report, make_rows
 from tests.rigs.browser import CHROMIUM, Browser
 
@@ -28,11 +30,18 @@ MAX_PAGE_BYTES = 6_000_000
 def pages(tmp_path_factory):
     """Each kind of page."""
     folder = tmp_path_factory.mktemp("pages")
+    duty = LeftOut(
+        name="black_locust-02", reason="k_Fc not used: a channel or the configuration contradicts the model",
+        cause="wrong duty entered: 0.4375 is stated, the currents (battery over motor) show 0.5",
+        remedy="`sawbench amend recordings/black_locust-02.mcap --duty 0.5`, which does not change the recording",
+    )  # fmt: skip
+    likely = [*CAUSE["indistinguishable_from"], *(name for name in EFFECT_BY_NAME if name != "windage_drag")]
+    gap = {**REPORT, "causes": [{**CAUSE, "indistinguishable_from": likely}]}
     blind = json.loads((ROOT / "docs" / "blind_result.json").read_text(encoding="utf-8"))
     return {
         "trial": write_trial_page(folder / "trial.html", full_report()),
-        "comparison": write_comparison_page(folder / "comparison.html", make_rows()),
-        "gap": write_gap_page(folder / "gap.html", REPORT),
+        "comparison": write_comparison_page(folder / "comparison.html", make_rows(), left_out=[duty]),
+        "gap": write_gap_page(folder / "gap.html", gap),
         "blind": write_blind_page(folder / "blind.html", blind),
     }
 
@@ -157,3 +166,20 @@ def test_paper_and_a_page_without_script_show_the_drawing(browser, pages):
         assert browser.ask("DOM.getBoxModel", nodeId=drawn[0])["model"]["height"] > 100
     finally:
         browser.ask("Emulation.setScriptExecutionDisabled", value=False)
+
+
+PAPER_PX = 680
+
+
+def test_paper_breaks_no_number_and_opens_what_is_closed(browser, pages):
+    browser.open(pages["comparison"], width=PAPER_PX, media="print")
+    lines = browser.run(
+        "[...document.querySelectorAll('table.facts-table td')].filter(e => e.textContent === '0.4375').map(e =>"
+        " { const text = document.createRange(); text.selectNodeContents(e); return text.getClientRects().length; })"
+    )
+    assert lines and set(lines) == {1}
+    closed = "(e => e.offsetHeight > 2 * e.querySelector('summary').offsetHeight)(document.querySelector('details'))"
+    browser.open(pages["gap"])
+    assert browser.run(closed) is False
+    browser.open(pages["gap"], width=PAPER_PX, media="print")
+    assert browser.run(closed) is True

@@ -127,6 +127,14 @@ def test_figures_have_titles_and_descriptions_and_nothing_is_fetched(tmp_path):
     assert 'src="' not in text and 'href="http' not in text and "data:" not in text
 
 
+def test_captions_are_right_on_a_dark_screen_too(tmp_path):
+    # Figures are inverted there: what is white on paper is black.
+    detail = {**REPORT["detail"], "standing_out": STANDING_OUT}
+    text = page(tmp_path, detail=detail)
+    assert "Blank: not compared." in text and "Not coloured: no gap." in text
+    assert not re.search(r"\b(white|black):", text, flags=re.IGNORECASE)
+
+
 def test_a_report_without_detail_still_gives_a_page(tmp_path):
     report = copy.deepcopy(REPORT)
     del report["detail"]
@@ -183,6 +191,8 @@ def test_a_sensor_at_fault_goes_by_its_channel():
         ("delay_s", {"value": 0.00162, "std": 8.7e-5, "unit": "s"}, "delay 1.620 ± 0.087 ms"),
         ("frequency_hz", {"value": 262.0, "std": 123.4, "unit": "Hz"}, "frequency 260 ± 120 Hz"),
         ("time_constant_s", {"value": 12.5, "std": None, "unit": "s"}, "time constant 12.5 s"),
+        ("drift_n_per_1000_s", {"value": -1100.0, "std": 3100.0, "unit": "N"}, "drift −1100 ± 3100 N per 1000 s"),
+        ("growth_per_10_m", {"value": 0.12, "std": 0.034, "unit": "1"}, "growth 12.0 ± 3.4 % per 10 m of cut"),
         ("stiffness_n_per_m", {"value": 160400.0, "std": 24000.0, "unit": "N/m"}, "stiffness 160000 ± 24000 N/m"),
     ],
 )

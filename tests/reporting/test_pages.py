@@ -33,6 +33,7 @@ from sawbench.reporting.comparison_figures import mean_cycle
 from sawbench.reporting.comparison_page import write_comparison_page
 from sawbench.reporting.html import link_to
 from sawbench.reporting.model_figures import deviations_of
+from sawbench.reporting.spectrum_figures import harmonics_picture
 from sawbench.reporting.trial_page import TrialReport, trust_in, verdict, write_trial_page
 
 pytestmark = pytest.mark.unit
@@ -381,6 +382,26 @@ def test_results_that_failed_are_not_quoted(tmp_path):
     page = Page(path.read_text(encoding="utf-8"))
     assert "not reliable the fit ended at the edge of the allowed range, at 240.3 ± 4.3" in page.shown
     assert "the motor cannot start against this force" in page.shown
+
+
+def test_a_wrong_duty_is_named_where_the_trial_is_judged(tmp_path):
+    currents = {"mean_values": {"battery_current_a": 4.38, "motor_current_a": 10.0}}
+    fit = make_fit(status="contradicted")
+    wrong = TrialReport(processed=make_processed(trial={"duty": 0.55}, **currents), fit=fit)
+    hint = "wrong duty entered: 0.55 is stated, the currents (battery over motor) show 0.438"
+    (said,) = [reason for reason in trust_in(wrong).reasons if hint in reason]
+    assert "`sawbench amend oak-01.mcap --duty 0.438`" in said
+    assert hint in write_trial_page(tmp_path / "wrong.html", wrong).read_text(encoding="utf-8")
+    right = TrialReport(processed=make_processed(trial={"duty": 0.438}, **currents), fit=fit)
+    assert not [reason for reason in trust_in(right).reasons if "duty" in reason]
+
+
+def test_both_columns_of_the_harmonics_have_a_unit():
+    report = full_report()
+    picture = harmonics_picture(report.processed, report.model)
+    for unit in "NA":
+        assert len(re.findall(rf">amplitude / {unit}</text>", picture.svg)) == 2
+        assert picture.svg.partition(">")[0].count(f'"amplitude / {unit}"') == 2
 
 
 def test_trial_page_shows_every_figure_and_the_facts(trial_path):
