@@ -20,8 +20,6 @@ from sawbench.processing.settled import MOVING_RAD_S
 
 N_POINTS = 128
 N_HARMONICS = 40
-# Points of a smooth state for each cell, an odd number: the dead centres then lie between its points.
-FINER: Final = 3
 MIN_SAMPLES_PER_BIN = 1.5
 _NUMBERS = SETTINGS.reading
 # A spline takes 1.4 % off a wave of four samples, 0.06 % off one of eight; longer steps than this miss samples.
@@ -88,18 +86,6 @@ def band_limit(waves: Floats, n_harmonics: int = N_HARMONICS) -> Floats:
     return np.fft.irfft(spectrum, n_points, axis=-1)
 
 
-def on_finer_grid(waves: Floats) -> Floats:
-    """Evaluate band-limited periodic rows at the middles of finer cells, shape (n_units, `FINER` * n_points)."""
-    return _finer(np.fft.rfft(waves, axis=-1), waves.shape[-1])
-
-
-def _finer(spectrum: NDArray[np.complex128], n_points: int) -> Floats:
-    n_finer = FINER * n_points
-    # The finer grid begins in the middle of the first of the finer cells.
-    earlier = np.exp(-1j * np.arange(spectrum.shape[-1]) * np.pi * (FINER - 1) / n_finer)
-    return FINER * np.fft.irfft(spectrum * earlier, n_finer, axis=-1)
-
-
 def smooth_state(state: State, blocks: Floats, *, mechanism: Mechanism, n_harmonics: int = 5) -> State:
     """State to compute signatures from: averaged over the units, the crank's motion limited to a few harmonics.
 
@@ -118,13 +104,11 @@ def smooth_state(state: State, blocks: Floats, *, mechanism: Mechanism, n_harmon
     Returns
     -------
     State
-        Arrays of shape (n_blocks, `FINER` * n_points): the harmonics of a law with a corner or a step go on, and the
-        points alone would take the high ones for low ones. A start-up comes back as it is.
+        Arrays of shape (n_blocks, n_points); a start-up comes back as it is.
     """
     if state.kind != "running":
         return state
-    n_points = state.angle_rad.shape[1]
-    shape = (len(blocks), FINER * n_points)
+    shape = (len(blocks), state.angle_rad.shape[1])
 
     def mean(wave: Floats | None, n: int, *, shrunk: bool = True) -> Floats | None:
         if wave is None:
@@ -132,7 +116,7 @@ def smooth_state(state: State, blocks: Floats, *, mechanism: Mechanism, n_harmon
         rows = np.fft.rfft(wave, axis=1)
         spectrum = rows.mean(axis=0) * (_signal_share(rows) if shrunk else 1.0)
         spectrum[n + 1 :] = 0.0
-        return np.broadcast_to(_finer(spectrum, n_points), shape)
+        return np.broadcast_to(np.fft.irfft(spectrum, shape[1]), shape)
 
     speed = mean(state.speed_rad_s, n_harmonics, shrunk=False)
     assert speed is not None
@@ -140,21 +124,15 @@ def smooth_state(state: State, blocks: Floats, *, mechanism: Mechanism, n_harmon
     if state.blade_excess_m_s is not None and len(state.speed_rad_s) < _MIN_ROWS_TO_SHRINK:
         changes["blade_excess_m_s"] = None
     elif state.blade_excess_m_s is not None:
-        tracked = speed[:1, FINER // 2 :: FINER]
-        beyond = (state.speed_rad_s - tracked) * mechanism.lever(state.angle_rad) + state.blade_excess_m_s
+        beyond = (state.speed_rad_s - speed[:1]) * mechanism.lever(state.angle_rad) + state.blade_excess_m_s
         changes["blade_excess_m_s"] = mean(beyond, N_HARMONICS)
     for name in ("current_a", "current_rate_a_s", "battery_current_a"):
         changes[name] = mean(getattr(state, name), 2 * n_harmonics)
     for name in ("force_n", "force_rate_n_s"):
         changes[name] = mean(getattr(state, name), N_HARMONICS)
-    # NaN where the angle was not measured.
-    first = state.angle_rad[0, 0] - np.pi / n_points
-    changes["angle_rad"] = np.broadcast_to(first + (np.arange(shape[1]) + 0.5) * TWO_PI / shape[1], shape)
-    for name in ("battery_voltage_v", "motor_voltage_v"):
+    for name in ("angle_rad", "battery_voltage_v", "motor_voltage_v", "time_s", "cut_distance_m", "charge_used_as"):
         wave = getattr(state, name)
-        changes[name] = None if wave is None else on_finer_grid(blocks @ wave)
-    for name in ("time_s", "cut_distance_m", "charge_used_as"):
-        changes[name] = blocks @ getattr(state, name)
+        changes[name] = None if wave is None else blocks @ wave
     changes["slow"] = {name: blocks @ track for name, track in state.slow.items()}
     changes["n_strokes"] = (blocks > 0) @ state.n_strokes
     return replace(state, **changes)

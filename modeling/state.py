@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 TWO_PI = 2.0 * np.pi
 # Grid of a start-up.
 START_UP_STEP_S = 1e-3
-# Harmonics that a linear distortion of a reading changes; folded channels have fewer.
-_MOST_ORDERS = 64
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -109,14 +107,14 @@ class Motion:
 
     @cached_property
     def turns(self) -> NDArray[np.complexfloating]:
-        """exp(j n 2 pi t / T) at each crank angle, shape (rows, orders, points), for the orders that are compared."""
+        """exp(j n 2 pi t / T) at each crank angle, shape (rows, orders, points)."""
         n_points = self.slowness.shape[-1]
         # 2 pi times the share of the period that has passed: the integral of the slowness.
         spectrum = np.fft.rfft(self.slowness / self.period_s, axis=-1)
         spectrum[..., 0] = 0.0
         spectrum[..., 1:] /= 1j * np.arange(1, spectrum.shape[-1])
         phase = (np.arange(n_points) + 0.5) * TWO_PI / n_points + np.fft.irfft(spectrum, n_points, axis=-1)
-        return np.exp(1j * phase[..., None, :] * np.arange(min(n_points // 2, _MOST_ORDERS))[:, None])
+        return np.exp(1j * phase[..., None, :] * np.arange(n_points // 2)[:, None])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -16,7 +16,6 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
 from sawbench.diagnosis.plants.plant import Plant
-from sawbench.diagnosis.reduction import on_finer_grid
 from sawbench.modeling.residuals import Baseline
 from sawbench.modeling.state import TWO_PI, State, TrialSetting, angle_derivative
 from sawbench.modeling.stroke import mean_stroke, predict
@@ -175,7 +174,7 @@ def _predicted(model: Baseline, nearest: Part, setting: TrialSetting) -> State |
     shape = nearest.smooth.angle_rad.shape
     waves = {name: getattr(found.state, name) for name in ("speed_rad_s", "acceleration_rad_s2", "motor_voltage_v")}
     waves |= {name: getattr(found.state, name) for name in _CHANNELS if getattr(nearest.smooth, name) is not None}
-    rows = {name: np.broadcast_to(on_finer_grid(wave), shape) for name, wave in waves.items()}
+    rows = {name: np.broadcast_to(wave, shape) for name, wave in waves.items()}
     return replace(nearest.smooth, setting=setting, blade_excess_m_s=None, **rows)
 
 

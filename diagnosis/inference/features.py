@@ -94,26 +94,6 @@ def harmonics(waves: Floats, n: int) -> Floats:
     return np.concatenate([spectrum[..., :1].real, 2 * spectrum[..., 1:].real, -2 * spectrum[..., 1:].imag], axis=-1)
 
 
-def folded(waves: Floats, n_points: int) -> Floats:
-    """Means over cells of periodic rows on a finer grid, their droop undone: what folding makes of a channel.
-
-    Parameters
-    ----------
-    waves : ndarray, shape (n_units, k * n_points)
-        At the middles of finer cells.
-    n_points : int
-
-    Returns
-    -------
-    ndarray, shape (n_units, n_points)
-        The waves themselves where they have so few points.
-    """
-    if waves.shape[-1] == n_points:
-        return waves
-    spectrum = np.fft.rfft(waves.reshape(len(waves), n_points, -1).mean(axis=-1), axis=-1)
-    return np.fft.irfft(spectrum / np.sinc(np.arange(spectrum.shape[-1]) / n_points), n_points, axis=-1)
-
-
 def orders(n: int) -> Floats:
     """Order of each amplitude that `harmonics` gives, shape (2 n + 1,)."""
     return np.concatenate([[0.0], *2 * [np.arange(1.0, n + 1)]])

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.campaign import Campaign
-from sawbench.diagnosis.inference.features import Layout, block_matrix, folded, layout_of
+from sawbench.diagnosis.inference.features import Layout, block_matrix, layout_of
 from sawbench.diagnosis.inference.noise import contrast_misfit, noise_of, scatter_of
 from sawbench.diagnosis.inference.sensor_faults import SensorFaults
 from sawbench.diagnosis.inference.settings import SETTINGS, Settings
@@ -35,7 +35,7 @@ class Part:
     Attributes
     ----------
     state, smooth : State
-        As measured, and for signatures: one row a block, on a grid of its own.
+        As measured, and for signatures (one row a block).
     layout : Layout
     blocks : ndarray, shape (n_blocks, n_units)
         Average of units into time blocks.
@@ -43,8 +43,6 @@ class Part:
         Inverse Cholesky factor of the covariance of one block.
     place : slice
         Of this part in the stacked vector.
-    n_points : int
-        Cells into which the channels were folded.
     """
 
     state: State
@@ -53,7 +51,6 @@ class Part:
     blocks: Floats
     whitener: Floats
     place: slice
-    n_points: int
 
     @property
     def setting(self) -> TrialSetting:
@@ -75,7 +72,7 @@ class Part:
             for k, signature in enumerate(signatures):
                 if equation in signature:
                     wave[k] = signature[equation]
-            waves[equation] = folded(wave.reshape(-1, n_points), self.n_points)
+            waves[equation] = wave.reshape(-1, n_points)
         rows = self.layout.place(waves, len(signatures) * n_rows) @ self.whitener.T
         return rows.reshape(len(signatures), n_rows * self.layout.size)
 
@@ -203,7 +200,7 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True, settings: S
         size = blocks.shape[0] * layout.size
         part = Part(
             state=state, smooth=plant.smooth(state, blocks), layout=layout, blocks=blocks, whitener=whitener,
-            place=slice(start, start + size), n_points=state.angle_rad.shape[1],
+            place=slice(start, start + size),
         )  # fmt: skip
         parts.append(part)
         known = part.whiten(summed([one.signature(plant.model, part.smooth) for one in plant.known]))

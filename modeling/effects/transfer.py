@@ -48,8 +48,8 @@ def filtered(wave: Floats, state: State, transfer: TransferFunction) -> Floats:
     if state.kind != "running":
         return _filtered_start(wave, transfer)
     n_points = wave.shape[-1]
+    orders = np.arange(n_points // 2)
     turns, slowness, period_s = state.motion.turns, state.motion.slowness, state.motion.period_s
-    orders = np.arange(turns.shape[-2])
     weighted = wave * (slowness / period_s) / n_points
     coefficients = (turns.conj() @ weighted[..., None])[..., 0] if len(turns) > 1 else weighted @ turns[0].conj().T
     change = coefficients * (transfer(orders / period_s) - 1.0)

@@ -15,7 +15,6 @@ from sawbench.diagnosis.inference.evidence import (
     explain,
     explain_formed,
 )
-from sawbench.diagnosis.inference.features import folded
 from sawbench.diagnosis.inference.form_error import form_modes
 from sawbench.diagnosis.inference.left_over import left_over
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
@@ -344,9 +343,8 @@ def test_an_effect_that_no_trial_can_show_has_no_columns(campaign_states):
 def test_unwhitened_features_are_those_of_the_signature(problem):
     stacked = problem.project(friction)
     for part in problem.parts:
-        wave = np.broadcast_to(friction(part.smooth)["mechanical"], part.smooth.angle_rad.shape)
-        waves = {"mechanical": folded(wave, part.n_points)}
-        assert np.allclose(part.unwhiten(stacked), part.layout.place(waves, len(wave)), atol=1e-12)
+        waves = {"mechanical": np.broadcast_to(friction(part.smooth)["mechanical"], part.smooth.angle_rad.shape)}
+        assert np.allclose(part.unwhiten(stacked), part.layout.place(waves, len(part.smooth.angle_rad)), atol=1e-12)
 
 
 def sharp_teeth(first, overtone, seed=5):

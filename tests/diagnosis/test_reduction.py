@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from sawbench.bench.processed import CrankAngle
 from sawbench.bench.recording import Signal, Trial
-from sawbench.diagnosis.inference.features import block_matrix, folded, harmonics
-from sawbench.diagnosis.reduction import N_POINTS, between_samples, running_state, smooth_state
+from sawbench.diagnosis.inference.features import harmonics
+from sawbench.diagnosis.reduction import between_samples, running_state
 from sawbench.modeling.state import TWO_PI
 
 from tests.rigs.drawn_states import setting_of
-from tests.rigs.jigsaw_in_time import BASELINE, K_CUT, Machine
 from tests.rigs.processed import processed_trial
 
 pytestmark = pytest.mark.unit
@@ -92,15 +91,3 @@ def test_what_a_slow_channel_resolves_is_right_although_strokes_differ(seed):
     exact, slow = mean_stroke(current(30_000.0, seed)), mean_stroke(current(500.0, seed))
     resolved = np.r_[:9, 13 : 13 + 8]
     assert np.abs(slow - exact)[resolved].max() < 0.006
-
-
-def test_a_law_with_a_corner_has_the_harmonics_of_the_folded_force():
-    """The force begins at the dead centre at an angle: its harmonics go on beyond those that the points can hold."""
-    state = Machine().run(4, is_folded=True)
-    measured = harmonics(state.force_n[:1], 32)[0]
-    smooth = smooth_state(state, block_matrix(4), mechanism=BASELINE.mechanism)
-    law = harmonics(folded(K_CUT * BASELINE.cutting_speed(smooth)[:1], N_POINTS), 32)[0]
-    at_points = harmonics(K_CUT * BASELINE.cutting_speed(state)[:1], 32)[0]
-    high = np.r_[16:33:2]
-    assert law[high] == pytest.approx(measured[high], rel=0.02)
-    assert abs(at_points[32] / measured[32] - 1.0) > 0.05, "without the finer points the same comparison must fail"

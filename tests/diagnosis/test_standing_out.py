@@ -35,7 +35,7 @@ def trial(kind, point, start, rng):
     return Part(
         state=state, smooth=state, layout=layout, blocks=np.eye(n_blocks),
         whitener=np.linalg.inv(np.linalg.cholesky(covariance)),
-        place=slice(start, start + n_blocks * layout.size), n_points=0,
+        place=slice(start, start + n_blocks * layout.size),
     )  # fmt: skip
 
 

@@ -126,20 +126,13 @@ class Machine:
         df = (force - f_read) / self.lag_force_s if self.lag_force_s else 0.0
         return [di, dw, w, dm, dr, df, 0.0]
 
-    def run(self, n_units: int = 2, *, is_folded: bool = False) -> State:
-        """Equal units of the settled stroke without noise; `is_folded`: the force as `running_state` would give it."""
+    def run(self, n_units: int = 2) -> State:
+        """Two equal units of the settled stroke, as `running_state` would give them without noise."""
         exact, late = moved(self), self.late
         t = np.arange(END_S - 0.3, END_S, 1e-4)
         crank = self.read_angle(exact(t - late.get("displacement", 0.0))[2])
-
-        def middles(n_cells):
-            return (np.arange(n_cells) + 0.5) * 2 * np.pi / n_cells
-
-        def when(angle):
-            return np.interp(angle + 2 * np.pi * np.ceil(crank[0] / (2 * np.pi)), crank, t)
-
-        grid = middles(N_POINTS)
-        at = when(grid)
+        grid = (np.arange(N_POINTS) + 0.5) * 2 * np.pi / N_POINTS
+        at = np.interp(grid + 2 * np.pi * np.ceil(crank[0] / (2 * np.pi)), crank, t)
         h = 2e-6
 
         def read(function, delay):
@@ -169,12 +162,6 @@ class Machine:
         speed, acceleration = read(crank_speed, late.get("displacement", 0.0))
         i, i_rate = read(current, motor_s)
         f, f_rate = read(force, late.get("force", 0.0))
-        if is_folded:
-            # A cell holds the mean of what falls into it, and 40 harmonics are kept.
-            cells = force(when(middles(9 * N_POINTS)) - late.get("force", 0.0)).reshape(N_POINTS, 9).mean(axis=1)
-            spectrum = np.fft.rfft(cells) / np.sinc(np.arange(N_POINTS // 2 + 1) / N_POINTS)
-            spectrum[41:] = 0.0
-            f = np.fft.irfft(spectrum, N_POINTS)
         voltage = battery_voltage(at - battery_s)
         rows = lambda wave: np.broadcast_to(wave, (n_units, N_POINTS))  # noqa: E731
         return make_state(

@@ -20,7 +20,7 @@ def strokes(seed=21, **machine):
     rng = np.random.default_rng(seed)
     found, known = [], {}
     for number, (duty, cuts, feed_m_s) in enumerate(TRIALS):
-        state = known.setdefault((duty, cuts), Machine(duty=duty, cuts=cuts, **machine).run(N_UNITS, is_folded=True))
+        state = known.setdefault((duty, cuts), Machine(duty=duty, cuts=cuts, **machine).run(N_UNITS))
 
         def noisy(wave, size):
             return wave + size * rng.standard_normal(wave.shape)
