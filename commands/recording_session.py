@@ -204,7 +204,6 @@ def bench_ports(
     duty: float | None = None,
     trigger_after_s: float = NEVER_S,
     load: tuple[str, float] | None = None,
-    drawn_ah: float = 0.0,
 ) -> contextlib.AbstractContextManager[dict[str, str]]:
     """Give the ports of the simulated bench, whose tool stays off unless asked; none where the configured ones hold.
 
@@ -212,19 +211,13 @@ def bench_ports(
     ----------
     config_path : Path
     simulated : bool
-    seed, material, duty, trigger_after_s, load, drawn_ah
+    seed, material, duty, trigger_after_s, load
         As `simulated_bench`.
     """
     if not simulated:
         return contextlib.nullcontext({})
     return simulated_bench(
-        config_path,
-        material=material,
-        duty=duty,
-        seed=seed,
-        trigger_after_s=trigger_after_s,
-        load=load,
-        drawn_ah=drawn_ah,
+        config_path, material=material, duty=duty, seed=seed, trigger_after_s=trigger_after_s, load=load
     )
 
 

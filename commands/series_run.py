@@ -47,21 +47,16 @@ class Bench:
     simulated: bool = False
     live: bool = False
 
-    def ports(self, trial: Trial | None, seed: int, folder: Path) -> AbstractContextManager[dict[str, str]]:
-        """Give the ports of the instruments: of the simulated bench, or those of the configuration.
+    def ports_at_rest(self, seed: int) -> AbstractContextManager[dict[str, str]]:
+        """Give the ports of the instruments, simulated or configured; the simulated tool stays off."""
+        from sawbench.commands.recording_session import bench_ports
 
-        Parameters
-        ----------
-        trial : Trial, optional
-            What the simulated tool cuts, and with which battery; without it the tool stays off.
-        seed : int
-        folder : Path
-            What the recordings there drew from the simulated battery is gone from it.
-        """
-        from sawbench.commands.recording_session import bench_ports, ports_of_trial
+        return bench_ports(self.config_path, simulated=self.simulated, seed=seed)
 
-        if trial is None:
-            return bench_ports(self.config_path, simulated=self.simulated, seed=seed)
+    def ports_of(self, trial: Trial, folder: Path, seed: int) -> AbstractContextManager[dict[str, str]]:
+        """Give the ports of the instruments for a trial; see `recording_session.ports_of_trial`."""
+        from sawbench.commands.recording_session import ports_of_trial
+
         return ports_of_trial(self.config_path, trial, folder, simulated=self.simulated, seed=seed)
 
 
@@ -176,7 +171,7 @@ class SeriesRun:
             return
         for attempt in count(1):
             try:
-                with self._bench.ports(None, self._seed(planned), self._plan.folder) as ports:
+                with self._bench.ports_at_rest(self._seed(planned)) as ports:
                     if is_tare_due:
                         self._tare(ports)
                     if plan.check_seconds:
@@ -232,7 +227,7 @@ class SeriesRun:
             summary, _ = run_session(
                 bench.loaded,
                 options,
-                bench.ports(options.trial, seed, self._plan.folder),
+                bench.ports_of(options.trial, self._plan.folder, seed),
                 views,
                 lines,
                 self._dialogue.typed,

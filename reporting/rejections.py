@@ -35,11 +35,10 @@ def wrong_duty(processed: ProcessedTrial) -> tuple[str, str] | None:
     stated, measured = processed.trial.duty, measured_duty(processed)
     if not stated or measured is None or abs(measured / stated - 1.0) <= _DUTY_TOLERANCE:
         return None
-    file = shlex.quote(processed.source_path or processed.trial.trial_id)
     return (
         f"wrong duty entered: {stated:.4g} is stated, the currents (battery over motor) show {measured:.3g}",
-        f"if the duty was {measured:.3g}: `sawbench amend {file} --duty {measured:.3g}`, which does not change the"
-        " recording; otherwise check the two current sensors",
+        f"if the duty was {measured:.3g}: `sawbench amend {_file_of(processed)} --duty {measured:.3g}`, which does not"
+        " change the recording; otherwise check the two current sensors",
     )
 
 
@@ -62,10 +61,15 @@ def likely_cause(processed: ProcessedTrial, fit: CuttingFit) -> tuple[str, str]:
     duty = wrong_duty(processed)
     if duty is not None:
         return duty
-    remedy = f"see `sawbench report {shlex.quote(processed.source_path or processed.trial.trial_id)}`"
+    remedy = f"see `sawbench report {_file_of(processed)}`"
     if fit.status == "contradicted":
         return (
             "; ".join(fit.notes) or "the plant constants or a sensor gain do not agree with the measurement",
             "check the [plant] of the configuration and the calibration of the sensors; " + remedy,
         )
     return "; ".join(fit.notes), remedy
+
+
+def _file_of(processed: ProcessedTrial) -> str:
+    """Return the recording, as a shell takes it."""
+    return shlex.quote(processed.source_path or processed.trial.trial_id)
