@@ -8,9 +8,10 @@ from typing import Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.answer.ladder import RUNGS, Fit, HoldOut, Ladder, Rungs
 from sawbench.diagnosis.inference.evidence import Column
-from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.residuals import Baseline
 from sawbench.modeling.state import State
@@ -75,14 +76,30 @@ class ChannelGap:
     runtime_of: str
     warnings: tuple[str, ...]
 
+    @property
+    def harm(self) -> float:
+        """What the cause adds to the squared error over the noise of the re-tuned model, summed over channels."""
+        return sum(
+            (rungs.with_effect**2 - rungs.retuned**2) / rungs.noise_floor**2
+            for rungs, _ in self.by_channel.values()
+            if rungs.noise_floor > 0.0
+        )
 
-def forecast(
-    hold_out: HoldOut,
-    ladder: Ladder,
-    forms: Sequence[Sequence[Column]],
-    *,
-    on_trial: Callable[[int, int, str], None] | None = None,
-) -> ChannelGap | None:
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Strokes:
+    """The mean stroke of one trial, and what each model predicts of it."""
+
+    stroke: State
+    found: dict[str, Prediction]
+
+    @property
+    def unsettled(self) -> list[str]:
+        """Models that find no steady stroke."""
+        return [name for name, prediction in self.found.items() if not prediction.is_settled]
+
+
+def forecast(hold_out: HoldOut, ladder: Ladder, forms: Sequence[Sequence[Column]]) -> ChannelGap | None:
     """Predict every trial with the models that were fitted without its operating point.
 
     Parameters
@@ -92,8 +109,6 @@ def forecast(
         Of the cause.
     forms : sequence of sequence of Column
         For each alternative of the ladder, the columns it was made of, one an effect; empty where there is no cause.
-    on_trial : callable, optional
-        (done, total, name).
 
     Returns
     -------
@@ -105,27 +120,25 @@ def forecast(
     baseline = problem.campaign.baseline
     if not isinstance(baseline, Baseline) or problem.campaign.angle_is_assumed:
         return None
-    running = [part.state for part in problem.parts if part.state.kind == "running"]
-    group_of = {part.setting.label: hold_out.group_of(part) for part in problem.parts}
-    cycles, settled, unsettled = [], {}, []
-    for number, state in enumerate(running):
-        label = state.setting.label
-        models = _models(problem, ladder.fits[group_of[label]], forms)
-        stroke = mean_stroke(state)
-        found = _predict_all(baseline, stroke, models)
-        if all(p.is_settled for p in found.values()):
-            cycles.append(_cycle(baseline, state, stroke, found))
-            settled[label] = (state, stroke, models, found)
-        else:
-            unsettled.append(f"{label} ({', '.join(n for n, p in found.items() if not p.is_settled)})")
-        if on_trial is not None:
-            on_trial(number + 1, len(running), label)
+    running = [part for part in problem.parts if part.state.kind == "running"]
+
+    def models(part: Part) -> dict[str, list[Term]]:
+        return _models(problem, ladder.fits[hold_out.group_of(part)], forms)
+
+    def strokes(part: Part) -> _Strokes:
+        stroke = mean_stroke(part.state)
+        return _Strokes(stroke=stroke, found=_predict_all(baseline, stroke, models(part)))
+
+    predicted = list(zip(running, on_two_cores(strokes, running), strict=True))
+    settled = [(part, found) for part, found in predicted if not found.unsettled]
+    cycles = tuple(_cycle(baseline, part.state, found) for part, found in settled)
     warnings = []
-    if unsettled:
-        warnings.append(f"the model finds no steady stroke at {'; '.join(unsettled)}: not in the gap by channel")
-    runtime, where, problems = _runtime(baseline, list(settled.values()))
+    if len(settled) < len(predicted):
+        names = [f"{part.setting.label} ({', '.join(f.unsettled)})" for part, f in predicted if f.unsettled]
+        warnings.append(f"the model finds no steady stroke at {'; '.join(names)}: not in the gap by channel")
+    runtime, where, problems = _runtime(baseline, settled, models)
     return ChannelGap(
-        by_channel=_by_channel(cycles), cycles=tuple(cycles), runtime_s=runtime, runtime_of=where,
+        by_channel=_by_channel(cycles), cycles=cycles, runtime_s=runtime, runtime_of=where,
         warnings=(*warnings, *problems),
     )  # fmt: skip
 
@@ -167,16 +180,16 @@ def _predict_all(baseline: Baseline, stroke: State, models: dict[str, list[Term]
     return found
 
 
-def _cycle(baseline: Baseline, state: State, stroke: State, found: dict[str, Prediction]) -> Cycle:
+def _cycle(baseline: Baseline, state: State, strokes: _Strokes) -> Cycle:
     measured, scatter = {}, {}
-    predicted: dict[str, dict[str, Floats]] = {name: {} for name in found}
+    predicted: dict[str, dict[str, Floats]] = {name: {} for name in strokes.found}
     for channel, attribute, _ in CHANNELS:
         units = getattr(state, attribute)
         if units is None:
             continue
-        measured[channel] = getattr(stroke, attribute)[0]
+        measured[channel] = getattr(strokes.stroke, attribute)[0]
         scatter[channel] = _std_of_mean(units, _explained(baseline, state))
-        for name, prediction in found.items():
+        for name, prediction in strokes.found.items():
             predicted[name][channel] = getattr(prediction.state, attribute)[0]
     return Cycle(
         label=state.setting.label, operating_point=state.setting.operating_point, is_idle=state.setting.is_idle,
@@ -253,7 +266,7 @@ def _between(cycles: Sequence[Cycle], errors: dict[str, Floats]) -> float:
 
 
 def _runtime(
-    baseline: Baseline, settled: list[tuple[State, State, dict[str, list[Term]], dict[str, Prediction]]]
+    baseline: Baseline, settled: Sequence[tuple[Part, _Strokes]], models: Callable[[Part], dict[str, list[Term]]]
 ) -> tuple[dict[str, float], str, list[str]]:
     """How long a full battery lasts at the operating point of the longest cutting trial.
 
@@ -261,31 +274,36 @@ def _runtime(
     the nominal course scaled by the current that the trial drew.
     """
     battery = baseline.battery
-    cutting = [entry for entry in settled if not entry[0].setting.is_idle]
+    cutting = [(part, strokes) for part, strokes in settled if not part.setting.is_idle]
     if battery is None:
         return {}, "", ["no runtime: the configuration has no battery"]
     if not cutting:
         return {}, "", ["no runtime: no trial cuts"]
-    state, stroke, models, found = max(cutting, key=lambda entry: _seconds(entry[0]))
+    part, strokes = max(cutting, key=lambda one: _seconds(one[0].state))
+    stroke, found, terms = strokes.stroke, strokes.found, models(part)
     if stroke.battery_current_a is None:
-        return {}, "", [f"no runtime: battery_current_a is missing in {state.setting.label}"]
+        return {}, "", [f"no runtime: battery_current_a is missing in {part.setting.label}"]
     usable_as = 3600.0 * battery.capacity_ah * (1.0 - battery.cutoff_soc)
-    runtime = {}
-    for name in MODELS:
+
+    def runtime_s(name: str) -> float:
         times, near = [], found[name]
         for node in 0.5 * (_RUNTIME_NODES + 1.0):
             there = replace(stroke, charge_used_as=np.full((1, 1), node * usable_as))
-            near = predict(baseline, there, models[name], wood_n_s_per_m=found[name].wood_n_s_per_m, start=near)
+            near = predict(baseline, there, terms[name], wood_n_s_per_m=found[name].wood_n_s_per_m, start=near)
             current_a = _mean_over_time(near.state)
             if not near.is_settled or current_a <= 0.0:
-                return {}, "", ["no runtime: the model does not run to the end of the battery's charge"]
+                return float("nan")
             times.append(usable_as / current_a)
-        runtime[name] = float(np.dot(0.5 * _RUNTIME_WEIGHTS, times))
+        return float(np.dot(0.5 * _RUNTIME_WEIGHTS, times))
+
+    runtime: dict[str, float] = dict(zip(MODELS, on_two_cores(runtime_s, MODELS), strict=True))
+    if any(np.isnan(seconds) for seconds in runtime.values()):
+        return {}, "", ["no runtime: the model does not run to the end of the battery's charge"]
     drawn_a = _mean_over_time(stroke)
     if drawn_a <= 0.0:
-        return {}, "", [f"no runtime: {state.setting.label} draws no battery current"]
+        return {}, "", [f"no runtime: {part.setting.label} draws no battery current"]
     runtime["measured"] = runtime["nominal"] * _mean_over_time(found["nominal"].state) / drawn_a
-    return runtime, state.setting.operating_point, []
+    return runtime, part.setting.operating_point, []
 
 
 def _seconds(state: State) -> float:

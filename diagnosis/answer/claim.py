@@ -4,8 +4,9 @@ Evidence alone finds the best name for whatever is in the data, a sensor's wande
 withheld data has no evidence. So the magnitude of every effect of a declared cause differs from zero in its own 95 %
 interval, the cause closes a tenth of the withheld gap at least, and so does each of several effects of what the others
 leave: where a hundredth is added and the rest stays unexplained, what explains the rest may well explain the
-hundredth. Where the single strokes carry an effect, mean strokes hold little of what it closes: the report says so
-instead.
+hundredth. Nor may the simulated model with the cause miss the withheld channels by more than the re-tuned one does:
+two effects of one sensor that cancel in the harmonics compared need not cancel in the signal that they predict. Where
+the single strokes carry an effect, mean strokes hold little of what it closes: the report says so instead.
 """
 
 from __future__ import annotations
@@ -105,7 +106,7 @@ def _failing(
     best = posterior.best
     carried = carried_by_strokes(problem, posterior, best)
     in_means = tuple(name for name in best.effects if name not in carried)
-    closes = bool(in_means) and _closes(predictions.of(_found(posterior, in_means)).ladder)
+    closes = bool(in_means) and _predicts(predictions, _found(posterior, in_means))
     failing: dict[str, float] = {}
     for member in sized_members(problem, columns, posterior, best):
         name = member.effect.name
@@ -115,6 +116,14 @@ def _failing(
         if not (predicts and is_there(member)):
             failing[name] = float(added.sum())
     return min(failing, key=lambda name: failing[name], default=None)
+
+
+def _predicts(predictions: Predictions, cause: Hypothesis) -> bool:
+    """Whether a cause closes the withheld gap, and its model does not miss the channels by more than without it."""
+    if not _closes(predictions.of(cause).ladder):
+        return False
+    channels = predictions.channels_of(cause)
+    return channels is None or channels.harm < SETTINGS.ladder.most_harm
 
 
 def _closes(ladder: Ladder) -> bool:

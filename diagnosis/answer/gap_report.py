@@ -11,7 +11,7 @@ from sawbench.bench.config import LoadedConfig
 from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Recording
 from sawbench.bench.second_core import on_two_cores
-from sawbench.diagnosis.answer.channel_gap import ChannelGap, forecast
+from sawbench.diagnosis.answer.channel_gap import ChannelGap
 from sawbench.diagnosis.answer.claim import carried_by_strokes, sized_members
 from sawbench.diagnosis.answer.gap_detail import detail, log_odds_at_typical_size
 from sawbench.diagnosis.answer.improved_model import improved_model, magnitudes
@@ -111,10 +111,7 @@ def diagnose(
         trials = [recording.trial for recording in recordings]
         further["plan"] = plan_report(answer.problem, answer.posterior, n_planned, trials)
     say(_JUDGED, 100, "predicting withheld operating points")
-    return _report(
-        answer, loaded, provenance, further,
-        lambda done, total, name: say(_JUDGED + (100 - _JUDGED) * done // total, 100, f"predicting {name}"),
-    )  # fmt: skip
+    return _report(answer, loaded, provenance, further)
 
 
 def _refuse_plan(n_planned: int, loaded: LoadedConfig) -> None:
@@ -129,11 +126,7 @@ def _refuse_plan(n_planned: int, loaded: LoadedConfig) -> None:
 
 
 def _report(
-    answer: Pass,
-    loaded: LoadedConfig,
-    provenance: Mapping[str, Any],
-    further: Mapping[str, Any],
-    on_trial: Callable[[int, int, str], None],
+    answer: Pass, loaded: LoadedConfig, provenance: Mapping[str, Any], further: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Put an answer into the words of the contract, and further tables beside it."""
     problem, columns, posterior, predictions = answer.problem, answer.columns, answer.posterior, answer.predictions
@@ -141,16 +134,17 @@ def _report(
     shown_causes = _shown_causes(posterior)
     causes = [_cause(problem, columns, posterior, predictions, hypothesis) for hypothesis in shown_causes]
     learned = learned_answer(problem, columns, posterior)
-    first = predictions.of(shown_causes[0] if shown_causes else posterior.of("no_gap"))
+    first = shown_causes[0] if shown_causes else posterior.of("no_gap")
+    channels = predictions.channels_of(first)
 
-    def predicted() -> ChannelGap:
-        return forecast(first.hold_out, first.ladder, first.forms, on_trial=on_trial)
+    def where() -> list[dict[str, Any]]:
+        return [] if posterior.verdict == "no_gap" else _where(problem, posterior)
 
-    def weighed() -> tuple[list[dict[str, Any]], dict[str, float]]:
-        places = [] if posterior.verdict == "no_gap" else _where(problem, posterior)
-        return places, log_odds_at_typical_size(problem, columns)
+    def detectable() -> dict[str, float]:
+        return log_odds_at_typical_size(problem, columns)
 
-    channels, (where, shown) = on_two_cores(operator.call, [predicted, weighed])
+    weighed: list[Callable[[], Any]] = [where, detectable]
+    places, odds = on_two_cores(operator.call, weighed)
     members = sized_members(problem, columns, posterior, posterior.best)
     by_direction, asymmetry = campaign.plant.asymmetry(campaign.states, posterior.best.effects)
     if by_direction:
@@ -158,21 +152,21 @@ def _report(
     return {
         "schema_version": SCHEMA_VERSION,
         "verdict": posterior.verdict,
-        "where": where,
+        "where": places,
         "causes": causes,
         "probabilities": {name: posterior.of(name).probability for name in OTHERS},
         "parameter_shifts": _shifts(problem),
-        "gap": _gap(first.ladder, channels),
+        "gap": _gap(predictions.of(first).ladder, channels),
         "signals": signal_findings(campaign, problem.wander, _gain_drifts(problem, posterior)),
         "learned_term": None if learned is None else learned.report(),
         "improved_model": improved_model(problem, posterior, members, causes, loaded, learned),
         "next_trial": next_trial(problem, posterior),
         "warnings": [
             *([asymmetry] if asymmetry else []),
-            *_warnings(campaign, shown, posterior, channels), *learned_warnings(problem, posterior, learned),
+            *_warnings(campaign, odds, posterior, channels), *learned_warnings(problem, posterior, learned),
         ],
         **further,
-        "detail": {**detail(problem, posterior, channels), "log_odds_at_typical_size": shown},
+        "detail": {**detail(problem, posterior, channels), "log_odds_at_typical_size": odds},
         "provenance": dict(provenance),
     }  # fmt: skip
 

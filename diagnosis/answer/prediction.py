@@ -1,4 +1,4 @@
-"""What each hypothesis predicts of withheld trials: one ladder each, climbed when it is first asked for."""
+"""What each hypothesis predicts of withheld trials: one ladder and one forecast each, made when first asked for."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.diagnosis.answer.channel_gap import ChannelGap, forecast
 from sawbench.diagnosis.answer.ladder import HoldOut, Ladder
 from sawbench.diagnosis.inference.dispersion import with_noise
 from sawbench.diagnosis.inference.evidence import Column, Explanation
@@ -51,6 +52,7 @@ class Predictions:
         self._best = stacked([m.column for m in claims[0].members]) if claims else None
         self._hold_outs: dict[bool, HoldOut] = {}
         self._found: dict[tuple[tuple[str, ...], bool], Prediction] = {}
+        self._channels: dict[tuple[str, ...], ChannelGap | None] = {}
 
     def of(self, hypothesis: Hypothesis, *, by_trial: bool | None = None) -> Prediction:
         """Climb the ladder of one hypothesis.
@@ -70,6 +72,13 @@ class Predictions:
             ladder = hold_out.climb([stacked(form) for form in forms])
             self._found[key] = Prediction(hold_out=hold_out, ladder=ladder, forms=forms)
         return self._found[key]
+
+    def channels_of(self, hypothesis: Hypothesis) -> ChannelGap | None:
+        """Predict the channels of withheld trials with one hypothesis; see `channel_gap.forecast`."""
+        if hypothesis.effects not in self._channels:
+            found = self.of(hypothesis)
+            self._channels[hypothesis.effects] = forecast(found.hold_out, found.ladder, found.forms)
+        return self._channels[hypothesis.effects]
 
     def is_local(self, member: Explanation) -> bool:
         """Whether the trials of one operating point alone know that the effect is there.

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sawbench.diagnosis.answer.channel_gap import ChannelGap
 from sawbench.diagnosis.answer.claim import held_to_predictions, is_there, sized_members
-from sawbench.diagnosis.answer.ladder import HoldOut, closed_share
+from sawbench.diagnosis.answer.ladder import HoldOut, Rungs, closed_share
 from sawbench.diagnosis.answer.prediction import Predictions
 from sawbench.diagnosis.answer.where import locate
 from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
@@ -39,6 +40,13 @@ def judged(problem, columns):
     return judge(problem, columns)
 
 
+class OfFeatures(Predictions):
+    """Predictions of a pattern that was put into the features: the states that are forecast know nothing of it."""
+
+    def channels_of(self, hypothesis):
+        return None
+
+
 def with_columns(problem, columns, name, size):
     """The problem with an effect of so many times its typical size in the data."""
     return replace(problem, data=problem.data + size * columns[name][0].columns[:, 0])
@@ -46,7 +54,7 @@ def with_columns(problem, columns, name, size):
 
 def answered(problem, columns):
     posterior = judge(problem, columns)
-    predictions = Predictions(problem, columns, posterior)
+    predictions = OfFeatures(problem, columns, posterior)
     held = held_to_predictions(problem, columns, posterior, predictions)
     assert sum(h.probability for h in held.hypotheses) == pytest.approx(1.0)
     return posterior, held, predictions
@@ -94,7 +102,7 @@ def test_what_predicts_nothing_hands_its_probability_to_what_is_left_without_it(
         wave[part.place] *= 3.0 * (-1.0) ** number
     data = replace(problem, data=problem.data + wave)
     declared = certain_of(judge(data, columns), FRICTION)
-    held = held_to_predictions(data, columns, declared, Predictions(data, columns, declared))
+    held = held_to_predictions(data, columns, declared, OfFeatures(data, columns, declared))
     assert not held.best.effects
     assert held.of(FRICTION).probability == 0.0
     assert sum(held.of(name).probability for name in ("no_gap", "parameters", "unknown")) == pytest.approx(1.0)
@@ -111,7 +119,7 @@ def test_a_second_effect_that_adds_a_hundredth_of_what_stays_unexplained_is_not_
     unexplained = replace(data, data=data.data + problem.project(pattern))
     judged = certain_of(judge(data, columns), both)
     for nature, expected in ((data, (FRICTION, RUBBING)), (unexplained, (RUBBING,))):
-        held = held_to_predictions(nature, columns, judged, Predictions(nature, columns, judged))
+        held = held_to_predictions(nature, columns, judged, OfFeatures(nature, columns, judged))
         assert set(held.best.effects) <= set(expected)
         assert (FRICTION in held.best.effects) == (FRICTION in expected)
 
@@ -137,7 +145,7 @@ def test_a_cause_is_named_by_what_it_closes(problem, columns, retuned, with_effe
         "noise_floor": np.full(len(retuned), floor),
     }  # fmt: skip
 
-    class Predicted(Predictions):
+    class Predicted(OfFeatures):
         def of(self, hypothesis, *, by_trial=None):
             closed, interval = closed_share(energy)
             found = super().of(hypothesis, by_trial=by_trial)
@@ -146,6 +154,34 @@ def test_a_cause_is_named_by_what_it_closes(problem, columns, retuned, with_effe
 
     held = held_to_predictions(data, columns, declared, Predicted(data, columns, declared))
     assert (held.best.effects == (FRICTION,)) == is_named
+
+
+@pytest.mark.parametrize(
+    ("force_n", "current_a", "is_named"),
+    [
+        (Rungs(nominal=9.0, retuned=4.0, with_effect=0.5, noise_floor=0.4), (2.0, 0.3), True),
+        # One channel a little worse, another one far better.
+        (Rungs(nominal=0.6, retuned=0.5, with_effect=0.8, noise_floor=0.4), (2.0, 0.3), True),
+        # Both worse by less than noise.
+        (Rungs(nominal=0.6, retuned=0.4, with_effect=0.41, noise_floor=0.4), (0.3, 0.31), True),
+        # As seen: a resonance and a lag of the same sensor that cancel in the harmonics compared.
+        (Rungs(nominal=1.2, retuned=0.37, with_effect=6.53, noise_floor=0.39), (0.3, 0.31), False),
+    ],
+)
+def test_a_cause_whose_model_misses_the_channels_by_more_is_not_named(problem, columns, force_n, current_a, is_named):
+    data = with_columns(problem, columns, RUBBING, 1.0)
+    retuned, with_effect = current_a
+    current = Rungs(nominal=3.0, retuned=retuned, with_effect=with_effect, noise_floor=0.3)
+
+    class Forecast(Predictions):
+        def channels_of(self, hypothesis):
+            by_channel = {"force_n": (force_n, "N"), "motor_current_a": (current, "A")}
+            return ChannelGap(by_channel=by_channel, cycles=(), runtime_s={}, runtime_of="", warnings=())
+
+    judged = judge(data, columns)
+    held = held_to_predictions(data, columns, judged, Forecast(data, columns, judged))
+    assert judged.best.effects == (RUBBING,)
+    assert (held.best.effects == (RUBBING,)) == is_named
 
 
 def test_what_a_prediction_does_not_know_is_no_error_of_it(problem, columns):
@@ -191,7 +227,7 @@ def test_an_effect_that_one_operating_point_shows_is_withheld_trial_by_trial(pro
     member = explain(Marginal(data), columns[FRICTION])
     point = problem.parts[0].setting.operating_point
     inside = problem.rows(lambda setting: setting.operating_point == point)
-    predictions = Predictions(data, columns, judged)
+    predictions = OfFeatures(data, columns, judged)
     assert not predictions.is_local(member)
     assert predictions.is_local(replace(member, contribution=np.where(inside, 3.0 * member.contribution, 0.0)))
 
