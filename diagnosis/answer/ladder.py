@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -80,6 +81,71 @@ class Ladder:
     fits: dict[str, Fit]
     held_out: HeldOut
     energy: dict[str, Floats]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Withheld:
+    """One group of trials, with all that does not depend on the cause that is tried.
+
+    Attributes
+    ----------
+    rows : ndarray of bool, shape (n,)
+    data : ndarray, shape (n_rows,)
+    base : ndarray, shape (n_rows, p)
+        Nuisances.
+    root : ndarray, shape (p, p)
+        Cholesky factor of the normal matrix of the nuisances by the kept trials.
+    pull : ndarray, shape (p,)
+        What the kept trials say of the nuisances, solved by `root`.
+    half : ndarray, shape (p, n_rows)
+        `base`, solved by `root`.
+    own, own_fit : ndarray, shape (n_rows, q), (q, n_rows)
+        Nuisances of the withheld trials themselves, and what fits them to a residual.
+    """
+
+    rows: np.ndarray
+    data: Floats
+    base: Floats
+    root: Floats
+    pull: Floats
+    half: Floats
+    own: Floats
+    own_fit: Floats
+
+    @classmethod
+    def of(
+        cls, rows: np.ndarray, base: Floats, data: Floats, kept: Floats, moment: Floats, is_own: np.ndarray
+    ) -> _Withheld:  # fmt: skip
+        """Solve what does not depend on the cause; `moment`, shape (p,): nuisances times data, over all trials."""
+        from scipy.linalg import solve_triangular
+
+        root, own = np.linalg.cholesky(kept), base[:, is_own]
+        return cls(
+            rows=rows, data=data, base=base, root=np.asarray(root, dtype=np.float64),
+            pull=solve_triangular(root, moment - base.T @ data, lower=True),
+            half=solve_triangular(root, base.T, lower=True),
+            own=own,
+            own_fit=np.asarray(np.linalg.solve(np.eye(own.shape[1]) + own.T @ own, own.T), dtype=np.float64),
+        )  # fmt: skip
+
+    def error(self, held: Floats, cross: Floats, gram: Floats, moment: Floats) -> float:
+        """Sum of squares that nuisances and columns leave, which the kept trials alone know.
+
+        Parameters
+        ----------
+        held : ndarray, shape (n_rows, m)
+            The columns.
+        cross, gram, moment : ndarray, shape (p, m), (m, m), (m,)
+            Their inner products with nuisances, each other and the data, over all trials.
+        """
+        from scipy.linalg import solve_triangular
+
+        half = solve_triangular(self.root, cross - self.base.T @ held, lower=True)
+        normal = np.eye(gram.shape[1]) + gram - held.T @ held - half.T @ half
+        amplitudes = np.linalg.solve(normal, moment - held.T @ self.data - half.T @ self.pull)
+        rest = self.data - held @ amplitudes - (self.pull - half @ amplitudes) @ self.half
+        rest -= self.own @ (self.own_fit @ rest)
+        return float(rest @ rest)
 
 
 class HoldOut:
@@ -255,19 +321,16 @@ class HoldOut:
         ndarray, shape (n_groups,)
             Sum of squares of the whitened residual in each group.
         """
-        whole, data = np.hstack([self.base, columns]), self.problem.data
-        cross, gram = self.base.T @ columns, columns.T @ columns
-        normal = np.block([[self._normal, cross], [cross.T, gram]]) + np.eye(whole.shape[1])
-        moment = np.concatenate([self.base.T @ data, columns.T @ data])
-        found = []
-        for group in self.groups:
-            rows = self.rows[group]
-            held, measured = whole[rows], data[rows]
-            rest = measured - held @ np.linalg.solve(normal - held.T @ held, moment - held.T @ measured)
-            own = self.base[rows][:, self.is_own]
-            rest = rest - own @ _ridge(own, rest)
-            found.append(float(rest @ rest))
-        return np.array(found)
+        cross, gram, moment = self.base.T @ columns, columns.T @ columns, columns.T @ self.problem.data
+        return np.array([one.error(columns[one.rows], cross, gram, moment) for one in self._withheld])
+
+    @cached_property
+    def _withheld(self) -> list[_Withheld]:
+        moment = self.base.T @ self.problem.data
+        return [
+            _Withheld.of(rows, self.base[rows], self.problem.data[rows], self._kept[group], moment, self.is_own)
+            for group, rows in self.rows.items()
+        ]
 
     def _bounded(self, normal: Floats, moment: Floats) -> Floats:
         """Solve for all coefficients with plant parameters within their bounds, a single amplitude not below 0."""
