@@ -191,8 +191,7 @@ def _states(
     setting = _setting(trial, index, track)
     if steady.start_s > steady.first_motion_s or steady.end_s < angle.time_s[-1]:
         warnings.append(
-            f"{name}: the blade stops or slows to less than two thirds of its speed; only"
-            f" {steady.start_s:.2f} s to {steady.end_s:.2f} s is used"
+            f"{name}: the blade stops or runs down; only {steady.start_s:.2f} s to {steady.end_s:.2f} s is used"
         )
     running = running_state(trial, setting)
     if running is None:

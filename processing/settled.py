@@ -11,14 +11,18 @@ from typing import Final
 
 import numpy as np
 from sawbench.bench.processed import CrankAngle, SteadyPart
+from sawbench.bench.recording import Floats
 
 TWO_PI = 2.0 * np.pi
 # From the first motion, or the last stop, to strokes that are settled.
 SETTLE_S: Final = 0.8
 # A crank that is slower stands.
 MOVING_RAD_S: Final = 2.0
-# Turns this much longer than usual are no running strokes; two more before them belong to the stop.
+# Turns this much longer than usual are no running strokes.
 _SLOW_TURN = 1.5
+# Nor are the last turns of a record or before a stop where each is longer than the one before, and all of them together
+# gain so many times what as many turns gain or lose elsewhere; nor two more, in which the trigger was let go.
+_RUN_DOWN = 2.0
 _STOPPING_TURNS = 2
 
 
@@ -57,6 +61,24 @@ def _longest_run(angle: CrankAngle, moving_s: float, last_s: float) -> tuple[flo
             length, best = stop - start, (start, stop)
         start = stop + 1
     first, last = best
-    if last < len(slow):
-        last = max(last - _STOPPING_TURNS, first)
+    settled = max(first, int(np.searchsorted(edges_s, edges_s[first] + SETTLE_S)))
+    run_down = _first_of_run_down(np.diff(edges_s), settled, last)
+    if run_down < len(slow):
+        last = max(run_down - _STOPPING_TURNS, first)
     return float(edges_s[first]), float(edges_s[last])
+
+
+def _first_of_run_down(turns_s: Floats, first: int, last: int) -> int:
+    """First turn after the drive was switched off, of the turns from `first` to before `last`; `last` where it was not.
+
+    Without drive each turn takes longer than the one before. A record may end before the blade has slowed down much.
+    """
+    settled = turns_s[first : min(last, len(turns_s) - 1)]  # what ends the record is no whole turn
+    is_longer = np.r_[False, np.diff(settled) > 0.0]
+    n_before = len(settled) - int(np.argmin(is_longer[::-1])) if len(settled) else 0
+    n_longer = len(settled) - n_before
+    if not 0 < n_longer < n_before:
+        return last
+    elsewhere = np.abs(settled[n_longer:n_before] - settled[: n_before - n_longer])
+    gained = settled[-1] - settled[n_before - 1]
+    return first + n_before if gained > _RUN_DOWN * float(elsewhere.max()) else last

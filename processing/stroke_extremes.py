@@ -16,6 +16,7 @@ _FITTED_TURNS = 400
 _BLOCK = 64
 _VARYING_SHARE = 0.02
 _OUTLIER_MADS = 6.0
+_LONGEST_STEP = 2.5  # of the usual one: what is longer is a gap
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -173,7 +174,8 @@ def estimate_travel(time_s: Floats, displacement_m: Floats, turns: Turns, nomina
     the fit's 1.4 rad the value moves by less than 1e-4 of the travel.
     """
     n = len(displacement_m)
-    where, value, is_top = _fit_turns(time_s, displacement_m, turns)
+    is_seen = _is_seen(time_s, turns)
+    where, value, is_top = _fit_turns(time_s, displacement_m, turns, is_seen)
     tops, bottoms = value[is_top], value[~is_top]
     if len(tops) and len(bottoms):
         radius = 0.5 * (np.median(tops) - np.median(bottoms))
@@ -181,7 +183,8 @@ def estimate_travel(time_s: Floats, displacement_m: Floats, turns: Turns, nomina
         std = 0.5 * float(np.hypot(spread[0], spread[1]))
         offset = float(np.median(bottoms))
         if max(float(np.ptp(tops)), float(np.ptp(bottoms))) > _VARYING_SHARE * radius:
-            return _follow_turns(displacement_m, turns, radius_std_m=std)
+            seen = Turns(index=turns.index[is_seen], is_top=turns.is_top[is_seen])
+            return _follow_turns(displacement_m, seen, radius_std_m=std)
         if min(len(tops), len(bottoms)) < 2 * _BLOCK:
             return Travel(
                 offset_m=np.full(n, offset), radius_m=np.full(n, radius), radius_std_m=std, n_turns=len(value)
@@ -199,8 +202,23 @@ def estimate_travel(time_s: Floats, displacement_m: Floats, turns: Turns, nomina
     return Travel(offset_m=np.full(n, offset), radius_m=np.full(n, radius), radius_std_m=0.05 * radius, n_turns=0)
 
 
-def _fit_turns(time_s: Floats, y: Floats, turns: Turns) -> tuple[NDArray[np.int64], Floats, NDArray[np.bool_]]:
-    """Value at complete dead centres, at most `_FITTED_TURNS` of them spread over the trial."""
+def _is_seen(time_s: Floats, turns: Turns) -> NDArray[np.bool_]:
+    """Whether a dead centre was sampled: beside a gap the outermost sample may not be that of the dead centre."""
+    if len(turns.index) < 2:
+        return np.ones(len(turns.index), dtype=bool)
+    step_s = np.diff(time_s)
+    gaps = np.flatnonzero(step_s > _LONGEST_STEP * np.median(step_s))
+    at_s = time_s[turns.index]
+    near_s = _FIT_HALF_WIDTH * float(np.median(np.diff(at_s)))
+    began = np.searchsorted(time_s[gaps], at_s + near_s)  # gaps that begin before the dead centre is over
+    ended = np.searchsorted(time_s[gaps + 1], at_s - near_s)
+    return began == ended
+
+
+def _fit_turns(
+    time_s: Floats, y: Floats, turns: Turns, is_seen: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], Floats, NDArray[np.bool_]]:
+    """Value at complete dead centres that were sampled, at most `_FITTED_TURNS` of them spread over the trial."""
     index, is_top = turns.index, turns.is_top
     if len(index) < 2:
         return index[:0], np.empty(0), is_top[:0]
@@ -214,7 +232,7 @@ def _fit_turns(time_s: Floats, y: Floats, turns: Turns) -> tuple[NDArray[np.int6
     )
     left, right = np.r_[True, steady], np.r_[steady, True]
     inside = (time_s[index] - width >= time_s[0]) & (time_s[index] + width <= time_s[-1])
-    usable = np.flatnonzero(left & right & inside & (last - first >= 8))
+    usable = np.flatnonzero(is_seen & left & right & inside & (last - first >= 8))
     if len(usable) > _FITTED_TURNS:
         # Neighbours in pairs, one top and one bottom: every k-th turn could be all of one kind.
         pairs = np.linspace(0, len(usable) // 2 - 1, _FITTED_TURNS // 2).astype(np.int64)

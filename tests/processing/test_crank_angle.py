@@ -108,6 +108,22 @@ def test_quantisation_outliers_and_a_gap():
     assert np.abs(error[away]).max() < 0.02
 
 
+@pytest.mark.parametrize("half_width_rad", [np.pi / 6, np.pi / 4])
+@pytest.mark.parametrize("beside_rad", [0.0, 0.15, 0.3])
+@pytest.mark.parametrize("dead_centre_rad", [2 * np.pi * 20, np.pi * 41])
+def test_a_gap_over_a_dead_centre_does_not_make_it_another_stroke(dead_centre_rad, beside_rad, half_width_rad):
+    """Of 60 samples a turn a sixth or a quarter is missing; the speed is constant."""
+    rng = np.random.default_rng(4)
+    time_s = np.arange(0.0, 2.5, 1 / 1200.0)
+    angle = 2 * np.pi * 20.0 * time_s
+    kept = np.abs(angle - dead_centre_rad - beside_rad) > half_width_rad
+    displacement_m = 0.01 * (1.0 - np.cos(angle)) + rng.normal(0.0, 2e-6, len(angle))
+    found = track_crank_angle(time_s[kept], displacement_m[kept])
+    assert found.radius_m == pytest.approx(0.01, rel=1e-3)
+    whole_turns = slice(60, -60)
+    assert np.max(np.abs(found.speed_rad_s[whole_turns] / (2 * np.pi * 20.0) - 1.0)) < 0.02
+
+
 def test_slider_crank_needs_its_rod():
     t = np.arange(0, 2, 1e-3)
     angle = 2 * np.pi * 11.3 * t + 0.4

@@ -1,0 +1,57 @@
+"""Settled strokes end where the drive is switched off, and nowhere else."""
+
+import numpy as np
+import pytest
+from sawbench.bench.processed import CrankAngle
+from sawbench.processing.settled import find_steady_part
+
+pytestmark = pytest.mark.unit
+
+_RATE_HZ, _STEP_S = 25.0, 1e-4
+
+
+def turning(speed_share):
+    """A crank that runs at so much of its usual speed at each step."""
+    speed = 2.0 * np.pi * _RATE_HZ * speed_share
+    n = len(speed)
+    return CrankAngle(
+        time_s=np.arange(n) * _STEP_S, angle_rad=np.cumsum(speed) * _STEP_S, speed_rad_s=speed,
+        angle_std_rad=np.zeros(n), radius_m=0.01, source="displacement_mm", is_absolute=True,
+    )  # fmt: skip
+
+
+def wandering(seconds, seed, std):
+    """Speed that differs from stroke to stroke."""
+    rng = np.random.default_rng(seed)
+    at_s = np.arange(0.0, seconds, _STEP_S)
+    strokes_s = np.arange(0.0, seconds + 0.1, 1.0 / _RATE_HZ)
+    return 1.0 + np.interp(at_s, strokes_s, rng.normal(0.0, std, len(strokes_s)))
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("lost", [0.04, 0.2])
+def test_a_record_that_ends_while_the_blade_runs_down(lost, seed):
+    """Half a second after the trigger was let go, in air, where little brakes the blade."""
+    speed = wandering(3.5, seed, 0.002)
+    off = int(3.0 / _STEP_S)
+    speed[off:] *= np.exp(np.log(1.0 - lost) * np.arange(len(speed) - off) * _STEP_S / 0.5)
+    part = find_steady_part(turning(speed))
+    assert 2.7 < part.end_s <= 3.0
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_trial_that_is_cut_to_its_end_is_used_to_its_end(seed):
+    crank = turning(wandering(3.0, seed, 0.01))
+    assert find_steady_part(crank).end_s == crank.time_s[-1]
+
+
+def test_a_battery_that_sags_is_no_run_down():
+    crank = turning(np.linspace(1.0, 0.9, int(4.0 / _STEP_S)))
+    assert find_steady_part(crank).end_s == crank.time_s[-1]
+
+
+def test_a_cut_after_an_idle_run_is_no_run_down():
+    speed = wandering(4.0, 3, 0.003)
+    speed[int(3.0 / _STEP_S) :] *= 0.85
+    crank = turning(speed)
+    assert find_steady_part(crank).end_s == crank.time_s[-1]
