@@ -27,6 +27,8 @@ _SAMPLES_A_HARMONIC, _LONGEST_STEP = 4, 2.5
 # A channel too slow for so many harmonics within one stroke is pieced together from many.
 _LEAST_HARMONICS = 8
 START_UP_S = 0.4
+# A start-up is compared in time bins that begin with this width.
+_LONGEST_GAP_S = 3e-3
 # Channels of a recording and where they stand in a state.
 CHANNEL_OF_STATE: Final = MappingProxyType(
     {
@@ -310,11 +312,8 @@ def start_up_state(trial: ProcessedTrial, setting: TrialSetting) -> State | None
     if any(s.rate_hz < 0.9 / START_UP_STEP_S for s in present.values()):
         return None
     # A channel that drops out during the spin-up counts as missing there.
-    present = {
-        n: s for n, s in present.items()
-        if len(np.unique(np.searchsorted(edges, s.time_s))) - 2 > _NUMBERS.least_coverage * len(middle)
-    }  # fmt: skip
-    if "motor_current_a" not in present:
+    present = {n: s for n, s in present.items() if not _drops_out(s.time_s, edges[0], edges[-1])}
+    if "motor_current_a" not in present or _drops_out(angle.time_s, edges[0], edges[-1]):
         return None
     waves = {n: time_cell_means(s.time_s, s.values, edges)[None, :] for n, s in present.items()}
     crank = np.interp(middle, angle.time_s, angle.angle_rad)[None, :]
@@ -323,6 +322,13 @@ def start_up_state(trial: ProcessedTrial, setting: TrialSetting) -> State | None
     motion = (crank, speed, np.gradient(speed, START_UP_STEP_S, axis=1))
     state = _assemble("start_up", setting, motion, waves, rates, np.array([[start_s]]))
     return replace(state, ripple_std_rad=angle.ripple_std_rad)
+
+
+def _drops_out(time_s: Floats, start_s: float, end_s: float) -> bool:
+    """Whether samples are missing between two times for longer than the spin-up can be interpolated."""
+    inside = time_s[max(np.searchsorted(time_s, start_s) - 1, 0) : np.searchsorted(time_s, end_s) + 1]
+    longest_s = max(_LONGEST_GAP_S, _LONGEST_STEP * float(np.median(np.diff(time_s))))
+    return len(inside) < 2 or float(np.diff(inside).max()) > longest_s
 
 
 def _assemble(

@@ -7,7 +7,7 @@ import pytest
 from sawbench.bench.processed import CrankAngle
 from sawbench.bench.recording import Signal, Trial
 from sawbench.diagnosis.inference.features import harmonics
-from sawbench.diagnosis.reduction import between_samples, running_state
+from sawbench.diagnosis.reduction import between_samples, running_state, start_up_state
 from sawbench.modeling.state import TWO_PI
 
 from tests.rigs.drawn_states import setting_of
@@ -91,3 +91,39 @@ def test_what_a_slow_channel_resolves_is_right_although_strokes_differ(seed):
     exact, slow = mean_stroke(current(30_000.0, seed)), mean_stroke(current(500.0, seed))
     resolved = np.r_[:9, 13 : 13 + 8]
     assert np.abs(slow - exact)[resolved].max() < 0.006
+
+
+def spin_up(*, missing_s=(), of="motor_current_a"):
+    """A spin-up from rest within 50 ms, sampled at 1.3 kHz, samples missing from one time to another."""
+    time_s = np.arange(0.0, SECONDS, 1.0 / 1300.0)
+    speed = TWO_PI * STROKES_HZ * (1.0 - np.exp(-time_s / 0.05))
+    kept = {
+        name: np.ones(len(time_s), dtype=bool) for name in ("displacement_mm", "motor_current_a", "battery_voltage_v")
+    }
+    if missing_s:
+        kept[of] = (time_s <= missing_s[0]) | (time_s >= missing_s[1])
+    seen = kept["displacement_mm"]
+    angle = CrankAngle(
+        time_s=time_s[seen], angle_rad=(np.cumsum(speed) / 1300.0)[seen], speed_rad_s=speed[seen],
+        angle_std_rad=np.zeros(int(seen.sum())), radius_m=0.01, source="test", is_absolute=True,
+    )  # fmt: skip
+    channels = {
+        name: Signal(
+            channel=name, unit=unit, time_s=time_s[kept[name]], values=level * np.exp(-time_s[kept[name]] / 0.1)
+        )
+        for name, unit, level in (("motor_current_a", "A", 40.0), ("battery_voltage_v", "V", 18.0))
+    }
+    trial = processed_trial(Trial(trial_id="t", duty=0.5, material="oak"), channels, angle, SETTLED_S, SECONDS - 0.01)
+    return start_up_state(trial, setting_of(is_idle=False))
+
+
+def test_a_start_up_is_not_made_up_where_samples_are_missing():
+    """Of 37 ms without motion or current the balance was off by ninety times its noise."""
+    assert spin_up().battery_voltage_v is not None
+    assert spin_up(missing_s=(0.2, 0.2022)) is not None  # two samples: no gap
+    assert spin_up(missing_s=(0.12, 0.157)) is None
+    assert spin_up(missing_s=(0.12, 0.157), of="displacement_mm") is None
+    without_voltage = spin_up(missing_s=(0.12, 0.157), of="battery_voltage_v")
+    assert without_voltage.current_a is not None
+    assert without_voltage.battery_voltage_v is None
+    assert spin_up(missing_s=(0.5, 0.6)) is not None  # after the spin-up
