@@ -250,7 +250,7 @@ def _map_spots(
 
 
 def alike_rows(alike: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Rows of the table of confounded causes: cosine of their signatures, percent."""
+    """Rows of the table of similarities: cosine between the signatures of two effects, percent."""
     names = alike["effects"]
     return [
         {"effect": name, "values": [round(100 * abs(value)) for value in row]}

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from sawbench.bench.second_core import on_two_cores
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.reporting.cause_words import (
     equations_of,
     improved_command,
@@ -37,6 +38,7 @@ from sawbench.storage.output import write_whole
 
 _SURE: Final = 0.8
 _MOST_ALIKE: Final = 5
+_ALIKE_ODDS: Final = f"{SETTINGS.report.odds:g}"
 _RAD_TO_DEG: Final = 57.29577951308232
 _PLACES: Final = {
     "electrical": "on the motor's electrical side",
@@ -97,6 +99,7 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
             (name_of(n), format_to(value, 1), _percent(detail.get("probabilities", {}).get(n, 0.0)))
             for n, value in detail.get("log_evidence", {}).items()
         ],
+        "alike_odds": _ALIKE_ODDS,
         "alike": alike_rows(detail["alike"]) if detail.get("alike") else [],
         "signals": [(CHANNEL_WORDS.get(s["channel"], s["channel"]), s["words"]) for s in report.get("signals", [])],
         "warnings": [text for text in report["warnings"] if text != detail.get("resembles")],
@@ -193,7 +196,7 @@ def _meaning(report: Mapping[str, Any]) -> list[str]:
         said += [f"{words[0].upper()}{words[1:]}." for words in map(what_happens, cause["effects"])]
         if cause["indistinguishable_from"]:
             names = ", ".join(name_of(n) for n in cause["indistinguishable_from"])
-            said.append(f"In this campaign it is indistinguishable from: {names}.")
+            said.append(f"In this campaign it is indistinguishable from: {names} (odds below {_ALIKE_ODDS} to 1).")
         said += _where_it_acts(report, cause)
     said += _runtime_sentence(report)
     return said
