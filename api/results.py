@@ -192,7 +192,7 @@ class GapReport:
         return self.report["causes"]
 
     def save(self, folder: str | Path, *, overwrite: bool = False) -> tuple[Path, Path]:
-        """Write gap_report.json and gap_report.html, and improved_model.toml where a cause or parameters are claimed.
+        """Write gap_report.json and gap_report.html, and improved_model.toml unless the cause is unknown.
 
         Where trials were planned, plan.csv holds them, a table that `sawbench series` reads. An improved model or a
         plan of an earlier diagnosis that this one has not is removed, if `overwrite` is set.

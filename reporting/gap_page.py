@@ -38,6 +38,8 @@ from sawbench.storage.output import write_whole
 
 _SURE: Final = 0.8
 _MOST_ALIKE: Final = 5
+# Stated standard uncertainties from which a re-tuned parameter is named.
+_LARGE_SHIFT: Final = 2.0
 _ALIKE_ODDS: Final = f"{SETTINGS.report.odds:g}"
 _RAD_TO_DEG: Final = 57.29577951308232
 _PLACES: Final = {
@@ -93,6 +95,7 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
             ("re-tuned parameters alone", report["probabilities"]["parameters"]),
             ("cause outside the catalogue", report["probabilities"]["unknown"]),
         ],
+        "wide": f"{SETTINGS.noise.wide:g}",
         "shifts": [_shift_row(name, p) for name, p in report["parameter_shifts"].items()],
         "ladder_rows": _ladder_rows(report),
         "log_evidence": [
@@ -133,12 +136,14 @@ def verdict_sentence(report: Mapping[str, Any]) -> str:
 
     Examples
     --------
-    >>> verdict_sentence({"verdict": "no_gap", "causes": [], "probabilities": {"no_gap": 0.9}})
+    >>> report = {"verdict": "no_gap", "causes": [], "probabilities": {"no_gap": 0.9}, "parameter_shifts": {}}
+    >>> verdict_sentence(report)
     'No gap: the model explains the measurements within their noise (90 %).'
     """
     verdict, probability = report["verdict"], report["probabilities"]
     if verdict == "no_gap":
-        return f"No gap: the model explains the measurements within their noise ({_percent(probability['no_gap'])})."
+        subject = "with re-tuned parameters the model" if _shifted(report) else "the model"
+        return f"No gap: {subject} explains the measurements within their noise ({_percent(probability['no_gap'])})."
     if verdict == "parameters":
         return (
             "The model form is right, but some parameters differ from their stated values by more than their"
@@ -177,13 +182,12 @@ def _percent(share: float) -> str:
 
 
 def _meaning(report: Mapping[str, Any]) -> list[str]:
-    verdict, said = report["verdict"], []
-    if verdict == "no_gap":
-        said.append(
-            "The residual is within the repeatability of the measurements and the stated uncertainty of the parameters."
-        )
-    elif verdict == "parameters":
-        said += [f"Largest shifts: {text}." for text in [_shifted(report)] if text]
+    verdict, shifted, said = report["verdict"], _shifted(report), []
+    if verdict in ("no_gap", "parameters"):
+        if verdict == "no_gap":
+            within = "" if shifted else " and the stated uncertainty of the parameters"
+            said.append(f"No unmodelled effect: the residual is within the repeatability of the measurements{within}.")
+        said += [f"Largest shifts: {shifted}."] if shifted else []
     elif verdict == "unknown":
         resembles = report["detail"].get("resembles", "")
         if resembles:
@@ -268,16 +272,19 @@ def _shifted(report: Mapping[str, Any]) -> str:
         f"{name}, {format_number(p['nominal'])} stated, {format_quantity(p['value'], p['std'])} found"
         f" ({format_to(abs(p['sigmas']), 1)} times its uncertainty)"
         for name, p in shifts
-        if abs(p["sigmas"]) > 2.0
+        if abs(p["sigmas"]) > _LARGE_SHIFT
     )
 
 
 def _to_do(report: Mapping[str, Any]) -> list[str]:
-    verdict = report["verdict"]
-    if verdict == "no_gap":
-        return ["Use the model as it is.", f"To increase the confidence, next trial: {report['next_trial']}."]
+    verdict, until_when = report["verdict"], "Until then"
     steps = []
-    if verdict == "parameters":
+    if verdict == "no_gap" and _shifted(report):
+        steps.append("Check the stated values of the shifted parameters.")
+    elif verdict == "no_gap":
+        steps.append("Use the model as it is.")
+        until_when = "For the smallest error"
+    elif verdict == "parameters":
         steps.append("Check the re-tuned parameters (table below) on a new trial.")
     elif verdict == "unknown":
         lines = [_spot_angles(spot) for spot in report["where"] if _is_line(spot)]
@@ -290,7 +297,7 @@ def _to_do(report: Mapping[str, Any]) -> list[str]:
         ]
     if report.get("improved_model"):
         steps.append(
-            "Until then use the improved model in the folder of this page, for example"
+            f"{until_when} use the improved model in the folder of this page, for example"
             f" `{improved_command(report, 'improved_model.toml')}`; every command for this machine accepts it."
         )
     return [*steps, f"Next trial: {report['next_trial']}."]

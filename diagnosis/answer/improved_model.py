@@ -65,9 +65,9 @@ def improved_model(
     Returns
     -------
     str or None
-        TOML; None where neither effects nor parameters are claimed, and no term was learned.
+        TOML; None where the cause is unknown and no term was learned: re-tuning alone would hide the gap.
     """
-    if posterior.verdict not in ("effect", "effects", "parameters") and learned is None:
+    if posterior.verdict == "unknown" and learned is None:
         return None
     columns = _columns(members) if learned is None else [learned.learned.columns]
     found = _solve(problem, columns, is_wide=posterior.verdict == "parameters")

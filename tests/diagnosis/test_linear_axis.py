@@ -95,6 +95,7 @@ def test_dry_friction_closes_the_gap_on_held_out_points(dry):
 def test_viscous_truth_claims_no_effect():
     report = diagnosed(rig.Friction())
     assert report["verdict"] == "no_gap"
+    assert "[linear_axis]" in report["improved_model"], "re-tuned parameters are for use where no effect is missing too"
     assert all(abs(c["gap_closed"]) < 0.1 for c in report["causes"])
     for shift in report["parameter_shifts"].values():
         assert abs(shift["sigmas"]) < 1.0

@@ -99,6 +99,24 @@ def test_other_verdicts_claim_no_cause(tmp_path, verdict, probabilities, words):
         assert "resistance_ohm, 0.1760 stated, 0.2000 ± 0.0010 found (4.1 times its uncertainty)" in above
 
 
+def test_a_page_without_a_gap_agrees_with_its_re_tuned_parameters(tmp_path):
+    no_gap = {"verdict": "no_gap", "probabilities": {"no_gap": 0.9, "parameters": 0.05, "unknown": 0.0},
+              "next_trial": "none", "improved_model": "[plant]"}  # fmt: skip
+    shifted = page(tmp_path, **no_gap).partition("Error of the model, step by step</h2>")[0]
+    assert "No gap: with re-tuned parameters the model explains the measurements within their noise (90 %)." in shifted
+    assert "No unmodelled effect" in shifted
+    assert "resistance_ohm, 0.1760 stated, 0.2000 ± 0.0010 found (4.1 times its uncertainty)" in shifted
+    assert "Check the stated values of the shifted parameters." in shifted
+    assert "Until then use the improved model" in shifted and "--config improved_model.toml" in shifted
+    assert "Use the model as it is" not in shifted
+    (tmp_path / "gap.html").unlink()
+    within = {"resistance_ohm": {**REPORT["parameter_shifts"]["resistance_ohm"], "sigmas": 1.9}}
+    text = page(tmp_path, **no_gap, parameter_shifts=within)
+    assert "No gap: the model explains the measurements" in text and "Use the model as it is." in text
+    assert "Largest shifts" not in text
+    assert "For the smallest error use the improved model" in text
+
+
 def test_an_asynchronous_line_is_told_once_with_its_place(tmp_path):
     line = {"equation": "cutting", "channel": "force_n", "share": 1.0, "grows_with": [], "crank_angle_rad": []}
     seen = "force_n swings by 2.6 N at 9.33 cycles a stroke"
