@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 from sawbench.acquisition.series.journal import Journal
-from sawbench.acquisition.series.plan import LoadedPlan, load_plan
+from sawbench.acquisition.series.plan import LoadedPlan, is_plan, load_plan
 from sawbench.acquisition.series.progress import SeriesProgress, progress_of
 from sawbench.bench.errors import SawbenchError
-
-_TRIALS: Final = re.compile(r"^\s*(\[\[trial\]\]|trial\s*=)", re.MULTILINE)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -56,14 +52,14 @@ def key_of(path: Path) -> str:
 
 
 def known_plans(folders: Iterable[Path]) -> dict[str, Path]:
-    """Return the plans of folders, by key; what is no plan is passed over.
+    """Return the plans of folders, by key; what is no plan (`is_plan`) is passed over.
 
     Parameters
     ----------
     folders : iterable of Path
     """
     found = [path for folder in folders for ending in ("*.toml", "*.csv") for path in sorted(folder.glob(ending))]
-    return {key_of(path): path for path in found if _is_plan(path)}
+    return {key_of(path): path for path in found if is_plan(path)}
 
 
 def series_state(path: Path) -> SeriesState:
@@ -74,18 +70,3 @@ def series_state(path: Path) -> SeriesState:
         return SeriesState(path=path, plan=plan, progress=progress_of(plan, Journal(plan.folder).read()))
     except SawbenchError as error:
         return SeriesState(path=path, plan=plan, problem=str(error))
-
-
-def _is_plan(path: Path) -> bool:
-    # A configuration or a table of a trial is no plan; a plan with a mistake in it is one.
-    try:
-        with path.open(encoding="utf-8", errors="replace") as file:
-            head = file.read(20_000)
-    except OSError:
-        return False
-    if path.suffix == ".toml":
-        # The trials of a campaign name the table that they come from.
-        return _TRIALS.search(head) is not None and "\nfile" not in head
-    return {"material", "duty"} <= {
-        name.strip().lower().partition("(")[0].strip() for name in head.partition("\n")[0].replace(";", ",").split(",")
-    }

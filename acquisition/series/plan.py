@@ -20,6 +20,9 @@ from sawbench.bench.wear_rule import BLADE_GROWTH_LIMIT
 _STRICT: Final = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 # Repetitions of every setting that the paper asks for.
 PAPER_REPETITIONS: Final = 3
+# What is read of a file to see whether it is a plan.
+_HEAD_CHARACTERS: Final = 20_000
+_TRIALS: Final = re.compile(r"^\s*(\[\[trial\]\]|trial\s*=)", re.MULTILINE)
 
 Setting = tuple[str, float | None, float | None, float | None]
 Metadata = Literal["operator", "blade", "battery", "material", "batch"]
@@ -174,6 +177,32 @@ def trial_name(number: int, material: str) -> str:
     return f"{number:02d}-{word[:80] or 'trial'}"
 
 
+def is_plan(path: Path) -> bool:
+    """Whether a file is a plan, or meant as one: one with a mistake has to be listed, so that the mistake is said.
+
+    Parameters
+    ----------
+    path : Path
+        TOML or a table (`.csv`).
+
+    Notes
+    -----
+    TOML: it has trials, and they name no file, as those of a campaign do. A table: it has a column for the material or
+    for idle runs, and at least half of its columns are those of a plan; tables of results state the settings too, but
+    as the smaller part.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
+            head = file.read(_HEAD_CHARACTERS)
+        if path.suffix.lower() != ".csv":
+            return _TRIALS.search(head) is not None and "\nfile" not in head
+        names, _ = _columns(_rows("\n".join(head.split("\n")[:2]), path))
+    except (OSError, ConfigError):
+        return False
+    known = [name for name in names if name in _COLUMNS or name == "idle"]
+    return not {"material", "workpiece", "idle"}.isdisjoint(known) and 2 * len(known) >= len(names)
+
+
 def load_plan(path: Path) -> LoadedPlan:
     """Read a plan: TOML, or a table (`.csv`) with a row for each trial.
 
@@ -254,17 +283,8 @@ _NO: Final = frozenset({"", "0", "false", "no", "n"})
 
 def _table_of(text: str, path: Path) -> dict[str, Any]:
     """Return the keys of a plan for a table with a row for each trial."""
-    header, _, rest = text.partition("\n")
-    if header.lower().startswith("sep="):
-        # Excel's line before the header; empty, so that the lines keep their numbers.
-        text, header = f"\n{rest}", rest.partition("\n")[0]
-    separator = max(",;\t", key=header.count)
-    try:
-        rows = list(csv.reader(io.StringIO(text, newline=""), delimiter=separator))
-    except csv.Error as error:
-        raise ConfigError(f"cannot be read as a table: {error}", where=path) from error
-    n_before = 1 if rows and not rows[0] else 0
-    names = [name.strip().lower().partition("(")[0].strip() for name in (rows[n_before] if rows[n_before:] else [])]
+    rows = _rows(text, path)
+    names, n_before = _columns(rows)
     unknown = [name for name in names if name not in {*_COLUMNS, "idle"}]
     if unknown or not names:
         raise ConfigError(
@@ -281,6 +301,25 @@ def _table_of(text: str, path: Path) -> dict[str, Any]:
             cells_by_name = dict(zip(names, (cell.strip() for cell in cells), strict=False))
             trials.append(_row(cells_by_name, trials, f"{path}: line {line}"))
     return {"trial": trials}
+
+
+def _rows(text: str, path: Path) -> list[list[str]]:
+    header, _, rest = text.partition("\n")
+    if header.lower().startswith("sep="):
+        # Excel's line before the header; empty, so that the lines keep their numbers.
+        text, header = f"\n{rest}", rest.partition("\n")[0]
+    separator = max(",;\t", key=header.count)
+    try:
+        return list(csv.reader(io.StringIO(text, newline=""), delimiter=separator))
+    except csv.Error as error:
+        raise ConfigError(f"cannot be read as a table: {error}", where=path) from error
+
+
+def _columns(rows: Sequence[Sequence[str]]) -> tuple[list[str], int]:
+    """Return the names of the columns of a table, without their units, and how many rows are before them."""
+    n_before = 1 if rows and not rows[0] else 0
+    header = rows[n_before] if rows[n_before:] else []
+    return [name.strip().lower().partition("(")[0].strip() for name in header], n_before
 
 
 def _row(cells: Mapping[str, str], before: Sequence[dict[str, Any]], where: str) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 import pytest
-from sawbench.acquisition.series.plan import SeriesPlan, departures, load_plan, missing_metadata
+from sawbench.acquisition.series.plan import SeriesPlan, departures, is_plan, load_plan, missing_metadata
 from sawbench.acquisition.series.plan_design import SeriesDesign, designed_trials, plan_text
 from sawbench.bench.errors import ConfigError
 
@@ -126,3 +126,23 @@ def test_required_metadata_that_nobody_stated_are_all_named():
     assert "operator" in missing and "batch of 02-oak" in missing
     assert "blade" not in missing and "idle" not in missing
     assert "operator" not in missing_metadata(plan, "Kim")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "is_one"),
+    [
+        ("a.csv", "id,material,idle,duty,feed,thickness,length,rest,blade,battery\n", True),
+        ("b.csv", "sep=;\r\nDuty;Workpiece (wood)\r\n0,5;oak\r\n", True),
+        ("with_a_mistake.csv", "material,duty,feeed,comment\noak,0.5,4,\n", True),
+        ("results.csv", "trial,material,duty,feed_mm_s,status,peak_force_n,k_fc_n_s_per_m,runtime_s,source\n", False),
+        ("signals.csv", "time_s,force_n\n0,1\n", False),
+        ("other.csv", "id,blade\n1,B1\n", False),
+        ("empty.csv", "", False),
+        ("plan.toml", "[[trial]]\nid = 7\n", True),
+        ("campaign.toml", '[[trial]]\nfile = "a.csv"\n', False),
+        ("bench.toml", "[plant]\ngear_ratio = 9.3\n", False),
+    ],
+)
+def test_a_plan_is_told_from_results_by_its_columns(tmp_path, name, text, is_one):
+    (tmp_path / name).write_text(text)
+    assert is_plan(tmp_path / name) == is_one

@@ -221,6 +221,9 @@ def test_plans_are_told_from_other_tables(tmp_path, capsys):
     (tmp_path / "bench.toml").write_text("[plant]\ngear_ratio = 9.3\n")
     (tmp_path / "trial.csv").write_text("time_s,force_n\n0,1\n")
     (tmp_path / "next.csv").write_text("duty,feed (mm/s),material\n0.5,4,oak\n")
+    assert (
+        main(["compare", str(SAMPLES), "--out", str(tmp_path / "compared.html"), "--csv", str(tmp_path / "a.csv")]) == 0
+    )
     assert main(["series", "plan", "--material", "oak", "--out", str(tmp_path / "wood.toml")]) == 0
     assert list(known_plans([tmp_path])) == ["wood.toml", "next.csv"]
     state = series_state(tmp_path / "wood.toml")
