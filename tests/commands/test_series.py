@@ -6,6 +6,7 @@ import contextlib
 import io
 import json
 import re
+import shutil
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 import sawbench.commands.recording_session as session
 from sawbench.acquisition.recording_report import RecordingSummary
+from sawbench.acquisition.series.plan import PlannedTrial
 from sawbench.bench.errors import DeviceError
 from sawbench.bench.recording import SampleBlock
 from sawbench.bench.units import CHANNEL_BY_NAME
@@ -20,12 +22,15 @@ from sawbench.blindcheck.settings import PlantSettings
 from sawbench.blindcheck.streaming import StreamingPlant
 from sawbench.commands.main import main
 from sawbench.commands.series_dialogue import Dialogue, SeriesStopped
+from sawbench.commands.series_verdict import measured
+from sawbench.storage.amendments import amend, amendments_path
 from sawbench.storage.reader import read_recording
 from sawbench.storage.writer import RecordingWriter
 
 pytestmark = pytest.mark.pipeline
 
 CONFIG = Path(__file__).parents[2] / "bench_config.toml"
+SAMPLES = CONFIG.parent / "recordings"
 CHANNELS = ("force_n", "displacement_mm", "motor_current_a", "battery_voltage_v", "battery_current_a")
 SECONDS = 1.5
 
@@ -125,6 +130,20 @@ def test_a_bad_trial_is_found_repeated_and_out_of_the_way(workshop, plan, capsys
     assert sorted(p.name for p in folder.glob("*.mcap")) == ["01-oak.mcap", "02-oak.mcap", "03-oak.mcap"]
     assert [p.name for p in (folder / "rejected").iterdir()] == ["02-oak-1.mcap"]
     assert [read_recording(p).trial.repetition for p in sorted(folder.glob("*.mcap"))] == [1, 2, 3]
+
+
+def test_a_wrong_duty_is_named(tmp_path):
+    path = Path(shutil.copy(SAMPLES / "oak-01.mcap", tmp_path))
+    right = read_recording(path).trial
+    stated = {"duty": 0.55, "feed_mm_s": right.feed_mm_s, "thickness_mm": right.thickness_mm}
+    amend(path, right, {"duty": 0.55}, by="Kim", because="as if entered wrong")
+    wrong = PlannedTrial(id="oak-01", material="oak", **stated)
+    (said,) = [fault for fault in measured(path, wrong, seconds=2.0).faults if "duty" in fault]
+    assert "likely cause: wrong duty entered: 0.55 is stated, the currents (battery over motor) show 0.43" in said
+    amendments_path(path).unlink()
+    assert not measured(
+        path, PlannedTrial(id="oak-01", material="oak", **{**stated, "duty": right.duty}), seconds=2.0
+    ).faults
 
 
 def test_a_sitting_is_stopped_and_gone_on_with(workshop, plan, capsys, monkeypatch):

@@ -15,6 +15,10 @@ import pytest
 
 pytest.importorskip("starlette", reason="the panel needs sawbench[panel]")
 
+from sawbench.acquisition.series.journal import Journal
+from sawbench.acquisition.series.plan import load_plan
+from sawbench.acquisition.series.progress import as_facts
+from sawbench.acquisition.series.verdict import TrialMeasures
 from sawbench.commands.link import Link
 from sawbench.commands.main import main
 from sawbench.commands.panel import refusal
@@ -229,6 +233,25 @@ def test_plans_are_told_from_other_tables(tmp_path, capsys):
     state = series_state(tmp_path / "wood.toml")
     assert state.progress is not None and len(state.progress.trials) == 3
     assert "oak" in ask(panel(tmp_path), "/series/wood.toml")[2]
+
+
+def test_a_fault_of_a_trial_of_a_series_has_no_instructions_for_a_terminal(tmp_path, started):
+    assert (
+        main(["series", "plan", "--material", "oak", "--repetitions", "1", "--out", str(tmp_path / "wood.toml")]) == 0
+    )
+    plan = load_plan(tmp_path / "wood.toml")
+    (planned,) = plan.plan.trial
+    plan.folder.mkdir()
+    shutil.copy(SAMPLES / "oak-01.mcap", plan.folder / f"{planned.id}.mcap")
+    said = "likely cause: wrong duty entered; if the duty was 0.438: `sawbench amend a.mcap --duty 0.438`, or check"
+    journal = Journal(plan.folder)
+    journal.add("started", planned.id)
+    judged = TrialMeasures(trial_id=planned.id, setting=planned.setting, blade="B1", faults=(said,))
+    journal.add("judged", planned.id, **as_facts(judged))
+    text = ask(panel(tmp_path), "/series/wood.toml")[2]
+    assert (
+        "wrong duty entered; if the duty was 0.438: correct the duty to 0.438 on the page of the recording, or" in text
+    )
 
 
 def end(folder: Path, result, code: int = 0) -> None:
