@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import click
 from sawbench.commands.failures import Failures
 from sawbench.commands.options import config_option, force_option, json_option, recordings_argument, refuse_unwritable
-from sawbench.commands.terminal import emit, progress
+from sawbench.commands.terminal import emit, stepper
 from sawbench.inputs import find_recordings
+
+_STEPS: Final = ("finding the strokes", "fitting k_Fc and predicting the runtime", "simulating the fitted model",
+                 "writing the page")  # fmt: skip
 
 
 @click.command(name="report", epilog="Example: sawbench report recordings/oak-01.mcap --out reports")
@@ -27,10 +31,6 @@ def command(paths: tuple[Path, ...], out_dir: Path, config_path: Path | None, fo
     Idle, lossy and imported recordings get a page too, which says what could not be found and why. The exit code is 1
     where a page says that not every result can be relied on.
     """
-    from sawbench.analysis import load_and_process
-    from sawbench.reporting.trial_page import trust_in, verdict, write_trial_page
-    from sawbench.trial_report import trial_report
-
     files = find_recordings(paths)
     pages = {path: out_dir / f"{path.stem}.html" for path in files}
     if len(set(pages.values())) < len(files):
@@ -40,22 +40,42 @@ def command(paths: tuple[Path, ...], out_dir: Path, config_path: Path | None, fo
     out_dir.mkdir(parents=True, exist_ok=True)
     failures = Failures(len(files))
     rows: list[dict[str, Any]] = []
-    for path in progress(files, "writing pages"):
-        with failures.collected():
-            report = trial_report(load_and_process(path, config_path))
-            write_trial_page(pages[path], report, files={"Recording": path}, overwrite=force)
-            trust = trust_in(report)
-            rows.append(
-                {
-                    "trial": report.processed.trial.trial_id,
-                    "page": str(pages[path]),
-                    "verdict": verdict(report.processed, report.fit, report.runtime),
-                    "trust": trust.level,
-                    "reasons": list(trust.reasons),
-                }
-            )
+    with stepper("evaluating") as step:
+        for number, path in enumerate(files):
+
+            def say(k: int, number: int = number, path: Path = path) -> None:
+                step(len(_STEPS) * number + k, len(_STEPS) * len(files), f"{path.stem}: {_STEPS[k]}")
+
+            with failures.collected():
+                rows.append(_written(path, config_path, pages[path], say, force=force))
     emit(rows, "\n".join(_as_text(row) for row in rows), as_json=as_json)
     return failures.exit_code(is_trusted=all(row["trust"] != "bad" for row in rows))
+
+
+def _written(
+    path: Path, config_path: Path | None, page: Path, say: Callable[[int], None], *, force: bool
+) -> dict[str, Any]:
+    """Write the page of one trial and return its row; `say` is told each of the steps as it begins."""
+    from sawbench.analysis import evaluate, load_and_process
+    from sawbench.reporting.trial_page import trust_in, verdict, write_trial_page
+    from sawbench.trial_report import trial_report
+
+    say(0)
+    trial = load_and_process(path, config_path)
+    say(1)
+    found = evaluate(trial)
+    say(2)
+    report = trial_report(trial, found)
+    say(3)
+    write_trial_page(page, report, files={"Recording": path}, overwrite=force)
+    trust = trust_in(report)
+    return {
+        "trial": report.processed.trial.trial_id,
+        "page": str(page),
+        "verdict": verdict(report.processed, report.fit, report.runtime),
+        "trust": trust.level,
+        "reasons": list(trust.reasons),
+    }
 
 
 def _as_text(row: dict[str, Any]) -> str:

@@ -44,6 +44,9 @@ class Dialogue:
         """Show one or more lines."""
         click.echo(text, err=True)
 
+    def phase(self, text: str) -> None:
+        """Show what is being done, where that has a place of its own: not in the terminal."""
+
     def ask(self, question: str, *, default: str, choices: str = "") -> str:
         """Return the answer; a line that begins with `n ` is taken into `notes` and the question asked again.
 
@@ -121,6 +124,10 @@ class PanelDialogue(Dialogue):
         super().__init__(None)
         self.is_attended = True
         self._link = link
+
+    def phase(self, text: str) -> None:
+        """Show what is being done, above the log."""
+        self._link.phase(text)
 
     def ask(self, question: str, *, default: str, choices: str = "") -> str:
         """Return the answer; notes that were written meanwhile are taken into `notes`.

@@ -259,7 +259,10 @@ class SeriesRun:
         from sawbench.commands.series_verdict import describe, measured
 
         planned = row.planned
+        self._dialogue.say("evaluating the trial …")
+        self._dialogue.phase("evaluating the trial …")
         measures = measured(row.path, planned, seconds=self._seconds(planned))
+        self._dialogue.phase("evaluated")
         self._journal.add("judged", planned.id, **as_facts(measures))
         row = self._row(planned)
         doubts = (*measures.faults, *row.disagrees)

@@ -126,6 +126,16 @@ class Job:
         return self._json("question.json") if self.is_running else {}
 
     @property
+    def progress(self) -> dict[str, Any]:
+        """How far a computation is, as it said last: "done", "total", "what"; empty where it said nothing yet."""
+        last = self._text("live.jsonl").rpartition("\n")[0].rpartition("\n")[2]
+        try:
+            found = json.loads(last)
+        except ValueError:
+            return {}
+        return found if found.get("kind") == "progress" else {}
+
+    @property
     def files(self) -> list[str]:
         """Pages and tables that it has written, relative to its folder."""
         endings = {".html", ".csv", ".h5", ".json", ".toml"}

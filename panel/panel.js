@@ -57,12 +57,7 @@ function watchJob(live) {
 }
 
 function showLine(line, live, plot) {
-  if (line.kind === "progress") {
-    const bar = byId("progress");
-    if (bar && line.total) bar.value = line.done / line.total;
-    byId("phase").textContent = line.what || "computing …";
-    return;
-  }
+  if (line.kind === "progress") { showProgress(line, live); return; }
   live.hidden = false;
   if (line.kind === "phase") { byId("phase").textContent = line.phase; byId("clock").textContent = ""; return; }
   byId("phase").textContent = line.phase === "finishing" ? "finishing …" : line.phase;
@@ -79,6 +74,12 @@ function showLine(line, live, plot) {
   byId("estimate").textContent = line.estimate;
   if (plot) plot.add(line);
   showTiles(line.channels, plot);
+}
+
+function showProgress(line, place) {
+  const bar = place.querySelector("progress");
+  if (bar && line.total) bar.value = line.done / line.total;
+  place.querySelector(".phase").textContent = line.what || "computing …";
 }
 
 function element(name, text) {
@@ -156,7 +157,11 @@ class LivePlot {
 // A result that is being computed elsewhere: the page is made again once it is there.
 function watch() {
   for (const place of document.querySelectorAll("[data-watch]")) {
-    follow(place.dataset.watch, { live() {}, log() {}, state(state) { if (!state.is_running) location.reload(); } });
+    follow(place.dataset.watch, {
+      live(lines) { for (const line of lines) if (line.kind === "progress") showProgress(line, place); },
+      log() {},
+      state(state) { if (!state.is_running) location.reload(); },
+    });
     place.removeAttribute("data-watch");
   }
 }

@@ -122,6 +122,7 @@ def test_a_bad_trial_is_found_repeated_and_out_of_the_way(workshop, plan, capsys
     code, _, err = call(capsys, "run", path, "--simulated", "--yes")
     assert code == 0
     assert "BAD: k_Fc is -8" in err
+    assert err.count("evaluating the trial …\n") == 4
     found = status(capsys, path)
     assert found["n_kept"] == 3 and found["next"] is None
     (rejected,) = found["trials"][1]["rejected"]

@@ -19,9 +19,11 @@ from sawbench.acquisition.series.journal import Journal
 from sawbench.acquisition.series.plan import load_plan
 from sawbench.acquisition.series.progress import as_facts
 from sawbench.acquisition.series.verdict import TrialMeasures
+from sawbench.commands import terminal
 from sawbench.commands.link import Link
 from sawbench.commands.main import main
 from sawbench.commands.panel import refusal
+from sawbench.commands.series_dialogue import PanelDialogue
 from sawbench.panel import jobs as panel_jobs
 from sawbench.panel.app import PanelSettings, build_app
 from sawbench.panel.commands_of import BenchOptions, record, series_plan, tare
@@ -287,6 +289,42 @@ def test_a_result_from_before_a_correction_is_not_called_reliable(tmp_path, star
     assert '<a href="/recording?file=oak-01.mcap">' in ask(app, "/jobs/0002-report")[2]
 
 
+def test_an_evaluation_shows_its_step_also_without_script(tmp_path, started, monkeypatch):
+    app = panel(tmp_path)
+    ask(app, "/record", form={"secret": secret_of(app), "material": "oak"})
+    recorded = {"path": str(tmp_path / "oak-01.mcap"), "is_complete": True, "losses": [], "duration_s": 2.0,
+                "end_reason": "2 s recorded"}  # fmt: skip
+    end(tmp_path / "panel" / "0001-record", recorded)
+    monkeypatch.setattr(panel_jobs, "_is_locked", lambda path: path.parent.name.endswith("-report"))
+    pages = ("/jobs/0001-record", "/recording?file=oak-01.mcap", "/jobs/0002-report")
+    for page in pages:
+        said = ask(app, page)[2]
+        assert "<progress" in said and "value=" not in said.partition("<progress")[2].partition(">")[0]
+    assert started[-1][:2] == ["report", str(tmp_path / "oak-01.mcap")]
+    link = Link(tmp_path / "panel" / "0002-report")
+    link.progress(1, 4, "evaluating oak-01: fitting k_Fc")
+    for page in pages:
+        said = ask(app, page)[2]
+        assert "evaluating oak-01: fitting k_Fc" in said
+        assert 'max="1" value="0.25"' in said
+        is_reloaded = '<noscript><meta http-equiv="refresh" content="2"></noscript>' in said
+        # What is being entered on the page of a recording must not be lost: it leads to the page of the job.
+        assert is_reloaded or '<a href="/jobs/0002-report">' in said
+
+
+def test_the_steps_of_a_trial_page_are_told_to_the_panel(tmp_path, monkeypatch, capsys):
+    told = []
+
+    class Told:
+        def progress(self, done, total, what):
+            told.append((done, total, what))
+
+    monkeypatch.setattr(terminal, "current_link", Told)
+    assert main(["report", str(SAMPLES / "oak-01.mcap"), "--out", str(tmp_path)]) == 0
+    assert [(done, total) for done, total, _ in told] == [(0, 4), (1, 4), (2, 4), (3, 4)]
+    assert told[0][2] == "evaluating oak-01: finding the strokes"
+
+
 def test_a_page_of_a_result_leads_back_and_to_its_recording(tmp_path, started):
     app = panel(tmp_path)
     ask(app, "/report", form={"secret": secret_of(app), "file": "oak-01.mcap"})
@@ -420,6 +458,11 @@ def test_orders_reach_the_command(tmp_path, started):
     link.stop.clear()
     assert link.ask("keep?", choices="k r") == "k"
     assert not (folder / "question.json").exists()
+
+
+def test_the_panel_shows_that_a_trial_of_a_series_is_evaluated(tmp_path):
+    PanelDialogue(Link(tmp_path)).phase("evaluating the trial …")
+    assert json.loads((tmp_path / "live.jsonl").read_text()) == {"kind": "phase", "phase": "evaluating the trial …"}
 
 
 def test_an_answer_to_another_question_is_none_of_this_one(tmp_path):
