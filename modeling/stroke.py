@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
@@ -37,6 +38,8 @@ _GOOD_GAIN = 0.6
 # Force, battery current and voltage enter their own signatures only weakly: this many substitutions settle them.
 _SUBSTITUTIONS = 2
 _SLOWEST_SHARE = 0.05
+# What a state's copies for other forces share, row by row.
+_MOVING: Final = ("angle_rad", "speed_rad_s", "acceleration_rad_s2", "current_a", "current_rate_a_s")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -131,6 +134,7 @@ def predict(
     z = problem.first_guess(measured if start is None else start.state)
     if start is not None and problem.fits_wood:
         z[-1] = start.wood_n_s_per_m - problem.wood_guess
+    problem.linearise(z)
     z, is_settled = _newton(problem, z)
     state, _, wood = problem.close(z[None, :])
     speed = state.speed_rad_s
@@ -148,6 +152,7 @@ class _Stroke:
         has_target = measured.force_n is not None or measured.current_a is not None
         self.fits_wood = wood is None and not measured.setting.is_idle and has_target
         self.current_scale_a = self._typical_current_a()
+        self._answer: Floats | None = None
         plant = baseline.plant
         volt = max(float(measured.motor_voltage_v.mean()), 0.1)
         torque = plant.torque_constant_n_m_per_a.nominal * self.current_scale_a
@@ -202,14 +207,36 @@ class _Stroke:
             assert state.force_n is not None and state.battery_voltage_v is not None
             assert state.battery_current_a is not None
             voltage = state.battery_voltage_v - rest.get("supply", np.zeros(1))
-            state = self._with(
-                state, state.force_n - rest["cutting"], voltage, state.battery_current_a - rest["converter"]
-            )
+            error_n = rest["cutting"] if self._answer is None or frozen is not None else rest["cutting"] @ self._answer
+            state = self._with(state, state.force_n - error_n, voltage, state.battery_current_a - rest["converter"])
         rest = self._rest(state, cutting, frozen)
         rows = [rest["mechanical"] @ self.projection, rest["electrical"] @ self.projection]
         if self.fits_wood:
             rows.append(self._wood_misfit(state))
         return state, np.concatenate(rows, axis=1), wood
+
+    def linearise(self, z: Floats) -> None:
+        """Find, near a solution, how the force answers to what does not cancel in the cutting equation.
+
+        It answers one to one where no term holds the force. A lag or a resonance that is undone on the reading holds
+        its derivatives: there plain substitution would raise the high harmonics with every step.
+        """
+        state = self.close(z[None, :])[0]
+        force = state.force_n
+        assert force is not None
+        rows = np.eye(force.shape[1])
+
+        def left(force_n: Floats) -> Floats:
+            tried = replace(
+                state,
+                **{name: np.broadcast_to(getattr(state, name), force_n.shape) for name in _MOVING},
+                force_n=force_n, force_rate_n_s=state.speed_rad_s * angle_derivative(force_n),
+            )  # fmt: skip
+            return self._rest(tried, np.zeros(1), None)["cutting"]
+
+        change = left(force + rows[:1]) - left(force)
+        if not np.allclose(change, rows[:1], rtol=0.0, atol=1e-6):
+            self._answer = np.linalg.inv(left(force + rows) - left(force))
 
     def _with(self, state: State, force: Floats, voltage: Floats, battery_current: Floats) -> State:
         return replace(
