@@ -236,7 +236,7 @@ class _Stroke:
 
         change = left(force + rows[:1]) - left(force)
         if not np.allclose(change, rows[:1], rtol=0.0, atol=1e-6):
-            self._answer = np.linalg.inv(left(force + rows) - left(force))
+            self._answer = np.asarray(np.linalg.inv(left(force + rows) - left(force)), dtype=np.float64)
 
     def _with(self, state: State, force: Floats, voltage: Floats, battery_current: Floats) -> State:
         return replace(

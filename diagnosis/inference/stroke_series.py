@@ -3,7 +3,8 @@
 Strokes of a trial are folded and averaged for everything else, which takes the grain away. Here each stroke keeps
 one number, the logarithm of force over speed by regression, and the wood's own wave is looked for in its
 spectrum: a line or a hump at one wavelength of the feed path, the same in millimetres in every trial whatever
-feed and stroke rate, above the scatter from stroke to stroke that any wood has.
+feed and stroke rate, above the scatter from stroke to stroke that any wood has. Along the cut any wood also varies as
+much as from one piece to the next: a wave of that size is no effect.
 """
 
 from __future__ import annotations
@@ -22,11 +23,13 @@ from sawbench.modeling.parts.mechanism import Mechanism
 from sawbench.modeling.state import TWO_PI
 from sawbench.processing.binning import AngleGrid
 
-# Widths of the hump as a share of its place, and how many of them it reaches.
-_WIDTHS, _REACH = (0.03, 0.1, 0.25), 8.0
+# Widths of the hump as a share of its place, how many of them it reaches, and how many hold what varies.
+_WIDTHS, _REACH, _WITHIN = (0.03, 0.1, 0.25), 8.0, 2.0
 # Frequencies and depths of a wave that is locked to time, Hz: what a hand or a controller does.
 _FREQUENCIES_HZ, _DEPTHS = np.geomspace(0.2, 8.0, 28), np.geomspace(0.02, 0.6, 9)
 _LOWEST_WAVES = 2.0
+# Amplitude of a wave that varies as much as pieces of one stock differ.
+_ORDINARY_DEPTH = float(np.sqrt(2.0)) * SETTINGS.workpieces.piece_std
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -121,7 +124,8 @@ class Wave:
     Attributes
     ----------
     log_evidence : float
-        Of a wave against scatter alone (white and first-order), by Whittle's likelihood.
+        Of a wave against scatter alone (white and first-order), by Whittle's likelihood; no more than 0 for a wave that
+        is no deeper than pieces of wood differ.
     depth : float
         Amplitude of the wave, relative.
     wavelength_m : float
@@ -153,6 +157,8 @@ class StrokeSpectra:
         )
         rates = [np.full(len(s[0]), trial.rate_hz) for s, trial in zip(spectra, trials, strict=True)]
         self._rate_hz = np.concatenate(rates)
+        self._trial = np.repeat(np.arange(len(trials)), [len(of[0]) for of in spectra])
+        self._n_strokes = np.array([len(trial.log_k) for trial in trials])[self._trial]
         self._null, (white, coloured, memory) = _fit_scatter(self._power, self._cycles)
         # The scatter is tried again on a coarse grid: a wave takes variance from it.
         self._scatters = np.array(
@@ -174,8 +180,12 @@ class StrokeSpectra:
         return self._average(self._cycles * self._rate_hz, self._rate_hz, _FREQUENCIES_HZ, _DEPTHS)[0]
 
     def _average(self, waves: Floats, density: Floats, places: Floats, depths: Floats) -> tuple[float, float, float]:
-        """Log evidence of a hump, averaged over place, width and depth; depth and place of the best."""
-        found: list[tuple[float, float, float]] = []
+        """Log evidence of a hump, averaged over place, width and depth; depth and place of the best.
+
+        No more than 0 where the strokes vary there by no more than ordinary wood does.
+        """
+        logs: list[float] = []
+        best = (-np.inf, 0.0, 0.0, 0)
         for place in places:
             for width in _WIDTHS:
                 spread = width * place
@@ -185,10 +195,21 @@ class StrokeSpectra:
                 for depth in depths:
                     spectra = self._scatters[:, near] + 0.5 * depth**2 * hump[near]
                     cost = far + np.sum(_costs(self._power[near], spectra), axis=1)
-                    found.append((-float(cost.min()), float(depth), float(place)))
-        logs = [f[0] for f in found]
-        best = found[int(np.argmax(logs))]
-        return log_mean_exp(logs) - self._null, best[1], best[2]
+                    logs.append(-float(cost.min()))
+                    best = max(best, (logs[-1], float(place), float(spread), int(np.argmin(cost))))
+        _, place, spread, scatter = best
+        log = log_mean_exp(logs) - self._null
+        # A sine is spread over two lines of the spectrum, however narrow it is.
+        reach = np.maximum(_WITHIN * spread, 1.5 * density / self._n_strokes)
+        depth = self._depth(np.abs(waves - place) < reach, scatter)
+        return (log if depth > _ORDINARY_DEPTH else min(log, 0.0)), depth, place
+
+    def _depth(self, inside: np.ndarray, scatter: int) -> float:
+        """Amplitude of a sine that varies as much as the strokes do beyond their scatter, at some frequencies."""
+        n_strokes = self._n_strokes[inside]
+        beyond = 2.0 * np.sum((self._power[inside] - self._scatters[scatter, inside]) / n_strokes)
+        n_trials = len(np.unique(self._trial[inside]))
+        return float(np.sqrt(2.0 * max(beyond, 0.0) / max(n_trials, 1)))
 
 
 def _periodogram(trial: StrokeSeries) -> tuple[Floats, Floats, Floats, Floats]:
