@@ -206,17 +206,32 @@ def off_stroke(trial: ProcessedTrial) -> OffStroke | None:
 
 
 def _in_cells(turned_rad: Floats, values: Floats, first_turn: int, n_strokes: int) -> Floats | None:
-    """Mean of the samples in each cell of the crank angle, shape (strokes, cells), NaN where there is none.
+    """What samples have beyond the mean stroke in each cell of the crank angle, shape (strokes, cells).
 
-    None where too many are empty.
+    NaN where there is none; None where too many are empty. The mean stroke is taken off the samples, not off the means
+    of cells: a few samples lie now in the first, now in the last half of a cell, and where the stroke is steep their
+    means beat at orders that are not there.
     """
     per_stroke = len(turned_rad) / max(float(np.ptp(turned_rad)) / TWO_PI, 1e-9)
     n_cells = min(_CELLS, int(per_stroke / _SAMPLES_A_CELL))
     if n_cells < _FEWEST_CELLS:
         return None
     grid = AngleGrid(first_turn=first_turn, n_rows=n_strokes, n_bins=n_cells)
-    mean = grid.means(grid.place(turned_rad), values)
-    return None if np.mean(np.isnan(mean)) > _MOST_EMPTY else mean
+    placed = grid.place(turned_rad)
+    cells = grid.means(placed, values)
+    is_empty = np.isnan(cells)
+    if np.mean(is_empty) > _MOST_EMPTY or is_empty.all(axis=0).any():
+        return None
+    return grid.means(placed, values - _periodic(np.nanmean(cells, axis=0), turned_rad))
+
+
+def _periodic(stroke: Floats, turned_rad: Floats) -> Floats:
+    """Value at some angles of a wave that is given at the middles of even cells of the turn."""
+    from scipy.interpolate import CubicSpline
+
+    n = len(stroke)
+    wave = CubicSpline((np.arange(n + 1) + 0.5) / n, np.append(stroke, stroke[0]), bc_type="periodic")
+    return np.asarray(wave(turned_rad / TWO_PI), dtype=np.float64)
 
 
 def _filled(cells: Floats) -> Floats:

@@ -38,13 +38,13 @@ def rounded(exact, resolution):
     return signal(exact.channel.name, exact.time_s, values)
 
 
-def trials(disturb, seed=3, noise=NOISE, resolution=0.0, plan=TRIALS):
+def trials(disturb, seed=3, noise=NOISE, resolution=0.0, plan=TRIALS, rate_hz=RATE_HZ, wander=0.003):
     """Trials whose channels are a stroke's wave, noise and `disturb(rng, time_s, turns, feed) -> {channel: values}`."""
     rng = np.random.default_rng(seed)
     found = []
     for number, (strokes_hz, feed_mm_s) in enumerate(plan):
-        time_s = np.arange(0.0, DURATION_S, 1.0 / RATE_HZ)
-        turns = strokes_hz * time_s + 0.003 * np.cumsum(rng.standard_normal(len(time_s))) / np.sqrt(RATE_HZ)
+        time_s = np.arange(0.0, DURATION_S, 1.0 / rate_hz)
+        turns = strokes_hz * time_s + wander * np.cumsum(rng.standard_normal(len(time_s))) / np.sqrt(rate_hz)
         added = disturb(rng, time_s, turns, feed_mm_s)
         wave = np.sin(2.0 * np.pi * turns) + 0.3 * np.cos(6.0 * np.pi * turns)
         signals = {
@@ -265,3 +265,17 @@ def test_where_most_strokes_lack_samples_the_others_are_no_bursts():
     assert strikes(struck, 1e-3, 12.0).size == pytest.approx(40.0)
     assert strikes(struck, 1e-3, 12.0).per_s == pytest.approx(12.0 / len(measured))
     assert strikes(np.zeros((80, 64)), 1e-3, 12.0).size == 0.0
+
+
+def test_a_few_samples_a_cell_of_a_steep_stroke_make_no_line():
+    """4 kHz and up to 6.3 samples a cell: their means beat with 3 % of the stroke's height."""
+
+    def stroke(rng, time_s, turns, feed):
+        return {DISPLACEMENT.name: 10.0 * (1.0 - np.cos(2.0 * np.pi * strokes_hz * time_s))}
+
+    for strokes_hz in (17.645, 14.3, 11.9):
+        (found,) = trials(
+            stroke, noise={DISPLACEMENT.name: 0.003}, plan=((strokes_hz, None),), rate_hz=4000.0, wander=0.0
+        )
+        assert found.peaks["stroke", DISPLACEMENT.name] == ()
+        assert found.peaks["time", DISPLACEMENT.name] == ()
