@@ -134,9 +134,10 @@ def _rates(signal: Signal, expected_hz: float) -> tuple[Floats, Floats] | None:
     for order in (1, 2):
         near = (frequency > order * _SEARCH[0] * expected_hz) & (frequency < order * _SEARCH[1] * expected_hz)
         around = (frequency > 0.3 * expected_hz) & (frequency < 3.0 * expected_hz)
-        if near.any():
+        floor = float(np.median(spectrum[around])) if around.any() else 0.0
+        if near.any() and floor > 0.0:
             peak = int(np.argmax(spectrum[near]))
-            height = float(spectrum[near][peak] / np.median(spectrum[around]))
+            height = float(spectrum[near][peak]) / floor
             best = max(best, (height, float(frequency[near][peak]), order))
     height, line_hz, order = best
     n_units = int((end_s - start_s) * line_hz / order / _STROKES_A_UNIT)

@@ -8,9 +8,10 @@ from sawbench.bench.processed import CrankAngle
 from sawbench.bench.recording import Signal, Trial
 from sawbench.diagnosis.inference.features import harmonics
 from sawbench.diagnosis.reduction import between_samples, running_state, start_up_state
+from sawbench.diagnosis.stroke_means import stroke_means
 from sawbench.modeling.state import TWO_PI
 
-from tests.rigs.drawn_states import setting_of
+from tests.rigs.drawn_states import BASELINE, setting_of
 from tests.rigs.processed import processed_trial
 
 pytestmark = pytest.mark.unit
@@ -127,3 +128,17 @@ def test_a_start_up_is_not_made_up_where_samples_are_missing():
     assert without_voltage.current_a is not None
     assert without_voltage.battery_voltage_v is None
     assert spin_up(missing_s=(0.5, 0.6)) is not None  # after the spin-up
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("value", [0.0, 3.0])
+def test_a_channel_that_stands_still_has_no_stroke_rate(value):
+    """A dead sensor, in a trial without displacement."""
+    time_s = np.arange(0.0, 4.0, 1e-3)
+    dead = Signal(channel="motor_current_a", unit="A", time_s=time_s, values=np.full(len(time_s), value))
+    angle = CrankAngle(
+        time_s=time_s, angle_rad=time_s, speed_rad_s=np.ones(len(time_s)), angle_std_rad=np.zeros(len(time_s)),
+        radius_m=0.01, source="test", is_absolute=False,
+    )  # fmt: skip
+    trial = processed_trial(Trial(trial_id="t", duty=0.5, material="none"), {dead.channel: dead}, angle, 0.8, 4.0)
+    assert stroke_means(trial, BASELINE) is None
