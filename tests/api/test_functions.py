@@ -177,7 +177,7 @@ def test_a_block_writes_shares_whole_and_escapes_what_people_wrote():
     cause = {"effects": ["blade_wear"], "probability": 0.004, "gap_closed": -0.002, "gap_closed_ci95": [-5e-16, 7e-16]}
     report = {
         "verdict": "no_gap", "causes": [cause], "probabilities": {"no_gap": 0.99}, "next_trial": "an idle run",
-        "gap": {"by_channel": {}},
+        "gap": {"by_channel": {}}, "parameter_shifts": {},
     }  # fmt: skip
     assert "0 % (0 to 0 %)" in gap_block(report)
     events = (Event(kind="note", time_s=0.0, text="<b>knot</b>"), Event(kind="device", time_s=0.0, text="clock"))
