@@ -22,7 +22,7 @@ MOVING_RAD_S: Final = 2.0
 _SLOW_TURN = 1.5
 # Nor are the last turns of a record or before a stop where each is longer than the one before, and all of them together
 # gain so many times what as many turns gain or lose elsewhere; nor two more, in which the trigger was let go.
-_RUN_DOWN = 2.0
+_RUN_DOWN = 4.0
 _STOPPING_TURNS = 2
 
 
@@ -77,7 +77,7 @@ def _first_of_run_down(turns_s: Floats, first: int, last: int) -> int:
     is_longer = np.r_[False, np.diff(settled) > 0.0]
     n_before = len(settled) - int(np.argmin(is_longer[::-1])) if len(settled) else 0
     n_longer = len(settled) - n_before
-    if not 0 < n_longer < n_before:
+    if not 0 < 2 * n_longer <= n_before:
         return last
     elsewhere = np.abs(settled[n_longer:n_before] - settled[: n_before - n_longer])
     gained = settled[-1] - settled[n_before - 1]

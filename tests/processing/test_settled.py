@@ -45,6 +45,16 @@ def test_a_trial_that_is_cut_to_its_end_is_used_to_its_end(seed):
     assert find_steady_part(crank).end_s == crank.time_s[-1]
 
 
+@pytest.mark.parametrize("seed", range(60))
+def test_wood_that_gets_harder_towards_the_end_is_no_run_down(seed):
+    """A speed that walks from stroke to stroke: some rise or fall over the last strokes of the record."""
+    rng = np.random.default_rng(seed)
+    strokes_s = np.arange(0.0, 3.1, 1.0 / _RATE_HZ)
+    walk = 0.004 * np.cumsum(rng.standard_normal(len(strokes_s)))
+    crank = turning(1.0 + np.interp(np.arange(0.0, 3.0, _STEP_S), strokes_s, walk - walk.mean()))
+    assert find_steady_part(crank).end_s == crank.time_s[-1]
+
+
 def test_a_battery_that_sags_is_no_run_down():
     crank = turning(np.linspace(1.0, 0.9, int(4.0 / _STEP_S)))
     assert find_steady_part(crank).end_s == crank.time_s[-1]
