@@ -134,7 +134,6 @@ def predict(
     z = problem.first_guess(measured if start is None else start.state)
     if start is not None and problem.fits_wood:
         z[-1] = start.wood_n_s_per_m - problem.wood_guess
-    problem.linearise(z)
     z, is_settled = _newton(problem, z)
     state, _, wood = problem.close(z[None, :])
     speed = state.speed_rad_s
@@ -215,11 +214,11 @@ class _Stroke:
             rows.append(self._wood_misfit(state))
         return state, np.concatenate(rows, axis=1), wood
 
-    def linearise(self, z: Floats) -> None:
+    def linearise(self, z: Floats) -> State:
         """Find, near a solution, how the force answers to what does not cancel in the cutting equation.
 
         It answers one to one where no term holds the force. A lag or a resonance that is undone on the reading holds
-        its derivatives: there plain substitution would raise the high harmonics with every step.
+        its derivatives: there plain substitution would raise the high harmonics with every step. Return the state.
         """
         state = self.close(z[None, :])[0]
         force = state.force_n
@@ -234,9 +233,11 @@ class _Stroke:
             )  # fmt: skip
             return self._rest(tried, np.zeros(1), None)["cutting"]
 
-        change = left(force + rows[:1]) - left(force)
-        if not np.allclose(change, rows[:1], rtol=0.0, atol=1e-6):
-            self._answer = np.asarray(np.linalg.inv(left(force + rows) - left(force)), dtype=np.float64)
+        before = left(force)
+        if np.allclose(left(force + rows[:1]) - before, rows[:1], rtol=0.0, atol=1e-6):
+            return state
+        self._answer = np.asarray(np.linalg.inv(left(force + rows) - before), dtype=np.float64)
+        return self.close(z[None, :])[0]
 
     def _with(self, state: State, force: Floats, voltage: Floats, battery_current: Floats) -> State:
         return replace(
@@ -300,7 +301,7 @@ def _newton(problem: _Stroke, z: Floats) -> tuple[Floats, bool]:
     def misfit(at: Floats) -> Floats:
         return problem.close(at[None, :])[1][0] / problem.row_scale
 
-    slope = jacobian(z, problem.added(problem.close(z[None, :])[0]))
+    slope = jacobian(z, problem.added(problem.linearise(z)))
     value, n_slopes = misfit(z), 1
     for _ in range(_MAX_STEPS):
         size = float(np.abs(value).max())

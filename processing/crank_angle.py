@@ -20,7 +20,15 @@ from sawbench.modeling.parts.mechanism import Mechanism
 from sawbench.processing.angle_smoother import linearise, smooth
 from sawbench.processing.noise import robust_range, white_noise_std
 from sawbench.processing.sliding import median_of_five
-from sawbench.processing.stroke_extremes import Travel, Turns, estimate_travel, find_rest, find_turns, moving_mean
+from sawbench.processing.stroke_extremes import (
+    LONGEST_STEP,
+    Travel,
+    Turns,
+    estimate_travel,
+    find_rest,
+    find_turns,
+    moving_mean,
+)
 
 _KNOTS_A_STROKE = 128
 _CHUNK = 1 << 17
@@ -182,7 +190,7 @@ def _turns_of(y: Floats, noise: float, width: int, *, drop_spikes: bool) -> Turn
 
 def _block_means(time: Floats, y: Floats, block: int, step: float) -> tuple[Floats, Floats]:
     """Means of `block` samples each, never across a gap."""
-    breaks = np.flatnonzero(np.diff(time) > 2.5 * step) + 1
+    breaks = np.flatnonzero(np.diff(time) > LONGEST_STEP * step) + 1
     edges = np.r_[0, breaks, len(time)]
     starts = np.concatenate([np.arange(a, b, block) for a, b in pairwise(edges)])
     counts = np.diff(np.r_[starts, len(time)])
@@ -202,7 +210,7 @@ def _angle_between_turns(above_m: Floats, turns: Turns, mechanism: Mechanism) ->
 def _bridge_gaps(time: Floats, angle: Floats, speed: float, step: float) -> Floats:
     """Add the whole turns that went by unseen in gaps, from the typical speed."""
     angle = angle.copy()
-    for k in np.flatnonzero(np.diff(time) > max(2.5 * step, 0.5 / speed)):
+    for k in np.flatnonzero(np.diff(time) > max(LONGEST_STEP * step, 0.5 / speed)):
         near = slice(max(k - 400, 0), k)
         local = np.median(np.diff(angle[near]) / np.diff(time[near])) if k > 20 else speed
         unseen = (max(local, 0.0) * (time[k + 1] - time[k]) - (angle[k + 1] - angle[k])) / (2 * np.pi)

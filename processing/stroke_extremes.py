@@ -16,7 +16,7 @@ _FITTED_TURNS = 400
 _BLOCK = 64
 _VARYING_SHARE = 0.02
 _OUTLIER_MADS = 6.0
-_LONGEST_STEP = 2.5  # of the usual one: what is longer is a gap
+LONGEST_STEP = 2.5  # of the usual one: what is longer is a gap
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -207,7 +207,7 @@ def _is_seen(time_s: Floats, turns: Turns) -> NDArray[np.bool_]:
     if len(turns.index) < 2:
         return np.ones(len(turns.index), dtype=bool)
     step_s = np.diff(time_s)
-    gaps = np.flatnonzero(step_s > _LONGEST_STEP * np.median(step_s))
+    gaps = np.flatnonzero(step_s > LONGEST_STEP * np.median(step_s))
     at_s = time_s[turns.index]
     near_s = _FIT_HALF_WIDTH * float(np.median(np.diff(at_s)))
     began = np.searchsorted(time_s[gaps], at_s + near_s)  # gaps that begin before the dead centre is over
