@@ -7,6 +7,7 @@ pass is named.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
@@ -27,6 +28,7 @@ from sawbench.bench.plausible import (
     TOP_CURRENT,
     TRAVEL,
     VOLTAGE_RIPPLE,
+    Bounds,
     excess,
 )
 from sawbench.bench.recording import Trial
@@ -129,7 +131,7 @@ class Suspicion:
         return f"{self.mistake} ({seen})" if self.mistake else seen
 
 
-def check(baseline: Baseline, trial: Trial, reading: Reading, idle_current_a: float = 0.0) -> Checked:
+def check(baseline: Baseline, trial: Trial, reading: Reading, idle_current_a: Bounds = (0.0, 0.0)) -> Checked:
     """Compare a reading with the nominal model.
 
     Parameters
@@ -138,8 +140,8 @@ def check(baseline: Baseline, trial: Trial, reading: Reading, idle_current_a: fl
     trial : Trial
         Its duty must be stated and not 0.
     reading : Reading
-    idle_current_a : float
-        Motor current of an idle trial at this duty, A; 0 where there is none.
+    idle_current_a : (float, float)
+        Between which the motor current of an idle run at this duty lies, A; 0 where there is no idle run.
 
     Returns
     -------
@@ -160,7 +162,7 @@ def check(baseline: Baseline, trial: Trial, reading: Reading, idle_current_a: fl
 
 
 def explain_faults(
-    baseline: Baseline, trial: Trial, tracks: Mapping[str, Track], idle_current_a: float = 0.0
+    baseline: Baseline, trial: Trial, tracks: Mapping[str, Track], idle_current_a: Bounds = (0.0, 0.0)
 ) -> Suspicion | None:
     """Name the simple mistake that explains what is implausible in a trial.
 
@@ -269,24 +271,29 @@ def cutting_power_w(baseline: Baseline, reading: Reading, idle_current_a: float)
     return baseline.plant.torque_constant_n_m_per_a.nominal * extra_a * speed
 
 
-def _power_checks(baseline: Baseline, trial: Trial, reading: Reading, idle_a: float) -> Iterator[Outcome]:
+def _power_checks(baseline: Baseline, trial: Trial, reading: Reading, idle_a: Bounds) -> Iterator[Outcome]:
     at_blade = blade_power_w(baseline, reading)
-    shaft = cutting_power_w(baseline, reading, 0.0 if trial.is_idle else idle_a)
     if at_blade is None or reading.n_strokes < _NUMBERS.least_strokes:
         return
-    if shaft is None:
+    most = cutting_power_w(baseline, reading, 0.0 if trial.is_idle else idle_a[0])
+    least = cutting_power_w(baseline, reading, 0.0 if trial.is_idle else idle_a[1])
+    if most is None or least is None:
         drives = not trial.is_idle and at_blade < -_NUMBERS.clear_cut_w
         yield "blade power", _failed(drives), f"the force drives the blade with {-at_blade:.3g} W"
     elif trial.is_idle:
-        seen = f"an idle run is stated, but the force takes {at_blade:.3g} W of the motor power {shaft:.3g} W"
-        yield "blade power", _failed(abs(at_blade) > IDLE_POWER_SHARE * abs(shaft) + IDLE_POWER_W), seen
+        seen = f"an idle run is stated, but the force takes {at_blade:.3g} W of the motor power {most:.3g} W"
+        yield "blade power", _failed(abs(at_blade) > IDLE_POWER_SHARE * abs(most) + IDLE_POWER_W), seen
     else:
-        seen = f"force along the displacement takes {at_blade:.3g} W, the motor current corresponds to {shaft:.3g} W"
-        if shaft <= _NUMBERS.clear_cut_w or trial.material is None:
-            most = max(4.0 * _NUMBERS.clear_cut_w, BLADE_POWER[1] * shaft)
-            yield "no cut", _failed(abs(at_blade) > most), seen
+        shaft = f"{least:.3g} W" if least == most else f"{least:.3g} to {most:.3g} W"
+        seen = f"force along the displacement takes {at_blade:.3g} W, the motor current corresponds to {shaft}"
+        if least <= _NUMBERS.clear_cut_w or trial.material is None:
+            bound = max(4.0 * _NUMBERS.clear_cut_w, BLADE_POWER[1] * most)
+            yield "no cut", _failed(abs(at_blade) > bound), seen
         else:
-            yield "blade power", excess(at_blade / shaft, BLADE_POWER), seen
+            # Of the ratios that idling leaves open, the one that lies best within the bounds.
+            low, high = sorted((at_blade / most, at_blade / least))
+            ratio = min(max(math.sqrt(math.prod(BLADE_POWER)), low), high)
+            yield "blade power", excess(ratio, BLADE_POWER), seen
 
 
 def _simple_mistakes(baseline: Baseline, trial: Trial, tracks: Mapping[str, Track]) -> Iterator[Mistake]:

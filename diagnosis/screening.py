@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from sawbench.bench.errors import InputError
+from sawbench.bench.plausible import Bounds
 from sawbench.bench.recording import Floats, Recording, Signal, Trial
 from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, DISPLACEMENT, FORCE
 from sawbench.diagnosis.inference.settings import SETTINGS
@@ -234,8 +235,27 @@ def _idle_currents(recordings: Sequence[Recording], baseline: Baseline) -> dict[
     return found
 
 
-def _nearest(by_duty: dict[float, float], duty: float) -> float:
-    return by_duty[min(by_duty, key=lambda d: abs(d - duty))] if by_duty else 0.0
+def idle_current_between(by_duty: Mapping[float, float], duty: float) -> Bounds:
+    """Between which motor currents an idle run at a duty lies, by that at the nearest duty.
+
+    What a tool draws in air grows with its speed by a power of 0 (dry friction) to 2 (a fan).
+
+    Parameters
+    ----------
+    by_duty : mapping of float to float
+        Motor current of idle runs by their duty, A; may be empty.
+    duty : float
+
+    Examples
+    --------
+    >>> idle_current_between({0.8: 1.6}, 0.8), idle_current_between({0.8: 1.6}, 0.4), idle_current_between({}, 0.4)
+    ((1.6, 1.6), (0.4, 1.6), (0.0, 0.0))
+    """
+    if not by_duty:
+        return 0.0, 0.0
+    nearest = min(by_duty, key=lambda d: abs(d - duty))
+    least, most = sorted((by_duty[nearest], by_duty[nearest] * (duty / nearest) ** 2))
+    return least, most
 
 
 def _without_suspects(recordings: list[Recording], baseline: Baseline, warnings: list[str]) -> list[Recording]:
@@ -243,7 +263,8 @@ def _without_suspects(recordings: list[Recording], baseline: Baseline, warnings:
     found: dict[str, Suspicion] = {}
     for recording in recordings:
         trial = recording.trial
-        suspicion = explain_faults(baseline, trial, tracks_of(recording), _nearest(idle, trial.duty or 0.0))
+        in_air = idle_current_between(idle, trial.duty or 0.0)
+        suspicion = explain_faults(baseline, trial, tracks_of(recording), in_air)
         if suspicion is not None:
             found[trial.trial_id] = suspicion
     _keep_what_may_be_a_gap(recordings, found, warnings)
@@ -400,8 +421,10 @@ def _without_wrong_labels(recordings: list[Recording], baseline: Baseline, warni
     idle = _idle_currents(recordings, baseline)
     power = {}
     for recording, reading in zip(recordings, _readings(recordings), strict=True):
-        found = cutting_power_w(baseline, reading, _nearest(idle, recording.trial.duty or 0.0))
-        if not recording.trial.is_idle and found is not None and (recording.trial.duty or 0.0) in idle:
+        if recording.trial.is_idle or recording.trial.duty not in idle:
+            continue
+        found = cutting_power_w(baseline, reading, idle[recording.trial.duty])
+        if found is not None:
             power[recording.trial.trial_id] = found
     usual = float(np.median(list(power.values()))) if len(power) >= 3 else 0.0
     nothing = {name for name, value in power.items() if value < _NUMBERS.cuts_nothing * usual}

@@ -245,7 +245,7 @@ def _is_read(cells: Floats | None, n_strokes: int) -> np.ndarray:
     """Strokes without an empty cell, in them or in those beside them; all where the channel is not there."""
     if cells is None:
         return np.ones(n_strokes, dtype=bool)
-    is_broken = np.isnan(cells).any(axis=1)
+    is_broken = np.asarray(np.isnan(cells).any(axis=1))
     beside = np.zeros_like(is_broken)
     beside[1:] |= is_broken[:-1]
     beside[:-1] |= is_broken[1:]

@@ -88,7 +88,7 @@ def _runs(left: Floats, resolution: float) -> tuple[np.ndarray, np.ndarray]:
 
 def _is_measured(left: Floats) -> np.ndarray:
     """Strokes that are not zero throughout: what was not measured stands as zeros."""
-    return left.any(axis=1)
+    return np.asarray(left.any(axis=1))
 
 
 def resolution_of(values: Floats) -> float:

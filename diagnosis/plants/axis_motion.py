@@ -83,13 +83,13 @@ def fourier(phase_rad: Floats, n_harmonics: int) -> Floats:
     turn = np.exp(1j * phase_rad)
     # Each order is a product more, which costs less than its sine and cosine.
     lines = np.cumprod(np.broadcast_to(turn[:, None], (len(turn), n_harmonics)), axis=1)
-    return np.hstack([np.ones((len(turn), 1)), lines.real, lines.imag])
+    return np.asarray(np.hstack([np.ones((len(turn), 1)), lines.real, lines.imag]), dtype=np.float64)
 
 
 def _fitted(basis: Floats, values: Floats) -> Floats:
     """Least squares by the normal equations: over whole cycles the columns are nearly orthogonal."""
     normal = basis.T @ basis + 1e-6 * np.eye(basis.shape[1])
-    return np.linalg.solve(normal, basis.T @ values)
+    return np.asarray(np.linalg.solve(normal, basis.T @ values), dtype=np.float64)
 
 
 def derivative(coefficients: Floats) -> Floats:

@@ -1,0 +1,64 @@
+"""Force and motor current are held against each other as far as the idle runs of a campaign say what idling takes."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from sawbench.bench.config import load_config
+from sawbench.bench.recording import Trial
+from sawbench.diagnosis.plausibility import check
+from sawbench.diagnosis.screening import idle_current_between
+from sawbench.diagnosis.trial_reading import Reading
+from sawbench.modeling.residuals import Baseline
+
+pytestmark = pytest.mark.unit
+
+PLANT = load_config(Path(__file__).parents[2] / "bench_config.toml").config.plant
+BASELINE = Baseline(plant=PLANT, battery=None, cutting_sign=-1)
+TOP_DUTY, LOW_DUTY, HZ_AT_FULL_DUTY = 0.66, 0.42, 36.0
+
+
+def watt_per_ampere(duty: float) -> float:
+    """Shaft power of an ampere of motor current at the stroke rate of a duty."""
+    speed = 2.0 * math.pi * HZ_AT_FULL_DUTY * duty * BASELINE.gear
+    return PLANT.torque_constant_n_m_per_a.nominal * speed
+
+
+def in_soft_wood(duty: float, idle_a: float, force_is: float = 1.0) -> Reading:
+    """A trial whose current is that of idling and of 5 W at the blade; the force shows `force_is` times as much."""
+    cut_w = 5.0
+    return Reading(
+        travel_m=2.0 * BASELINE.radius_m, n_strokes=100, rate_hz=HZ_AT_FULL_DUTY * duty,
+        motor_current_a=idle_a + cut_w / watt_per_ampere(duty), top_current_a=None,
+        battery_current_a=None, battery_voltage_v=None, voltage_ripple=None,
+        blade_power_w=force_is * cut_w, falling_force_n=100.0, rising_force_n=0.0,
+    )  # fmt: skip
+
+
+def kinds(reading: Reading, idle_a: tuple[float, float]) -> set[str]:
+    trial = Trial(trial_id="soft", material="nylon", duty=LOW_DUTY)
+    return {fault.kind for fault in check(BASELINE, trial, reading, idle_a).faults}
+
+
+@pytest.mark.parametrize("power", [0.0, 1.0, 2.0])
+def test_soft_wood_at_low_speed_is_believed_where_only_a_faster_idle_run_was_recorded(power):
+    idle_at_top_a = 1.4
+    idle_a = idle_at_top_a * (LOW_DUTY / TOP_DUTY) ** power
+    between = idle_current_between({TOP_DUTY: idle_at_top_a}, LOW_DUTY)
+    assert between[0] - 1e-12 <= idle_a <= between[1] + 1e-12
+    assert not kinds(in_soft_wood(LOW_DUTY, idle_a), between)
+
+
+@pytest.mark.parametrize("factor", [0.1, 3.0])
+def test_a_force_of_the_wrong_size_is_found_with_an_idle_run_at_its_own_duty(factor):
+    between = idle_current_between({LOW_DUTY: 0.9, TOP_DUTY: 1.4}, LOW_DUTY)
+    assert between == (0.9, 0.9)
+    assert kinds(in_soft_wood(LOW_DUTY, 0.9, force_is=factor), between) == {"blade power"}
+    assert not kinds(in_soft_wood(LOW_DUTY, 0.9), between)
+
+
+def test_a_force_that_no_idle_current_explains_is_found_without_an_idle_run_at_its_duty():
+    between = idle_current_between({TOP_DUTY: 1.4}, LOW_DUTY)
+    assert kinds(in_soft_wood(LOW_DUTY, 0.9, force_is=10.0), between) == {"blade power"}
