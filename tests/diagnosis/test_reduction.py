@@ -64,7 +64,7 @@ def test_few_strokes_sampled_slowly_have_the_mean_stroke_of_many_samples(seed):
 
 
 def test_a_channel_with_samples_enough_stays_as_it_is_and_so_does_one_with_too_few():
-    for rate_hz in (5000.0, 300.0):
+    for rate_hz in (5000.0, 150.0):
         signal = current(rate_hz, seed=1)
         assert between_samples(signal, 1.0 / STROKES_HZ) is signal
 
@@ -83,14 +83,23 @@ def test_a_slow_channel_says_which_harmonics_its_samples_resolve():
     assert state_of(current(5000.0, 1)).resolved_orders == {}
     # 36.5 samples a stroke: no unit mixes strokes, and four samples a harmonic are 9.1 harmonics.
     assert state_of(current(500.0, 1)).resolved_orders == pytest.approx({"current_a": 500.0 / STROKES_HZ / 4.0})
-    # 22 samples a stroke would show five harmonics: the mean stroke is pieced together from many.
-    assert state_of(current(300.0, 1)).resolved_orders == {}
+    # 11 samples a stroke would show two harmonics: the mean stroke is pieced together from many.
+    assert state_of(current(150.0, 1)).resolved_orders == {}
 
 
+@pytest.mark.parametrize(("rate_hz", "n_orders"), [(500.0, 8), (300.0, 5)])
 @pytest.mark.parametrize("seed", range(3))
-def test_what_a_slow_channel_resolves_is_right_although_strokes_differ(seed):
-    exact, slow = mean_stroke(current(30_000.0, seed)), mean_stroke(current(500.0, seed))
-    resolved = np.r_[:9, 13 : 13 + 8]
+def test_what_a_slow_channel_resolves_is_right_although_strokes_differ(seed, rate_hz, n_orders):
+    exact, slow = mean_stroke(current(30_000.0, seed)), mean_stroke(current(rate_hz, seed))
+    resolved = np.r_[: n_orders + 1, 13 : 13 + n_orders]
+    assert np.abs(slow - exact)[resolved].max() < 0.006
+
+
+@pytest.mark.parametrize("samples_a_stroke", [20, 24, 30])
+def test_a_channel_whose_samples_lie_at_the_same_angles_in_every_stroke_is_there(samples_a_stroke):
+    exact = mean_stroke(current(30_000.0, 1))
+    slow = mean_stroke(current(samples_a_stroke * STROKES_HZ, 1))
+    resolved = np.r_[:6, 13 : 13 + 5]
     assert np.abs(slow - exact)[resolved].max() < 0.006
 
 
