@@ -184,7 +184,8 @@ class Sensors:
     Attributes
     ----------
     std : mapping of str to float
-        Of gains (relative), offsets and the angle's zero, in the unit of the name.
+        Of gains (relative), offsets and the angle's zero, in the unit of the name; of what the displacement shows too
+        much between its ends, as a share of the stroke.
     battery_rel_std : mapping of str to float
         Of the battery's numbers, for which the configuration states none.
     floor : mapping of str to (float, float)
@@ -211,7 +212,8 @@ class Sensors:
         {
             "motor_current_gain": 0.01, "motor_current_offset_a": 0.03, "force_gain": 0.01, "force_offset_n": 1.0,
             "battery_current_gain": 0.01, "battery_current_offset_a": 0.03, "battery_voltage_gain": 0.003,
-            "battery_voltage_offset_v": 0.01, "angle_zero_rad": 0.005,
+            "battery_voltage_offset_v": 0.01, "angle_zero_rad": 0.005, "displacement_bow": 2e-3,
+            "displacement_skew": 2e-3,
         }, "convention", CLASS,
     )  # fmt: skip
     battery_rel_std: Mapping[str, float] = marked(

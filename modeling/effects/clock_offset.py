@@ -4,6 +4,7 @@ late force         the load cell alone: cutting and (through the reading) mechan
 late CAN           motor current, battery voltage and current together: U - R i - L di/dt is the back-EMF of
                    tau ago, k_m i the torque of tau ago; the converter stays right
 late displacement  angle and speed of tau ago: force and CAN look early
+late amplifier     of force and displacement together: CAN alone looks early
 
 Positive tau: late. Forms: a constant delay; a delay that drifts over the session (tau at 1000 s, clocks not
 aligned again between trials); one that drifts within each trial (tau at 10 s). No amplitude is lost, unlike
@@ -25,7 +26,8 @@ from sawbench.modeling.state import State
 if TYPE_CHECKING:
     from sawbench.modeling.machines.linear_axis import AxisBaseline, AxisState
 
-FORCE, CAN, DISPLACEMENT = 0.0, 1.0, 2.0
+FORCE, CAN, DISPLACEMENT, AMPLIFIER = 0.0, 1.0, 2.0, 3.0
+_DEVICES = (FORCE, CAN, DISPLACEMENT, AMPLIFIER)
 _SESSION_UNIT_S, _TRIAL_UNIT_S = 1000.0, 10.0
 
 
@@ -78,7 +80,7 @@ def _shapes() -> tuple[dict[str, float], ...]:
     drifting = [(kind, tau) for kind in (1.0, 2.0) for tau in np.geomspace(3e-4, 3e-2, 8)]
     found = [
         {"device": device, "tau_s": float(tau), "drifts": kind}
-        for device in (FORCE, CAN, DISPLACEMENT)
+        for device in _DEVICES
         for kind, tau in constant + drifting
     ]
     undone = [{"device": FORCE, "tau_s": float(tau), "drifts": 0.0, "inverted": 1.0} for _, tau in constant]

@@ -10,6 +10,9 @@ from sawbench.diagnosis.inference.nuisances import nuisances_of
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.modeling.residuals import Baseline, residuals
+from sawbench.modeling.state import angle_derivative
+from sawbench.modeling.stroke import mean_stroke
+from scipy.interpolate import CubicSpline
 
 from tests.rigs.jigsaw_in_time import BASELINE, Machine, compare
 
@@ -116,6 +119,49 @@ def test_a_wrong_reading(true, name):
     read = replace(true, **READINGS[name](true, size))
     claimed = nuisance(name).signature(BASELINE, read)
     compare(gap(BASELINE, read), {key: size * wave for key, wave in claimed.items()}, 0.03)
+
+
+def misread(true, bent):
+    """The state as a displacement with a bent characteristic shows it: x -> x + bent(x), both over the radius."""
+    (angle,) = true.angle_rad
+    cosine = 1.0 - ((1.0 - np.cos(angle)) + bent(1.0 - np.cos(angle)))
+    read = np.where(angle < np.pi, np.arccos(cosine), 2 * np.pi - np.arccos(cosine))
+
+    def periodic(x, wave):
+        return CubicSpline(np.r_[x, x[0] + 2 * np.pi], np.r_[wave, wave[0]], bc_type="periodic")
+
+    later = periodic(angle, read - angle)
+    at = angle - later(angle)
+    for _ in range(5):
+        at = angle - later(at)
+    waves = {
+        name: periodic(angle, getattr(true, name)[0])(at)[None]
+        for name in (
+            "speed_rad_s", "current_a", "current_rate_a_s", "force_n", "battery_voltage_v", "battery_current_a",
+            "motor_voltage_v",
+        )
+    }  # fmt: skip
+    waves["speed_rad_s"] = waves["speed_rad_s"] * (1.0 + later(at, 1))
+    return replace(true, **waves, acceleration_rad_s2=waves["speed_rad_s"] * angle_derivative(waves["speed_rad_s"]))
+
+
+# Of the whole stroke, which is two radii.
+BEND = 2e-3
+BENT = {
+    "displacement_bow": lambda x: BEND * 2.0 * 4.0 * (x / 2) * (1 - x / 2),
+    "displacement_skew": lambda x: BEND * 2.0 * 1.5 * np.sqrt(3.0) * (x - 1) * (1 - (x - 1) ** 2),
+}
+
+
+@pytest.mark.parametrize("name", BENT)
+def test_a_displacement_that_is_not_linear(true, name):
+    stroke = mean_stroke(true)
+    claimed = nuisance(name).signature(BASELINE, stroke)
+    before, after = gap(BASELINE, stroke), gap(BASELINE, misread(stroke, BENT[name]))
+    for equation in ("electrical", "mechanical"):
+        seen = np.fft.rfft(after[equation] - before[equation], axis=1)[:, :9]
+        said = BEND * np.fft.rfft(claimed[equation], axis=1)[:, :9]
+        assert np.linalg.norm(seen - said) < 0.05 * np.linalg.norm(said)
 
 
 @pytest.mark.parametrize("name", ["force_gain", "motor_current_gain", "battery_current_gain"])
