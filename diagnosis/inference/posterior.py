@@ -22,6 +22,7 @@ from sawbench.diagnosis.inference.hypothesis import Hypothesis, Verdict
 from sawbench.diagnosis.inference.left_over import left_by, left_over
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
 from sawbench.diagnosis.inference.off_stroke import Finding, off_stroke_finding
+from sawbench.diagnosis.inference.retuning import evidence_of_retuning
 from sawbench.diagnosis.inference.size import together
 from sawbench.diagnosis.inference.stroke_evidence import StrokesSay, sized_by_strokes, strokes_say, with_strokes
 from sawbench.diagnosis.inference.unnamed import beyond_catalogue, unnamed
@@ -166,12 +167,13 @@ def _without_effects(bench: _Bench) -> list[Hypothesis]:
     """Build "no_gap" and "parameters"."""
     problem, forming = bench.problem, bench.forming
     retuned = Marginal(problem, scale=problem.wide_scale, extra=forming.small)
+    all_at_once = retuned.log_evidence - forming.reference
     return [
         Hypothesis(
             other="no_gap", log_evidence=0.0, left_over=left_over(problem, bench.dispersion, bench.nominal)
         ),
         Hypothesis(
-            other="parameters", log_evidence=retuned.log_evidence - forming.reference,
+            other="parameters", log_evidence=evidence_of_retuning(problem, bench.nominal, all_at_once),
             left_over=left_over(problem, bench.dispersion, retuned),
         ),
     ]  # fmt: skip
