@@ -14,7 +14,7 @@ from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.answer.channel_gap import ChannelGap
 from sawbench.diagnosis.answer.claim import carried_by_strokes, sized_members
 from sawbench.diagnosis.answer.gap_detail import detail, log_odds_at_typical_size
-from sawbench.diagnosis.answer.improved_model import improved_model, magnitudes
+from sawbench.diagnosis.answer.improved_model import columns_of, improved_model, magnitudes
 from sawbench.diagnosis.answer.ladder import RUNGS, Ladder, Rungs
 from sawbench.diagnosis.answer.learned_term import learned_answer, learned_warnings
 from sawbench.diagnosis.answer.next_trial import next_trial
@@ -26,7 +26,7 @@ from sawbench.diagnosis.answer.until_closed import until_closed as close
 from sawbench.diagnosis.answer.where import locate
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.dispersion import stacked_with_noise, with_noise
-from sawbench.diagnosis.inference.evidence import Column, catalogue_columns
+from sawbench.diagnosis.inference.evidence import Column, Explanation, catalogue_columns
 from sawbench.diagnosis.inference.gain_drift import GainDrift, gain_drifts
 from sawbench.diagnosis.inference.hypothesis import OTHERS, Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, build_problem
@@ -155,7 +155,7 @@ def _report(
         "where": places,
         "causes": causes,
         "probabilities": {name: posterior.of(name).probability for name in OTHERS},
-        "parameter_shifts": _shifts(problem),
+        "parameter_shifts": _shifts(problem, members),
         "gap": _gap(predictions.of(first).ladder, channels),
         "signals": signal_findings(campaign, problem.wander, _gain_drifts(problem, posterior)),
         "learned_term": None if learned is None else learned.report(),
@@ -244,11 +244,14 @@ def _where(problem: LinearProblem, posterior: Posterior) -> list[dict[str, Any]]
     return [line] if is_all else [*found, line]
 
 
-def _shifts(problem: LinearProblem) -> dict[str, Any]:
-    """Re-tuned parameters, with priors five times as wide as stated."""
-    marginal = Marginal(problem, scale=problem.wide_scale)
-    mean, std = marginal.estimate()
-    width = problem.wide_scale * problem.prior_std
+def _shifts(problem: LinearProblem, members: Sequence[Explanation]) -> dict[str, Any]:
+    """Re-tuned parameters: beside a declared cause within what is stated of them, else with priors five times as wide.
+
+    A model that lacks the cause bends its parameters towards it; beside the cause they are those of the machine.
+    """
+    scale = np.ones(len(problem.names)) if members else problem.wide_scale
+    mean, std = Marginal(problem, scale=scale, extra=columns_of(members)).estimate()
+    width = scale * problem.prior_std
     place = {name: k for k, name in enumerate(problem.names)}
     shifts = {}
     for nuisance in problem.campaign.plant.nuisances():

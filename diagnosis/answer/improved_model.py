@@ -69,7 +69,7 @@ def improved_model(
     """
     if posterior.verdict == "unknown" and learned is None:
         return None
-    columns = _columns(members) if learned is None else [learned.learned.columns]
+    columns = columns_of(members) if learned is None else learned.learned.columns
     found = _solve(problem, columns, is_wide=posterior.verdict == "parameters")
     tables = tomllib.loads(loaded.text.removeprefix("\ufeff"))
     n_trials = len({part.setting.label for part in problem.parts})
@@ -108,14 +108,14 @@ def _closes(share: float, ends: Sequence[float]) -> str:
     return f"closes {share:.0%} ({interval})"
 
 
-def _columns(members: Sequence[Explanation]) -> list[Floats]:
-    return [m.column.columns * m.effect.strength.high for m in members]
+def columns_of(members: Sequence[Explanation]) -> Floats | None:
+    """Signatures of a cause at the largest size of its effects, shape (n, q); None where there is no cause."""
+    return np.hstack([m.column.columns * m.effect.strength.high for m in members]) if members else None
 
 
-def _solve(problem: LinearProblem, columns: Sequence[Floats], *, is_wide: bool) -> _Solution:
+def _solve(problem: LinearProblem, columns: Floats | None, *, is_wide: bool) -> _Solution:
     scale = problem.wide_scale if is_wide else np.ones(len(problem.names))
-    extra = np.hstack(columns) if columns else np.zeros((len(problem.data), 0))
-    values, stds = Marginal(problem, scale=scale, extra=extra).estimate()
+    values, stds = Marginal(problem, scale=scale, extra=columns).estimate()
     n = len(problem.names)
     width = scale * problem.prior_std
     farthest = SETTINGS.ladder.farthest if is_wide else SETTINGS.ladder.farthest_stated
@@ -179,7 +179,7 @@ def found_effects(problem: LinearProblem, posterior: Posterior, members: Sequenc
     members : sequence of Explanation
         With the magnitudes that the report states.
     """
-    return _found_effects(problem, posterior, members, _solve(problem, _columns(members), is_wide=False))
+    return _found_effects(problem, posterior, members, _solve(problem, columns_of(members), is_wide=False))
 
 
 def _found_effects(

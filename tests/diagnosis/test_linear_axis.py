@@ -92,6 +92,13 @@ def test_dry_friction_closes_the_gap_on_held_out_points(dry):
     assert {spot["equation"] for spot in dry["where"]} == {"mechanical"}
 
 
+def test_parameters_beside_the_named_cause_are_those_of_the_machine(dry):
+    # Without it the damping would stand for the friction.
+    assert dry["verdict"] == "effect"
+    for shift in dry["parameter_shifts"].values():
+        assert abs(shift["sigmas"]) < 1.0
+
+
 def test_viscous_truth_claims_no_effect():
     report = diagnosed(rig.Friction())
     assert report["verdict"] == "no_gap"
