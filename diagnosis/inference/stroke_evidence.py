@@ -34,8 +34,7 @@ class StrokesSay:
     size, size_std : float
         Of the reported parameter.
     is_whole : bool
-        Strokes know all of the effect: where they speak against it, what mean strokes say for it comes of something
-        else.
+        Strokes know all of the effect: a trend, not a wave.
     words : str
         What was found, for the report; empty where the size says it all.
     """
@@ -51,6 +50,14 @@ class StrokesSay:
     def beside(self, others: Sequence[Effect]) -> float:
         """Log evidence of the strokes beside other effects."""
         return self.beside_cutting if any(e.bends_hardness for e in others) else self.alone
+
+    def denies(self, nats: float, numbers: Strokes) -> bool:
+        """Whether strokes of that log evidence speak against the effect.
+
+        What mean strokes say for it then comes of something else. Of a wave, which mean strokes hold as the slow
+        changes of the hardness that any wood has, no evidence is enough.
+        """
+        return nats < numbers.against if self.is_whole else nats <= 0.0
 
 
 def strokes_say(
@@ -137,7 +144,7 @@ def with_strokes(
         rest = h.without(effect)
         nats = said.beside([known[name] for name in rest])
         value = h.log_evidence
-        if said.is_whole and nats < numbers.against:
+        if said.denies(nats, numbers):
             value = min(value, evidence.get(rest, 0.0) if rest else 0.0)
         joined[h.effects] = replace(
             h, log_evidence=value + _counted(nats, numbers, is_whole=said.is_whole),

@@ -39,6 +39,8 @@ class StrokeSeries:
     Attributes
     ----------
     label : str
+    material : str
+        Of the workpiece; that of a trial which states none is its own.
     feed_m_s : float
     rate_hz : float
         Strokes per second.
@@ -51,6 +53,7 @@ class StrokeSeries:
     """
 
     label: str
+    material: str
     feed_m_s: float
     rate_hz: float
     log_k: Floats
@@ -109,6 +112,7 @@ def stroke_series(trial: ProcessedTrial, *, mechanism: Mechanism, cutting_sign: 
     slope = (work - mean_force * mean_speed) / (square - mean_speed**2)
     return StrokeSeries(
         label=trial.trial.trial_id,
+        material=trial.trial.material or trial.trial.trial_id,
         feed_m_s=1e-3 * feed_mm_s,
         rate_hz=float(rate_hz),
         log_k=log_k,
@@ -158,6 +162,7 @@ class StrokeSpectra:
         rates = [np.full(len(s[0]), trial.rate_hz) for s, trial in zip(spectra, trials, strict=True)]
         self._rate_hz = np.concatenate(rates)
         self._trial = np.repeat(np.arange(len(trials)), [len(of[0]) for of in spectra])
+        self._material = np.array([trial.material for trial in trials])[self._trial]
         self._n_strokes = np.array([len(trial.log_k) for trial in trials])[self._trial]
         self._null, (white, coloured, memory) = _fit_scatter(self._power, self._cycles)
         # The scatter is tried again on a coarse grid: a wave takes variance from it.
@@ -205,11 +210,17 @@ class StrokeSpectra:
         return (log if depth > _ORDINARY_DEPTH else min(log, 0.0)), depth, place
 
     def _depth(self, inside: np.ndarray, scatter: int) -> float:
-        """Amplitude of a sine that varies as much as the strokes do beyond their scatter, at some frequencies."""
-        n_strokes = self._n_strokes[inside]
-        beyond = 2.0 * np.sum((self._power[inside] - self._scatters[scatter, inside]) / n_strokes)
-        n_trials = len(np.unique(self._trial[inside]))
-        return float(np.sqrt(2.0 * max(beyond, 0.0) / max(n_trials, 1)))
+        """Amplitude of a sine that varies as much as the strokes do beyond their scatter, at some frequencies.
+
+        In the material where it is deepest: wood has grain where plastic has none.
+        """
+        beyond = (self._power[inside] - self._scatters[scatter, inside]) / self._n_strokes[inside]
+        trials, materials = self._trial[inside], self._material[inside]
+        depths = [
+            2.0 * np.sqrt(max(np.sum(beyond[materials == name]), 0.0) / len(np.unique(trials[materials == name])))
+            for name in np.unique(materials)
+        ]
+        return float(max(depths, default=0.0))
 
 
 def _periodogram(trial: StrokeSeries) -> tuple[Floats, Floats, Floats, Floats]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sawbench.diagnosis.inference.settings import SETTINGS
@@ -41,7 +43,7 @@ def campaign(kind: str, seed: int, *, wavelength_m: float | None = None, frequen
             log_k = log_k + DEPTH * np.sin(2 * np.pi * frequency_hz * time_s + start)
         found.append(
             StrokeSeries(
-                label=f"t{number}", feed_m_s=feed_m_s, rate_hz=rate_hz, log_k=log_k,
+                label=f"t{number}", material="oak", feed_m_s=feed_m_s, rate_hz=rate_hz, log_k=log_k,
                 k_n_s_per_m=300.0 * np.exp(log_k), time_s=time_s,
             )
         )  # fmt: skip
@@ -58,6 +60,15 @@ def test_a_wave_along_the_feed_path_is_found_at_its_wavelength(kind, wavelength_
     found = grain(campaign(kind, 3, wavelength_m=wavelength_m))
     assert found.log_evidence > 20.0
     assert found.wavelength_m == pytest.approx(wavelength_m, rel=0.1)
+    assert found.depth == pytest.approx(DEPTH, rel=0.25)
+
+
+@pytest.mark.parametrize("kind", ["white", "with memory"])
+def test_grain_of_one_material_has_its_depth_beside_trials_in_another(kind):
+    wood = campaign(kind, 3, wavelength_m=WAVELENGTH_M)
+    plastic = [replace(trial, material="nylon") for seed in (8, 9, 10) for trial in campaign(kind, seed)]
+    found = grain([*plastic, *wood])
+    assert found.log_evidence > 20.0
     assert found.depth == pytest.approx(DEPTH, rel=0.25)
 
 
@@ -82,7 +93,7 @@ def test_wood_that_varies_along_the_cut_as_any_wood_does_is_no_grain(std, seed):
         smooth = np.convolve(hardness, np.ones(5) / 5, mode="same") + 0.003 * rng.standard_normal(n)
         trials.append(
             StrokeSeries(
-                label=f"t{number}", feed_m_s=feed_m_s, rate_hz=rate_hz, log_k=smooth - smooth.mean(),
+                label=f"t{number}", material="oak", feed_m_s=feed_m_s, rate_hz=rate_hz, log_k=smooth - smooth.mean(),
                 k_n_s_per_m=300.0 * np.exp(smooth), time_s=np.arange(n) / rate_hz,
             )
         )  # fmt: skip

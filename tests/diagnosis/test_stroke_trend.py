@@ -49,7 +49,7 @@ def campaign(
         time_s = np.arange(n) / rate_hz
         strokes.append(
             StrokeSeries(
-                label=f"t{number}", feed_m_s=1e-3 * feed_mm_s, rate_hz=rate_hz, log_k=np.log(k / k.mean()),
+                label=f"t{number}", material="oak", feed_m_s=1e-3 * feed_mm_s, rate_hz=rate_hz, log_k=np.log(k / k.mean()),
                 k_n_s_per_m=k, time_s=time_s,
             )
         )  # fmt: skip
@@ -238,6 +238,15 @@ def test_strokes_count_for_two_effects_beside_a_third():
     assert three in resting
     against, _ = added(evidence, alone=-2.0)
     assert against[three] == pytest.approx(130.0 - 2.0 * STROKE_WEIGHT)
+
+
+@pytest.mark.parametrize("alone", [0.0, -3.0])
+def test_slow_changes_of_mean_strokes_are_no_grain_where_single_strokes_show_none(alone):
+    pair = "edge_force + grain_variation"
+    evidence = {"grain_variation": 12.0, "edge_force": 100.0, pair: 114.0}
+    found, _ = added(evidence, alone=alone, effect="grain_variation", is_whole=False)
+    assert found["grain_variation"] == pytest.approx(alone * STROKE_WEIGHT)
+    assert found[pair] == pytest.approx(100.0 + alone * STROKE_WEIGHT)
 
 
 def test_a_grain_that_strokes_show_costs_nothing_beside_another_effect():
