@@ -6,7 +6,8 @@ beyond. The blade cuts one way only, so the middle of the return stroke reads th
 
     zero(t) = b . columns + a g(t) + u(trial) + w(t) + white,    dw = -w/tau dt + sqrt(q) dB
 
-with u of standard deviation s. The density q and the white noise come from what the zeros of one trial differ by (a
+with u of standard deviation s, each restart on its own or a step from the one before, whichever is likelier. The
+density q and the white noise come from what the zeros of one trial differ by (a
 restricted likelihood: the trial's straight line is taken out), tau and s from all trials together. A lasting trend
 a g(t), in each form that the catalogue knows or none, competes with them, so that a true drift is not taken for wander.
 The density and the variance of restarts are posterior means over grids that are even in the logarithm, no size being
@@ -21,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from sawbench.bench.recording import Floats
@@ -78,6 +80,8 @@ class ZeroWander:
         Time in which the walk forgets.
     restart_n : float
         Standard deviation from restart to restart.
+    restarts_add_up : bool
+        Whether every restart is a step from where the zero stood before.
     is_drifting : bool
         Whether a lasting trend says of the zeros of later trials what the wander alone does not.
     """
@@ -87,6 +91,7 @@ class ZeroWander:
     white_n: float
     memory_s: float
     restart_n: float
+    restarts_add_up: bool = False
     is_drifting: bool = False
 
     def covariance(self, at_s: Floats, trial: np.ndarray) -> Floats:
@@ -97,11 +102,16 @@ class ZeroWander:
         at_s : ndarray, shape (n,)
             Since the start of the campaign.
         trial : ndarray of int, shape (n,)
+            In the order of the session, from 0.
         """
         apart_s = np.abs(at_s[:, None] - at_s)
-        same = (trial[:, None] == trial).astype(float)
         walked = 0.5 * self.density_n2_s * self.memory_s * np.exp(-apart_s / self.memory_s)
-        return walked + self.restart_n**2 * same
+        return walked + self.restart_n**2 * _restarts_shared(trial, add_up=self.restarts_add_up)
+
+
+def _restarts_shared(trial: np.ndarray, *, add_up: bool) -> Floats:
+    """Restarts that the zeros of two trials have in common, shape (n, n)."""
+    return np.where(trial[:, None] == trial, 1.0, 0.0) if not add_up else 1.0 + np.minimum(trial[:, None], trial)
 
 
 def zero_readings(baseline: Baseline, states: Sequence[State]) -> list[ZeroReadings]:
@@ -156,10 +166,10 @@ def zero_wander(trials: Sequence[ZeroReadings]) -> ZeroWander | None:
         return None
     density, density_std, white = _within(long)
     means = _Means.of(trials, density, white)
-    memory_s, restart_n = _between(means)
+    add_up, memory_s, restart_n = _between(means)
     return ZeroWander(
         density_n2_s=density, density_std_n2_s=density_std, white_n=white, memory_s=memory_s, restart_n=restart_n,
-        is_drifting=_is_drifting(means, memory_s, restart_n),
+        restarts_add_up=add_up, is_drifting=_is_drifting(means, means.covariance(memory_s, restart_n, add_up=add_up)),
     )  # fmt: skip
 
 
@@ -223,34 +233,39 @@ class _Means:
             density_n2_s=density,
         )
 
-    def covariance(self, memory_s: float, restart_n: float) -> Floats:
+    def covariance(self, memory_s: float, restart_n: float, *, add_up: bool) -> Floats:
         """Shape (n_trials, n_trials), N^2."""
         apart_s = np.abs(self.at_s[:, None] - self.at_s)
         walked = 0.5 * self.density_n2_s * memory_s * np.exp(-apart_s / memory_s)
-        return self.known + walked + restart_n**2 * np.eye(len(self.at_s))
+        return self.known + walked + restart_n**2 * _restarts_shared(np.arange(len(self.at_s)), add_up=add_up)
 
 
-def _between(means: _Means) -> tuple[float, float]:
-    """Most likely memory, and scatter of restarts: from the trials' mean zeros, whatever lasting trend there is."""
+def _between(means: _Means) -> tuple[bool, float, float]:
+    """Whether restarts add up, most likely memory, and scatter of restarts.
+
+    From the trials' mean zeros, whatever lasting trend there is.
+    """
     trends = _trends(means.at_s)
-    logs = np.empty((len(_MEMORIES_S), len(_RESTARTS_N)))
-    for k, memory_s in enumerate(_MEMORIES_S):
-        for j, restart_n in enumerate(_RESTARTS_N):
-            covariance = means.covariance(memory_s, restart_n)
-            with_trend = [_LOG_PRIOR_TREND + _log_likelihood(covariance, g, means.zero_n) for g in trends]
-            none = _log_likelihood(covariance, np.zeros(len(means.at_s)), means.zero_n)
-            logs[k, j] = np.logaddexp.reduce([none, *with_trend])
+
+    def log_of(add_up: bool, memory_s: float, restart_n: float) -> float:
+        covariance = means.covariance(memory_s, restart_n, add_up=add_up)
+        with_trend = [_LOG_PRIOR_TREND + _log_likelihood(covariance, g, means.zero_n) for g in trends]
+        none = _log_likelihood(covariance, np.zeros(len(means.at_s)), means.zero_n)
+        return float(np.logaddexp.reduce([none, *with_trend]))
+
+    kinds = list(product((False, True), _MEMORIES_S))
+    logs = np.array([[log_of(*kind, restart_n) for restart_n in _RESTARTS_N] for kind in kinds])
     weights = np.exp(logs - logs.max())
     k = int(np.argmax(weights.sum(axis=1)))
-    return _MEMORIES_S[k], float(np.sqrt(weights[k] @ _RESTARTS_N**2 / weights[k].sum()))
+    return *kinds[k], float(np.sqrt(weights[k] @ _RESTARTS_N**2 / weights[k].sum()))
 
 
-def _is_drifting(means: _Means, memory_s: float, restart_n: float) -> bool:
+def _is_drifting(means: _Means, covariance: Floats) -> bool:
     """Whether a lasting trend predicts stretches of the session from those before, beyond the standard error of that.
 
     Interpolated, a zero that wanders is known as well as one that drifts; ahead it is not.
     """
-    covariance, trends = means.covariance(memory_s, restart_n), _trends(means.at_s)
+    trends = _trends(means.at_s)
     ends = np.unique(np.linspace(0, len(means.at_s), _STRETCHES + 1).astype(int))[1:]
 
     def gained(n: int) -> float:

@@ -49,8 +49,8 @@ def campaign(
         time_s = np.arange(n) / rate_hz
         strokes.append(
             StrokeSeries(
-                label=f"t{number}", material="oak", feed_m_s=1e-3 * feed_mm_s, rate_hz=rate_hz, log_k=np.log(k / k.mean()),
-                k_n_s_per_m=k, time_s=time_s,
+                label=f"t{number}", material="oak", feed_m_s=1e-3 * feed_mm_s, rate_hz=rate_hz,
+                log_k=np.log(k / k.mean()), k_n_s_per_m=k, time_s=time_s,
             )
         )  # fmt: skip
         states.append(running(number, duty, feed_mm_s, rate_hz, time_s, distance_m))

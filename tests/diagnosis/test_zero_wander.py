@@ -26,7 +26,7 @@ def walk(rng, size_n):
     return size_n * np.cumsum(rng.standard_normal(N_UNITS)) / np.sqrt(N_UNITS)
 
 
-def zeros(rng, *, size_n, restart_n=0.0, drift_n_per_1000_s=0.0, goes_on=False):
+def zeros(rng, *, size_n, restart_n=0.0, step_n=0.0, drift_n_per_1000_s=0.0, goes_on=False):
     """Zero of each trial at each reading, and when; a walk that goes on does so between trials too."""
     last_n = 0.0
     for number in range(N_TRIALS):
@@ -35,6 +35,7 @@ def zeros(rng, *, size_n, restart_n=0.0, drift_n_per_1000_s=0.0, goes_on=False):
         if goes_on:
             rest_s = APART_S - LENGTH_S
             last_n = walked_n[-1] + size_n * np.sqrt(rest_s / LENGTH_S) * rng.standard_normal()
+        last_n += step_n * rng.standard_normal() if step_n else 0.0
         yield at_s, walked_n + restart_n * rng.standard_normal() + drift_n_per_1000_s * at_s / 1000.0
 
 
@@ -76,7 +77,10 @@ def test_a_lasting_drift_is_no_wander():
 def test_a_zero_drifts_where_a_trend_says_what_comes_next_and_not_where_it_walks():
     drifting = [zero_wander(readings(np.random.default_rng(k), size_n=0.1, drift_n_per_1000_s=8.0)) for k in range(20)]
     assert np.mean([w.is_drifting for w in drifting]) >= 0.9
-    for walks in ({"size_n": 0.3, "goes_on": True}, {"size_n": 0.1, "restart_n": 1.0}, {"size_n": 0.02}):
+    for walks in (
+        {"size_n": 0.3, "goes_on": True}, {"size_n": 0.1, "restart_n": 1.0}, {"size_n": 0.02},
+        {"size_n": 0.1, "step_n": 0.5},
+    ):  # fmt: skip
         still = [zero_wander(readings(np.random.default_rng(k), **walks)) for k in range(20)]
         assert np.mean([w.is_drifting for w in still]) <= 0.2
 
@@ -124,9 +128,13 @@ def drift_found(strokes, seed, **numbers):
     return explain(Marginal(problem), columns).log_evidence
 
 
-@pytest.mark.parametrize("goes_on", [False, True])
-def test_a_wandering_zero_is_no_evidence_of_a_drift(strokes, goes_on):
-    found = [drift_found(strokes, seed, size_n=0.6, restart_n=0.5, goes_on=goes_on) for seed in range(5)]
+@pytest.mark.parametrize(
+    "walks",
+    [{"restart_n": 0.5}, {"restart_n": 0.5, "goes_on": True}, {"step_n": 0.5}],
+    ids=", ".join,
+)
+def test_a_wandering_zero_is_no_evidence_of_a_drift(strokes, walks):
+    found = [drift_found(strokes, seed, size_n=0.6, **walks) for seed in range(5)]
     assert max(found) < 5.0
 
 
