@@ -74,7 +74,7 @@ class Ladder:
     least_added : float
         Of what the other effects of a cause leave above the noise: a further one that takes away less is not named.
     most_harm : float
-        By which a cause may raise the squared error of the predicted channels over their noise.
+        Of the squared error of the predicted channels without a cause: by how much it may raise that.
     """
 
     least_rest: float = marked(0.02, "convention", "a closed gap is stated to 2 %")
@@ -89,7 +89,7 @@ class Ladder:
     solved_forms: int = marked(3, "convention", "time: each costs a bounded least-squares problem")
     most_autocorrelation: float = marked(0.9, "convention", "keeps the noise finite: a factor of 4.4")
     least_added: float = marked(0.1, "convention", "one direction of ten smooth ones takes up as much by chance")
-    most_harm: float = marked(1.0, "convention", "as much as the noise of one channel")
+    most_harm: float = marked(1.0, "convention", "a factor of two")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

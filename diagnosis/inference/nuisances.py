@@ -15,7 +15,7 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.known import KnownEffect
-from sawbench.modeling.residuals import Baseline, Signature, inertia_torque, plunger_swing, residuals
+from sawbench.modeling.residuals import Baseline, Signature, inertia_torque, is_angle_known, plunger_swing, residuals
 from sawbench.modeling.state import TWO_PI, State
 
 # Of the radius, for the derivative of a torque that is a smooth function of it.
@@ -358,12 +358,16 @@ def _displacement_bow(baseline: Baseline, state: State) -> Signature:
 
     The angle is read from it: above the lower dead centre by that share of the stroke over the lever.
     """
+    if not is_angle_known(state):
+        return {}
     sine, cosine = np.sin(state.angle_rad), np.cos(state.angle_rad)
     return _wrong_angle(baseline, state, (2.0 * sine, 2.0 * cosine, -2.0 * sine))
 
 
 def _displacement_skew(baseline: Baseline, state: State) -> Signature:
     """The same for what is too much in one half of the stroke and too little in the other, at most by all of it."""
+    if not is_angle_known(state):
+        return {}
     peak = 1.5 * np.sqrt(3.0)  # of y (1 - y^2), whose largest value is one over that
     sine, cosine = np.sin(2.0 * state.angle_rad), np.cos(2.0 * state.angle_rad)
     return _wrong_angle(baseline, state, (-peak * sine, -2.0 * peak * cosine, 4.0 * peak * sine))

@@ -164,6 +164,8 @@ def test_a_cause_is_named_by_what_it_closes(problem, columns, retuned, with_effe
         (Rungs(nominal=0.6, retuned=0.5, with_effect=0.8, noise_floor=0.4), (2.0, 0.3), True),
         # Both worse by less than noise.
         (Rungs(nominal=0.6, retuned=0.4, with_effect=0.41, noise_floor=0.4), (0.3, 0.31), True),
+        # Both missed by five times the noise, with the cause by 4 % more.
+        (Rungs(nominal=3.0, retuned=2.0, with_effect=2.08, noise_floor=0.4), (1.5, 1.56), True),
         # As seen: a resonance and a lag of the same sensor that cancel in the harmonics compared.
         (Rungs(nominal=1.2, retuned=0.37, with_effect=6.53, noise_floor=0.39), (0.3, 0.31), False),
     ],

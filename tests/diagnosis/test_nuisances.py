@@ -153,6 +153,14 @@ BENT = {
 }
 
 
+@pytest.mark.parametrize("entry", nuisances_of(BASELINE), ids=lambda entry: entry.name)
+def test_every_nuisance_is_a_number_where_the_crank_angle_is_not_known(true, entry):
+    blind = replace(true, angle_rad=np.full_like(true.angle_rad, np.nan))
+    compared, found = residuals(BASELINE, blind), entry.signature(BASELINE, blind)
+    assert compared
+    assert all(np.all(np.isfinite(wave)) for equation, wave in found.items() if equation in compared)
+
+
 @pytest.mark.parametrize("name", BENT)
 def test_a_displacement_that_is_not_linear(true, name):
     stroke = mean_stroke(true)
