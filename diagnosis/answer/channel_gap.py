@@ -78,7 +78,7 @@ class ChannelGap:
 
     @property
     def harm(self) -> float:
-        """What the cause adds to the squared error of the re-tuned model, as a share of that, or of the noise if larger.
+        """What the cause adds to the squared error of the re-tuned model, as a share of that or of the noise.
 
         In squares over the noise of each channel, summed. Points that no model was fitted to are missed by several
         times the noise: a few per cent more of that say nothing.

@@ -212,8 +212,8 @@ class Sensors:
         {
             "motor_current_gain": 0.01, "motor_current_offset_a": 0.03, "force_gain": 0.01, "force_offset_n": 1.0,
             "battery_current_gain": 0.01, "battery_current_offset_a": 0.03, "battery_voltage_gain": 0.003,
-            "battery_voltage_offset_v": 0.01, "angle_zero_rad": 0.005, "displacement_bow": 2e-3,
-            "displacement_skew": 2e-3,
+            "battery_voltage_offset_v": 0.01, "angle_zero_rad": 0.005, "displacement_bow": 1e-3,
+            "displacement_skew": 1e-3,
         }, "convention", CLASS,
     )  # fmt: skip
     battery_rel_std: Mapping[str, float] = marked(
