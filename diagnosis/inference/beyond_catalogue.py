@@ -17,7 +17,9 @@ from sawbench.modeling.effects.effect import BACKGROUND_SHARE, Effect, Strength
 from sawbench.modeling.residuals import Baseline, Signature, is_angle_known, residuals
 from sawbench.modeling.state import START_UP_STEP_S, State
 
-_N_BENT_HARMONICS = 4
+N_BEND_HARMONICS = 4
+# Standard deviation of each coefficient: an ordinary sensor is straight to about 0.15 % of its range, two of them.
+ORDINARY_BEND_RAD = BACKGROUND_SHARE * SETTINGS.forms.bent_displacement_rad
 _STEP_RAD = 1e-4
 # The torque of viscous friction is stated at this speed of the motor.
 _UNIT_RAD_S = 1000.0
@@ -40,7 +42,7 @@ def straightened(state: State, coefficients_rad: Floats) -> State:
     -------
     State
     """
-    order = np.arange(1, _N_BENT_HARMONICS + 1)[:, None, None]
+    order = np.arange(1, N_BEND_HARMONICS + 1)[:, None, None]
     size = np.reshape(coefficients_rad, (-1, 1, 1)) / order**2
     turned, speed = order * state.angle_rad, state.speed_rad_s
     slower = 1.0 - np.sum(size * order * np.cos(turned), axis=0)
@@ -53,22 +55,35 @@ def straightened(state: State, coefficients_rad: Floats) -> State:
     )
 
 
-def _bent_displacement(baseline: Baseline, state: State) -> tuple[Signature, ...]:
-    """One signature for each sine, at a start as well: there the speed is read wrong in the same way."""
+def bend_of_displacement(baseline: Baseline, state: State, order: int) -> Signature:
+    """Change of the residuals per radian of one coefficient of a bend, by central difference.
+
+    At a start as well: there the speed is read wrong in the same way.
+
+    Parameters
+    ----------
+    baseline : Baseline
+    state : State
+    order : int
+        Harmonic, 1 to `N_BEND_HARMONICS`.
+    """
     if not is_angle_known(state):
-        return tuple({} for _ in range(_N_BENT_HARMONICS))
-    found: list[Signature] = []
-    for step in _STEP_RAD * np.eye(_N_BENT_HARMONICS):
-        more, less = straightened(state, step), straightened(state, -step)
-        up, down = residuals(baseline, more), residuals(baseline, less)
-        # What the reading hides is what straightening it takes away.
-        one: Signature = {
-            name: (down[name] - up[name]) / (2.0 * _STEP_RAD) for name in ("electrical", "mechanical") if name in up
-        }
-        if state.force_n is not None and not state.setting.is_idle:
-            one["cutting"] = (baseline.expected_force(more) - baseline.expected_force(less)) / (2.0 * _STEP_RAD)
-        found.append(one)
-    return tuple(found)
+        return {}
+    step = np.zeros(N_BEND_HARMONICS)
+    step[order - 1] = _STEP_RAD
+    more, less = straightened(state, step), straightened(state, -step)
+    up, down = residuals(baseline, more), residuals(baseline, less)
+    # What the reading hides is what straightening it takes away.
+    found: Signature = {
+        name: (down[name] - up[name]) / (2.0 * _STEP_RAD) for name in ("electrical", "mechanical") if name in up
+    }
+    if state.force_n is not None and not state.setting.is_idle:
+        found["cutting"] = (baseline.expected_force(more) - baseline.expected_force(less)) / (2.0 * _STEP_RAD)
+    return found
+
+
+def _bent_displacement(baseline: Baseline, state: State) -> tuple[Signature, ...]:
+    return tuple(bend_of_displacement(baseline, state, order) for order in range(1, N_BEND_HARMONICS + 1))
 
 
 def _warming_friction(
@@ -103,8 +118,6 @@ BENT_DISPLACEMENT = Effect(
         name="swing_rad", unit="rad", typical=SETTINGS.forms.bent_displacement_rad, low=0.1, high=5.0, source="assumed"
     ),
     signature=_bent_displacement,
-    # An ordinary sensor is straight to about 0.15 % of its range, two standard deviations.
-    background=(({}, BACKGROUND_SHARE),),
 )
 WARMING_FRICTION = Effect(
     name="friction that falls as the machine warms up",

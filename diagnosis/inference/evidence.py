@@ -367,13 +367,8 @@ def _several(grid: Floats, grams: Floats, moments: Floats) -> tuple[Floats, Floa
     return log_mean_exp_rows(logs), solutions, stds, np.sum(moments * solutions, axis=1)
 
 
-def background(problem: LinearProblem, effects: Sequence[Effect]) -> Floats:
-    """Nuisance columns for small amounts of every effect, shape (n, q), times their prior standard deviation."""
-    return np.hstack([np.zeros((len(problem.data), 0)), *little_of_each(problem, effects).values()])
-
-
 def little_of_each(problem: LinearProblem, effects: Sequence[Effect]) -> dict[str, Floats]:
-    """`background` by the name of the effect."""
+    """Nuisance columns for small amounts of every effect, times their prior standard deviation, by its name."""
     found = {}
     for effect in effects:
         sizes = [share * effect.strength.typical for _, share in effect.little]

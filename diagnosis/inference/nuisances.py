@@ -13,9 +13,10 @@ from typing import Any, Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.beyond_catalogue import N_BEND_HARMONICS, ORDINARY_BEND_RAD, bend_of_displacement
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.known import KnownEffect
-from sawbench.modeling.residuals import Baseline, Signature, inertia_torque, is_angle_known, plunger_swing, residuals
+from sawbench.modeling.residuals import Baseline, Signature, inertia_torque, plunger_swing, residuals
 from sawbench.modeling.state import TWO_PI, State
 
 # Of the radius, for the derivative of a torque that is a smooth function of it.
@@ -83,7 +84,8 @@ def nuisances_of(baseline: Baseline) -> tuple[Nuisance, ...]:
     tuple of Nuisance
     """
     return (
-        *_plant_nuisances(baseline), *_battery_nuisances(baseline), *_sensor_nuisances(), *_reversal_nuisances(),
+        *_plant_nuisances(baseline), *_battery_nuisances(baseline), *_sensor_nuisances(), *_bend_nuisances(),
+        *_reversal_nuisances(),
     )  # fmt: skip
 
 
@@ -218,8 +220,19 @@ def _missing_beside(*, is_start: bool) -> SignatureFunction:
     return signature
 
 
+def _bend_nuisances() -> list[Nuisance]:
+    """A displacement that is not quite straight between its ends; what is far from straight is beyond the catalogue."""
+    return [
+        Nuisance(
+            name=f"displacement_bend_{order}_rad", nominal=0.0, std=ORDINARY_BEND_RAD, is_plant=False,
+            signature=lambda baseline, state, order=order: bend_of_displacement(baseline, state, order),
+        )
+        for order in range(1, N_BEND_HARMONICS + 1)
+    ]  # fmt: skip
+
+
 def _sensor_nuisances() -> list[Nuisance]:
-    """Gains, offsets, the angle's zero and the characteristic of the displacement.
+    """Gains, offsets and the angle's zero.
 
     The gain of what an equation is solved for enters with what the equation says, not with the reading: with the
     reading, a gain of -100 % would make every misfit vanish, and large misfits would be "explained" so.
@@ -234,8 +247,6 @@ def _sensor_nuisances() -> list[Nuisance]:
         "battery_voltage_gain": _battery_voltage_gain,
         "battery_voltage_offset_v": _battery_voltage_offset,
         "angle_zero_rad": angle_shift,
-        "displacement_bow": _displacement_bow,
-        "displacement_skew": _displacement_skew,
     }
     sensors = SETTINGS.sensors
     return [
@@ -348,52 +359,14 @@ READINGS: Final[Mapping[str, Reading]] = MappingProxyType(
 
 
 def angle_shift(baseline: Baseline, state: State, step_rad: float = 1e-4) -> Signature:
-    """Change of the residuals per radian of error in the zero of the crank angle."""
-    nothing = np.zeros_like(state.angle_rad)
-    return _wrong_angle(baseline, state, (nothing + 1.0, nothing, nothing), step_rad)
-
-
-def _displacement_bow(baseline: Baseline, state: State) -> Signature:
-    """Of a displacement that shows all of the stroke too much in its middle and nothing at its ends.
-
-    The angle is read from it: above the lower dead centre by that share of the stroke over the lever.
-    """
-    if not is_angle_known(state):
-        return {}
-    sine, cosine = np.sin(state.angle_rad), np.cos(state.angle_rad)
-    return _wrong_angle(baseline, state, (2.0 * sine, 2.0 * cosine, -2.0 * sine))
-
-
-def _displacement_skew(baseline: Baseline, state: State) -> Signature:
-    """The same for what is too much in one half of the stroke and too little in the other, at most by all of it."""
-    if not is_angle_known(state):
-        return {}
-    peak = 1.5 * np.sqrt(3.0)  # of y (1 - y^2), whose largest value is one over that
-    sine, cosine = np.sin(2.0 * state.angle_rad), np.cos(2.0 * state.angle_rad)
-    return _wrong_angle(baseline, state, (-peak * sine, -2.0 * peak * cosine, 4.0 * peak * sine))
-
-
-def _wrong_angle(
-    baseline: Baseline, state: State, error_rad: tuple[Floats, Floats, Floats], step: float = 1e-4
-) -> Signature:
-    """Change of the residuals by an error of the angle, with its first and second derivative; central difference.
+    """Change of the residuals per radian of error in the zero of the crank angle, by central difference.
 
     The force of the linear cutting law comes early or late with it: the cutting residual less that force is meant.
     """
-    error, slope, bend = error_rad
-
-    def misread(size: float) -> State:
-        speed = state.speed_rad_s
-        return replace(
-            state,
-            angle_rad=state.angle_rad + size * error,
-            speed_rad_s=speed * (1.0 + size * slope),
-            acceleration_rad_s2=state.acceleration_rad_s2 * (1.0 + size * slope) + size * bend * speed**2,
-        )
-
-    up, down = misread(step), misread(-step)
+    up = replace(state, angle_rad=state.angle_rad + step_rad)
+    down = replace(state, angle_rad=state.angle_rad - step_rad)
     high, low = residuals(baseline, up), residuals(baseline, down)
-    found: Signature = {name: (high[name] - low[name]) / (2.0 * step) for name in high}
+    found: Signature = {name: (high[name] - low[name]) / (2.0 * step_rad) for name in high}
     if "cutting" in found:
-        found["cutting"] = (baseline.expected_force(down) - baseline.expected_force(up)) / (2.0 * step)
+        found["cutting"] = (baseline.expected_force(down) - baseline.expected_force(up)) / (2.0 * step_rad)
     return found

@@ -13,7 +13,6 @@ from sawbench.diagnosis.inference.evidence import (
     Catalogue,
     Column,
     Explanation,
-    background,
     catalogue_columns,
     little_of_each,
 )
@@ -146,7 +145,6 @@ class _Bench:
 def _bench_of(problem: LinearProblem, columns: dict[str, list[Column]], little: Mapping[str, Floats]) -> _Bench:
     plant = problem.campaign.plant
     beyond = catalogue_columns(problem, plant.beyond_catalogue)
-    ordinary = background(problem, [e for e in plant.beyond_catalogue if e.background])
     catalogue = Catalogue(columns, problem.data)
     dispersion = noise_factor(problem, catalogue, Catalogue(beyond, problem.data))
     if dispersion.max() > 1.0:
@@ -154,8 +152,7 @@ def _bench_of(problem: LinearProblem, columns: dict[str, list[Column]], little: 
         columns, beyond = (columns_with_noise(problem, found, dispersion) for found in (columns, beyond))
         catalogue = Catalogue(columns, problem.data)
     # Background effects are scaled twice: noise that large already holds them.
-    share = 1.0 / np.sqrt(dispersion)[:, None]
-    small = np.hstack([*(share**2 * found for found in little.values()), share * ordinary])
+    small = np.hstack([np.zeros((len(dispersion), 0)), *(found / dispersion[:, None] for found in little.values())])
     nominal = Marginal(problem, extra=small)
     forming = Forming(problem, small, nominal.log_evidence, dispersion)
     return _Bench(

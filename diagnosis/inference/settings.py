@@ -184,8 +184,7 @@ class Sensors:
     Attributes
     ----------
     std : mapping of str to float
-        Of gains (relative), offsets and the angle's zero, in the unit of the name; of what the displacement shows too
-        much between its ends, as a share of the stroke.
+        Of gains (relative), offsets and the angle's zero, in the unit of the name.
     battery_rel_std : mapping of str to float
         Of the battery's numbers, for which the configuration states none.
     floor : mapping of str to (float, float)
@@ -212,8 +211,7 @@ class Sensors:
         {
             "motor_current_gain": 0.01, "motor_current_offset_a": 0.03, "force_gain": 0.01, "force_offset_n": 1.0,
             "battery_current_gain": 0.01, "battery_current_offset_a": 0.03, "battery_voltage_gain": 0.003,
-            "battery_voltage_offset_v": 0.01, "angle_zero_rad": 0.005, "displacement_bow": 1e-3,
-            "displacement_skew": 1e-3,
+            "battery_voltage_offset_v": 0.01, "angle_zero_rad": 0.005,
         }, "convention", CLASS,
     )  # fmt: skip
     battery_rel_std: Mapping[str, float] = marked(

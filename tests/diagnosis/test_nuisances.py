@@ -145,11 +145,11 @@ def misread(true, bent):
     return replace(true, **waves, acceleration_rad_s2=waves["speed_rad_s"] * angle_derivative(waves["speed_rad_s"]))
 
 
-# Of the whole stroke, which is two radii.
+# What is added to a displacement, both over the radius, and the sine of the read angle that it makes.
 BEND = 2e-3
 BENT = {
-    "displacement_bow": lambda x: BEND * 2.0 * 4.0 * (x / 2) * (1 - x / 2),
-    "displacement_skew": lambda x: BEND * 2.0 * 1.5 * np.sqrt(3.0) * (x - 1) * (1 - (x - 1) ** 2),
+    "displacement_bend_1_rad": (lambda x: BEND * x * (1 - x / 2), 0.5 * BEND),
+    "displacement_bend_2_rad": (lambda x: BEND * (x - 1) * (1 - (x - 1) ** 2), -0.5 * 4 * BEND),
 }
 
 
@@ -163,12 +163,12 @@ def test_every_nuisance_is_a_number_where_the_crank_angle_is_not_known(true, ent
 
 @pytest.mark.parametrize("name", BENT)
 def test_a_displacement_that_is_not_linear(true, name):
-    stroke = mean_stroke(true)
+    stroke, (bent, coefficient) = mean_stroke(true), BENT[name]
     claimed = nuisance(name).signature(BASELINE, stroke)
-    before, after = gap(BASELINE, stroke), gap(BASELINE, misread(stroke, BENT[name]))
+    before, after = gap(BASELINE, stroke), gap(BASELINE, misread(stroke, bent))
     for equation in ("electrical", "mechanical"):
         seen = np.fft.rfft(after[equation] - before[equation], axis=1)[:, :9]
-        said = BEND * np.fft.rfft(claimed[equation], axis=1)[:, :9]
+        said = coefficient * np.fft.rfft(claimed[equation], axis=1)[:, :9]
         assert np.linalg.norm(seen - said) < 0.05 * np.linalg.norm(said)
 
 
