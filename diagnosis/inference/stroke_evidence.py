@@ -54,8 +54,8 @@ class StrokesSay:
     def denies(self, nats: float, numbers: Strokes) -> bool:
         """Whether strokes of that log evidence speak against the effect.
 
-        What mean strokes say for it then comes of something else. Of a wave, which mean strokes hold as the slow
-        changes of the hardness that any wood has, no evidence is enough.
+        What mean strokes say for it then comes of something else. A wave is denied where the strokes do not show it:
+        mean strokes take the slow changes of the hardness that any wood has for one.
         """
         return nats < numbers.against if self.is_whole else nats <= 0.0
 

@@ -1,0 +1,69 @@
+"""Wrong numbers of the plant are weighed as which and how many, and one that is wrong pays for itself alone."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from sawbench.diagnosis.inference.linear_problem import Marginal
+from sawbench.diagnosis.inference.retuning import evidence_of_retuning
+from sawbench.diagnosis.inference.settings import SETTINGS
+from scipy.stats import multivariate_normal
+
+pytestmark = pytest.mark.unit
+
+N_POINTS, WIDE = 60, 5.0
+
+
+def bench(seed, n_numbers, off_std=()):
+    """Numbers that the data know to a tenth of their stated uncertainty, some of them off, and one sensor's zero."""
+    rng = np.random.default_rng(seed)
+    columns = np.linalg.qr(rng.standard_normal((N_POINTS, n_numbers + 1)))[0] * 10.0
+    truth = rng.standard_normal(n_numbers + 1)
+    truth[: len(off_std)] = off_std
+    return SimpleNamespace(
+        nuisance=columns, data=columns @ truth + rng.standard_normal(N_POINTS), settings=SETTINGS,
+        wide_scale=np.array([WIDE] * n_numbers + [1.0]),
+    )  # fmt: skip
+
+
+def all_at_once(problem):
+    return Marginal(problem, scale=problem.wide_scale).log_evidence - Marginal(problem).log_evidence
+
+
+def found(problem):
+    return evidence_of_retuning(problem, Marginal(problem), all_at_once(problem))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_every_set_of_numbers_counts_with_its_own_evidence(seed):
+    problem = bench(seed, 4, (3.0,))
+
+    def log_of(wrong):
+        scale = np.array([WIDE if k in wrong else 1.0 for k in range(5)])
+        design = problem.nuisance * scale
+        return multivariate_normal(cov=np.eye(N_POINTS) + design @ design.T).logpdf(problem.data)
+
+    by_number = [
+        np.logaddexp.reduce([log_of(wrong) for wrong in combinations(range(4), size)])
+        - np.log(len(list(combinations(range(4), size)))) - size * np.log(2.0)
+        for size in (1, 2, 3)
+    ]  # fmt: skip
+    expected = np.logaddexp.reduce([*by_number, log_of(range(4)) - 3 * np.log(2.0)]) - log_of(())
+    assert found(problem) == pytest.approx(expected, abs=1e-6)
+
+
+def test_one_number_five_standard_deviations_off_shows_among_a_dozen():
+    wrong = [bench(seed, 12, (5.0,)) for seed in range(10)]
+    assert np.median([all_at_once(p) for p in wrong]) < 0.0, "each of the others pays for what one gains"
+    assert np.median([found(p) for p in wrong]) > 3.0
+
+
+def test_numbers_within_their_uncertainty_are_no_finding():
+    assert np.median([found(bench(seed, 12)) for seed in range(20)]) < 0.0
+
+
+def test_without_a_number_of_the_plant_there_is_nothing_to_retune():
+    assert found(bench(1, 0)) == pytest.approx(0.0, abs=1e-9)
