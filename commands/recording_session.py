@@ -241,7 +241,7 @@ def ports_of_trial(
 
     return simulated_bench(
         config_path,
-        material=trial.material,
+        material=trial.material or "none",
         duty=trial.duty,
         seed=seed,
         drawn_ah=drawn_ah(folder, trial.battery),
