@@ -245,8 +245,8 @@ def _shown(campaign: Campaign, signals: Sequence[Floats]) -> dict[str, Any] | No
     hidden, intact = campaign.hidden, campaign.intact
     if (hidden.plant, hidden.rings) == (intact.plant, intact.rings) and not hidden.sensors.change_strokes:
         return None
-    twin = (one for one, _ in simulate(campaign, campaign.intact))
-    return shown(signals, twin, campaign.hidden.sensors, campaign.instruments, peak_of(signals))
+    twin = (one for one, _ in simulate(campaign, intact))
+    return shown(signals, twin, hidden.sensors, campaign.instruments, peak_of(signals))
 
 
 def config_of(campaign: Campaign) -> dict[str, Any]:
@@ -332,10 +332,8 @@ def _recording(
 
 def entry_of(campaign: Campaign) -> dict[str, Any]:
     """Entry of the key: what is hidden, and everything that was drawn."""
-    plan, hidden = campaign.plan, campaign.hidden
-    changed = {
-        name: group for name, group in hidden.plant._asdict().items() if group != getattr(campaign.intact.plant, name)
-    }
+    plan, hidden, intact = campaign.plan, campaign.hidden, campaign.intact.plant
+    changed = {name: group for name, group in hidden.plant._asdict().items() if group != getattr(intact, name)}
     return plain(
         {
             "kind": campaign.case.kind,

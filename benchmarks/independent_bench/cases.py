@@ -8,7 +8,7 @@ from typing import Final, Literal, get_args
 
 import numpy as np
 
-from benchmarks.independent_bench.effects import CATALOGUE, UNLISTED
+from benchmarks.independent_bench.effects import CATALOGUE, EFFECTS, UNLISTED
 
 Kind = Literal["single", "pair", "intact", "parameters", "unknown"]
 # Of 44 cases.
@@ -83,8 +83,7 @@ def draw_case(seed: int, number: int) -> Case:
 def _with_severities(
     rng: np.random.Generator, names: tuple[str, ...], ends: tuple[float, float]
 ) -> Mapping[str, float]:
-    table = {**CATALOGUE, **UNLISTED}
-    return {name: min(round(rng.uniform(*ends), 2), table[name].highest) for name in names}
+    return {name: min(round(rng.uniform(*ends), 2), EFFECTS[name].highest) for name in names}
 
 
 def _from_deck(seed: int, kind: Kind, names: list[str], place: int) -> str:

@@ -14,7 +14,7 @@ from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.answer.channel_gap import ChannelGap
 from sawbench.diagnosis.answer.claim import carried_by_strokes, sized_members
 from sawbench.diagnosis.answer.gap_detail import detail, log_odds_at_typical_size
-from sawbench.diagnosis.answer.improved_model import columns_of, improved_model, magnitudes
+from sawbench.diagnosis.answer.improved_model import improved_model, magnitudes, retuned_with
 from sawbench.diagnosis.answer.ladder import RUNGS, Ladder, Rungs
 from sawbench.diagnosis.answer.learned_term import learned_answer, learned_warnings
 from sawbench.diagnosis.answer.next_trial import next_trial
@@ -29,7 +29,7 @@ from sawbench.diagnosis.inference.dispersion import stacked_with_noise, with_noi
 from sawbench.diagnosis.inference.evidence import Column, Explanation, catalogue_columns
 from sawbench.diagnosis.inference.gain_drift import GainDrift, gain_drifts
 from sawbench.diagnosis.inference.hypothesis import OTHERS, Hypothesis
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, build_problem
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, build_problem
 from sawbench.diagnosis.inference.posterior import Posterior, judge
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plants.choice import reduce_recordings
@@ -249,18 +249,16 @@ def _shifts(problem: LinearProblem, members: Sequence[Explanation]) -> dict[str,
 
     A model that lacks the cause bends its parameters towards it; beside the cause they are those of the machine.
     """
-    scale = np.ones(len(problem.names)) if members else problem.wide_scale
-    mean, std = Marginal(problem, scale=scale, extra=columns_of(members)).estimate()
-    width = scale * problem.prior_std
-    place = {name: k for k, name in enumerate(problem.names)}
+    found = retuned_with(problem, members, is_wide=not members)
+    place = {name: k for k, name in enumerate(found.names)}
     shifts = {}
     for nuisance in problem.campaign.plant.nuisances():
         if nuisance.is_plant and nuisance.name in place:
             k = place[nuisance.name]
-            shift = float(mean[k] * width[k])
+            shift = float(found.values[k] * found.width[k])
             shifts[nuisance.name] = {
-                "value": nuisance.nominal + shift, "std": float(std[k] * width[k]), "nominal": nuisance.nominal,
-                "sigmas": shift / nuisance.std,
+                "value": nuisance.nominal + shift, "std": float(found.stds[k] * found.width[k]),
+                "nominal": nuisance.nominal, "sigmas": shift / nuisance.std,
             }  # fmt: skip
     return shifts
 

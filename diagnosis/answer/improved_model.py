@@ -28,7 +28,7 @@ from sawbench.modeling.machines.learned_entry import learned_entry
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class _Solution:
+class Solution:
     """Nuisances in units of their prior standard deviation, how far they may move, and the cause's columns."""
 
     names: tuple[str, ...]
@@ -69,8 +69,11 @@ def improved_model(
     """
     if posterior.verdict == "unknown" and learned is None:
         return None
-    columns = columns_of(members) if learned is None else learned.learned.columns
-    found = _solve(problem, columns, is_wide=posterior.verdict == "parameters")
+    is_wide = posterior.verdict == "parameters"
+    if learned is None:
+        found = retuned_with(problem, members, is_wide=is_wide)
+    else:
+        found = _solve(problem, learned.learned.columns, is_wide=is_wide)
     tables = tomllib.loads(loaded.text.removeprefix("\ufeff"))
     n_trials = len({part.setting.label for part in problem.parts})
     comments: dict[tuple[str, ...], tuple[str, ...]] = {
@@ -108,24 +111,34 @@ def _closes(share: float, ends: Sequence[float]) -> str:
     return f"closes {share:.0%} ({interval})"
 
 
-def columns_of(members: Sequence[Explanation]) -> Floats | None:
-    """Signatures of a cause at the largest size of its effects, shape (n, q); None where there is no cause."""
-    return np.hstack([m.column.columns * m.effect.strength.high for m in members]) if members else None
+def retuned_with(problem: LinearProblem, members: Sequence[Explanation], *, is_wide: bool) -> Solution:
+    """Fit the parameters, and the sizes of the effects of a cause, to all trials.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    members : sequence of Explanation
+        Empty where there is no cause.
+    is_wide : bool
+        Whether the plant's numbers are free beyond what is stated of them.
+    """
+    columns = [m.column.columns * m.effect.strength.high for m in members]
+    return _solve(problem, np.hstack(columns) if columns else None, is_wide=is_wide)
 
 
-def _solve(problem: LinearProblem, columns: Floats | None, *, is_wide: bool) -> _Solution:
+def _solve(problem: LinearProblem, columns: Floats | None, *, is_wide: bool) -> Solution:
     scale = problem.wide_scale if is_wide else np.ones(len(problem.names))
     values, stds = Marginal(problem, scale=scale, extra=columns).estimate()
     n = len(problem.names)
     width = scale * problem.prior_std
     farthest = SETTINGS.ladder.farthest if is_wide else SETTINGS.ladder.farthest_stated
-    return _Solution(
+    return Solution(
         names=problem.names, values=values[:n], stds=stds[:n], width=width, reach=farthest * width,
         amplitudes=values[n:],
     )  # fmt: skip
 
 
-def _retuned(tables: Mapping[str, Any], problem: LinearProblem, found: _Solution) -> dict[str, Any]:
+def _retuned(tables: Mapping[str, Any], problem: LinearProblem, found: Solution) -> dict[str, Any]:
     """Tables with the parameters that moved; their absolute standard uncertainty stays."""
     out = {name: dict(table) if isinstance(table, Mapping) else table for name, table in tables.items()}
     place = {name: k for k, name in enumerate(found.names)}
@@ -157,7 +170,7 @@ def _table_of(name: str, tables: Mapping[str, Any]) -> str:
     return "battery" if name in BatteryConfig.model_fields else "plant"
 
 
-def _sharpened(known: KnownEffect, found: _Solution) -> KnownEffect:
+def _sharpened(known: KnownEffect, found: Solution) -> KnownEffect:
     """Return an effect that was known before with the magnitude and the uncertainty that the campaign leaves it."""
     if known.name not in found.names or known.std <= 0.0:
         return known
@@ -179,11 +192,11 @@ def found_effects(problem: LinearProblem, posterior: Posterior, members: Sequenc
     members : sequence of Explanation
         With the magnitudes that the report states.
     """
-    return _found_effects(problem, posterior, members, _solve(problem, columns_of(members), is_wide=False))
+    return _found_effects(problem, posterior, members, retuned_with(problem, members, is_wide=False))
 
 
 def _found_effects(
-    problem: LinearProblem, posterior: Posterior, members: Sequence[Explanation], found: _Solution
+    problem: LinearProblem, posterior: Posterior, members: Sequence[Explanation], found: Solution
 ) -> list[KnownEffect]:
     known, start = [], 0
     for member in members:

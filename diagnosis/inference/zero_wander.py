@@ -21,7 +21,7 @@ the zero drifts where a lasting trend predicts stretches of the session from tho
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -106,12 +106,9 @@ class ZeroWander:
         """
         apart_s = np.abs(at_s[:, None] - at_s)
         walked = 0.5 * self.density_n2_s * self.memory_s * np.exp(-apart_s / self.memory_s)
-        return walked + self.restart_n**2 * _restarts_shared(trial, add_up=self.restarts_add_up)
-
-
-def _restarts_shared(trial: np.ndarray, *, add_up: bool) -> Floats:
-    """Restarts that the zeros of two trials have in common, shape (n, n)."""
-    return np.where(trial[:, None] == trial, 1.0, 0.0) if not add_up else 1.0 + np.minimum(trial[:, None], trial)
+        # Restarts that two readings have in common.
+        shared = 1.0 + np.minimum(trial[:, None], trial) if self.restarts_add_up else trial[:, None] == trial
+        return walked + self.restart_n**2 * shared
 
 
 def zero_readings(baseline: Baseline, states: Sequence[State]) -> list[ZeroReadings]:
@@ -166,11 +163,11 @@ def zero_wander(trials: Sequence[ZeroReadings]) -> ZeroWander | None:
         return None
     density, density_std, white = _within(long)
     means = _Means.of(trials, density, white)
-    add_up, memory_s, restart_n = _between(means)
-    return ZeroWander(
-        density_n2_s=density, density_std_n2_s=density_std, white_n=white, memory_s=memory_s, restart_n=restart_n,
-        restarts_add_up=add_up, is_drifting=_is_drifting(means, means.covariance(memory_s, restart_n, add_up=add_up)),
-    )  # fmt: skip
+    walk = ZeroWander(
+        density_n2_s=density, density_std_n2_s=density_std, white_n=white, memory_s=_MEMORIES_S[0], restart_n=0.0
+    )
+    wander = _between(means, walk)
+    return replace(wander, is_drifting=_is_drifting(means, wander))
 
 
 def _within(trials: Sequence[ZeroReadings]) -> tuple[float, float, float]:
@@ -216,7 +213,6 @@ class _Means:
     at_s: Floats
     zero_n: Floats
     known: Floats
-    density_n2_s: float
 
     @classmethod
     def of(cls, trials: Sequence[ZeroReadings], density: float, white: float) -> _Means:
@@ -230,42 +226,42 @@ class _Means:
             at_s=np.array([float(t.at_s.mean()) for t in ordered]),
             zero_n=np.array([float(t.zero_n.mean()) for t in ordered]),
             known=columns @ columns.T + np.diag(read + walked),
-            density_n2_s=density,
         )
 
-    def covariance(self, memory_s: float, restart_n: float, *, add_up: bool) -> Floats:
+    def covariance(self, wander: ZeroWander) -> Floats:
         """Shape (n_trials, n_trials), N^2."""
-        apart_s = np.abs(self.at_s[:, None] - self.at_s)
-        walked = 0.5 * self.density_n2_s * memory_s * np.exp(-apart_s / memory_s)
-        return self.known + walked + restart_n**2 * _restarts_shared(np.arange(len(self.at_s)), add_up=add_up)
+        return self.known + wander.covariance(self.at_s, np.arange(len(self.at_s)))
 
 
-def _between(means: _Means) -> tuple[bool, float, float]:
-    """Whether restarts add up, most likely memory, and scatter of restarts.
+def _between(means: _Means, walk: ZeroWander) -> ZeroWander:
+    """Find whether restarts add up, the most likely memory, and the scatter of restarts.
 
     From the trials' mean zeros, whatever lasting trend there is.
     """
     trends = _trends(means.at_s)
 
-    def log_of(add_up: bool, memory_s: float, restart_n: float) -> float:
-        covariance = means.covariance(memory_s, restart_n, add_up=add_up)
+    def log_of(wander: ZeroWander) -> float:
+        covariance = means.covariance(wander)
         with_trend = [_LOG_PRIOR_TREND + _log_likelihood(covariance, g, means.zero_n) for g in trends]
         none = _log_likelihood(covariance, np.zeros(len(means.at_s)), means.zero_n)
         return float(np.logaddexp.reduce([none, *with_trend]))
 
-    kinds = list(product((False, True), _MEMORIES_S))
-    logs = np.array([[log_of(*kind, restart_n) for restart_n in _RESTARTS_N] for kind in kinds])
+    kinds = [
+        replace(walk, restarts_add_up=add_up, memory_s=memory_s)
+        for add_up, memory_s in product((False, True), _MEMORIES_S)
+    ]
+    logs = np.array([[log_of(replace(kind, restart_n=float(n))) for n in _RESTARTS_N] for kind in kinds])
     weights = np.exp(logs - logs.max())
     k = int(np.argmax(weights.sum(axis=1)))
-    return *kinds[k], float(np.sqrt(weights[k] @ _RESTARTS_N**2 / weights[k].sum()))
+    return replace(kinds[k], restart_n=float(np.sqrt(weights[k] @ _RESTARTS_N**2 / weights[k].sum())))
 
 
-def _is_drifting(means: _Means, covariance: Floats) -> bool:
+def _is_drifting(means: _Means, wander: ZeroWander) -> bool:
     """Whether a lasting trend predicts stretches of the session from those before, beyond the standard error of that.
 
     Interpolated, a zero that wanders is known as well as one that drifts; ahead it is not.
     """
-    trends = _trends(means.at_s)
+    covariance, trends = means.covariance(wander), _trends(means.at_s)
     ends = np.unique(np.linspace(0, len(means.at_s), _STRETCHES + 1).astype(int))[1:]
 
     def gained(n: int) -> float:
