@@ -289,8 +289,8 @@ def _basis(n_points: int) -> tuple[Floats, Floats]:
 def _newton(problem: _Stroke, z: Floats) -> tuple[Floats, bool]:
     """Newton's method with a Jacobian by differences that is kept as long as it serves.
 
-    The first Jacobian is that of the baseline: what the terms add hardly changes with the state, and some are dear.
-    Where that gains too little, they are differentiated too.
+    What the terms add hardly changes with the state, and some are dear: they are evaluated once a step, and the first
+    Jacobian is that of the baseline. Where that gains too little, and to end with, they follow every state.
     """
 
     def jacobian(at: Floats, frozen: Signature | None) -> Floats:
@@ -298,27 +298,32 @@ def _newton(problem: _Stroke, z: Floats) -> tuple[Floats, bool]:
         values = problem.close(rows, frozen)[1] / problem.row_scale
         return ((values[1:] - values[0]) / _DIFFERENCE).T
 
-    def misfit(at: Floats) -> Floats:
-        return problem.close(at[None, :])[1][0] / problem.row_scale
+    def misfit(at: Floats, frozen: Signature | None) -> tuple[State, Floats]:
+        state, rest, _ = problem.close(at[None, :], frozen)
+        return state, rest[0] / problem.row_scale
 
-    slope = jacobian(z, problem.added(problem.linearise(z)))
-    value, n_slopes = misfit(z), 1
+    frozen: Signature | None = problem.added(problem.linearise(z))
+    slope, n_slopes = jacobian(z, frozen), 1
+    value = misfit(z, frozen)[1]
     for _ in range(_MAX_STEPS):
+        if frozen is not None and np.abs(value).max() < _TOLERANCE:
+            frozen, value = None, misfit(z, None)[1]
         size = float(np.abs(value).max())
         if not np.isfinite(size) or size < _TOLERANCE:
             break
         step = problem.column_scale * np.linalg.lstsq(slope, value, rcond=None)[0]
-        gain = 1.0
         for shorter in (1.0, 0.5, 0.2, 0.05):
-            trial = z - shorter * step
-            trial_value = misfit(trial)
-            gain = float(np.abs(trial_value).max()) / size
-            if gain < 1.0:
-                z, value = trial, trial_value
+            state, tried = misfit(z - shorter * step, frozen)
+            if np.abs(tried).max() < size:
+                z, value = z - shorter * step, tried
+                if frozen is not None:
+                    frozen = problem.added(state)
+                    value = misfit(z, frozen)[1]
                 break
-        if not gain < _GOOD_GAIN:
+        if not np.abs(value).max() < _GOOD_GAIN * size:
             if n_slopes == _MAX_JACOBIANS:
                 break
+            frozen, value = None, misfit(z, None)[1]
             slope, n_slopes = jacobian(z, None), n_slopes + 1
     # A signature with corners may keep Newton's method from the last digits, which do not matter.
     return z, bool(np.abs(value).max() < 1e3 * _TOLERANCE)

@@ -31,6 +31,7 @@ from sawbench.diagnosis.inference.gain_drift import GainDrift, gain_drifts
 from sawbench.diagnosis.inference.hypothesis import OTHERS, Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, build_problem
 from sawbench.diagnosis.inference.posterior import Posterior, judge
+from sawbench.diagnosis.inference.refining import refined
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plants.choice import reduce_recordings
 from sawbench.modeling.machines.table import machine_of
@@ -97,7 +98,7 @@ def diagnose(
     )
     problem = build_problem(campaign)
     say(_REDUCED, 100, "computing the signature of every effect")
-    columns = catalogue_columns(problem, campaign.plant.effects)
+    columns = refined(problem, catalogue_columns(problem, campaign.plant.effects))
     say(_SIGNED, 100, "weighing causes")
     answer = held(problem, columns, judge(problem, columns))
     further: dict[str, Any] = {}

@@ -34,6 +34,7 @@ from sawbench.diagnosis.inference.forming import shared_energy
 from sawbench.diagnosis.inference.hypothesis import AND, Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, build_problem
 from sawbench.diagnosis.inference.posterior import Posterior, judge
+from sawbench.diagnosis.inference.refining import refined
 from sawbench.diagnosis.inference.size import together
 from sawbench.diagnosis.inference.stroke_evidence import sized_by_strokes
 from sawbench.diagnosis.inference.weighing import weigh_further
@@ -282,7 +283,7 @@ def _beside(answer: Pass) -> Posterior:
     ]
     campaign = with_known(problem.campaign, (*problem.campaign.plant.known, *found))
     again = build_problem(campaign, settings=problem.settings)
-    return judge(again, catalogue_columns(again, campaign.plant.effects))
+    return judge(again, refined(again, catalogue_columns(again, campaign.plant.effects)))
 
 
 def _share_left(first: Pass, step: Posterior) -> float:

@@ -42,8 +42,9 @@ def straightened(state: State, coefficients_rad: Floats) -> State:
     -------
     State
     """
-    order = np.arange(1, N_BEND_HARMONICS + 1)[:, None, None]
-    size = np.reshape(coefficients_rad, (-1, 1, 1)) / order**2
+    bent_by = np.flatnonzero(coefficients_rad)
+    order = 1.0 + bent_by[:, None, None]
+    size = coefficients_rad[bent_by][:, None, None] / order**2
     turned, speed = order * state.angle_rad, state.speed_rad_s
     slower = 1.0 - np.sum(size * order * np.cos(turned), axis=0)
     bent = np.sum(size * order**2 * np.sin(turned), axis=0)

@@ -17,6 +17,8 @@ from sawbench.modeling.effects.effect import Effect
 
 _N_AMPLITUDES = 40
 _SAME_VALUE = 1e-6
+# A cell of amplitudes that is narrower than this share of what the noise leaves is as good as its middle.
+_FLAT_CELL_STDS = 1e-2
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -124,7 +126,7 @@ def catalogue_columns(problem: LinearProblem, effects: Sequence[Effect]) -> dict
         By effect; an empty list where the campaign shows nothing of it.
     """
     out: dict[str, list[Column]] = {}
-    all_found = on_two_cores(lambda effect: _columns(problem, effect, effect.shapes), effects)
+    all_found = on_two_cores(lambda effect: signatures_of(problem, effect, effect.shapes), effects)
     for effect, found in zip(effects, all_found, strict=True):
         out[effect.name] = [
             Column(effect=effect, shape=shape, columns=effect.strength.typical * columns)
@@ -134,8 +136,8 @@ def catalogue_columns(problem: LinearProblem, effects: Sequence[Effect]) -> dict
     return out
 
 
-def _columns(problem: LinearProblem, effect: Effect, shapes: Sequence[dict[str, float]]) -> list[Floats | None]:
-    """Whitened signatures per unit of strength, (n, q) for each shape, or None where nothing shows."""
+def signatures_of(problem: LinearProblem, effect: Effect, shapes: Sequence[dict[str, float]]) -> list[Floats | None]:
+    """Whitened signatures of some shapes per unit of strength, (n, q) for each, or None where nothing shows."""
     if not shapes:
         return []
     baseline = problem.campaign.baseline
@@ -157,7 +159,7 @@ def _columns(problem: LinearProblem, effect: Effect, shapes: Sequence[dict[str, 
 
 @lru_cache(maxsize=256)
 def amplitudes(low: float, high: float) -> Floats:
-    """Grid of amplitudes in multiples of the typical size, equally likely."""
+    """Grid of amplitudes in multiples of the typical size; the cells between them are equally likely."""
     if high / low < 5.0:
         return np.linspace(low, high, 15)
     return np.geomspace(max(low, SETTINGS.forms.least_amplitude), high, _N_AMPLITUDES)
@@ -343,12 +345,32 @@ def _fits(effect: Effect, grams: Floats, moments: Floats) -> tuple[Floats, list[
 
 
 def _one(grid: Floats, squares: Floats, inner: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    logs = grid * inner[:, None] - 0.5 * grid**2 * squares[:, None]
     is_shown = squares > 0.0
     known = np.where(is_shown, squares, 1.0)
     amplitude = np.where(is_shown, np.clip(inner / known, grid[0], grid[-1]), grid[0])
     stds = np.where(is_shown, 1.0 / np.sqrt(known), np.inf)
-    return log_mean_exp_rows(logs), amplitude[:, None], stds, 2.0 * amplitude * inner - amplitude**2 * squares
+    logs = log_mean_exp_rows(_within_cells(grid, squares[:, None], inner[:, None]))
+    return logs, amplitude[:, None], stds, 2.0 * amplitude * inner - amplitude**2 * squares
+
+
+def _within_cells(grid: Floats, squares: Floats, inner: Floats) -> Floats:
+    """Logarithm of the mean of exp(a inner - a^2 squares / 2) over a between neighbours of the grid, (k, n - 1).
+
+    Where an effect stands high above the noise, its amplitude is known far better than any grid resolves.
+    """
+    from scipy.special import log_ndtr
+
+    width, middle = np.diff(grid), 0.5 * (grid[1:] + grid[:-1])
+    std = 1.0 / np.sqrt(np.maximum(squares, 1e-300))
+    wide = width > _FLAT_CELL_STDS * std
+    mean = np.where(squares > 0.0, inner * std**2, 0.0)
+    # From the tail that is nearer: the difference of two numbers close to 1 would be lost.
+    sign = np.where(middle > mean, -1.0, 1.0)
+    ends = [np.where(wide, sign * (edge - mean) / std, 0.0) for edge in (grid[:-1], grid[1:])]
+    low, high = np.minimum(*ends), np.maximum(*ends)
+    share = np.where(wide, -np.expm1(log_ndtr(low) - log_ndtr(high)), 1.0)
+    normal = 0.5 * inner * mean + 0.5 * np.log(2.0 * np.pi) + log_ndtr(high) + np.log(share) + np.log(std / width)
+    return np.where(wide, normal, middle * inner - 0.5 * middle**2 * squares)
 
 
 def _several(grid: Floats, grams: Floats, moments: Floats) -> tuple[Floats, Floats, Floats, Floats]:
@@ -372,7 +394,7 @@ def little_of_each(problem: LinearProblem, effects: Sequence[Effect]) -> dict[st
     found = {}
     for effect in effects:
         sizes = [share * effect.strength.typical for _, share in effect.little]
-        shown = _columns(problem, effect, [shape for shape, _ in effect.little])
+        shown = signatures_of(problem, effect, [shape for shape, _ in effect.little])
         kept = [columns * size for columns, size in zip(shown, sizes, strict=True) if columns is not None]
         found[effect.name] = np.hstack([np.zeros((len(problem.data), 0)), *kept])
     return found

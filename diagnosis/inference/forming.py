@@ -35,12 +35,15 @@ class Forming:
         self._modes: dict[str, Floats] = {}
 
     def modes(self, explanation: Explanation) -> Floats:
-        """What the form of an effect may leave, shape (n, q); of its size when it was first asked for."""
-        effect = explanation.effect
-        if effect.name not in self._modes:
-            in_time = "time" in effect.grows_with
-            self._modes[effect.name] = form_modes(self.problem, explanation.contribution, in_time=in_time)
-        return self._modes[effect.name]
+        """What the form of an effect that comes first may leave, shape (n, q); of its size alone."""
+        name = explanation.effect.name
+        if name not in self._modes:
+            self._modes[name] = self._modes_of(explanation)
+        return self._modes[name]
+
+    def _modes_of(self, explanation: Explanation) -> Floats:
+        in_time = "time" in explanation.effect.grows_with
+        return form_modes(self.problem, explanation.contribution, in_time=in_time)
 
     def single(self, rough: Explanation, entries: Sequence[Column]) -> tuple[Explanation, Column]:
         """Weigh one effect again, with the discrepancy of its form; its best shape then is another one than without."""
@@ -105,7 +108,8 @@ class Forming:
         """Weigh a pair again with what both forms may miss; a second that hardly shows keeps what screening gave."""
         if second.log_evidence < self._settings.worth_forming:
             return _together(first, second, first.log_evidence + second.log_evidence)
-        both = np.hstack([self.modes(first), self.modes(second)])
+        # Of the second's own size beside the first: alone it may stand for all that the first explains.
+        both = np.hstack([self.modes(first), self._modes_of(second)])
         found_in_each = [
             explain_formed(
                 self.problem, np.hstack([self.small, shape]), both, columns[second.effect.name], self._settings.shares

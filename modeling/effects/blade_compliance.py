@@ -61,6 +61,7 @@ EFFECT = Effect(
     strength=Strength(name="stiffness_n_per_m", unit="N/m", typical=1.0, low=0.7, high=1.4, source="assumed"),
     signature=_signature,
     shapes=tuple({"stiffness_n_per_m": k, "unloads": u} for k in _STIFFNESS_N_PER_M for u in (0.0, 1.0)),
+    continuous=("stiffness_n_per_m",),
     shape_strength=lambda amplitude, shape: shape["stiffness_n_per_m"] / max(amplitude, 1e-9),
     carries=("stiffness_n_per_m",),
     is_pointwise=False,

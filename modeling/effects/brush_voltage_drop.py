@@ -40,6 +40,7 @@ EFFECT = Effect(
     strength=Strength(name="voltage_v", unit="V", typical=0.8, low=0.1, high=3.0, source="assumed"),
     signature=_signature,
     shapes=tuple({"knee_a": i, "logarithmic": law} for i, law in ((0.1, 0.0), (1.0, 0.0), (3.0, 0.0), (0.1, 1.0))),
+    continuous=("knee_a",),
     needs=("motor_current_a", "battery_voltage_v"),
     confused_with=("converter_diode_drop", "winding_heating"),
     told_apart_by="trials at several duties, idle and loaded",

@@ -3,10 +3,8 @@
 Only the reading rings; the motor feels the force itself, so the mechanical residual, which uses the
 reading, shows the same error with the other sign. Fixed in Hz at every speed, where tooth ripple keeps its
 blade position. Part of the force may bypass the spring (amplitude below 1), and a carriage has upper modes: a
-second form adds modes at 1.5 to 3 times the first, each of its own size; they do not count without the first. The
-ringing is that of the expected force or, inverted, is undone on the reading,
-F = F_m + 2 zeta F_m' / w_n + F_m'' / w_n^2, which then may hold any other effect of the cut too. f_n = 60 to 450 Hz
-(carriage of 0.5 to 3 kg on a cell of 1e6 N/m) and zeta = 0.02 to 0.2: assumed.
+second form adds modes at 1.5 to 3 times the first, each of its own size; they do not count without the first.
+f_n = 60 to 450 Hz (carriage of 0.5 to 3 kg on a cell of 1e6 N/m) and zeta = 0.02 to 0.2: assumed.
 """
 
 from __future__ import annotations
@@ -17,31 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.effect import Effect, Strength, Words
-from sawbench.modeling.effects.transfer import filtered, force_error, force_reading, time_derivative
+from sawbench.modeling.effects.transfer import filtered, force_reading
 from sawbench.modeling.residuals import Baseline, Signature
-from sawbench.modeling.state import TWO_PI, State
+from sawbench.modeling.state import State
 
 _FREQUENCIES_HZ = tuple(float(f) for f in np.geomspace(60.0, 450.0, 42))
-# Undone on the reading, sizes of 0.15 to 2 make 42 to 440 Hz of these.
-_INVERTED_HZ = (60.0, 85.0, 120.0, 170.0)
 # Upper modes as multiples of the first, for the form with more than one.
 _UPPER = (1.5, 2.0, 2.5, 3.0)
 
 
 def _signature(
-    baseline: Baseline,
-    state: State,
-    frequency_hz: float,
-    damping: float,
-    upper: float = 0.0,
-    inverted: float = 0.0,
+    baseline: Baseline, state: State, frequency_hz: float, damping: float, upper: float = 0.0
 ) -> tuple[Signature, ...]:
-    if inverted:
-        if state.force_n is None or state.force_rate_n_s is None:
-            return ({},)
-        natural_rad_s = TWO_PI * frequency_hz
-        bent = time_derivative(state.force_rate_n_s, state) / natural_rad_s**2
-        return (force_error(baseline, state, -bent - 2.0 * damping / natural_rad_s * state.force_rate_n_s),)
     places = (frequency_hz, *(frequency_hz * ratio for ratio in _UPPER)) if upper else (frequency_hz,)
     expected = baseline.expected_force(state)
     readings = [filtered(expected, state, partial(_transfer, place, damping)) for place in places]
@@ -51,11 +36,6 @@ def _signature(
 def _transfer(frequency_hz: float, damping: float, f: Floats) -> NDArray[np.complexfloating]:
     ratio = f / frequency_hz
     return 1.0 / (1.0 - ratio**2 + 2j * damping * ratio)
-
-
-def _frequency_hz(amplitude: float, shape: dict[str, float]) -> float:
-    """Undone on the reading, the ringing goes with 1 / f_n^2: its amplitude moves the frequency."""
-    return shape["frequency_hz"] / np.sqrt(max(amplitude, 1e-3)) if "inverted" in shape else shape["frequency_hz"]
 
 
 EFFECT = Effect(
@@ -75,9 +55,9 @@ EFFECT = Effect(
     shapes=(
         *({"frequency_hz": f, "damping": z} for f in _FREQUENCIES_HZ for z in (0.03, 0.08, 0.2)),
         *({"frequency_hz": f, "damping": 0.06, "upper": 1.0} for f in _FREQUENCIES_HZ[:32:2]),
-        *({"frequency_hz": f, "damping": z, "inverted": 1.0} for f in _INVERTED_HZ for z in (0.03, 0.08, 0.2)),
     ),
-    shape_strength=_frequency_hz,
+    continuous=("frequency_hz", "damping"),
+    shape_strength=lambda amplitude, shape: shape["frequency_hz"],
     carries=("frequency_hz",),
     leading=1,
     is_pointwise=False,

@@ -50,6 +50,7 @@ EFFECT = Effect(
     ),
     signature=_signature,
     shapes=tuple({"exponent": m} for m in (0.3, 0.45, 0.6, 0.75, 0.9)),
+    continuous=("exponent",),
     shape_strength=lambda amplitude, shape: amplitude * shape["exponent"],
     carries=("exponent",),
     is_pointwise=False,

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.effect import Effect, Strength, Words
-from sawbench.modeling.effects.transfer import AXIS_TIMES_S, filtered, force_error, force_reading
+from sawbench.modeling.effects.transfer import AXIS_TIMES_S, filtered, force_reading
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -31,13 +31,9 @@ _DEVICES = (FORCE, CAN, DISPLACEMENT, AMPLIFIER)
 _SESSION_UNIT_S, _TRIAL_UNIT_S = 1000.0, 10.0
 
 
-def _signature(
-    baseline: Baseline, state: State, device: float, tau_s: float, drifts: float, inverted: float = 0.0
-) -> tuple[Signature, ...]:
+def _signature(baseline: Baseline, state: State, device: float, tau_s: float, drifts: float) -> tuple[Signature, ...]:
     session_s, trial_s = state.setting.session_s + state.time_s, state.time_s
     delay_s = tau_s * (1.0, session_s / _SESSION_UNIT_S, trial_s / _TRIAL_UNIT_S)[int(drifts)]
-    if device == FORCE and inverted:
-        return (_undone_force(baseline, state, delay_s),)
     if device == FORCE:
         return (_late_force(baseline, state, delay_s),)
     # Early CAN beside a displacement that sets the time is late CAN with the other sign.
@@ -56,13 +52,6 @@ def _late_force(baseline: Baseline, state: State, delay_s: Floats | float) -> Si
     return force_reading(baseline, state, _delayed(baseline.expected_force(state), state, delay_s))
 
 
-def _undone_force(baseline: Baseline, state: State, delay_s: Floats | float) -> Signature:
-    """The same from the reading: whatever else is in it came late too."""
-    if state.force_n is None:
-        return {}
-    return force_error(baseline, state, state.force_n - _delayed(state.force_n, state, -delay_s))
-
-
 def _late_can(baseline: Baseline, state: State, delay_s: Floats | float) -> Signature:
     if state.current_a is None:
         return {}
@@ -78,13 +67,11 @@ def _late_can(baseline: Baseline, state: State, delay_s: Floats | float) -> Sign
 def _shapes() -> tuple[dict[str, float], ...]:
     constant = [(0.0, tau) for tau in np.geomspace(1e-4, 1e-2, 16)]
     drifting = [(kind, tau) for kind in (1.0, 2.0) for tau in np.geomspace(3e-4, 3e-2, 8)]
-    found = [
+    return tuple(
         {"device": device, "tau_s": float(tau), "drifts": kind}
         for device in _DEVICES
         for kind, tau in constant + drifting
-    ]
-    undone = [{"device": FORCE, "tau_s": float(tau), "drifts": 0.0, "inverted": 1.0} for _, tau in constant]
-    return tuple(found + undone)
+    )
 
 
 def _axis_signature(axis: AxisBaseline, state: AxisState, device: float, tau_s: float) -> tuple[Signature, ...]:
@@ -127,6 +114,7 @@ EFFECT = Effect(
     strength=Strength(name="delay_s", unit="s", typical=1.0, low=0.7, high=1.4, source="assumed"),
     signature=_signature,
     shapes=_shapes(),
+    continuous=("tau_s",),
     shape_strength=lambda amplitude, shape: amplitude * shape["tau_s"],
     carries=("tau_s",),
     is_pointwise=False,

@@ -40,6 +40,7 @@ def _sized(force_n: float, stroke_m: float) -> Effect:
         signature=_signature,
         n_signatures=lambda shape: 2,
         shapes=tuple({"pitch_m": float(p) * stroke_m} for p in np.geomspace(0.1, 0.4, 48)),
+        continuous=("pitch_m",),
         grows_with=("position",),
         confused_with=("elastic_load",),
         told_apart_by="another stroke: it stays at the same positions",

@@ -57,6 +57,7 @@ EFFECT = Effect(
         for dead in (0.0, 0.3)
         for knee, law in ((0.1, 0.0), (1.0, 0.0), (3.0, 0.0), (30.0, 0.0), (0.03, 1.0), (0.3, 1.0), (1.5, 1.0))
     ),
+    continuous=("knee_a", "dead_share"),
     needs=("motor_current_a", "battery_voltage_v"),
     confused_with=("brush_voltage_drop",),
     told_apart_by="trials at several duties",

@@ -86,6 +86,7 @@ EFFECT = Effect(
         *({"share": s, "soft": 1.0} for s in (0.5, 0.7, 0.85)),
         *({"share": s, "release_s": tau} for s in _LIMITS for tau in _RELEASES_S),
     ),
+    continuous=("share", "release_s"),
     is_pointwise=False,
     scales=("top_current_a",),
     needs=("motor_current_a", "battery_voltage_v"),

@@ -67,6 +67,7 @@ EFFECT = Effect(
     ),
     signature=_signature,
     shapes=tuple({"tau_s": tau} for tau in _TAUS_S),
+    continuous=("tau_s",),
     shape_strength=lambda amplitude, shape: amplitude * shape["tau_s"],
     carries=("tau_s",),
     is_pointwise=False,

@@ -57,6 +57,7 @@ EFFECT = Effect(
         *({"exponent": p} for p in (0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.15, 1.3, 1.45, 1.6)),
         *({"knee_m_s": v} for v in (0.15, 0.3, 0.6, 1.2, 2.4)),
     ),
+    continuous=("exponent", "knee_m_s"),
     shape_strength=_exponent,
     carries=("exponent", "knee_m_s"),
     needs=("force_n",),

@@ -37,6 +37,7 @@ EFFECT = Effect(
     strength=Strength(name="force_n", unit="N", typical=40.0, low=0.1, high=4.0, source="assumed"),
     signature=_signature,
     shapes=tuple({"onset_m_s": v, "by_stock": s} for v in (0.01, 0.04, 0.12) for s in (0.0, 1.0)),
+    continuous=("onset_m_s",),
     needs=("force_n",),
     confused_with=("cutting_speed_exponent", "preload_lift_off"),
     told_apart_by="trials at several speeds",

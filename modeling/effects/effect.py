@@ -105,6 +105,8 @@ class Effect:
         Shape -> how many signatures it has.
     shapes : tuple of dict
         Functional forms and nonlinear parameters to marginalise over; all equally likely.
+    continuous : tuple of str
+        Numbers of a form that may lie anywhere between those of `shapes`; all others are choices.
     shape_strength : callable, optional
         (amplitude, shape) -> value of the reported parameter, where it is not the amplitude itself.
     carries : tuple of str
@@ -159,6 +161,7 @@ class Effect:
     silent_in: tuple[Phase, ...] = ()
     n_signatures: Callable[[dict[str, float]], int] = lambda shape: 1
     shapes: tuple[dict[str, float], ...] = field(default=({},))
+    continuous: tuple[str, ...] = ()
     shape_strength: Callable[[float, dict[str, float]], float] | None = None
     carries: tuple[str, ...] = ()
     form_names: Mapping[str, dict[str, float]] = field(default_factory=dict)

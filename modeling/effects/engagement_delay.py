@@ -41,6 +41,7 @@ EFFECT = Effect(
     signature=_signature,
     shapes=tuple({"fraction": d, "ramp": ramp} for d in _FRACTIONS for ramp in (0.01, 0.03, 0.08)),
     # The amplitude says how far the coefficient of the whole half stroke is below that of the engaged part.
+    continuous=("fraction", "ramp"),
     shape_strength=lambda amplitude, shape: shape["fraction"],
     carries=("fraction",),
     needs=("force_n",),

@@ -4,8 +4,7 @@ Only the reading lags: the motor feels the true force at once. So the cutting re
 mechanical one, which uses the reading, shows the same missing force with the other sign. A blade that gives
 way (blade_compliance) lags in the cutting equation alone; a late clock (clock_offset) delays without loss
 of amplitude. Amplifiers filter in first order or, as often, in second: there tau is the delay of slow signals,
-2 zeta / w_0, with zeta from 0.5 (peaking) over 0.7 (Butterworth) to 1. The lag acts on the
-expected force or, inverted, is undone on the reading, which then may hold any other effect of the cut too.
+2 zeta / w_0, with zeta from 0.5 (peaking) over 0.7 (Butterworth) to 1.
 Range: analogue filters of 30 Hz to 1.6 kHz: assumed.
 """
 
@@ -15,14 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from sawbench.modeling.effects.effect import Effect, Strength, Words
-from sawbench.modeling.effects.transfer import (
-    filtered,
-    force_error,
-    force_reading,
-    lag_on_axis,
-    low_pass,
-    time_derivative,
-)
+from sawbench.modeling.effects.transfer import filtered, force_reading, lag_on_axis, low_pass
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -32,18 +24,9 @@ if TYPE_CHECKING:
 _TAUS_S = tuple(float(tau) for tau in np.geomspace(1.5e-4, 1e-2, 18))
 
 
-def _signature(
-    baseline: Baseline, state: State, tau_s: float, damping: float, inverted: float = 0.0
-) -> tuple[Signature, ...]:
-    if not inverted:
-        force = baseline.expected_force(state)
-        return (force_reading(baseline, state, filtered(force, state, low_pass(tau_s, damping))),)
-    if state.force_n is None or state.force_rate_n_s is None:
-        return ({},)
-    error_n = -tau_s * state.force_rate_n_s
-    if damping > 0.0:
-        error_n = error_n - (0.5 * tau_s / damping) ** 2 * time_derivative(state.force_rate_n_s, state)
-    return (force_error(baseline, state, error_n),)
+def _signature(baseline: Baseline, state: State, tau_s: float, damping: float) -> tuple[Signature, ...]:
+    force = baseline.expected_force(state)
+    return (force_reading(baseline, state, filtered(force, state, low_pass(tau_s, damping))),)
 
 
 def _axis_signature(axis: AxisBaseline, state: AxisState, tau_s: float) -> tuple[Signature, ...]:
@@ -68,10 +51,8 @@ EFFECT = Effect(
     parts=("load_cell",),
     strength=Strength(name="time_constant_s", unit="s", typical=1.0, low=0.7, high=1.4, source="assumed"),
     signature=_signature,
-    shapes=(
-        *({"tau_s": tau, "damping": z} for z in (0.0, 0.5, 0.6, 0.7, 0.85, 1.0) for tau in _TAUS_S),
-        *({"tau_s": tau, "damping": z, "inverted": 1.0} for z in (0.0, 0.6, 0.85) for tau in _TAUS_S),
-    ),
+    shapes=tuple({"tau_s": tau, "damping": z} for z in (0.0, 0.5, 0.6, 0.7, 0.85, 1.0) for tau in _TAUS_S),
+    continuous=("tau_s", "damping"),
     shape_strength=lambda amplitude, shape: amplitude * shape["tau_s"],
     carries=("tau_s",),
     is_pointwise=False,

@@ -46,6 +46,7 @@ EFFECT = Effect(
     strength=Strength(name="preload_share_of_peak", unit="1", typical=1.0, low=0.7, high=1.4, source="assumed"),
     signature=_signature,
     shapes=tuple({"share": s, "scale": k} for s in (0.96, 1.0) for k in (1.0, 1.1, 1.2, 1.35, 1.6)),
+    continuous=("share", "scale"),
     shape_strength=lambda amplitude, shape: shape["share"],
     carries=("share",),
     scales=("peak_force_n",),

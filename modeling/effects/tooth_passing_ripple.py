@@ -46,6 +46,7 @@ EFFECT = Effect(
     signature=_signature,
     n_signatures=lambda shape: 2 * (len(_OVERTONES) if shape["sharp"] else 1),
     shapes=tuple({"pitch_m": float(1.0 / n), "sharp": sharp} for sharp in (0.0, 1.0) for n in _TEETH_PER_M),
+    continuous=("pitch_m",),
     needs=("force_n",),
     grows_with=("position", "load"),
     confused_with=("carriage_resonance",),

@@ -75,6 +75,7 @@ EFFECT = Effect(
     strength=Strength(name="torque_at_1000_rad_s_n_m", unit="N*m", typical=0.006, low=0.1, high=4.0, source="assumed"),
     signature=_signature,
     shapes=tuple({"power": p} for p in (2.0, 1.6, 1.8, 2.2, 2.4)),
+    continuous=("power",),
     form_names={"quadratic": {"power": 2.0}},
     needs=("motor_current_a",),
     grows_with=("speed",),

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 from sawbench.modeling.effects.yoke_backlash import swing
-from sawbench.modeling.residuals import residuals
 
 from tests.rigs.jigsaw_in_time import (
     BASELINE,
@@ -271,39 +270,6 @@ def test_force_sensor_lag_of_second_order(tau_s, damping):
     natural_hz = 2 * damping / tau_s / (2 * np.pi)
     machine = Machine(ring=(natural_hz, damping))
     check(machine, "force_sensor_lag", 1.0, {"tau_s": tau_s, "damping": damping}, tolerance=0.04)
-
-
-def _blunt(v, travelled, memory):
-    return 35.0 * np.tanh(v / 0.05) + K_CUT * v
-
-
-def _reading_error(distorted: Machine, name: str, shape: dict, tolerance: float) -> None:
-    """Compare what only the reading changed: the machine is the same, and it cuts with an edge force as well."""
-    state, true = distorted.run(), Machine(cut=_blunt).run()
-    with_error, without = residuals(BASELINE, state), residuals(BASELINE, true)
-    (claimed,) = EFFECT_BY_NAME[name].signatures(BASELINE, state, shape)
-    compare({key: with_error[key] - without[key] for key in with_error}, claimed, tolerance)
-
-
-@pytest.mark.parametrize("tau_s", [5e-4, 3e-3])
-def test_force_sensor_lag_undone_on_the_reading(tau_s):
-    shape = {"tau_s": tau_s, "damping": 0.0, "inverted": 1.0}
-    _reading_error(Machine(cut=_blunt, lag_force_s=tau_s), "force_sensor_lag", shape, 0.02)
-
-
-@pytest.mark.parametrize("damping", [0.6, 0.85])
-def test_force_sensor_lag_of_second_order_undone_on_the_reading(damping):
-    tau_s = 3e-3
-    machine = Machine(cut=_blunt, ring=(2 * damping / tau_s / (2 * np.pi), damping))
-    shape = {"tau_s": tau_s, "damping": damping, "inverted": 1.0}
-    _reading_error(machine, "force_sensor_lag", shape, 0.03)
-
-
-@pytest.mark.parametrize("tau_s", [1e-3, 5e-3])
-def test_clock_offset_undone_on_the_reading(tau_s):
-    machine = Machine(cut=_blunt, late={"force": tau_s})
-    shape = {"device": 0.0, "tau_s": tau_s, "drifts": 0.0, "inverted": 1.0}
-    _reading_error(machine, "clock_offset", shape, 0.05)
 
 
 @pytest.mark.parametrize("tau_s", [5e-4, 3e-3])

@@ -95,6 +95,33 @@ def test_evidence_is_that_of_the_full_covariance(width, n_shapes):
     assert found.log_evidence == pytest.approx(brute_force(problem, columns) - without, abs=0.1)
 
 
+@pytest.mark.parametrize("name", ["edge_force", "force_sensor_lag"])
+@pytest.mark.parametrize("between", [0.0, 0.3, 0.5])
+def test_evidence_does_not_depend_on_where_a_size_lies_that_is_known_finer_than_any_grid(name, between):
+    """At 2000 times the noise a grid of sizes would miss it by up to a hundred nats."""
+    problem = small_problem(6)
+    (column,) = columns_of(name, 1, 1, seed=7, size=300.0)
+    low, high = column.effect.strength.low, column.effect.strength.high
+    coarse = amplitudes(low, high)
+    middle = len(coarse) // 2
+    size = (1.0 - between) * coarse[middle] + between * coarse[middle + 1]
+    problem = replace(problem, data=problem.data + size * column.columns[:, 0])
+    marginal = Marginal(problem)
+    found = explain(marginal, [column])
+    ((square,),), (moment,) = marginal.gram(column.columns)
+    best, std = moment / square, 1.0 / np.sqrt(square)
+    tried = best + std * np.linspace(-8.0, 8.0, 4001)
+    logs = tried * moment - 0.5 * tried**2 * square
+    # Cells are equally likely: within one the density is even.
+    cell = np.searchsorted(coarse, best) - 1
+    cells = np.searchsorted(coarse, tried) - 1
+    share = 1.0 / (len(coarse) - 1) / np.diff(coarse)[cells]
+    top = logs.max()
+    expected = top + np.log(np.sum(share * np.exp(logs - top)) * (tried[1] - tried[0]))
+    assert coarse[cell] <= best
+    assert found.log_evidence == pytest.approx(expected, abs=0.01)
+
+
 def test_the_marginal_is_that_of_the_full_covariance():
     problem, extra = small_problem(3), np.random.default_rng(4).standard_normal((N_ROWS, 3))
     marginal = Marginal(problem, extra=extra)

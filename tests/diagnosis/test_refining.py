@@ -1,0 +1,65 @@
+"""Forms between those of the catalogue: of strong effects they are found, and no second effect stands in for them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sawbench.diagnosis.inference.evidence import catalogue_columns
+from sawbench.diagnosis.inference.posterior import judge
+from sawbench.diagnosis.inference.refining import refined
+from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
+
+from tests.rigs.scattered_strokes import problem_of, strokes
+
+pytestmark = pytest.mark.pipeline
+
+# Between two time constants and two dampings of the catalogue.
+TAU_S, DAMPING = 1.53e-3, 0.66
+
+
+def weighed(problem, names):
+    columns = catalogue_columns(problem, [EFFECT_BY_NAME[name] for name in names])
+    return columns, refined(problem, columns)
+
+
+@pytest.fixture(scope="module")
+def lagging():
+    """Strokes whose force passes a low-pass of second order between those of the catalogue."""
+    natural_hz = 2.0 * DAMPING / TAU_S / (2.0 * np.pi)
+    return problem_of(strokes(ring=(natural_hz, DAMPING)))
+
+
+def test_time_constant_and_damping_between_those_of_the_catalogue_are_found(lagging):
+    columns, better = weighed(lagging, ["force_sensor_lag"])
+    known = {(c.shape["tau_s"], c.shape["damping"]) for c in columns["force_sensor_lag"]}
+    assert min(abs(tau - TAU_S) for tau, _ in known) > 0.07 * TAU_S
+    (added,) = better["force_sensor_lag"][len(columns["force_sensor_lag"]) :]
+    assert added.shape["tau_s"] == pytest.approx(TAU_S, rel=0.03)
+    assert added.shape["damping"] == pytest.approx(DAMPING, rel=0.03)
+
+
+def test_no_late_clock_makes_up_for_what_a_coarse_catalogue_leaves_of_a_lag(lagging):
+    columns, better = weighed(lagging, ["force_sensor_lag", "clock_offset", "carriage_resonance"])
+    assert judge(lagging, better).best.effects == ("force_sensor_lag",)
+    without, by_form = (judge(lagging, found).of("force_sensor_lag").probability for found in (columns, better))
+    assert by_form > 0.9
+    assert by_form >= without
+
+
+def test_what_hardly_shows_keeps_the_forms_of_the_catalogue(lagging):
+    rng = np.random.default_rng(3)
+    quiet = replace(lagging, data=rng.standard_normal(len(lagging.data)))
+    columns, better = weighed(quiet, ["force_sensor_lag", "clock_offset", "brush_voltage_drop"])
+    assert {name: len(found) for name, found in better.items()} == {n: len(found) for n, found in columns.items()}
+
+
+def test_a_choice_is_not_taken_for_a_number(lagging):
+    """A device, a law, a choice of motion: only what the effect calls continuous is moved."""
+    _, better = weighed(lagging, ["clock_offset", "blade_compliance"])
+    for name, found in better.items():
+        effect = EFFECT_BY_NAME[name]
+        fixed = [key for key in effect.shapes[0] if key not in effect.continuous]
+        known = {tuple(shape[key] for key in fixed) for shape in effect.shapes}
+        assert {tuple(column.shape[key] for key in fixed) for column in found} <= known
