@@ -102,9 +102,9 @@ def more_intact(n_cases: int) -> list[dict[str, Any]]:
 def collect_one(row: dict[str, Any], out_dir: Path) -> str:
     """Simulate one campaign, weigh its hypotheses and write what the fit needs."""
     from sawbench.bench.config import load_config
-    from sawbench.diagnosis.inference.evidence import catalogue_columns
     from sawbench.diagnosis.inference.linear_problem import build_problem
     from sawbench.diagnosis.inference.posterior import judge
+    from sawbench.diagnosis.inference.refining import effect_columns
     from sawbench.diagnosis.plants.choice import reduce_recordings
     from sawbench.storage.importers.dispatch import import_path
     from sawbench.storage.reader import read_recording
@@ -121,7 +121,7 @@ def collect_one(row: dict[str, Any], out_dir: Path) -> str:
         recordings = [read_recording(file) for file in imported.paths]
         campaign = reduce_recordings(recordings, load_config(folder / "in" / "bench_config.toml"))
         problem = build_problem(campaign)
-        posterior = judge(problem, catalogue_columns(problem, campaign.plant.effects))
+        posterior = judge(problem, effect_columns(problem))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     found = {

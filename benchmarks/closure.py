@@ -27,6 +27,7 @@ from sawbench.diagnosis.campaign import Campaign, with_known
 from sawbench.diagnosis.inference.evidence import Column, catalogue_columns
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, build_problem
 from sawbench.diagnosis.inference.posterior import judge
+from sawbench.diagnosis.inference.refining import effect_columns
 from sawbench.modeling.effects.known import KnownEffect
 
 from benchmarks.blind_campaigns import blind_campaign, severity
@@ -77,7 +78,7 @@ def known_in_best_form(problem: LinearProblem, columns: Sequence[Column], value:
 def diagnosed(campaign: Campaign) -> Pass:
     """Weigh a reduced campaign and hold the answer to its predictions."""
     problem = build_problem(campaign)
-    columns = catalogue_columns(problem, campaign.plant.effects)
+    columns = effect_columns(problem)
     return held(problem, columns, judge(problem, columns))
 
 

@@ -18,10 +18,10 @@ from typing import Final
 
 import numpy as np
 from sawbench.diagnosis.answer.learned_term import LearnedAnswer, learned_answer
-from sawbench.diagnosis.inference.evidence import catalogue_columns
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import build_problem
 from sawbench.diagnosis.inference.posterior import judge
+from sawbench.diagnosis.inference.refining import effect_columns
 
 from benchmarks.blind_campaigns import blind_campaign
 
@@ -44,7 +44,7 @@ def answer_of(seed: int, effect: str | None, size: float, length: float) -> tupl
     """Verdict, and the term that is learned for one simulated campaign."""
     campaign = blind_campaign(seed, {} if effect is None else {effect: size}, length=length).reduced()
     problem = build_problem(campaign)
-    columns = catalogue_columns(problem, campaign.plant.effects)
+    columns = effect_columns(problem)
     posterior = judge(problem, columns)
     verdict = posterior.verdict
     if effect is not None and verdict != "unknown":

@@ -27,9 +27,9 @@ from sawbench.blindcheck.plans import TrialPlan
 from sawbench.diagnosis.answer.candidate_trials import Candidate, candidates
 from sawbench.diagnosis.answer.trial_plan import trial_plan
 from sawbench.diagnosis.answer.until_closed import Pass, held
-from sawbench.diagnosis.inference.evidence import catalogue_columns
 from sawbench.diagnosis.inference.linear_problem import build_problem
 from sawbench.diagnosis.inference.posterior import judge
+from sawbench.diagnosis.inference.refining import effect_columns
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plants.choice import reduce_recordings
 
@@ -56,7 +56,7 @@ def diagnosed(draw: CampaignDraw) -> tuple[Pass, dict[str, str]]:
         write_campaign(draw, tables)
         recordings, loaded = read_back(tables)
     problem = build_problem(reduce_recordings(recordings, loaded))
-    columns = catalogue_columns(problem, problem.campaign.plant.effects)
+    columns = effect_columns(problem)
     materials = {r.trial.trial_id: r.trial.material for r in recordings if r.trial.material}
     return held(problem, columns, judge(problem, columns)), materials
 

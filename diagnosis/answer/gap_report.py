@@ -26,12 +26,12 @@ from sawbench.diagnosis.answer.until_closed import until_closed as close
 from sawbench.diagnosis.answer.where import locate
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.dispersion import stacked_with_noise, with_noise
-from sawbench.diagnosis.inference.evidence import Column, Explanation, catalogue_columns
+from sawbench.diagnosis.inference.evidence import Column, Explanation
 from sawbench.diagnosis.inference.gain_drift import GainDrift, gain_drifts
 from sawbench.diagnosis.inference.hypothesis import OTHERS, Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, build_problem
 from sawbench.diagnosis.inference.posterior import Posterior, judge
-from sawbench.diagnosis.inference.refining import refined
+from sawbench.diagnosis.inference.refining import effect_columns
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plants.choice import reduce_recordings
 from sawbench.modeling.machines.table import machine_of
@@ -98,7 +98,7 @@ def diagnose(
     )
     problem = build_problem(campaign)
     say(_REDUCED, 100, "computing the signature of every effect")
-    columns = refined(problem, catalogue_columns(problem, campaign.plant.effects))
+    columns = effect_columns(problem)
     say(_SIGNED, 100, "weighing causes")
     answer = held(problem, columns, judge(problem, columns))
     further: dict[str, Any] = {}

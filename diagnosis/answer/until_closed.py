@@ -29,12 +29,12 @@ from sawbench.diagnosis.inference.dispersion import (
     stacked_with_noise,
     with_noise,
 )
-from sawbench.diagnosis.inference.evidence import Column, Explanation, catalogue_columns, explain
+from sawbench.diagnosis.inference.evidence import Column, Explanation, explain
 from sawbench.diagnosis.inference.forming import shared_energy
 from sawbench.diagnosis.inference.hypothesis import AND, Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, build_problem
 from sawbench.diagnosis.inference.posterior import Posterior, judge
-from sawbench.diagnosis.inference.refining import refined
+from sawbench.diagnosis.inference.refining import effect_columns
 from sawbench.diagnosis.inference.size import together
 from sawbench.diagnosis.inference.stroke_evidence import sized_by_strokes
 from sawbench.diagnosis.inference.weighing import weigh_further
@@ -283,7 +283,7 @@ def _beside(answer: Pass) -> Posterior:
     ]
     campaign = with_known(problem.campaign, (*problem.campaign.plant.known, *found))
     again = build_problem(campaign, settings=problem.settings)
-    return judge(again, refined(again, catalogue_columns(again, campaign.plant.effects)))
+    return judge(again, effect_columns(again))
 
 
 def _share_left(first: Pass, step: Posterior) -> float:

@@ -12,11 +12,33 @@ from typing import Final
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.bench.second_core import on_two_cores
-from sawbench.diagnosis.inference.evidence import Catalogue, Column, Explanation, explain, signatures_of
+from sawbench.diagnosis.inference.evidence import (
+    Catalogue,
+    Column,
+    Explanation,
+    catalogue_columns,
+    explain,
+    signatures_of,
+)
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
 
 _N_STEPS: Final = 4
 _DIFFERENCE: Final = 1e-3
+
+
+def effect_columns(problem: LinearProblem) -> dict[str, list[Column]]:
+    """Signatures of every effect of the plant, in the forms of the catalogue and between them: what `judge` weighs.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+
+    Returns
+    -------
+    dict of str to list of Column
+        By effect; an empty list where the campaign shows nothing of it.
+    """
+    return refined(problem, catalogue_columns(problem, problem.campaign.plant.effects))
 
 
 def refined(problem: LinearProblem, columns: Mapping[str, Sequence[Column]]) -> dict[str, list[Column]]:
@@ -67,7 +89,7 @@ def _between(problem: LinearProblem, marginal: Marginal, explanation: Explanatio
         gram, moments = marginal.gram(np.column_stack([best.contribution, *slopes]))
         prior = np.diag([0.0, *(12.0 / (high - low) ** 2)])
         step = np.linalg.solve(gram + prior, moments - gram[:, 0])[1:]
-        found = at(np.clip(here + step, low, high))
+        found = at(np.asarray(np.clip(here + step, low, high), dtype=np.float64))
         if found is None or found.log_evidence <= best.log_evidence:
             break
         best = found

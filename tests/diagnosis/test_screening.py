@@ -9,6 +9,7 @@ import pytest
 from sawbench.bench.errors import InputError
 from sawbench.blindcheck.campaign import make_campaign
 from sawbench.diagnosis.campaign import reduce_campaign
+from sawbench.processing.process import process_recording
 from sawbench.storage.importers.campaign import load_campaign
 from sawbench.storage.importers.dispatch import import_path
 from sawbench.storage.reader import read_recording
@@ -27,6 +28,26 @@ def campaign_of(folder, seed, effects=None):
     make_campaign(seed, folder / "tables", effects=effects or {}, length=0.3, rate_hz=2500.0)
     paths = import_path(folder / "tables" / "campaign.toml", folder / "mcap").paths
     return [read_recording(path) for path in paths], load_campaign(folder / "tables" / "campaign.toml")[1]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def processed_once():
+    """Most tests spoil one trial and reduce all twelve: the others are processed once for all of them."""
+    known = {}
+
+    def remembered(recording, config):
+        signals = [
+            (name, repr(s.gaps), hash(s.time_s.tobytes()), hash(s.values.tobytes()))
+            for name, s in sorted(recording.signals.items())
+        ]
+        key = (repr(recording.trial), repr(config), *signals)
+        if key not in known:
+            known[key] = process_recording(recording, config)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sawbench.processing.process.process_recording", remembered)
+        yield
 
 
 @pytest.fixture(scope="module")
