@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 from sawbench.bench.recording import Floats
 from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.inference.evidence import (
@@ -73,7 +74,7 @@ def _between(problem: LinearProblem, marginal: Marginal, explanation: Explanatio
     names = list(around)
     low, high = np.log(np.reshape([around[name] for name in names], (-1, 2))).T
 
-    def at(place: Floats) -> Explanation | None:
+    def at(place: ArrayLike) -> Explanation | None:
         shape = {**explanation.column.shape, **dict(zip(names, np.exp(place).tolist(), strict=True))}
         (shown,) = signatures_of(problem, effect, [shape])
         if shown is None:
@@ -89,7 +90,7 @@ def _between(problem: LinearProblem, marginal: Marginal, explanation: Explanatio
         gram, moments = marginal.gram(np.column_stack([best.contribution, *slopes]))
         prior = np.diag([0.0, *(12.0 / (high - low) ** 2)])
         step = np.linalg.solve(gram + prior, moments - gram[:, 0])[1:]
-        found = at(np.asarray(np.clip(here + step, low, high), dtype=np.float64))
+        found = at(np.clip(here + step, low, high))
         if found is None or found.log_evidence <= best.log_evidence:
             break
         best = found
