@@ -29,7 +29,7 @@ from sawbench.diagnosis.inference.dispersion import (
     stacked_with_noise,
     with_noise,
 )
-from sawbench.diagnosis.inference.evidence import Column, Explanation, explain
+from sawbench.diagnosis.inference.evidence import Column, Explanation, explain, signatures_of
 from sawbench.diagnosis.inference.forming import shared_energy
 from sawbench.diagnosis.inference.hypothesis import AND, Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, build_problem
@@ -154,6 +154,7 @@ def until_closed(first: Pass, *, on_pass: Callable[[int, str], None] | None = No
         if on_pass is not None:
             on_pass(number, answer.posterior.best.name)
         step = _beside(answer)
+        first = _with_forms(first, step)
         rest = _share_left(first, step)
         after = held(first.problem, first.columns, _joined(first, answer.posterior, step))
         needs_trial = after.posterior.verdict == "unknown"
@@ -284,6 +285,19 @@ def _beside(answer: Pass) -> Posterior:
     campaign = with_known(problem.campaign, (*problem.campaign.plant.known, *found))
     again = build_problem(campaign, settings=problem.settings)
     return judge(again, effect_columns(again))
+
+
+def _with_forms(first: Pass, step: Posterior) -> Pass:
+    """Add the forms that a pass has found between those of the catalogue, as they are on the model as configured."""
+    columns = {name: list(found) for name, found in first.columns.items()}
+    for member in (member for h in step.claims for member in h.members):
+        effect, shape = member.effect, member.column.shape
+        if all(column.shape != shape for column in columns[effect.name]):
+            (shown,) = signatures_of(first.problem, effect, [shape])
+            if shown is not None:
+                added = Column(effect=effect, shape=shape, columns=effect.strength.typical * shown)
+                columns[effect.name].append(added)
+    return replace(first, columns=columns)
 
 
 def _share_left(first: Pass, step: Posterior) -> float:
