@@ -163,3 +163,27 @@ def test_friction_that_fades_within_each_trial_is_explained_beyond_the_catalogue
     _, constant = formed(gap, "motor_coulomb_friction")
     assert max(found, key=lambda name: found[name]) == WARMING_FRICTION.name
     assert found[WARMING_FRICTION.name] > constant.log_evidence + 5.0
+
+
+def test_a_second_effect_may_miss_no_more_than_goes_with_its_size_beside_the_first(problem):
+    """Alone windage explains most of a bent friction; what its form would then miss is no freedom of the pair."""
+    gap = with_gap(problem, bent_friction)
+    columns, friction_alone = explained(gap, "motor_coulomb_friction")
+    windage_columns, windage_alone = explained(gap, "windage_drag")
+    weighed = forming(gap)
+    weighed.single(windage_alone, windage_columns["windage_drag"])
+    given = [friction_alone.column.columns * friction_alone.effect.strength.high]
+    beside = explain(Marginal(gap, extra=given[0]), windage_columns["windage_drag"])
+    assert np.linalg.norm(beside.contribution) < 0.5 * np.linalg.norm(windage_alone.contribution)
+    asked = {}
+
+    def noted(problem, contribution, **options):
+        asked[len(asked)] = np.linalg.norm(contribution)
+        return form_modes(problem, contribution, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sawbench.diagnosis.inference.forming.form_modes", noted)
+        shown = replace(beside, log_evidence=2.0 * SETTINGS.forms.worth_forming)
+        weighed._pair(friction_alone, given, shown, columns | windage_columns)
+    sizes = sorted(asked.values())
+    assert sizes == pytest.approx(sorted([np.linalg.norm(e.contribution) for e in (friction_alone, beside)]))
