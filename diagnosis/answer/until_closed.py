@@ -29,7 +29,7 @@ from sawbench.diagnosis.inference.dispersion import (
     stacked_with_noise,
     with_noise,
 )
-from sawbench.diagnosis.inference.evidence import Column, Explanation, explain, signatures_of
+from sawbench.diagnosis.inference.evidence import Column, Explanation, columns_in, explain
 from sawbench.diagnosis.inference.forming import shared_energy
 from sawbench.diagnosis.inference.hypothesis import AND, Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, build_problem
@@ -293,10 +293,7 @@ def _with_forms(first: Pass, step: Posterior) -> Pass:
     for member in (member for h in step.claims for member in h.members):
         effect, shape = member.effect, member.column.shape
         if all(column.shape != shape for column in columns[effect.name]):
-            (shown,) = signatures_of(first.problem, effect, [shape])
-            if shown is not None:
-                added = Column(effect=effect, shape=shape, columns=effect.strength.typical * shown)
-                columns[effect.name].append(added)
+            columns[effect.name] += columns_in(first.problem, effect, [shape])
     return replace(first, columns=columns)
 
 

@@ -126,17 +126,26 @@ def catalogue_columns(problem: LinearProblem, effects: Sequence[Effect]) -> dict
         By effect; an empty list where the campaign shows nothing of it.
     """
     out: dict[str, list[Column]] = {}
-    all_found = on_two_cores(lambda effect: signatures_of(problem, effect, effect.shapes), effects)
+    all_found = on_two_cores(lambda effect: _signatures(problem, effect, effect.shapes), effects)
     for effect, found in zip(effects, all_found, strict=True):
-        out[effect.name] = [
-            Column(effect=effect, shape=shape, columns=effect.strength.typical * columns)
-            for shape, columns in zip(effect.shapes, found, strict=True)
-            if columns is not None
-        ]
+        out[effect.name] = _as_columns(effect, effect.shapes, found)
     return out
 
 
-def signatures_of(problem: LinearProblem, effect: Effect, shapes: Sequence[dict[str, float]]) -> list[Floats | None]:
+def columns_in(problem: LinearProblem, effect: Effect, shapes: Sequence[dict[str, float]]) -> list[Column]:
+    """`catalogue_columns` of one effect in any forms; without those of which the campaign shows nothing."""
+    return _as_columns(effect, shapes, _signatures(problem, effect, shapes))
+
+
+def _as_columns(effect: Effect, shapes: Sequence[dict[str, float]], found: Sequence[Floats | None]) -> list[Column]:
+    return [
+        Column(effect=effect, shape=shape, columns=effect.strength.typical * columns)
+        for shape, columns in zip(shapes, found, strict=True)
+        if columns is not None
+    ]
+
+
+def _signatures(problem: LinearProblem, effect: Effect, shapes: Sequence[dict[str, float]]) -> list[Floats | None]:
     """Whitened signatures of some shapes per unit of strength, (n, q) for each, or None where nothing shows."""
     if not shapes:
         return []
@@ -394,7 +403,7 @@ def little_of_each(problem: LinearProblem, effects: Sequence[Effect]) -> dict[st
     found = {}
     for effect in effects:
         sizes = [share * effect.strength.typical for _, share in effect.little]
-        shown = signatures_of(problem, effect, [shape for shape, _ in effect.little])
+        shown = _signatures(problem, effect, [shape for shape, _ in effect.little])
         kept = [columns * size for columns, size in zip(shown, sizes, strict=True) if columns is not None]
         found[effect.name] = np.hstack([np.zeros((len(problem.data), 0)), *kept])
     return found

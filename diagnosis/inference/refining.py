@@ -18,8 +18,8 @@ from sawbench.diagnosis.inference.evidence import (
     Column,
     Explanation,
     catalogue_columns,
+    columns_in,
     explain,
-    signatures_of,
 )
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
 
@@ -61,25 +61,22 @@ def refined(problem: LinearProblem, columns: Mapping[str, Sequence[Column]]) -> 
     found = Catalogue(out, problem.data).explain(marginal).values()
     shown = [e for e in found if e.effect.continuous and e.log_evidence > forms.worth_forming]
     best = sorted(shown, key=lambda e: -e.log_evidence)[: forms.n_first]
-    for explanation, better in zip(best, on_two_cores(lambda e: _between(problem, marginal, e), best), strict=True):
-        if better is not explanation.column:
-            out[explanation.effect.name].append(better)
+    for explanation, shape in zip(best, on_two_cores(lambda e: _between(problem, marginal, e), best), strict=True):
+        if shape != explanation.column.shape:
+            out[explanation.effect.name] += columns_in(problem, explanation.effect, [shape])
     return out
 
 
-def _between(problem: LinearProblem, marginal: Marginal, explanation: Explanation) -> Column:
+def _between(problem: LinearProblem, marginal: Marginal, explanation: Explanation) -> dict[str, float]:
     """Go by Gauss-Newton steps from the best form of the catalogue to the best one between its neighbours."""
-    effect, best = explanation.effect, explanation
+    best = explanation
     around = _around(explanation.column)
     names = list(around)
     low, high = np.log(np.reshape([around[name] for name in names], (-1, 2))).T
 
     def at(place: ArrayLike) -> Explanation | None:
         shape = {**explanation.column.shape, **dict(zip(names, np.exp(place).tolist(), strict=True))}
-        (shown,) = signatures_of(problem, effect, [shape])
-        if shown is None:
-            return None
-        return explain(marginal, [Column(effect=effect, shape=shape, columns=effect.strength.typical * shown)])
+        return explain(marginal, columns_in(problem, best.effect, [shape]))
 
     for _ in range(_N_STEPS if names else 0):
         here = np.log([best.column.shape[name] for name in names])
@@ -94,7 +91,7 @@ def _between(problem: LinearProblem, marginal: Marginal, explanation: Explanatio
         if found is None or found.log_evidence <= best.log_evidence:
             break
         best = found
-    return best.column
+    return best.column.shape
 
 
 def _slope(here: Explanation, beside: Explanation) -> Floats:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sawbench.bench.second_core import second_core
 from sawbench.diagnosis.inference.evidence import catalogue_columns
 from sawbench.diagnosis.inference.posterior import judge
 from sawbench.diagnosis.inference.refining import refined
@@ -46,6 +47,17 @@ def test_no_late_clock_makes_up_for_what_a_coarse_catalogue_leaves_of_a_lag(lagg
     without, by_form = (judge(lagging, found).of("force_sensor_lag").probability for found in (columns, better))
     assert by_form > 0.9
     assert by_form >= without
+
+
+def test_the_second_core_finds_the_same_forms(lagging):
+    """What comes back from it is pickled: an effect cannot be, and would be worked out again."""
+    names = ["force_sensor_lag", "clock_offset", "carriage_resonance"]
+    _, alone = weighed(lagging, names)
+    with second_core():
+        _, shared = weighed(lagging, names)
+    assert {n: [c.shape for c in found] for n, found in shared.items()} == {
+        n: [c.shape for c in found] for n, found in alone.items()
+    }
 
 
 def test_what_hardly_shows_keeps_the_forms_of_the_catalogue(lagging):

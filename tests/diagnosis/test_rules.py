@@ -175,15 +175,14 @@ def test_a_second_effect_may_miss_no_more_than_goes_with_its_size_beside_the_fir
     given = [friction_alone.column.columns * friction_alone.effect.strength.high]
     beside = explain(Marginal(gap, extra=given[0]), windage_columns["windage_drag"])
     assert np.linalg.norm(beside.contribution) < 0.5 * np.linalg.norm(windage_alone.contribution)
-    asked = {}
+    asked = []
 
     def noted(problem, contribution, **options):
-        asked[len(asked)] = np.linalg.norm(contribution)
+        asked.append(np.linalg.norm(contribution))
         return form_modes(problem, contribution, **options)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("sawbench.diagnosis.inference.forming.form_modes", noted)
         shown = replace(beside, log_evidence=2.0 * SETTINGS.forms.worth_forming)
         weighed._pair(friction_alone, given, shown, columns | windage_columns)
-    sizes = sorted(asked.values())
-    assert sizes == pytest.approx(sorted([np.linalg.norm(e.contribution) for e in (friction_alone, beside)]))
+    assert sorted(asked) == pytest.approx(sorted([np.linalg.norm(e.contribution) for e in (friction_alone, beside)]))
