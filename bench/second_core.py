@@ -1,4 +1,4 @@
-"""Half of a list of work on a second core, in a forked process: for a command, which alone knows what else runs.
+"""Part of a list of work on a second core, in a forked process: for a command, which alone knows what else runs.
 
 Nothing is copied on the way there; what comes back is pickled. Off unless the command says `second_core`, and where
 the system cannot fork safely or has one core.
@@ -37,7 +37,7 @@ def second_core() -> Iterator[None]:
 
 
 def on_two_cores(work: Callable[[T], R], items: Sequence[T]) -> list[R]:
-    """Work on every item, every second one in a forked process where that is allowed.
+    """Work on every item, the last ones in a forked process where that is allowed: whoever is free takes the next.
 
     Parameters
     ----------
@@ -59,31 +59,48 @@ def on_two_cores(work: Callable[[T], R], items: Sequence[T]) -> list[R]:
     if len(items) < 2 or not _is_allowed.get() or sys.platform != "linux" or len(os.sched_getaffinity(0)) < 2:
         return [work(item) for item in items]
     reader, writer = Pipe(duplex=False)
+    # One ticket for every item but the first of each side: this process goes up the list, the other one down, and where
+    # the tickets end they have met.
+    tickets = os.eventfd(len(items) - 2, os.EFD_SEMAPHORE | os.EFD_NONBLOCK)
     with warnings.catch_warnings():  # from Python 3.12 on: of threads, which here wait or draw the progress
         warnings.simplefilter("ignore", DeprecationWarning)
         pid = os.fork()
     if pid == 0:
-        _send(writer, work, items[1::2])
+        _send(writer, work, items[::-1], tickets)
     writer.close()
-    found: list[Any] = [None] * len(items)
     try:
-        found[::2] = [work(item) for item in items[::2]]
+        ours = _share(work, items, tickets)
         theirs = _received(reader)
     finally:
         os.kill(pid, signal.SIGKILL)  # it has sent all or nothing, or nobody waits for it any more
         os.waitpid(pid, 0)
         reader.close()
-    found[1::2] = [work(item) for item in items[1::2]] if theirs is None else theirs
+        os.close(tickets)
+    return [*ours, *([work(item) for item in items[len(ours) :]] if theirs is None else reversed(theirs))]
+
+
+def _share(work: Callable[[T], R], items: Sequence[T], tickets: int) -> list[R]:
+    """Work on the first item, and on the next one for every ticket that is left."""
+    found = [work(items[0])]
+    while _took_one_of(tickets):
+        found.append(work(items[len(found)]))
     return found
 
 
-def _send(writer: Connection, work: Callable[[T], R], items: Sequence[T]) -> None:
+def _took_one_of(tickets: int) -> bool:
+    try:
+        return bool(os.eventfd_read(tickets))
+    except BlockingIOError:
+        return False
+
+
+def _send(writer: Connection, work: Callable[[T], R], items: Sequence[T], tickets: int) -> None:
     """In the forked process: work, send, and end without what Python does at an end."""
     try:
         pickled = io.BytesIO()
         pickler = pickle.Pickler(pickled, protocol=pickle.HIGHEST_PROTOCOL)
         pickler.dispatch_table = copyreg.dispatch_table | {MappingProxyType: _reduced}
-        pickler.dump([work(item) for item in items])
+        pickler.dump(_share(work, items, tickets))
         writer.send_bytes(pickled.getbuffer())
     finally:
         os._exit(0)

@@ -144,8 +144,8 @@ def _report(
     def detectable() -> dict[str, float]:
         return log_odds_at_typical_size(problem, columns)
 
-    weighed: list[Callable[[], Any]] = [where, detectable]
-    places, odds = on_two_cores(operator.call, weighed)
+    weighed: list[Callable[[], Any]] = [where, detectable, lambda: detail(problem, posterior, channels)]
+    places, odds, details = on_two_cores(operator.call, weighed)
     members = sized_members(problem, columns, posterior, posterior.best)
     by_direction, asymmetry = campaign.plant.asymmetry(campaign.states, posterior.best.effects)
     if by_direction:
@@ -167,7 +167,7 @@ def _report(
             *_warnings(campaign, odds, posterior, channels), *learned_warnings(problem, posterior, learned),
         ],
         **further,
-        "detail": {**detail(problem, posterior, channels), "log_odds_at_typical_size": odds},
+        "detail": {**details, "log_odds_at_typical_size": odds},
         "provenance": dict(provenance),
     }  # fmt: skip
 

@@ -97,39 +97,41 @@ class _Piece:
 
 
 class _Sums:
-    """Sums over the trials from which a cell is judged: everything over the noise at its largest."""
+    """Sums over the trials from which a cell is judged: everything over the noise at its largest.
 
-    def __init__(self, n_small: int, n_taken: int) -> None:
-        self.square = self.noise = 0.0
-        self.small_on_rest = np.zeros(n_small)
-        self.small = np.zeros((n_small, n_small))
-        self.small_on_noise = np.zeros((n_small, n_small))
-        self.taken_on_small = np.zeros((n_taken, n_small))
+    Inner products of the columns that `find_cells` puts side by side: what is left of the data, what the nuisances take
+    up, and what small background effects leave.
+    """
 
-    def add(self, piece: _Piece, rest: Floats, taken: Floats, small: Floats) -> None:
-        """Count one trial in; arrays by block, shapes (n_blocks, size, n_columns)."""
+    def __init__(self, n_taken: int, n_small: int) -> None:
+        n = 1 + n_taken + n_small
+        self._taken, self._small = slice(1, 1 + n_taken), slice(1 + n_taken, n)
+        self._products, self._on_noise = np.zeros((n, n)), np.zeros((n, n))
+        self._noise = 0.0
+
+    def add(self, piece: _Piece, columns: Floats) -> None:
+        """Count one trial in; columns by block, shape (n_blocks, size, n_columns)."""
         from scipy.linalg import solve_triangular
 
         root = np.linalg.cholesky(piece.n_alike * piece.probes @ piece.probes.T)
         probes = solve_triangular(root, piece.probes, lower=True)
-        seen = (probes @ rest[piece.blocks]).ravel()
-        lost = (probes @ taken[piece.blocks]).reshape(len(seen), taken.shape[2])
-        slight = (probes @ small[piece.blocks]).reshape(len(seen), small.shape[2])
-        gram = slight.T @ slight
-        self.square += float(seen @ seen)
-        self.noise += len(seen) / piece.n_alike - float(np.sum(lost**2))
-        self.small_on_rest += slight.T @ seen
-        self.small += gram
-        self.small_on_noise += gram / piece.n_alike
-        self.taken_on_small += lost.T @ slight
+        seen = (probes @ columns[piece.blocks]).reshape(-1, columns.shape[2])
+        products = seen.T @ seen
+        self._products += products
+        self._on_noise += products / piece.n_alike
+        self._noise += len(seen) / piece.n_alike
 
     def misfit(self) -> tuple[float, float]:
         """Misfit and its expectation (Woodbury: A is never formed)."""
-        inner = np.linalg.inv(np.eye(len(self.small)) + self.small)
-        found = self.square - float(self.small_on_rest @ inner @ self.small_on_rest)
-        noise = self.noise - float(np.sum(inner * self.small_on_noise))
-        noise += float(np.sum((self.taken_on_small @ inner) * self.taken_on_small))
-        return found, noise + float(np.sum(inner * self.small))
+        taken, small = self._taken, self._small
+        on_rest, on_small = self._products[small, 0], self._products[small, small]
+        taken_on_small = self._products[taken, small]
+        inner = np.linalg.inv(np.eye(len(on_small)) + on_small)
+        found = float(self._products[0, 0] - on_rest @ inner @ on_rest)
+        noise = self._noise - float(np.trace(self._products[taken, taken]))
+        noise -= float(np.sum(inner * self._on_noise[small, small]))
+        noise += float(np.sum((taken_on_small @ inner) * taken_on_small))
+        return found, noise + float(np.sum(inner * on_small))
 
 
 def find_cells(problem: LinearProblem, small: Floats | None = None) -> tuple[Cell, ...]:
@@ -147,23 +149,18 @@ def find_cells(problem: LinearProblem, small: Floats | None = None) -> tuple[Cel
         In the order of the partitions; cells that nuisances take up wholly are left out.
     """
     marginal = Marginal(problem, scale=problem.wide_scale)
-    rest = marginal.rest(marginal.data)
-    small = marginal.rest(np.zeros((len(rest), 0)) if small is None else small)
     # M^-1 = I - taken taken'.
     taken = marginal.taken_up().T
+    small = marginal.rest(np.zeros((len(taken), 0)) if small is None else small)
+    columns = np.hstack([marginal.data_split[1][:, None], taken, small])
     repeats = Counter(p.setting.operating_point for p in problem.parts if p.state.kind == "running")
     found: dict[tuple[Partition, Equation, str], _Sums] = {}
     for part in problem.parts:
-        rows, hidden, little = (_by_block(part, values) for values in (rest[:, None], taken, small))
+        by_block = columns[part.place].reshape(part.blocks.shape[0], part.layout.size, -1)
         for piece in _pieces(part, max(repeats[part.setting.operating_point], 1)):
-            sums = found.setdefault(piece.key, _Sums(small.shape[1], taken.shape[1]))
-            sums.add(piece, rows, hidden, little)
+            sums = found.setdefault(piece.key, _Sums(taken.shape[1], small.shape[1]))
+            sums.add(piece, by_block)
     return _judged(found)
-
-
-def _by_block(part: Part, values: Floats) -> Floats:
-    """Rows of a part, shape (n_blocks, size, n_columns)."""
-    return values[part.place].reshape(part.blocks.shape[0], part.layout.size, values.shape[1])
 
 
 def _judged(found: dict[tuple[Partition, Equation, str], _Sums]) -> tuple[Cell, ...]:

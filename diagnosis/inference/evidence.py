@@ -152,7 +152,7 @@ def _signatures(problem: LinearProblem, effect: Effect, shapes: Sequence[dict[st
     baseline = problem.campaign.baseline
     placed = []
     for part in problem.parts:
-        groups = [effect.signatures(baseline, part.smooth, shape) for shape in shapes]
+        groups = effect.signatures_of(baseline, part.smooth, shapes)
         counts = [len(group) for group in groups]
         placed.append((part.place, counts, part.whiten_all([s for group in groups for s in group])))
     ends = [np.cumsum([0, *counts]) for _, counts, _ in placed]

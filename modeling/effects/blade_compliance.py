@@ -9,10 +9,12 @@ give 2e4 to 2e6 N/m: assumed.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.modeling.effects.effect import Effect, Strength, Words
-from sawbench.modeling.effects.transfer import filtered
+from sawbench.modeling.effects.effect import Effect, Prepared, Strength, Words
+from sawbench.modeling.effects.transfer import Spectrum, low_pass
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import TWO_PI, State
 
@@ -20,13 +22,17 @@ _STIFFNESS_N_PER_M = tuple(float(k) for k in np.geomspace(2e4, 2e6, 16))
 _TURNS_TO_SETTLE = 3
 
 
-def _signature(baseline: Baseline, state: State, stiffness_n_per_m: float, unloads: float) -> tuple[Signature, ...]:
-    tau_s = max(state.k_guess_n_s_per_m / stiffness_n_per_m, 1e-7)
+def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
     force = baseline.expected_force(state)
-    if unloads:
-        drive = state.k_guess_n_s_per_m * baseline.cutting_sign * baseline.blade_velocity(state)
-        return ({"cutting": _unloading(drive, tau_s, state) - force},)
-    return ({"cutting": filtered(force, state, lambda f: 1 / (1 + 2j * np.pi * f * tau_s)) - force},)
+    spectrum = Spectrum(force, state)
+    drive = state.k_guess_n_s_per_m * baseline.cutting_sign * baseline.blade_velocity(state)
+
+    def signature(stiffness_n_per_m: float, unloads: float) -> tuple[Signature, ...]:
+        tau_s = max(state.k_guess_n_s_per_m / stiffness_n_per_m, 1e-7)
+        late = _unloading(drive, tau_s, state) if unloads else spectrum.through(low_pass(tau_s))
+        return ({"cutting": late - force},)
+
+    return signature
 
 
 def _unloading(drive: Floats, tau_s: float, state: State) -> Floats:
@@ -59,7 +65,7 @@ EFFECT = Effect(
     parts=("blade",),
     silent_in=("air", "start_up"),
     strength=Strength(name="stiffness_n_per_m", unit="N/m", typical=1.0, low=0.7, high=1.4, source="assumed"),
-    signature=_signature,
+    signature=Prepared(_prepared),
     shapes=tuple({"stiffness_n_per_m": k, "unloads": u} for k in _STIFFNESS_N_PER_M for u in (0.0, 1.0)),
     continuous=("stiffness_n_per_m",),
     shape_strength=lambda amplitude, shape: shape["stiffness_n_per_m"] / max(amplitude, 1e-9),

@@ -9,13 +9,14 @@ f_n = 60 to 450 Hz (carriage of 0.5 to 3 kg on a cell of 1e6 N/m) and zeta = 0.0
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.recording import Floats
-from sawbench.modeling.effects.effect import Effect, Strength, Words
-from sawbench.modeling.effects.transfer import filtered, force_reading
+from sawbench.modeling.effects.effect import Effect, Prepared, Strength, Words
+from sawbench.modeling.effects.transfer import Spectrum, force_reading
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -24,13 +25,15 @@ _FREQUENCIES_HZ = tuple(float(f) for f in np.geomspace(60.0, 450.0, 42))
 _UPPER = (1.5, 2.0, 2.5, 3.0)
 
 
-def _signature(
-    baseline: Baseline, state: State, frequency_hz: float, damping: float, upper: float = 0.0
-) -> tuple[Signature, ...]:
-    places = (frequency_hz, *(frequency_hz * ratio for ratio in _UPPER)) if upper else (frequency_hz,)
-    expected = baseline.expected_force(state)
-    readings = [filtered(expected, state, partial(_transfer, place, damping)) for place in places]
-    return tuple(force_reading(baseline, state, reading) for reading in readings)
+def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
+    expected = Spectrum(baseline.expected_force(state), state)
+
+    def signature(frequency_hz: float, damping: float, upper: float = 0.0) -> tuple[Signature, ...]:
+        places = (frequency_hz, *(frequency_hz * ratio for ratio in _UPPER)) if upper else (frequency_hz,)
+        readings = [expected.through(partial(_transfer, place, damping)) for place in places]
+        return tuple(force_reading(baseline, state, reading) for reading in readings)
+
+    return signature
 
 
 def _transfer(frequency_hz: float, damping: float, f: Floats) -> NDArray[np.complexfloating]:
@@ -50,7 +53,7 @@ EFFECT = Effect(
     parts=("carriage",),
     silent_in=("air",),
     strength=Strength(name="frequency_hz", unit="Hz", typical=1.0, low=0.1, high=2.0, source="assumed"),
-    signature=_signature,
+    signature=Prepared(_prepared),
     n_signatures=lambda shape: 1 + len(_UPPER) if "upper" in shape else 1,
     shapes=(
         *({"frequency_hz": f, "damping": z} for f in _FREQUENCIES_HZ for z in (0.03, 0.08, 0.2)),

@@ -13,13 +13,14 @@ in a lag. Latencies of USB, serial and CAN chains 0.1 to 10 ms, quartz clocks 10
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.modeling.effects.effect import Effect, Strength, Words
-from sawbench.modeling.effects.transfer import AXIS_TIMES_S, filtered, force_reading
+from sawbench.modeling.effects.effect import Effect, Prepared, Strength, Words
+from sawbench.modeling.effects.transfer import AXIS_TIMES_S, Spectrum, force_error
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -31,36 +32,41 @@ _DEVICES = (FORCE, CAN, DISPLACEMENT, AMPLIFIER)
 _SESSION_UNIT_S, _TRIAL_UNIT_S = 1000.0, 10.0
 
 
-def _signature(baseline: Baseline, state: State, device: float, tau_s: float, drifts: float) -> tuple[Signature, ...]:
+def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
     session_s, trial_s = state.setting.session_s + state.time_s, state.time_s
-    delay_s = tau_s * (1.0, session_s / _SESSION_UNIT_S, trial_s / _TRIAL_UNIT_S)[int(drifts)]
-    if device == FORCE:
-        return (_late_force(baseline, state, delay_s),)
-    # Early CAN beside a displacement that sets the time is late CAN with the other sign.
-    found = _late_can(baseline, state, delay_s if device == CAN else -delay_s)
-    if device == DISPLACEMENT:
-        for name, wave in _late_force(baseline, state, -delay_s).items():
-            found[name] = found.get(name, 0.0) + wave
-    return (found,)
+    force = baseline.expected_force(state)
+    late_force = _delays(force, state)
+    late_can = _late_can(baseline, state)
+
+    def signature(device: float, tau_s: float, drifts: float) -> tuple[Signature, ...]:
+        delay_s = tau_s * (1.0, session_s / _SESSION_UNIT_S, trial_s / _TRIAL_UNIT_S)[int(drifts)]
+        if device == FORCE:
+            return (force_error(baseline, state, late_force(delay_s) - force),)
+        # Early CAN beside a displacement that sets the time is late CAN with the other sign.
+        found = late_can(delay_s if device == CAN else -delay_s)
+        if device == DISPLACEMENT:
+            for name, wave in force_error(baseline, state, late_force(-delay_s) - force).items():
+                found[name] = found.get(name, 0.0) + wave
+        return (found,)
+
+    return signature
 
 
-def _delayed(wave: Floats, state: State, delay_s: Floats | float) -> Floats:
-    return filtered(wave, state, lambda f: np.exp(-2j * np.pi * f * delay_s))
+def _delays(wave: Floats, state: State) -> Callable[[Floats | float], Floats]:
+    """Of a delay in s: the wave that much later."""
+    spectrum = Spectrum(wave, state)
+    return lambda delay_s: spectrum.through(lambda f: np.exp(-2j * np.pi * f * delay_s))
 
 
-def _late_force(baseline: Baseline, state: State, delay_s: Floats | float) -> Signature:
-    return force_reading(baseline, state, _delayed(baseline.expected_force(state), state, delay_s))
-
-
-def _late_can(baseline: Baseline, state: State, delay_s: Floats | float) -> Signature:
+def _late_can(baseline: Baseline, state: State) -> Callable[[Floats | float], Signature]:
     if state.current_a is None:
-        return {}
-    plant = baseline.plant
+        return lambda _: {}
+    plant, current_a = baseline.plant, state.current_a
     emf = plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * state.speed_rad_s
-    in_time_a = _delayed(state.current_a, state, -delay_s)
-    return {
-        "electrical": _delayed(emf, state, delay_s) - emf,
-        "mechanical": plant.torque_constant_n_m_per_a.nominal * (state.current_a - in_time_a),
+    late_current, late_emf = _delays(current_a, state), _delays(emf, state)
+    return lambda delay_s: {
+        "electrical": late_emf(delay_s) - emf,
+        "mechanical": plant.torque_constant_n_m_per_a.nominal * (current_a - late_current(-delay_s)),
     }
 
 
@@ -80,12 +86,12 @@ def _axis_signature(axis: AxisBaseline, state: AxisState, device: float, tau_s: 
     if device == FORCE:
         if state.force_n is None:
             return ({},)
-        return ({"mechanical": state.force_n - _delayed(state.force_n, state, tau_s)},)
+        return ({"mechanical": state.force_n - _delays(state.force_n, state)(tau_s)},)
     required = axis.required_force(state)
     if device == CAN:
-        return ({"mechanical": _delayed(required, state, tau_s) - required},)
+        return ({"mechanical": _delays(required, state)(tau_s) - required},)
     motion = required - (0.0 if state.force_n is None else state.force_n)
-    return ({"mechanical": motion - _delayed(motion, state, tau_s)},)
+    return ({"mechanical": motion - _delays(motion, state)(tau_s)},)
 
 
 def _on_axis(_: AxisBaseline) -> Effect:
@@ -112,7 +118,7 @@ EFFECT = Effect(
     ),
     parts=("clocks",),
     strength=Strength(name="delay_s", unit="s", typical=1.0, low=0.7, high=1.4, source="assumed"),
-    signature=_signature,
+    signature=Prepared(_prepared),
     shapes=_shapes(),
     continuous=("tau_s",),
     shape_strength=lambda amplitude, shape: amplitude * shape["tau_s"],

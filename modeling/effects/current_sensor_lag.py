@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from sawbench.modeling.effects.effect import Effect, Strength, Words
-from sawbench.modeling.effects.transfer import current_reading, filtered, lag_on_axis, low_pass, time_derivative
+from sawbench.modeling.effects.transfer import Spectrum, current_reading, lag_on_axis, low_pass, time_derivative
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -32,7 +32,7 @@ def _signature(baseline: Baseline, state: State, tau_s: float) -> tuple[Signatur
 def _axis_signature(_: AxisBaseline, state: AxisState, tau_s: float) -> tuple[Signature, ...]:
     if not state.is_cyclic:
         return ({},)
-    return ({"mechanical": filtered(state.drive_n, state, low_pass(tau_s)) - state.drive_n},)
+    return ({"mechanical": Spectrum(state.drive_n, state).through(low_pass(tau_s)) - state.drive_n},)
 
 
 def _on_axis(_: AxisBaseline) -> Effect:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -23,6 +24,17 @@ Part = Literal[
 Phase = Literal["air", "start_up"]
 # (baseline, state, shape) -> one Signature, or two where a phase is free (sine and cosine part).
 SignatureFunction = Callable[..., tuple[Signature, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A signature function whose forms share work: `on` does it once a state and gives the function of the shape."""
+
+    on: Callable[[Any, State], SignatureFunction]
+
+    def __call__(self, baseline: Any, state: State, **shape: float) -> tuple[Signature, ...]:
+        """Evaluate one shape."""
+        return self.on(baseline, state)(**shape)
 
 
 # Every effect of the catalogue may be there a little without being "the" cause: one standard deviation of that, as a
@@ -189,19 +201,30 @@ class Effect:
         tuple of dict
             Arrays of the state's shape; only equations that the measured channels allow.
         """
-        shape = self.shapes[0] if shape is None else shape
+        return self.signatures_of(baseline, state, [self.shapes[0] if shape is None else shape])[0]
+
+    def signatures_of(
+        self, baseline: Any, state: State, shapes: Sequence[dict[str, float]]
+    ) -> list[tuple[Signature, ...]]:
+        """`signatures` for many shapes; what they share is worked out once."""
         if self._is_silent(state):
-            return tuple({} for _ in range(self.n_signatures(shape)))
-        found = self.signature(baseline, state, **shape)
+            return [tuple({} for _ in range(self.n_signatures(shape))) for shape in shapes]
         kept, grid = baseline.evaluable_equations(state), state.angle_rad.shape
-        return tuple(
-            {
-                name: wave if np.shape(wave) == grid else np.broadcast_to(wave, grid)
-                for name, wave in part.items()
-                if name in kept
-            }
-            for part in found
+        signature = self.signature
+        found_for = (
+            signature.on(baseline, state) if isinstance(signature, Prepared) else partial(signature, baseline, state)
         )
+        return [
+            tuple(
+                {
+                    name: wave if np.shape(wave) == grid else np.broadcast_to(wave, grid)
+                    for name, wave in part.items()
+                    if name in kept
+                }
+                for part in found_for(**shape)
+            )
+            for shape in shapes
+        ]
 
     def _is_silent(self, state: State) -> bool:
         return ("air" in self.silent_in and state.setting.is_idle) or state.kind in self.silent_in

@@ -10,11 +10,12 @@ Range: analogue filters of 30 Hz to 1.6 kHz: assumed.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
-from sawbench.modeling.effects.effect import Effect, Strength, Words
-from sawbench.modeling.effects.transfer import filtered, force_reading, lag_on_axis, low_pass
+from sawbench.modeling.effects.effect import Effect, Prepared, Strength, Words
+from sawbench.modeling.effects.transfer import Spectrum, force_reading, lag_on_axis, low_pass
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -24,15 +25,15 @@ if TYPE_CHECKING:
 _TAUS_S = tuple(float(tau) for tau in np.geomspace(1.5e-4, 1e-2, 18))
 
 
-def _signature(baseline: Baseline, state: State, tau_s: float, damping: float) -> tuple[Signature, ...]:
-    force = baseline.expected_force(state)
-    return (force_reading(baseline, state, filtered(force, state, low_pass(tau_s, damping))),)
+def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
+    force = Spectrum(baseline.expected_force(state), state)
+    return lambda tau_s, damping: (force_reading(baseline, state, force.through(low_pass(tau_s, damping))),)
 
 
 def _axis_signature(axis: AxisBaseline, state: AxisState, tau_s: float) -> tuple[Signature, ...]:
     if state.force_n is None or not state.is_cyclic:
         return ({},)
-    return ({"mechanical": state.force_n - filtered(state.force_n, state, low_pass(tau_s))},)
+    return ({"mechanical": state.force_n - Spectrum(state.force_n, state).through(low_pass(tau_s))},)
 
 
 def _on_axis(_: AxisBaseline) -> Effect:
@@ -50,7 +51,7 @@ EFFECT = Effect(
     ),
     parts=("load_cell",),
     strength=Strength(name="time_constant_s", unit="s", typical=1.0, low=0.7, high=1.4, source="assumed"),
-    signature=_signature,
+    signature=Prepared(_prepared),
     shapes=tuple({"tau_s": tau, "damping": z} for z in (0.0, 0.5, 0.6, 0.7, 0.85, 1.0) for tau in _TAUS_S),
     continuous=("tau_s", "damping"),
     shape_strength=lambda amplitude, shape: amplitude * shape["tau_s"],

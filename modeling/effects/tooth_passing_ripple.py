@@ -10,8 +10,10 @@ depth: assumed.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
-from sawbench.modeling.effects.effect import Effect, Strength, Words
+from sawbench.modeling.effects.effect import Effect, Prepared, Strength, Words
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import TWO_PI, State
 
@@ -19,14 +21,19 @@ _TEETH_PER_M = np.arange(220.0, 560.0 + 1.0, 5.0)
 _OVERTONES = (1.0, 0.5, 0.25)
 
 
-def _signature(baseline: Baseline, state: State, pitch_m: float, sharp: float) -> tuple[Signature, ...]:
-    phase = TWO_PI * baseline.mechanism.displacement(state.angle_rad) / pitch_m
+def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
+    turned = TWO_PI * baseline.mechanism.displacement(state.angle_rad)
     force = baseline.expected_force(state)
-    found: list[Signature] = []
-    for k, size in enumerate(_OVERTONES if sharp else _OVERTONES[:1], start=1):
-        found.append({"cutting": size * force * np.sin(k * phase)})
-        found.append({"cutting": size * force * np.cos(k * phase)})
-    return tuple(found)
+
+    def signature(pitch_m: float, sharp: float) -> tuple[Signature, ...]:
+        found: list[Signature] = []
+        for k, size in enumerate(_OVERTONES if sharp else _OVERTONES[:1], start=1):
+            phase = k / pitch_m * turned
+            found.append({"cutting": size * force * np.sin(phase)})
+            found.append({"cutting": size * force * np.cos(phase)})
+        return tuple(found)
+
+    return signature
 
 
 EFFECT = Effect(
@@ -43,7 +50,7 @@ EFFECT = Effect(
     strength=Strength(
         name="depth", unit="1", typical=0.15, low=0.1, high=3.0, source="assumed; pitch: blade catalogues"
     ),
-    signature=_signature,
+    signature=Prepared(_prepared),
     n_signatures=lambda shape: 2 * (len(_OVERTONES) if shape["sharp"] else 1),
     shapes=tuple({"pitch_m": float(1.0 / n), "sharp": sharp} for sharp in (0.0, 1.0) for n in _TEETH_PER_M),
     continuous=("pitch_m",),

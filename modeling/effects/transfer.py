@@ -11,27 +11,24 @@ from numpy.typing import NDArray
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.effect import Effect, SignatureFunction
 from sawbench.modeling.residuals import Baseline, Signature
-from sawbench.modeling.state import START_UP_STEP_S, TWO_PI, State, angle_derivative
+from sawbench.modeling.state import START_UP_STEP_S, TWO_PI, Motion, State, angle_derivative
 
 # Delays and time constants that a sensor of a linear axis may have.
 AXIS_TIMES_S: Final = tuple(float(tau) for tau in np.geomspace(3e-4, 3e-2, 8))
-TransferFunction = Callable[[Floats], NDArray[np.complexfloating]]
+Complexes = NDArray[np.complexfloating]
+TransferFunction = Callable[[Floats], Complexes]
+# A start-up with what is put before and behind it, in lengths of the start-up.
+_START_LENGTHS: Final = 4
 
 
-def filtered(wave: Floats, state: State, transfer: TransferFunction) -> Floats:
-    """Pass strokes, or a start-up, through a transfer function of frequency in Hz.
+class Spectrum:
+    """A wave in the frequency domain, to pass through any number of transfer functions.
 
     Parameters
     ----------
     wave : ndarray, shape (n_units, n_points)
         Of the state's grid. The speed ripple within a stroke is taken into account.
     state : State
-    transfer : callable
-        Frequency in Hz, shape (n_units or 1, n_frequencies) -> complex gain of a shape that broadcasts to it.
-
-    Returns
-    -------
-    ndarray, shape of `wave`
         A start-up is taken to come from rest: before it the wave runs back to 0 with its first slope.
 
     Examples
@@ -42,23 +39,45 @@ def filtered(wave: Floats, state: State, transfer: TransferFunction) -> Floats:
     >>> from sawbench.modeling.state import Motion
     >>> speed = 90.0 + 15.0 * np.cos(np.arange(32) * TWO_PI / 32)[None, :]
     >>> state = SimpleNamespace(kind="running", motion=Motion(speed, speed))
-    >>> bool(np.allclose(filtered(speed**2, state, np.ones_like), speed**2))
+    >>> bool(np.allclose(Spectrum(speed**2, state).through(np.ones_like), speed**2))
     True
     """
-    if state.kind != "running":
-        return _filtered_start(wave, transfer)
-    n_points = wave.shape[-1]
-    orders = np.arange(n_points // 2)
-    turns, slowness, period_s = state.motion.turns, state.motion.slowness, state.motion.period_s
-    weighted = wave * (slowness / period_s) / n_points
-    coefficients = (turns.conj() @ weighted[..., None])[..., 0] if len(turns) > 1 else weighted @ turns[0].conj().T
-    change = coefficients * (transfer(orders / period_s) - 1.0)
-    change[:, 1:] *= 2.0
-    back = (change[:, None, :] @ turns)[:, 0] if len(turns) > 1 else change @ turns[0]
-    return wave + back.real
+
+    def __init__(self, wave: Floats, state: State) -> None:
+        self._wave = wave
+        self._turns = state.motion.turns if state.kind == "running" else None
+        if self._turns is None:
+            self._frequency_hz, self._coefficients = _of_start(wave)
+        else:
+            self._frequency_hz, self._coefficients = _of_strokes(wave, state.motion)
+
+    def through(self, transfer: TransferFunction) -> Floats:
+        """What a transfer function makes of the wave, of the wave's shape.
+
+        Parameters
+        ----------
+        transfer : callable
+            Frequency in Hz, shape (n_units or 1, n_frequencies) -> complex gain of a shape that broadcasts to it.
+        """
+        change = self._coefficients * (transfer(self._frequency_hz) - 1.0)
+        if self._turns is None:
+            n = self._wave.shape[-1]
+            return self._wave + np.fft.irfft(change, _START_LENGTHS * n, axis=-1)[..., n : 2 * n]
+        back = (change[:, None, :] @ self._turns)[:, 0] if len(self._turns) > 1 else change @ self._turns[0]
+        return self._wave + back.real
 
 
-def _filtered_start(wave: Floats, transfer: TransferFunction) -> Floats:
+def _of_strokes(wave: Floats, motion: Motion) -> tuple[Floats, Complexes]:
+    """Frequencies of the orders of a stroke, shape (rows, n_points // 2), and the coefficients there."""
+    turns, period_s = motion.turns, motion.period_s
+    weighted = wave * (motion.slowness / period_s) / wave.shape[-1]
+    found = (turns.conj() @ weighted[..., None])[..., 0] if len(turns) > 1 else weighted @ turns[0].conj().T
+    found[:, 1:] *= 2.0
+    return np.arange(wave.shape[-1] // 2) / period_s, found
+
+
+def _of_start(wave: Floats) -> tuple[Floats, Complexes]:
+    """Frequencies and spectrum of a start-up, with its way up from rest before it; after it, it stays and fades out."""
     n = wave.shape[-1]
     first, last = wave[..., :1], wave[..., -1:]
     slope = wave[..., 1:2] - first
@@ -67,11 +86,8 @@ def _filtered_start(wave: Floats, transfer: TransferFunction) -> Floats:
     before = np.where(np.abs(before) <= np.abs(first), before, first)
     fade = 0.5 + 0.5 * np.cos(np.pi * np.arange(n) / n)
     after = np.concatenate([np.broadcast_to(last, wave.shape), last * fade], axis=-1)
-    long = np.concatenate([before, wave, after], axis=-1)
-    spectrum = np.fft.rfft(long, axis=-1)
-    frequency_hz = np.arange(spectrum.shape[-1])[None, :] / (long.shape[-1] * START_UP_STEP_S)
-    change = np.fft.irfft(spectrum * (transfer(frequency_hz) - 1.0), long.shape[-1], axis=-1)
-    return wave + change[..., n : 2 * n]
+    spectrum = np.fft.rfft(np.concatenate([before, wave, after], axis=-1), axis=-1)
+    return np.arange(spectrum.shape[-1])[None, :] / (_START_LENGTHS * n * START_UP_STEP_S), spectrum
 
 
 def low_pass(tau_s: float, damping: float = 0.0) -> TransferFunction:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME, EFFECTS, MEMORIES, page
 from sawbench.modeling.effects.grain_variation import WAVELENGTHS_M
-from sawbench.modeling.effects.transfer import filtered
+from sawbench.modeling.effects.transfer import Spectrum
 from sawbench.modeling.machines.table import JIGSAW, SLIDER_CRANK_SAW
 from sawbench.modeling.residuals import residuals
 
@@ -293,7 +293,7 @@ def test_a_start_is_delayed_on_its_time_grid(delay_s):
     state = start_up()
     t = (np.arange(N_TIMES) + 0.5)[None, :] * 1e-3
     wave = np.sin(40.0 * t) ** 2
-    found = filtered(wave, state, lambda f: np.exp(-2j * np.pi * f * delay_s))
+    found = Spectrum(wave, state).through(lambda f: np.exp(-2j * np.pi * f * delay_s))
     expected = np.where(t > delay_s, np.sin(40.0 * (t - delay_s)) ** 2, 0.0)
     assert np.max(np.abs(found - expected)) < 0.01
 
