@@ -17,6 +17,7 @@ from sawbench.bench.config import MOST_REL_STD, BatteryConfig, LoadedConfig
 from sawbench.bench.recording import Floats
 from sawbench.bench.toml_writing import toml_text
 from sawbench.diagnosis.answer.learned_term import LearnedAnswer
+from sawbench.diagnosis.inference.dispersion import noise_factor_beside, stacked_with_noise, with_noise
 from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
@@ -127,8 +128,12 @@ def retuned_with(problem: LinearProblem, members: Sequence[Explanation], *, is_w
 
 
 def _solve(problem: LinearProblem, columns: Floats | None, *, is_wide: bool) -> Solution:
+    """Fit by the noise that this very fit leaves: by that of an ideal form, a strong cause overrides every prior."""
     scale = problem.wide_scale if is_wide else np.ones(len(problem.names))
-    values, stds = Marginal(problem, scale=scale, extra=columns).estimate()
+    given = np.zeros((len(problem.data), 0)) if columns is None else columns
+    noise = noise_factor_beside(problem, given, scale=scale)
+    extra = stacked_with_noise(problem, [given], noise)
+    values, stds = Marginal(with_noise(problem, noise), scale=scale, extra=extra).estimate()
     n = len(problem.names)
     width = scale * problem.prior_std
     farthest = SETTINGS.ladder.farthest if is_wide else SETTINGS.ladder.farthest_stated

@@ -38,9 +38,9 @@ def noise_factor(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue
     return _factor(problem, _rest_of_two(problem, catalogue, beyond))
 
 
-def noise_factor_beside(problem: LinearProblem, given: Floats) -> Floats:
-    """`noise_factor` by what columns of any size leave, shape (n, q)."""
-    return _factor(problem, Marginal(problem, extra=given).rest(problem.data))
+def noise_factor_beside(problem: LinearProblem, given: Floats, *, scale: Floats | None = None) -> Floats:
+    """`noise_factor` by what columns of any size, (n, q), and nuisances, their priors times `scale`, (p,), leave."""
+    return _factor(problem, Marginal(problem, scale=scale, extra=given).rest(problem.data))
 
 
 def _factor(problem: LinearProblem, rest: Floats) -> Floats:
