@@ -99,14 +99,14 @@ class _Piece:
 class _Sums:
     """Sums over the trials from which a cell is judged: everything over the noise at its largest.
 
-    Inner products of the columns that `find_cells` puts side by side: what is left of the data, what the nuisances take
-    up, and what small background effects leave.
+    Inner products with the columns that `find_cells` puts side by side: what is left of the data, what small background
+    effects leave, and what the nuisances take up.
     """
 
-    def __init__(self, n_taken: int, n_small: int) -> None:
-        n = 1 + n_taken + n_small
-        self._taken, self._small = slice(1, 1 + n_taken), slice(1 + n_taken, n)
-        self._products, self._on_noise = np.zeros((n, n)), np.zeros((n, n))
+    def __init__(self, n_small: int, n_taken: int) -> None:
+        self._small, self._taken = slice(1, 1 + n_small), slice(1 + n_small, None)
+        self._products = np.zeros((1 + n_small, 1 + n_small + n_taken))
+        self._on_noise = np.zeros((n_small, n_small))
         self._noise = 0.0
 
     def add(self, piece: _Piece, columns: Floats) -> None:
@@ -116,21 +116,19 @@ class _Sums:
         root = np.linalg.cholesky(piece.n_alike * piece.probes @ piece.probes.T)
         probes = solve_triangular(root, piece.probes, lower=True)
         seen = (probes @ columns[piece.blocks]).reshape(-1, columns.shape[2])
-        products = seen.T @ seen
+        products = seen[:, : self._taken.start].T @ seen
         self._products += products
-        self._on_noise += products / piece.n_alike
-        self._noise += len(seen) / piece.n_alike
+        self._on_noise += products[self._small, self._small] / piece.n_alike
+        self._noise += len(seen) / piece.n_alike - float(np.sum(seen[:, self._taken] ** 2))
 
     def misfit(self) -> tuple[float, float]:
         """Misfit and its expectation (Woodbury: A is never formed)."""
-        taken, small = self._taken, self._small
-        on_rest, on_small = self._products[small, 0], self._products[small, small]
-        taken_on_small = self._products[taken, small]
+        on_rest, on_small = self._products[self._small, 0], self._products[self._small, self._small]
+        on_taken = self._products[self._small, self._taken]
         inner = np.linalg.inv(np.eye(len(on_small)) + on_small)
         found = float(self._products[0, 0] - on_rest @ inner @ on_rest)
-        noise = self._noise - float(np.trace(self._products[taken, taken]))
-        noise -= float(np.sum(inner * self._on_noise[small, small]))
-        noise += float(np.sum((taken_on_small @ inner) * taken_on_small))
+        noise = self._noise - float(np.sum(inner * self._on_noise))
+        noise += float(np.sum((inner @ on_taken) * on_taken))
         return found, noise + float(np.sum(inner * on_small))
 
 
@@ -152,13 +150,13 @@ def find_cells(problem: LinearProblem, small: Floats | None = None) -> tuple[Cel
     # M^-1 = I - taken taken'.
     taken = marginal.taken_up().T
     small = marginal.rest(np.zeros((len(taken), 0)) if small is None else small)
-    columns = np.hstack([marginal.data_split[1][:, None], taken, small])
+    columns = np.hstack([marginal.data_split[1][:, None], small, taken])
     repeats = Counter(p.setting.operating_point for p in problem.parts if p.state.kind == "running")
     found: dict[tuple[Partition, Equation, str], _Sums] = {}
     for part in problem.parts:
         by_block = columns[part.place].reshape(part.blocks.shape[0], part.layout.size, -1)
         for piece in _pieces(part, max(repeats[part.setting.operating_point], 1)):
-            sums = found.setdefault(piece.key, _Sums(taken.shape[1], small.shape[1]))
+            sums = found.setdefault(piece.key, _Sums(small.shape[1], taken.shape[1]))
             sums.add(piece, by_block)
     return _judged(found)
 
