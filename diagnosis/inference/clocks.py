@@ -15,7 +15,7 @@ from sawbench.bench.recording import Floats
 from sawbench.bench.units import BATTERY_CURRENT, DISPLACEMENT, FORCE, MOTOR_CURRENT
 from sawbench.diagnosis.inference.nuisances import Nuisance
 from sawbench.modeling.effects import clock_offset
-from sawbench.modeling.effects.transfer import Spectrum
+from sawbench.modeling.effects.transfer import Spectrum, delay
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State, TrialSetting
 
@@ -89,7 +89,7 @@ def _late_battery(_: Baseline, state: State) -> Signature:
     """Voltage and current of the battery late; the supply equation holds both and stays right."""
 
     def change(wave: Floats) -> Floats:
-        return (Spectrum(wave, state).through(lambda f: np.exp(-2j * np.pi * f * _STEP_S)) - wave) / _STEP_S
+        return (Spectrum(wave, state).through(delay(_STEP_S)) - wave) / _STEP_S
 
     found: Signature = {}
     if state.battery_voltage_v is not None and state.current_a is not None:

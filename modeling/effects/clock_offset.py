@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.effect import Effect, Prepared, Strength, Words
-from sawbench.modeling.effects.transfer import AXIS_TIMES_S, Spectrum, force_error
+from sawbench.modeling.effects.transfer import AXIS_TIMES_S, Spectrum, delay, force_error
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -55,7 +55,7 @@ def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature
 def _delays(wave: Floats, state: State) -> Callable[[Floats | float], Floats]:
     """Of a delay in s: the wave that much later."""
     spectrum = Spectrum(wave, state)
-    return lambda delay_s: spectrum.through(lambda f: np.exp(-2j * np.pi * f * delay_s))
+    return lambda delay_s: spectrum.through(delay(delay_s))
 
 
 def _late_can(baseline: Baseline, state: State) -> Callable[[Floats | float], Signature]:

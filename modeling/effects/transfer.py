@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -44,12 +45,12 @@ class Spectrum:
     """
 
     def __init__(self, wave: Floats, state: State) -> None:
-        self._wave = wave
-        self._turns = state.motion.turns if state.kind == "running" else None
-        if self._turns is None:
-            self._frequency_hz, self._coefficients = _of_start(wave)
-        else:
-            self._frequency_hz, self._coefficients = _of_strokes(wave, state.motion)
+        self._wave, self._state = wave, state
+
+    @cached_property
+    def _orders(self) -> tuple[Floats, Complexes]:
+        """Frequencies in Hz and the coefficients there; not worked out where no filter asks for them."""
+        return _of_strokes(self._wave, self._state.motion) if self._state.kind == "running" else _of_start(self._wave)
 
     def through(self, transfer: TransferFunction) -> Floats:
         """What a transfer function makes of the wave, of the wave's shape.
@@ -59,11 +60,13 @@ class Spectrum:
         transfer : callable
             Frequency in Hz, shape (n_units or 1, n_frequencies) -> complex gain of a shape that broadcasts to it.
         """
-        change = self._coefficients * (transfer(self._frequency_hz) - 1.0)
-        if self._turns is None:
+        frequency_hz, coefficients = self._orders
+        change = coefficients * (transfer(frequency_hz) - 1.0)
+        if self._state.kind != "running":
             n = self._wave.shape[-1]
             return self._wave + np.fft.irfft(change, _START_LENGTHS * n, axis=-1)[..., n : 2 * n]
-        back = (change[:, None, :] @ self._turns)[:, 0] if len(self._turns) > 1 else change @ self._turns[0]
+        turns = self._state.motion.turns
+        back = (change[:, None, :] @ turns)[:, 0] if len(turns) > 1 else change @ turns[0]
         return self._wave + back.real
 
 
@@ -88,6 +91,11 @@ def _of_start(wave: Floats) -> tuple[Floats, Complexes]:
     after = np.concatenate([np.broadcast_to(last, wave.shape), last * fade], axis=-1)
     spectrum = np.fft.rfft(np.concatenate([before, wave, after], axis=-1), axis=-1)
     return np.arange(spectrum.shape[-1])[None, :] / (_START_LENGTHS * n * START_UP_STEP_S), spectrum
+
+
+def delay(delay_s: Floats | float) -> TransferFunction:
+    """Pure delay; a negative one is early."""
+    return lambda f: np.exp(-2j * np.pi * f * delay_s)
 
 
 def low_pass(tau_s: float, damping: float = 0.0) -> TransferFunction:

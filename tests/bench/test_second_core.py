@@ -1,6 +1,7 @@
 """Work on two cores: the same answers in the same order, whatever becomes of the other process."""
 
 import os
+import select
 import sys
 from types import MappingProxyType
 
@@ -42,6 +43,24 @@ def test_more_than_a_pipe_holds_comes_back():
 def test_the_other_process_does_its_share():
     with second_core():
         assert len(set(on_two_cores(where, range(4)))) == 2
+
+
+@two_cores
+def test_who_is_free_takes_the_next_item():
+    here, (done, say_done) = os.getpid(), os.pipe()
+
+    def waits_for_the_others(number):
+        if number == 0:
+            for _ in range(3):
+                assert select.select([done], [], [], 30.0)[0]
+                os.read(done, 1)
+        else:
+            os.write(say_done, b".")
+        return os.getpid()
+
+    with second_core():
+        pids = on_two_cores(waits_for_the_others, range(4))
+    assert [pid == here for pid in pids] == [True, False, False, False]
 
 
 @two_cores
