@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from sawbench.bench.processed import CrankAngle, ProcessedTrial
 from sawbench.bench.recording import Floats, Signal
 from sawbench.bench.units import CHANNEL_BY_NAME, DISPLACEMENT
+from sawbench.diagnosis.inference.off_stroke import is_mains
 from sawbench.diagnosis.inference.settings import SETTINGS
+from sawbench.diagnosis.signal_health import coarse_step
 from sawbench.modeling.parts.mechanism import Mechanism
 from sawbench.modeling.state import START_UP_STEP_S, TWO_PI, State, TrialSetting, angle_derivative
 from sawbench.processing.binning import AngleGrid, time_cell_means
@@ -168,7 +170,7 @@ def lock_to_angle(state: State) -> tuple[str, complex] | None:
     -------
     (str, complex) or None
         Which wave was judged; its mean phase, and as modulus how well the units agree (1 perfectly). None where
-        there is nothing to judge by.
+        there is nothing to judge by: the harmonic is weak, or the mains may hum at its frequency.
     """
     # In air the force is noise, and the reciprocating mass gives the current its second harmonic.
     name, wave, order = "current in air", state.current_a, 2
@@ -181,7 +183,16 @@ def lock_to_angle(state: State) -> tuple[str, complex] | None:
                 return None
     if wave is None:
         return None
-    parts = np.fft.rfft(wave, axis=1)[:, order]
+    harmonics = np.fft.rfft(wave, axis=1)
+    rate_hz = float(state.speed_rad_s.mean()) / TWO_PI
+    resolution_hz = rate_hz / float(state.n_strokes.mean())
+    if is_mains(order * rate_hz, within_hz=2.0 * resolution_hz):
+        return None
+    # The first odd harmonics of the current in air are small: what they hold is noise, hum and drift.
+    beside = np.abs(harmonics[:, 1:8:2]).mean(axis=0)
+    if state.setting.is_idle and np.abs(harmonics[:, order]).mean() < _NUMBERS.clear_harmonic * np.median(beside):
+        return None
+    parts = harmonics[:, order]
     size = float(np.abs(parts).sum())
     return (name, complex(parts.sum() / size)) if size > 0 else None
 
@@ -246,6 +257,7 @@ def running_state(trial: ProcessedTrial, setting: TrialSetting) -> State | None:
             if present[name] is not signal
         },
         blade_excess_m_s=None if missed is None else speed * angle_derivative(missed[is_covered]),
+        stroke_std_m=np.zeros(0) if missed is None else _std_by_steps(trial, angle, grid),
     )
 
 
@@ -293,6 +305,19 @@ def _missed_stroke(trial: ProcessedTrial, angle: CrankAngle, grid: AngleGrid) ->
     at_samples = grid.place(turned)
     at_samples[np.abs(beyond) > _NUMBERS.spike_share * angle.radius_m] = -1
     return fold(grid, at_samples, beyond)
+
+
+def _std_by_steps(trial: ProcessedTrial, angle: CrankAngle, grid: AngleGrid) -> Floats:
+    """Standard uncertainty of the mean displacement in each cell by coarse steps, m, shape (n_points,); or (0,).
+
+    A cell that holds a part of a step is wrong by q / sqrt(12); one that passes m steps, by the mth part of that.
+    """
+    step_m = DISPLACEMENT.si_factor * coarse_step(trial.channels[DISPLACEMENT.name])
+    if not step_m:
+        return np.zeros(0)
+    crank = Mechanism(radius_m=angle.radius_m, rod_length_m=angle.rod_length_m)
+    passed = np.abs(crank.lever(grid.middles_rad)) * (TWO_PI / N_POINTS) / step_m
+    return step_m / np.sqrt(12.0) / np.maximum(passed, 1.0)
 
 
 def _in_gap(time_s: Floats, angle_time_s: Floats, longest_s: float) -> np.ndarray:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from sawbench.bench.converter import clipped_levels
 from sawbench.bench.errors import InputError
 from sawbench.bench.plausible import Bounds
 from sawbench.bench.recording import Floats, Recording, Signal, Trial
@@ -17,6 +18,7 @@ from sawbench.diagnosis.inference.trial_settings import Screening
 from sawbench.diagnosis.plausibility import Suspicion, check, cutting_power_w, explain_faults
 from sawbench.diagnosis.trial_reading import Reading, read_trial, tracks_of
 from sawbench.modeling.residuals import Baseline
+from sawbench.processing.quality import find_spikes
 
 _NUMBERS = SETTINGS.screening
 
@@ -166,36 +168,13 @@ def _defect_of(signal: Signal) -> tuple[str, str] | None:
     values = signal.values
     if len(values) < 16:
         return f"it has {len(values)} samples", "too few samples"
-    low, high = float(values.min()), float(values.max())
-    if low == high:
-        return f"it is constant at {low + 0.0:.6g} {signal.unit}", "dead sensor or missing cable"
-    working = _while_working(values)
-    for end in (low, high):
-        # Any real sensor has noise: the same extreme value many times in a row is the end of its range.
-        stuck = np.concatenate([[0], (working == end).astype(np.int8), [0]])
-        if stuck.mean() < _NUMBERS.saturated_share:
-            continue
-        edges = np.flatnonzero(np.diff(stuck))
-        if (edges[1::2] - edges[::2]).max() >= _NUMBERS.saturated_run:
-            share = 100.0 * float(stuck.mean())
-            return f"{share:.1f} % of its samples are at {end:.6g} {signal.unit}", "range of the sensor exceeded"
+    if values.min() == values.max():
+        return f"it is constant at {values[0] + 0.0:.6g} {signal.unit}", "dead sensor or missing cable"
+    for level, n_there in clipped_levels(values[~find_spikes(values)]).items():
+        if n_there >= _NUMBERS.saturated_share * len(values):
+            seen = f"{n_there / len(values):.1%} of its samples are at {level:.6g} {signal.unit}".replace("%", " %")
+            return seen, "range of the sensor exceeded"
     return None
-
-
-def _while_working(values: Floats) -> Floats:
-    """Samples between the first and the last that differ from rest by more than a few steps of the converter.
-
-    At rest a coarse converter reads the same value many times in a row, and for a current that is the lowest one.
-    A rest at the end that is longer than a quarter of the record is no rest: the channel may have died.
-    """
-    rest = float(np.median(values[: max(len(values) // 200, 8)]))
-    steps = np.diff(np.unique(values))
-    quantum = float(steps.min()) if len(steps) else 0.0
-    moved = np.flatnonzero(np.abs(values - rest) > max(3.0 * quantum, 0.02 * float(np.ptp(values))))
-    if not len(moved):
-        return values
-    end = moved[-1] + 1
-    return values[moved[0] : end if len(values) - end <= len(values) // 4 else len(values)]
 
 
 def _without_copies(recordings: Sequence[Recording], warnings: list[str]) -> list[Recording]:

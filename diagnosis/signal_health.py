@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from sawbench.bench.converter import step_of
 from sawbench.bench.processed import ProcessedTrial
 from sawbench.bench.recording import Signal
 from sawbench.bench.units import CHANNEL_BY_NAME
 from sawbench.diagnosis.inference.settings import SETTINGS
-
-_MOST_SAMPLES = 20_000
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -50,7 +49,7 @@ def channel_health(trial: ProcessedTrial) -> tuple[ChannelHealth, ...]:
             seconds=q.n_samples / q.rate_hz,
             rate_hz=q.rate_hz,
             noise=q.noise_std,
-            step=_coarse_step(trial.channels[q.channel]),
+            step=coarse_step(trial.channels[q.channel]),
             spikes=q.n_spikes,
             missing_share=q.n_missing / max(q.n_samples + q.n_missing, 1),
             # An interval holds the errors of two times.
@@ -61,11 +60,7 @@ def channel_health(trial: ProcessedTrial) -> tuple[ChannelHealth, ...]:
     )
 
 
-def _coarse_step(signal: Signal) -> float:
-    """Step between neighbouring values in the middle of a recording, where it hides the noise."""
-    middle = len(signal.values) // 2
-    values = signal.values[max(middle - _MOST_SAMPLES // 2, 0) : middle + _MOST_SAMPLES // 2]
-    change = np.abs(np.diff(values))
-    if not change.any() or np.mean(change == 0.0) < SETTINGS.reading.equal_share:
-        return 0.0
-    return float(change[change > 1e-9 * float(np.ptp(values))].min())
+def coarse_step(signal: Signal) -> float:
+    """Step of the converter, in the channel's unit, where it hides the noise; else 0."""
+    is_hidden = np.mean(np.diff(signal.values) == 0.0) >= SETTINGS.reading.equal_share
+    return step_of(signal.values) if is_hidden else 0.0

@@ -159,6 +159,9 @@ class State:
         Measured velocity of the blade beyond that of the crank's angle and speed (with the radius that was tracked):
         what the tracker of the angle is too slow for, as where a plunger crosses its play. None where it was not
         measured.
+    stroke_std_m : ndarray, shape (n_points,) or (0,)
+        Standard uncertainty of the mean displacement at each angle, alike in all strokes: of a converter with coarse
+        steps. Empty where the steps are finer than the noise.
     """
 
     kind: Literal["running", "start_up", "instant"]
@@ -184,6 +187,7 @@ class State:
     ripple_std_rad: Floats = field(default_factory=lambda: np.zeros(0))
     resolved_orders: Mapping[str, float] = field(default_factory=dict)
     blade_excess_m_s: Floats | None = None
+    stroke_std_m: Floats = field(default_factory=lambda: np.zeros(0))
     motion: Motion = field(default=None, repr=False, compare=False)  # type: ignore[assignment]
 
     def __post_init__(self) -> None:

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.config import BenchConfig
+from sawbench.bench.converter import clipped_levels
 from sawbench.bench.plausible import BATTERY_VOLTAGE, LENGTH_UNITS, TRAVEL, is_outside, most_battery_current_a
 from sawbench.bench.processed import ChannelQuality
 from sawbench.bench.recording import Floats, Signal
@@ -18,8 +19,6 @@ from sawbench.processing.noise import robust_range, white_noise_std
 _GAP_PERIODS = 2.5
 _SPIKE_NOISE_STDS = 12.0
 _SPIKE_RANGE_SHARE = 0.25
-_FLAT_RUN = 4
-_FLAT_RUNS = 3
 _CONSTANT: Final = "constant at"
 _CLIPPED: Final = "clipped:"
 # Problems that begin so make the values wrong; the others only leave fewer of them.
@@ -69,7 +68,7 @@ def clean_channel(signal: Signal) -> CleanChannel:
     """
     time, values = signal.time_s, signal.values
     is_spike = find_spikes(values)
-    n_clipped = count_clipped(values[~is_spike])
+    n_clipped = sum(clipped_levels(values[~is_spike]).values())
     step = np.diff(time)
     typical = float(np.median(step)) if len(step) else 0.0
     longest = max(_GAP_PERIODS * typical, 1.5 * float(np.percentile(step, 98.0))) if len(step) else 0.0
@@ -138,44 +137,6 @@ def find_spikes(values: Floats) -> NDArray[np.bool_]:
         around = np.clip(suspects[:, None] + np.arange(-2, 3), 0, len(values) - 1)
         is_spike[suspects] = np.abs(values[suspects] - np.median(values[around], axis=1)) > limit
     return is_spike
-
-
-def count_clipped(values: Floats) -> int:
-    """Count samples in flat tops: runs of four or more equal values at the channel's own extreme.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-
-    Returns
-    -------
-    int
-        0 for a constant channel. Fewer than three flat tops are a machine standing still, and a value of
-        exactly 0 is taken as nothing measured, not as clipping, and a quantised signal may dwell at its
-        extreme twice as long as a sine of its range.
-
-    Examples
-    --------
-    >>> count_clipped(np.clip(np.sin(np.arange(0, 60, 0.05)), -2.0, 0.7)) > 100
-    True
-    """
-    if len(values) < 16:
-        return 0
-    low, high = float(values.min()), float(values.max())
-    if high == low:
-        return 0
-    step = np.abs(np.diff(values))
-    quantum = float(step[step > 0].min())
-    of_sine = np.arccos(1 - 2 * min(quantum / (high - low), 1.0)) / np.pi
-    clipped = 0
-    for extreme in (low, high):
-        edges = np.flatnonzero(np.diff(np.r_[False, values == extreme, False]))
-        lengths = edges[1::2] - edges[::2]
-        lengths = lengths[lengths >= _FLAT_RUN]
-        flat = int(lengths.sum())
-        if extreme != 0.0 and len(lengths) >= _FLAT_RUNS and flat > 2.0 * of_sine * len(values):
-            clipped += flat
-    return clipped
 
 
 def _health_problems(values: Floats, n_spikes: int, n_clipped: int, n_missing: int, unit: str) -> tuple[str, ...]:

@@ -476,15 +476,17 @@ def _keeps_its_frequency(line: Sequence[tuple[OffStroke, Peak]]) -> bool:
     return bool(places.std() / places.mean() < orders.std() / orders.mean())
 
 
-def is_mains(frequency_hz: float) -> bool:
-    """Whether a frequency is that of the mains or a multiple.
+def is_mains(frequency_hz: float, within_hz: float = 0.0) -> bool:
+    """Whether a frequency is that of the mains or a multiple, or closer to one than the resolution of a spectrum.
 
     Examples
     --------
-    >>> is_mains(150.1), is_mains(57.0)
-    (True, False)
+    >>> is_mains(150.1), is_mains(57.0), is_mains(57.0, within_hz=4.0)
+    (True, False, True)
     """
-    multiples = [(frequency_hz / mains_hz, round(frequency_hz / mains_hz)) for mains_hz in _MAINS_HZ]
+    multiples = [(mains_hz, round(frequency_hz / mains_hz)) for mains_hz in _MAINS_HZ]
     return any(
-        1 <= n <= _HIGHEST_MULTIPLE and abs(of / n - 1.0) < SETTINGS.report.mains_tolerance for of, n in multiples
+        1 <= n <= _HIGHEST_MULTIPLE
+        and abs(frequency_hz - n * mains_hz) < max(SETTINGS.report.mains_tolerance * n * mains_hz, within_hz)
+        for mains_hz, n in multiples
     )

@@ -14,8 +14,8 @@ class Screening:
 
     Attributes
     ----------
-    saturated_run, saturated_share : int, float
-        Samples in a row, and share of all samples, at one end from which a channel is stuck there.
+    saturated_share : float
+        Share of the samples at a limit from which a channel is left out.
     stalled_share : float
         Of the driving voltage: resistive drop from which a motor without strokes is stalled.
     duty_deviation : float
@@ -46,7 +46,6 @@ class Screening:
         Share of the strokes from which dropouts are said.
     """
 
-    saturated_run: int = marked(8, "convention", "no noise stays at its extreme for that long")
     saturated_share: float = marked(0.005, "convention", "less costs nothing")
     stalled_share: float = marked(0.3, "convention", "of a running motor the back-EMF holds most of the voltage")
     duty_deviation: float = marked(0.055, "fitted", "no effect at twice its size passes it; a step of 1/16 does")
@@ -83,6 +82,8 @@ class Reading:
         Displacement that far from the tracked one, as a share of the radius, is a spike; play is less.
     least_swing_n : float
         Of the force at one stroke: below it the force says nothing of the angle.
+    clear_harmonic : float
+        Of the current in air, over what stands beside it: below it the current says nothing of the angle.
     irregular : float
         Interquartile range of stroke times over their median from which these are no strokes.
     clear_line : float
@@ -101,6 +102,7 @@ class Reading:
     noise_margin: float = marked(3.0, "convention", "95 % point of a variance with one degree of freedom is 3.8")
     spike_share: float = marked(0.1, "convention", "play is less")
     least_swing_n: float = marked(3.0, "convention", "above the noise of load cells")
+    clear_harmonic: float = marked(3.0, "convention", "a phase is then certain to a third of a radian")
     irregular: float = marked(0.5, "measured", "noise that crosses its middle has about 1")
     clear_line: float = marked(12.0, "convention", "the largest of 8000 bins of noise is 3.6 times their median")
     equal_share: float = marked(0.3, "convention", "of white noise it is 0.28 where the step is one standard deviation")

@@ -22,7 +22,7 @@ from sawbench.modeling.machines.machine import Machine
 from sawbench.modeling.machines.table import saw_of
 from sawbench.modeling.parts.linear import coefficient
 from sawbench.modeling.residuals import UNITS, Baseline, Equation, Signature, bare_residuals
-from sawbench.modeling.state import State
+from sawbench.modeling.state import State, angle_derivative
 
 _PLACES: Final[dict[Equation, tuple[Place, str, str]]] = {
     "electrical": ("electrical", "motor_current_a", "A"),
@@ -120,7 +120,7 @@ class Jigsaw:
                     floor[part] = np.hypot(floor[part], self._ripple_error(equation, order, state))
                 resolved = min(state.resolved_orders.get(channel, np.inf) for channel in _CHANNELS[equation])
                 floor[part] *= np.where(order > resolved, _UNRESOLVED, 1.0)
-        return np.diag(floor**2 + self._bend_of_sensors(layout, state))
+        return np.diag(floor**2 + self._bend_of_sensors(layout, state)) + self._stepped_speed(layout, state)
 
     def _bend_of_sensors(self, layout: Layout, state: State) -> Floats:
         """Variance of every feature by characteristics that are straight to a share of the range in use."""
@@ -138,6 +138,19 @@ class Jigsaw:
                 smooth = 1.0 / (1.0 + (order / sensors.linearity_harmonic) ** 2)
                 found[part] += bent**2 * float(np.mean(moved**2)) * smooth**2
         return found
+
+    def _stepped_speed(self, layout: Layout, state: State) -> Floats:
+        """Covariance by a cutting speed that is measured in coarse steps, shape (layout.size, layout.size).
+
+        The steps lie at the same angles in all strokes: averaging the blocks of a trial must not make it more certain.
+        """
+        if "cutting" not in layout.equations or not len(state.stroke_std_m):
+            return np.zeros((layout.size, layout.size))
+        speed_m_s = float(state.speed_rad_s.mean()) * angle_derivative(np.diag(state.stroke_std_m))
+        is_cutting = self.baseline.cutting_speed(state).mean(axis=0) > 0.0
+        force_n = state.k_guess_n_s_per_m * speed_m_s * is_cutting
+        moved = layout.place({"cutting": force_n}, len(force_n))
+        return N_BLOCKS * moved.T @ moved
 
     def _ripple_error(self, equation: Equation, order: Floats, state: State) -> Floats:
         """What an uncertain wave of the angle makes of back-EMF or inertia torque, at each harmonic.

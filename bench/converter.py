@@ -1,0 +1,84 @@
+"""What the sensor, its amplifier and its converter do to a signal: the levels that cut it off, and its step."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from sawbench.bench.recording import Floats
+
+_LEAST_SAMPLES = 16
+_ROUNDED = 1e-9
+# A signal that is cut off comes to lie on the limit several times, each time for some samples.
+_FLAT = 4
+_VISITS = 3
+# The level of a smooth turning point has about as many samples as the next three steps below it: the time within a
+# distance d of the top of a parabola grows as the square root of d. Half of that is no turning point.
+_STEPS_BESIDE = 3.0
+_BESIDE_A_TURNING_POINT = 0.5
+
+
+def clipped_levels(values: Floats) -> dict[float, int]:
+    """Levels at which a signal is cut off, with the number of samples at each.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Without spikes.
+
+    Returns
+    -------
+    dict of float to int
+        Empty where nothing is cut off. The ends of the signal are looked at: one is a limit where the signal comes to
+        it at least three times and lies fewer samples on the steps of the converter beside it than a turning point
+        does. A level at which the signal rests once, or for most of the time, is no limit, nor is exactly 0.
+
+    Examples
+    --------
+    >>> wave = np.sin(np.arange(0, 60, 0.05))
+    >>> clipped_levels(np.clip(wave, -2.0, 0.7)).keys(), clipped_levels(np.round(wave, 1))
+    (dict_keys([0.7]), {})
+    """
+    if len(values) < _LEAST_SAMPLES:
+        return {}
+    found: dict[float, int] = {}
+    near = _STEPS_BESIDE * step_of(values) * (1.0 + 1e-6)
+    for end in {float(values.min()), float(values.max())} - {0.0}:
+        is_at_end = values == end
+        n_at_end = np.count_nonzero(is_at_end)
+        if n_at_end < _VISITS * _FLAT or 2 * n_at_end > len(values):
+            continue
+        at, around = _visits(np.abs(values - end) <= near, is_at_end)
+        if len(at) >= _VISITS and np.median(around - at) < _BESIDE_A_TURNING_POINT * np.median(at):
+            found[end] = int(at.sum())
+    return found
+
+
+def _visits(is_near: NDArray[np.bool_], is_at_end: NDArray[np.bool_]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """Samples at the end, and samples near it, of every stretch near it that holds a flat part of the end."""
+    edges = np.flatnonzero(np.diff(np.r_[False, is_near, False]))
+    at = np.diff(np.r_[0, np.cumsum(is_at_end)][edges])[::2]
+    return at[at >= _FLAT], np.diff(edges)[::2][at >= _FLAT]
+
+
+def step_of(values: Floats) -> float:
+    """Step of the converter: the smallest one between levels that are held for more than one sample.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+
+    Returns
+    -------
+    float
+        In the unit of the values; 0 where fewer than two levels are held.
+
+    Examples
+    --------
+    >>> step_of(np.round(np.sin(np.arange(0, 60, 0.01)) / 0.25) * 0.25), step_of(np.sin(np.arange(0, 60, 0.01)))
+    (0.25, 0.0)
+    """
+    held = np.unique(values[1:][np.diff(values) == 0.0])
+    steps = np.diff(held)
+    # Levels that a calibration rounds differently are one level.
+    steps = steps[steps > _ROUNDED * float(np.ptp(held))] if len(steps) else steps
+    return float(steps.min()) if len(steps) else 0.0
