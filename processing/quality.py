@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -14,6 +14,7 @@ from sawbench.bench.plausible import BATTERY_VOLTAGE, LENGTH_UNITS, TRAVEL, is_o
 from sawbench.bench.processed import ChannelQuality
 from sawbench.bench.recording import Floats, Signal
 from sawbench.bench.units import CHANNEL_BY_NAME
+from sawbench.processing.held_values import without_repeats
 from sawbench.processing.noise import robust_range, white_noise_std
 
 _GAP_PERIODS = 2.5
@@ -49,7 +50,7 @@ class CleanChannel:
 
 
 def clean_channel(signal: Signal) -> CleanChannel:
-    """Judge one channel; drop its spikes.
+    """Judge one channel; drop its spikes, and the rows in which a table repeats a slow instrument's last value.
 
     Notes
     -----
@@ -66,7 +67,7 @@ def clean_channel(signal: Signal) -> CleanChannel:
     >>> clean_channel(Signal(channel="force_n", unit="N", time_s=t, values=y)).quality.n_spikes
     1
     """
-    time, values = signal.time_s, signal.values
+    time, values = without_repeats(signal.time_s, signal.values)
     is_spike = find_spikes(values)
     n_clipped = sum(clipped_levels(values[~is_spike]).values())
     step = np.diff(time)
@@ -80,6 +81,8 @@ def clean_channel(signal: Signal) -> CleanChannel:
     regular = step[step <= 1.5 * typical] if typical else step
     noise = white_noise_std(values[~is_spike])
     problems = _health_problems(values, int(is_spike.sum()), n_clipped, n_missing, signal.unit)
+    if len(values) < len(signal.values):
+        problems += (_repeated(len(signal.values) / len(values)),)
     return CleanChannel(
         channel=signal.channel,
         unit=signal.unit,
@@ -90,7 +93,7 @@ def clean_channel(signal: Signal) -> CleanChannel:
         quality=ChannelQuality(
             channel=signal.channel,
             unit=signal.unit,
-            rate_hz=signal.rate_hz,
+            rate_hz=replace(signal, time_s=time, values=values, raw=None).rate_hz,
             n_samples=len(values),
             n_missing=n_missing,
             jitter_std_s=float(np.std(regular)) if len(regular) else 0.0,
@@ -101,6 +104,10 @@ def clean_channel(signal: Signal) -> CleanChannel:
             doubts=tuple(text for text in problems if text.startswith(_WRONG_VALUES)),
         ),
     )
+
+
+def _repeated(rows: float) -> str:
+    return f"each value is repeated in {rows:.3g} rows on average; the repeats are left out"
 
 
 def _count_missing(step: Floats, typical: float, longest: float) -> int:
