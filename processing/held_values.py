@@ -26,8 +26,8 @@ def without_repeats(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     Returns
     -------
     time_s, values : ndarray, shape (m,)
-        The same arrays where values are not held for a regular number of rows. Where that number varies, updates and rows
-        are not synchronous: an update came between its row and the one before, and its time is put in the middle.
+        The same arrays where values are not held for a regular number of rows. Where that number varies, updates and
+        rows are not synchronous: an update came between its row and the one before, and its time is put in the middle.
 
     Examples
     --------
