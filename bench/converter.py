@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.recording import Floats
 
-_LEAST_SAMPLES = 16
+# With fewer, a level at the end says nothing.
+_LEAST_LEVELS = 16
 _ROUNDED = 1e-9
 # A signal that is cut off comes to lie on the limit several times, each time for some samples.
 _FLAT = 4
@@ -15,6 +16,7 @@ _VISITS = 3
 # distance d of the top of a parabola grows as the square root of d. Half of that is no turning point.
 _STEPS_BESIDE = 3.0
 _BESIDE_A_TURNING_POINT = 0.5
+_ERROR_HARMONICS = 20
 
 
 def clipped_levels(values: Floats) -> dict[float, int]:
@@ -38,11 +40,14 @@ def clipped_levels(values: Floats) -> dict[float, int]:
     >>> clipped_levels(np.clip(wave, -2.0, 0.7)).keys(), clipped_levels(np.round(wave, 1))
     (dict_keys([0.7]), {})
     """
-    if len(values) < _LEAST_SAMPLES:
+    levels = np.unique(values)
+    if len(levels) < _LEAST_LEVELS:
         return {}
+    # A table that interpolates between the codes of a slow converter holds them at its turning points only.
+    between = step_of(values[(values > levels[0]) & (values < levels[-1])])
+    near = _STEPS_BESIDE * max(between, float(np.diff(levels).min())) * (1.0 + 1e-6)
     found: dict[float, int] = {}
-    near = _STEPS_BESIDE * step_of(values) * (1.0 + 1e-6)
-    for end in {float(values.min()), float(values.max())} - {0.0}:
+    for end in {float(levels[0]), float(levels[-1])} - {0.0}:
         is_at_end = values == end
         n_at_end = np.count_nonzero(is_at_end)
         if n_at_end < _VISITS * _FLAT or 2 * n_at_end > len(values):
@@ -82,3 +87,29 @@ def step_of(values: Floats) -> float:
     # Levels that a calibration rounds differently are one level.
     steps = steps[steps > _ROUNDED * float(np.ptp(held))] if len(steps) else steps
     return float(steps.min()) if len(steps) else 0.0
+
+
+def rounding_variance(step: float, std: Floats | float) -> Floats:
+    """Mean square error of a mean of values that are rounded to steps and scatter.
+
+    Parameters
+    ----------
+    step : float
+        q, above 0.
+    std : float or ndarray
+        Standard deviation s of the scatter, in the same unit.
+
+    Returns
+    -------
+    ndarray, shape of `std`
+        q^2 / 12 without scatter. The k-th harmonic of the error, q / (sqrt(2) pi k), falls with exp(-2 (pi k s / q)^2)
+        (Widrow and Kollar, Quantization Noise, 2008, ch. 4).
+
+    Examples
+    --------
+    >>> rounding_variance(1.0, np.array([0.0, 0.3, 1.0])).round(4).tolist()
+    [0.0809, 0.0015, 0.0]
+    """
+    k = np.arange(1.0, _ERROR_HARMONICS + 1)
+    left = np.exp(-((2.0 * np.pi * k * np.asarray(std)[..., None] / step) ** 2)) / k**2
+    return step**2 / (2.0 * np.pi**2) * left.sum(axis=-1)

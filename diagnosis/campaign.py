@@ -136,6 +136,7 @@ def campaign_of(trials: Sequence[ProcessedTrial], baseline: Baseline, warnings: 
     if not states:
         raise InputError(f"no trial is long enough to be diagnosed: {summary(warnings)}")
     _refuse_without_equation(baseline, states)
+    states = _with_shared_steps(states)
     guesses = _with_guesses(baseline, states)
     labels = {state.setting.label for state in states}
     kept = [trial for trial in trials if trial.trial.trial_id in labels]
@@ -266,6 +267,15 @@ def _refuse_foreign_angles(states: list[State], warnings: list[str]) -> None:
         raise InputError(f"in {len(foreign)} of {n_judged} trials {reason}", where=first, remedy=remedy)
     warnings += [f"{label} left out: {reason}; {remedy}" for label, reason in foreign.items()]
     states[:] = [s for s in states if s.setting.label not in foreign]
+
+
+def _with_shared_steps(states: Sequence[State]) -> list[State]:
+    """Return states whose uncertainty by the steps of the displacement says that averaging trials does not lower it.
+
+    Every trial reads the same strokes in the same steps.
+    """
+    n_alike = sum(len(state.stroke_std_m) > 0 for state in states)
+    return [replace(state, stroke_std_m=np.sqrt(n_alike) * state.stroke_std_m) for state in states]
 
 
 def _without_displacement(trials: Sequence[ProcessedTrial], baseline: Baseline, warnings: list[str]) -> Campaign:

@@ -9,6 +9,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from sawbench.bench.converter import rounding_variance
 from sawbench.bench.processed import CrankAngle, ProcessedTrial
 from sawbench.bench.recording import Floats, Signal
 from sawbench.bench.units import CHANNEL_BY_NAME, DISPLACEMENT
@@ -310,14 +311,18 @@ def _missed_stroke(trial: ProcessedTrial, angle: CrankAngle, grid: AngleGrid) ->
 def _std_by_steps(trial: ProcessedTrial, angle: CrankAngle, grid: AngleGrid) -> Floats:
     """Standard uncertainty of the mean displacement in each cell by coarse steps, m, shape (n_points,); or (0,).
 
-    A cell that holds a part of a step is wrong by q / sqrt(12); one that passes m steps, by the mth part of that.
+    A cell that holds a part of a step is as wrong as one value; one that passes m steps, by the mth part of that.
     """
-    step_m = DISPLACEMENT.si_factor * coarse_step(trial.channels[DISPLACEMENT.name])
-    if not step_m:
+    noise = next(q.noise_std for q in trial.quality if q.channel == DISPLACEMENT.name)
+    step = coarse_step(trial.channels[DISPLACEMENT.name], noise)
+    if not step:
         return np.zeros(0)
+    # The noise holds that of the steps.
+    scatter = np.sqrt(max(noise**2 - step**2 / 12.0, 0.0))
+    std_m = DISPLACEMENT.si_factor * np.sqrt(rounding_variance(step, scatter))
     crank = Mechanism(radius_m=angle.radius_m, rod_length_m=angle.rod_length_m)
-    passed = np.abs(crank.lever(grid.middles_rad)) * (TWO_PI / N_POINTS) / step_m
-    return step_m / np.sqrt(12.0) / np.maximum(passed, 1.0)
+    passed = np.abs(crank.lever(grid.middles_rad)) * (TWO_PI / N_POINTS) / (DISPLACEMENT.si_factor * step)
+    return std_m / np.maximum(passed, 1.0)
 
 
 def _in_gap(time_s: Floats, angle_time_s: Floats, longest_s: float) -> np.ndarray:

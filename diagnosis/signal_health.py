@@ -9,7 +9,6 @@ from sawbench.bench.converter import step_of
 from sawbench.bench.processed import ProcessedTrial
 from sawbench.bench.recording import Signal
 from sawbench.bench.units import CHANNEL_BY_NAME
-from sawbench.diagnosis.inference.settings import SETTINGS
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -49,7 +48,7 @@ def channel_health(trial: ProcessedTrial) -> tuple[ChannelHealth, ...]:
             seconds=q.n_samples / q.rate_hz,
             rate_hz=q.rate_hz,
             noise=q.noise_std,
-            step=coarse_step(trial.channels[q.channel]),
+            step=coarse_step(trial.channels[q.channel], q.noise_std),
             spikes=q.n_spikes,
             missing_share=q.n_missing / max(q.n_samples + q.n_missing, 1),
             # An interval holds the errors of two times.
@@ -60,7 +59,7 @@ def channel_health(trial: ProcessedTrial) -> tuple[ChannelHealth, ...]:
     )
 
 
-def coarse_step(signal: Signal) -> float:
-    """Step of the converter, in the channel's unit, where it hides the noise; else 0."""
-    is_hidden = np.mean(np.diff(signal.values) == 0.0) >= SETTINGS.reading.equal_share
-    return step_of(signal.values) if is_hidden else 0.0
+def coarse_step(signal: Signal, noise: float) -> float:
+    """Step of the converter, in the channel's unit, where it is coarser than the noise; else 0."""
+    step = step_of(signal.values)
+    return step if step > noise else 0.0

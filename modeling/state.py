@@ -160,8 +160,9 @@ class State:
         what the tracker of the angle is too slow for, as where a plunger crosses its play. None where it was not
         measured.
     stroke_std_m : ndarray, shape (n_points,) or (0,)
-        Standard uncertainty of the mean displacement at each angle, alike in all strokes: of a converter with coarse
-        steps. Empty where the steps are finer than the noise.
+        Standard uncertainty of the mean displacement at each angle by coarse steps of its converter. They are the same
+        in all strokes of a campaign: times the root of the trials, so that no average over trials lowers it. Empty
+        where the steps are finer than the noise.
     """
 
     kind: Literal["running", "start_up", "instant"]

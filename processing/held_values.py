@@ -11,6 +11,7 @@ from sawbench.bench.recording import Floats
 
 _LEAST_UPDATES = 20
 _LEAST_EQUAL = 0.4
+_LEAST_ROWS = 2
 # Nearly all updates come at multiples of one period, and most of them at the period itself.
 _REGULAR_SHARE = 0.98
 _SINGLE_SHARE = 0.5
@@ -40,6 +41,8 @@ def without_repeats(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     if len(updates) < _LEAST_UPDATES or len(updates) > (1.0 - _LEAST_EQUAL) * len(values):
         return time_s, values
     gap = np.diff(updates)
+    if np.median(gap) < _LEAST_ROWS:
+        return time_s, values
     periods = np.maximum(np.round(gap / np.median(gap)), 1.0)
     period = float(gap.sum() / periods.sum())
     is_regular = np.abs(gap - periods * period) <= min(1.0, period / 4.0)
@@ -50,6 +53,7 @@ def without_repeats(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     inside = [a + (b - a) / n * np.arange(n) for a, b, n in zip(updates[:-1], updates[1:], periods, strict=True)]
     last = np.arange(updates[-1], len(values), period)
     rows = np.round(np.concatenate([first, *inside, last])).astype(int)
+    rows = rows[rows < len(values)]
     is_synchronous = np.mean(gap % round(period) == 0) >= _REGULAR_SHARE
     at_s = time_s[rows] if is_synchronous else 0.5 * (time_s[rows] + time_s[np.maximum(rows - 1, 0)])
     return at_s, values[rows]

@@ -1,10 +1,8 @@
 """What faults of sensors leave in the features, as noise: coarse steps that nothing blurs, hum in step with the stroke.
 
-A converter of step q reads a value that stays within a step always equally wrong, by q / sqrt(12). Where strokes
-scatter by s, the k-th harmonic of that error, q / (sqrt(2) pi k), falls with exp(-2 (pi k s / q)^2) in their mean
-(Widrow and Kollar, Quantization Noise, 2008, ch. 4). Hum that is measured in a channel averages out over strokes, but
-not where the stroke rate is nearly a fraction of its frequency: n strokes take 1 / (pi n d) of a line that is d orders
-off a harmonic.
+A converter reads a value that stays within a step always equally wrong; strokes that scatter blur that
+(`bench.converter.rounding_variance`). Hum that is measured in a channel averages out over strokes, but not where the
+stroke rate is nearly a fraction of its frequency: n strokes take 1 / (pi n d) of a line that is d orders off a harmonic.
 """
 
 from __future__ import annotations
@@ -12,13 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from sawbench.bench.converter import rounding_variance
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.features import N_BLOCKS, Layout, orders
 from sawbench.diagnosis.inference.off_stroke import Line, fixed_lines, is_mains
 from sawbench.modeling.state import TWO_PI, State
-
-_STEP_HARMONICS = 20
 
 
 class SensorFaults:
@@ -62,11 +59,8 @@ def _unblurred(values: Floats, step: float, state: State) -> float:
         return 0.0
     # From unit to unit: what drifts over a trial blurs no mean of a part of it.
     change = np.diff(values, axis=0) if len(values) > 1 else np.zeros((1, values.shape[1]))
-    scatter = 0.5 * np.mean(change**2, axis=0) * float(state.n_strokes.mean())
-    k = np.arange(1.0, _STEP_HARMONICS + 1)[:, None]
-    return (
-        float(np.mean(np.sum(np.exp(-scatter * (TWO_PI * k / step) ** 2) / k**2, axis=0))) * step**2 / (0.5 * TWO_PI**2)
-    )
+    scatter = np.sqrt(0.5 * np.mean(change**2, axis=0) * float(state.n_strokes.mean()))
+    return float(np.mean(rounding_variance(step, scatter)))
 
 
 def _hum(lines: Sequence[Line], size: int, state: State) -> Floats:

@@ -88,8 +88,6 @@ class Reading:
         Interquartile range of stroke times over their median from which these are no strokes.
     clear_line : float
         Height of the line of the strokes over the median of the spectrum around it, in amplitude.
-    equal_share : float
-        Share of successive samples that are equal from which a channel's step hides its noise.
     cyclic_share : float
         Of the variance of an axis's displacement that cycles at one rate must hold.
     lacking_samples : float
@@ -105,7 +103,6 @@ class Reading:
     clear_harmonic: float = marked(3.0, "convention", "a phase is then certain to a third of a radian")
     irregular: float = marked(0.5, "measured", "noise that crosses its middle has about 1")
     clear_line: float = marked(12.0, "convention", "the largest of 8000 bins of noise is 3.6 times their median")
-    equal_share: float = marked(0.3, "convention", "of white noise it is 0.28 where the step is one standard deviation")
     cyclic_share: float = marked(0.8, "convention", "as locked")
     lacking_samples: float = marked(3.0, "convention", "what is not recorded has any acceleration")
     other_motion: float = marked(0.1, "convention", "repeats of a controlled axis differ by far less")

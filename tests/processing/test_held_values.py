@@ -1,0 +1,79 @@
+"""Values of a slow instrument that a table repeats: one sample each, at its own time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sawbench.bench.recording import Signal
+from sawbench.processing.held_values import without_repeats
+from sawbench.processing.quality import clean_channel
+
+pytestmark = pytest.mark.unit
+
+RATE_HZ, SECONDS = 4000.0, 5.0
+
+
+def measured(time_s, step):
+    exact = 5.0 + 3.0 * np.sin(2 * np.pi * 14.0 * time_s) + 0.05 * np.random.default_rng(1).standard_normal(len(time_s))
+    return np.round(exact / step) * step
+
+
+def held(slow_hz, *, step=0.005, late_s=0.0, lost=0):
+    """Samples of the slow instrument, and rows that hold the last of them; `lost` rows are missing."""
+    rng = np.random.default_rng(2)
+    at_s = np.arange(0.0, SECONDS, 1.0 / slow_hz)
+    values = measured(at_s, step)
+    time_s = np.arange(0.0, SECONDS, 1.0 / RATE_HZ)
+    time_s = np.delete(time_s, rng.choice(np.arange(1, len(time_s)), lost, replace=False)) if lost else time_s
+    last = np.searchsorted(at_s + late_s, time_s, side="right") - 1
+    keep = last >= 0
+    return at_s, values, time_s[keep], values[last[keep]]
+
+
+@pytest.mark.parametrize("slow_hz", [500.0, 1000.0, 600.0])
+@pytest.mark.parametrize("lost", [0, 60])
+def test_each_sample_comes_back_at_its_time(slow_hz, lost):
+    at_s, values, time_s, repeated = held(slow_hz, lost=lost)
+    found_s, found = without_repeats(time_s, repeated)
+    assert abs(len(found) - len(values)) <= 0.01 * len(values)
+    nearest = np.argmin(np.abs(found_s[:, None] - at_s), axis=1)
+    off_s = found_s - at_s[nearest]
+    # Half a row either way is all that such a table tells; a row that is lost makes it one more.
+    assert abs(np.mean(off_s)) < 0.5 / RATE_HZ
+    assert np.percentile(np.abs(off_s), 95) <= 1.01 / RATE_HZ
+    assert np.mean(found == values[nearest]) > 0.98
+
+
+def test_an_update_that_changes_nothing_is_a_sample_too():
+    """Coarse steps: one update of three repeats the value before it, and none goes missing."""
+    _, values, time_s, repeated = held(500.0, step=0.25)
+    assert np.mean(np.diff(values) == 0.0) > 0.1
+    _, found = without_repeats(time_s, repeated)
+    assert len(found) == len(values)
+    assert (found == values).all()
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        measured(np.arange(0.0, SECONDS, 1.0 / RATE_HZ), 0.005),
+        np.clip(measured(np.arange(0.0, SECONDS, 1.0 / RATE_HZ), 1e-9), 3.0, 7.0),
+        np.round(10.0 * (1.0 - np.cos(2 * np.pi * 14.0 * np.arange(0.0, SECONDS, 1.0 / RATE_HZ))) / 0.1) * 0.1,
+        np.zeros(20000),
+    ],
+    ids=["noisy", "clipped", "coarse", "dead"],
+)
+def test_nothing_is_taken_from_a_channel_that_is_not_held(values):
+    time_s = np.arange(len(values)) / RATE_HZ
+    found_s, found = without_repeats(time_s, values)
+    assert found_s is time_s
+    assert found is values
+
+
+def test_the_channel_says_so_and_has_the_rate_of_its_instrument():
+    _, values, time_s, repeated = held(500.0)
+    clean = clean_channel(Signal(channel="motor_current_a", unit="A", time_s=time_s, values=repeated))
+    assert clean.quality.rate_hz == pytest.approx(500.0, rel=1e-3)
+    assert len(clean.values) == len(values)
+    assert any("repeated in 8 rows" in problem for problem in clean.quality.problems)
+    assert clean.quality.n_missing == 0
