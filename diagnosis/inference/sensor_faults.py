@@ -2,7 +2,7 @@
 
 A converter reads a value that stays within a step always equally wrong; strokes that scatter blur that
 (`bench.converter.rounding_variance`). Hum that is measured in a channel averages out over strokes, but not where the
-stroke rate is nearly a fraction of its frequency: n strokes take 1 / (pi n d) of a line that is d orders off a harmonic.
+stroke rate is nearly a fraction of its frequency: n strokes take 1 / (pi n d) of a line that is d orders off one.
 """
 
 from __future__ import annotations
