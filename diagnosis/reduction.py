@@ -189,9 +189,9 @@ def lock_to_angle(state: State) -> tuple[str, complex] | None:
     resolution_hz = rate_hz / float(state.n_strokes.mean())
     if is_mains(order * rate_hz, within_hz=2.0 * resolution_hz):
         return None
-    # The first odd harmonics of the current in air are small: what they hold is noise, hum and drift.
-    beside = np.abs(harmonics[:, 1:8:2]).mean(axis=0)
-    if state.setting.is_idle and np.abs(harmonics[:, order]).mean() < _NUMBERS.clear_harmonic * np.median(beside):
+    # The first odd harmonics of the current in air are small: they hold noise, hum and drift.
+    odd = np.abs(harmonics[:, 1:8:2]).mean(axis=0)
+    if state.setting.is_idle and np.abs(harmonics[:, order]).mean() < _NUMBERS.clear_harmonic * np.median(odd):
         return None
     parts = harmonics[:, order]
     size = float(np.abs(parts).sum())

@@ -83,7 +83,7 @@ class Reading:
     least_swing_n : float
         Of the force at one stroke: below it the force says nothing of the angle.
     clear_harmonic : float
-        Of the current in air, over what stands beside it: below it the current says nothing of the angle.
+        Of the current in air, over the odd harmonics: below it the current says nothing of the angle.
     irregular : float
         Interquartile range of stroke times over their median from which these are no strokes.
     clear_line : float
