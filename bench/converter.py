@@ -40,18 +40,18 @@ def clipped_levels(values: Floats) -> dict[float, int]:
     >>> clipped_levels(np.clip(wave, -2.0, 0.7)).keys(), clipped_levels(np.round(wave, 1))
     (dict_keys([0.7]), {})
     """
-    levels = np.unique(values)
-    if len(levels) < _LEAST_LEVELS:
+    if len(values) < _LEAST_LEVELS:
+        return {}
+    ends = {float(values.min()), float(values.max())} - {0.0}
+    at_ends = {end: values == end for end in ends}
+    at_ends = {end: at for end, at in at_ends.items() if _VISITS * _FLAT <= np.count_nonzero(at) <= len(values) // 2}
+    if not at_ends or len(levels := np.unique(values)) < _LEAST_LEVELS:
         return {}
     # A table that interpolates between the codes of a slow converter holds them at its turning points only.
     between = step_of(values[(values > levels[0]) & (values < levels[-1])])
     near = _STEPS_BESIDE * max(between, float(np.diff(levels).min())) * (1.0 + 1e-6)
     found: dict[float, int] = {}
-    for end in {float(levels[0]), float(levels[-1])} - {0.0}:
-        is_at_end = values == end
-        n_at_end = np.count_nonzero(is_at_end)
-        if n_at_end < _VISITS * _FLAT or 2 * n_at_end > len(values):
-            continue
+    for end, is_at_end in at_ends.items():
         at, around = _visits(np.abs(values - end) <= near, is_at_end)
         if len(at) >= _VISITS and np.median(around - at) < _BESIDE_A_TURNING_POINT * np.median(at):
             found[end] = int(at.sum())
