@@ -18,6 +18,7 @@ from sawbench.diagnosis.inference.trial_settings import Screening
 from sawbench.diagnosis.plausibility import Suspicion, check, cutting_power_w, explain_faults
 from sawbench.diagnosis.trial_reading import Reading, read_trial, tracks_of
 from sawbench.modeling.residuals import Baseline
+from sawbench.processing.held_values import without_repeats
 from sawbench.processing.quality import find_spikes
 
 _NUMBERS = SETTINGS.screening
@@ -165,7 +166,7 @@ def _without_defects(recordings: Sequence[Recording], warnings: list[str]) -> li
 
 def _defect_of(signal: Signal) -> tuple[str, str] | None:
     """What is seen in the first trial, and what it means."""
-    values = signal.values
+    _, values = without_repeats(signal.time_s, signal.values)
     if len(values) < 16:
         return f"it has {len(values)} samples", "too few samples"
     if values.min() == values.max():

@@ -7,7 +7,7 @@ samples, the held values are late by half a period of the slow channel on averag
 from __future__ import annotations
 
 import numpy as np
-from sawbench.bench.recording import Floats
+from sawbench.bench.recording import Alignment, Floats
 
 _LEAST_UPDATES = 20
 _LEAST_EQUAL = 0.4
@@ -27,15 +27,15 @@ def without_repeats(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     Returns
     -------
     time_s, values : ndarray, shape (m,)
-        The same arrays where values are not held for a regular number of rows. Where that number varies, updates and
-        rows are not synchronous: an update came between its row and the one before, and its time is put in the middle.
+        The same arrays where values are not held for a regular number of rows. An update came between its row and the
+        one before: its time is put in the middle, with the uncertainty of `alignment_of_rows`.
 
     Examples
     --------
     >>> t = np.arange(400) / 4000
     >>> late, held = without_repeats(t, np.repeat(np.sin(np.arange(50)), 8))
     >>> len(held), late[:3].tolist()
-    (50, [0.0, 0.002, 0.004])
+    (50, [0.0, 0.001875, 0.003875])
     """
     updates = np.flatnonzero(np.diff(values) != 0.0) + 1
     if len(updates) < _LEAST_UPDATES or len(updates) > (1.0 - _LEAST_EQUAL) * len(values):
@@ -54,6 +54,13 @@ def without_repeats(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     last = np.arange(updates[-1], len(values), period)
     rows = np.round(np.concatenate([first, *inside, last])).astype(int)
     rows = rows[rows < len(values)]
-    is_synchronous = np.mean(gap % round(period) == 0) >= _REGULAR_SHARE
-    at_s = time_s[rows] if is_synchronous else 0.5 * (time_s[rows] + time_s[np.maximum(rows - 1, 0)])
-    return at_s, values[rows]
+    return 0.5 * (time_s[rows] + time_s[np.maximum(rows - 1, 0)]), values[rows]
+
+
+def alignment_of_rows(time_s: Floats) -> Alignment:
+    """How well the times of values are known that came at any time between two rows.
+
+    Rows that run with the instrument are late alike in all trials; others are late by another part of a row in each.
+    """
+    row_s = float(np.median(np.diff(time_s)))
+    return Alignment(std_s=row_s / np.sqrt(12.0), latency_s=row_s)

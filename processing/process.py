@@ -131,7 +131,7 @@ def _judged(channels: Channels, config: BenchConfig, trial: Trial) -> tuple[Chan
 def _without_spikes(signal: Signal, clean: CleanChannel) -> Signal:
     if len(clean.values) == len(signal.values):
         return signal
-    return replace(signal, time_s=clean.time_s, values=clean.values, raw=None)
+    return replace(signal, time_s=clean.time_s, values=clean.values, raw=None, alignment=clean.alignment)
 
 
 def _find_motion(channels: Channels, config: BenchConfig, trial: Trial) -> _Motion:

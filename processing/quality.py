@@ -12,9 +12,9 @@ from sawbench.bench.config import BenchConfig
 from sawbench.bench.converter import clipped_levels
 from sawbench.bench.plausible import BATTERY_VOLTAGE, LENGTH_UNITS, TRAVEL, is_outside, most_battery_current_a
 from sawbench.bench.processed import ChannelQuality
-from sawbench.bench.recording import Floats, Signal
+from sawbench.bench.recording import Alignment, Floats, Signal
 from sawbench.bench.units import CHANNEL_BY_NAME
-from sawbench.processing.held_values import without_repeats
+from sawbench.processing.held_values import alignment_of_rows, without_repeats
 from sawbench.processing.noise import robust_range, white_noise_std
 
 _GAP_PERIODS = 2.5
@@ -38,6 +38,8 @@ class CleanChannel:
         Stretches without samples, s.
     noise_std : float
     quality : ChannelQuality
+    alignment : Alignment, optional
+        Of the times.
     """
 
     channel: str
@@ -47,6 +49,7 @@ class CleanChannel:
     holes: tuple[tuple[float, float], ...]
     noise_std: float
     quality: ChannelQuality
+    alignment: Alignment | None = None
 
 
 def clean_channel(signal: Signal) -> CleanChannel:
@@ -81,8 +84,10 @@ def clean_channel(signal: Signal) -> CleanChannel:
     regular = step[step <= 1.5 * typical] if typical else step
     noise = white_noise_std(values[~is_spike])
     problems = _health_problems(values, int(is_spike.sum()), n_clipped, n_missing, signal.unit)
+    alignment = signal.alignment
     if len(values) < len(signal.values):
         problems += (_repeated(len(signal.values) / len(values)),)
+        alignment = alignment_of_rows(signal.time_s)
     return CleanChannel(
         channel=signal.channel,
         unit=signal.unit,
@@ -90,6 +95,7 @@ def clean_channel(signal: Signal) -> CleanChannel:
         values=values[~is_spike],
         holes=tuple(sorted(holes)),
         noise_std=noise,
+        alignment=alignment,
         quality=ChannelQuality(
             channel=signal.channel,
             unit=signal.unit,

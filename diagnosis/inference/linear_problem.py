@@ -141,7 +141,7 @@ class LinearProblem:
     @property
     def wide_scale(self) -> Floats:
         """Factor on the prior of each nuisance where the plant is re-tuned freely: that of its numbers alone, (p,)."""
-        plant = {n.name for n in self.campaign.plant.nuisances() if n.is_plant}
+        plant = {n.name for n in self.campaign.plant.nuisances() if n.is_plant and not n.is_effect}
         return np.array([self.settings.noise.wide if name in plant else 1.0 for name in self.names])
 
     def rows_by_equation(self) -> dict[tuple[Equation, str], np.ndarray]:

@@ -43,6 +43,8 @@ class Nuisance:
         A number of the configuration (reported as a parameter shift), not of a sensor.
     signature : callable
         (baseline, state) -> change of the residuals for one unit.
+    is_effect : bool
+        Its error is an effect of the catalogue, and weighed as that: it is not re-tuned beyond its uncertainty.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Nuisance:
     std: float
     is_plant: bool
     signature: SignatureFunction
+    is_effect: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -174,6 +177,7 @@ def _battery_nuisances(baseline: Baseline) -> list[Nuisance]:
             std=max(rel_std["internal_resistance_ohm"] * battery.internal_resistance_ohm, 5e-4),
             is_plant=True,
             signature=lambda _, s: {} if s.battery_current_a is None else {"supply": -s.battery_current_a},
+            is_effect=True,
         ),
         Nuisance(
             name="nominal_voltage_v",

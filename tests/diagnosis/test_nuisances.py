@@ -264,3 +264,12 @@ def test_many_repeats_tell_their_own_spread(true):
 def test_idle_trials_have_no_wood(true):
     idle = replace(true, force_n=0.0 * true.force_n, setting=replace(true.setting, label="air", is_idle=True))
     assert spread_std([*pieces(true, (1.0, 1.0), "ab"), idle]) == pytest.approx(SETTINGS.workpieces.piece_std)
+
+
+def test_a_number_whose_error_is_an_effect_is_not_re_tuned_as_well(true):
+    """Two answers for one wave share its probability: which one is the name would be chance."""
+    plant = Jigsaw(baseline=BASELINE)
+    effect = next(e for e in plant.effects if e.name == "battery_internal_resistance")
+    (shown,), of_number = effect.signatures_of(BASELINE, true, [{}])[0], nuisance("internal_resistance_ohm")
+    assert np.array_equal(shown["supply"], of_number.signature(BASELINE, true)["supply"])
+    assert [n.name for n in plant.nuisances() if n.is_effect] == [of_number.name]
