@@ -11,7 +11,10 @@ from sawbench.bench.recording import Alignment, Floats
 
 _LEAST_UPDATES = 20
 _LEAST_EQUAL = 0.4
-_LEAST_ROWS = 2
+# Fewer rows a period are no repeats: 5 of 3 is the least that a share of 0.4 leaves.
+_LEAST_ROWS = 1.5
+# An update shows up to a row late; one more for rows that are missing or jitter, but no more than tells periods apart.
+_LATE_ROWS, _LATE_SHARE = 1.5, 0.3
 # Nearly all updates come at multiples of one period, and most of them at the period itself.
 _REGULAR_SHARE = 0.98
 _SINGLE_SHARE = 0.5
@@ -40,20 +43,20 @@ def without_repeats(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     updates = np.flatnonzero(np.diff(values) != 0.0) + 1
     if len(updates) < _LEAST_UPDATES or len(updates) > (1.0 - _LEAST_EQUAL) * len(values):
         return time_s, values
-    gap = np.diff(updates)
-    if np.median(gap) < _LEAST_ROWS:
+    row_s, at_s = float(np.median(np.diff(time_s))), time_s[updates]
+    gap_s = np.diff(at_s)
+    periods = np.maximum(np.round(gap_s / np.median(gap_s)), 1.0)
+    period_s = float(gap_s.sum() / periods.sum())
+    if period_s < _LEAST_ROWS * row_s:
         return time_s, values
-    periods = np.maximum(np.round(gap / np.median(gap)), 1.0)
-    period = float(gap.sum() / periods.sum())
-    is_regular = np.abs(gap - periods * period) <= min(1.0, period / 4.0)
+    is_regular = np.abs(gap_s - periods * period_s) <= min(_LATE_ROWS * row_s, _LATE_SHARE * period_s)
     if is_regular.mean() < _REGULAR_SHARE or np.mean(periods == 1.0) < _SINGLE_SHARE:
         return time_s, values
     # A value that an update does not change is a sample too: every period has one.
-    first = updates[0] - period * np.arange(updates[0] // period, 0, -1)
-    inside = [a + (b - a) / n * np.arange(n) for a, b, n in zip(updates[:-1], updates[1:], periods, strict=True)]
-    last = np.arange(updates[-1], len(values), period)
-    rows = np.round(np.concatenate([first, *inside, last])).astype(int)
-    rows = rows[rows < len(values)]
+    first = at_s[0] - period_s * np.arange((at_s[0] - time_s[0]) // period_s, 0.0, -1.0)
+    inside = [a + (b - a) / n * np.arange(n) for a, b, n in zip(at_s[:-1], at_s[1:], periods, strict=True)]
+    last = np.arange(at_s[-1], time_s[-1], period_s)
+    rows = np.unique(np.searchsorted(time_s, np.concatenate([first, *inside, last]) - 0.5 * row_s))
     return 0.5 * (time_s[rows] + time_s[np.maximum(rows - 1, 0)]), values[rows]
 
 

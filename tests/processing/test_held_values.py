@@ -18,22 +18,25 @@ def measured(time_s, step):
     return np.round(exact / step) * step
 
 
-def held(slow_hz, *, step=0.005, late_s=0.0, lost=0):
+def held(slow_hz, *, step=0.005, phase_s=0.0, lost=0, jitter=0.0):
     """Samples of the slow instrument, and rows that hold the last of them; `lost` rows are missing."""
     rng = np.random.default_rng(2)
-    at_s = np.arange(0.0, SECONDS, 1.0 / slow_hz)
+    at_s = phase_s + np.arange(0.0, SECONDS, 1.0 / slow_hz)
     values = measured(at_s, step)
     time_s = np.arange(0.0, SECONDS, 1.0 / RATE_HZ)
     time_s = np.delete(time_s, rng.choice(np.arange(1, len(time_s)), lost, replace=False)) if lost else time_s
-    last = np.searchsorted(at_s + late_s, time_s, side="right") - 1
+    time_s = time_s + jitter / RATE_HZ * rng.uniform(-1.0, 1.0, len(time_s))
+    last = np.searchsorted(at_s, time_s, side="right") - 1
     keep = last >= 0
     return at_s, values, time_s[keep], values[last[keep]]
 
 
 @pytest.mark.parametrize("slow_hz", [500.0, 1000.0, 600.0])
-@pytest.mark.parametrize("lost", [0, 60])
-def test_each_sample_comes_back_at_its_time(slow_hz, lost):
-    at_s, values, time_s, repeated = held(slow_hz, lost=lost)
+@pytest.mark.parametrize(
+    ("lost", "jitter", "phase_s"), [(0, 0.0, 0.0), (60, 0.0, 0.0), (40, 0.1, 0.0), (0, 0.1, 1.1e-4)]
+)
+def test_each_sample_comes_back_at_its_time(slow_hz, lost, jitter, phase_s):
+    at_s, values, time_s, repeated = held(slow_hz, lost=lost, jitter=jitter, phase_s=phase_s)
     found_s, found = without_repeats(time_s, repeated)
     assert abs(len(found) - len(values)) <= 0.01 * len(values)
     nearest = np.argmin(np.abs(found_s[:, None] - at_s), axis=1)
