@@ -22,6 +22,10 @@ from sawbench.processing.held_values import without_repeats
 from sawbench.processing.quality import find_spikes
 
 _NUMBERS = SETTINGS.screening
+# A rest at the end that is longer than a quarter of the record is no rest: the channel has died.
+_LONG_END = 4
+# In air these may hold one level of a coarse converter for long.
+_MAY_HOLD = frozenset({FORCE.name, BATTERY_CURRENT.name, BATTERY_VOLTAGE.name})
 
 
 def screen(recordings: Sequence[Recording], baseline: Baseline) -> tuple[list[Recording], list[str]]:
@@ -171,6 +175,9 @@ def _defect_of(signal: Signal) -> tuple[str, str] | None:
         return f"it has {len(values)} samples", "too few samples"
     if values.min() == values.max():
         return f"it is constant at {values[0] + 0.0:.6g} {signal.unit}", "dead sensor or missing cable"
+    at_end = len(values) - 1 - int(np.flatnonzero(values != values[-1])[-1])
+    if at_end > len(values) / _LONG_END and (values[-1] == 0.0 or signal.channel not in _MAY_HOLD):
+        return f"it stays at {values[-1] + 0.0:.6g} {signal.unit} to the end", "dead sensor or missing cable"
     for level, n_there in clipped_levels(values[~find_spikes(values)]).items():
         if n_there >= _NUMBERS.saturated_share * len(values):
             seen = f"{n_there / len(values):.1%} of its samples are at {level:.6g} {signal.unit}".replace("%", " %")

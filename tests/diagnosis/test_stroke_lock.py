@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from sawbench.bench.processed import CrankAngle
@@ -11,7 +9,6 @@ from sawbench.bench.recording import Signal, Trial
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.reduction import lock_to_angle, running_state
 from sawbench.modeling.state import TWO_PI, angle_derivative
-from sawbench.processing.quality import clean_channel
 
 from tests.rigs.drawn_states import setting_of
 from tests.rigs.processed import processed_trial
@@ -34,7 +31,6 @@ def state_of(stroke_hz, *, rate_hz=10_000.0, idle=False, **channels):
         n: Signal(channel=n, unit=units[n], time_s=time_s, values=of(time_s, turned)) for n, of in channels.items()
     }
     trial = processed_trial(Trial(trial_id="t", duty=0.5, material="oak"), signals, angle, 0.1, SECONDS - 0.1)
-    trial = replace(trial, quality=tuple(clean_channel(signal).quality for signal in signals.values()))
     state = running_state(trial, setting_of(is_idle=idle))
     assert state is not None
     return state
