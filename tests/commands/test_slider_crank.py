@@ -36,9 +36,11 @@ def test_recorded_processed_fitted_and_its_runtime_predicted(tmp_path, capsys):
     assert abs(fit["k_fc_n_s_per_m"] - truth.k_fc_n_s_per_m) < 3.0 * fit["std_n_s_per_m"]
     assert fit["std_n_s_per_m"] < 0.04 * truth.k_fc_n_s_per_m
     assert found["runtime"]["runtime_s"] == pytest.approx(brute_force_runtime(truth, 0.2), rel=0.02)
-    # The same recording taken for a yoke is not fitted without a word.
+    # The same recording taken for a yoke is not fitted without a word: the fit converges and says that the model
+    # does not describe the stroke.
     yoke = tmp_path / "yoke.toml"
     yoke.write_text(SHIPPED, encoding="utf-8")
     _, (as_yoke,) = told(capsys, "fit", found["files"]["recording"], "--config", yoke)
     assert as_yoke["rmse_a"] > 3.0 * fit["rmse_a"]
-    assert as_yoke["status"] != "ok"
+    assert any("differs from the model by more than noise explains" in note for note in as_yoke["notes"])
+    assert as_yoke["status"] in {"ok", "contradicted"}
