@@ -105,12 +105,16 @@ class Predictions:
         return self._hold_outs[by_trial]
 
     def _forms(self, members: Sequence[Explanation]) -> list[tuple[Column, ...]]:
-        """The form of a single effect is chosen again in every fit; of two together, the best ones are kept."""
-        if not members:
-            return []
-        width = sum(m.column.columns.shape[1] for m in members)
-        every = self._columns[members[0].effect.name] if len(members) == 1 else ()
-        return [(c,) for c in every if c.columns.shape[1] == width] or [tuple(m.column for m in members)]
+        """Forms that are chosen from again in every fit: of each effect every one, beside the best ones of the others.
+
+        Several effects are compared with fewer, whose forms are free: they must not be held to one form each.
+        """
+        best = tuple(m.column for m in members)
+        found = [best] if best else []
+        for k, own in enumerate(best):
+            alike = (c for c in self._columns[own.effect.name] if c.columns.shape == own.columns.shape)
+            found += [(*best[:k], other, *best[k + 1 :]) for other in alike if other is not own]
+        return found
 
 
 def stacked(columns: Sequence[Column]) -> Floats:

@@ -22,8 +22,12 @@ from sawbench.diagnosis.inference.evidence import (
     explain,
 )
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.modeling.effects.effect import Effect
 
-_N_STEPS: Final = 4
+_N_STEPS: Final = 8
+# A step that goes too far is halved; what gains less than a tenth of a nat is the same form.
+_SHARES_OF_STEP: Final = (1.0, 0.5, 0.25, 0.125)
+_SAME: Final = 0.1
 _DIFFERENCE: Final = 1e-3
 
 
@@ -43,7 +47,9 @@ def effect_columns(problem: LinearProblem) -> dict[str, list[Column]]:
 
 
 def refined(problem: LinearProblem, columns: Mapping[str, Sequence[Column]]) -> dict[str, list[Column]]:
-    """Add to the effects that explain most the form between those of the catalogue that explains more.
+    """Add to the effects that explain most the forms between those of the catalogue that explain more.
+
+    Alone, and beside each other: the best form of an effect alone also stands for what another one explains.
 
     Parameters
     ----------
@@ -54,20 +60,60 @@ def refined(problem: LinearProblem, columns: Mapping[str, Sequence[Column]]) -> 
     Returns
     -------
     dict of str to list of Column
-        As given; one column more where a better form was found.
+        As given; one column more for each better form that was found.
     """
     forms, marginal = problem.settings.forms, Marginal(problem)
     out = {name: list(entries) for name, entries in columns.items()}
-    found = Catalogue(out, problem.data).explain(marginal).values()
-    shown = [e for e in found if e.effect.continuous and e.log_evidence > forms.worth_forming]
-    best = sorted(shown, key=lambda e: -e.log_evidence)[: forms.n_first]
-    for explanation, shape in zip(best, on_two_cores(lambda e: _between(problem, marginal, e), best), strict=True):
-        if shape != explanation.column.shape:
-            out[explanation.effect.name] += columns_in(problem, explanation.effect, [shape])
+    alone = _worth_it(Catalogue(out, problem.data), marginal)
+    best = [e for e in alone if e.effect.continuous][: forms.n_first]
+    for explanation, column in zip(best, on_two_cores(lambda e: _between(problem, marginal, e), best), strict=True):
+        _add(out, explanation.effect, column)
+    for column in _refined_beside(problem, marginal, Catalogue(out, problem.data)):
+        _add(out, column.effect, column)
     return out
 
 
-def _between(problem: LinearProblem, marginal: Marginal, explanation: Explanation) -> dict[str, float]:
+def _refined_beside(problem: LinearProblem, marginal: Marginal, catalogue: Catalogue) -> list[Column]:
+    """Better forms of the likeliest pairs."""
+    forms = problem.settings.forms
+    firsts = _worth_it(catalogue, marginal)[: forms.n_first]
+    pairs: dict[frozenset[str], tuple[float, Column, Explanation]] = {}
+    beside = on_two_cores(lambda first: _worth_it(catalogue, _given(problem, first.column)), firsts)
+    for first, seconds in zip(firsts, beside, strict=True):
+        for second in seconds:
+            names = frozenset((first.effect.name, second.effect.name))
+            total = first.log_evidence + second.log_evidence
+            if len(names) == 2 and total > pairs.get(names, (-np.inf,))[0]:
+                pairs[names] = (total, first.column, second)
+    best = sorted(pairs.values(), key=lambda pair: -pair[0])[: forms.n_pairs]
+    return [column for both in on_two_cores(lambda pair: _between_both(problem, *pair[1:]), best) for column in both]
+
+
+def _between_both(problem: LinearProblem, first: Column, second: Explanation) -> tuple[Column, Column]:
+    """Refine the second effect beside the first, and then the first beside the second."""
+    other = _between(problem, _given(problem, first), second)
+    marginal = _given(problem, other)
+    again = explain(marginal, [first])
+    return (first if again is None else _between(problem, marginal, again)), other
+
+
+def _given(problem: LinearProblem, column: Column) -> Marginal:
+    """Nuisances and one effect of any size."""
+    return Marginal(problem, extra=column.effect.strength.high * column.columns)
+
+
+def _worth_it(catalogue: Catalogue, marginal: Marginal) -> list[Explanation]:
+    """Effects whose form matters, most evidence first."""
+    found = sorted(catalogue.explain(marginal).values(), key=lambda e: -e.log_evidence)
+    return [e for e in found if e.log_evidence > marginal.settings.forms.worth_forming]
+
+
+def _add(columns: dict[str, list[Column]], effect: Effect, column: Column) -> None:
+    if all(column.shape != known.shape for known in columns[effect.name]):
+        columns[effect.name].append(column)
+
+
+def _between(problem: LinearProblem, marginal: Marginal, explanation: Explanation) -> Column:
     """Go by Gauss-Newton steps from the best form of the catalogue to the best one between its neighbours."""
     best = explanation
     around = _around(explanation.column)
@@ -87,11 +133,13 @@ def _between(problem: LinearProblem, marginal: Marginal, explanation: Explanatio
         gram, moments = marginal.gram(np.column_stack([best.contribution, *slopes]))
         prior = np.diag([0.0, *(12.0 / (high - low) ** 2)])
         step = np.linalg.solve(gram + prior, moments - gram[:, 0])[1:]
-        found = at(np.clip(here + step, low, high))
-        if found is None or found.log_evidence <= best.log_evidence:
+        tried = (at(np.clip(here + share * step, low, high)) for share in _SHARES_OF_STEP)
+        better = (found for found in tried if found is not None and found.log_evidence > best.log_evidence + _SAME)
+        found = next(better, None)
+        if found is None:
             break
         best = found
-    return best.column.shape
+    return best.column
 
 
 def _slope(here: Explanation, beside: Explanation) -> Floats:
