@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.channel_gap import ChannelGap, forecast
 from sawbench.diagnosis.answer.ladder import HoldOut, Ladder
 from sawbench.diagnosis.inference.dispersion import with_noise
-from sawbench.diagnosis.inference.evidence import Column, Explanation
+from sawbench.diagnosis.inference.evidence import Column, Explanation, explain
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.settings import Z95
+
+_MOST_SWEEPS: Final = 4
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -109,12 +112,27 @@ class Predictions:
 
         Several effects are compared with fewer, whose forms are free: they must not be held to one form each.
         """
-        best = tuple(m.column for m in members)
-        found = [best] if best else []
+        every = [
+            [c for c in self._columns[m.effect.name] if c.columns.shape == m.column.columns.shape] for m in members
+        ]
+        best = self._best_together([m.column for m in members], every)
+        found = [tuple(best)] if best else []
         for k, own in enumerate(best):
-            alike = (c for c in self._columns[own.effect.name] if c.columns.shape == own.columns.shape)
-            found += [(*best[:k], other, *best[k + 1 :]) for other in alike if other is not own]
+            found += [(*best[:k], other, *best[k + 1 :]) for other in every[k] if other is not own]
         return found
+
+    def _best_together(self, columns: list[Column], every: Sequence[Sequence[Column]]) -> list[Column]:
+        """Best form of each effect beside the others, in turn until none changes; of a single one as given."""
+        best, n = list(columns), len(columns)
+        for _ in range(_MOST_SWEEPS if n > 1 else 0):
+            before = list(best)
+            for k in range(n):
+                marginal = Marginal(self._problem, extra=stacked([*best[:k], *best[k + 1 :]]))
+                found = explain(marginal, every[k])
+                best[k] = best[k] if found is None else found.column
+            if all(old is new for old, new in zip(before, best, strict=True)):
+                break
+        return best
 
 
 def stacked(columns: Sequence[Column]) -> Floats:

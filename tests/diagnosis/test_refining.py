@@ -16,8 +16,9 @@ from tests.rigs.scattered_strokes import problem_of, strokes
 
 pytestmark = pytest.mark.pipeline
 
-# Between two time constants and two dampings of the catalogue.
+# Between two time constants and two dampings of the catalogue; a knee and an onset far from any.
 TAU_S, DAMPING = 1.53e-3, 0.66
+KNEE_A, ONSET_M_S = 0.45, 0.027
 
 
 def weighed(problem, names):
@@ -39,6 +40,21 @@ def test_time_constant_and_damping_between_those_of_the_catalogue_are_found(lagg
     (added,) = better["force_sensor_lag"][len(columns["force_sensor_lag"]) :]
     assert added.shape["tau_s"] == pytest.approx(TAU_S, rel=0.03)
     assert added.shape["damping"] == pytest.approx(DAMPING, rel=0.03)
+
+
+def test_forms_are_found_beside_the_other_effect():
+    """Alone, the knee also stands for what the edge does to the current, and is off by more than a hundredth."""
+    problem = problem_of(
+        strokes(
+            lost_voltage=lambda i, w: 0.9 * np.tanh(i / KNEE_A),
+            cut=lambda speed, travelled, force: 240.0 * speed + 40.0 * np.tanh(speed / ONSET_M_S),
+        )
+    )
+    _, better = weighed(problem, ["brush_voltage_drop", "edge_force", "cutting_speed_exponent"])
+    knees = [column.shape["knee_a"] for column in better["brush_voltage_drop"]]
+    onsets = [column.shape["onset_m_s"] for column in better["edge_force"]]
+    assert min(abs(knee - KNEE_A) for knee in knees) < 0.005 * KNEE_A
+    assert min(abs(onset - ONSET_M_S) for onset in onsets) < 0.005 * ONSET_M_S
 
 
 def test_no_late_clock_makes_up_for_what_a_coarse_catalogue_leaves_of_a_lag(lagging):

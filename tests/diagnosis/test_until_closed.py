@@ -66,6 +66,25 @@ def test_the_ladder_goes_down_to_the_noise_cause_by_cause(closing):
     assert table["stopped"] in {"no_gap", "parameters", "repeatability"}
 
 
+def test_two_effects_choose_their_forms_in_every_withheld_fit_as_one_does():
+    """Fewer effects, which choose freely, are what they are compared with: one form that is off must not decide."""
+    found = asked(
+        lost_voltage=lambda i, w: 0.9 * np.tanh(i),
+        cut=lambda v, x, m: K_CUT * v + EDGE_N * np.tanh(v / 0.01),
+    )
+    best = found.posterior.of("brush_voltage_drop + edge_force")
+
+    def left(members):
+        predictions = Predictions(found.problem, found.columns, found.posterior)
+        return predictions.of(replace(best, members=members), by_trial=False).ladder.whitened.with_effect
+
+    for k, member in enumerate(best.members):
+        others = [c for c in found.columns[member.effect.name] if c.columns.shape == member.column.columns.shape]
+        off = max(others, key=lambda c: np.linalg.norm(c.columns - member.column.columns))
+        members = (*best.members[:k], replace(member, column=off), *best.members[k + 1 :])
+        assert left(members) == pytest.approx(left(best.members), rel=0.02)
+
+
 def test_what_is_followed_on_trial_takes_another_form_and_its_probability_from_all_together(first):
     """ "Unknown" is likelier than what was found, which stands in its worst form: what was missing had decided that."""
     best, unknown = first.posterior.best, first.posterior.of("unknown")
