@@ -1,6 +1,7 @@
 """Thicker chips cut harder: k grows with feed per stroke, k (h / h_ref)^m, h = feed / stroke rate.
 
-h_ref = 0.3 mm. The gain changes with feed and stroke rate, the shape of the force over the stroke does not.
+h_ref = 0.3 mm. The gain changes with feed and stroke rate, the shape of the force over the stroke does not; or, where
+the wood feeds on while the cut slows the crank, h follows the crank within the stroke: h = feed * 2 pi / crank speed.
 Nothing can be said where nobody told the feed. m = 0.4 to 0.9 in wood (tooth forces about h^0.68), assumed.
 A speed exponent changes the shape too; wear grows at any feed.
 """
@@ -13,15 +14,16 @@ from sawbench.modeling.effects.effect import Effect, Strength, Words
 from sawbench.modeling.effects.strokes import StrokeTrend
 from sawbench.modeling.effects.transfer import stroke_rate_hz
 from sawbench.modeling.residuals import Baseline, Signature
-from sawbench.modeling.state import State
+from sawbench.modeling.state import TWO_PI, State
 
 _H_REF_M = 3e-4
 
 
-def _signature(baseline: Baseline, state: State, exponent: float) -> tuple[Signature, ...]:
+def _signature(baseline: Baseline, state: State, exponent: float, in_stroke: float = 0.0) -> tuple[Signature, ...]:
     if not state.setting.feed_m_s > 0.0:
         return ({},)
-    thickness_m = state.setting.feed_m_s / stroke_rate_hz(state)
+    rate_hz = np.maximum(state.speed_rad_s, 1e-3) / TWO_PI if in_stroke else stroke_rate_hz(state)
+    thickness_m = state.setting.feed_m_s / rate_hz
     return ({"cutting": baseline.expected_force(state) * ((thickness_m / _H_REF_M) ** exponent - 1.0)},)
 
 
@@ -49,7 +51,7 @@ EFFECT = Effect(
         source="assumed; wood: about 0.68",
     ),
     signature=_signature,
-    shapes=tuple({"exponent": m} for m in (0.3, 0.45, 0.6, 0.75, 0.9)),
+    shapes=tuple({"exponent": m, **way} for way in ({}, {"in_stroke": 1.0}) for m in (0.3, 0.45, 0.6, 0.75, 0.9)),
     continuous=("exponent",),
     shape_strength=lambda amplitude, shape: amplitude * shape["exponent"],
     carries=("exponent",),

@@ -216,6 +216,19 @@ def test_chips_grow_with_feed_and_shrink_with_stroke_rate():
     assert fast["cutting"].sum() < slow["cutting"].sum()
 
 
+def test_chips_follow_a_crank_that_slows_within_the_stroke():
+    effect = EFFECT_BY_NAME["chip_thickness"]
+    state = running(setting=setting_of(False, feed_m_s=0.006))
+    speed = state.speed_rad_s * (1.0 + 0.3 * np.cos(state.angle_rad))
+    (part,) = effect.signatures(BASELINE, replace(state, speed_rad_s=speed), {"exponent": 0.5, "in_stroke": 1.0})
+    (force,) = BASELINE.expected_force(replace(state, speed_rad_s=speed))[:1]
+    cuts = np.abs(force) > 1.0
+    gain = 1.0 + part["cutting"][0][cuts] / force[cuts]
+    # A bite of 6 mm/s over one turn at the present speed, against 0.3 mm.
+    assert np.allclose(gain, np.sqrt(0.006 * 2.0 * np.pi / speed[0][cuts] / 3e-4))
+    assert gain.max() > 1.2 * gain.min()
+
+
 def test_polarization_answers_a_start_late():
     state = start_up(battery_current_a=np.full((1, N_TIMES), 10.0))
     state = replace(state, slow={memory: np.array([[0.0]]) for memory in MEMORIES})
