@@ -103,10 +103,10 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     bench = _bench_of(problem, columns, little)
     singles, pairs = _singles_and_pairs(bench)
     campaign = problem.campaign
-    said, wave_in_time = strokes_say(plant.effects, campaign.states, campaign.strokes, settings, plant.known)
+    said, of_strokes = strokes_say(plant.effects, campaign.states, campaign.strokes, settings, plant.known)
     beside = off_stroke_finding(problem.campaign.off_stroke)
     beyond = beyond_catalogue(bench.forming, bench.nominal, bench.beyond)
-    nobodys = unnamed(bench.forming, beyond, wave_in_time, beside)
+    nobodys = unnamed(bench.forming, beyond, of_strokes, beside)
     resembles = max(nobodys, key=lambda text: nobodys[text])
     hypotheses = [*_without_effects(bench), *singles, *pairs]
     hypotheses.append(Hypothesis(other="unknown", log_evidence=nobodys[resembles]))

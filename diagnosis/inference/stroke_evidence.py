@@ -6,18 +6,25 @@ trend over blade life and from trial to trial.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.settings import Settings, Strokes
+from sawbench.diagnosis.inference.shared_course import shared_course
 from sawbench.diagnosis.inference.stroke_series import StrokeSeries, StrokeSpectra
 from sawbench.diagnosis.inference.stroke_trend import blocks_of, trend_evidence
 from sawbench.modeling.effects.effect import Effect
 from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.effects.strokes import StrokeTrend, StrokeWave
 from sawbench.modeling.state import State
+
+WAVE_IN_TIME = "cutting coefficient that oscillates in time, not along the feed"
+SHARED_COURSE = "cutting coefficient that rises or falls after the start of every trial alike"
+# No particular form, three beyond the catalogue, off the stroke, in single strokes.
+_LOG_LOOKS = math.log(6)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -66,8 +73,8 @@ def strokes_say(
     strokes: Sequence[StrokeSeries],
     settings: Settings,
     known: Sequence[KnownEffect] = (),
-) -> tuple[dict[str, StrokesSay], float]:
-    """Weigh every effect on which single strokes bear.
+) -> tuple[dict[str, StrokesSay], dict[str, float]]:
+    """Weigh every effect on which single strokes bear, and what they show that is in no catalogue.
 
     Parameters
     ----------
@@ -83,12 +90,14 @@ def strokes_say(
     -------
     said : dict of str to StrokesSay
         By effect, waves before trends; without those of which the strokes say nothing.
-    wave_in_time : float
-        Log evidence of a wave of the hardness at one frequency in Hz: not the wood's.
+    not_the_woods : dict of str to float
+        Log evidence by what it looks like: a wave of the hardness at one frequency in Hz, a course that all trials
+        share. For the latter the scatter between trials is measured, so its nats count in full, but it is one of
+        several looks of "unknown", which share its prior.
     """
     spectra = StrokeSpectra(strokes) if strokes else None
     if spectra is None:
-        return {}, 0.0
+        return {}, {}
     said: dict[str, StrokesSay] = {}
     for effect in effects:
         if isinstance(effect.strokes, StrokeWave):
@@ -105,7 +114,10 @@ def strokes_say(
             effect=by_name[name], alone=trend.alone, beside_cutting=trend.beside_cutting, size=trend.size,
             size_std=trend.size_std, is_whole=True,
         )  # fmt: skip
-    return said, _wave_in_time(spectra, known)
+    return said, {
+        WAVE_IN_TIME: settings.strokes.weight * _wave_in_time(spectra, known),
+        SHARED_COURSE: settings.weights.temperature * (shared_course(strokes) - _LOG_LOOKS),
+    }
 
 
 def _wave_in_time(spectra: StrokeSpectra, known: Sequence[KnownEffect]) -> float:

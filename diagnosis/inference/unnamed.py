@@ -11,8 +11,6 @@ from sawbench.diagnosis.inference.forming import Forming
 from sawbench.diagnosis.inference.linear_problem import Marginal
 from sawbench.diagnosis.inference.off_stroke import Finding
 
-WAVE_IN_TIME = "cutting coefficient that oscillates in time, not along the feed"
-
 
 def beyond_catalogue(forming: Forming, nominal: Marginal, columns: Mapping[str, Sequence[Column]]) -> dict[str, float]:
     """Log evidence of each cause that has a form but no place in the catalogue, all equally likely beforehand.
@@ -33,7 +31,7 @@ def beyond_catalogue(forming: Forming, nominal: Marginal, columns: Mapping[str, 
 
 
 def unnamed(
-    forming: Forming, beyond: Mapping[str, float], wave_in_time: float, beside: Finding | None
+    forming: Forming, beyond: Mapping[str, float], strokes: Mapping[str, float], beside: Finding | None
 ) -> dict[str, float]:
     """Log evidence of whatever is not in the catalogue, by what it looks like; "" for a gap of no particular form.
 
@@ -42,15 +40,13 @@ def unnamed(
     forming : Forming
     beyond : mapping of str to float
         Of `beyond_catalogue`.
-    wave_in_time : float
-        Log evidence of single strokes for a wave that keeps its frequency in time rather than its length on the path:
-        not the wood's.
+    strokes : mapping of str to float
+        What single strokes show that is not the wood's; see `strokes_say`.
     beside : Finding or None
         What does not follow the stroke.
     """
     problem = forming.problem
-    found = {"": discrepancy(problem, forming.small) - forming.reference, **beyond}
-    found[WAVE_IN_TIME] = problem.settings.strokes.weight * wave_in_time
+    found = {"": discrepancy(problem, forming.small) - forming.reference, **beyond, **strokes}
     if beside is not None:
         found[beside.text] = beside.log_evidence
     return found

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sawbench.diagnosis.inference.settings import SETTINGS
-from sawbench.diagnosis.inference.stroke_evidence import strokes_say
+from sawbench.diagnosis.inference.shared_course import shared_course
+from sawbench.diagnosis.inference.stroke_evidence import WAVE_IN_TIME, strokes_say
 from sawbench.diagnosis.inference.stroke_series import StrokeSeries, StrokeSpectra
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME, EFFECTS
 from sawbench.modeling.effects.known import KnownEffect
@@ -117,7 +118,7 @@ def test_a_wave_in_the_wood_that_the_model_holds_is_no_wave_in_time():
     others = [e for e in EFFECTS if e is not grain]
 
     def in_time(trials, *held):
-        return strokes_say(others, [], trials, SETTINGS, held)[1]
+        return strokes_say(others, [], trials, SETTINGS, held)[1][WAVE_IN_TIME]
 
     in_wood = campaign("white", 5, wavelength_m=WAVELENGTH_M)
     assert in_time(in_wood) > 20.0
@@ -125,8 +126,46 @@ def test_a_wave_in_the_wood_that_the_model_holds_is_no_wave_in_time():
     assert in_time(campaign("white", 5, frequency_hz=0.8), known) > 20.0
 
 
+def with_course(trials: list, reach: float, *, time_constant_s: float = 1.5) -> list:
+    """Every trial with its hardness raised by the same course, less mean and trend as `stroke_series` leaves it."""
+    found = []
+    for trial in trials:
+        course = reach * (1.0 - np.exp(-trial.time_s / time_constant_s))
+        log_k = trial.log_k + course
+        found.append(replace(trial, log_k=log_k - np.polyval(np.polyfit(trial.time_s, log_k, 1), trial.time_s)))
+    return found
+
+
+@pytest.mark.parametrize("kind", ["white", "with memory"])
+@pytest.mark.parametrize("reach", [-0.2, 0.15])
+def test_a_course_that_all_trials_share_is_no_wood(kind, reach):
+    assert shared_course(with_course(campaign(kind, 3), reach)) > 5.0
+
+
+@pytest.mark.parametrize("kind", ["white", "with memory"])
+def test_trials_that_each_have_a_course_of_their_own_are_wood(kind):
+    found = []
+    for seed in range(6):
+        reaches = np.random.default_rng(seed).normal(0.0, 0.15, len(OPERATION))
+        trials = campaign(kind, seed)
+        courses = [with_course([trial], reach)[0] for trial, reach in zip(trials, reaches, strict=True)]
+        found += [shared_course(trials), shared_course(courses)]
+    assert max(found) < 1.0
+    assert np.mean(found) < 0.0
+
+
+def test_a_course_as_small_as_pieces_of_wood_differ_is_no_evidence():
+    quiet = [replace(trial, log_k=0.1 * trial.log_k) for trial in campaign("white", 3)]
+    assert shared_course(with_course(quiet, 0.15)) > 5.0
+    assert shared_course(with_course(quiet, 0.04)) <= 0.0
+
+
+def test_two_trials_do_not_tell_a_shared_course_from_their_own():
+    assert shared_course(with_course(campaign("white", 3), 0.2)[:2]) == 0.0
+
+
 def test_nothing_is_said_without_strokes():
-    assert strokes_say(EFFECTS, [], [], SETTINGS) == ({}, 0.0)
+    assert strokes_say(EFFECTS, [], [], SETTINGS) == ({}, {})
 
 
 def test_more_trials_of_the_same_wood_say_more():
