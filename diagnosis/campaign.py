@@ -235,6 +235,7 @@ def _setting(processed: ProcessedTrial, index: int, track: SlowTrack) -> TrialSe
         operating_point=_operating_point(trial),
         session_s=track.session_s,
         alignments={name: signal.alignment for name, signal in signals.items() if signal.alignment is not None},
+        battery=track.battery,
     )
 
 

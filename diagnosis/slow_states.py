@@ -24,6 +24,8 @@ class SlowTrack:
     time_s : ndarray, shape (n,)
     session_s : float
         Start of the trial since the start of the campaign.
+    battery : int
+        Number of its battery in the order of the campaign, 0 for the first.
     charge_used_as, cut_distance_m : ndarray, shape (n,)
         Of its battery and its blade.
     memories : dict of Memory to ndarray, shape (n,)
@@ -31,6 +33,7 @@ class SlowTrack:
 
     time_s: Floats
     session_s: float
+    battery: int
     charge_used_as: Floats
     cut_distance_m: Floats
     memories: dict[Memory, Floats]
@@ -52,7 +55,8 @@ def slow_tracks(trials: Sequence[ProcessedTrial], *, stroke_m: float) -> list[Sl
     """
     charge: dict[str, float] = {}
     distance: dict[str, float] = {}
-    held = dict.fromkeys(MEMORIES, 0.0)
+    # Each with the time it is of: a battery that is swapped rests meanwhile.
+    held: dict[tuple[Memory, str], tuple[float, float]] = {}
     first = trials[0].trial.started_at
     ended_s = 0.0
     tracks = []
@@ -61,7 +65,8 @@ def slow_tracks(trials: Sequence[ProcessedTrial], *, stroke_m: float) -> list[Sl
         assert angle is not None
         known = first is not None and trial.started_at is not None
         session_s = (trial.started_at - first).total_seconds() if known else ended_s  # type: ignore[operator]
-        rest_s = max(session_s - ended_s, 0.0)
+        battery, blade = trial.battery or "", trial.blade or ""
+        started_s, ended_s = max(session_s, ended_s), session_s + float(angle.time_s[-1])
         edges = np.arange(angle.time_s[0], angle.time_s[-1] + _STEP_S, _STEP_S)
         middle = 0.5 * (edges[1:] + edges[:-1])
         motor_a, battery_a = _currents(processed, edges)
@@ -75,23 +80,26 @@ def slow_tracks(trials: Sequence[ProcessedTrial], *, stroke_m: float) -> list[Sl
         for memory in MEMORIES:
             tau = memory.time_constant_s
             keep = float(np.exp(-_STEP_S / tau))
-            value = held[memory] * float(np.exp(-rest_s / tau))
+            owner = (memory, battery if memory.drive == "battery_current_a" else "")
+            value, left_s = held.get(owner, (0.0, started_s))
+            value *= float(np.exp(-(started_s - left_s) / tau))
             track = np.empty(len(middle))
             for k, drive in enumerate(drives[memory.drive].tolist()):
                 value = keep * value + (1.0 - keep) * drive
                 track[k] = value
-            held[memory] = value
+            held[owner] = (value, ended_s)
             memories[memory] = track
-        battery, blade = trial.battery or "", trial.blade or ""
         used = charge.get(battery, 0.0) + np.cumsum(battery_a) * _STEP_S
         charge[battery] = float(used[-1])
         turns = np.interp(middle, angle.time_s, angle.angle_rad) / TWO_PI
         cut = distance.get(blade, 0.0) + (0.0 if trial.is_idle else stroke_m) * (turns - turns[0])
         distance[blade] = float(cut[-1])
         tracks.append(
-            SlowTrack(time_s=middle, session_s=session_s, charge_used_as=used, cut_distance_m=cut, memories=memories)
-        )
-        ended_s = session_s + float(angle.time_s[-1])
+            SlowTrack(
+                time_s=middle, session_s=session_s, battery=list(charge).index(battery), charge_used_as=used,
+                cut_distance_m=cut, memories=memories,
+            )
+        )  # fmt: skip
     return tracks
 
 

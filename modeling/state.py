@@ -46,6 +46,8 @@ class TrialSetting:
         Start of the trial since the start of the campaign, s.
     alignments : mapping of str to Alignment
         How well the times of each channel are known, where the recording states it.
+    battery : int
+        Number of the battery in the order of the campaign, 0 for the first.
     """
 
     label: str
@@ -58,6 +60,7 @@ class TrialSetting:
     operating_point: str
     session_s: float
     alignments: Mapping[str, Alignment] = field(default_factory=lambda: MappingProxyType({}), hash=False)
+    battery: int = 0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

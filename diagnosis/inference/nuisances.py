@@ -6,7 +6,7 @@ uncertainty the configuration (or the sensor class) grants it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Final
@@ -17,7 +17,7 @@ from sawbench.diagnosis.inference.beyond_catalogue import N_BEND_HARMONICS, ORDI
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.residuals import Baseline, Signature, inertia_torque, plunger_swing, residuals
-from sawbench.modeling.state import TWO_PI, State
+from sawbench.modeling.state import TWO_PI, State, TrialSetting
 
 # Of the radius, for the derivative of a torque that is a smooth function of it.
 _RADIUS_STEP = 1e-4
@@ -198,6 +198,29 @@ def _battery_nuisances(baseline: Baseline) -> list[Nuisance]:
             signature=by_capacity,
         ),
     ]
+
+
+def further_batteries(baseline: Baseline, settings: Iterable[TrialSetting]) -> list[Nuisance]:
+    """List what every battery after the first differs by from it: packs of one type are not alike.
+
+    Parameters
+    ----------
+    baseline : Baseline
+    settings : iterable of TrialSetting
+        Of every trial.
+    """
+    further = sorted({setting.battery for setting in settings} - {0})
+    return [_of_battery(nuisance, number) for number in further for nuisance in _battery_nuisances(baseline)]
+
+
+def _of_battery(nuisance: Nuisance, number: int) -> Nuisance:
+    def signature(baseline: Baseline, state: State) -> Signature:
+        return nuisance.signature(baseline, state) if state.setting.battery == number else {}
+
+    return Nuisance(
+        name=f"{nuisance.name} of battery {number + 1}", nominal=0.0, std=float(np.sqrt(2.0)) * nuisance.std,
+        is_plant=False, signature=signature,
+    )  # fmt: skip
 
 
 def _reversal_nuisances() -> list[Nuisance]:

@@ -11,7 +11,15 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.beyond_catalogue import BEYOND_CATALOGUE
 from sawbench.diagnosis.inference.clocks import clock_nuisances
 from sawbench.diagnosis.inference.features import HARMONICS, N_BLOCKS, START_UP_EDGES_S, Layout, orders
-from sawbench.diagnosis.inference.nuisances import READINGS, Nuisance, Reading, force_offset, nuisances_of, of_known
+from sawbench.diagnosis.inference.nuisances import (
+    READINGS,
+    Nuisance,
+    Reading,
+    force_offset,
+    further_batteries,
+    nuisances_of,
+    of_known,
+)
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.zero_wander import ZeroWander, zero_readings, zero_wander
 from sawbench.diagnosis.plants.plant import EquationForm
@@ -177,14 +185,15 @@ class Jigsaw:
         return READINGS
 
     def trial_nuisances(self, states: Sequence[State]) -> tuple[Nuisance, ...]:
-        """How hard each stock is, how much harder each trial's piece of it, and how late streams and links are."""
+        """Hardness of each stock and of each piece of it, numbers of each further battery, delay of each link."""
         cut = [s for s in states if not s.setting.is_idle]
         felt = [s for s in cut if s.kind == "running" and s.force_n is not None]
         stocks = dict.fromkeys(s.setting.stock for s in felt)
         labels = dict.fromkeys(s.setting.label for s in cut)
         std = _spread_std(self.baseline, felt)
         pieces = (*(_stock(name) for name in stocks), *(_spread(name, std) for name in labels))
-        return (*pieces, *clock_nuisances([s.setting for s in states]))
+        settings = [s.setting for s in states]
+        return (*pieces, *further_batteries(self.baseline, settings), *clock_nuisances(settings))
 
     def zero_wander(self, states: Sequence[State]) -> ZeroWander | None:
         """From the return strokes; see `diagnosis.inference.zero_wander`."""

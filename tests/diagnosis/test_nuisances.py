@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sawbench.diagnosis.inference.nuisances import nuisances_of
+from sawbench.diagnosis.inference.nuisances import further_batteries, nuisances_of
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.modeling.residuals import Baseline, residuals
@@ -273,3 +273,23 @@ def test_a_number_whose_error_is_an_effect_is_not_re_tuned_as_well(true):
     (shown,), of_number = effect.signatures_of(BASELINE, true, [{}])[0], nuisance("internal_resistance_ohm")
     assert np.array_equal(shown["supply"], of_number.signature(BASELINE, true)["supply"])
     assert [n.name for n in plant.nuisances() if n.is_effect] == [of_number.name]
+
+
+def with_battery(state, number):
+    return replace(state, setting=replace(state.setting, battery=number, label=f"b{number}"))
+
+
+@pytest.mark.parametrize(("name", "share"), [("internal_resistance_ohm", 0.1), ("nominal_voltage_v", 0.01)])
+def test_a_further_battery_may_differ_from_the_first_in_its_own_trials_only(true, name, share):
+    first, second = with_battery(true, 0), with_battery(true, 1)
+    more = share * getattr(BASELINE.battery, name)
+    claimed = {n.name: n for n in Jigsaw(baseline=BASELINE).trial_nuisances([first, second])}[f"{name} of battery 2"]
+    battery = BASELINE.battery.model_copy(update={name: getattr(BASELINE.battery, name) - more})
+    believed = Baseline(plant=BASELINE.plant, battery=battery, cutting_sign=BASELINE.cutting_sign)
+    seen = {"supply": gap(believed, second)["supply"]}
+    compare(seen, {key: more * wave for key, wave in claimed.signature(believed, second).items()}, 0.03)
+    assert claimed.signature(believed, first) == {}
+
+
+def test_one_battery_has_no_numbers_beside_those_of_the_configuration(true):
+    assert further_batteries(BASELINE, [true.setting, true.setting]) == []

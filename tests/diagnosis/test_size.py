@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime, timedelta
 from types import SimpleNamespace
 
 import numpy as np
@@ -204,6 +205,9 @@ def replace_guess(state, k_n_s_per_m):
     return state
 
 
+STARTED = datetime(2026, 11, 24, tzinfo=UTC)
+
+
 def spinning(rad_s, seconds, **trial):
     setting = {"started_at": None, "is_idle": True, "duty": 0.4, "battery": None, "blade": None} | trial
     time_s = np.linspace(0.0, seconds, 1001)
@@ -222,3 +226,26 @@ def test_friction_warms_the_housing_of_an_idle_machine():
     baseline = SimpleNamespace(gear=10.0, plant=SimpleNamespace(motor_damping_n_m_s_per_rad=damping))
     heat_w = friction_loss_w(baseline, SimpleNamespace(slow=end), 15.0, 15.0, 1.0)
     assert float(heat_w[0, 0]) == pytest.approx(5e-6 * 900.0**2 * (1.0 - np.exp(-3.0)), rel=0.01)
+
+
+def test_a_battery_that_is_swapped_rests_meanwhile_and_the_machine_does_not():
+    def trial(start_s, battery):
+        found = spinning(90.0, 30.0, started_at=STARTED + timedelta(seconds=start_s), battery=battery)
+        time_s = np.linspace(0.0, 30.0, 601)
+        found.channels = {"battery_current_a": SimpleNamespace(time_s=time_s, values=np.full(601, 8.0))}
+        return found
+
+    tracks = slow_tracks([trial(0.0, "A"), trial(40.0, "B"), trial(80.0, "A")], stroke_m=0.02)
+    assert [track.battery for track in tracks] == [0, 1, 0]
+    drawn = [memory for memory in tracks[0].memories if memory.drive == "battery_current_a"]
+    assert drawn
+    for memory in drawn:
+        tau = memory.time_constant_s
+        first, second, third = (track.memories[memory] for track in tracks)
+        assert second == pytest.approx(first)
+        # Its first value is of the end of the first step of 20 ms.
+        step = np.exp(-0.02 / tau)
+        assert third[0] == pytest.approx(step * first[-1] * np.exp(-50.0 / tau) + 8.0 * (1.0 - step), rel=1e-3)
+    for memory in SPIN_HEAT.values():
+        first, second, _ = (track.memories[memory] for track in tracks)
+        assert second[0] > 0.5 * first[-1] * np.exp(-10.0 / memory.time_constant_s)
