@@ -28,9 +28,8 @@ MIN_SAMPLES_PER_BIN = 1.5
 _NUMBERS = SETTINGS.reading
 # A spline takes 1.4 % off a wave of four samples, 0.06 % off one of eight; longer steps than this miss samples.
 _SAMPLES_A_HARMONIC, _LONGEST_STEP = 4, 2.5
-# A channel too slow for so many harmonics within one stroke is pieced together from many. With three, the spline's are
-# as good as pieced ones or better, and stroke rates near a fraction of the sample rate leave no cell empty.
-_LEAST_HARMONICS = 3
+# Of a cubic spline.
+_LEAST_SAMPLES = 4
 # So many points of a spline in a cell: their middle is that of the cell even where they lie alike in every stroke.
 _SPLINE_POINTS_A_BIN = 6
 START_UP_S = 0.4
@@ -278,11 +277,15 @@ def between_samples(signal: Signal, period_s: float) -> Signal:
     Returns
     -------
     Signal
-        The same where a turn has samples enough, or so few that a spline would miss most of the stroke; harmonics of
-        four samples and more are right. Nothing is put where samples are missing.
+        The same where a turn has samples enough; harmonics of four samples and more are right, of a channel with fewer
+        a turn only the mean is. Nothing is put where samples are missing.
+
+    Notes
+    -----
+    A mean stroke pieced together from many would show more harmonics, but nothing would say how far they are off.
     """
     per_turn = signal.rate_hz * period_s
-    if not _SAMPLES_A_HARMONIC * _LEAST_HARMONICS <= per_turn < MIN_SAMPLES_PER_BIN * N_POINTS:
+    if per_turn >= MIN_SAMPLES_PER_BIN * N_POINTS or len(signal.time_s) < _LEAST_SAMPLES:
         return signal
     from scipy.interpolate import CubicSpline
 
