@@ -12,6 +12,8 @@ from sawbench.processing.noise import robust_range
 from sawbench.processing.sliding import sliding_maximum
 
 _FIT_HALF_WIDTH = 0.11  # of a period: 0.7 rad each side of the dead centre
+# At few samples a stroke as wide as eight samples ask for, but no wider than 1.2 rad: a cosine is no polynomial there.
+_LEAST_FITTED, _WIDEST_HALF = 8, 0.19
 _FITTED_TURNS = 400
 _BLOCK = 64
 _VARYING_SHARE = 0.02
@@ -225,14 +227,15 @@ def _fit_turns(
     half_turns = np.diff(time_s[index])
     typical = float(np.median(half_turns))
     steady = np.abs(half_turns / typical - 1.0) < 0.5
-    width = 2.0 * _FIT_HALF_WIDTH * typical
+    enough = 0.5 * (_LEAST_FITTED + 1) * float(np.median(np.diff(time_s)))
+    width = float(np.clip(enough, 2.0 * _FIT_HALF_WIDTH * typical, 2.0 * _WIDEST_HALF * typical))
     first, last = (
         np.searchsorted(time_s, time_s[index] - width),
         np.searchsorted(time_s, time_s[index] + width),
     )
     left, right = np.r_[True, steady], np.r_[steady, True]
     inside = (time_s[index] - width >= time_s[0]) & (time_s[index] + width <= time_s[-1])
-    usable = np.flatnonzero(is_seen & left & right & inside & (last - first >= 8))
+    usable = np.flatnonzero(is_seen & left & right & inside & (last - first >= _LEAST_FITTED))
     if len(usable) > _FITTED_TURNS:
         # Neighbours in pairs, one top and one bottom: every k-th turn could be all of one kind.
         pairs = np.linspace(0, len(usable) // 2 - 1, _FITTED_TURNS // 2).astype(np.int64)
@@ -264,7 +267,7 @@ def _robust_quartics(u: Floats, values: Floats, is_within: NDArray[np.bool_]) ->
     ordered = np.sort(off, axis=1)
     median = 0.5 * (ordered[row, (n - 1) // 2] + ordered[row, n // 2])
     is_good = off <= _OUTLIER_MADS * median[:, None]
-    again = np.flatnonzero((is_good.sum(axis=1) < n) & (is_good.sum(axis=1) >= 8))
+    again = np.flatnonzero((is_good.sum(axis=1) < n) & (is_good.sum(axis=1) >= _LEAST_FITTED))
     if len(again):
         curves[again] = fit(again, is_good[again])
     return curves
