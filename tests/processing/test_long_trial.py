@@ -1,4 +1,4 @@
-"""The measured radius of a trial with so many strokes that only some dead centres are fitted, or with few samples each."""
+"""The measured radius where only some of many dead centres are fitted, and where each has few samples."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_radius_is_measured_however_many_strokes_there_are(n_strokes):
 @pytest.mark.parametrize("samples_a_stroke", [28.0, 33.7, 35.5, 41.0])
 @pytest.mark.parametrize("rod_share", [np.inf, 3.0])
 def test_radius_is_measured_with_few_samples_a_stroke(samples_a_stroke, rod_share):
-    """1 kHz and 28 strokes a second are 36: the nominal radius, 3 % off here, is no substitute for what was measured."""
+    """1 kHz and 28 strokes a second are 36: the nominal radius, 3 % off here, is no substitute for the measured one."""
     stroke_hz, radius_m = 28.0, 0.00977
     time_s = np.arange(0.0, 5.0, 1.0 / (samples_a_stroke * stroke_hz))
     angle = 2 * np.pi * stroke_hz * time_s + 0.03 * np.sin(4 * np.pi * stroke_hz * time_s)
