@@ -29,6 +29,7 @@ _N_STEPS: Final = 8
 _SHARES_OF_STEP: Final = (1.0, 0.5, 0.25, 0.125)
 _SAME: Final = 0.1
 _DIFFERENCE: Final = 1e-3
+_ROUNDED: Final = 1.0 + 1e-9
 
 
 def effect_columns(problem: LinearProblem) -> dict[str, list[Column]]:
@@ -160,8 +161,9 @@ def _around(column: Column) -> dict[str, tuple[float, float]]:
         here = shape.get(name, 0.0)
         rest = {key: value for key, value in shape.items() if key != name}
         alike = [other[name] for other in effect.shapes if other == {**rest, name: other.get(name)}]
-        smaller = max((value for value in alike if 0.0 < value < here), default=here)
-        larger = min((value for value in alike if value > here), default=here)
+        # A form at the edge of its range is that of the catalogue but for rounding.
+        smaller = max((value for value in alike if 0.0 < value < here / _ROUNDED), default=here)
+        larger = min((value for value in alike if value > here * _ROUNDED), default=here)
         if 0.0 < smaller < larger:
             found[name] = (smaller, larger)
     return found

@@ -1,9 +1,10 @@
 """A force of the cutting edge that does not depend on speed: F = F_0 + k v on the cutting half.
 
 Positive amplitude: the force steps up at the reversal, where the baseline rises from 0. The reading is the
-true force. Forms: sharp and smooth onset; one F_0 for all stocks, or in proportion to the thickness, since
-more teeth are in thicker stock: then F_0 is that of 20 mm. A speed exponent bends the curve, an edge force
-shifts it. Mechanistic models of cutting carry such an edge term (Altintas, Manufacturing Automation); 10 to
+true force. Forms: an onset over some speed, which also ends the force before the blade stops, or over some
+travel after the reversal, 1 - exp(-x/d), for an edge that ploughs until it stops; one F_0 for all stocks, or
+in proportion to the thickness, since more teeth are in thicker stock: then F_0 is that of 20 mm. A speed
+exponent bends the curve, an edge force shifts it. Mechanistic models of cutting carry such an edge term (Altintas, Manufacturing Automation); 10 to
 40 % of the peak force: assumed.
 """
 
@@ -16,8 +17,17 @@ from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
 
-def _signature(baseline: Baseline, state: State, onset_m_s: float, by_stock: float) -> tuple[Signature, ...]:
-    force = np.tanh(baseline.cutting_speed(state) / onset_m_s)
+def _signature(
+    baseline: Baseline, state: State, by_stock: float, onset_m_s: float = 0.0, onset_m: float = 0.0
+) -> tuple[Signature, ...]:
+    speed = baseline.cutting_speed(state)
+    if onset_m:
+        travelled = baseline.mechanism.displacement(state.angle_rad)
+        if baseline.cutting_sign < 0:
+            travelled = 2.0 * baseline.radius_m - travelled
+        force = np.where(speed > 0.0, 1.0 - np.exp(-travelled / onset_m), 0.0)
+    else:
+        force = np.tanh(speed / onset_m_s)
     if by_stock:
         force = force * stock_share(state)
     return ({"cutting": force},)
@@ -36,8 +46,11 @@ EFFECT = Effect(
     silent_in=("air",),
     strength=Strength(name="force_n", unit="N", typical=40.0, low=0.1, high=4.0, source="assumed"),
     signature=_signature,
-    shapes=tuple({"onset_m_s": v, "by_stock": s} for v in (0.01, 0.04, 0.12) for s in (0.0, 1.0)),
-    continuous=("onset_m_s",),
+    shapes=(
+        *({"by_stock": s, "onset_m_s": v} for v in (0.01, 0.04, 0.12) for s in (0.0, 1.0)),
+        *({"by_stock": s, "onset_m": d} for d in (1e-4, 3e-4, 1e-3) for s in (0.0, 1.0)),
+    ),
+    continuous=("onset_m_s", "onset_m"),
     needs=("force_n",),
     confused_with=("cutting_speed_exponent", "preload_lift_off"),
     told_apart_by="trials at several speeds",

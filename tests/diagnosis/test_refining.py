@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sawbench.bench.second_core import second_core
-from sawbench.diagnosis.inference.evidence import catalogue_columns
+from sawbench.diagnosis.inference.evidence import catalogue_columns, columns_in
 from sawbench.diagnosis.inference.posterior import judge
-from sawbench.diagnosis.inference.refining import refined
+from sawbench.diagnosis.inference.refining import _around, refined
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 
 from tests.rigs.scattered_strokes import problem_of, strokes
@@ -19,6 +19,7 @@ pytestmark = pytest.mark.pipeline
 # Between two time constants and two dampings of the catalogue; a knee and an onset far from any.
 TAU_S, DAMPING = 1.53e-3, 0.66
 KNEE_A, ONSET_M_S = 0.45, 0.027
+TRAVEL_M = 1.8e-4
 
 
 def weighed(problem, names):
@@ -52,9 +53,27 @@ def test_forms_are_found_beside_the_other_effect():
     )
     _, better = weighed(problem, ["brush_voltage_drop", "edge_force", "cutting_speed_exponent"])
     knees = [column.shape["knee_a"] for column in better["brush_voltage_drop"]]
-    onsets = [column.shape["onset_m_s"] for column in better["edge_force"]]
+    onsets = [column.shape.get("onset_m_s", 0.0) for column in better["edge_force"]]
     assert min(abs(knee - KNEE_A) for knee in knees) < 0.005 * KNEE_A
     assert min(abs(onset - ONSET_M_S) for onset in onsets) < 0.005 * ONSET_M_S
+
+
+def test_an_edge_that_ploughs_over_some_travel_is_found_with_its_travel():
+    """It ends where the blade stops, which no onset over a speed does."""
+    problem = problem_of(
+        strokes(cut=lambda speed, travelled, force: 240.0 * speed + 40.0 * (1.0 - np.exp(-travelled / TRAVEL_M)))
+    )
+    _, better = weighed(problem, ["edge_force", "cutting_speed_exponent", "engagement_delay", "blade_compliance"])
+    found = judge(problem, better).best
+    assert found.effects == ("edge_force",)
+    assert found.members[0].column.shape["onset_m"] == pytest.approx(TRAVEL_M, rel=0.03)
+
+
+def test_a_form_refined_to_the_edge_of_its_range_can_be_refined_again(lagging):
+    """It is the last of the catalogue but for rounding: no range between the two is divided by."""
+    (column,) = columns_in(lagging, EFFECT_BY_NAME["edge_force"], [{"by_stock": 0.0, "onset_m_s": 0.12 * (1 + 2e-16)}])
+    low, high = _around(column)["onset_m_s"]
+    assert high > 1.5 * low
 
 
 def test_no_late_clock_makes_up_for_what_a_coarse_catalogue_leaves_of_a_lag(lagging):
