@@ -28,8 +28,8 @@ MIN_SAMPLES_PER_BIN = 1.5
 _NUMBERS = SETTINGS.reading
 # A spline takes 1.4 % off a wave of four samples, 0.06 % off one of eight; longer steps than this miss samples.
 _SAMPLES_A_HARMONIC, _LONGEST_STEP = 4, 2.5
-# Of a cubic spline.
-_LEAST_SAMPLES = 4
+# Of a cubic spline, and of a mean over a time of a start-up.
+_LEAST_SAMPLES, _SAMPLES_A_MEAN = 4, 2
 # So many points of a spline in a cell: their middle is that of the cell even where they lie alike in every stroke.
 _SPLINE_POINTS_A_BIN = 6
 START_UP_S = 0.4
@@ -337,7 +337,10 @@ def _in_gap(time_s: Floats, angle_time_s: Floats, longest_s: float) -> np.ndarra
 
 
 def start_up_state(trial: ProcessedTrial, setting: TrialSetting) -> State | None:
-    """Signals of the spin-up on a 1 ms grid, shape (1, n_times), or None where it was not recorded."""
+    """Signals of the spin-up on a 1 ms grid, shape (1, n_times), or None where it was not recorded.
+
+    A channel that is slower than the grid is there by a spline; the state says how long the means are that it resolves.
+    """
     angle, steady = trial.angle, trial.steady
     assert angle is not None and steady is not None
     start_s = steady.first_motion_s
@@ -347,19 +350,27 @@ def start_up_state(trial: ProcessedTrial, setting: TrialSetting) -> State | None
         return None
     edges = start_s + np.arange(0.0, START_UP_S + START_UP_STEP_S / 2, START_UP_STEP_S)
     middle = 0.5 * (edges[1:] + edges[:-1])
-    if any(s.rate_hz < 0.9 / START_UP_STEP_S for s in present.values()):
-        return None
     # A channel that drops out during the spin-up counts as missing there.
     present = {n: s for n, s in present.items() if not _drops_out(s.time_s, edges[0], edges[-1])}
     if "motor_current_a" not in present or _drops_out(angle.time_s, edges[0], edges[-1]):
         return None
-    waves = {n: time_cell_means(s.time_s, s.values, edges)[None, :] for n, s in present.items()}
+    slow = {n: s for n, s in present.items() if s.rate_hz < 0.9 / START_UP_STEP_S}
+    means = {n: time_cell_means(s.time_s, s.values, edges) for n, s in present.items() if n not in slow}
+    means |= {n: _between(s, middle) for n, s in slow.items()}
+    waves = {n: wave[None, :] for n, wave in means.items()}
     crank = np.interp(middle, angle.time_s, angle.angle_rad)[None, :]
     speed = time_cell_means(angle.time_s, angle.speed_rad_s, edges)[None, :]
     rates = {n: np.gradient(w, START_UP_STEP_S, axis=1) for n, w in waves.items()}
     motion = (crank, speed, np.gradient(speed, START_UP_STEP_S, axis=1))
     state = _assemble("start_up", setting, motion, waves, rates, np.array([[start_s]]))
-    return replace(state, ripple_std_rad=angle.ripple_std_rad)
+    resolved_s = {CHANNEL_OF_STATE[n]: _SAMPLES_A_MEAN / s.rate_hz for n, s in slow.items()}
+    return replace(state, ripple_std_rad=angle.ripple_std_rad, resolved_s=resolved_s)
+
+
+def _between(signal: Signal, at_s: Floats) -> Floats:
+    from scipy.interpolate import CubicSpline
+
+    return CubicSpline(signal.time_s, signal.values)(np.clip(at_s, signal.time_s[0], signal.time_s[-1]))
 
 
 def _drops_out(time_s: Floats, start_s: float, end_s: float) -> bool:

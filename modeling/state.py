@@ -158,6 +158,9 @@ class State:
         Standard uncertainty of the harmonics of the angle within the mean stroke; empty where none is known.
     resolved_orders : mapping of str to float
         Channel, by its name here -> highest harmonic of the stroke that its samples resolve; without an entry, all.
+    resolved_s : mapping of str to float
+        Of a start-up: channel, by its name here -> shortest time of which its samples resolve the mean, s; without an
+        entry, any.
     blade_excess_m_s : ndarray or None
         Measured velocity of the blade beyond that of the crank's angle and speed (with the radius that was tracked):
         what the tracker of the angle is too slow for, as where a plunger crosses its play. None where it was not
@@ -190,6 +193,7 @@ class State:
     top_current_a: float = 0.0
     ripple_std_rad: Floats = field(default_factory=lambda: np.zeros(0))
     resolved_orders: Mapping[str, float] = field(default_factory=dict)
+    resolved_s: Mapping[str, float] = field(default_factory=dict)
     blade_excess_m_s: Floats | None = None
     stroke_std_m: Floats = field(default_factory=lambda: np.zeros(0))
     motion: Motion = field(default=None, repr=False, compare=False)  # type: ignore[assignment]

@@ -46,6 +46,8 @@ _CHANNELS: Final[dict[Equation, tuple[str, ...]]] = {
     "supply": ("battery_voltage_v", "battery_current_a"),
     "converter": ("battery_current_a", "current_a"),
 }
+# The motor's voltage is that of the battery: in a start-up it sags.
+_START_UP_CHANNELS: Final = {**_CHANNELS, "electrical": ("current_a", "battery_voltage_v")}
 # Floors above the others: nothing is compared there.
 _UNRESOLVED: Final = 1e4
 
@@ -119,6 +121,8 @@ class Jigsaw:
                 middle_s = 0.5 * (np.array(START_UP_EDGES_S[1:]) + np.array(START_UP_EDGES_S[:-1]))
                 at_first = sensors.start_up_floor[equation]
                 floor[part] = 2.0 * least + at_first / (1.0 + middle_s / sensors.start_up_decay_s)
+                resolved_s = max(state.resolved_s.get(channel, 0.0) for channel in _START_UP_CHANNELS[equation])
+                floor[part] *= np.where(np.diff(START_UP_EDGES_S) < resolved_s, _UNRESOLVED, 1.0)
             else:
                 order = orders((part.stop - part.start - 1) // 2)
                 floor[part] = np.hypot(least, growth * order ** (2.0 if equation == "mechanical" else 1.0))

@@ -4,8 +4,8 @@ Positive amplitude: the force steps up at the reversal, where the baseline rises
 true force. Forms: an onset over some speed, which also ends the force before the blade stops, or over some
 travel after the reversal, 1 - exp(-x/d), for an edge that ploughs until it stops; one F_0 for all stocks, or
 in proportion to the thickness, since more teeth are in thicker stock: then F_0 is that of 20 mm. A speed
-exponent bends the curve, an edge force shifts it. Mechanistic models of cutting carry such an edge term (Altintas, Manufacturing Automation); 10 to
-40 % of the peak force: assumed.
+exponent bends the curve, an edge force shifts it. Mechanistic models of cutting carry such an edge term
+(Altintas, Manufacturing Automation); 10 to 40 % of the peak force: assumed.
 """
 
 from __future__ import annotations

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sawbench.bench.processed import CrankAngle
 from sawbench.bench.recording import Signal, Trial
-from sawbench.diagnosis.inference.features import harmonics
+from sawbench.diagnosis.inference.features import START_UP_EDGES_S, Layout, harmonics, time_bins
+from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.diagnosis.reduction import between_samples, running_state, start_up_state
 from sawbench.diagnosis.stroke_means import stroke_means
 from sawbench.modeling.state import TWO_PI
@@ -111,8 +114,8 @@ def test_a_channel_whose_samples_lie_at_the_same_angles_in_every_stroke_is_there
     assert np.abs(slow - exact)[resolved].max() < 0.006
 
 
-def spin_up(*, missing_s=(), of="motor_current_a"):
-    """A spin-up from rest within 50 ms, sampled at 1.3 kHz, samples missing from one time to another."""
+def spin_up(*, missing_s=(), of="motor_current_a", slow_hz=None):
+    """A spin-up from rest within 50 ms at 1.3 kHz; samples missing from one time to another, or a slow current."""
     time_s = np.arange(0.0, SECONDS, 1.0 / 1300.0)
     speed = TWO_PI * STROKES_HZ * (1.0 - np.exp(-time_s / 0.05))
     kept = {
@@ -131,6 +134,11 @@ def spin_up(*, missing_s=(), of="motor_current_a"):
         )
         for name, unit, level in (("motor_current_a", "A", 40.0), ("battery_voltage_v", "V", 18.0))
     }
+    if slow_hz is not None:
+        at_s = np.arange(0.0, SECONDS, 1.0 / slow_hz)
+        channels["motor_current_a"] = replace(
+            channels["motor_current_a"], time_s=at_s, values=40.0 * np.exp(-at_s / 0.1)
+        )
     trial = processed_trial(Trial(trial_id="t", duty=0.5, material="oak"), channels, angle, SETTLED_S, SECONDS - 0.01)
     return start_up_state(trial, setting_of(is_idle=False))
 
@@ -145,6 +153,29 @@ def test_a_start_up_is_not_made_up_where_samples_are_missing():
     assert without_voltage.current_a is not None
     assert without_voltage.battery_voltage_v is None
     assert spin_up(missing_s=(0.5, 0.6)) is not None  # after the spin-up
+
+
+@pytest.mark.parametrize("slow_hz", [100.0, 200.0, 400.0])
+def test_a_slow_channel_of_a_start_up_says_how_long_the_means_are_that_it_resolves(slow_hz):
+    exact, slow = spin_up(), spin_up(slow_hz=slow_hz)
+    assert slow.resolved_s == pytest.approx({"current_a": 2.0 / slow_hz})
+    assert exact.resolved_s == {}
+    edges_s = np.array(START_UP_EDGES_S)
+    # The first two samples of a current that jumps show no more than that it did.
+    resolved = (np.diff(edges_s) >= 2.0 / slow_hz) & (edges_s[:-1] >= 2.0 / slow_hz)
+    assert resolved.any()
+    assert time_bins(slow.current_a)[0, resolved] == pytest.approx(time_bins(exact.current_a)[0, resolved], rel=0.02)
+    assert np.array_equal(slow.battery_voltage_v, exact.battery_voltage_v)
+
+
+def test_what_a_slow_channel_of_a_start_up_does_not_resolve_is_not_compared():
+    plant, layout = Jigsaw(baseline=BASELINE), Layout(kind="start_up", equations=("electrical", "supply"))
+    state = spin_up()
+    slow = replace(state, resolved_s={"current_a": 0.02})
+    by_slow, by_fast = (np.diag(plant.model_error(layout, s))[layout.slices["electrical"]] for s in (slow, state))
+    is_long = np.diff(START_UP_EDGES_S) >= 0.02
+    assert np.array_equal(by_slow[is_long], by_fast[is_long])
+    assert np.all(by_slow[~is_long] > 1e6 * by_fast[~is_long])
 
 
 @pytest.mark.filterwarnings("error")
