@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,8 @@ from sawbench.blindcheck.sensors import measure
 from sawbench.blindcheck.true_parameters import true_parameters
 from scipy.linalg import expm
 
+# Relative: voltage, capacity and resistance of batteries of one type.
+_BATTERY_STD = (0.003, 0.02, 0.06)
 _FIRST_TRIAL = datetime(2026, 3, 2, 9, 0, 0, tzinfo=UTC)
 _DECIMALS = {TIME_COLUMN: 6, "force_n": 2} | {channel.name: 4 for channel in CHANNELS if channel.name != "force_n"}
 
@@ -48,7 +50,7 @@ def trial_settings(draw: CampaignDraw, index: int) -> PlantSettings:
     spread = float(np.exp(wood.piece_rel_std * rng.standard_normal()))
     harder = wood.k_fc_n_s_per_m / MATERIALS[draw.material].k_fc_n_s_per_m
     k_fc = draw.k_fc_n_s_per_m * harder * spread * width**draw.width_exponent if harder > 0.0 else 0.0
-    return draw.bench.settings(
+    settings = draw.bench.settings(
         draw.parameters,
         duty=plan.duty,
         k_fc_n_s_per_m=k_fc,
@@ -59,6 +61,17 @@ def trial_settings(draw: CampaignDraw, index: int) -> PlantSettings:
         seed=int(rng.integers(2**31)),
         extras={"width_ratio": width} | dict(draw.change.shape) | dict(draw.change.plant),
     )
+    return settings if plan.battery == draw.trials[0].battery else _with_battery(settings, draw, plan.battery)
+
+
+def _with_battery(settings: PlantSettings, draw: CampaignDraw, battery: str) -> PlantSettings:
+    """Return the settings with another battery of the same type: none is quite like the first."""
+    rng = stream_of(draw.session_seed, battery, 25)
+    voltage, charge, resistance = np.exp(np.array(_BATTERY_STD) * rng.standard_normal(3)).tolist()
+    return replace(
+        settings, nominal_voltage_v=voltage * settings.nominal_voltage_v, capacity_ah=charge * settings.capacity_ah,
+        internal_resistance_ohm=resistance * settings.internal_resistance_ohm,
+    )  # fmt: skip
 
 
 def measured_trials(draw: CampaignDraw) -> Iterator[tuple[TrialPlan, float, Readings]]:

@@ -28,7 +28,7 @@ from benchmarks.independent_bench.instruments import (
     draw_instruments,
     read,
 )
-from benchmarks.independent_bench.parameters import Plant, Run
+from benchmarks.independent_bench.parameters import Battery, Plant, Run
 from benchmarks.independent_bench.plans import Plan, PlannedTrial, draw_plan
 from benchmarks.independent_bench.plant import (
     ANGLE,
@@ -62,6 +62,8 @@ _THICKNESS_MM = 20.0
 # A machine that runs when the recording starts has run for so long, and the plant runs on after its end, s.
 _RUN_BEFORE_S, _RUN_AFTER_S = 1.6, 0.05
 _SWITCHED_LONG_AGO_S = -1e3
+# A second battery of the same type: in how many campaigns, and how far voltage, charge and resistance differ.
+_SECOND_SHARE, _BATTERY_STD = 0.5, (0.003, 0.02, 0.06)
 # An edge carries a part of the force: the coefficient of the rest is smaller, so that the mean stays about the same.
 _COEFFICIENT_BESIDE_EDGE = 0.85
 # Quantile that counts as the largest force of a trial.
@@ -80,6 +82,7 @@ class _Stream(IntEnum):
     RINGS = 7
     READING = 8
     ZERO = 9
+    BATTERY = 10
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -96,6 +99,8 @@ class Campaign:
     hidden : Hidden
     nominal_errors : mapping of str to float
         True minus nominal value of each constant, in stated standard deviations.
+    second_battery : (int, Battery) or None
+        Number of the trial before which it is put in.
     """
 
     seed: int
@@ -105,6 +110,7 @@ class Campaign:
     instruments: Instruments
     hidden: Hidden
     nominal_errors: Mapping[str, float]
+    second_battery: tuple[int, Battery] | None = None
 
     @property
     def intact(self) -> Hidden:
@@ -142,7 +148,23 @@ def draw_campaign(seed: int, case: Case) -> Campaign:
     return Campaign(
         seed=seed, case=case, bench=bench, plan=plan, instruments=measured_by, hidden=hidden,
         nominal_errors=nominal_errors,
+        second_battery=_second_battery(_stream(seed, case, _Stream.BATTERY), bench.battery, len(plan.trials)),
     )  # fmt: skip
+
+
+def _second_battery(rng: np.random.Generator, first: Battery, n_trials: int) -> tuple[int, Battery] | None:
+    if rng.random() > _SECOND_SHARE:
+        return None
+    before = int(rng.integers(n_trials // 3, n_trials)) + 1
+    voltage, charge, resistance = 1.0 + np.array(_BATTERY_STD) * rng.standard_normal(3)
+    return before, first._replace(
+        nominal_voltage_v=float(voltage * first.nominal_voltage_v), charge_c=float(charge * first.charge_c),
+        internal_resistance_ohm=float(resistance * first.internal_resistance_ohm),
+    )  # fmt: skip
+
+
+def _last_battery(campaign: Campaign) -> Battery:
+    return campaign.bench.battery if campaign.second_battery is None else campaign.second_battery[1]
 
 
 def simulate(campaign: Campaign, hidden: Hidden) -> Iterator[tuple[Floats, Floats]]:
@@ -161,9 +183,12 @@ def simulate(campaign: Campaign, hidden: Hidden) -> Iterator[tuple[Floats, Float
     state : ndarray, shape (N_STATES,)
         At the end of the trial.
     """
-    state = np.zeros(N_STATES)
+    state, battery = np.zeros(N_STATES), campaign.bench.battery
     for trial in campaign.plan.trials:
-        plant = hidden.plant._replace(run=_run_of(campaign, hidden, trial))
+        if campaign.second_battery is not None and trial.number == campaign.second_battery[0]:
+            battery = campaign.second_battery[1]
+            state[[CHARGE, FAST_V, SLOW_V]] = 0.0
+        plant = hidden.plant._replace(run=_run_of(campaign, hidden, trial), battery=battery)
         hardness = _hardness(campaign, hidden, trial)
         state[ANGLE] = trial.crank_angle_rad
         state[PLUNGER] = plant.machine.crank_radius_m * (1.0 - math.cos(trial.crank_angle_rad))
@@ -233,7 +258,7 @@ def write_case(seed: int, case: Case, out: Path) -> dict[str, Any]:
         write_recording(recording, folder / f"{recording.trial.trial_id}.mcap")
     return entry_of(campaign) | {
         "shows": _shown(campaign, signals),
-        "state_of_charge_at_end": 1.0 - float(state[CHARGE]) / campaign.bench.battery.charge_c,
+        "state_of_charge_at_end": 1.0 - float(state[CHARGE]) / _last_battery(campaign).charge_c,
         "cut_m": float(state[CUT]),
         "winding_k": float(state[WINDING] + state[CASING]),
         "magnets_k": float(state[MAGNET]),
@@ -294,7 +319,8 @@ def recordings_of(campaign: Campaign, signals: Sequence[Floats], config: str) ->
             session_s=(trial.started_at - trials[0].started_at).total_seconds(),
             stroke_mm=2e3 * campaign.bench.machine.crank_radius_m,
         )  # fmt: skip
-        yield _recording(measured_by, trial, readings, config, made[point])
+        is_second = campaign.second_battery is not None and trial.number >= campaign.second_battery[0]
+        yield _recording(measured_by, trial, readings, config, made[point], battery="P2" if is_second else "P1")
 
 
 def peak_of(signals: Sequence[Floats]) -> float:
@@ -304,11 +330,12 @@ def peak_of(signals: Sequence[Floats]) -> float:
 
 
 def _recording(
-    measured_by: Instruments, planned: PlannedTrial, readings: Sequence[Reading], config: str, repetition: int
-) -> Recording:
+    measured_by: Instruments, planned: PlannedTrial, readings: Sequence[Reading], config: str, repetition: int,
+    *, battery: str,
+) -> Recording:  # fmt: skip
     trial = Trial(
         trial_id=f"trial-{planned.number:02d}", material=planned.material or "none", duty=planned.duty,
-        thickness_mm=_THICKNESS_MM, feed_mm_s=planned.feed_mm_s, blade="B1", battery="P1", repetition=repetition,
+        thickness_mm=_THICKNESS_MM, feed_mm_s=planned.feed_mm_s, blade="B1", battery=battery, repetition=repetition,
         started_at=planned.started_at, source=SOURCE,
     )  # fmt: skip
     provenance, signals = {"source": SOURCE}, {}

@@ -166,7 +166,7 @@ def _draw_devices(rng: np.random.Generator, asked: Collection[str]) -> dict[str,
     shares_amplifier = rng.random() < 0.4
     amplifier_hz = float(rng.choice([2400.0, 4000.0, 4800.0, 6000.0, 6000.0, 9600.0, 10000.0]))
     stroke_hz = float(rng.choice([2000.0, 4000.0, 5000.0, 6000.0]))
-    can_hz = float(rng.choice([500.0, 1000.0, 1000.0, 1000.0, 2000.0]))
+    can_hz = float(rng.choice([100.0, 200.0, 500.0, 1000.0, 1000.0, 2000.0]))
     if FAST_FORCE in asked:
         amplifier_hz = max(amplifier_hz, 4800.0)
     if FAST_CAN in asked:
