@@ -29,6 +29,8 @@ from sawbench.modeling.state import TWO_PI, State, angle_derivative
 
 N_HARMONICS = 16
 _N = 2 * N_HARMONICS + 1
+# Of the largest answer of the force to itself: less is rounding.
+_LEAST_ANSWER = 1e-10
 _MAX_STEPS = 25
 _MAX_JACOBIANS = 5
 _DIFFERENCE = 1e-5
@@ -236,7 +238,9 @@ class _Stroke:
         before = left(force)
         if np.allclose(left(force + rows[:1]) - before, rows[:1], rtol=0.0, atol=1e-6):
             return state
-        self._answer = np.asarray(np.linalg.inv(left(force + rows) - before), dtype=np.float64)
+        answer = left(force + rows) - before
+        # A term that holds all of some harmonic, as one fitted far off may, leaves no force that answers there.
+        self._answer = np.asarray(np.linalg.pinv(answer, rcond=_LEAST_ANSWER), dtype=np.float64)
         return self.close(z[None, :])[0]
 
     def _with(self, state: State, force: Floats, voltage: Floats, battery_current: Floats) -> State:
