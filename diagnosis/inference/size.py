@@ -152,7 +152,7 @@ def together(problem: LinearProblem, members: Sequence[Explanation], *, dispersi
         place = slice(start, start + member.column.columns.shape[1])
         start = place.stop
         size = solution[place]
-        spread = np.sqrt(np.diag(covariance)[place])
+        spread = np.sqrt(np.maximum(np.diag(covariance)[place], 0.0))
         found.append(
             replace(
                 member,
