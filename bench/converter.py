@@ -66,7 +66,9 @@ def _visits(is_near: NDArray[np.bool_], is_at_end: NDArray[np.bool_]) -> tuple[N
 
 
 def step_of(values: Floats) -> float:
-    """Step of the converter: the smallest one between levels that are held for more than one sample.
+    """Step of the converter: the smallest one between levels that are held more than once.
+
+    Two equal samples in a row also come by chance where the steps are fine, but hardly twice at one level.
 
     Parameters
     ----------
@@ -82,7 +84,8 @@ def step_of(values: Floats) -> float:
     >>> step_of(np.round(np.sin(np.arange(0, 60, 0.01)) / 0.25) * 0.25), step_of(np.sin(np.arange(0, 60, 0.01)))
     (0.25, 0.0)
     """
-    held = np.unique(values[1:][np.diff(values) == 0.0])
+    levels, times = np.unique(values[1:][np.diff(values) == 0.0], return_counts=True)
+    held = levels[times > 1]
     steps = np.diff(held)
     # Levels that a calibration rounds differently are one level.
     steps = steps[steps > _ROUNDED * float(np.ptp(held))] if len(steps) else steps

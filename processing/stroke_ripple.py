@@ -28,7 +28,7 @@ _CELLS = 2048
 # Prior standard deviation of the wave's k-th harmonic, rad: that over k^3, as torques of the mechanism make it.
 _RIPPLE_RAD = 0.02
 _FADE_S = 0.03
-_LEAST_SAMPLES = 2000
+_LEAST_SAMPLES = 100
 _LEAST_TURNS = 4.0
 # Prior standard deviation of offset and gain, as a share of the radius, and of the angle's zero, rad.
 _OFF_SHARE = 0.1

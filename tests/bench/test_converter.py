@@ -55,3 +55,12 @@ def test_the_step_is_found_in_a_channel_that_hardly_moves():
     assert step_of(stepped(stroke(), 0.078)) == pytest.approx(0.078)
     assert step_of(stroke(0.02)) == 0.0
     assert step_of(np.full(100, 3.0)) == 0.0
+
+
+@pytest.mark.parametrize("step", [0.001, 0.003, 0.01, 0.03, 0.1])
+@pytest.mark.parametrize("seed", range(8))
+def test_equal_samples_that_come_by_chance_are_no_coarse_step(step, seed):
+    """A force of 0.66 N noise in steps of a hundredth of it: neighbours are equal now and then, anywhere in 150 N."""
+    rng = np.random.default_rng(seed)
+    force = 150.0 * np.maximum(np.sin(2 * np.pi * 21.0 * TIME_S[:20_000]), 0.0) + 0.66 * rng.standard_normal(20_000)
+    assert step_of(stepped(force, step)) < 0.66

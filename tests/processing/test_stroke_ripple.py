@@ -66,6 +66,17 @@ def test_the_stated_uncertainty_of_the_ripple_holds():
     assert 0.7 < np.std(errors) < 1.3
 
 
+@pytest.mark.parametrize(("seconds", "rate_hz"), [(3.2, 800.0), (3.0, 400.0), (1.6, 2000.0)])
+def test_few_samples_bring_the_ripple_back_too_and_say_how_well(seconds, rate_hz):
+    """Some hundred settled samples: the ripple that is left out would look like a play of the yoke."""
+    angle, true, displacement_m = tracked(seconds=seconds, rate_hz=rate_hz, noise_m=20e-6)
+    found = restored(angle, displacement_m)
+    late = angle.time_s > 0.75 * seconds
+    off = np.std((found.angle_rad - true)[late])
+    assert off < 0.1 * np.std((angle.angle_rad - true)[late])
+    assert off < 4.0 * np.sqrt(np.sum(found.ripple_std_rad**2))
+
+
 def test_a_short_trial_keeps_its_angle():
     angle, _, displacement_m = tracked(seconds=1.0)
     found = restored(angle, displacement_m)
