@@ -24,7 +24,7 @@ from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.settings import SETTINGS, Z95
 from sawbench.diagnosis.inference.size import sized
-from sawbench.diagnosis.inference.weighing import weigh
+from sawbench.diagnosis.inference.weighing import among, weigh
 from sawbench.diagnosis.standard_error import exceeds_its_error
 from sawbench.modeling.effects.effect import Effect
 from sawbench.modeling.effects.strokes import ZeroTrend
@@ -50,8 +50,8 @@ def held_to_predictions(
     Returns
     -------
     Posterior
-        Of an effect that fails, the probability goes to the likeliest cause without it; of a single one, to the
-        answers that name no effect, as they stand among themselves.
+        Of an effect that fails, the probability goes to the cause without it, alone or with another effect instead; of
+        a single one, to the answers that name no effect; as they stand among themselves.
     """
     while posterior.best.effects:
         failing = _failing(problem, columns, posterior, predictions)
@@ -171,17 +171,23 @@ def _found(posterior: Posterior, effects: tuple[str, ...]) -> Hypothesis:
 
 
 def _without(problem: LinearProblem, posterior: Posterior, name: str) -> Posterior:
-    """Take one effect out of the likeliest hypothesis, and hand its probability on."""
-    best = posterior.best
+    """Take one effect out of the likeliest hypothesis, and hand its probability to the rest, alone or with another."""
+    best, weights = posterior.best, problem.settings.weights
     rest = best.without(name)
     if rest:
-        to = {_found(posterior, rest).name: 1.0}
+        instead = [h for h in posterior.claims if h is not best and h.probability > 0.0 and _extends(h, rest, best)]
+        weighed = among(_found(posterior, rest), instead, weights=weights)
     else:
         others = [h for h in posterior.hypotheses if h.other is not None]
-        weighed = weigh(others, n_effects=1, quiet=problem.quiet, weights=problem.settings.weights)
-        to = {h.name: h.probability for h in weighed}
+        weighed = weigh(others, n_effects=1, quiet=problem.quiet, weights=weights)
+    to = {h.name: h.probability for h in weighed}
     moved = [
         replace(h, probability=0.0 if h is best else h.probability + best.probability * to.get(h.name, 0.0))
         for h in posterior.hypotheses
     ]
     return replace(posterior, hypotheses=tuple(sorted(moved, key=lambda h: -h.probability)))
+
+
+def _extends(hypothesis: Hypothesis, rest: tuple[str, ...], best: Hypothesis) -> bool:
+    """Whether a hypothesis holds the rest and one other effect instead of that which is taken out of the best."""
+    return len(hypothesis.effects) == len(best.effects) and set(rest) < set(hypothesis.effects)

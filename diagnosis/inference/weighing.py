@@ -90,6 +90,28 @@ def weigh_further(
     return _normalised(score)
 
 
+def among(
+    base: Hypothesis, further: Sequence[Hypothesis], *, weights: Weights = SETTINGS.weights
+) -> tuple[Hypothesis, ...]:
+    """Turn log evidences into probabilities of effects alone and with one further effect each, and nothing else.
+
+    Parameters
+    ----------
+    base : Hypothesis
+    further : sequence of Hypothesis
+        The same effects and another one.
+    weights : Weights
+
+    Returns
+    -------
+    tuple of Hypothesis
+        With `probability`, most likely first; they sum to 1.
+    """
+    score = {base: 0.0}
+    _share_with_further(score, further, weights)
+    return _normalised(score)
+
+
 def _open_score(score: dict[Hypothesis, float], unknown: Hypothesis, *, gap: float, quiet: float, w: Weights) -> float:
     """Score of "unknown": by its evidence, and by the share of the gap that the best of the others leaves."""
     best = max((h for h in score if np.isfinite(h.left_over)), key=lambda h: score[h])

@@ -110,6 +110,19 @@ def test_what_predicts_nothing_hands_its_probability_to_what_is_left_without_it(
     assert sum(held.of(name).probability for name in ("no_gap", "parameters", "unknown")) == pytest.approx(1.0)
 
 
+def test_another_effect_takes_the_place_of_one_that_is_not_there(problem, columns):
+    """Rubbing and friction are hidden; rubbing is held for nearly sure beside a drop of voltage that nothing shows."""
+    data = with_columns(with_columns(problem, columns, RUBBING, 1.0), columns, FRICTION, 1.0)
+    found = judge(data, columns)
+    wrong = found.of(f"brush_voltage_drop + {RUBBING}")
+    moved = [replace(h, probability=0.1 * h.probability + 0.9 * (h.name == wrong.name)) for h in found.hypotheses]
+    declared = replace(found, hypotheses=tuple(sorted(moved, key=lambda h: -h.probability)))
+    held = held_to_predictions(data, columns, declared, OfFeatures(data, columns, declared))
+    assert held.of(wrong.name).probability == 0.0
+    assert held.best.effects == (FRICTION, RUBBING)
+    assert held.best.probability > 0.5
+
+
 def test_a_second_effect_that_adds_a_hundredth_of_what_stays_unexplained_is_not_named(problem, columns):
     """The same little of friction, beside a pattern of no catalogue in every trial, and without it."""
 
