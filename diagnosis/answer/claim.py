@@ -130,15 +130,17 @@ def _closes(ladder: Ladder) -> bool:
     """Whether a cause closes the withheld gap beyond doubt.
 
     It does where the 95 % interval lies above 0, and where no withheld operating point is predicted worse than the
-    gap can be stated, or than by chance: of a few points, or of unequal ones, the interval says little. What leaves
-    nearly all of the gap unexplained is no cause of it: what explains the rest may well explain that little.
+    gap can be stated, or than by chance, or all of them together by less than a tenth of what the others gain: of a
+    few points, or of unequal ones, the interval says little. What leaves nearly all of the gap unexplained is no cause
+    of it: what explains the rest may well explain that little.
     """
     if ladder.held_out == "nothing":
         return True  # the report says that nothing could be withheld
     energy, numbers = ladder.energy, SETTINGS.ladder
     worse = energy["with_effect"] - energy["retuned"]
     allowed = np.maximum(numbers.least_rest * energy["noise_floor"], numbers.by_chance)
-    closes_everywhere = len(worse) > 1 and bool(np.all(worse < allowed))
+    lost, gained = float(worse[worse > allowed].sum()), -float(worse[worse < 0.0].sum())
+    closes_everywhere = len(worse) > 1 and lost <= numbers.least_added * gained
     return ladder.gap_closed > numbers.least_added and (ladder.gap_closed_ci95[0] > 0.0 or closes_everywhere)
 
 

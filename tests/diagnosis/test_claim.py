@@ -149,6 +149,8 @@ def test_a_second_effect_that_adds_a_hundredth_of_what_stays_unexplained_is_not_
         # One point of three that says nothing of the cause, and one that speaks against it.
         ([1000.0, 800.0, 300.0], [200.0, 150.0, 301.0], 100.0, True),
         ([1000.0, 800.0, 300.0], [200.0, 150.0, 700.0], 100.0, False),
+        # One that speaks against it by a twentieth of what the others say.
+        ([1000.0, 800.0, 300.0], [200.0, 150.0, 370.0], 100.0, True),
         # Less than one number costs by chance speaks against nothing.
         ([1000.0, 800.0, 130.0], [200.0, 150.0, 130.9], 30.0, True),
     ],
