@@ -3,10 +3,10 @@
 Evidence alone finds the best name for whatever is in the data, a sensor's wandering zero too. What predicts no
 withheld data has no evidence. So the magnitude of every effect of a declared cause differs from zero in its own 95 %
 interval, the cause closes a tenth of the withheld gap at least, and so does each of several effects of what the others
-leave: where a hundredth is added and the rest stays unexplained, what explains the rest may well explain the
-hundredth. Nor may the simulated model with the cause miss the withheld channels by more than the re-tuned one does:
-two effects of one sensor that cancel in the harmonics compared need not cancel in the signal that they predict. Where
-the single strokes carry an effect, mean strokes hold little of what it closes: the report says so instead.
+leave where it acts: where a hundredth is added and the rest stays unexplained, what explains the rest may well explain
+the hundredth. Nor may the simulated model with the cause miss the withheld channels by more than the re-tuned one
+does: two effects of one sensor that cancel in the harmonics compared need not cancel in the signal that they predict.
+Where the single strokes carry an effect, mean strokes hold little of what it closes: the report says so instead.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.ladder import Ladder
 from sawbench.diagnosis.answer.prediction import Predictions
+from sawbench.diagnosis.inference.credit import acts_in
 from sawbench.diagnosis.inference.evidence import Column, Explanation
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
@@ -106,11 +107,12 @@ def _failing(
     best = posterior.best
     carried = carried_by_strokes(problem, posterior, best)
     in_means = tuple(name for name in best.effects if name not in carried)
-    closes = bool(in_means) and _predicts(predictions, _found(posterior, in_means))
+    # Those that mean strokes show close the gap alone, or beside the others: strokes may carry what means show too.
+    closes = bool(in_means) and (_predicts(predictions, _found(posterior, in_means)) or _predicts(predictions, best))
     failing: dict[str, float] = {}
     for member in sized_members(problem, columns, posterior, best):
         name = member.effect.name
-        added, left = _added(posterior, predictions, best, name)
+        added, left = _added(problem, posterior, predictions, member)
         is_worth = _is_sure(added) and added.sum() > SETTINGS.ladder.least_added * left
         predicts = name in carried or (closes and (len(best.effects) == 1 or is_worth))
         if not (predicts and is_there(member)):
@@ -145,19 +147,22 @@ def _closes(ladder: Ladder) -> bool:
 
 
 def _added(
-    posterior: Posterior, predictions: Predictions, hypothesis: Hypothesis, name: str
-) -> tuple[Floats, float]:  # fmt: skip
-    """What an effect adds to what the others of the hypothesis predict, and what these leave to be added.
+    problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation
+) -> tuple[Floats, float]:
+    """What an effect of the likeliest hypothesis adds to what the others predict, and what these leave to be added.
 
-    Log probability of each withheld group, and the sum of what the others leave above the noise.
+    Log probability of each withheld group, and of what the others leave above the noise in the equations where the
+    effect acts: what stays unexplained elsewhere may not be its, and says nothing of it.
     """
-    whole = predictions.of(hypothesis).ladder
-    without = whole.energy["retuned"]
-    if len(hypothesis.effects) > 1:
-        fewer = _found(posterior, hypothesis.without(name))
-        without = predictions.of(fewer, by_trial=whole.held_out == "trials").ladder.energy["with_effect"]
-    left = float(np.sum(without - whole.energy["noise_floor"]))
-    return 0.5 * (without - whole.energy["with_effect"]), 0.5 * left
+    best = posterior.best
+    whole = predictions.of(best).ladder
+    rest = best.without(member.effect.name)
+    if not rest:
+        without, with_effect = whole.energy["retuned"], whole.energy["with_effect"]
+        return 0.5 * (without - with_effect), 0.5 * float(np.sum(without - whole.energy["noise_floor"]))
+    fewer = predictions.of(_found(posterior, rest), by_trial=whole.held_out == "trials").ladder
+    left = sum(max(fewer.left[equation], 0.0) for equation in acts_in(problem, member))
+    return 0.5 * (fewer.energy["with_effect"] - whole.energy["with_effect"]), 0.5 * left
 
 
 def _is_sure(added: Floats) -> bool:

@@ -72,6 +72,8 @@ class Ladder:
         What was withheld, each in turn.
     energy : dict of str to ndarray, shape (n_groups,)
         Sum of squares of the whitened residual in each group, by rung.
+    left : dict of str to float
+        Sum of squares above the noise that the cause leaves in each equation.
     """
 
     whitened: Rungs
@@ -81,6 +83,7 @@ class Ladder:
     fits: dict[str, Fit]
     held_out: HeldOut
     energy: dict[str, Floats]
+    left: dict[Equation, float]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -256,6 +259,7 @@ class HoldOut:
             fits=fits,
             held_out=self.held_out,
             energy=energy,
+            left=self.problem.sums_by_equation(residuals["with_effect"] ** 2 - self._noise**2),
         )
 
     def _products(self, rows: np.ndarray, forms: Floats, width: int) -> tuple[Floats, Floats, Floats, Floats]:

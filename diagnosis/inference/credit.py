@@ -11,6 +11,7 @@ from dataclasses import replace
 
 from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.modeling.residuals import Equation
 
 
 def with_credit(problem: LinearProblem, marginal: Marginal, explanation: Explanation) -> Explanation:
@@ -33,9 +34,14 @@ def with_credit(problem: LinearProblem, marginal: Marginal, explanation: Explana
     before, rest = marginal.data_split
     taken, moved = marginal.split(explanation.contribution)
     after, left = before - taken, rest - moved
-    energy = problem.sums_by_equation(explanation.contribution**2)
     gained = problem.sums_by_equation(rest**2 - left**2)
-    least = problem.settings.weights.acts_share * sum(energy.values())
-    own = sum(gained[equation] for equation, share in energy.items() if share > least)
+    own = sum(gained[equation] for equation in acts_in(problem, explanation))
     limit = max(own + float(before @ before - after @ after), 0.0)
     return replace(explanation, log_evidence=min(explanation.log_evidence, limit))
+
+
+def acts_in(problem: LinearProblem, explanation: Explanation) -> list[Equation]:
+    """Equations that hold more of an effect's contribution than filters and tracking mix into others."""
+    energy = problem.sums_by_equation(explanation.contribution**2)
+    least = problem.settings.weights.acts_share * sum(energy.values())
+    return [equation for equation, share in energy.items() if share > least]
