@@ -17,6 +17,8 @@ _VISITS = 3
 _STEPS_BESIDE = 3.0
 _BESIDE_A_TURNING_POINT = 0.5
 _ERROR_HARMONICS = 20
+# Of levels that are held by chance three steps are whole multiples of the smallest one in one of 1e5 cases.
+_LEAST_STEPS, _MULTIPLE, _NEARLY_ALL = 4, 0.01, 0.95
 
 
 def clipped_levels(values: Floats) -> dict[float, int]:
@@ -66,9 +68,10 @@ def _visits(is_near: NDArray[np.bool_], is_at_end: NDArray[np.bool_]) -> tuple[N
 
 
 def step_of(values: Floats) -> float:
-    """Step of the converter: the smallest one between levels that are held more than once.
+    """Step of the converter: the smallest one between levels that are held for more than one sample.
 
-    Two equal samples in a row also come by chance where the steps are fine, but hardly twice at one level.
+    Two equal samples in a row also come by chance where the steps are fine: what is found must make up all the levels
+    that are held, or all values.
 
     Parameters
     ----------
@@ -84,12 +87,22 @@ def step_of(values: Floats) -> float:
     >>> step_of(np.round(np.sin(np.arange(0, 60, 0.01)) / 0.25) * 0.25), step_of(np.sin(np.arange(0, 60, 0.01)))
     (0.25, 0.0)
     """
-    levels, times = np.unique(values[1:][np.diff(values) == 0.0], return_counts=True)
-    held = levels[times > 1]
+    held = np.unique(values[1:][np.diff(values) == 0.0])
     steps = np.diff(held)
     # Levels that a calibration rounds differently are one level.
     steps = steps[steps > _ROUNDED * float(np.ptp(held))] if len(steps) else steps
-    return float(steps.min()) if len(steps) else 0.0
+    step = float(steps.min()) if len(steps) else 0.0
+    return step if step and (_are_multiples(steps, step) or _is_all(values, step)) else 0.0
+
+
+def _are_multiples(steps: Floats, step: float) -> bool:
+    whole = np.abs(steps / step - np.round(steps / step)) < _MULTIPLE
+    return len(steps) >= _LEAST_STEPS and bool(np.mean(whole) > _NEARLY_ALL)
+
+
+def _is_all(values: Floats, step: float) -> bool:
+    """Whether there are no more values than steps of that size allow; a calibration may round each in two ways."""
+    return len(np.unique(values)) <= 2 * (float(np.ptp(values)) / step + 1.0)
 
 
 def rounding_variance(step: float, std: Floats | float) -> Floats:

@@ -64,3 +64,15 @@ def test_equal_samples_that_come_by_chance_are_no_coarse_step(step, seed):
     rng = np.random.default_rng(seed)
     force = 150.0 * np.maximum(np.sin(2 * np.pi * 21.0 * TIME_S[:20_000]), 0.0) + 0.66 * rng.standard_normal(20_000)
     assert step_of(stepped(force, step)) < 0.66
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_standstill_and_one_pair_of_equal_samples_are_no_step(seed):
+    """A current on a slow bus: at rest before the start, then 800 values in steps of a twentieth of its noise."""
+    rng = np.random.default_rng(seed)
+    current = np.concatenate([np.zeros(20), 14.0 + 5.0 * rng.standard_normal(800)])
+    assert step_of(stepped(current, 0.02)) < 0.1
+
+
+def test_three_levels_are_a_converter():
+    assert step_of(np.repeat([17.9, 18.0, 17.9, 17.8, 17.9, 18.0], 50)) == pytest.approx(0.1)
