@@ -105,8 +105,7 @@ def drawn():
 
 def recorded(campaign):
     """Times and values of all channels, in one array."""
-    signals = [one for one, _ in campaigns.simulate(campaign, campaign.hidden)]
-    found = campaigns.recordings_of(campaign, signals, "")
+    found = campaigns.recordings_of(campaign, _signals(campaign), "")
     return np.concatenate([np.concatenate([s.time_s, s.values]) for r in found for s in r.signals.values()])
 
 
@@ -119,6 +118,20 @@ def with_effect(campaign, name, severity):
     setting = setting_of(campaign.bench, campaign.plan, campaign.instruments)
     hidden = hide({name: severity}, campaign.intact.plant, np.random.default_rng(2), setting)
     return dataclasses.replace(campaign, hidden=hidden)
+
+
+def test_a_second_battery_is_full_has_numbers_of_its_own_and_is_named(drawn):
+    first = drawn.bench.battery
+    second = first._replace(nominal_voltage_v=1.01 * first.nominal_voltage_v)
+    swapped = dataclasses.replace(drawn, second_battery=(2, second))
+    assert [r.trial.battery for r in campaigns.recordings_of(drawn, _signals(drawn), "")] == ["P1", "P1"]
+    assert [r.trial.battery for r in campaigns.recordings_of(swapped, _signals(swapped), "")] == ["P1", "P2"]
+    rest_v = [float(one[plant.BATTERY_V, 5]) for one in _signals(swapped)]
+    assert rest_v[1] == pytest.approx(1.01 * rest_v[0], rel=1e-6)
+
+
+def _signals(campaign):
+    return [one for one, _ in campaigns.simulate(campaign, campaign.hidden)]
 
 
 @pytest.mark.parametrize("name", EFFECTS)
