@@ -1,8 +1,8 @@
 """The blade drags in the kerf on its way back: F = -c |v| or -F_r on the return half (baseline: 0).
 
 Positive amplitude: the load cell reads negative on the return half. The reading is the true force, so the
-mechanical equation, which uses it, stays right. Forms: viscous, and dry with 0.5 N per N*s/m (the same at
-0.5 m/s); for every stock alike, or in proportion to its thickness, and then stated for 20 mm. Told
+mechanical equation, which uses it, stays right. Forms: viscous, dry with 0.5 N per N*s/m (the same at
+0.5 m/s), and in part dry; for every stock alike, or in proportion to its thickness, and then stated for 20 mm. Told
 from an offset of the load cell by the half stroke it lives on and by idle runs. Some per cent to 20 % of
 the cutting force: assumed.
 """
@@ -21,7 +21,7 @@ _SMOOTH_M_S = 0.03
 
 def _signature(baseline: Baseline, state: State, dry: float, by_stock: float) -> tuple[Signature, ...]:
     velocity = np.maximum(-baseline.cutting_sign * baseline.blade_velocity(state), 0.0)
-    force = _DRY_AT_M_S * np.tanh(velocity / _SMOOTH_M_S) if dry else velocity
+    force = (1.0 - dry) * velocity + dry * _DRY_AT_M_S * np.tanh(velocity / _SMOOTH_M_S)
     if by_stock:
         force = force * stock_share(state)
     return ({"cutting": -force},)
@@ -40,7 +40,8 @@ EFFECT = Effect(
     silent_in=("air",),
     strength=Strength(name="damping_n_s_per_m", unit="N*s/m", typical=25.0, low=0.1, high=4.0, source="assumed"),
     signature=_signature,
-    shapes=tuple({"dry": d, "by_stock": s} for d in (0.0, 1.0) for s in (0.0, 1.0)),
+    shapes=tuple({"dry": d, "by_stock": s} for d in (0.0, 0.25, 0.5, 1.0) for s in (0.0, 1.0)),
+    continuous=("dry",),
     needs=("force_n",),
     grows_with=("speed",),
     confused_with=("force_offset_drift", "blade_compliance"),

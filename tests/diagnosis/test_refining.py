@@ -69,6 +69,15 @@ def test_an_edge_that_ploughs_over_some_travel_is_found_with_its_travel():
     assert found.members[0].column.shape["onset_m"] == pytest.approx(TRAVEL_M, rel=0.03)
 
 
+def test_rubbing_that_is_in_part_dry_is_found_with_its_part():
+    """The two are 20 N s/m, of which two fifths are dry: that many N at half a metre a second."""
+    problem = problem_of(strokes(rub=lambda speed: 12.0 * speed + 8.0 * 0.5 * np.tanh(speed / 0.03)))
+    _, better = weighed(problem, ["return_stroke_rubbing", "force_offset_drift", "blade_compliance"])
+    found = judge(problem, better).best
+    assert found.effects == ("return_stroke_rubbing",)
+    assert found.members[0].column.shape["dry"] == pytest.approx(0.4, abs=0.02)
+
+
 def test_a_form_refined_to_the_edge_of_its_range_can_be_refined_again(lagging):
     """It is the last of the catalogue but for rounding: no range between the two is divided by."""
     (column,) = columns_in(lagging, EFFECT_BY_NAME["edge_force"], [{"by_stock": 0.0, "onset_m_s": 0.12 * (1 + 2e-16)}])
