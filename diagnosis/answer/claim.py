@@ -156,13 +156,13 @@ def _added(
     """
     best = posterior.best
     whole = predictions.of(best).ladder
-    rest = best.without(member.effect.name)
-    if not rest:
-        without, with_effect = whole.energy["retuned"], whole.energy["with_effect"]
-        return 0.5 * (without - with_effect), 0.5 * float(np.sum(without - whole.energy["noise_floor"]))
-    fewer = predictions.of(_found(posterior, rest), by_trial=whole.held_out == "trials").ladder
-    left = sum(max(fewer.left[equation], 0.0) for equation in acts_in(problem, member))
-    return 0.5 * (fewer.energy["with_effect"] - whole.energy["with_effect"]), 0.5 * left
+    rest, without, left = best.without(member.effect.name), whole.energy["retuned"], np.inf
+    if rest:
+        fewer = predictions.of(_found(posterior, rest), by_trial=whole.held_out == "trials").ladder
+        without = fewer.energy["with_effect"]
+        left = sum(max(fewer.left[equation], 0.0) for equation in acts_in(problem, member))
+    everywhere = float(np.sum(without - whole.energy["noise_floor"]))
+    return 0.5 * (without - whole.energy["with_effect"]), 0.5 * min(left, everywhere)
 
 
 def _is_sure(added: Floats) -> bool:
