@@ -287,12 +287,17 @@ def between_samples(signal: Signal, period_s: float) -> Signal:
     per_turn = signal.rate_hz * period_s
     if per_turn >= MIN_SAMPLES_PER_BIN * N_POINTS or len(signal.time_s) < _LEAST_SAMPLES:
         return signal
-    from scipy.interpolate import CubicSpline
-
     part = np.arange(n := int(np.ceil(_SPLINE_POINTS_A_BIN * N_POINTS / per_turn))) / n
     step_s = np.diff(signal.time_s)[:, None]
     at_s = (signal.time_s[:-1, None] + step_s * part)[(step_s < _LONGEST_STEP * np.median(step_s)) | (part == 0.0)]
-    return replace(signal, time_s=at_s, values=CubicSpline(signal.time_s, signal.values)(at_s), raw=None)
+    return replace(signal, time_s=at_s, values=_spline(signal, at_s), raw=None)
+
+
+def _spline(signal: Signal, at_s: Floats) -> Floats:
+    """Values between samples; before the first and after the last one, those."""
+    from scipy.interpolate import CubicSpline
+
+    return CubicSpline(signal.time_s, signal.values)(np.clip(at_s, signal.time_s[0], signal.time_s[-1]))
 
 
 def _state_channels(trial: ProcessedTrial) -> Mapping[str, Signal]:
@@ -356,7 +361,7 @@ def start_up_state(trial: ProcessedTrial, setting: TrialSetting) -> State | None
         return None
     slow = {n: s for n, s in present.items() if s.rate_hz < 0.9 / START_UP_STEP_S}
     means = {n: time_cell_means(s.time_s, s.values, edges) for n, s in present.items() if n not in slow}
-    means |= {n: _between(s, middle) for n, s in slow.items()}
+    means |= {n: _spline(s, middle) for n, s in slow.items()}
     waves = {n: wave[None, :] for n, wave in means.items()}
     crank = np.interp(middle, angle.time_s, angle.angle_rad)[None, :]
     speed = time_cell_means(angle.time_s, angle.speed_rad_s, edges)[None, :]
@@ -365,12 +370,6 @@ def start_up_state(trial: ProcessedTrial, setting: TrialSetting) -> State | None
     state = _assemble("start_up", setting, motion, waves, rates, np.array([[start_s]]))
     resolved_s = {CHANNEL_OF_STATE[n]: _SAMPLES_A_MEAN / s.rate_hz for n, s in slow.items()}
     return replace(state, ripple_std_rad=angle.ripple_std_rad, resolved_s=resolved_s)
-
-
-def _between(signal: Signal, at_s: Floats) -> Floats:
-    from scipy.interpolate import CubicSpline
-
-    return CubicSpline(signal.time_s, signal.values)(np.clip(at_s, signal.time_s[0], signal.time_s[-1]))
 
 
 def _drops_out(time_s: Floats, start_s: float, end_s: float) -> bool:

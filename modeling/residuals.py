@@ -90,6 +90,11 @@ class Baseline:
         """Speed of the blade into the wood, m/s: |v| on the cutting half, 0 on the return half."""
         return np.maximum(self.cutting_sign * self.blade_velocity(state), 0.0)
 
+    def travelled(self, state: State) -> Floats:
+        """Way of the blade from the dead centre at which the cutting half begins, m."""
+        above = self.mechanism.displacement(state.angle_rad)
+        return above if self.cutting_sign > 0 else 2.0 * self.radius_m - above
+
     def expected_force(self, state: State) -> Floats:
         """Force of the linear cutting law with the campaign's own k_Fc for this stock, N."""
         return state.k_guess_n_s_per_m * self.cutting_speed(state)

@@ -117,6 +117,12 @@ class Campaign:
         """The same bench without the hidden effects."""
         return Hidden(plant=_intact_plant(self.bench))
 
+    def battery_of(self, trial: PlannedTrial) -> tuple[str, Battery]:
+        """Name and numbers of the battery that a trial runs on."""
+        if self.second_battery is not None and trial.number >= self.second_battery[0]:
+            return "P2", self.second_battery[1]
+        return "P1", self.bench.battery
+
     def stream(self, part: _Stream, trial: int = 0) -> np.random.Generator:
         """Random stream of a part, or of a part of one trial."""
         return _stream(self.seed, self.case, part, trial)
@@ -163,10 +169,6 @@ def _second_battery(rng: np.random.Generator, first: Battery, n_trials: int) -> 
     )  # fmt: skip
 
 
-def _last_battery(campaign: Campaign) -> Battery:
-    return campaign.bench.battery if campaign.second_battery is None else campaign.second_battery[1]
-
-
 def simulate(campaign: Campaign, hidden: Hidden) -> Iterator[tuple[Floats, Floats]]:
     """Simulate the trials one after another; charge, heat and wear are carried on.
 
@@ -183,11 +185,11 @@ def simulate(campaign: Campaign, hidden: Hidden) -> Iterator[tuple[Floats, Float
     state : ndarray, shape (N_STATES,)
         At the end of the trial.
     """
-    state, battery = np.zeros(N_STATES), campaign.bench.battery
+    state, last = np.zeros(N_STATES), ""
     for trial in campaign.plan.trials:
-        if campaign.second_battery is not None and trial.number == campaign.second_battery[0]:
-            battery = campaign.second_battery[1]
-            state[[CHARGE, FAST_V, SLOW_V]] = 0.0
+        name, battery = campaign.battery_of(trial)
+        if name != last:
+            state[[CHARGE, FAST_V, SLOW_V]], last = 0.0, name
         plant = hidden.plant._replace(run=_run_of(campaign, hidden, trial), battery=battery)
         hardness = _hardness(campaign, hidden, trial)
         state[ANGLE] = trial.crank_angle_rad
@@ -258,7 +260,8 @@ def write_case(seed: int, case: Case, out: Path) -> dict[str, Any]:
         write_recording(recording, folder / f"{recording.trial.trial_id}.mcap")
     return entry_of(campaign) | {
         "shows": _shown(campaign, signals),
-        "state_of_charge_at_end": 1.0 - float(state[CHARGE]) / _last_battery(campaign).charge_c,
+        "state_of_charge_at_end": 1.0
+        - float(state[CHARGE]) / campaign.battery_of(campaign.plan.trials[-1])[1].charge_c,
         "cut_m": float(state[CUT]),
         "winding_k": float(state[WINDING] + state[CASING]),
         "magnets_k": float(state[MAGNET]),
@@ -319,8 +322,8 @@ def recordings_of(campaign: Campaign, signals: Sequence[Floats], config: str) ->
             session_s=(trial.started_at - trials[0].started_at).total_seconds(),
             stroke_mm=2e3 * campaign.bench.machine.crank_radius_m,
         )  # fmt: skip
-        is_second = campaign.second_battery is not None and trial.number >= campaign.second_battery[0]
-        yield _recording(measured_by, trial, readings, config, made[point], battery="P2" if is_second else "P1")
+        name, _ = campaign.battery_of(trial)
+        yield _recording(measured_by, trial, readings, config, made[point], battery=name)
 
 
 def peak_of(signals: Sequence[Floats]) -> float:

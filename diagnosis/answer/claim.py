@@ -142,8 +142,8 @@ def _closes(ladder: Ladder) -> bool:
     worse = energy["with_effect"] - energy["retuned"]
     allowed = np.maximum(numbers.least_rest * energy["noise_floor"], numbers.by_chance)
     lost, gained = float(worse[worse > allowed].sum()), -float(worse[worse < 0.0].sum())
-    closes_everywhere = len(worse) > 1 and lost <= numbers.least_added * gained
-    return ladder.gap_closed > numbers.least_added and (ladder.gap_closed_ci95[0] > 0.0 or closes_everywhere)
+    hardly_loses = len(worse) > 1 and lost <= numbers.least_added * gained
+    return ladder.gap_closed > numbers.least_added and (ladder.gap_closed_ci95[0] > 0.0 or hardly_loses)
 
 
 def _added(

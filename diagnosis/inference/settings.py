@@ -162,6 +162,10 @@ class Strokes:
         Relative standard uncertainty of a wave's depth: the wood's wave is no sine.
     block : int
         Strokes that are averaged for a trend; what a wood remembers for longer is fitted as memory of the blocks.
+    course_std : float
+        Log of the hardness by which a course that all trials share is expected to change it.
+    looks : int
+        What "unknown" may look like: no particular form, three beyond the catalogue, off the stroke, in strokes.
     free_std, little_std : float
         Standard deviation of the powers of speed and feed with which the hardness goes: where another effect of the
         cut or of a sensor may act, and where none does.
@@ -173,6 +177,8 @@ class Strokes:
     least_strokes: int = marked(24, "convention", "two seconds, some waves of a wood")
     depth_std: float = marked(0.5, "convention", "a factor of two, as `Forms.most_std`")
     block: int = marked(20, "convention", "about 1.5 s; beyond it half of a wood's memory is gone")
+    course_std: float = marked(0.15, "convention", "three times what pieces of a wood differ by")
+    looks: int = marked(6, "convention", "a count")
     free_std: float = marked(0.5, "convention", "the speed exponents and edge forces that occur, as a power")
     little_std: float = marked(0.03, "convention", "background effects, 5 % of its typical size, as a power")
 

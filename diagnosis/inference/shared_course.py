@@ -10,15 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.stroke_series import StrokeSeries
 from sawbench.diagnosis.log_mean import log_mean_exp
 
 # Time constants of the course, s: beyond some strokes, and short enough to bend within a trial.
 _TIME_CONSTANTS_S = np.geomspace(0.3, 6.0, 8)
-# Log of the hardness that a course is expected to change.
-_REACH_STD = 0.15
 # Variance between trials, in units of the one found.
 _VARIANCES = np.geomspace(1e-2, 1e3, 101)
 _LEAST_TRIALS = 3
@@ -58,24 +55,20 @@ def _weighed(trials: Sequence[StrokeSeries], time_constant_s: float, longest_s: 
     mean = float(weights @ sizes) / total
     around = float(weights @ (sizes - mean) ** 2)
     variance = max(around / (n - 1), 1e-12) * _VARIANCES
-    prior = (_REACH_STD / (1.0 - np.exp(-longest_s / time_constant_s))) ** 2
+    reached = 1.0 - float(np.exp(-longest_s / time_constant_s))
+    prior = (SETTINGS.strokes.course_std / reached) ** 2
     # The variance is as unknown as its logarithm is, with a course and without.
     scatter = -0.5 * n * np.log(variance) - 0.5 * around / variance
     of_mean, none = variance / total + prior, variance / total
     shared = scatter + 0.5 * np.log(none / of_mean) - 0.5 * mean**2 / of_mean
     own = scatter - 0.5 * mean**2 / none
-    reach = mean * float(1.0 - np.exp(-longest_s / time_constant_s))
-    return log_mean_exp(shared.tolist()) - log_mean_exp(own.tolist()), reach
+    return log_mean_exp(shared.tolist()) - log_mean_exp(own.tolist()), mean * reached
 
 
 def _follows(trial: StrokeSeries, time_constant_s: float) -> tuple[float, float]:
     """Regression of one trial's log hardness on the course, beside mean and trend, and its weight."""
     course = 1.0 - np.exp(-trial.time_s / time_constant_s)
     basis, _ = np.linalg.qr(np.column_stack([np.ones_like(trial.time_s), trial.time_s]))
-
-    def beside(values: Floats) -> Floats:
-        return values - basis @ (basis.T @ values)
-
-    course = beside(course)
+    course -= basis @ (basis.T @ course)
     weight = float(course @ course)
-    return float(course @ beside(trial.log_k)) / weight, weight
+    return float(course @ trial.log_k) / weight, weight

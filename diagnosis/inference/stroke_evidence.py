@@ -23,8 +23,6 @@ from sawbench.modeling.state import State
 
 WAVE_IN_TIME = "cutting coefficient that oscillates in time, not along the feed"
 SHARED_COURSE = "cutting coefficient that rises or falls after the start of every trial alike"
-# No particular form, three beyond the catalogue, off the stroke, in single strokes.
-_LOG_LOOKS = math.log(6)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -116,7 +114,7 @@ def strokes_say(
         )  # fmt: skip
     return said, {
         WAVE_IN_TIME: settings.strokes.weight * _wave_in_time(spectra, known),
-        SHARED_COURSE: settings.weights.temperature * (shared_course(strokes) - _LOG_LOOKS),
+        SHARED_COURSE: settings.weights.temperature * (shared_course(strokes) - math.log(settings.strokes.looks)),
     }
 
 

@@ -22,10 +22,7 @@ def _signature(
 ) -> tuple[Signature, ...]:
     speed = baseline.cutting_speed(state)
     if onset_m:
-        travelled = baseline.mechanism.displacement(state.angle_rad)
-        if baseline.cutting_sign < 0:
-            travelled = 2.0 * baseline.radius_m - travelled
-        force = np.where(speed > 0.0, 1.0 - np.exp(-travelled / onset_m), 0.0)
+        force = np.where(speed > 0.0, 1.0 - np.exp(-baseline.travelled(state) / onset_m), 0.0)
     else:
         force = np.tanh(speed / onset_m_s)
     if by_stock:

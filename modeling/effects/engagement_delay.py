@@ -19,9 +19,7 @@ _FRACTIONS = (0.02, 0.03, 0.04, 0.055, *np.arange(0.07, 0.25, 0.015).round(3).to
 
 
 def _signature(baseline: Baseline, state: State, fraction: float, ramp: float) -> tuple[Signature, ...]:
-    travelled = baseline.mechanism.displacement(state.angle_rad) / (2.0 * baseline.radius_m)
-    if baseline.cutting_sign < 0:
-        travelled = 1.0 - travelled
+    travelled = baseline.travelled(state) / (2.0 * baseline.radius_m)
     engaged = np.clip((travelled - fraction) / ramp + 0.5, 0.0, 1.0)
     return ({"cutting": -baseline.expected_force(state) * (1.0 - engaged)},)
 

@@ -13,7 +13,6 @@ from sawbench.diagnosis.inference.size import is_mixable, mixed, sized
 from sawbench.diagnosis.slow_states import slow_tracks
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 from sawbench.modeling.effects.heat import COPPER_HEAT, SPIN_HEAT, friction_loss_w
-from sawbench.modeling.parts.mechanism import Mechanism
 
 pytestmark = pytest.mark.unit
 
@@ -149,15 +148,13 @@ def state_of(**known):
     setting = {"duty": 0.4, "is_idle": False, "thickness_m": 0.02, "session_s": 1000.0} | known.pop("setting", {})
     return SimpleNamespace(
         current_a=10.0 * ones, cut_distance_m=10.0 * ones, time_s=0.0 * ones, kind="running",
-        angle_rad=0.5 * np.pi * ones,
         k_guess_n_s_per_m=300.0, setting=SimpleNamespace(**setting), **known,
     )  # fmt: skip
 
 
 CUTTING = SimpleNamespace(
     cutting_sign=1,
-    radius_m=0.01,
-    mechanism=Mechanism(radius_m=0.01),
+    travelled=lambda _: np.full((1, 1), 0.01),
     cutting_speed=lambda _: np.full((1, 1), 0.5),
     blade_velocity=lambda _: np.full((1, 1), -0.5),
     expected_force=lambda _: np.full((1, 1), 100.0),
