@@ -15,6 +15,9 @@ def left_over(
 ) -> float:
     """Misfit over the number of features, whitened by the noise as it was measured.
 
+    The squares of the residual and of the nuisances, each over its variance. Never negative: the product of data and
+    residual is the same for one common noise alone.
+
     Parameters
     ----------
     problem : LinearProblem
@@ -26,7 +29,8 @@ def left_over(
         An effect whose contribution is taken off first.
     """
     data = problem.data if explanation is None else problem.data - explanation.contribution
-    return float((dispersion * data) @ marginal.rest(data)) / len(data)
+    best, rest = marginal.split(data)
+    return float(dispersion @ rest**2 + best @ best) / len(data)
 
 
 def left_by(problem: LinearProblem, dispersion: Floats, small: Floats, members: Sequence[Explanation]) -> float:

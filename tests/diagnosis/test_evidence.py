@@ -200,6 +200,20 @@ def test_what_is_left_counts_by_the_noise_as_it_was_measured():
     assert left == pytest.approx(float(problem.data @ problem.data) / N_ROWS)
 
 
+def test_what_is_left_is_never_negative():
+    # The nuisance takes up what is quiet, at the price of what is dispersed.
+    column = np.where(np.arange(N_ROWS) < 20, 30.0, 3.0)[:, None]
+    data = np.where(np.arange(N_ROWS) < 20, 10.0, -2.0)
+    problem = replace(small_problem(16), data=data, nuisance=column, names=("one",), prior_std=np.ones(1))
+    dispersion = np.where(np.arange(N_ROWS) < 20, 400.0, 1.0)
+    scaled = with_noise(problem, dispersion)
+    number = float(np.linalg.lstsq(
+        np.vstack([scaled.nuisance, np.eye(1)]), np.append(scaled.data, 0.0), rcond=None
+    )[0][0])  # fmt: skip
+    expected = (np.sum((data - number * column[:, 0]) ** 2) + number**2) / N_ROWS
+    assert left_over(scaled, dispersion, Marginal(scaled)) == pytest.approx(expected)
+
+
 def test_form_error_is_a_nuisance_of_its_share():
     rng = np.random.default_rng(17)
     problem, columns = small_problem(18), columns_of("edge_force", 2, 1, seed=19)
