@@ -24,6 +24,7 @@ from sawbench.diagnosis.screening import is_stock_stated, screen, summary
 from sawbench.diagnosis.signal_health import ChannelHealth, channel_health
 from sawbench.diagnosis.slow_states import SlowTrack, slow_tracks
 from sawbench.modeling.effects.known import KnownEffect
+from sawbench.modeling.load import load_of
 from sawbench.modeling.machines.saw_baseline import baseline_of
 from sawbench.modeling.parts.linear import coefficient
 from sawbench.modeling.residuals import Baseline, residuals
@@ -32,6 +33,8 @@ from sawbench.modeling.state import TWO_PI, State, TrialSetting
 _NUMBERS = SETTINGS.screening
 # Known effects of the cut and the coefficient that they scale with: each time some per cent of the last change is left.
 _REGRESSIONS = 6
+# Of the largest force of a campaign: less is on no preload's edge.
+_FAR_BELOW = 0.7
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -138,6 +141,7 @@ def campaign_of(trials: Sequence[ProcessedTrial], baseline: Baseline, warnings: 
     _refuse_without_equation(baseline, states)
     states = _with_shared_steps(states)
     guesses = _with_guesses(baseline, states)
+    baseline = replace(baseline, load=load_of(baseline, states))
     labels = {state.setting.label for state in states}
     kept = [trial for trial in trials if trial.trial.trial_id in labels]
 
@@ -372,7 +376,11 @@ def _with_guesses(baseline: Baseline, states: list[State]) -> dict[str, float]:
             peak_n = max(peak_n, float(state.force_n.mean(axis=0).max()))
         if state.kind == "start_up" and state.current_a is not None:
             top_a = max(top_a, float(state.current_a.max()))
-    states[:] = [replace(state, peak_force_n=peak_n, top_current_a=top_a) for state in states]
+    below = {s.setting.label: _below(baseline, s, peak_n) for s in states if s.kind == "running"}
+    states[:] = [
+        replace(state, peak_force_n=peak_n, top_current_a=top_a, k_below_n_s_per_m=below.get(state.setting.label, 0.0))
+        for state in states
+    ]
     guesses: dict[str, float] = {}
     for _ in range(_REGRESSIONS if baseline.known else 1):
         guesses = _regressed(baseline, states)
@@ -381,6 +389,15 @@ def _with_guesses(baseline: Baseline, states: list[State]) -> dict[str, float]:
             for state in states
         ]
     return guesses
+
+
+def _below(baseline: Baseline, state: State, peak_n: float) -> float:
+    """Regress force on cutting speed where the mean stroke's force is far below a peak; 0 where nothing is cut."""
+    if state.setting.is_idle or state.force_n is None:
+        return 0.0
+    force_n, speed_m_s = state.force_n.mean(axis=0), baseline.cutting_speed(state).mean(axis=0)
+    low = (speed_m_s > 0.0) & (force_n < _FAR_BELOW * peak_n)
+    return max(float(coefficient(force_n[low], speed_m_s[low])), 0.0) if low.any() else 0.0
 
 
 def _regressed(baseline: Baseline, states: Sequence[State]) -> dict[str, float]:

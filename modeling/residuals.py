@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 from sawbench.bench.config import BatteryConfig, PlantConfig
 from sawbench.bench.recording import Floats
+from sawbench.modeling.load import OAK, Load
 from sawbench.modeling.parts.mechanism import Mechanism
 from sawbench.modeling.state import State
 
@@ -54,6 +55,8 @@ class Baseline:
         -1 where the blade cuts on pi..2*pi (blade velocity negative), +1 on 0..pi.
     known : tuple of KnownEffect
         Effects that belong to the model.
+    load : Load
+        What it carries while it cuts.
     mechanism : Mechanism
         What turns the crank's angle into the blade's travel, at its nominal lengths.
     """
@@ -62,6 +65,7 @@ class Baseline:
     battery: BatteryConfig | None
     cutting_sign: int
     known: tuple[KnownEffect, ...] = ()
+    load: Load = OAK
     mechanism: Mechanism = field(init=False)
 
     def __post_init__(self) -> None:

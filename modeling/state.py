@@ -149,6 +149,9 @@ class State:
         Slow states that effects need, computed once a campaign; read-only.
     k_guess_n_s_per_m : float
         k_Fc of the trial's stock by regression over the campaign; 0 in air.
+    k_below_n_s_per_m : float
+        k_Fc of the trial by its own force far below the campaign's peak, which a clipped peak does not lower; 0 in air
+        or where it is not known.
     peak_force_n, top_current_a : float
         Largest mean-stroke force and start-up current of the campaign; 0 where there is none.
     n_strokes : ndarray, shape (n_units,)
@@ -189,6 +192,7 @@ class State:
     n_strokes: Floats
     slow: Mapping[Memory, Floats] = field(default_factory=dict)
     k_guess_n_s_per_m: float = 0.0
+    k_below_n_s_per_m: float = 0.0
     peak_force_n: float = 0.0
     top_current_a: float = 0.0
     ripple_std_rad: Floats = field(default_factory=lambda: np.zeros(0))

@@ -41,7 +41,15 @@ EFFECT = Effect(
     ),
     parts=("blade",),
     silent_in=("air",),
-    strength=Strength(name="force_n", unit="N", typical=40.0, low=0.1, high=4.0, source="assumed"),
+    strength=Strength(
+        name="force_n",
+        unit="N",
+        typical=40.0,
+        low=0.1,
+        high=8.0,
+        source="assumed",
+        follows=lambda load: load.force_n,
+    ),
     signature=_signature,
     shapes=(
         *({"by_stock": s, "onset_m_s": v} for v in (0.01, 0.04, 0.12) for s in (0.0, 1.0)),

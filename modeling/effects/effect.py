@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.strokes import Strokes
+from sawbench.modeling.load import OAK, Load
 from sawbench.modeling.residuals import Signature
 from sawbench.modeling.state import Memory, State
 
@@ -57,6 +58,9 @@ class Strength:
         is a number inside a nonlinear form (see `Effect.shapes`), both are near 1.
     source : str
         Where range and typical size come from; "assumed" where nobody measured it.
+    follows : callable, optional
+        `Load` of a saw -> what the typical size is in proportion to; `typical` is that at `load.OAK`. Without it the
+        typical size is the same on every machine.
     """
 
     name: str
@@ -65,6 +69,13 @@ class Strength:
     low: float
     high: float
     source: str
+    follows: Callable[[Load], float] | None = None
+
+    def at(self, load: Load) -> Strength:
+        """Strength as it is typical of a saw that carries another load than `load.OAK`."""
+        if self.follows is None:
+            return self
+        return replace(self, typical=self.typical * self.follows(load) / self.follows(OAK))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -93,7 +93,15 @@ EFFECT = Effect(
         )
     },
     parts=("guide",),
-    strength=Strength(name="force_n", unit="N", typical=5.0, low=0.1, high=4.0, source="assumed"),
+    strength=Strength(
+        name="force_n",
+        unit="N",
+        typical=5.0,
+        low=0.1,
+        high=8.0,
+        source="assumed",
+        follows=lambda load: load.force_n,
+    ),
     signature=_signature,
     shapes=(
         {"static_ratio": 1.0, "stribeck_m_s": 0.1},

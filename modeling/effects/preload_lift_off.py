@@ -4,9 +4,10 @@
 
 Flat-topped force, always at the same height; the current follows the true force, so the mechanical
 residual, which uses the reading, is positive at the peaks. P is a share of the largest mean-cycle force of
-the campaign. A clipped campaign makes its own k_Fc look small: the forms scale the expected force up before
-they clip it. Strokes differ, so the corner of a mean cycle is round by a few per cent. A speed exponent
-flattens the force without such a ceiling. Preload: chosen by the operator.
+the campaign. A clipped campaign makes its own k_Fc look small: the expected force is that of the trial's own
+coefficient where its force is low, or that of the stock scaled up. Strokes differ, so the corner of a mean
+cycle is round by a few per cent. A speed exponent flattens the force without such a ceiling. Preload: chosen
+by the operator.
 """
 
 from __future__ import annotations
@@ -25,10 +26,13 @@ def _signature(baseline: Baseline, state: State, share: float, scale: float) -> 
     if not preload_n > 0.0:
         return ({},)
     expected = baseline.expected_force(state)
+    true_n = scale * expected
+    if not scale:
+        true_n = (state.k_below_n_s_per_m or state.k_guess_n_s_per_m) * baseline.cutting_speed(state)
     width_n = _ROUND * preload_n
-    clipped_off = width_n * np.logaddexp(0.0, (scale * expected - preload_n) / width_n)
+    clipped_off = width_n * np.logaddexp(0.0, (true_n - preload_n) / width_n)
     # Far below the preload the round corner leaves nothing.
-    clipped_off = np.where(scale * expected > preload_n - 8.0 * width_n, clipped_off, 0.0)
+    clipped_off = np.where(true_n > preload_n - 8.0 * width_n, clipped_off, 0.0)
     return (force_reading(baseline, state, expected - clipped_off),)
 
 
@@ -45,7 +49,7 @@ EFFECT = Effect(
     silent_in=("air",),
     strength=Strength(name="preload_share_of_peak", unit="1", typical=1.0, low=0.7, high=1.4, source="assumed"),
     signature=_signature,
-    shapes=tuple({"share": s, "scale": k} for s in (0.96, 1.0) for k in (1.0, 1.1, 1.2, 1.35, 1.6)),
+    shapes=tuple({"share": s, "scale": k} for s in (0.96, 1.0) for k in (0.0, 1.0, 1.1, 1.2, 1.35, 1.6)),
     continuous=("share", "scale"),
     shape_strength=lambda amplitude, shape: shape["share"],
     carries=("share",),

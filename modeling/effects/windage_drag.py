@@ -72,7 +72,15 @@ EFFECT = Effect(
         )
     },
     parts=("drive",),
-    strength=Strength(name="torque_at_1000_rad_s_n_m", unit="N*m", typical=0.006, low=0.1, high=4.0, source="assumed"),
+    strength=Strength(
+        name="torque_at_1000_rad_s_n_m",
+        unit="N*m",
+        typical=0.006,
+        low=0.1,
+        high=8.0,
+        source="assumed",
+        follows=lambda load: load.torque_n_m / load.motor_speed_rad_s**2,
+    ),
     signature=_signature,
     shapes=tuple({"power": p} for p in (2.0, 1.6, 1.8, 2.2, 2.4)),
     continuous=("power",),

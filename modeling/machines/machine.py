@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from sawbench.modeling.effects.catalogue import EFFECTS
 from sawbench.modeling.effects.effect import Effect, Part
+from sawbench.modeling.load import OAK
 from sawbench.modeling.residuals import Equation
 
 Frame = Literal["crank", "linear_axis"]
@@ -47,7 +48,11 @@ class Machine:
         Parameters
         ----------
         model : object
-            Numbers of the machine's baseline; typical sizes on a linear axis are shares of its force and travel.
+            Numbers of the machine's baseline; typical sizes on a linear axis are shares of its force and travel, on a
+            saw of the load that it carries: without a model, that of `load.OAK`.
         """
         offered = (effect for effect in EFFECTS if self.parts.issuperset(effect.parts))
+        if self.frame == "crank":
+            load = OAK if model is None else model.load
+            return tuple(replace(effect, strength=effect.strength.at(load)) for effect in offered)
         return tuple(e.variants[self.frame](model) if self.frame in e.variants else e for e in offered)

@@ -1,0 +1,78 @@
+"""What a saw carries while it cuts: forces and torques of effects are typical in proportion to it.
+
+A friction of 5 N is usual where 265 N are cut and large where 60 N are. Voltage drops of brushes and diodes, delays,
+and shares of something follow no load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from sawbench.modeling.residuals import Baseline
+    from sawbench.modeling.state import State
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Load:
+    """Usual values of a cutting trial.
+
+    Attributes
+    ----------
+    force_n : float
+        Peak of the cutting force over the mean stroke.
+    blade_speed_m_s : float
+        Peak of the blade's speed.
+    torque_n_m : float
+        Mean torque of the motor.
+    motor_speed_rad_s : float
+    """
+
+    force_n: float
+    blade_speed_m_s: float
+    torque_n_m: float
+    motor_speed_rad_s: float
+
+
+# The saw of the paper in 20 mm of oak at a duty of 0.4375, as in `recordings/oak-01.mcap`.
+OAK: Final = Load(force_n=265.0, blade_speed_m_s=0.86, torque_n_m=0.074, motor_speed_rad_s=780.0)
+
+
+def load_of(baseline: Baseline, states: Sequence[State]) -> Load:
+    """Load of the usual cutting trial of a campaign.
+
+    Parameters
+    ----------
+    baseline : Baseline
+    states : sequence of State
+
+    Returns
+    -------
+    Load
+        Medians over the cutting trials that have force and motor current; `OAK` where none has.
+    """
+    torque_constant = baseline.plant.torque_constant_n_m_per_a.nominal
+    found = [
+        (
+            float(state.force_n.mean(axis=0).max()),
+            float(np.abs(baseline.blade_velocity(state)).mean(axis=0).max()),
+            float(torque_constant * np.abs(state.current_a).mean()),
+            float(baseline.gear * state.speed_rad_s.mean()),
+        )
+        for state in states
+        if state.kind == "running"
+        and not state.setting.is_idle
+        and state.force_n is not None
+        and state.current_a is not None
+    ]
+    usual = np.median(found, axis=0) if found else np.zeros(4)
+    if not (usual > 0.0).all():
+        return OAK
+    force_n, blade_speed_m_s, torque_n_m, motor_speed_rad_s = (float(value) for value in usual)
+    return Load(
+        force_n=force_n, blade_speed_m_s=blade_speed_m_s, torque_n_m=torque_n_m, motor_speed_rad_s=motor_speed_rad_s
+    )
