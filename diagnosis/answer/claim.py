@@ -18,6 +18,7 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.ladder import Ladder
 from sawbench.diagnosis.answer.prediction import Predictions
+from sawbench.diagnosis.answer.unlisted import odds_of_unlisted
 from sawbench.diagnosis.inference.credit import acts_in
 from sawbench.diagnosis.inference.evidence import Column, Explanation
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
@@ -29,6 +30,7 @@ from sawbench.diagnosis.inference.weighing import among, weigh
 from sawbench.diagnosis.standard_error import exceeds_its_error
 from sawbench.modeling.effects.effect import Effect
 from sawbench.modeling.effects.strokes import ZeroTrend
+from sawbench.modeling.residuals import Equation
 
 # Of the typical size: so little of an effect that its number is the one that stands where there is none.
 _NONE, _HARDLY = 0.0, 1e-6
@@ -54,12 +56,36 @@ def held_to_predictions(
         Of an effect that fails, the probability goes to the cause without it, alone or with another effect instead; of
         a single one, to the answers that name no effect; as they stand among themselves.
     """
+    kept = _those_that_hold(problem, columns, posterior, predictions)
+    shared = _shared_with_unlisted(problem, kept, predictions)
+    return _those_that_hold(problem, columns, shared, predictions)
+
+
+def _those_that_hold(
+    problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior, predictions: Predictions
+) -> Posterior:
     while posterior.best.effects:
         failing = _failing(problem, columns, posterior, predictions)
         if failing is None:
             break
         posterior = _without(problem, posterior, failing)
     return posterior
+
+
+def _shared_with_unlisted(problem: LinearProblem, posterior: Posterior, predictions: Predictions) -> Posterior:
+    """Hand "unknown" its share of every claim, by what the claim leaves where it acts.
+
+    A claim that rests on single strokes alone is not judged by mean strokes.
+    """
+    probabilities = {h.name: float(h.probability) for h in posterior.hypotheses}
+    for claim in posterior.claims:
+        in_means = [m for m in claim.members if m.effect.name not in carried_by_strokes(problem, posterior, claim)]
+        if claim.probability > SETTINGS.report.shown_probability and in_means:
+            ladder, equations = predictions.of(claim).ladder, _equations_of(problem, in_means)
+            odds = odds_of_unlisted(ladder, equations, problem.settings.weights)
+            probabilities[claim.name] = claim.probability / (1.0 + odds)
+            probabilities["unknown"] += claim.probability - probabilities[claim.name]
+    return _with_probabilities(posterior, probabilities)
 
 
 def sized_members(
@@ -108,7 +134,9 @@ def _failing(
     carried = carried_by_strokes(problem, posterior, best)
     in_means = tuple(name for name in best.effects if name not in carried)
     # Those that mean strokes show close the gap alone, or beside the others: strokes may carry what means show too.
-    closes = bool(in_means) and (_predicts(predictions, _found(posterior, in_means)) or _predicts(predictions, best))
+    closes = bool(in_means) and any(
+        _predicts(problem, predictions, cause) for cause in (_found(posterior, in_means), best)
+    )
     failing: dict[str, float] = {}
     for member in sized_members(problem, columns, posterior, best):
         name = member.effect.name
@@ -120,21 +148,26 @@ def _failing(
     return min(failing, key=lambda name: failing[name], default=None)
 
 
-def _predicts(predictions: Predictions, cause: Hypothesis) -> bool:
+def _equations_of(problem: LinearProblem, members: Sequence[Explanation]) -> list[Equation]:
+    """Equations in which at least one of some effects acts."""
+    return list(dict.fromkeys(equation for member in members for equation in acts_in(problem, member)))
+
+
+def _predicts(problem: LinearProblem, predictions: Predictions, cause: Hypothesis) -> bool:
     """Whether a cause closes the withheld gap, and its model does not miss the channels by more than without it."""
-    if not _closes(predictions.of(cause).ladder):
+    if not _closes(predictions.of(cause).ladder, _equations_of(problem, cause.members)):
         return False
     channels = predictions.channels_of(cause)
     return channels is None or channels.harm < SETTINGS.ladder.most_harm
 
 
-def _closes(ladder: Ladder) -> bool:
+def _closes(ladder: Ladder, equations: Sequence[Equation]) -> bool:
     """Whether a cause closes the withheld gap beyond doubt.
 
     It does where the 95 % interval lies above 0, and where no withheld operating point is predicted worse than the
     gap can be stated, or than by chance, or all of them together by less than a tenth of what the others gain: of a
-    few points, or of unequal ones, the interval says little. What leaves nearly all of the gap unexplained is no cause
-    of it: what explains the rest may well explain that little.
+    few points, or of unequal ones, the interval says little. What leaves nearly all of the gap unexplained in the
+    equations where it acts is no cause of it: what explains the rest may well explain that little.
     """
     if ladder.held_out == "nothing":
         return True  # the report says that nothing could be withheld
@@ -143,7 +176,8 @@ def _closes(ladder: Ladder) -> bool:
     allowed = np.maximum(numbers.least_rest * energy["noise_floor"], numbers.by_chance)
     lost, gained = float(worse[worse > allowed].sum()), -float(worse[worse < 0.0].sum())
     hardly_loses = len(worse) > 1 and lost <= numbers.least_added * gained
-    return ladder.gap_closed > numbers.least_added and (ladder.gap_closed_ci95[0] > 0.0 or hardly_loses)
+    closes = max(ladder.gap_closed, ladder.closed_in(equations)) > numbers.least_added
+    return closes and (ladder.gap_closed_ci95[0] > 0.0 or hardly_loses)
 
 
 def _added(
@@ -160,7 +194,7 @@ def _added(
     if rest:
         fewer = predictions.of(_found(posterior, rest), by_trial=whole.held_out == "trials").ladder
         without = fewer.energy["with_effect"]
-        left = sum(max(fewer.left[equation], 0.0) for equation in acts_in(problem, member))
+        left = fewer.left_in(acts_in(problem, member))
     everywhere = float(np.sum(without - whole.energy["noise_floor"]))
     return 0.5 * (without - whole.energy["with_effect"]), 0.5 * min(left, everywhere)
 
@@ -188,10 +222,17 @@ def _without(problem: LinearProblem, posterior: Posterior, name: str) -> Posteri
         others = [h for h in posterior.hypotheses if h.other is not None]
         weighed = weigh(others, n_effects=1, quiet=problem.quiet, weights=weights)
     to = {h.name: h.probability for h in weighed}
-    moved = [
-        replace(h, probability=0.0 if h is best else h.probability + best.probability * to.get(h.name, 0.0))
-        for h in posterior.hypotheses
-    ]
+    return _with_probabilities(
+        posterior,
+        {
+            h.name: 0.0 if h is best else h.probability + best.probability * to.get(h.name, 0.0)
+            for h in posterior.hypotheses
+        },
+    )
+
+
+def _with_probabilities(posterior: Posterior, probabilities: Mapping[str, float]) -> Posterior:
+    moved = [replace(h, probability=probabilities[h.name]) for h in posterior.hypotheses]
     return replace(posterior, hypotheses=tuple(sorted(moved, key=lambda h: -h.probability)))
 
 

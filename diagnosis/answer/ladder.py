@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.diagnosis.answer.closed_share import closed_share
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.residuals import Equation
@@ -72,8 +73,8 @@ class Ladder:
         What was withheld, each in turn.
     energy : dict of str to ndarray, shape (n_groups,)
         Sum of squares of the whitened residual in each group, by rung.
-    left : dict of str to float
-        Sum of squares above the noise that the cause leaves in each equation.
+    squares : dict of str to dict of str to ndarray, shape (n_groups,)
+        Sum of squares of the whitened residual in each group, by rung and equation.
     """
 
     whitened: Rungs
@@ -83,7 +84,25 @@ class Ladder:
     fits: dict[str, Fit]
     held_out: HeldOut
     energy: dict[str, Floats]
-    left: dict[Equation, float]
+    squares: dict[str, dict[Equation, Floats]]
+
+    def squares_in(self, equations: Sequence[Equation]) -> dict[str, Floats]:
+        """Sum of squares in each group over some equations, by rung, shape (n_groups,)."""
+        return {
+            name: np.sum([found[equation] for equation in equations if equation in found], axis=0)
+            for name, found in self.squares.items()
+        }
+
+    def closed_in(self, equations: Sequence[Equation]) -> float:
+        """Share of what re-tuning leaves above the noise in some equations that the cause takes away; 0 of nothing."""
+        squares = self.squares_in(equations)
+        retuned, effect, floor = (float(squares[name].sum()) for name in ("retuned", "with_effect", "noise_floor"))
+        return 1.0 - max(effect - floor, 0.0) / (retuned - floor) if retuned > floor else 0.0
+
+    def left_in(self, equations: Sequence[Equation]) -> float:
+        """Sum of squares above the noise that the cause leaves in some equations, each at least 0."""
+        effect, floor = (self.squares[name] for name in ("with_effect", "noise_floor"))
+        return sum(max(float(np.sum(effect[e] - floor[e])), 0.0) for e in equations)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -259,8 +278,13 @@ class HoldOut:
             fits=fits,
             held_out=self.held_out,
             energy=energy,
-            left=self.problem.sums_by_equation(residuals["with_effect"] ** 2 - self._noise**2),
+            squares={name: self._squares(rest) for name, rest in residuals.items()},
         )
+
+    def _squares(self, rest: Floats) -> dict[Equation, Floats]:
+        """Sum of squares of a residual, shape (n,), in each group by equation."""
+        by_group = [self.problem.sums_by_equation(np.where(rows, rest**2, 0.0)) for rows in self.rows.values()]
+        return {equation: np.array([found[equation] for found in by_group]) for equation in by_group[0]}
 
     def _products(self, rows: np.ndarray, forms: Floats, width: int) -> tuple[Floats, Floats, Floats, Floats]:
         """Inner products over some trials: of nuisances with forms, of each form, and of both with the data."""
@@ -415,55 +439,6 @@ def _ridge(design: Floats, data: Floats) -> Floats:
         return np.zeros(0)
     normal = np.eye(design.shape[1]) + design.T @ design
     return np.asarray(np.linalg.solve(normal, design.T @ data), dtype=np.float64)
-
-
-def closed_share(energy: dict[str, Floats]) -> tuple[float, tuple[float, float]]:
-    """Share of the gap that is closed, and its 95 % interval, from sums of squares by group.
-
-    The interval is Student's t on the logarithm of what is left, its standard error from leaving out one group at a
-    time. With five to ten groups of unequal size it covers in 85 to 93 % of simulated campaigns, a percentile
-    bootstrap in 69 to 86 % (docs/decisions/0006-channel-prediction.md).
-
-    Parameters
-    ----------
-    energy : dict of str to ndarray, shape (n_groups,)
-        "retuned", "with_effect" and "noise_floor".
-
-    Returns
-    -------
-    closed : float
-    interval : tuple of float
-
-    Examples
-    --------
-    >>> rest = np.array([10.0, 12.0, 9.0, 11.0])
-    >>> energy = {"retuned": rest, "with_effect": 0.1 * rest + 0.9, "noise_floor": np.ones(4)}
-    >>> closed, (low, high) = closed_share(energy)
-    >>> bool(0.85 < low < closed < high < 0.95)
-    True
-    """
-    from scipy.special import stdtrit
-
-    def left(chosen: np.ndarray) -> float:
-        retuned, effect, floor = (float(energy[k][chosen].sum()) for k in ("retuned", "with_effect", "noise_floor"))
-        room = retuned - floor
-        if room <= _NUMBERS.least_rest * floor:
-            return 1.0
-        return max(effect - floor, _NUMBERS.least_rest * floor) / room
-
-    n = len(energy["retuned"])
-    everything = np.arange(n)
-    if energy["retuned"].sum() <= (1.0 + _NUMBERS.least_rest) * energy["noise_floor"].sum():
-        return 0.0, (-1.0, 1.0)
-    whole = left(everything)
-    closed = float(np.clip(1.0 - whole, -1.0, 1.0))
-    if n < _NUMBERS.least_groups:
-        return closed, (-1.0, 1.0)
-    logs = np.log([left(np.delete(everything, k)) for k in range(n)])
-    spread = float(np.sqrt((n - 1) / n * np.sum((logs - logs.mean()) ** 2)))
-    reach = float(stdtrit(n - 2, 0.975)) * spread
-    low, high = (float(np.clip(1.0 - whole * np.exp(sign * min(reach, 50.0)), -1.0, 1.0)) for sign in (1.0, -1.0))
-    return closed, (low, high)
 
 
 def _by_channel(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sawbench.diagnosis.answer.ladder import closed_share
+from sawbench.diagnosis.answer.closed_share import closed_share
 
 pytestmark = pytest.mark.unit
 

@@ -1,0 +1,73 @@
+"""How probable it makes a cause outside the catalogue that a claim leaves a part of the gap it should close.
+
+The nearest entry of a catalogue explains a good part of what is not in it: a spring at the end of the stroke looks
+like an eccentric gear until the speed changes. The right cause leaves little at withheld operating points, however
+strong the gap is: what its form misses is a small share of it. The nearest wrong one leaves anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.answer.ladder import Ladder
+from sawbench.diagnosis.inference.settings import SETTINGS, Weights
+from sawbench.diagnosis.standard_error import jackknife_std
+from sawbench.modeling.residuals import Equation
+
+_LEAST_SHARE = 1e-4
+# Of a normal distribution, over which the uncertain share is averaged.
+_DEVIATES = np.linspace(-4.0, 4.0, 81)
+_LIKELY = np.exp(-0.5 * _DEVIATES**2) / np.exp(-0.5 * _DEVIATES**2).sum()
+
+
+def odds_of_unlisted(ladder: Ladder, equations: Sequence[Equation], weights: Weights = SETTINGS.weights) -> float:
+    """Odds of a cause outside the catalogue against a claim.
+
+    Parameters
+    ----------
+    ladder : Ladder
+        Of the claim.
+    equations : sequence of Equation
+        In which it acts: what stays unexplained elsewhere is not its.
+    weights : Weights
+
+    Returns
+    -------
+    float
+        Prior odds times the likelihood of the share that is left: exponential for the right cause, even for a wrong
+        one.
+    """
+    share, std = left_share(ladder, equations)
+    shares = np.clip(share * np.exp(std * _DEVIATES), _LEAST_SHARE, 1.0)
+    mean = SETTINGS.ladder.left_by_the_right / np.log(10.0)
+    likelihood = float(_LIKELY @ np.exp(-shares / mean)) / mean
+    named = 1.0 - weights.prior_no_gap - weights.prior_parameters - weights.prior_unknown
+    return weights.prior_unknown / (named * max(likelihood, 1e-12))
+
+
+def left_share(ladder: Ladder, equations: Sequence[Equation]) -> tuple[float, float]:
+    """Share of what re-tuned parameters leave at withheld groups that the claim leaves too, beyond twice the noise.
+
+    A machine without a fault leaves up to as much again as the noise there: that is no share of a gap.
+
+    Returns
+    -------
+    share : float
+        `_LEAST_SHARE` to 1.
+    std : float
+        Standard error of its logarithm, by leaving out each group in turn; 1 where there is a single one.
+    """
+    squares = ladder.squares_in(equations)
+    retuned, effect, floor = (squares[name] for name in ("retuned", "with_effect", "noise_floor"))
+
+    def share(kept: np.ndarray) -> float:
+        left = float(effect[kept].sum() - 2.0 * floor[kept].sum())
+        return float(np.clip(left / max(float(retuned[kept].sum()), 1e-300), _LEAST_SHARE, 1.0))
+
+    everything = np.arange(len(retuned))
+    if len(everything) < 2:
+        return share(everything), 1.0
+    logs: Floats = np.log([share(np.delete(everything, k)) for k in everything])
+    return share(everything), jackknife_std(logs)
