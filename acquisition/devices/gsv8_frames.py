@@ -162,15 +162,16 @@ class Gsv8Framer:
 
     def _take_frames(self, at: int, pieces: list[Piece]) -> int:
         self._changed = False
-        n_good, n_whole = 0, (len(self._buffer) - at) // self._length
+        n_whole = (len(self._buffer) - at) // self._length
+        n_good = 0
         if n_whole:
             whole = bytes(self._buffer[at : at + n_whole * self._length])
             rows = np.frombuffer(whole, dtype=np.uint8).reshape(n_whole, self._length)
             good = self._looks_measured(rows)
             n_good = n_whole if good.all() else int(np.argmin(good))
-        if n_good:
             at += n_good * self._length
-            pieces.append(self._piece(rows[:n_good], n_behind=len(self._buffer) - at))
+            if n_good:
+                pieces.append(self._piece(rows[:n_good], n_behind=len(self._buffer) - at))
         answer_length = self._answer_at(at)
         if answer_length > 0:
             self._changed = True
