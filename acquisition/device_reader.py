@@ -6,11 +6,11 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from sawbench.acquisition.devices.device import Chunk, Device
+from sawbench.acquisition.devices.device import Chunk, Device, Receiver, joined
 from sawbench.bench.errors import DeviceError, OtherInstrumentError
 
 _FIRST_PAUSE_S: Final = 0.1
@@ -87,6 +87,7 @@ class DeviceReader(threading.Thread):
     ) -> None:
         super().__init__(name=f"read {device.name}", daemon=True)
         self.device = device
+        self._receiver: Receiver = device if isinstance(device, Receiver) else _Reads(device)
         self.n_reconnects = 0
         self._messages = messages
         self._clock = clock
@@ -133,16 +134,16 @@ class DeviceReader(threading.Thread):
                 raise DeviceError(f"sent nothing for {now_s - latest_s:.1f} s", where=self.device.name)
 
     def _gathered(self) -> list[Chunk]:
-        """Let samples gather, take them, some times; wait for those behind them, whose arrival is then known."""
-        chunks: list[Chunk] = []
+        """Let samples gather, receive them, some times; wait for those behind them, whose arrival is then known."""
         try:
             for _ in range(_GATHERED_TIMES):
                 time.sleep(self._gather_s)
-                chunks = joined(chunks, self.device.read())
-            return joined(chunks, self.device.read()) if chunks else []
+                self._receiver.receive()
+            self._receiver.receive()
         except DeviceError:
-            self._send(Samples(device=self.device.name, chunks=chunks))
+            self._send(Samples(device=self.device.name, chunks=self._receiver.decoded()))
             raise
+        return self._receiver.decoded()
 
     def _reconnect(self) -> None:
         pause_s = _FIRST_PAUSE_S
@@ -183,6 +184,23 @@ class DeviceReader(threading.Thread):
             return
 
 
+class _Reads:
+    """A device that decodes what it reads at once, as a receiver."""
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self._chunks: list[Chunk] = []
+
+    def receive(self) -> None:
+        """Read once."""
+        self._chunks = joined(self._chunks, self._device.read())
+
+    def decoded(self) -> list[Chunk]:
+        """Give what was read since the last call."""
+        chunks, self._chunks = self._chunks, []
+        return chunks
+
+
 class _Lag:
     """How far the newest sample is behind, against the least of the last seconds.
 
@@ -221,22 +239,3 @@ def _gather_s(device: Device, longest_s: float) -> float:
         return 0.0
     values_a_s = sum(stream.rate_hz * len(stream.channels) for stream in device.streams)
     return min(longest_s, _GATHERED_SAMPLES / max(rates_hz), _GATHERED_VALUES / values_a_s)
-
-
-def joined(before: Sequence[Chunk], after: Sequence[Chunk]) -> list[Chunk]:
-    """Chunks of two reads, those that follow each other without a break as one.
-
-    Where a chunk has one arrival for all its samples, that of the later one holds for both.
-    """
-    out = list(before)
-    latest = {chunk.stream: k for k, chunk in enumerate(out)}
-    for chunk in after:
-        k = latest.pop(chunk.stream, None)
-        if k is None or chunk.n_lost or not chunk.is_loss_exact or chunk.time_s is not None:
-            out.append(chunk)
-            continue
-        first = out[k]
-        each_has_its_own = all(len(c.arrival_s) == len(c.raw) for c in (first, chunk))
-        arrival_s = np.concatenate((first.arrival_s, chunk.arrival_s)) if each_has_its_own else chunk.arrival_s
-        out[k] = replace(first, raw=np.concatenate((first.raw, chunk.raw)), arrival_s=arrival_s)
-    return out

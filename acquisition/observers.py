@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterable
 from typing import Final
 
 from sawbench.bench.recording import Event, SampleBlock
+from sawbench.bench.sample_queue import MOST_SAMPLES, SampleQueue
 
 Observer = Callable[[SampleBlock | Event], object]
-_CAPACITY: Final = 2000
 _LAST_WAIT_S: Final = 1.0
 
 
@@ -22,28 +22,28 @@ class ObserverFeed:
     observers : iterable of callable
         Each is called with every block and event. One that raises is removed; one that hangs stops the feed,
         not the recording.
-    capacity : int
-        Items that may wait; further ones are dropped and counted.
+    most_samples : int
+        See `SampleQueue`.
     """
 
-    def __init__(self, observers: Iterable[Observer], *, capacity: int = _CAPACITY) -> None:
+    def __init__(self, observers: Iterable[Observer], *, most_samples: int = MOST_SAMPLES) -> None:
         self._observers = list(observers)
-        self._queue: queue.Queue[SampleBlock | Event | None] = queue.Queue(capacity)
+        self._waiting: SampleQueue[SampleBlock | Event] = SampleQueue(most_samples)
         self._failures: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
-        self.n_dropped = 0
         if self._observers:
             self._thread = threading.Thread(target=self._run, name="observers", daemon=True)
             self._thread.start()
 
+    @property
+    def n_dropped(self) -> int:
+        """Items for which there was no room."""
+        return self._waiting.n_dropped
+
     def offer(self, item: SampleBlock | Event) -> None:
         """Pass `item` on if there is room; never blocks."""
-        if self._thread is None or not self._thread.is_alive():
-            return
-        try:
-            self._queue.put_nowait(item)
-        except queue.Full:
-            self.n_dropped += 1
+        if self._thread is not None and self._thread.is_alive():
+            self._waiting.put(item)
 
     def failures(self) -> list[str]:
         """Return what went wrong in observers since the last call."""
@@ -54,20 +54,13 @@ class ObserverFeed:
 
     def close(self) -> None:
         """Let observers finish what waits, for at most a second."""
-        if self._thread is None:
-            return
-        try:
-            self._queue.put(None, timeout=_LAST_WAIT_S)
-        except queue.Full:
-            # The observer hangs; its thread is a daemon and ends with the process.
-            return
-        self._thread.join(_LAST_WAIT_S)
+        self._waiting.end()
+        if self._thread is not None:
+            # Where an observer hangs, its thread is a daemon and ends with the process.
+            self._thread.join(_LAST_WAIT_S)
 
     def _run(self) -> None:
-        while self._observers:
-            item = self._queue.get()
-            if item is None:
-                return
+        while self._observers and (item := self._waiting.get()) is not None:
             for observer in list(self._observers):
                 try:
                     observer(item)

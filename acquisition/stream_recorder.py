@@ -170,7 +170,7 @@ class StreamRecorder:
         )
 
     def _block(self, block: TimedBlock, zero_s: float) -> list[SampleBlock | Event]:
-        time_s = block.time_s - zero_s
+        time_s = _recording_time_s(block, zero_s)
         inside = (time_s >= 0.0) & (time_s < self._end_s)
         self._reached_s = max(self._reached_s, float(time_s[-1]))
         if not inside.any():
@@ -222,6 +222,13 @@ class StreamRecorder:
             counter.last_s = float(time_s[b - 1])
             counter.latest = float(values[b - 1])
         return out
+
+
+def _recording_time_s(block: TimedBlock, zero_s: float) -> NDArray[np.float64]:
+    """Times since `zero_s`, s; equally spaced ones without a rounding of their own, which would be stored with each."""
+    if block.period_s is None:
+        return block.time_s - zero_s
+    return (float(block.time_s[0]) - zero_s) + block.period_s * np.arange(len(block.time_s), dtype=np.float64)
 
 
 def _end_of(item: Timed) -> float:

@@ -253,6 +253,9 @@ def live_view(trial: Trial, *, live: bool, rrd_path: Path | None, force: bool) -
         view.close()
         if view.is_dead:
             click.echo(f"the live view ended early: {view.dead_reason} (the recording is complete)", err=True)
+        elif view.n_dropped:
+            left_out = f"the live view could not keep up and left out {view.n_dropped} blocks"
+            click.echo(f"{left_out} (the recording has them all)", err=True)
 
 
 def live_estimate(loaded: LoadedConfig, trial: Trial, views: list[LiveViewProcess]) -> LiveCuttingEstimate:

@@ -29,6 +29,8 @@ MESSAGE_TYPES: Final = {
 _NS: Final = 1_000_000_000
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _MAX_ULP: Final = 64
+# Wire type of protobuf: a length, and so many bytes.
+_WITH_LENGTH: Final = 2
 
 
 def schema_data(message_type: str) -> bytes:
@@ -109,14 +111,14 @@ def encode_block(block: SampleBlock, origin_ns: int) -> bytes:
         start_s=start_s,
         period_s=block.period_s or 0.0,
     )
-    message.values.extend(block.values.tolist())
+    _append(message, "values", block.values)
     ulp = np.zeros(0, dtype=np.int64)
     if block.period_s:
         ulp = _ulp_distance(block.time_s, _grid(start_s, block.period_s, len(block.time_s)))
     if not block.period_s or (np.abs(ulp) > _MAX_ULP).any():
         offsets = block.time_s - start_s
         ulp = _ulp_distance(block.time_s, start_s + offsets)
-        message.time_s.extend(offsets.tolist())
+        _append(message, "time_s", offsets)
     if ulp.any():
         message.time_ulp.extend(ulp.tolist())
     _put_raw(message, block.raw)
@@ -182,9 +184,25 @@ def _put_raw(message: sample_block_pb2.SampleBlock, raw: Floats | None) -> None:
     with np.errstate(over="ignore"):
         singles = raw.astype(np.float32)
     if np.array_equal(singles.astype(np.float64).view(np.int64), bits):
-        message.raw_float.extend(singles.tolist())
+        _append(message, "raw_float", singles)
     else:
-        message.raw.extend(raw.tolist())
+        _append(message, "raw", raw)
+
+
+def _append(message: sample_block_pb2.SampleBlock, field: str, numbers: NDArray[np.float64 | np.float32]) -> None:
+    """Append to a repeated field the bytes that are stored; protobuf itself takes an object for each number."""
+    content = numbers.astype(numbers.dtype.newbyteorder("<"), copy=False).tobytes()
+    key = sample_block_pb2.SampleBlock.DESCRIPTOR.fields_by_name[field].number << 3 | _WITH_LENGTH
+    message.MergeFromString(_varint(key) + _varint(len(content)) + content)
+
+
+def _varint(number: int) -> bytes:
+    """A number as protobuf writes it, seven bits a byte, the lowest first."""
+    out = bytearray()
+    while number > 0x7F:
+        out.append(number & 0x7F | 0x80)
+        number >>= 7
+    return bytes((*out, number))
 
 
 def _get_raw(message: sample_block_pb2.SampleBlock) -> Floats | None:

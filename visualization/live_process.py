@@ -10,20 +10,20 @@ import contextlib
 import json
 import os
 import pickle
-import queue
 import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, Literal
 
 from sawbench.bench.errors import SawbenchError
 from sawbench.bench.recording import Event, SampleBlock, Trial
+from sawbench.bench.sample_queue import SampleQueue
 from sawbench.visualization.viewer import refuse_rrd
 
-_QUEUE_LENGTH: Final = 4096
 _COMMAND: Final = (sys.executable, "-m", "sawbench.visualization.live_process")
 _Estimate = tuple[float, float, float, float | None, float | None]
 
@@ -50,8 +50,6 @@ class LiveViewProcess:
         Whether the view ended early; known while it runs where its process is gone, else after `close`.
     dead_reason : str
         Why, one line; empty while all is well.
-    n_dropped : int
-        Blocks that did not reach the view, or that it could not keep up with.
 
     Raises
     ------
@@ -73,9 +71,9 @@ class LiveViewProcess:
             refuse_rrd(save_path, overwrite=overwrite)
         self.is_dead = False
         self.dead_reason = ""
-        self.n_dropped = 0
-        self._queue: queue.Queue[Any] = queue.Queue(_QUEUE_LENGTH)
-        self._queue.put(
+        self._n_not_shown = 0
+        self._waiting: SampleQueue[Any] = SampleQueue()
+        self._waiting.put(
             {
                 "trial": trial,
                 "show": show,
@@ -97,13 +95,19 @@ class LiveViewProcess:
         self._sender.start()
 
     @property
+    def n_dropped(self) -> int:
+        """Items that did not reach the view, or that it could not keep up with; the latter are known after `close`."""
+        return self._waiting.n_dropped + self._n_not_shown
+
+    @property
     def pid(self) -> int:
         """Of the process that shows."""
         return self._process.pid
 
     def __call__(self, item: SampleBlock | Event) -> None:
         """Show a block of samples or an event; returns at once."""
-        self._put(item)
+        # What the instrument sent is not shown.
+        self._put(replace(item, raw=None) if isinstance(item, SampleBlock) else item)
 
     def cutting_estimate(
         self,
@@ -121,8 +125,7 @@ class LiveViewProcess:
         if self._is_closed:
             return
         self._is_closed = True
-        with contextlib.suppress(queue.Full):
-            self._queue.put(None, timeout=timeout_s)
+        self._waiting.end()
         self._sender.join(timeout_s)
         if self._sender.is_alive():
             self._die("the live view does not accept samples")
@@ -132,12 +135,9 @@ class LiveViewProcess:
 
     def _put(self, item: SampleBlock | Event | _Estimate) -> None:
         if self.is_dead:
-            self.n_dropped += 1
-            return
-        try:
-            self._queue.put_nowait(item)
-        except queue.Full:
-            self.n_dropped += 1
+            self._n_not_shown += 1
+        else:
+            self._waiting.put(item)
 
     def _die(self, reason: str) -> None:
         if not self.is_dead:
@@ -148,7 +148,7 @@ class LiveViewProcess:
         to_view, said = self._process.stdin, self._process.stdout
         assert to_view is not None and said is not None
         try:
-            while (item := self._queue.get()) is not None:
+            while (item := self._waiting.get()) is not None:
                 pickle.dump(item, to_view)
                 to_view.flush()
             to_view.close()
@@ -164,7 +164,7 @@ class LiveViewProcess:
         except ValueError:
             self._die("the process of the live view ended")
             return
-        self.n_dropped += found["n_dropped"]
+        self._n_not_shown += found["n_dropped"]
         if found["dead_reason"]:
             self._die(found["dead_reason"])
 

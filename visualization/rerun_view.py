@@ -18,6 +18,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 from sawbench.bench.recording import Event, Floats, SampleBlock, Trial
+from sawbench.bench.sample_queue import SampleQueue
 from sawbench.bench.units import DISPLACEMENT
 from sawbench.visualization.envelope import envelope_indices
 from sawbench.visualization.layout import (
@@ -38,7 +39,6 @@ from sawbench.visualization.viewer import LOOPBACK, ViewerProcess, free_port, re
 
 Show = Literal["spawn", "serve", "none"]
 _Item = SampleBlock | Event | tuple[float, float, float, float, float]
-_QUEUE_LENGTH: Final = 4096
 _SEND_EVERY_S: Final = 0.05
 # Points a second and channel that are shown: the envelope keeps every peak.
 _MAX_RATE_HZ: Final = 1000.0
@@ -116,8 +116,6 @@ class LiveView:
         Whether the view is no longer shown; a written `.rrd` goes on.
     dead_reason : str
         Why, one line; empty while all is well.
-    n_dropped : int
-        Blocks that the view could not keep up with.
     url : str or None
         Where the stream is served.
 
@@ -148,10 +146,9 @@ class LiveView:
     ) -> None:
         self.is_dead = False
         self.dead_reason = ""
-        self.n_dropped = 0
         self.url: str | None = None
         self._viewer: ViewerProcess | None = None
-        self._queue: queue.Queue[_Item] = queue.Queue(_QUEUE_LENGTH)
+        self._waiting: SampleQueue[_Item] = SampleQueue()
         self._is_closing = threading.Event()
         self._pending: dict[str, list[SampleBlock]] = {}
         self._next_index: dict[str, int] = {}
@@ -187,6 +184,11 @@ class LiveView:
                 self._die(f"the live view could not start: {error}")
         if sinks:
             self._recording.set_sinks(*sinks)
+
+    @property
+    def n_dropped(self) -> int:
+        """Items that the view could not keep up with."""
+        return self._waiting.n_dropped
 
     @property
     def viewer_pid(self) -> int | None:
@@ -229,10 +231,7 @@ class LiveView:
             self._viewer.release()
 
     def _put(self, item: _Item) -> None:
-        try:
-            self._queue.put_nowait(item)
-        except queue.Full:
-            self.n_dropped += 1
+        self._waiting.put(item)
 
     def _die(self, reason: str) -> None:
         if not self.is_dead:
@@ -271,18 +270,14 @@ class LiveView:
         while True:
             left_s = deadline - time.monotonic()
             try:
-                item = (
-                    self._queue.get_nowait()
-                    if self._is_closing.is_set()
-                    else self._queue.get(timeout=max(left_s, 1e-3))
-                )
+                item = self._waiting.get(0.0 if self._is_closing.is_set() else max(left_s, 1e-3))
             except queue.Empty:
                 return
             if isinstance(item, tuple):
                 self._send_estimate(*item)
             elif isinstance(item, Event):
                 log_event(self._recording, item)
-            else:
+            elif isinstance(item, SampleBlock):
                 self._pending.setdefault(item.channel, []).append(item)
             if left_s <= 0 and not self._is_closing.is_set():
                 return

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated, Any, Protocol
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,6 +129,38 @@ class Device(Protocol):
     def describe(self) -> dict[str, str]:
         """Facts for the record: model, firmware, rates, where its times come from; `serial_number` where it has one."""
         ...
+
+
+@runtime_checkable
+class Receiver(Protocol):
+    """A device that can receive now and decode later, all at once what was received several times."""
+
+    def receive(self) -> None:
+        """Take over what arrived, as `Device.read` does, and decode nothing."""
+        ...
+
+    def decoded(self) -> list[Chunk]:
+        """Decode what was received since the last call; no input or output."""
+        ...
+
+
+def joined(before: Sequence[Chunk], after: Sequence[Chunk]) -> list[Chunk]:
+    """Chunks of two reads, those that follow each other without a break as one.
+
+    Where a chunk has one arrival for all its samples, that of the later one holds for both.
+    """
+    out = list(before)
+    latest = {chunk.stream: k for k, chunk in enumerate(out)}
+    for chunk in after:
+        k = latest.pop(chunk.stream, None)
+        if k is None or chunk.n_lost or not chunk.is_loss_exact or chunk.time_s is not None:
+            out.append(chunk)
+            continue
+        first = out[k]
+        each_has_its_own = all(len(c.arrival_s) == len(c.raw) for c in (first, chunk))
+        arrival_s = np.concatenate((first.arrival_s, chunk.arrival_s)) if each_has_its_own else chunk.arrival_s
+        out[k] = replace(first, raw=np.concatenate((first.raw, chunk.raw)), arrival_s=arrival_s)
+    return out
 
 
 class ChannelTable(BaseModel):

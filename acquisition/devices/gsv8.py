@@ -9,8 +9,8 @@ from __future__ import annotations
 import struct
 import time
 import zlib
-from collections.abc import Callable
-from typing import Final
+from collections.abc import Callable, Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -64,6 +64,13 @@ class Gsv8Settings(SerialTable):
         return self
 
 
+class _Received(NamedTuple):
+    """Bytes of one read, and when it returned."""
+
+    content: bytes
+    arrival_s: float
+
+
 class Gsv8(SerialInstrument[Gsv8Settings, Gsv8Framer]):
     """One amplifier; see `SerialInstrument`."""
 
@@ -80,6 +87,7 @@ class Gsv8(SerialInstrument[Gsv8Settings, Gsv8Framer]):
             farewell=request(STOP_TRANSMISSION),
         )
         self._facts: dict[str, str] = {}
+        self._received: list[_Received] = []
 
     def open(self) -> None:
         """Connect, stop the transmission, identify, set the data rate; see `Device.open`."""
@@ -114,19 +122,30 @@ class Gsv8(SerialInstrument[Gsv8Settings, Gsv8Framer]):
         """Start the continuous transmission."""
         self._ask(START_TRANSMISSION)
 
+    def receive(self) -> None:
+        """Take over the bytes that arrived; see `Receiver`."""
+        self._received.append(_Received(self._link.read(), self._clock()))
+
+    def decoded(self) -> list[Chunk]:
+        """Decode what was received since the last call; see `Receiver`."""
+        received, self._received = self._received, []
+        return self._decode(received)
+
     def decode(self, received: bytes, arrival_s: float) -> list[Chunk]:
         """Turn received bytes into chunks; no input or output."""
+        return self._decode([_Received(received, arrival_s)])
+
+    def _decode(self, received: Sequence[_Received]) -> list[Chunk]:
         self._framer.answers.clear()
-        arrival = np.array([arrival_s])
         return [
             Chunk(
                 stream=self.STREAM,
                 raw=piece.raw[:, self._columns],
-                arrival_s=arrival,
+                arrival_s=np.array([_arrival_s(received, piece.n_behind)]),
                 n_lost=piece.n_lost,
                 is_loss_exact=piece.is_loss_exact,
             )
-            for piece in self._framer.feed(received)
+            for piece in self._framer.feed(b"".join(part.content for part in received))
         ]
 
     def set_zero(self, channel: str) -> None:
@@ -185,6 +204,15 @@ class Gsv8(SerialInstrument[Gsv8Settings, Gsv8Framer]):
             f"opens, but did not answer command {command:02X} within {n_tries * _ANSWER_WAIT_S:g} s",
             "check power, port and baud_rate",
         )
+
+
+def _arrival_s(received: Sequence[_Received], n_behind: int) -> float:
+    """When the byte had arrived that `n_behind` others stand behind, s."""
+    for part in reversed(received):
+        if n_behind < len(part.content):
+            return part.arrival_s
+        n_behind -= len(part.content)
+    return received[0].arrival_s
 
 
 def _framer_of(settings: Gsv8Settings, n_values: int, data_type: DataType) -> Gsv8Framer:

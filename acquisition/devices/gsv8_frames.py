@@ -81,11 +81,14 @@ class Piece(NamedTuple):
     n_lost : int
         Frames lost before the first one; a lower bound unless `is_loss_exact`.
     is_loss_exact : bool
+    n_behind : int
+        Bytes received behind its last frame so far.
     """
 
     raw: NDArray[np.float64]
     n_lost: int
     is_loss_exact: bool
+    n_behind: int
 
 
 def request(command: int, parameters: bytes = b"") -> bytes:
@@ -159,14 +162,16 @@ class Gsv8Framer:
 
     def _take_frames(self, at: int, pieces: list[Piece]) -> int:
         self._changed = False
-        rows = np.frombuffer(bytes(self._buffer[at:]), dtype=np.uint8)
-        n_whole = len(rows) // self._length
-        rows = rows[: n_whole * self._length].reshape(n_whole, self._length)
-        good = self._looks_measured(rows)
-        n_good = n_whole if good.all() else int(np.argmin(good))
-        if n_good:
-            pieces.append(self._piece(rows[:n_good]))
+        n_whole = (len(self._buffer) - at) // self._length
+        n_good = 0
+        if n_whole:
+            whole = bytes(self._buffer[at : at + n_whole * self._length])
+            rows = np.frombuffer(whole, dtype=np.uint8).reshape(n_whole, self._length)
+            good = self._looks_measured(rows)
+            n_good = n_whole if good.all() else int(np.argmin(good))
             at += n_good * self._length
+            if n_good:
+                pieces.append(self._piece(rows[:n_good], n_behind=len(self._buffer) - at))
         answer_length = self._answer_at(at)
         if answer_length > 0:
             self._changed = True
@@ -255,7 +260,7 @@ class Gsv8Framer:
             & (rows[:, self._length - 1] == END)
         )
 
-    def _piece(self, rows: NDArray[np.uint8]) -> Piece:
+    def _piece(self, rows: NDArray[np.uint8], *, n_behind: int) -> Piece:
         n_lost, is_exact = 0, True
         if self._had_frame and self._skipped:
             n_lost = -(-self._skipped // self._length)
@@ -264,7 +269,7 @@ class Gsv8Framer:
         self._had_frame = True
         self._skipped = 0
         self.n_overloads += int(np.count_nonzero(rows[:, 2] & 1))
-        return Piece(self._values(rows[:, 3:-1]), n_lost, is_exact)
+        return Piece(self._values(rows[:, 3:-1]), n_lost, is_exact, n_behind)
 
     def _values(self, payload: NDArray[np.uint8]) -> NDArray[np.float64]:
         n_bytes = BYTES_PER_VALUE[self._data_type]

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sawbench.acquisition.device_reader import DeviceReader, LinkLost, Samples, _gather_s, _Lag, joined
-from sawbench.acquisition.devices.device import Chunk, Stream
+from sawbench.acquisition.device_reader import DeviceReader, LinkLost, Samples, _gather_s, _Lag
+from sawbench.acquisition.devices.device import Chunk, Stream, joined
 from sawbench.bench.errors import DeviceError
 
 from tests.acquisition.test_recorder import Scripted
@@ -72,9 +72,26 @@ class Ending(Scripted):
         return super().read()
 
 
-@pytest.mark.parametrize("gather_s", [0.0, 1e-6])
-def test_nothing_is_lost_where_samples_gather(gather_s):
-    device, messages = Ending(), queue.Queue()
+class EndingReceiver(Ending):
+    """Decodes together what it received several times."""
+
+    def __init__(self):
+        super().__init__()
+        self.received = []
+        self.n_decoded = 0
+
+    def receive(self):
+        self.received = joined(self.received, super().read())
+
+    def decoded(self):
+        chunks, self.received = self.received, []
+        self.n_decoded += 1
+        return chunks
+
+
+@pytest.mark.parametrize(("kind", "gather_s"), [(Ending, 0.0), (Ending, 1e-6), (EndingReceiver, 1e-6)])
+def test_nothing_is_lost_where_samples_gather(kind, gather_s):
+    device, messages = kind(), queue.Queue()
     device.open()
     device.reader = DeviceReader(device, messages, clock=device.clock, silence_s=1e6, gather_s=gather_s)
     device.reader.run()
@@ -84,6 +101,8 @@ def test_nothing_is_lost_where_samples_gather(gather_s):
     # Every read is 10 ms: 3 s are read as they come, then three reads and the one behind them are one chunk.
     assert len(chunks) == (1000 if not gather_s else pytest.approx(300 + 700 / 4, abs=2))
     assert [m.reason for m in found if isinstance(m, LinkLost)] == ["unplugged"]
+    # What was received before the link broke came through as well, decoded once for four reads.
+    assert kind is Ending or (not device.received and device.n_decoded == pytest.approx(700 / 4, abs=2))
 
 
 def test_samples_that_fall_behind_are_read_without_a_pause_until_they_have_caught_up():

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import struct
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sawbench.acquisition.devices import serial_instrument
+from sawbench.acquisition.devices.device import joined
 from sawbench.acquisition.devices.gsv8 import Gsv8, Gsv8Settings
 from sawbench.acquisition.devices.gsv8_frames import Gsv8Framer, request
 from sawbench.bench.errors import DeviceError, OtherInstrumentError
@@ -264,3 +266,45 @@ def test_a_rate_the_amplifier_rounded_is_taken_over(monkeypatch):
     device, _ = device_with(monkeypatch, [STOP, IDENTITY, SERIAL, *rounded, FIRMWARE])
     device.open()
     assert device.streams[0].rate_hz == 5988.0
+
+
+def as_plain(chunks):
+    return [(c.raw[:, 0].tolist(), c.arrival_s.tolist(), c.n_lost, c.is_loss_exact) for c in chunks]
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    cuts=st.lists(st.integers(0, 320), max_size=4),
+    bad_at=st.integers(0, 319),
+    n_bad=st.integers(0, 30),
+    n_gone=st.integers(0, 30),
+)
+def test_what_is_decoded_together_is_what_each_read_would_have_given(cuts, bad_at, n_bad, n_gone):
+    stream = bytearray(b"".join(b"\xaa\x10\xb0" + struct.pack(">f", k) + b"\x85" for k in range(40)))
+    for k in range(bad_at, min(len(stream), bad_at + n_bad)):
+        stream[k] ^= 0x55
+    del stream[bad_at : bad_at + n_gone]
+    edges = sorted({0, *(cut for cut in cuts if cut < len(stream)), len(stream)})
+    table = Gsv8Settings.model_validate({"port": "COM3", "channels": {"force_n": {"input": 1}}})
+    clock = Clock()
+    later, at_once = Gsv8("load_cell", table, clock=clock), Gsv8("load_cell", table, clock=clock)
+    reads = [bytes(stream[a:b]) for a, b in pairwise(edges)]
+    later._link = SimpleNamespace(read=iter(reads).__next__)
+    chunks = []
+    for received in reads:
+        clock.now_s += 0.05
+        later.receive()
+        chunks = joined(chunks, at_once.decode(received, clock.now_s))
+    assert as_plain(later.decoded()) == as_plain(chunks)
+    assert later.n_discarded_bytes == at_once.n_discarded_bytes
+    assert later.decoded() == []
+
+
+def test_samples_before_a_loss_keep_the_arrival_of_their_own_read():
+    device = Gsv8("load_cell", Gsv8Settings.model_validate({"port": "COM3", "channels": {"force_n": {"input": 1}}}))
+    reads = [(ONE * 2, 1.0), (bytes(8) + TWO * 2, 1.04), (TWO, 1.08)]
+    device._link = SimpleNamespace(read=iter([content for content, _ in reads]).__next__)
+    device._clock = iter([arrival_s for _, arrival_s in reads]).__next__
+    for _ in reads:
+        device.receive()
+    assert as_plain(device.decoded()) == [([1, 1], [1.0], 0, True), ([2, 2, 2], [1.08], 1, True)]

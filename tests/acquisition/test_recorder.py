@@ -280,7 +280,7 @@ def test_an_observer_that_raises_is_removed_and_noted():
 
 def test_an_observer_that_hangs_costs_only_itself():
     release = threading.Event()
-    feed = ObserverFeed([lambda _: release.wait()], capacity=2)
+    feed = ObserverFeed([lambda _: release.wait()], most_samples=200)
     for k in range(10):
         feed.offer(Event(kind="note", time_s=float(k), text="x"))
     assert feed.n_dropped >= 7

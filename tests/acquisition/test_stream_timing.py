@@ -184,3 +184,15 @@ def test_a_gap_behind_which_nothing_came_does_not_raise_the_rate():
     (status,) = recorder.status()
     assert status.n_missing > 900
     assert status.rate_hz == pytest.approx(RATE_HZ, rel=0.01)
+
+
+def test_equally_spaced_samples_have_no_rounding_that_each_would_store():
+    recorder = StreamRecorder("cell", STREAM)
+    for k in range(0, 1000, 40):
+        recorder.push(chunk(k, 40, late_s=1e-4 * np.sin(k)))
+    recorder.begin(zero_s := 100.0 + 1.0 / 3.0, None)
+    blocks = [item for k in range(1000, 3000, 40) for item in recorder.push(chunk(k, 40, late_s=1e-4 * np.sin(k)))]
+    assert len(blocks) > 5
+    for block in blocks:
+        assert np.array_equal(block.time_s, block.time_s[0] + block.period_s * np.arange(len(block.time_s)))
+        assert block.time_s == pytest.approx(100.0 + block.raw / RATE_HZ - zero_s, abs=1e-3)

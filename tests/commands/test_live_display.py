@@ -7,12 +7,16 @@ import os
 import threading
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
 from sawbench.acquisition.recording_report import ChannelStatus, RecordingStatus
+from sawbench.bench.recording import Trial
+from sawbench.commands import record
 from sawbench.commands.live_counters import LiveCounters
 from sawbench.commands.typed_lines import TypedLines
+from sawbench.visualization import live_process
 
 pytestmark = pytest.mark.unit
 
@@ -91,3 +95,21 @@ def test_a_note_shows_in_the_display_and_is_not_echoed_beside_it():
             os.read(outer, 100)
     finally:
         os.close(outer)
+
+
+@pytest.mark.parametrize(
+    ("dead_reason", "n_dropped", "said"),
+    [("", 0, ""), ("", 7, "left out 7 blocks"), ("the viewer was closed", 7, "ended early: the viewer was closed")],
+)
+def test_what_the_live_view_left_out_is_said_at_the_end(monkeypatch, capsys, dead_reason, n_dropped, said):
+    def view(*_args, **_options):
+        return SimpleNamespace(
+            close=lambda: None, is_dead=bool(dead_reason), dead_reason=dead_reason, n_dropped=n_dropped
+        )
+
+    monkeypatch.setattr(live_process, "LiveViewProcess", view)
+    with record.live_view(Trial(trial_id="oak-01"), live=True, rrd_path=None, force=False):
+        pass
+    errors = capsys.readouterr().err
+    assert said in errors
+    assert bool(errors) == bool(said)

@@ -16,6 +16,7 @@ from sawbench.bench.recording import Event, SampleBlock, Trial
 from sawbench.storage.codec import decode_block, decode_event, encode_block, encode_event
 from sawbench.storage.reader import iter_blocks, read_recording
 from sawbench.storage.recover import recover_recording
+from sawbench.storage.schemas import sample_block_pb2
 from sawbench.storage.writer import RecordingWriter
 
 pytestmark = pytest.mark.unit
@@ -69,6 +70,24 @@ def blocks(draw):
 @given(blocks())
 def test_every_bit_of_a_block_comes_back(block):
     assert fields_of(decode_block(encode_block(block, 1_772_442_000_123_456_000))) == fields_of(block)
+
+
+@pytest.mark.parametrize("n", [1, 15, 16, 2100])
+@pytest.mark.parametrize(("raw", "field"), [(np.pi, "raw"), (0.5, "raw_float"), (None, "raw")])
+def test_a_block_is_the_bytes_that_protobuf_itself_writes(n, raw, field):
+    values, raws = np.linspace(-1, 1, n) / 3, None if raw is None else raw * np.arange(1, n + 1)
+    offsets = np.sort(np.random.default_rng(n).uniform(0, 1, n))
+    offsets[0] = 0.0
+    block = SampleBlock(
+        device="cell", channel="force_n", unit="N", first_index=7, time_s=offsets, values=values, raw=raws
+    )
+    message = sample_block_pb2.SampleBlock(device="cell", channel="force_n", unit="N", first_index=7)
+    message.stamp.SetInParent()
+    message.time_s.extend(offsets.tolist())
+    message.values.extend(values.tolist())
+    if raws is not None:
+        getattr(message, field).extend(raws.tolist())
+    assert encode_block(block, 0) == message.SerializeToString()
 
 
 @settings(derandomize=True, max_examples=60, deadline=None)

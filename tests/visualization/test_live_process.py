@@ -67,7 +67,8 @@ def test_a_process_that_hangs_drops_what_it_should_show_and_is_ended():
     view = LiveViewProcess(show="none", command=DEAF)
     for k in range(6000):
         view(block(500 * k))
-    assert view.n_dropped > 0
+    # A million samples wait at most, whatever blocks they come in.
+    assert view.n_dropped > 4000
     view.close(timeout_s=0.1)
     assert "does not accept" in view.dead_reason
     assert view._process.returncode is not None

@@ -179,7 +179,7 @@ def test_a_worker_that_hangs_drops_samples_and_returns():
     view = LiveView(show="none")
     view._send_pending = hang  # the place where rerun would block
     assert is_stuck.wait(10.0)
-    for k in range(6000):
+    for k in range(12_000):
         view(block(n=1, first_index=k))
     assert view.n_dropped > 0
     view.close(timeout_s=0.05)
