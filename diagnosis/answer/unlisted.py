@@ -48,9 +48,9 @@ def odds_of_unlisted(ladder: Ladder, equations: Sequence[Equation], weights: Wei
 
 
 def left_share(ladder: Ladder, equations: Sequence[Equation]) -> tuple[float, float]:
-    """Share of what re-tuned parameters leave at withheld groups that the claim leaves too, beyond twice the noise.
+    """Share of what re-tuned parameters leave at withheld groups that the claim leaves too, beyond an intact machine.
 
-    A machine without a fault leaves up to as much again as the noise there: that is no share of a gap.
+    Machines without a fault leave up to twice as much as the noise in addition there: that is no share of a gap.
 
     Returns
     -------
@@ -59,11 +59,11 @@ def left_share(ladder: Ladder, equations: Sequence[Equation]) -> tuple[float, fl
     std : float
         Standard error of its logarithm, by leaving out each group in turn; 1 where there is a single one.
     """
-    squares = ladder.squares_in(equations)
+    squares, numbers = ladder.squares_in(equations), SETTINGS.ladder
     retuned, effect, floor = (squares[name] for name in ("retuned", "with_effect", "noise_floor"))
 
     def share(kept: np.ndarray) -> float:
-        left = float(effect[kept].sum() - 2.0 * floor[kept].sum())
+        left = float(effect[kept].sum() - (1.0 + numbers.left_by_an_intact) * floor[kept].sum())
         return float(np.clip(left / max(float(retuned[kept].sum()), 1e-300), _LEAST_SHARE, 1.0))
 
     everything = np.arange(len(retuned))

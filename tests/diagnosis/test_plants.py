@@ -143,7 +143,8 @@ def test_a_configuration_without_a_machine_says_so(tmp_path):
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda e: e.name)
 def test_a_machine_offers_an_effect_where_it_has_its_parts(effect):
     assert effect.parts, "an effect states the parts it needs"
-    offering = {m.name for m in MACHINES if effect.name in {e.name for e in m.effects(axis().model)}}
+    models = {LINEAR_AXIS.frame: axis().model}
+    offering = {m.name for m in MACHINES if effect.name in {e.name for e in m.effects(models.get(m.frame))}}
     assert offering == {m.name for m in MACHINES if set(effect.parts) <= m.parts}
     assert offering, "some machine shows it"
     # Equations other than a saw's need a statement of their own.

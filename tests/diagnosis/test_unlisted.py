@@ -31,14 +31,14 @@ def ladder(retuned, with_effect, floor, *, elsewhere=0.0):
 def leaving(share, *, n=6, elsewhere=0.0):
     """A strong gap of which every point leaves the same share."""
     retuned = np.linspace(800.0, 1200.0, n)
-    return ladder(retuned, share * retuned + 2.0, np.ones(n), elsewhere=elsewhere)
+    return ladder(retuned, share * retuned + 3.0, np.ones(n), elsewhere=elsewhere)
 
 
-def test_what_is_left_counts_beyond_twice_the_noise():
+def test_what_is_left_counts_beyond_three_times_the_noise():
     share, std = left_share(ladder([100.0, 300.0], [30.0, 40.0], [5.0, 5.0]), ["mechanical"])
-    assert share == pytest.approx((70.0 - 20.0) / 400.0)
+    assert share == pytest.approx((70.0 - 30.0) / 400.0)
     # Jackknife of two: half of the difference of the logarithms.
-    assert std == pytest.approx(0.5 * abs(np.log(20.0 / 100.0) - np.log(30.0 / 300.0)))
+    assert std == pytest.approx(0.5 * abs(np.log(15.0 / 100.0) - np.log(25.0 / 300.0)))
 
 
 def test_a_tenth_is_left_by_a_right_cause_in_one_of_ten_and_by_a_wrong_one_as_often_as_anything():
