@@ -90,7 +90,12 @@ def _bent_displacement(baseline: Baseline, state: State) -> tuple[Signature, ...
 def _warming_friction(
     baseline: Baseline, state: State, time_constant_s: float, viscous: float
 ) -> tuple[Signature, ...]:
-    """Friction that falls while the machine runs and is back after a rest: stiff grease, cold bearings."""
+    """Friction that falls while the machine runs and is back after a rest: stiff grease, cold bearings.
+
+    Nothing where it falls by less than to 1/e while the trial lasts: that is friction, or a wrong number of it.
+    """
+    if float(np.max(state.time_s)) < time_constant_s:
+        return ({},)
     cold = np.exp(-np.broadcast_to(state.time_s, state.angle_rad.shape) / time_constant_s)
     speed = baseline.gear * state.speed_rad_s
     return ({"mechanical": cold * (speed / _UNIT_RAD_S if viscous else np.ones_like(speed))},)

@@ -101,10 +101,17 @@ def test_a_bent_sensor_says_nothing_without_an_angle():
 
 @pytest.mark.parametrize("shape", WARMING_FRICTION.shapes)
 def test_friction_falls_from_the_start_of_the_trial(shape):
-    state = running()
+    state = running(time_s=np.array([[1.0], [2.0], [40.0]]))
     (found,) = WARMING_FRICTION.signatures(BASELINE, state, shape)
     wave = found["mechanical"].mean(axis=1)
     expected = np.exp(-state.time_s[:, 0] / shape["time_constant_s"])
     if shape["viscous"]:
         expected = expected * BASELINE.gear * state.speed_rad_s.mean(axis=1) / 1000.0
     assert wave == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("shape", WARMING_FRICTION.shapes)
+def test_friction_that_hardly_falls_within_a_trial_is_no_friction_that_falls(shape):
+    """As a wrong damping or torque constant, it is the same from the first stroke to the last."""
+    state = running(time_s=shape["time_constant_s"] * np.array([[0.1], [0.4], [0.9]]))
+    assert WARMING_FRICTION.signatures(BASELINE, state, shape) == ({},)
