@@ -2,11 +2,12 @@
 
 Evidence alone finds the best name for whatever is in the data, a sensor's wandering zero too. What predicts no
 withheld data has no evidence. So the magnitude of every effect of a declared cause differs from zero in its own 95 %
-interval, the cause closes a tenth of the withheld gap at least, and so does each of several effects of what the others
-leave where it acts: where a hundredth is added and the rest stays unexplained, what explains the rest may well explain
-the hundredth. Nor may the simulated model with the cause miss the withheld channels by more than the re-tuned one
-does: two effects of one sensor that cancel in the harmonics compared need not cancel in the signal that they predict.
-Where the single strokes carry an effect, mean strokes hold little of what it closes: the report says so instead.
+interval, the cause closes a tenth of the withheld gap at least, or of its part where the cause acts, and so does each
+of several effects of what the others leave where it acts: where a hundredth is added and the rest stays unexplained,
+what explains the rest may well explain the hundredth. Nor may the simulated model with the cause miss the withheld
+channels by more than the re-tuned one does: two effects of one sensor that cancel in the harmonics compared need not
+cancel in the signal that they predict. What a claim leaves where it acts goes to "unknown" (`unlisted.py`). Where the
+single strokes carry an effect, mean strokes hold little of what it closes: the report says so instead.
 """
 
 from __future__ import annotations
@@ -79,7 +80,8 @@ def _shared_with_unlisted(problem: LinearProblem, posterior: Posterior, predicti
     """
     probabilities = {h.name: float(h.probability) for h in posterior.hypotheses}
     for claim in posterior.claims:
-        in_means = [m for m in claim.members if m.effect.name not in carried_by_strokes(problem, posterior, claim)]
+        carried = carried_by_strokes(problem, posterior, claim)
+        in_means = [m for m in claim.members if m.effect.name not in carried]
         if claim.probability > SETTINGS.report.shown_probability and in_means:
             ladder, equations = predictions.of(claim).ladder, _equations_of(problem, in_means)
             odds = odds_of_unlisted(ladder, equations, problem.settings.weights)
