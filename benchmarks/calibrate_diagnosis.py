@@ -1,9 +1,9 @@
 """Fit the constants of `inference.settings.Weights` on development campaigns, and say how well it does on them.
 
     python -m benchmarks.calibrate_diagnosis collect OUT [--cases N] [--pairs N] [--intact N] [--forms own|plain]
-                                                         [--workers N]
+                                                         [--benches own|foreign] [--workers N]
     python -m benchmarks.calibrate_diagnosis fit OUT [--fixed | --temperature T]
-    python -m benchmarks.calibrate_diagnosis leave-out OUT
+    python -m benchmarks.calibrate_diagnosis leave-out OUT [--by effect|shift]
     python -m benchmarks.calibrate_diagnosis compare OUT OTHER
     python -m benchmarks.calibrate_diagnosis sample OUT FILE
 
@@ -16,9 +16,10 @@ typical. Seeds above 999 are for claims and are refused.
 
 One simulator is one choice of functional forms. `leave-out` fits the constants once for every effect, without the
 campaigns in which nature's form of that effect plays a part, and answers these: the difference to the constants that
-have seen them says how much the fit leans on any one form. `compare` sets the answers to the same campaigns with other
-forms (`collect --forms plain`) beside each other, effect by effect. `sample` keeps the best hypotheses of each one,
-in one small file: the tests of the constants rest on it.
+have seen them says how much the fit leans on any one form. With `--by shift` the same for every kind of bench: each
+faulty sensor, strong noise, another machine (collect `--benches own` and `--benches foreign` into one folder).
+`compare` sets the answers to the same campaigns with other forms (`collect --forms plain`) beside each other, effect by
+effect. `sample` keeps the best hypotheses of each one, in one small file: the tests of the constants rest on it.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from typing import Any
 import numpy as np
 from sawbench.blindcheck.campaign import make_campaign
 from sawbench.blindcheck.effects.table import CATALOGUE, OUTSIDE
+from sawbench.blindcheck.shifts import shifts_of
 from sawbench.diagnosis.inference.hypothesis import AND, OTHERS, named
 from sawbench.diagnosis.inference.settings import SETTINGS, Weights
 from sawbench.diagnosis.inference.weighing import weigh
@@ -109,14 +111,15 @@ def collect_one(row: dict[str, Any], out_dir: Path) -> str:
     from sawbench.storage.importers.dispatch import import_path
     from sawbench.storage.reader import read_recording
 
-    path = out_dir / f"case-{row['seed']:04d}.json"
+    path = out_dir / f"case-{row['benches']}-{row['seed']:04d}.json"
     if path.exists():
         return path.name
     folder = Path(tempfile.mkdtemp(prefix="calibrate-"))
     try:
-        make_campaign(
-            row["seed"], folder / "in", effects=row["effects"], parameters=row["parameters"], forms=row["forms"]
-        )
+        made = make_campaign(
+            row["seed"], folder / "in", effects=row["effects"], parameters=row["parameters"], forms=row["forms"],
+            benches=row["benches"],
+        )  # fmt: skip
         imported = import_path(folder / "in" / "campaign.toml", folder / "out")
         recordings = [read_recording(file) for file in imported.paths]
         campaign = reduce_recordings(recordings, load_config(folder / "in" / "bench_config.toml"))
@@ -126,6 +129,7 @@ def collect_one(row: dict[str, Any], out_dir: Path) -> str:
         shutil.rmtree(folder, ignore_errors=True)
     found = {
         **row,
+        "shifts": shifts_of(made),
         "log_evidence": {h.name: h.log_evidence for h in posterior.hypotheses},
         "left_over": {h.name: h.left_over for h in posterior.hypotheses},
         "shared": {h.name: h.shared for h in posterior.hypotheses},
@@ -248,31 +252,45 @@ def report(rows: list[dict[str, Any]], weights: Weights) -> str:
     return "\n".join(lines)
 
 
-def leave_out(rows: list[dict[str, Any]]) -> str:
-    """For every effect: how its campaigns are answered by constants that were fitted without them."""
-    lines = [f"{'left out':30} cases  right, all seen  right, left out  log-loss, all seen  log-loss, left out"]
+def by_effect(rows: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    """Campaigns that hide each effect of the catalogue."""
+    return {effect: [row for row in rows if effect in row["effects"]] for effect in CATALOGUE}
+
+
+def by_shift(rows: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    """Campaigns of each kind of bench, of which others are not."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        for shift, kind in row["shifts"].items():
+            if kind not in {"without", "none"}:
+                found.setdefault(f"{shift}: {kind}", []).append(row)
+    return {name: own for name, own in sorted(found.items()) if len(own) < len(rows)}
+
+
+def leave_out(rows: list[dict[str, Any]], groups: dict[str, list[dict[str, Any]]]) -> str:
+    """For every group of campaigns: how these are answered by constants that were fitted without them."""
+    lines = [f"{'left out':38} cases  right, all seen  right, left out  log-loss, all seen  log-loss, left out"]
 
     def say(name: str, found: np.ndarray) -> None:
         cases, right, right_out, loss, loss_out = found
         lines.append(
-            f"{name:30} {int(cases):5}  {int(right):15}  {int(right_out):15}"
+            f"{name:38} {int(cases):5}  {int(right):15}  {int(right_out):15}"
             f"  {loss / cases:18.3f}  {loss_out / cases:18.3f}"
         )
 
     seen = fit(rows, SETTINGS.weights.temperature)
     total = np.zeros(5)
-    for effect in CATALOGUE:
-        own = [row for row in rows if effect in row["effects"]]
+    for name, own in groups.items():
         if not own:
             continue
-        rest = [row for row in rows if effect not in row["effects"]]
+        rest = [row for row in rows if row not in own]
         both = (seen, fit(rest, SETTINGS.weights.temperature, near=seen))
         answers = [[(row, weighed(row, weights)) for row in own] for weights in both]
         right = [sum(next(iter(said)) == truth(row) for row, said in answer) for answer in answers]
         loss = [sum(loss_of(row, said) for row, said in answer) for answer in answers]
         found = np.array([len(own), *right, *loss])
         total += found
-        say(effect, found)
+        say(name, found)
     say("all of them", total)
     return "\n".join(lines)
 
@@ -335,6 +353,8 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=0, help="further campaigns of two effects")
     parser.add_argument("--intact", type=int, default=0, help="further campaigns of no effect")
     parser.add_argument("--forms", choices=("own", "plain"), default="own")
+    parser.add_argument("--benches", choices=("own", "foreign"), default="own")
+    parser.add_argument("--by", choices=("effect", "shift"), default="effect", help="what is left out")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--temperature", type=float, help="hold the temperature there")
     parser.add_argument("--fixed", action="store_true", help="report on the constants as they are")
@@ -350,7 +370,7 @@ def main() -> None:
                 parser.error(f"--{name} goes to {limit}: seeds above {LAST_SEED} are for claims")
         told.out.mkdir(parents=True, exist_ok=True)
         planned = plan(told.cases) + more_pairs(told.pairs) + more_intact(told.intact)
-        rows = [row | {"forms": told.forms} for row in planned]
+        rows = [row | {"forms": told.forms, "benches": told.benches} for row in planned]
         with multiprocessing.get_context("spawn").Pool(told.workers) as pool:
             jobs = [pool.apply_async(collect_one, (row, told.out)) for row in rows]
             for k, job in enumerate(jobs, start=1):
@@ -361,7 +381,8 @@ def main() -> None:
         print(json.dumps(asdict(weights), indent=2))
         print(report(rows, weights))
     elif told.step == "leave-out":
-        print(leave_out(records(told.out)))
+        rows = records(told.out)
+        print(leave_out(rows, by_effect(rows) if told.by == "effect" else by_shift(rows)))
     elif told.other is None:
         parser.error(f"{told.step} needs a second path")
     elif told.step == "sample":

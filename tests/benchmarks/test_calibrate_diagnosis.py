@@ -66,11 +66,24 @@ def test_leaving_an_effect_out_answers_its_campaigns_with_constants_that_have_no
         return WEIGHTS
 
     monkeypatch.setattr(calibrate_diagnosis, "fit", fit)
-    lines = calibrate_diagnosis.leave_out(rows).splitlines()
+    lines = calibrate_diagnosis.leave_out(rows, calibrate_diagnosis.by_effect(rows)).splitlines()
     assert fitted_on[0] == [1, 2, 3]
     assert sorted(fitted_on[1:]) == [[1, 3], [2, 3]]
     assert [line.split()[0] for line in lines[1:]] == ["guide_friction", "edge_force", "all"]
     assert lines[-1].split()[3:6] == ["2", "2", "2"]
+
+
+def test_kinds_of_benches_are_left_out_where_others_remain():
+    noises = ("0.3 to 0.7", "1.5 to 4", "1.5 to 4")
+    rows = [
+        record(seed, "none", {}, {"guide_friction": -3.0})
+        | {"shifts": {"noise": noise, "hum": hum, "machine": "another jigsaw"}}
+        for seed, noise, hum in zip((1, 2, 3), noises, ("with", "without", "with"), strict=True)
+    ]
+    found = calibrate_diagnosis.by_shift(rows)
+    assert {name: [row["seed"] for row in own] for name, own in found.items()} == {
+        "hum: with": [1, 3], "noise: 0.3 to 0.7": [1], "noise: 1.5 to 4": [2, 3],
+    }  # fmt: skip
 
 
 def test_answers_with_other_forms_stand_beside_each_other(monkeypatch, tmp_path, capsys):
