@@ -36,7 +36,7 @@ class BlindCampaign:
 
 
 def blind_campaign(
-    seed: int, effects: Mapping[str, float], *, length: float = 1.0, repetition: int = 0
+    seed: int, effects: Mapping[str, float], *, length: float = 1.0, repetition: int = 0, **drawn: Any
 ) -> BlindCampaign:
     """Simulate and read one campaign.
 
@@ -49,10 +49,12 @@ def blind_campaign(
         Factor on the duration of every trial.
     repetition : int
         From 1 on the same machine is measured again.
+    **drawn
+        Further arguments of `make_campaign`: parameters, benches, and so on.
     """
     with tempfile.TemporaryDirectory() as folder:
         tables = Path(folder) / "tables"
-        truth = make_campaign(seed, tables, effects=effects, length=length, repetition=repetition)
+        truth = make_campaign(seed, tables, effects=effects, length=length, repetition=repetition, **drawn)
         recordings, loaded = read_back(tables)
     return BlindCampaign(recordings=recordings, loaded=loaded, truth=truth)
 

@@ -1,0 +1,145 @@
+"""What each heuristic of the weighing is worth: the same campaigns answered without it.
+
+    python -m benchmarks.ablation OUT [--cases 48] [--minutes 60]
+
+Every second campaign is of the paper's jigsaw on a clean bench, every other one of a foreign bench with faulty sensors;
+what they hide is drawn as for `calibrate_diagnosis`. Each is reduced once and weighed with the settings as they are,
+and once for every row of `ABLATIONS` with one of them neutral. Then one line a row: how many campaigns are answered
+rightly, how many claims are made and are right, how many campaigns without an effect are accused, and the log-loss of
+the truth. The rows are of the weighing; the last one is what `diagnose` says, with claims held to their predictions.
+Resumable: one file a campaign in OUT; about a minute of one core each.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+from sawbench.diagnosis.answer.until_closed import held
+from sawbench.diagnosis.campaign import Campaign
+from sawbench.diagnosis.inference.evidence import Column
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, build_problem
+from sawbench.diagnosis.inference.posterior import Posterior, judge
+from sawbench.diagnosis.inference.refining import effect_columns
+from sawbench.diagnosis.inference.settings import SETTINGS, Settings
+
+from benchmarks.blind_campaigns import blind_campaign, kept_cases
+from benchmarks.calibrate_diagnosis import loss_of, plan, truth
+
+AS_IT_IS: Final = "as it is"
+HELD: Final = "held to predictions: the answer"
+# Of the plan of the calibration: every kind and effect comes up within a few dozen of them.
+_EVERY: Final = 3
+_UNCLAIMED: Final = frozenset({"no_gap", "parameters", "unknown"})
+
+
+def _with(topic: str, **numbers: Any) -> Settings:
+    return replace(SETTINGS, **{topic: replace(getattr(SETTINGS, topic), **numbers)})
+
+
+_EVEN: Final = 1.0 / 34.0
+# Numbers of the weighing, and numbers that change the noise and therefore all signatures.
+ABLATIONS: Final[Mapping[str, Settings]] = MappingProxyType(
+    {
+        AS_IT_IS: SETTINGS,
+        "log evidences at face value": _with("weights", temperature=1.0),
+        "a second effect costs the same beside a strong one": _with("weights", pair_share=0.0),
+        "a second effect costs next to nothing": _with("weights", pair_share=0.0, pair_least=1.0),
+        "no more prior for no gap and parameters": _with(
+            "weights", prior_no_gap=_EVEN, prior_parameters=_EVEN, prior_unknown=_EVEN
+        ),
+        "unknown by its own evidence alone": _with("weights", open_share=1e9),
+        "what an intact machine leaves is a gap": _with("weights", left_by_an_intact_machine=0.0),
+        "no credit: evidence in any equation counts": _with("weights", acts_share=0.0),
+        "forms are nature's": _with("forms", shares=(0.0,)),
+        "harmonics of a form miss together": _with("forms", harmonic_factor=1e-6),
+        "forms miss as much in time": _with("forms", steady_share=1.0),
+        "strokes weigh as much as features": _with("strokes", weight=1.0),
+        "trends of strokes have no price": _with("strokes", price=0.0),
+    }
+)
+NOISES: Final[Mapping[str, Settings]] = MappingProxyType(
+    {
+        "blocks are independent": _with("noise", correlation_factor=1.0),
+        "an intact machine leaves its scatter alone": _with("noise", quiet_share=1.0),
+    }
+)
+
+
+def rows(n_cases: int) -> list[dict[str, Any]]:
+    """What each campaign hides, and where."""
+    drawn = plan(_EVERY * n_cases)[::_EVERY]
+    return [row | {"benches": "foreign" if k % 2 else "own"} for k, row in enumerate(drawn)]
+
+
+def case(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Probabilities of one campaign, by row of the table."""
+    made = blind_campaign(
+        row["seed"], row["effects"], parameters=row["parameters"], benches=row["benches"]
+    )  # fmt: skip
+    campaign = made.reduced()
+    problem = build_problem(campaign)
+    columns = effect_columns(problem)
+    found = {words: _weighed(replace(problem, settings=settings), columns) for words, settings in ABLATIONS.items()}
+    found |= {words: _in_other_noise(campaign, settings) for words, settings in NOISES.items()}
+    answered = held(problem, columns, found[AS_IT_IS]).posterior
+    return {**row, "answers": {words: _probabilities(one) for words, one in (found | {HELD: answered}).items()}}
+
+
+def _weighed(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior:
+    return judge(problem, columns)
+
+
+def _in_other_noise(campaign: Campaign, settings: Settings) -> Posterior:
+    problem = build_problem(campaign, settings=settings)
+    return judge(problem, effect_columns(problem))
+
+
+def _probabilities(posterior: Posterior) -> dict[str, float]:
+    return {h.name: h.probability for h in posterior.hypotheses if h.probability > 1e-6}
+
+
+def table(found: Sequence[Mapping[str, Any]]) -> list[str]:
+    """One line a row, the likeliest answer of each campaign against its truth."""
+    lines = [f"{'':52} right  claims  of them right  accused  log-loss"]
+    harmless = sum(row["kind"] in {"none", "parameters"} for row in found)
+    for words in found[0]["answers"]:
+        answers = [(row, row["answers"][words]) for row in found]
+        tops = [(row, max(said, key=lambda name, said=said: said[name])) for row, said in answers]
+        claims = [(row, top) for row, top in tops if top not in _UNCLAIMED]
+        accused = sum(row["kind"] in {"none", "parameters"} for row, _ in claims)
+        right, exact = (sum(truth(dict(row)) == top for row, top in these) for these in (tops, claims))
+        loss = float(np.mean([loss_of(dict(row), said) for row, said in answers]))
+        lines.append(f"{words:52} {right:5}  {len(claims):6}  {exact:13}  {accused:3} of {harmless:2} {loss:8.2f}")
+    return lines
+
+
+def main() -> None:
+    """Answer the campaigns and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--cases", type=int, default=48)
+    parser.add_argument("--minutes", type=float, default=60.0, help="of processor time, after which no case is begun")
+    told = parser.parse_args()
+    planned, found = rows(told.cases), []
+
+    def made(number: int) -> dict[str, Any]:
+        return case(planned[number])
+
+    def has_time() -> bool:
+        return time.process_time() < 60.0 * told.minutes
+
+    for row in kept_cases(told.out, "ablation", range(told.cases), made, may_begin=has_time):
+        found.append(row)
+        print(len(found), row["seed"], row["benches"], truth(row), flush=True)
+    print("\n".join(table(found)))
+
+
+if __name__ == "__main__":
+    main()
