@@ -4,10 +4,11 @@ A cell is a part of the whitened equation residuals z that re-tuned parameters l
 crank angle, in a band of harmonics, in a part of the trials or of the start-up, or at an operating point. Were nothing
 but noise, mistuned parameters and background effects (S) there, z = M^-1 y would
 have the covariance M^-1 + (M^-1 S)(M^-1 S)'. A cell with probes U is judged by its misfit u' A^-1 u, u = U z, where A
-is no smaller than the covariance of u can be, A = n UU' + (U M^-1 S)(U M^-1 S)':
+is no smaller than the covariance of u can be, A = U (1 + (n - 1) C) U' + (U M^-1 S)(U M^-1 S)':
 
 - What the model of an intact machine misses is the same in every time block and every repeat of an operating point. So
-  the noise counts n times, n being the number of blocks and repeats, as if all of it were of that kind.
+  its share C of the noise counts n times, n being the number of blocks and repeats. What scatters from stroke to
+  stroke, the rest, is another one in each.
 - The noise is taken as large as it is stated, though an intact machine leaves only the share `Weights.quiet` of it:
   that share differs from cell to cell.
 
@@ -86,14 +87,22 @@ class _Piece:
         Rows of the part that belong to it.
     probes : ndarray, shape (n_probes, size)
         Of length 1 each, on the whitened features of one block.
+    common : ndarray, shape (size, size)
+        What the model of an intact machine misses, as a share of the noise of one block.
     n_alike : int
-        Blocks and repeats that share what the model of an intact machine misses.
+        Blocks and repeats that share it.
     """
 
     key: tuple[Partition, Equation, str]
     blocks: slice
     probes: Floats
+    common: Floats
     n_alike: int
+
+    @property
+    def covariance(self) -> Floats:
+        """Of what the probes read in each of the blocks, as large as it can be, shape (n_probes, n_probes)."""
+        return self.probes @ self.probes.T + (self.n_alike - 1) * self.probes @ self.common @ self.probes.T
 
 
 class _Sums:
@@ -113,13 +122,15 @@ class _Sums:
         """Count one trial in; columns by block, shape (n_blocks, size, n_columns)."""
         from scipy.linalg import solve_triangular
 
-        root = np.linalg.cholesky(piece.n_alike * piece.probes @ piece.probes.T)
-        probes = solve_triangular(root, piece.probes, lower=True)
-        seen = (probes @ columns[piece.blocks]).reshape(-1, columns.shape[2])
-        products = seen[:, : self._taken.start].T @ seen
-        self._products += products
-        self._on_noise += products[self._small, self._small] / piece.n_alike
-        self._noise += len(seen) / piece.n_alike - float(np.sum(seen[:, self._taken] ** 2))
+        probes = solve_triangular(np.linalg.cholesky(piece.covariance), piece.probes, lower=True)
+        seen = probes @ columns[piece.blocks]
+        # Covariance of independent noise of size 1 as the probes read it.
+        noise = probes @ probes.T
+        small = seen[:, :, self._small]
+        self._on_noise += np.einsum("bik,ij,bjl->kl", small, noise, small, optimize=True)
+        self._noise += len(seen) * float(np.trace(noise)) - float(np.sum(seen[:, :, self._taken] ** 2))
+        rows = seen.reshape(-1, columns.shape[2])
+        self._products += rows[:, : self._taken.start].T @ rows
 
     def misfit(self) -> tuple[float, float]:
         """Misfit and its expectation (Woodbury: A is never formed)."""
@@ -184,32 +195,29 @@ def _judged(found: dict[tuple[Partition, Equation, str], _Sums]) -> tuple[Cell, 
 
 def _pieces(part: Part, n_repeats: int) -> Iterator[_Piece]:
     n_blocks = part.blocks.shape[0]
+
+    def piece(key: tuple[Partition, Equation, str], probes: Floats, block: int | None = None) -> _Piece:
+        return _Piece(
+            key=key, probes=probes, common=part.common,
+            blocks=slice(None) if block is None else slice(block, block + 1),
+            n_alike=n_repeats * (n_blocks if block is None else 1),
+        )  # fmt: skip
+
     for equation, place in part.layout.slices.items():
         whole = np.eye(part.layout.size)[place]
-        yield _Piece(
-            key=("operating_point", equation, part.setting.operating_point), blocks=slice(None), probes=whole,
-            n_alike=n_blocks * n_repeats,
-        )  # fmt: skip
+        yield piece(("operating_point", equation, part.setting.operating_point), whole)
         if part.state.kind != "running":
-            yield _Piece(key=("time", equation, "start-up"), blocks=slice(None), probes=whole, n_alike=n_repeats)
+            yield piece(("time", equation, "start-up"), whole)
             bins = _unit(_features(part, place))
             for k, (start_s, stop_s) in enumerate(pairwise(START_UP_EDGES_S)):
-                place_name = f"{1e3 * start_s:.0f} to {1e3 * stop_s:.0f} ms"
-                yield _Piece(
-                    key=("start_up", equation, place_name), blocks=slice(None), probes=bins[k : k + 1],
-                    n_alike=n_repeats,
-                )  # fmt: skip
+                name = f"{1e3 * start_s:.0f} to {1e3 * stop_s:.0f} ms"
+                yield piece(("start_up", equation, name), bins[k : k + 1])
             continue
         for block in range(n_blocks):
             share = f"{100 * block // n_blocks} to {100 * (block + 1) // n_blocks} %"
-            yield _Piece(
-                key=("time", equation, share), blocks=slice(block, block + 1), probes=whole,
-                n_alike=n_repeats,
-            )  # fmt: skip
+            yield piece(("time", equation, share), whole, block)
         for partition, name, probes in _over_the_stroke(part, place):
-            yield _Piece(
-                key=(partition, equation, name), blocks=slice(None), probes=probes, n_alike=n_blocks * n_repeats
-            )
+            yield piece((partition, equation, name), probes)
 
 
 def _over_the_stroke(part: Part, place: slice) -> Iterator[tuple[Partition, str, Floats]]:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from sawbench.bench.recording import Floats, Trial
 from sawbench.diagnosis.answer.candidate_trials import Candidate, candidates
-from sawbench.diagnosis.inference.evidence import Column, Explanation, catalogue_columns, little_of_each
+from sawbench.diagnosis.inference.evidence import Column, Explanation, columns_in, little_of_each
 from sawbench.diagnosis.inference.form_error import form_modes
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import (
@@ -231,7 +231,7 @@ def _inner_products(
     wide, dispersion, local = _extended(problem, posterior.dispersion, trials)
     share = 1.0 / np.sqrt(dispersion)[:, None]
     members = {(h.name, m.effect.name): m for h in answers for m in h.members}
-    columns = catalogue_columns(wide, list({m.effect.name: m.effect for m in members.values()}.values()))
+    columns = _every_form(wide, list(members.values()))
     fitted = {key: _contribution(m, columns[m.effect.name], n) for key, m in members.items()}
     small = little_of_each(wide, problem.campaign.plant.effects)
     nuisances = [wide.nuisance, *(share * found for found in small.values())]
@@ -248,6 +248,16 @@ def _inner_products(
         missed=missed, alternatives=alternatives,
     )  # fmt: skip
     return campaign, each
+
+
+def _every_form(wide: LinearProblem, members: Sequence[Explanation]) -> dict[str, list[Column]]:
+    """Columns of each effect in the forms of the catalogue, and in those between them that were found."""
+    shapes: dict[str, list[dict[str, float]]] = {m.effect.name: list(m.effect.shapes) for m in members}
+    for member in members:
+        if member.column.shape not in shapes[member.effect.name]:
+            shapes[member.effect.name].append(member.column.shape)
+    effects = {m.effect.name: m.effect for m in members}
+    return {name: columns_in(wide, effect, shapes[name]) for name, effect in effects.items()}
 
 
 def _extended(

@@ -41,6 +41,9 @@ class Part:
         Average of units into time blocks.
     whitener : ndarray, shape (size, size)
         Inverse Cholesky factor of the covariance of one block.
+    common : ndarray, shape (size, size)
+        Whitened covariance of what no repetition shows: the same in every block and every repeat, at most 1 in any
+        direction.
     place : slice
         Of this part in the stacked vector.
     """
@@ -50,6 +53,7 @@ class Part:
     layout: Layout
     blocks: Floats
     whitener: Floats
+    common: Floats
     place: slice
 
     @property
@@ -200,7 +204,7 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True, settings: S
         size = blocks.shape[0] * layout.size
         part = Part(
             state=state, smooth=plant.smooth(state, blocks), layout=layout, blocks=blocks, whitener=whitener,
-            place=slice(start, start + size),
+            common=whitener @ missed @ whitener.T, place=slice(start, start + size),
         )  # fmt: skip
         parts.append(part)
         known = part.whiten(summed([one.signature(plant.model, part.smooth) for one in plant.known]))

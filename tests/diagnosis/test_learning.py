@@ -50,7 +50,15 @@ def problem(hidden, seed=0):
             rows = LAYOUT.place(hidden(state), 3) @ whitener + rng.standard_normal((3, LAYOUT.size))
             place = slice(start, start + rows.size)
             parts.append(
-                Part(state=state, smooth=state, layout=LAYOUT, blocks=np.eye(3), whitener=whitener, place=place)
+                Part(
+                    state=state,
+                    smooth=state,
+                    layout=LAYOUT,
+                    blocks=np.eye(3),
+                    whitener=whitener,
+                    common=np.zeros((LAYOUT.size, LAYOUT.size)),
+                    place=place,
+                )
             )
             data.append(rows.ravel())
             start = place.stop
@@ -130,7 +138,7 @@ def test_a_gap_of_the_run_up_is_not_put_into_running_strokes():
     start = len(whole.data)
     part = Part(
         state=state, smooth=state, layout=layout, blocks=np.eye(1), whitener=np.eye(layout.size),
-        place=slice(start, start + layout.size),
+        common=np.zeros((layout.size, layout.size)), place=slice(start, start + layout.size),
     )  # fmt: skip
     far = 1e3 * np.abs(whole.data).max()
     with_run_up = replace(

@@ -34,7 +34,7 @@ def trial(kind, point, start, rng):
     state = SimpleNamespace(kind=kind, setting=SimpleNamespace(operating_point=point))
     return Part(
         state=state, smooth=state, layout=layout, blocks=np.eye(n_blocks),
-        whitener=np.linalg.inv(np.linalg.cholesky(covariance)),
+        whitener=np.linalg.inv(np.linalg.cholesky(covariance)), common=np.eye(layout.size),
         place=slice(start, start + n_blocks * layout.size),
     )  # fmt: skip
 
@@ -80,6 +80,32 @@ def test_chance_seldom_stands_out(draw):
     assert sum(any(cell.stands_out for cell in found) for found in cells) <= 2 * FALSE_DISCOVERY_RATE * N_DRAWS
     p_values = np.array([[cell.p_value for cell in found] for found in cells])
     assert np.mean(p_values < 0.01) < 0.02
+
+
+def half_in_every_block(problem, rng):
+    """What scatters, and as much that the model of an intact machine misses."""
+    return np.sqrt(0.5) * (same_in_every_block(problem, rng) + noise_of(problem, rng))
+
+
+def with_common(problem, share):
+    parts = tuple(replace(part, common=share * np.eye(part.layout.size)) for part in problem.parts)
+    return replace(problem, parts=parts)
+
+
+def test_what_scatters_is_another_noise_in_every_block():
+    problem, rng = with_common(campaign(), 0.5), np.random.default_rng(5)
+    cells = [find_cells(with_data(problem, half_in_every_block(problem, rng))) for _ in range(N_DRAWS)]
+    assert sum(any(cell.stands_out for cell in found) for found in cells) <= 2 * FALSE_DISCOVERY_RATE * N_DRAWS
+
+
+def test_a_gap_in_every_block_stands_out_where_an_intact_machine_could_not_show_it():
+    problem, rng = campaign(), np.random.default_rng(6)
+    problem = replace(problem, nuisance=np.zeros_like(problem.nuisance))
+    data = 0.8 * same_in_every_block(problem, rng) + noise_of(problem, rng)
+    found = [find_cells(with_data(with_common(problem, share), data)) for share in (1.0, 0.0)]
+    by_point = [sum(c.stands_out for c in cells if c.partition == "operating_point") for cells in found]
+    assert by_point[0] == 0
+    assert by_point[1] > N_POINTS
 
 
 def test_small_effects_do_not_stand_out_but_the_same_effect_at_size_does():

@@ -13,7 +13,7 @@ from sawbench.diagnosis.answer.candidate_trials import candidates
 from sawbench.diagnosis.answer.gap_report import diagnose
 from sawbench.diagnosis.answer.trial_plan import Products, expected_probability, plan_report, trial_plan
 from sawbench.diagnosis.campaign import Campaign
-from sawbench.diagnosis.inference.evidence import Explanation, catalogue_columns
+from sawbench.diagnosis.inference.evidence import Explanation, columns_in
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import build_problem
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
@@ -63,10 +63,10 @@ def problem_of(points):
     return build_problem(campaign)
 
 
-def answer(problem, name, probability, effect=None):
-    """A hypothesis that an effect acts at its typical size, in its first form."""
+def answer(problem, name, probability, effect=None, shape=None):
+    """A hypothesis that an effect acts at its typical size, in its first form unless one is given."""
     effect = effect or EFFECT_BY_NAME[name]
-    column = catalogue_columns(problem, [effect])[effect.name][0]
+    (column,) = columns_in(problem, effect, [shape or effect.shapes[0]])
     member = Explanation(
         effect=effect, log_evidence=0.0, column=column, amplitude=1.0, amplitude_std=0.1, gain=10.0,
         contribution=column.columns[:, 0],
@@ -134,6 +134,15 @@ def test_causes_that_differ_with_speed_are_told_apart_by_another_speed(problem, 
     steps = [plan.expected_probability, *(one.expected_probability for one in plan.chosen)]
     assert steps[0] == pytest.approx(0.6**2 + 0.4**2)
     assert steps[0] < steps[1] < steps[2] <= 1.0
+
+
+def test_a_form_between_those_of_the_catalogue_is_planned_with(problem):
+    between = {"power": 1.83}
+    assert between not in EFFECT_BY_NAME[DRAG].shapes
+    refined = posterior_of(problem, answer(problem, FRICTION, 0.6), answer(problem, DRAG, 0.4, shape=between))
+    plan = trial_plan(problem, refined, 1, MATERIALS)
+    assert set(plan.chosen[0].between) == {FRICTION, DRAG}
+    assert (plan.chosen[0].trial.material, plan.chosen[0].trial.duty) != ("oak", 0.4375)
 
 
 def test_one_term_under_two_names_is_told_apart_by_no_trial(problem):
