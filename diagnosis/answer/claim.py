@@ -6,8 +6,8 @@ interval, the cause closes a tenth of the withheld gap at least, or of its part 
 of several effects of what the others leave where it acts: where a hundredth is added and the rest stays unexplained,
 what explains the rest may well explain the hundredth. Nor may the simulated model with the cause miss the withheld
 channels by more than the re-tuned one does: two effects of one sensor that cancel in the harmonics compared need not
-cancel in the signal that they predict. What a claim leaves where it acts goes to "unknown" (`unlisted.py`). Where the
-single strokes carry an effect, mean strokes hold little of what it closes: the report says so instead.
+cancel in the signal that they predict. What a claim leaves of the machine's gap goes to "unknown" (`unlisted.py`).
+Where the single strokes carry an effect, mean strokes hold little of what it closes: the report says so instead.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def _shared_with_unlisted(problem: LinearProblem, posterior: Posterior, predicti
         in_means = [m for m in claim.members if m.effect.name not in carried]
         if claim.probability > SETTINGS.report.shown_probability and in_means:
             ladder, equations = predictions.of(claim).ladder, _equations_of(problem, in_means)
-            odds = odds_of_unlisted(ladder, equations, problem.settings.weights)
+            odds = odds_of_unlisted(ladder, equations, quiet=problem.quiet, weights=problem.settings.weights)
             probabilities[claim.name] = claim.probability / (1.0 + odds)
             probabilities["unknown"] += claim.probability - probabilities[claim.name]
     return _with_probabilities(posterior, probabilities)

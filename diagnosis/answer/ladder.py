@@ -75,6 +75,8 @@ class Ladder:
         Sum of squares of the whitened residual in each group, by rung.
     squares : dict of str to dict of str to ndarray, shape (n_groups,)
         Sum of squares of the whitened residual in each group, by rung and equation.
+    n_features : dict of str to ndarray, shape (n_groups,)
+        By equation: how many squares these are.
     """
 
     whitened: Rungs
@@ -85,6 +87,7 @@ class Ladder:
     held_out: HeldOut
     energy: dict[str, Floats]
     squares: dict[str, dict[Equation, Floats]]
+    n_features: dict[Equation, Floats]
 
     def squares_in(self, equations: Sequence[Equation]) -> dict[str, Floats]:
         """Sum of squares in each group over some equations, by rung, shape (n_groups,)."""
@@ -279,6 +282,7 @@ class HoldOut:
             held_out=self.held_out,
             energy=energy,
             squares={name: self._squares(rest) for name, rest in residuals.items()},
+            n_features=self._squares(np.ones(len(data))),
         )
 
     def _squares(self, rest: Floats) -> dict[Equation, Floats]:

@@ -17,12 +17,15 @@ from sawbench.diagnosis.standard_error import jackknife_std
 from sawbench.modeling.residuals import Equation
 
 _LEAST_SHARE = 1e-4
+_OF_THE_WORKPIECE = frozenset({"cutting"})
 # Of a normal distribution, over which the uncertain share is averaged.
 _DEVIATES = np.linspace(-4.0, 4.0, 81)
 _LIKELY = np.exp(-0.5 * _DEVIATES**2) / np.exp(-0.5 * _DEVIATES**2).sum()
 
 
-def odds_of_unlisted(ladder: Ladder, equations: Sequence[Equation], weights: Weights = SETTINGS.weights) -> float:
+def odds_of_unlisted(
+    ladder: Ladder, equations: Sequence[Equation], *, quiet: float, weights: Weights = SETTINGS.weights
+) -> float:
     """Odds of a cause outside the catalogue against a claim.
 
     Parameters
@@ -30,16 +33,28 @@ def odds_of_unlisted(ladder: Ladder, equations: Sequence[Equation], weights: Wei
     ladder : Ladder
         Of the claim.
     equations : sequence of Equation
-        In which it acts: what stays unexplained elsewhere is not its.
+        In which it acts.
+    quiet : float
+        Whitened misfit over features that an intact machine leaves on this bench.
     weights : Weights
 
     Returns
     -------
     float
         Prior odds times the likelihood of the share that is left: exponential for the right cause, even for a wrong
-        one.
+        one. Of what the claim leaves where it acts, and of what it leaves in any other equation of the machine, the
+        worse counts: a machine has one fault more often than two. How a workpiece cuts is nobody's to predict: what
+        stays unexplained there, by a claim that acts elsewhere, says nothing of it.
     """
-    share, std = left_share(ladder, equations)
+    elsewhere = [e for e in ladder.n_features if e not in equations and e not in _OF_THE_WORKPIECE]
+    odds = [
+        _odds(*left_share(ladder, where, quiet=quiet, weights=weights), weights)
+        for where in (equations, *([e] for e in elsewhere))
+    ]
+    return max(odds)
+
+
+def _odds(share: float, std: float, weights: Weights) -> float:
     shares = np.clip(share * np.exp(std * _DEVIATES), _LEAST_SHARE, 1.0)
     mean = SETTINGS.ladder.left_by_the_right / np.log(10.0)
     likelihood = float(_LIKELY @ np.exp(-shares / mean)) / mean
@@ -47,10 +62,20 @@ def odds_of_unlisted(ladder: Ladder, equations: Sequence[Equation], weights: Wei
     return weights.prior_unknown / (named * max(likelihood, 1e-12))
 
 
-def left_share(ladder: Ladder, equations: Sequence[Equation]) -> tuple[float, float]:
+def left_share(
+    ladder: Ladder, equations: Sequence[Equation], *, quiet: float, weights: Weights = SETTINGS.weights
+) -> tuple[float, float]:
     """Share of what re-tuned parameters leave at withheld groups that the claim leaves too, beyond an intact machine.
 
-    Machines without a fault leave up to twice as much as the noise in addition there: that is no share of a gap.
+    A machine without a fault leaves there what its noise and its model are stated to leave, or up to twice as much as
+    the noise in addition: that is no share of a gap.
+
+    Parameters
+    ----------
+    ladder : Ladder
+    equations : sequence of Equation
+    quiet : float
+    weights : Weights
 
     Returns
     -------
@@ -59,11 +84,14 @@ def left_share(ladder: Ladder, equations: Sequence[Equation]) -> tuple[float, fl
     std : float
         Standard error of its logarithm, by leaving out each group in turn; 1 where there is a single one.
     """
-    squares, numbers = ladder.squares_in(equations), SETTINGS.ladder
-    retuned, effect, floor = (squares[name] for name in ("retuned", "with_effect", "noise_floor"))
+    squares = ladder.squares_in(equations)
+    retuned, effect = squares["retuned"], squares["with_effect"]
+    intact = np.sum(
+        [_left_by_an_intact(ladder, e, quiet, weights) for e in equations if e in ladder.n_features], axis=0
+    )
 
     def share(kept: np.ndarray) -> float:
-        left = float(effect[kept].sum() - (1.0 + numbers.left_by_an_intact) * floor[kept].sum())
+        left = float(effect[kept].sum() - intact[kept].sum())
         return float(np.clip(left / max(float(retuned[kept].sum()), 1e-300), _LEAST_SHARE, 1.0))
 
     everything = np.arange(len(retuned))
@@ -71,3 +99,9 @@ def left_share(ladder: Ladder, equations: Sequence[Equation]) -> tuple[float, fl
         return share(everything), 1.0
     logs: Floats = np.log([share(np.delete(everything, k)) for k in everything])
     return share(everything), jackknife_std(logs)
+
+
+def _left_by_an_intact(ladder: Ladder, equation: Equation, quiet: float, weights: Weights) -> Floats:
+    """Sum of squares in each group of one equation, shape (n_groups,)."""
+    noise = (1.0 + SETTINGS.ladder.left_by_an_intact) * ladder.squares["noise_floor"][equation]
+    return np.maximum(noise, weights.left_by_an_intact_machine * quiet * ladder.n_features[equation])

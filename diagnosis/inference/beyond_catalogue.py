@@ -92,9 +92,10 @@ def _warming_friction(
 ) -> tuple[Signature, ...]:
     """Friction that falls while the machine runs and is back after a rest: stiff grease, cold bearings.
 
-    Nothing where it falls by less than to 1/e while the trial lasts: that is friction, or a wrong number of it.
+    Dry friction that hardly falls while a trial lasts competes with that of the catalogue. Viscous friction of that
+    kind is a wrong number of the model, so it counts where it falls to 1/e.
     """
-    if float(np.max(state.time_s)) < time_constant_s:
+    if viscous and float(np.max(state.time_s)) < time_constant_s:
         return ({},)
     cold = np.exp(-np.broadcast_to(state.time_s, state.angle_rad.shape) / time_constant_s)
     speed = baseline.gear * state.speed_rad_s

@@ -2,8 +2,9 @@
 
     torque form:     J dw/dt = ... - a sin(angle + psi)
     kinematic form:  motor speed = gear * crank speed * (1 + e cos(angle + psi))
+    both:            each with its own size and phase
 
-In the kinematic form the baseline, which knows the crank alone, misses back-EMF (k_e times the swing of the
+A gear that is off its centre does both; which is felt depends on the backlash and on the bearing. In the kinematic form the baseline, which knows the crank alone, misses back-EMF (k_e times the swing of the
 motor speed) and the torque that swings the rotor, and the load reaches the motor through the other ratio.
 Free phase: sine and cosine part. One unit of the kinematic form is e = 1 per N*m, so that 0.003 stands for
 3 mN*m or for 0.3 %. Once a stroke, also in idle runs, where cutting cannot cause it. Radial runout of
@@ -19,11 +20,13 @@ from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
 
-def _signature(baseline: Baseline, state: State, kinematic: float) -> tuple[Signature, ...]:
+def _signature(baseline: Baseline, state: State, kinematic: float, torque: float = 0.0) -> tuple[Signature, ...]:
     sine, cosine = np.sin(state.angle_rad), np.cos(state.angle_rad)
+    drags: tuple[Signature, ...] = ({"mechanical": sine}, {"mechanical": cosine})
     if kinematic == 0.0:
-        return {"mechanical": sine}, {"mechanical": cosine}
-    return _swing(baseline, state, sine, cosine), _swing(baseline, state, cosine, -sine)
+        return drags
+    swings = _swing(baseline, state, sine, cosine), _swing(baseline, state, cosine, -sine)
+    return (*drags, *swings) if torque else swings
 
 
 def _swing(baseline: Baseline, state: State, wave: Floats, slope: Floats) -> Signature:
@@ -60,8 +63,9 @@ EFFECT = Effect(
         follows=lambda load: load.torque_n_m,
     ),
     signature=_signature,
-    n_signatures=lambda shape: 2,
-    shapes=({"kinematic": 0.0}, {"kinematic": 1.0}),
+    n_signatures=lambda shape: 4 if "torque" in shape else 2,
+    shapes=({"kinematic": 0.0}, {"kinematic": 1.0}, {"kinematic": 1.0, "torque": 1.0}),
+    leading=2,
     needs=("motor_current_a",),
     confused_with=("yoke_backlash",),
     told_apart_by="idle runs: once per stroke without load",

@@ -9,40 +9,51 @@ from sawbench.diagnosis.answer.unlisted import left_share, odds_of_unlisted
 
 pytestmark = pytest.mark.unit
 
+# A bench so quiet that the scatter decides.
+QUIET = 1e-6
 RUNGS = Rungs(nominal=1.0, retuned=1.0, with_effect=1.0, noise_floor=1.0)
 
 
-def ladder(retuned, with_effect, floor, *, elsewhere=0.0):
-    """Withheld squares in the mechanical equation, and what stays unexplained in the cutting one."""
+def ladder(retuned, with_effect, floor, *, elsewhere=0.0, place="cutting", n_features=1.0):
+    """Withheld squares in the mechanical equation, and what stays unexplained in another one."""
     rungs = {"nominal": retuned, "retuned": retuned, "with_effect": with_effect, "noise_floor": floor}
     squares = {
         name: {
             "mechanical": np.array(values, dtype=float),
-            "cutting": np.full(len(values), 0.0 if name == "noise_floor" else elsewhere),
+            place: np.full(len(values), 0.0 if name == "noise_floor" else elsewhere),
         }
         for name, values in rungs.items()
     }
     return Ladder(
         whitened=RUNGS, by_channel={}, gap_closed=0.0, gap_closed_ci95=(-1.0, 1.0), fits={},
         held_out="operating points", energy={}, squares=squares,
+        n_features={equation: np.full(len(retuned), n_features) for equation in ("mechanical", place)},
     )  # fmt: skip
 
 
-def leaving(share, *, n=6, elsewhere=0.0):
+def share_of(one, equations=("mechanical",), quiet=QUIET):
+    return left_share(one, equations, quiet=quiet)
+
+
+def odds_of(one, equations=("mechanical",), quiet=QUIET):
+    return odds_of_unlisted(one, equations, quiet=quiet)
+
+
+def leaving(share, *, n=6, **other):
     """A strong gap of which every point leaves the same share."""
     retuned = np.linspace(800.0, 1200.0, n)
-    return ladder(retuned, share * retuned + 3.0, np.ones(n), elsewhere=elsewhere)
+    return ladder(retuned, share * retuned + 3.0, np.ones(n), **other)
 
 
 def test_what_is_left_counts_beyond_three_times_the_noise():
-    share, std = left_share(ladder([100.0, 300.0], [30.0, 40.0], [5.0, 5.0]), ["mechanical"])
+    share, std = share_of(ladder([100.0, 300.0], [30.0, 40.0], [5.0, 5.0]))
     assert share == pytest.approx((70.0 - 30.0) / 400.0)
     # Jackknife of two: half of the difference of the logarithms.
     assert std == pytest.approx(0.5 * abs(np.log(15.0 / 100.0) - np.log(25.0 / 300.0)))
 
 
 def test_a_tenth_is_left_by_a_right_cause_in_one_of_ten_and_by_a_wrong_one_as_often_as_anything():
-    even = [odds_of_unlisted(leaving(share), ["mechanical"]) for share in (0.01, 0.1, 0.2, 0.35)]
+    even = [odds_of(leaving(share)) for share in (0.01, 0.1, 0.2, 0.35)]
     assert np.all(np.diff(even) > 0.0)
     # The exponential that exceeds 0.1 once in ten has the density 23 exp(-23 share).
     rate = np.log(10.0) / 0.1
@@ -52,19 +63,29 @@ def test_a_tenth_is_left_by_a_right_cause_in_one_of_ten_and_by_a_wrong_one_as_of
     assert even[3] > 10.0
 
 
-def test_what_stays_unexplained_elsewhere_is_not_the_claims():
-    assert odds_of_unlisted(leaving(0.01, elsewhere=5000.0), ["mechanical"]) == pytest.approx(
-        odds_of_unlisted(leaving(0.01), ["mechanical"])
-    )
-    assert odds_of_unlisted(leaving(0.01, elsewhere=5000.0), ["mechanical", "cutting"]) > 10.0
+def test_how_a_workpiece_cuts_is_no_gap_of_a_claim_that_acts_elsewhere():
+    assert odds_of(leaving(0.01, elsewhere=5000.0)) == pytest.approx(odds_of(leaving(0.01)))
+    assert odds_of(leaving(0.01, elsewhere=5000.0), ["mechanical", "cutting"]) > 10.0
+
+
+def test_a_gap_of_the_machine_that_a_claim_leaves_elsewhere_says_that_there_is_more():
+    assert odds_of(leaving(0.01, elsewhere=5000.0, place="electrical")) > 1e6
+
+
+def test_what_the_noise_is_stated_to_leave_is_left_by_an_intact_machine_too():
+    """Trials that scatter less than their stated noise: the model of an intact machine is no better than stated."""
+    one = ladder([300.0, 320.0, 310.0], [200.0, 190.0, 210.0], [10.0, 10.0, 10.0], n_features=1000.0)
+    assert share_of(one)[0] > 0.5
+    assert share_of(one, quiet=0.15)[0] < 1e-3
+    assert odds_of(one, quiet=0.15) < 0.02
 
 
 def test_points_that_disagree_say_less():
-    alike = odds_of_unlisted(leaving(0.3), ["mechanical"])
+    alike = odds_of(leaving(0.3))
     one = ladder([900.0, 1000.0, 1100.0, 1000.0], [4.0, 4.0, 1190.0, 4.0], [1.0] * 4)
-    assert left_share(one, ["mechanical"])[0] == pytest.approx(0.3, abs=0.01)
-    assert odds_of_unlisted(one, ["mechanical"]) < 0.3 * alike
+    assert share_of(one)[0] == pytest.approx(0.3, abs=0.01)
+    assert odds_of(one) < 0.3 * alike
 
 
 def test_a_weak_gap_within_the_noise_is_nothing_left():
-    assert odds_of_unlisted(ladder([1.3, 1.2, 1.4], [1.25, 1.2, 1.3], [1.0, 1.0, 1.0]), ["mechanical"]) < 0.02
+    assert odds_of(ladder([1.3, 1.2, 1.4], [1.25, 1.2, 1.3], [1.0, 1.0, 1.0])) < 0.02
