@@ -6,7 +6,7 @@ interval, the cause closes a tenth of the withheld gap at least, or of its part 
 of several effects of what the others leave where it acts: where a hundredth is added and the rest stays unexplained,
 what explains the rest may well explain the hundredth. Nor may the simulated model with the cause miss the withheld
 channels by more than the re-tuned one does: two effects of one sensor that cancel in the harmonics compared need not
-cancel in the signal that they predict. What a claim leaves of the machine's gap goes to "unknown" (`unlisted.py`).
+cancel in the signal that they predict. What a claim leaves where it acts goes to "unknown" (`unlisted.py`).
 Where the single strokes carry an effect, mean strokes hold little of what it closes: the report says so instead.
 """
 

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.closed_share import closed_share
+from sawbench.diagnosis.answer.withheld_group import WithheldGroup
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.residuals import Equation
@@ -31,7 +32,7 @@ class Rungs:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Fit:
-    """What was fitted without one group of trials.
+    """What was fitted without one group of trials, in one form of the cause.
 
     Attributes
     ----------
@@ -40,9 +41,11 @@ class Fit:
     amplitudes : ndarray, shape (q,)
         Of the cause's columns.
     alternative : int
-        Which of the alternative columns fits the kept trials best.
+        Which of the alternative columns it is.
     root : ndarray, shape (q, q)
         Of the covariance of the amplitudes, by the misfit that the kept trials are left with.
+    behind : float
+        Minus twice its log evidence by the kept trials, less that of the likeliest form: 0 or more.
     """
 
     retuned: Floats
@@ -50,6 +53,7 @@ class Fit:
     amplitudes: Floats
     alternative: int
     root: Floats
+    behind: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -68,13 +72,14 @@ class Ladder:
     gap_closed_ci95 : tuple of float
         95 % interval; (-1, 1) where there is nothing to close, or nothing to hold out.
     fits : dict of str to Fit
-        By the group of trials that was withheld.
+        The likeliest by the kept trials, by the group of trials that was withheld.
     held_out : HeldOut
         What was withheld, each in turn.
     energy : dict of str to ndarray, shape (n_groups,)
         Sum of squares of the whitened residual in each group, by rung.
     squares : dict of str to dict of str to ndarray, shape (n_groups,)
-        Sum of squares of the whitened residual in each group, by rung and equation.
+        Sum of squares in each group, by rung and equation, of the residual in standard deviations of the prediction:
+        what the kept trials leave open of the cause is no error of it.
     n_features : dict of str to ndarray, shape (n_groups,)
         By equation: how many squares these are.
     """
@@ -106,71 +111,6 @@ class Ladder:
         """Sum of squares above the noise that the cause leaves in some equations, each at least 0."""
         effect, floor = (self.squares[name] for name in ("with_effect", "noise_floor"))
         return sum(max(float(np.sum(effect[e] - floor[e])), 0.0) for e in equations)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Withheld:
-    """One group of trials, with all that does not depend on the cause that is tried.
-
-    Attributes
-    ----------
-    rows : ndarray of bool, shape (n,)
-    data : ndarray, shape (n_rows,)
-    base : ndarray, shape (n_rows, p)
-        Nuisances.
-    root : ndarray, shape (p, p)
-        Cholesky factor of the normal matrix of the nuisances by the kept trials.
-    pull : ndarray, shape (p,)
-        What the kept trials say of the nuisances, solved by `root`.
-    half : ndarray, shape (p, n_rows)
-        `base`, solved by `root`.
-    own, own_fit : ndarray, shape (n_rows, q), (q, n_rows)
-        Nuisances of the withheld trials themselves, and what fits them to a residual.
-    """
-
-    rows: np.ndarray
-    data: Floats
-    base: Floats
-    root: Floats
-    pull: Floats
-    half: Floats
-    own: Floats
-    own_fit: Floats
-
-    @classmethod
-    def of(
-        cls, rows: np.ndarray, base: Floats, data: Floats, kept: Floats, moment: Floats, is_own: np.ndarray
-    ) -> _Withheld:  # fmt: skip
-        """Solve what does not depend on the cause; `moment`, shape (p,): nuisances times data, over all trials."""
-        from scipy.linalg import solve_triangular
-
-        root, own = np.linalg.cholesky(kept), base[:, is_own]
-        return cls(
-            rows=rows, data=data, base=base, root=np.asarray(root, dtype=np.float64),
-            pull=solve_triangular(root, moment - base.T @ data, lower=True),
-            half=solve_triangular(root, base.T, lower=True),
-            own=own,
-            own_fit=np.asarray(np.linalg.solve(np.eye(own.shape[1]) + own.T @ own, own.T), dtype=np.float64),
-        )  # fmt: skip
-
-    def error(self, held: Floats, cross: Floats, gram: Floats, moment: Floats) -> float:
-        """Sum of squares that nuisances and columns leave, which the kept trials alone know.
-
-        Parameters
-        ----------
-        held : ndarray, shape (n_rows, m)
-            The columns.
-        cross, gram, moment : ndarray, shape (p, m), (m, m), (m,)
-            Their inner products with nuisances, each other and the data, over all trials.
-        """
-        from scipy.linalg import solve_triangular
-
-        half = solve_triangular(self.root, cross - self.base.T @ held, lower=True)
-        normal = np.eye(gram.shape[1]) + gram - held.T @ held - half.T @ half
-        amplitudes = np.linalg.solve(normal, moment - held.T @ self.data - half.T @ self.pull)
-        rest = self.data - held @ amplitudes - (self.pull - half @ amplitudes) @ self.half
-        rest -= self.own @ (self.own_fit @ rest)
-        return float(rest @ rest)
 
 
 class HoldOut:
@@ -238,8 +178,9 @@ class HoldOut:
         Parameters
         ----------
         alternatives : sequence of ndarray, shape (n, q)
-            Whitened signatures of the cause, times a generous amplitude, one for each form it may have; the form is
-            chosen without the group that is withheld. Empty where there is no cause.
+            Whitened signatures of the cause, times a generous amplitude, one for each form it may have. Empty where
+            there is no cause. A group is predicted by every likely form, as likely as the kept trials make it: what
+            these leave open of the form is no error of the prediction, as of the amplitude.
 
         Returns
         -------
@@ -251,26 +192,24 @@ class HoldOut:
         whole = self._products(np.ones(len(data), dtype=bool), forms, columns[0].shape[1])
         residuals = {name: np.array(data) for name in RUNGS}
         residuals["noise_floor"] = self._noise
+        beyond = {name: np.array(rest) for name, rest in residuals.items()}
         energy = {name: np.zeros(len(self.groups)) for name in RUNGS}
         fits = {}
         for k, group in enumerate(self.groups):
-            fit = self._fit(group, forms, whole)
-            fits[group] = fit
-            held = self.rows[group]
-            chosen = columns[fit.alternative][held]
-            own = self._own[group]
-            with_effect = self.base[held] @ fit.nuisances + chosen @ fit.amplitudes
-            for name, known in (
-                ("nominal", 0.0),
-                ("retuned", self.base[held] @ fit.retuned),
-                ("with_effect", with_effect),
-            ):
+            likely = self._fits(group, forms, whole)
+            fits[group] = likely[0]
+            held, own = self.rows[group], self._own[group]
+            for name, known in (("nominal", 0.0), ("retuned", self.base[held] @ likely[0].retuned)):
                 rest = data[held] - known
+                beyond[name][held], energy[name][k] = _weighed(rest, own, own[:, :0], noise=1.0)
+                residuals[name][held] = rest
+            residuals["with_effect"][held], beyond["with_effect"][held], energy["with_effect"][k] = self._predicted(
+                group, likely, columns
+            )
+            for name in ("nominal", "retuned", "with_effect"):
                 # The hardness of a workpiece cannot be predicted: it is fitted to the withheld trials, for all rungs,
                 # at the price that the others say it has: the energy is that of the whole prediction.
-                residuals[name][held] = rest - own @ _ridge(own, rest)
-                uncertain = chosen @ fit.root if name == "with_effect" else own[:, :0]
-                energy[name][k] = _energy(rest, own, uncertain, noise=float(np.mean(self._noise[held] ** 2)))
+                residuals[name][held] -= own @ _ridge(own, residuals[name][held])
             energy["noise_floor"][k] = float(np.sum(self._noise[held] ** 2))
         closed, interval = closed_share(energy)
         return Ladder(
@@ -281,9 +220,24 @@ class HoldOut:
             fits=fits,
             held_out=self.held_out,
             energy=energy,
-            squares={name: self._squares(rest) for name, rest in residuals.items()},
+            squares={name: self._squares(rest) for name, rest in beyond.items()},
             n_features=self._squares(np.ones(len(data))),
         )
+
+    def _predicted(self, group: str, likely: Sequence[Fit], columns: Sequence[Floats]) -> tuple[Floats, Floats, float]:
+        """Residual of the likeliest form, that of the best one in standard deviations, and the energy of all likely ones."""
+        held, own = self.rows[group], self._own[group]
+        noise = float(np.mean(self._noise[held] ** 2))
+        rests, beyond, energies = [], [], []
+        for fit in likely:
+            chosen = columns[fit.alternative][held]
+            rests.append(self.problem.data[held] - self.base[held] @ fit.nuisances - chosen @ fit.amplitudes)
+            left, energy = _weighed(rests[-1], own, chosen @ fit.root, noise=noise)
+            beyond.append(left)
+            energies.append(energy + fit.behind)
+        # Of kept and withheld trials together, less that of the kept ones.
+        kept = _soft_minimum([fit.behind for fit in likely], 2.0 * noise)
+        return rests[0], beyond[int(np.argmin(energies))], _soft_minimum(energies, 2.0 * noise) - kept
 
     def _squares(self, rest: Floats) -> dict[Equation, Floats]:
         """Sum of squares of a residual, shape (n,), in each group by equation."""
@@ -296,8 +250,8 @@ class HoldOut:
         parts = stacked.reshape(len(stacked), forms.shape[1] // max(width, 1), width)
         return base.T @ stacked, np.einsum("nki,nkj->kij", parts, parts), base.T @ data, stacked.T @ data
 
-    def _fit(self, group: str, forms: Floats, whole: tuple[Floats, Floats, Floats, Floats]) -> Fit:
-        """Nuisances and cause from the trials that are kept; the form of the cause by its evidence there.
+    def _fits(self, group: str, forms: Floats, whole: tuple[Floats, Floats, Floats, Floats]) -> list[Fit]:
+        """Nuisances and cause from the trials that are kept, in the forms likeliest by their evidence there.
 
         With bounds on the nuisances the best form may be another one than without, and not every form can be solved
         with bounds: the best few are, as ranked with all nuisances free and with those held that re-tuning alone
@@ -312,9 +266,9 @@ class HoldOut:
         least = self._kept[group]
         retuned = self._bounded(least, pull_base)
         if not width:
-            return Fit(
-                retuned=retuned, nuisances=retuned, amplitudes=np.zeros(0), alternative=0, root=np.zeros((0, 0))
-            )  # fmt: skip
+            return [
+                Fit(retuned=retuned, nuisances=retuned, amplitudes=np.zeros(0), alternative=0, root=np.zeros((0, 0)))
+            ]
         is_stuck = np.abs(retuned) >= self._high * (1.0 - 1e-9)
         problems, free, stuck = [], [], []
         for k, gram in enumerate(own):
@@ -325,20 +279,24 @@ class HoldOut:
             free.append(_gain(normal, pull, np.zeros(0), np.zeros(n, dtype=bool)))
             stuck.append(_gain(normal, pull, retuned[is_stuck], is_stuck))
         chosen = {int(k) for scores in (free, stuck) for k in np.argsort(scores)[-_NUMBERS.solved_forms :]}
-        best = (-np.inf, 0, np.zeros(0))
+        kept = ~held
+        noise, square = (float(np.sum(x[kept] ** 2)) for x in (self._noise, self.problem.data))
+        found = []
         for k in chosen:
             normal, pull = problems[k]
             solution = self._bounded(normal, pull)
-            score = float(2.0 * pull @ solution - solution @ normal @ solution - np.linalg.slogdet(normal)[1])
-            best = max(best, (score, k, solution), key=lambda entry: entry[0])
-        _, k, solution = best
-        normal, pull = problems[k]
-        kept = ~held
-        left = float(np.sum(self.problem.data[kept] ** 2) - (2.0 * pull - normal @ solution) @ solution)
-        noise = float(np.sum(self._noise[kept] ** 2))
+            gain = float((2.0 * pull - normal @ solution) @ solution)
+            found.append((gain - float(np.linalg.slogdet(normal)[1]), square - gain, k, solution))
+        found.sort(key=lambda one: -one[0])
+        best, left, *_ = found[0]
         raised = max(left / noise, 1.0) if noise > 0.0 else 1.0
-        root = np.sqrt(raised) * np.linalg.cholesky(np.linalg.inv(normal)[n:, n:])
-        return Fit(retuned=retuned, nuisances=solution[:n], amplitudes=solution[n:], alternative=k, root=root)
+        return [
+            Fit(
+                retuned=retuned, nuisances=solution[:n], amplitudes=solution[n:], alternative=k, behind=best - score,
+                root=np.sqrt(raised) * np.linalg.cholesky(np.linalg.inv(problems[k][0])[n:, n:]),
+            )
+            for score, _, k, solution in found
+        ]  # fmt: skip
 
     def free_errors(self, columns: Floats) -> Floats:
         """Predict each group from the others without any bounds: quick, for many causes that are compared.
@@ -357,10 +315,10 @@ class HoldOut:
         return np.array([one.error(columns[one.rows], cross, gram, moment) for one in self._withheld])
 
     @cached_property
-    def _withheld(self) -> list[_Withheld]:
+    def _withheld(self) -> list[WithheldGroup]:
         moment = self.base.T @ self.problem.data
         return [
-            _Withheld.of(rows, self.base[rows], self.problem.data[rows], self._kept[group], moment, self.is_own)
+            WithheldGroup.of(rows, self.base[rows], self.problem.data[rows], self._kept[group], moment, self.is_own)
             for group, rows in self.rows.items()
         ]
 
@@ -381,17 +339,25 @@ class HoldOut:
         return lsq_linear(root.T, np.linalg.solve(root, moment), bounds=(low, high), method="bvls").x
 
 
-def _energy(rest: Floats, own: Floats, uncertain: Floats, *, noise: float) -> float:
-    """Minus twice the log probability of what a prediction leaves, less that of nothing left, times the noise.
+def _weighed(rest: Floats, own: Floats, uncertain: Floats, *, noise: float) -> tuple[Floats, float]:
+    """What a prediction leaves in standard deviations of what it knows, and its energy.
 
-    Of `own` and `uncertain` every column is a standard deviation of what the prediction does not know. `own` is the
-    same for all that is compared; how far the probability is spread by `uncertain` counts. `noise` is the mean square
-    of the whitened noise: 1 where that is what it is stated to be.
+    The energy is minus twice the log probability of what is left, less that of nothing left, times the noise. Of `own`
+    and `uncertain` every column is a standard deviation of what the prediction does not know. `own` is the same for all
+    that is compared; how far the probability is spread by `uncertain` counts. `noise` is the mean square of the
+    whitened noise: 1 where that is what it is stated to be.
     """
-    design = np.hstack([own, uncertain])
-    fitted = _ridge(design, rest)
-    misfit = float(np.sum((rest - design @ fitted) ** 2) + fitted @ fitted)
-    return misfit + noise * (_log_spread(design) - _log_spread(own)) if uncertain.size else misfit
+    waves, stds, _ = np.linalg.svd(np.hstack([own, uncertain]), full_matrices=False)
+    # The root of the inverse covariance, 1 plus the squares of the columns, is symmetric: no equation takes another's.
+    beyond = rest - waves @ ((1.0 - 1.0 / np.sqrt(1.0 + stds**2)) * (waves.T @ rest))
+    spread = noise * (float(np.log1p(stds**2).sum()) - _log_spread(own)) if uncertain.size else 0.0
+    return beyond, float(beyond @ beyond) + spread
+
+
+def _soft_minimum(values: Sequence[float], scale: float) -> float:
+    """Minus `scale` times the logarithm of the sum of exp(-values / scale)."""
+    least = min(values)
+    return least if scale <= 0.0 else least - scale * float(np.log(np.sum(np.exp((least - np.array(values)) / scale))))
 
 
 def _log_spread(design: Floats) -> float:

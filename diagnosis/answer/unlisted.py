@@ -17,7 +17,6 @@ from sawbench.diagnosis.standard_error import jackknife_std
 from sawbench.modeling.residuals import Equation
 
 _LEAST_SHARE = 1e-4
-_OF_THE_WORKPIECE = frozenset({"cutting"})
 # Of a normal distribution, over which the uncertain share is averaged.
 _DEVIATES = np.linspace(-4.0, 4.0, 81)
 _LIKELY = np.exp(-0.5 * _DEVIATES**2) / np.exp(-0.5 * _DEVIATES**2).sum()
@@ -33,7 +32,7 @@ def odds_of_unlisted(
     ladder : Ladder
         Of the claim.
     equations : sequence of Equation
-        In which it acts.
+        In which it acts: what stays unexplained elsewhere is not its.
     quiet : float
         Whitened misfit over features that an intact machine leaves on this bench.
     weights : Weights
@@ -42,19 +41,9 @@ def odds_of_unlisted(
     -------
     float
         Prior odds times the likelihood of the share that is left: exponential for the right cause, even for a wrong
-        one. Of what the claim leaves where it acts, and of what it leaves in any other equation of the machine, the
-        worse counts: a machine has one fault more often than two. How a workpiece cuts is nobody's to predict: what
-        stays unexplained there, by a claim that acts elsewhere, says nothing of it.
+        one.
     """
-    elsewhere = [e for e in ladder.n_features if e not in equations and e not in _OF_THE_WORKPIECE]
-    odds = [
-        _odds(*left_share(ladder, where, quiet=quiet, weights=weights), weights)
-        for where in (equations, *([e] for e in elsewhere))
-    ]
-    return max(odds)
-
-
-def _odds(share: float, std: float, weights: Weights) -> float:
+    share, std = left_share(ladder, equations, quiet=quiet, weights=weights)
     shares = np.clip(share * np.exp(std * _DEVIATES), _LEAST_SHARE, 1.0)
     mean = SETTINGS.ladder.left_by_the_right / np.log(10.0)
     likelihood = float(_LIKELY @ np.exp(-shares / mean)) / mean

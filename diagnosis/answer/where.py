@@ -60,8 +60,9 @@ def locate(problem: LinearProblem, posterior: Posterior) -> tuple[Spot, ...]:
     Returns
     -------
     tuple of Spot
-        Largest share first; they sum to 1. What the likeliest cause explains counts where its effects act, and what it
-        leaves in the equation that leaves it, less what an intact machine would leave there.
+        Largest share first; they sum to 1. What the likeliest cause explains counts at the place of its effects: play
+        in the yoke is felt in the back-EMF, because the crank angle is read off the plunger, but lies in the yoke. What
+        the cause leaves counts in the equation that leaves it, less what an intact machine would leave there.
     """
     gap, rest = gap_of(problem, posterior)
     forms = problem.campaign.plant.equations
@@ -69,7 +70,10 @@ def locate(problem: LinearProblem, posterior: Posterior) -> tuple[Spot, ...]:
     energy: dict[tuple[str, str], dict[Equation, float]] = {}
 
     def add(equation: Equation, value: float, effect: Effect | None = None) -> None:
-        place, channel = forms[equation].place, forms[equation].channel
+        form = forms[equation]
+        if effect is not None:
+            form = next((one for one in forms.values() if one.place == effect.place), form)
+        place, channel = form.place, form.channel
         if effect is not None and effect.place == "sensing":
             # What a sensor gets wrong is not the machine's equation that its reading enters.
             place, channel = "sensing", effect.needs[0] if effect.needs else channel

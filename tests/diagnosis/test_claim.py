@@ -184,7 +184,10 @@ def test_a_cause_is_named_by_what_it_closes(problem, columns, retuned, with_effe
             closed, interval = closed_share(energy)
             found = super().of(hypothesis, by_trial=by_trial)
             squares = {name: {"mechanical": values} for name, values in energy.items()}
-            ladder = replace(found.ladder, energy=energy, squares=squares, gap_closed=closed, gap_closed_ci95=interval)
+            ladder = replace(
+                found.ladder, energy=energy, squares=squares, gap_closed=closed, gap_closed_ci95=interval,
+                n_features={"mechanical": energy["noise_floor"]},
+            )  # fmt: skip
             return replace(found, ladder=ladder)
 
     held = held_to_predictions(data, columns, declared, Predicted(data, columns, declared))
