@@ -225,7 +225,7 @@ class HoldOut:
         )
 
     def _predicted(self, group: str, likely: Sequence[Fit], columns: Sequence[Floats]) -> tuple[Floats, Floats, float]:
-        """Residual of the likeliest form, that of the best one in standard deviations, and the energy of all likely ones."""
+        """Residual of the likeliest form, that of the best one in standard deviations, and the energy of them all."""
         held, own = self.rows[group], self._own[group]
         noise = float(np.mean(self._noise[held] ** 2))
         rests, beyond, energies = [], [], []

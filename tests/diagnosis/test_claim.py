@@ -293,6 +293,8 @@ def test_what_is_withheld_is_trials_where_there_are_few_operating_points(problem
         ("brush_voltage_drop", "electrical"),
         ("edge_force", "cutting"),
         ("force_sensor_lag", "sensing"),
+        # Felt in the back-EMF above all: the crank angle is read off the plunger.
+        ("yoke_backlash", "mechanical"),
     ],
 )
 def test_the_gap_lies_first_where_its_cause_acts(problem, columns, judged, name, place):
