@@ -92,8 +92,8 @@ def _warming_friction(
 ) -> tuple[Signature, ...]:
     """Friction that falls while the machine runs and is back after a rest: stiff grease, cold bearings.
 
-    Dry friction that hardly falls while a trial lasts competes with that of the catalogue. Viscous friction of that
-    kind is a wrong number of the model, so it counts where it falls to 1/e.
+    Dry friction that does not fall is its limit, and in the catalogue. Viscous friction that hardly falls while a trial
+    lasts is a wrong number of the model: it counts where it falls to 1/e.
     """
     if viscous and float(np.max(state.time_s)) < time_constant_s:
         return ({},)
@@ -135,6 +135,7 @@ WARMING_FRICTION = Effect(
     shapes=tuple(
         {"time_constant_s": float(tau), "viscous": viscous} for tau in (3.0, 10.0, 30.0) for viscous in (0.0, 1.0)
     ),
+    confused_with=("motor_coulomb_friction",),
 )
 SOFT_START = Effect(
     name="voltage ramp at every start",

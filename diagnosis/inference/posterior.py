@@ -105,7 +105,8 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     campaign = problem.campaign
     said, of_strokes = strokes_say(plant.effects, campaign.states, campaign.strokes, settings, plant.known)
     beside = off_stroke_finding(problem.campaign.off_stroke)
-    beyond = beyond_catalogue(bench.forming, bench.nominal, bench.beyond)
+    listed = {h.name: h.log_evidence for h in singles}
+    beyond = beyond_catalogue(bench.forming, bench.nominal, bench.beyond, listed)
     nobodys = unnamed(bench.forming, beyond, of_strokes, beside)
     resembles = max(nobodys, key=lambda text: nobodys[text])
     hypotheses = [*_without_effects(bench), *singles, *pairs]

@@ -12,20 +12,30 @@ from sawbench.diagnosis.inference.linear_problem import Marginal
 from sawbench.diagnosis.inference.off_stroke import Finding
 
 
-def beyond_catalogue(forming: Forming, nominal: Marginal, columns: Mapping[str, Sequence[Column]]) -> dict[str, float]:
+def beyond_catalogue(
+    forming: Forming, nominal: Marginal, columns: Mapping[str, Sequence[Column]], listed: Mapping[str, float]
+) -> dict[str, float]:
     """Log evidence of each cause that has a form but no place in the catalogue, all equally likely beforehand.
+
+    Of a form that a listed effect is the limit of, what it adds to that is a further thing about it. Where it adds less
+    than a further effect must, nobody can tell, and the listed effect is the answer.
 
     Parameters
     ----------
     forming : Forming
     nominal : Marginal
     columns : mapping of str to sequence of Column
+    listed : mapping of str to float
+        Log evidence of the effects of the catalogue, each alone.
     """
-    found = {}
+    found, worth = {}, forming.problem.settings.weights.pair_least
     for name, entries in columns.items():
         rough = explain(nominal, entries)
-        if rough is not None:
-            formed, _ = forming.single(rough, entries)
+        if rough is None:
+            continue
+        formed, _ = forming.single(rough, entries)
+        limits = [listed[other] for other in rough.effect.confused_with if other in listed]
+        if formed.log_evidence > max(limits, default=-np.inf) + worth or not limits:
             found[name] = formed.log_evidence - float(np.log(len(columns)))
     return found
 

@@ -148,7 +148,7 @@ def test_harmonics_that_a_channel_does_not_resolve_are_not_compared(states, orde
 
 
 def test_without_a_form_beyond_the_catalogue_nothing_is_added(problem):
-    assert beyond_catalogue(forming(problem), Marginal(problem), {}) == {}
+    assert beyond_catalogue(forming(problem), Marginal(problem), {}, {}) == {}
 
 
 def test_friction_that_fades_within_each_trial_is_explained_beyond_the_catalogue(states):
@@ -159,10 +159,25 @@ def test_friction_that_fades_within_each_trial_is_explained_beyond_the_catalogue
 
     gap = with_gap(problem_of(lasting), cold)
     beyond = catalogue_columns(gap, gap.campaign.plant.beyond_catalogue)
-    found = beyond_catalogue(forming(gap), Marginal(gap), beyond)
     _, constant = formed(gap, "motor_coulomb_friction")
+    listed = {"motor_coulomb_friction": constant.log_evidence}
+    found = beyond_catalogue(forming(gap), Marginal(gap), beyond, listed)
     assert max(found, key=lambda name: found[name]) == WARMING_FRICTION.name
     assert found[WARMING_FRICTION.name] > constant.log_evidence + 5.0
+
+
+def test_friction_that_stays_is_no_friction_that_falls(states):
+    """Within the few seconds of a trial the two are hardly told apart: the catalogue's friction is the answer."""
+
+    def lasting(state):
+        return {"mechanical": np.full(state.angle_rad.shape, 0.004)}
+
+    gap = with_gap(problem_of(states), lasting)
+    beyond = catalogue_columns(gap, gap.campaign.plant.beyond_catalogue)
+    _, constant = formed(gap, "motor_coulomb_friction")
+    assert WARMING_FRICTION.name in beyond_catalogue(forming(gap), Marginal(gap), beyond, {})
+    listed = {"motor_coulomb_friction": constant.log_evidence}
+    assert WARMING_FRICTION.name not in beyond_catalogue(forming(gap), Marginal(gap), beyond, listed)
 
 
 def test_a_second_effect_may_miss_no_more_than_goes_with_its_size_beside_the_first(problem):
