@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -76,14 +76,18 @@ class ChannelGap:
     runtime_of: str
     warnings: tuple[str, ...]
 
-    @property
-    def harm(self) -> float:
+    def harm(self, unseen: Collection[str] = ()) -> float:
         """What the cause adds to the squared error of the re-tuned model, as a share of that or of the noise.
 
         In squares over the noise of each channel, summed. Points that no model was fitted to are missed by several
         times the noise: a few per cent more of that say nothing.
+
+        Parameters
+        ----------
+        unseen : collection of str
+            Channels whose equation could not be evaluated: no model was fitted to them.
         """
-        known = [rungs for rungs, _ in self.by_channel.values() if rungs.noise_floor > 0.0]
+        known = [r for name, (r, _) in self.by_channel.items() if r.noise_floor > 0.0 and name not in unseen]
         before = [(rungs.retuned / rungs.noise_floor) ** 2 for rungs in known]
         after = [(rungs.with_effect / rungs.noise_floor) ** 2 for rungs in known]
         return (sum(after) - sum(before)) / max(sum(max(share, 1.0) for share in before), 1.0)

@@ -157,10 +157,12 @@ def _equations_of(problem: LinearProblem, members: Sequence[Explanation]) -> lis
 
 def _predicts(problem: LinearProblem, predictions: Predictions, cause: Hypothesis) -> bool:
     """Whether a cause closes the withheld gap, and its model does not miss the channels by more than without it."""
-    if not _closes(predictions.of(cause).ladder, _equations_of(problem, cause.members)):
+    ladder = predictions.of(cause).ladder
+    if not _closes(ladder, _equations_of(problem, cause.members)):
         return False
-    channels = predictions.channels_of(cause)
-    return channels is None or channels.harm < SETTINGS.ladder.most_harm
+    channels, forms = predictions.channels_of(cause), problem.campaign.plant.equations
+    unseen = {form.channel for form in forms.values()} - {forms[equation].channel for equation in ladder.n_features}
+    return channels is None or channels.harm(unseen) < SETTINGS.ladder.most_harm
 
 
 def _closes(ladder: Ladder, equations: Sequence[Equation]) -> bool:

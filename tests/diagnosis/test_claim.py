@@ -224,6 +224,29 @@ def test_a_cause_whose_model_misses_the_channels_by_more_is_not_named(problem, c
     assert (held.best.effects == (RUBBING,)) == is_named
 
 
+@pytest.mark.parametrize("has_battery_current", [True, False])
+def test_a_channel_that_no_model_was_fitted_to_says_nothing_against_a_cause(has_battery_current):
+    """As seen: without a battery current the battery's voltage is predicted by its stated numbers alone."""
+    states = strokes()
+    if not has_battery_current:
+        states = [replace(state, battery_current_a=None) for state in states]
+    plain = problem_of(states)
+    columns = catalogue_columns(plain, plain.campaign.plant.effects)
+    data = with_columns(plain, columns, RUBBING, 1.0)
+    voltage = Rungs(nominal=0.2, retuned=0.01, with_effect=0.056, noise_floor=0.001)
+    force = Rungs(nominal=9.0, retuned=4.0, with_effect=0.5, noise_floor=0.4)
+
+    class Forecast(Predictions):
+        def channels_of(self, hypothesis):
+            by_channel = {"force_n": (force, "N"), "battery_voltage_v": (voltage, "V")}
+            return ChannelGap(by_channel=by_channel, cycles=(), runtime_s={}, runtime_of="", warnings=())
+
+    judged = judge(data, columns)
+    held = held_to_predictions(data, columns, judged, Forecast(data, columns, judged))
+    assert judged.best.effects == (RUBBING,)
+    assert (held.best.effects == (RUBBING,)) != has_battery_current
+
+
 def test_what_a_prediction_does_not_know_is_no_error_of_it(problem, columns):
     """Two patterns that the kept trials cannot tell apart, of which one grows at the withheld operating point."""
     last = HoldOut(problem).rows[HoldOut(problem).groups[-1]]
