@@ -4,11 +4,12 @@
     kinematic form:  motor speed = gear * crank speed * (1 + e cos(angle + psi))
     both:            each with its own size and phase
 
-A gear that is off its centre does both; which is felt depends on the backlash and on the bearing. In the kinematic form the baseline, which knows the crank alone, misses back-EMF (k_e times the swing of the
-motor speed) and the torque that swings the rotor, and the load reaches the motor through the other ratio.
-Free phase: sine and cosine part. One unit of the kinematic form is e = 1 per N*m, so that 0.003 stands for
-3 mN*m or for 0.3 %. Once a stroke, also in idle runs, where cutting cannot cause it. Radial runout of
-hobbed gears of this size is 20 to 60 um (classes of ISO 1328), 0.1 to 0.5 % of the radius; torque: assumed.
+A gear that is off its centre does both; which is felt depends on the backlash and on the bearing. In the kinematic form
+the baseline, which knows the crank alone, misses back-EMF (k_e times the swing of the motor speed) and the torque that
+swings the rotor, and the load reaches the motor through the other ratio. Free phase: sine and cosine part. One unit of
+the kinematic form is e = 1 per N*m, so that 0.003 stands for 3 mN*m or for 0.3 %. Once a stroke, also in idle runs,
+where cutting cannot cause it. Radial runout of hobbed gears of this size is 20 to 60 um (classes of ISO 1328), 0.1 to
+0.5 % of the radius; torque: assumed.
 """
 
 from __future__ import annotations
