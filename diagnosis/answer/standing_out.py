@@ -4,11 +4,12 @@ A cell is a part of the whitened equation residuals z that re-tuned parameters l
 crank angle, in a band of harmonics, in a part of the trials or of the start-up, or at an operating point. Were nothing
 but noise, mistuned parameters and background effects (S) there, z = M^-1 y would
 have the covariance M^-1 + (M^-1 S)(M^-1 S)'. A cell with probes U is judged by its misfit u' A^-1 u, u = U z, where A
-is no smaller than the covariance of u can be, A = U (1 + (n - 1) C) U' + (U M^-1 S)(U M^-1 S)':
+is no smaller than the covariance of u can be, A = U ((1 - C) / b + n C) U' + (U M^-1 S)(U M^-1 S)':
 
+- z is the mean over the b time blocks of a trial that belong to the cell: a gap is what stays.
 - What the model of an intact machine misses is the same in every time block and every repeat of an operating point. So
-  its share C of the noise counts n times, n being the number of blocks and repeats. What scatters from stroke to
-  stroke, the rest, is another one in each.
+  its share C of the noise counts n times, n being the number of repeats. What scatters from stroke to stroke, the rest,
+  is another one in each.
 - The noise is taken as large as it is stated, though an intact machine leaves only the share `Weights.quiet` of it:
   that share differs from cell to cell.
 
@@ -89,20 +90,20 @@ class _Piece:
         Of length 1 each, on the whitened features of one block.
     common : ndarray, shape (size, size)
         What the model of an intact machine misses, as a share of the noise of one block.
-    n_alike : int
-        Blocks and repeats that share it.
+    n_repeats : int
+        Trials that share it.
     """
 
     key: tuple[Partition, Equation, str]
     blocks: slice
     probes: Floats
     common: Floats
-    n_alike: int
+    n_repeats: int
 
-    @property
-    def covariance(self) -> Floats:
-        """Of what the probes read in each of the blocks, as large as it can be, shape (n_probes, n_probes)."""
-        return self.probes @ self.probes.T + (self.n_alike - 1) * self.probes @ self.common @ self.probes.T
+    def covariance(self, n_blocks: int, n_repeats: int = 1) -> Floats:
+        """Of what the probes read in a mean over blocks, at its largest with repeats, shape (n_probes, n_probes)."""
+        common = self.probes @ self.common @ self.probes.T
+        return (self.probes @ self.probes.T - common) / n_blocks + n_repeats * common
 
 
 class _Sums:
@@ -122,15 +123,19 @@ class _Sums:
         """Count one trial in; columns by block, shape (n_blocks, size, n_columns)."""
         from scipy.linalg import solve_triangular
 
-        probes = solve_triangular(np.linalg.cholesky(piece.covariance), piece.probes, lower=True)
-        seen = probes @ columns[piece.blocks]
-        # Covariance of independent noise of size 1 as the probes read it.
-        noise = probes @ probes.T
-        small = seen[:, :, self._small]
-        self._on_noise += np.einsum("bik,ij,bjl->kl", small, noise, small, optimize=True)
-        self._noise += len(seen) * float(np.trace(noise)) - float(np.sum(seen[:, :, self._taken] ** 2))
-        rows = seen.reshape(-1, columns.shape[2])
-        self._products += rows[:, : self._taken.start].T @ rows
+        blocks = columns[piece.blocks]
+        largest = np.linalg.cholesky(piece.covariance(len(blocks), piece.n_repeats))
+        seen = solve_triangular(largest, piece.probes @ blocks.mean(axis=0), lower=True)
+        noise, scatter = (
+            solve_triangular(largest, solve_triangular(largest, one, lower=True).T, lower=True)
+            for one in (piece.covariance(len(blocks)), piece.probes @ piece.probes.T / len(blocks))
+        )
+        small = seen[:, self._small]
+        self._on_noise += small.T @ noise @ small
+        # What nuisances take up of independent noise, they take up of any.
+        left = 1.0 - float(np.sum(seen[:, self._taken] ** 2)) / float(np.trace(scatter))
+        self._noise += float(np.trace(noise)) * left
+        self._products += seen[:, : self._taken.start].T @ seen
 
     def misfit(self) -> tuple[float, float]:
         """Misfit and its expectation (Woodbury: A is never formed)."""
@@ -199,8 +204,7 @@ def _pieces(part: Part, n_repeats: int) -> Iterator[_Piece]:
     def piece(key: tuple[Partition, Equation, str], probes: Floats, block: int | None = None) -> _Piece:
         return _Piece(
             key=key, probes=probes, common=part.common,
-            blocks=slice(None) if block is None else slice(block, block + 1),
-            n_alike=n_repeats * (n_blocks if block is None else 1),
+            blocks=slice(None) if block is None else slice(block, block + 1), n_repeats=n_repeats,
         )  # fmt: skip
 
     for equation, place in part.layout.slices.items():
