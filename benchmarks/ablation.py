@@ -23,8 +23,8 @@ from typing import Any, Final
 import numpy as np
 from sawbench.diagnosis.answer.until_closed import held
 from sawbench.diagnosis.campaign import Campaign
-from sawbench.diagnosis.inference.evidence import Column
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, build_problem
+from sawbench.diagnosis.inference.hypothesis import OTHERS
+from sawbench.diagnosis.inference.linear_problem import build_problem
 from sawbench.diagnosis.inference.posterior import Posterior, judge
 from sawbench.diagnosis.inference.refining import effect_columns
 from sawbench.diagnosis.inference.settings import SETTINGS, Settings
@@ -36,14 +36,14 @@ AS_IT_IS: Final = "as it is"
 HELD: Final = "held to predictions: the answer"
 # Of the plan of the calibration: every kind and effect comes up within a few dozen of them.
 _EVERY: Final = 3
-_UNCLAIMED: Final = frozenset({"no_gap", "parameters", "unknown"})
 
 
 def _with(topic: str, **numbers: Any) -> Settings:
     return replace(SETTINGS, **{topic: replace(getattr(SETTINGS, topic), **numbers)})
 
 
-_EVEN: Final = 1.0 / 34.0
+# Thirty effects of a saw and three answers without one, all alike.
+_EVEN: Final = 1.0 / 33.0
 # Numbers of the weighing, and numbers that change the noise and therefore all signatures.
 ABLATIONS: Final[Mapping[str, Settings]] = MappingProxyType(
     {
@@ -80,20 +80,14 @@ def rows(n_cases: int) -> list[dict[str, Any]]:
 
 def case(row: Mapping[str, Any]) -> dict[str, Any]:
     """Probabilities of one campaign, by row of the table."""
-    made = blind_campaign(
-        row["seed"], row["effects"], parameters=row["parameters"], benches=row["benches"]
-    )  # fmt: skip
+    made = blind_campaign(row["seed"], row["effects"], parameters=row["parameters"], benches=row["benches"])
     campaign = made.reduced()
     problem = build_problem(campaign)
     columns = effect_columns(problem)
-    found = {words: _weighed(replace(problem, settings=settings), columns) for words, settings in ABLATIONS.items()}
+    found = {words: judge(replace(problem, settings=settings), columns) for words, settings in ABLATIONS.items()}
     found |= {words: _in_other_noise(campaign, settings) for words, settings in NOISES.items()}
     answered = held(problem, columns, found[AS_IT_IS]).posterior
     return {**row, "answers": {words: _probabilities(one) for words, one in (found | {HELD: answered}).items()}}
-
-
-def _weighed(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior:
-    return judge(problem, columns)
 
 
 def _in_other_noise(campaign: Campaign, settings: Settings) -> Posterior:
@@ -112,7 +106,7 @@ def table(found: Sequence[Mapping[str, Any]]) -> list[str]:
     for words in found[0]["answers"]:
         answers = [(row, row["answers"][words]) for row in found]
         tops = [(row, max(said, key=lambda name, said=said: said[name])) for row, said in answers]
-        claims = [(row, top) for row, top in tops if top not in _UNCLAIMED]
+        claims = [(row, top) for row, top in tops if top not in OTHERS]
         accused = sum(row["kind"] in {"none", "parameters"} for row, _ in claims)
         right, exact = (sum(truth(dict(row)) == top for row, top in these) for these in (tops, claims))
         loss = float(np.mean([loss_of(dict(row), said) for row, said in answers]))

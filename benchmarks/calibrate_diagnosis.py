@@ -28,23 +28,21 @@ import argparse
 import json
 import multiprocessing
 import os
-import shutil
-import tempfile
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from sawbench.blindcheck.campaign import make_campaign
 from sawbench.blindcheck.effects.table import CATALOGUE, OUTSIDE
 from sawbench.blindcheck.shifts import shifts_of
 from sawbench.diagnosis.inference.hypothesis import AND, OTHERS, named
 from sawbench.diagnosis.inference.settings import SETTINGS, Weights
 from sawbench.diagnosis.inference.weighing import weigh
 
+from benchmarks.blind_campaigns import LAST_SEED, blind_campaign, severity
+
 KIND_WEIGHTS = {"none": 0.2, "parameters": 0.1, "effect": 0.5, "pair": 0.1, "outside": 0.1}
 N_EFFECTS = len(CATALOGUE)
-LAST_SEED = 999
 _ROUNDS = 4
 _SAMPLED = 12
 # Further campaigns of two effects, and of none, have seeds of their own.
@@ -53,14 +51,9 @@ _FIRST_PAIR_SEED, _FIRST_INTACT_SEED = 500, 700
 _LEAST = 1e-4
 
 
-def _severity(rng: np.random.Generator) -> float:
-    """Size over the typical one, 0.5 to 2."""
-    return round(float(np.exp(rng.uniform(np.log(0.5), np.log(2.0)))), 3)
-
-
 def _two_effects(rng: np.random.Generator) -> dict[str, float]:
     first, second = rng.choice(list(CATALOGUE), 2, replace=False)
-    return {str(first): _severity(rng), str(second): _severity(rng)}
+    return {str(first): severity(rng), str(second): severity(rng)}
 
 
 def plan(n_cases: int) -> list[dict[str, Any]]:
@@ -73,13 +66,13 @@ def plan(n_cases: int) -> list[dict[str, Any]]:
 
     while len(rows) < n_cases:
         for effect in CATALOGUE:
-            add("effect", {effect: _severity(rng)})
+            add("effect", {effect: severity(rng)})
         for _ in range(8):
             add("none", {})
         for _ in range(6):
             add("parameters", {}, "beyond")
         for effect in OUTSIDE:
-            add("outside", {effect: _severity(rng)})
+            add("outside", {effect: severity(rng)})
         for _ in range(10):
             add("pair", _two_effects(rng))
     return rows[:n_cases]
@@ -103,33 +96,21 @@ def more_intact(n_cases: int) -> list[dict[str, Any]]:
 
 def collect_one(row: dict[str, Any], out_dir: Path) -> str:
     """Simulate one campaign, weigh its hypotheses and write what the fit needs."""
-    from sawbench.bench.config import load_config
     from sawbench.diagnosis.inference.linear_problem import build_problem
     from sawbench.diagnosis.inference.posterior import judge
     from sawbench.diagnosis.inference.refining import effect_columns
-    from sawbench.diagnosis.plants.choice import reduce_recordings
-    from sawbench.storage.importers.dispatch import import_path
-    from sawbench.storage.reader import read_recording
 
     path = out_dir / f"case-{row['benches']}-{row['seed']:04d}.json"
     if path.exists():
         return path.name
-    folder = Path(tempfile.mkdtemp(prefix="calibrate-"))
-    try:
-        made = make_campaign(
-            row["seed"], folder / "in", effects=row["effects"], parameters=row["parameters"], forms=row["forms"],
-            benches=row["benches"],
-        )  # fmt: skip
-        imported = import_path(folder / "in" / "campaign.toml", folder / "out")
-        recordings = [read_recording(file) for file in imported.paths]
-        campaign = reduce_recordings(recordings, load_config(folder / "in" / "bench_config.toml"))
-        problem = build_problem(campaign)
-        posterior = judge(problem, effect_columns(problem))
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+    made = blind_campaign(
+        row["seed"], row["effects"], parameters=row["parameters"], forms=row["forms"], benches=row["benches"]
+    )
+    problem = build_problem(made.reduced())
+    posterior = judge(problem, effect_columns(problem))
     found = {
         **row,
-        "shifts": shifts_of(made),
+        "shifts": shifts_of(made.truth),
         "log_evidence": {h.name: h.log_evidence for h in posterior.hypotheses},
         "left_over": {h.name: h.left_over for h in posterior.hypotheses},
         "shared": {h.name: h.shared for h in posterior.hypotheses},

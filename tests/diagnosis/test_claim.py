@@ -48,6 +48,17 @@ class OfFeatures(Predictions):
         return None
 
 
+class Forecast(Predictions):
+    """Predictions with channels that are stated, not simulated."""
+
+    def __init__(self, problem, columns, posterior, by_channel):
+        super().__init__(problem, columns, posterior)
+        self._stated = ChannelGap(by_channel=by_channel, cycles=(), runtime_s={}, runtime_of="", warnings=())
+
+    def channels_of(self, hypothesis):
+        return self._stated
+
+
 def with_columns(problem, columns, name, size):
     """The problem with an effect of so many times its typical size in the data."""
     return replace(problem, data=problem.data + size * columns[name][0].columns[:, 0])
@@ -213,13 +224,9 @@ def test_a_cause_whose_model_misses_the_channels_by_more_is_not_named(problem, c
     retuned, with_effect = current_a
     current = Rungs(nominal=3.0, retuned=retuned, with_effect=with_effect, noise_floor=0.3)
 
-    class Forecast(Predictions):
-        def channels_of(self, hypothesis):
-            by_channel = {"force_n": (force_n, "N"), "motor_current_a": (current, "A")}
-            return ChannelGap(by_channel=by_channel, cycles=(), runtime_s={}, runtime_of="", warnings=())
-
+    by_channel = {"force_n": (force_n, "N"), "motor_current_a": (current, "A")}
     judged = judge(data, columns)
-    held = held_to_predictions(data, columns, judged, Forecast(data, columns, judged))
+    held = held_to_predictions(data, columns, judged, Forecast(data, columns, judged, by_channel))
     assert judged.best.effects == (RUBBING,)
     assert (held.best.effects == (RUBBING,)) == is_named
 
@@ -236,13 +243,9 @@ def test_a_channel_that_no_model_was_fitted_to_says_nothing_against_a_cause(has_
     voltage = Rungs(nominal=0.2, retuned=0.01, with_effect=0.056, noise_floor=0.001)
     force = Rungs(nominal=9.0, retuned=4.0, with_effect=0.5, noise_floor=0.4)
 
-    class Forecast(Predictions):
-        def channels_of(self, hypothesis):
-            by_channel = {"force_n": (force, "N"), "battery_voltage_v": (voltage, "V")}
-            return ChannelGap(by_channel=by_channel, cycles=(), runtime_s={}, runtime_of="", warnings=())
-
+    by_channel = {"force_n": (force, "N"), "battery_voltage_v": (voltage, "V")}
     judged = judge(data, columns)
-    held = held_to_predictions(data, columns, judged, Forecast(data, columns, judged))
+    held = held_to_predictions(data, columns, judged, Forecast(data, columns, judged, by_channel))
     assert judged.best.effects == (RUBBING,)
     assert (held.best.effects == (RUBBING,)) != has_battery_current
 

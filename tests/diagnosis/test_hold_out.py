@@ -31,7 +31,7 @@ def waves(problem):
 
 
 def climbed(problem, data, forms):
-    """Energies of the group with the strongest friction, withheld, and the ladder."""
+    """The groups, and what each form of a cause predicts of them."""
     hold_out = HoldOut(replace(problem, data=problem.data + data))
     ladder = hold_out.climb([SIZE * form[:, None] for form in forms])
     return hold_out, ladder
