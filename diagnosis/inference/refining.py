@@ -67,7 +67,8 @@ def refined(problem: LinearProblem, columns: Mapping[str, Sequence[Column]]) -> 
     out = {name: list(entries) for name, entries in columns.items()}
     alone = _worth_it(Catalogue(out, problem.data), marginal)
     best = [e for e in alone if e.effect.continuous][: forms.n_first]
-    for explanation, column in zip(best, on_two_cores(lambda e: _between(problem, marginal, e), best), strict=True):
+    found = on_two_cores(lambda e: _between(problem, marginal, out[e.effect.name]), best)
+    for explanation, column in zip(best, found, strict=True):
         _add(out, explanation.effect, column)
     for column in _refined_beside(problem, marginal, Catalogue(out, problem.data)):
         _add(out, column.effect, column)
@@ -87,15 +88,16 @@ def _refined_beside(problem: LinearProblem, marginal: Marginal, catalogue: Catal
             if len(names) == 2 and total > pairs.get(names, (-np.inf,))[0]:
                 pairs[names] = (total, first.column, second)
     best = sorted(pairs.values(), key=lambda pair: -pair[0])[: forms.n_pairs]
-    return [column for both in on_two_cores(lambda pair: _between_both(problem, *pair[1:]), best) for column in both]
+    both = on_two_cores(lambda pair: _between_both(problem, catalogue, *pair[1:]), best)
+    return [column for pair in both for column in pair]
 
 
-def _between_both(problem: LinearProblem, first: Column, second: Explanation) -> tuple[Column, Column]:
+def _between_both(
+    problem: LinearProblem, catalogue: Catalogue, first: Column, second: Explanation
+) -> tuple[Column, Column]:
     """Refine the second effect beside the first, and then the first beside the second."""
-    other = _between(problem, _given(problem, first), second)
-    marginal = _given(problem, other)
-    again = explain(marginal, [first])
-    return (first if again is None else _between(problem, marginal, again)), other
+    other = _between(problem, _given(problem, first), catalogue.columns[second.effect.name])
+    return _between(problem, _given(problem, other), [first]), other
 
 
 def _given(problem: LinearProblem, column: Column) -> Marginal:
@@ -114,8 +116,19 @@ def _add(columns: dict[str, list[Column]], effect: Effect, column: Column) -> No
         columns[effect.name].append(column)
 
 
-def _between(problem: LinearProblem, marginal: Marginal, explanation: Explanation) -> Column:
-    """Go by Gauss-Newton steps from the best form of the catalogue to the best one between its neighbours."""
+def _between(problem: LinearProblem, marginal: Marginal, columns: Sequence[Column]) -> Column:
+    """Best form between those of an effect: from the best one of each kind, where any of them explains something."""
+    kinds: dict[frozenset[str], list[Column]] = {}
+    for column in columns:
+        # 0 is another kind of form.
+        kinds.setdefault(frozenset(n for n in column.effect.continuous if column.shape.get(n)), []).append(column)
+    starts = [found for kind in kinds.values() if (found := explain(marginal, kind)) is not None]
+    refined_ones = [_climbed(problem, marginal, start) for start in starts]
+    return max(refined_ones, key=lambda e: e.log_evidence).column if refined_ones else columns[0]
+
+
+def _climbed(problem: LinearProblem, marginal: Marginal, explanation: Explanation) -> Explanation:
+    """Go by Gauss-Newton steps from a form of the catalogue to the best one between its neighbours."""
     best = explanation
     around = _around(explanation.column)
     names = list(around)
@@ -133,14 +146,15 @@ def _between(problem: LinearProblem, marginal: Marginal, explanation: Explanatio
             break
         gram, moments = marginal.gram(np.column_stack([best.contribution, *slopes]))
         prior = np.diag([0.0, *(12.0 / (high - low) ** 2)])
-        step = np.linalg.solve(gram + prior, moments - gram[:, 0])[1:]
-        tried = (at(np.clip(here + share * step, low, high)) for share in _SHARES_OF_STEP)
+        best_place = here + np.linalg.solve(gram + prior, moments - gram[:, 0])[1:]
+        step = np.clip(best_place, low, high) - here
+        tried = (at(here + share * step) for share in _SHARES_OF_STEP)
         better = (found for found in tried if found is not None and found.log_evidence > best.log_evidence + _SAME)
         found = next(better, None)
         if found is None:
             break
         best = found
-    return best.column
+    return best
 
 
 def _slope(here: Explanation, beside: Explanation) -> Floats:

@@ -4,32 +4,26 @@
 
 Positive amplitude: voltage is missing, most at low duty. Dead time adds a part that is the same at every
 duty (0.3 of V_f). The forward voltage is constant, ohmic below a knee, follows the diode's law,
-V_f = n V_T ln(1 + i/i_s), or is ohmic almost throughout (knee of 30 A: its leads, or a switch in its place);
-each scaled to 1 at 10 A, so V_f is that at 10 A. A brush drop is the same at every duty. Forward voltage:
+V_f = n V_T ln(1 + i/i_s), lies between, or is ohmic almost throughout (knee of 30 A: its leads, or a switch in
+its place); each scaled to 1 at 10 A, so V_f is that at 10 A. A brush drop is the same at every duty. Forward voltage:
 0.4 V (Schottky) to 1.2 V (silicon), assumed.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from sawbench.modeling.effects.contact import contact_voltage
 from sawbench.modeling.effects.effect import Effect, Strength, Words
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
-_UNIT_A = 10.0
-
 
 def _signature(
-    baseline: Baseline, state: State, dead_share: float, knee_a: float, logarithmic: float
+    baseline: Baseline, state: State, dead_share: float, knee_a: float, rise: float
 ) -> tuple[Signature, ...]:
     if state.current_a is None:
         return ({},)
-    current_a = np.maximum(state.current_a, 0.0)
-    forward = (
-        np.log1p(current_a / knee_a) / np.log1p(_UNIT_A / knee_a)
-        if logarithmic
-        else np.tanh(current_a / knee_a) / np.tanh(_UNIT_A / knee_a)
-    )
+    forward = contact_voltage(np.maximum(state.current_a, 0.0), knee_a, rise)
     return ({"electrical": (1.0 - state.setting.duty + dead_share) * forward},)
 
 
@@ -53,11 +47,17 @@ EFFECT = Effect(
     ),
     signature=_signature,
     shapes=tuple(
-        {"dead_share": dead, "knee_a": knee, "logarithmic": law}
+        {"dead_share": dead, "knee_a": knee, "rise": rise}
         for dead in (0.0, 0.3)
-        for knee, law in ((0.1, 0.0), (1.0, 0.0), (3.0, 0.0), (30.0, 0.0), (0.03, 1.0), (0.3, 1.0), (1.5, 1.0))
+        for rise, knees in (
+            (0.0, (0.1, 0.3, 1.0, 3.0, 30.0)),
+            (0.03, (0.1, 0.3, 1.0)),
+            (0.3, (0.1, 0.3, 1.0)),
+            (1.0, (0.03, 0.1, 0.3, 1.0, 1.5)),
+        )
+        for knee in knees
     ),
-    continuous=("knee_a", "dead_share"),
+    continuous=("knee_a", "dead_share", "rise"),
     needs=("motor_current_a", "battery_voltage_v"),
     confused_with=("brush_voltage_drop",),
     told_apart_by="trials at several duties",

@@ -1,18 +1,19 @@
 """A force of the cutting edge that does not depend on speed: F = F_0 + k v on the cutting half.
 
-Positive amplitude: the force steps up at the reversal, where the baseline rises from 0. The reading is the
-true force. Forms: an onset over some speed, which also ends the force before the blade stops, or over some
-travel after the reversal, 1 - exp(-x/d), for an edge that ploughs until it stops; one F_0 for all stocks, or
-in proportion to the thickness, since more teeth are in thicker stock: then F_0 is that of 20 mm. A speed
-exponent bends the curve, an edge force shifts it. Mechanistic models of cutting carry such an edge term
-(Altintas, Manufacturing Automation); 10 to 40 % of the peak force: assumed.
+Positive amplitude: the force steps up at the reversal, where the baseline rises from 0. The reading is the true
+force. Forms: an onset over some speed, which also ends the force before the blade stops, or over some travel after
+the reversal, 1 - exp(-x/d), for an edge that ploughs until it stops; one F_0 for all stocks, or in proportion to the
+thickness, since more teeth are in thicker stock (then F_0 is that of 20 mm), or to the cutting coefficient, since
+harder wood resists more (then that of 240 N*s/m). A speed exponent bends the curve, an edge force shifts it.
+Mechanistic models of cutting carry such an edge term (Altintas, Manufacturing Automation); 10 to 40 % of the peak
+force: assumed.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from sawbench.modeling.effects.effect import Effect, Strength, Words
-from sawbench.modeling.effects.stock import stock_share
+from sawbench.modeling.effects.stock import WAYS, stock_share
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -25,9 +26,7 @@ def _signature(
         force = np.where(speed > 0.0, 1.0 - np.exp(-baseline.travelled(state) / onset_m), 0.0)
     else:
         force = np.tanh(speed / onset_m_s)
-    if by_stock:
-        force = force * stock_share(state)
-    return ({"cutting": force},)
+    return ({"cutting": force * stock_share(state, by_stock)},)
 
 
 EFFECT = Effect(
@@ -52,8 +51,8 @@ EFFECT = Effect(
     ),
     signature=_signature,
     shapes=(
-        *({"by_stock": s, "onset_m_s": v} for v in (0.01, 0.04, 0.12) for s in (0.0, 1.0)),
-        *({"by_stock": s, "onset_m": d} for d in (1e-4, 3e-4, 1e-3) for s in (0.0, 1.0)),
+        *({"by_stock": s, "onset_m_s": v} for v in (0.01, 0.04, 0.12) for s in WAYS),
+        *({"by_stock": s, "onset_m": d} for d in (1e-4, 3e-4, 1e-3) for s in WAYS),
     ),
     continuous=("onset_m_s", "onset_m"),
     needs=("force_n",),

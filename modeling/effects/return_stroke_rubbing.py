@@ -1,9 +1,9 @@
 """The blade drags in the kerf on its way back: F = -c |v| or -F_r on the return half (baseline: 0).
 
-Positive amplitude: the load cell reads negative on the return half. The reading is the true force, so the
-mechanical equation, which uses it, stays right. Forms: viscous, dry with 0.5 N per N*s/m (the same at
-0.5 m/s), and in part dry; for every stock alike, or in proportion to its thickness, and then stated for 20 mm. Told
-from an offset of the load cell by the half stroke it lives on and by idle runs. Some per cent to 20 % of
+Positive amplitude: the load cell reads negative on the return half. The reading is the true force, so the mechanical
+equation, which uses it, stays right. Forms: viscous, dry with 0.5 N per N*s/m (the same at 0.5 m/s), and in part dry;
+for every stock alike, or in proportion to its thickness or its cutting coefficient, and then stated for 20 mm or 240
+N*s/m. Told from an offset of the load cell by the half stroke it lives on and by idle runs. Some per cent to 20 % of
 the cutting force: assumed.
 """
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 from sawbench.modeling.effects.effect import Effect, Strength, Words
-from sawbench.modeling.effects.stock import stock_share
+from sawbench.modeling.effects.stock import WAYS, stock_share
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -22,9 +22,7 @@ _SMOOTH_M_S = 0.03
 def _signature(baseline: Baseline, state: State, dry: float, by_stock: float) -> tuple[Signature, ...]:
     velocity = np.maximum(-baseline.cutting_sign * baseline.blade_velocity(state), 0.0)
     force = (1.0 - dry) * velocity + dry * _DRY_AT_M_S * np.tanh(velocity / _SMOOTH_M_S)
-    if by_stock:
-        force = force * stock_share(state)
-    return ({"cutting": -force},)
+    return ({"cutting": -force * stock_share(state, by_stock)},)
 
 
 EFFECT = Effect(
@@ -48,7 +46,7 @@ EFFECT = Effect(
         follows=lambda load: load.force_n / load.blade_speed_m_s,
     ),
     signature=_signature,
-    shapes=tuple({"dry": d, "by_stock": s} for d in (0.0, 0.25, 0.5, 1.0) for s in (0.0, 1.0)),
+    shapes=tuple({"dry": d, "by_stock": s} for d in (0.0, 0.25, 0.5, 1.0) for s in WAYS),
     continuous=("dry",),
     needs=("force_n",),
     grows_with=("speed",),

@@ -177,6 +177,17 @@ def test_brush_voltage_drop():
     check(Machine(lost_voltage=lambda i, w: 0.9 * np.tanh(i / 0.1)), "brush_voltage_drop", 0.9)
 
 
+def test_brushes_whose_voltage_goes_on_rising_with_the_current():
+    """0.8 V flat and 0.05 V for every e-fold of the current beyond 1 A: 0.912 V at 10 A, a part of it logarithmic."""
+
+    def lost(i, w):
+        return 0.8 * np.tanh(i / 1.0) + 0.05 * np.sign(i) * np.log1p(abs(i))
+
+    at_10_a = lost(10.0, 0.0)
+    rise = 0.05 * np.log1p(10.0) / at_10_a
+    check(Machine(lost_voltage=lost), "brush_voltage_drop", at_10_a, {"knee_a": 1.0, "rise": rise}, tolerance=0.01)
+
+
 @pytest.mark.parametrize("duty", [0.35, 0.6])
 def test_converter_diode_drop(duty):
     machine = Machine(duty=duty, lost_voltage=lambda i, w: 0.6 * (1 - duty))
@@ -191,7 +202,7 @@ def test_converter_diode_after_shockley(duty, dead):
     machine = Machine(
         duty=duty, lost_voltage=lambda i, w: thermal_v * np.log(1 + max(i, 0.0) / saturation_a) * (1 - duty + dead)
     )
-    shape = {"dead_share": dead, "knee_a": saturation_a, "logarithmic": 1.0}
+    shape = {"dead_share": dead, "knee_a": saturation_a, "rise": 1.0}
     check(machine, "converter_diode_drop", thermal_v * np.log(1 + 10.0 / saturation_a), shape)
 
 
@@ -228,11 +239,13 @@ def test_battery_internal_resistance_of_a_half_empty_battery(power, growth, fact
         (lambda duty, i: 0.06 * i**2 / 18.0, {"conduction": 0.06 * 100 / 18.0 / 5}),  # 60 mOhm
         (lambda duty, i: 0.25, {"constant": 0.05}),  # a controller that draws 0.25 A
         (lambda duty, i: 0.02 * i + 0.003 * i**2, {"switching": 0.04, "conduction": 0.06}),
+        # An efficiency of 90 % at 10 A that falls to 80 % at a fourth of it.
+        (lambda duty, i: 0.1 * duty * np.sqrt(10.0 * max(i, 0.0)), {"light": 0.1}),
     ],
 )
 def test_converter_loss(loss_a, shape, duty):
     state = Machine(duty=duty, lost_current=loss_a).run()
-    shares = dict.fromkeys(("lumped", "switching", "conduction", "constant"), 0.0)
+    shares = dict.fromkeys(("lumped", "switching", "conduction", "constant", "light"), 0.0)
     parts = {name: value / 0.08 for name, value in shape.items()}
     (claimed,) = EFFECT_BY_NAME["converter_loss"].signatures(BASELINE, state, {**shares, **parts})
     # The battery's voltage goes with the ideal current in this machine: only the converter is compared.

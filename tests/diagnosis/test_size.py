@@ -148,7 +148,7 @@ def state_of(**known):
     setting = {"duty": 0.4, "is_idle": False, "thickness_m": 0.02, "session_s": 1000.0} | known.pop("setting", {})
     return SimpleNamespace(
         current_a=10.0 * ones, cut_distance_m=10.0 * ones, time_s=0.0 * ones, kind="running",
-        k_guess_n_s_per_m=300.0, setting=SimpleNamespace(**setting), **known,
+        k_guess_n_s_per_m=240.0, setting=SimpleNamespace(**setting), **known,
     )  # fmt: skip
 
 
@@ -168,8 +168,8 @@ CUTTING = SimpleNamespace(
         ("brush_voltage_drop", "electrical", 1.0, 0.005),  # V at 10 A
         ("blade_wear", "cutting", 100.0, 1e-9),  # growth over 10 m
         ("force_offset_drift", "cutting", 1.0, 1e-9),  # over 1000 s
-        ("edge_force", "cutting", 1.0, 0.005),  # for 20 mm
-        ("return_stroke_rubbing", "cutting", -0.5, 1e-9),  # at 0.5 m/s, for 20 mm
+        ("edge_force", "cutting", 1.0, 0.005),  # for 20 mm, 240 N*s/m
+        ("return_stroke_rubbing", "cutting", -0.5, 1e-9),  # at 0.5 m/s, for 20 mm, 240 N*s/m
     ],
 )
 def test_every_form_states_the_same_number(name, equation, expected, tolerance):
@@ -189,9 +189,9 @@ def test_every_form_of_the_diode_states_its_voltage_at_10_ampere():
 @pytest.mark.parametrize("name", ["edge_force", "return_stroke_rubbing"])
 def test_a_force_by_stock_follows_the_thickness_and_the_coefficient_where_that_is_unknown(name):
     effect = EFFECT_BY_NAME[name]
-    shape = next(s for s in effect.shapes if s["by_stock"])
+    by_thickness, by_coefficient = (next(s for s in effect.shapes if s["by_stock"] == way) for way in (1.0, 2.0))
 
-    def force(thickness_m, k_n_s_per_m):
+    def force(thickness_m, k_n_s_per_m, shape=by_thickness):
         state = state_of(setting={"thickness_m": thickness_m})
         state = replace_guess(state, k_n_s_per_m)
         return abs(float(effect.signature(CUTTING, state, **shape)[0]["cutting"][0, 0]))
@@ -199,6 +199,9 @@ def test_a_force_by_stock_follows_the_thickness_and_the_coefficient_where_that_i
     assert force(0.03, 300.0) == pytest.approx(1.5 * force(0.02, 300.0))
     assert force(0.03, 600.0) == force(0.03, 300.0)
     assert force(np.nan, 600.0) == pytest.approx(2.0 * force(np.nan, 300.0))
+    # In harder wood the edge meets more force, whatever its thickness.
+    assert force(0.03, 480.0, by_coefficient) == pytest.approx(2.0 * force(0.02, 240.0, by_coefficient))
+    assert force(0.03, 240.0, by_coefficient) == pytest.approx(force(0.02, 240.0))
 
 
 def replace_guess(state, k_n_s_per_m):
