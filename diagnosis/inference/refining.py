@@ -67,9 +67,8 @@ def refined(problem: LinearProblem, columns: Mapping[str, Sequence[Column]]) -> 
     out = {name: list(entries) for name, entries in columns.items()}
     alone = _worth_it(Catalogue(out, problem.data), marginal)
     best = [e for e in alone if e.effect.continuous][: forms.n_first]
-    found = on_two_cores(lambda e: _between(problem, marginal, out[e.effect.name]), best)
-    for explanation, column in zip(best, found, strict=True):
-        _add(out, explanation.effect, column)
+    for column in on_two_cores(lambda e: _between(problem, marginal, e, out[e.effect.name]), best):
+        _add(out, column.effect, column)
     for column in _refined_beside(problem, marginal, Catalogue(out, problem.data)):
         _add(out, column.effect, column)
     return out
@@ -96,8 +95,10 @@ def _between_both(
     problem: LinearProblem, catalogue: Catalogue, first: Column, second: Explanation
 ) -> tuple[Column, Column]:
     """Refine the second effect beside the first, and then the first beside the second."""
-    other = _between(problem, _given(problem, first), catalogue.columns[second.effect.name])
-    return _between(problem, _given(problem, other), [first]), other
+    other = _between(problem, _given(problem, first), second, catalogue.columns[second.effect.name])
+    marginal = _given(problem, other)
+    again = explain(marginal, [first])
+    return (first if again is None else _climbed(problem, marginal, again).column), other
 
 
 def _given(problem: LinearProblem, column: Column) -> Marginal:
@@ -116,15 +117,19 @@ def _add(columns: dict[str, list[Column]], effect: Effect, column: Column) -> No
         columns[effect.name].append(column)
 
 
-def _between(problem: LinearProblem, marginal: Marginal, columns: Sequence[Column]) -> Column:
-    """Best form between those of an effect: from the best one of each kind, where any of them explains something."""
-    kinds: dict[frozenset[str], list[Column]] = {}
+def _between(problem: LinearProblem, marginal: Marginal, best: Explanation, columns: Sequence[Column]) -> Column:
+    """Best form between those of an effect: from its best one, and from the best one of every other kind."""
+    others: dict[frozenset[str], list[Column]] = {}
     for column in columns:
-        # 0 is another kind of form.
-        kinds.setdefault(frozenset(n for n in column.effect.continuous if column.shape.get(n)), []).append(column)
-    starts = [found for kind in kinds.values() if (found := explain(marginal, kind)) is not None]
-    refined_ones = [_climbed(problem, marginal, start) for start in starts]
-    return max(refined_ones, key=lambda e: e.log_evidence).column if refined_ones else columns[0]
+        if _kind(column) != _kind(best.column):
+            others.setdefault(_kind(column), []).append(column)
+    starts = [best, *(found for kind in others.values() if (found := explain(marginal, kind)) is not None)]
+    return max((_climbed(problem, marginal, start) for start in starts), key=lambda e: e.log_evidence).column
+
+
+def _kind(column: Column) -> frozenset[str]:
+    """Which of its continuous numbers a form has: one that is 0 is another kind of form."""
+    return frozenset(name for name in column.effect.continuous if column.shape.get(name))
 
 
 def _climbed(problem: LinearProblem, marginal: Marginal, explanation: Explanation) -> Explanation:

@@ -178,7 +178,7 @@ def test_brush_voltage_drop():
 
 
 def test_brushes_whose_voltage_goes_on_rising_with_the_current():
-    """0.8 V flat and 0.05 V for every e-fold of the current beyond 1 A: 0.912 V at 10 A, a part of it logarithmic."""
+    """0.8 V flat and 0.05 V for every e-fold of the current beyond 1 A: 0.92 V at 10 A, a part of it logarithmic."""
 
     def lost(i, w):
         return 0.8 * np.tanh(i / 1.0) + 0.05 * np.sign(i) * np.log1p(abs(i))
@@ -239,7 +239,7 @@ def test_battery_internal_resistance_of_a_half_empty_battery(power, growth, fact
         (lambda duty, i: 0.06 * i**2 / 18.0, {"conduction": 0.06 * 100 / 18.0 / 5}),  # 60 mOhm
         (lambda duty, i: 0.25, {"constant": 0.05}),  # a controller that draws 0.25 A
         (lambda duty, i: 0.02 * i + 0.003 * i**2, {"switching": 0.04, "conduction": 0.06}),
-        # An efficiency of 90 % at 10 A that falls to 80 % at a fourth of it.
+        # A loss of 10 % at 10 A and of 20 % at a fourth of it.
         (lambda duty, i: 0.1 * duty * np.sqrt(10.0 * max(i, 0.0)), {"light": 0.1}),
     ],
 )
