@@ -3,7 +3,7 @@
     python -m benchmarks.ablation OUT [--cases 48] [--minutes 60]
 
 Every second campaign is of the paper's jigsaw on a clean bench, every other one of a foreign bench with faulty sensors;
-what they hide is drawn as for `calibrate_diagnosis`. Each is reduced once and weighed with the settings as they are,
+what they hide is drawn as for `development_campaigns`. Each is reduced once and weighed with the settings as they are,
 and once for every row of `ABLATIONS` with one of them neutral. Then one line a row: how many campaigns are answered
 rightly, how many claims are made and are right, how many campaigns without an effect are accused, and the log-loss of
 the truth. The rows are of the weighing; the last one is what `diagnose` says, with claims held to their predictions.
@@ -30,7 +30,7 @@ from sawbench.diagnosis.inference.refining import effect_columns
 from sawbench.diagnosis.inference.settings import SETTINGS, Settings
 
 from benchmarks.blind_campaigns import blind_campaign, kept_cases
-from benchmarks.calibrate_diagnosis import loss_of, plan, truth
+from benchmarks.development_campaigns import loss_of, plan, truth
 
 AS_IT_IS: Final = "as it is"
 HELD: Final = "held to predictions: the answer"
@@ -48,26 +48,18 @@ _EVEN: Final = 1.0 / 33.0
 ABLATIONS: Final[Mapping[str, Settings]] = MappingProxyType(
     {
         AS_IT_IS: SETTINGS,
-        "log evidences at face value": _with("weights", temperature=1.0),
-        "a second effect costs the same beside a strong one": _with("weights", pair_share=0.0),
-        "a second effect costs next to nothing": _with("weights", pair_share=0.0, pair_least=1.0),
-        "no more prior for no gap and parameters": _with(
+        "prior odds of no gap, parameters and unknown as of any effect": _with(
             "weights", prior_no_gap=_EVEN, prior_parameters=_EVEN, prior_unknown=_EVEN
         ),
-        "unknown by its own evidence alone": _with("weights", open_share=1e9),
-        "what an intact machine leaves is a gap": _with("weights", left_by_an_intact_machine=0.0),
-        "no credit: evidence in any equation counts": _with("weights", acts_share=0.0),
+        "unknown by its own evidence alone": _with("weights", floor_gap=1e9),
         "forms are nature's": _with("forms", shares=(0.0,)),
         "harmonics of a form miss together": _with("forms", harmonic_factor=1e-6),
-        "forms miss as much in time": _with("forms", steady_share=1.0),
-        "strokes weigh as much as features": _with("strokes", weight=1.0),
-        "trends of strokes have no price": _with("strokes", price=0.0),
     }
 )
 NOISES: Final[Mapping[str, Settings]] = MappingProxyType(
     {
         "blocks are independent": _with("noise", correlation_factor=1.0),
-        "an intact machine leaves its scatter alone": _with("noise", quiet_share=1.0),
+        "an intact machine leaves nothing": _with("weights", quiet=0.0),
     }
 )
 

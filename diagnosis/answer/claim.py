@@ -20,7 +20,7 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.ladder import Ladder
 from sawbench.diagnosis.answer.prediction import Predictions
 from sawbench.diagnosis.answer.unlisted import odds_of_unlisted
-from sawbench.diagnosis.inference.credit import acts_in
+from sawbench.diagnosis.inference.acts_in import acts_in
 from sawbench.diagnosis.inference.evidence import Column, Explanation
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
@@ -218,10 +218,11 @@ def _found(posterior: Posterior, effects: tuple[str, ...]) -> Hypothesis:
 def _without(problem: LinearProblem, posterior: Posterior, name: str) -> Posterior:
     """Take one effect out of the likeliest hypothesis, and hand its probability to the rest, alone or with another."""
     best, weights = posterior.best, problem.settings.weights
+    n_effects = len(problem.campaign.plant.effects)
     rest = best.without(name)
     if rest:
         instead = [h for h in posterior.claims if h is not best and h.probability > 0.0 and _extends(h, rest, best)]
-        weighed = among(_found(posterior, rest), instead, weights=weights)
+        weighed = among(_found(posterior, rest), instead, n_effects=n_effects, weights=weights)
     else:
         others = [h for h in posterior.hypotheses if h.other is not None]
         weighed = weigh(others, n_effects=1, quiet=problem.quiet, weights=weights)

@@ -69,7 +69,7 @@ def log_odds_at_typical_size(problem: LinearProblem, columns: Mapping[str, Seque
     Returns
     -------
     dict of str to float
-        Expected tempered log odds against no gap, of the middle one of its forms; 0 where no channel shows it. A wave
+        Expected log odds against no gap, of the middle one of its forms; 0 where no channel shows it. A wave
         of the wood is left out: it is looked for from stroke to stroke.
     """
     marginal = Marginal(problem)
@@ -81,7 +81,7 @@ def log_odds_at_typical_size(problem: LinearProblem, columns: Mapping[str, Seque
         squares = [
             float(np.trace(marginal.gram(c.columns)[0])) / c.columns.shape[1] for c in entries[:: 1 + len(entries) // 9]
         ]
-        found[name] = 0.5 * float(np.median(squares)) / problem.settings.weights.temperature if squares else 0.0
+        found[name] = 0.5 * float(np.median(squares)) if squares else 0.0
     return dict(sorted(found.items(), key=lambda item: item[1]))
 
 

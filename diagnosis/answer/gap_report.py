@@ -206,9 +206,9 @@ def _cause(
 def _alike(problem: LinearProblem, cause: Hypothesis, posterior: Posterior) -> list[str]:
     """Effects that this campaign cannot tell from one of the cause: odds below `settings.Report.odds` in its place.
 
-    As likely as the tempered evidence says: look-alikes that were taken together share nothing here.
+    As likely as the evidence says: look-alikes that were taken together share nothing here.
     """
-    least = cause.log_evidence - problem.settings.weights.temperature * float(np.log(problem.settings.report.odds))
+    least = cause.log_evidence - float(np.log(problem.settings.report.odds))
     found = dict.fromkeys(name for m in cause.members for name in m.effect.same_as)
     for h in sorted(posterior.claims, key=lambda h: -h.log_evidence):
         if len(h.effects) == len(cause.effects) and h.log_evidence > least:
@@ -234,9 +234,8 @@ def _where(problem: LinearProblem, posterior: Posterior) -> list[dict[str, Any]]
     beside = posterior.off_stroke
     if beside is None or not beside.lines_hz:
         return found
-    intact = problem.settings.weights.left_by_an_intact_machine * problem.quiet
     # Mean strokes, and so the shares, hold nothing of a line; where they hold no gap, it is all there is.
-    is_all = posterior.of("parameters").left_over < intact
+    is_all = posterior.of("parameters").left_over < problem.quiet
     line = {
         "equation": _EQUATION_OF_CHANNEL.get(beside.channel, "sensing"), "channel": beside.channel,
         "share": 1.0 if is_all else 0.0, "crank_angle_rad": [], "frequency_hz": list(beside.lines_hz),

@@ -49,7 +49,6 @@ def _between(
         point, _ = _most_informative(problem, named.contribution, noise)
         return f"a repeat of {point}: it reduces the uncertainty of the magnitude most"
     point, worth = _most_informative(problem, named.contribution - rivals[0].contribution, noise)
-    worth /= problem.settings.weights.temperature
     words, other = _words(named), _words(rivals[0])
     if is_sure:
         return (

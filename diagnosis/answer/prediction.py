@@ -90,16 +90,15 @@ class Predictions:
         """
         noise = self._posterior.dispersion
         problem, wave = with_noise(self._problem, noise), (member.contribution / np.sqrt(noise))[:, None]
-        least = Z95**2 * problem.settings.weights.temperature
 
         def information(rows: np.ndarray | None) -> float:
             return float(Marginal(problem, rows=rows).gram(wave)[0][0, 0])
 
-        if information(None) < least:
+        if information(None) < Z95**2:
             return False
         hold_out = self._hold_out(by_trial=False)
         return hold_out.held_out == "operating points" and any(
-            information(~rows) < least for rows in hold_out.rows.values()
+            information(~rows) < Z95**2 for rows in hold_out.rows.values()
         )
 
     def _hold_out(self, *, by_trial: bool) -> HoldOut:

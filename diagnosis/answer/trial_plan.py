@@ -342,10 +342,7 @@ def _answers(
     for h in answers:
         truth = [fitted[h.name, m.effect.name] for m in h.members]
         truths.append(int(placed(np.sum(truth, axis=0)[:, None])[0]) if truth else None)
-        modes = [
-            form_modes(wide, wave, in_time="time" in m.effect.grows_with)
-            for m, wave in zip(h.members, truth, strict=True)
-        ]
+        modes = [form_modes(wide, wave) for m, wave in zip(h.members, truth, strict=True)]
         missed.append(placed(share * np.hstack(modes)) if modes else np.zeros(0, dtype=int))
         if h.other == "parameters":
             alternatives.append([placed(wide.nuisance * np.sqrt(wide.wide_scale**2 - 1.0))])
@@ -373,11 +370,11 @@ def _greedy(
     minutes = np.array([t.seconds + t.rest_s + settings.planning.handling_s for t in trials]) / 60.0
     probability = np.array([h.probability for h in answers])
     probability = probability / probability.sum()
-    base = campaign.log_odds() / settings.weights.temperature
+    base = campaign.log_odds()
 
     def with_one_more(products: Products) -> list[Floats]:
         more = (replace(products, gram=products.gram + one).log_odds() for one in each)
-        return [log_odds / settings.weights.temperature - base for log_odds in more]
+        return [log_odds - base for log_odds in more]
 
     offered = with_one_more(campaign)
     most = np.max([np.zeros_like(base), *offered], axis=0)

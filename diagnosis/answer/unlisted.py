@@ -93,4 +93,4 @@ def left_share(
 def _left_by_an_intact(ladder: Ladder, equation: Equation, quiet: float, weights: Weights) -> Floats:
     """Sum of squares in each group of one equation, shape (n_groups,)."""
     noise = (1.0 + SETTINGS.ladder.left_by_an_intact) * ladder.squares["noise_floor"][equation]
-    return np.maximum(noise, weights.left_by_an_intact_machine * quiet * ladder.n_features[equation])
+    return np.maximum(noise, quiet * ladder.n_features[equation])

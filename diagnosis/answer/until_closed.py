@@ -300,8 +300,7 @@ def _with_forms(first: Pass, step: Posterior) -> Pass:
 def _share_left(first: Pass, step: Posterior) -> float:
     """Share of the gap of the model as configured that a pass begins with."""
     problem = first.problem
-    intact = problem.settings.weights.left_by_an_intact_machine * problem.quiet
-    left, gap = (max(p.of("no_gap").left_over - intact, 0.0) for p in (step, first.posterior))
+    left, gap = (max(p.of("no_gap").left_over - problem.quiet, 0.0) for p in (step, first.posterior))
     return left / gap if gap else 0.0
 
 
@@ -316,13 +315,19 @@ def _joined(first: Pass, before: Posterior, step: Posterior) -> Posterior:
     """Weigh what a pass says beside the causes before it; probabilities by the chain rule."""
     problem, base, weights = first.problem, before.best, first.problem.settings.weights
     # What re-tuned parameters gain beside the causes, these gain without a further one.
-    spare = weights.temperature * float(np.log(weights.prior_no_gap / weights.prior_parameters))
+    spare = float(np.log(weights.prior_no_gap / weights.prior_parameters))
     gained = max(step.of("parameters").log_evidence - spare, 0.0)
     held_for_sure = replace(base, log_evidence=base.log_evidence + gained, left_over=step.of("no_gap").left_over)
     further = [_further(problem, base, h) for h in step.claims]
     gap = first.posterior.of("no_gap").left_over
     weighed_again = weigh_further(
-        held_for_sure, further, step.of("unknown"), gap=gap, quiet=problem.quiet, weights=weights
+        held_for_sure,
+        further,
+        step.of("unknown"),
+        n_effects=len(problem.campaign.plant.effects),
+        gap=gap,
+        quiet=problem.quiet,
+        weights=weights,
     )
     found = {h.name: h for h in before.hypotheses}
     asked, found[base.name] = base.probability, replace(base, probability=0.0)

@@ -20,7 +20,7 @@ _N_POINTS = 128
 _N_TILTED = 3
 
 
-def form_modes(problem: LinearProblem, contribution: Floats, *, in_time: bool = True) -> Floats:
+def form_modes(problem: LinearProblem, contribution: Floats) -> Floats:
     """Columns for what the form of an effect may leave.
 
     Parameters
@@ -28,16 +28,13 @@ def form_modes(problem: LinearProblem, contribution: Floats, *, in_time: bool = 
     problem : LinearProblem
     contribution : ndarray, shape (n,)
         The effect's whitened signature at its fitted size.
-    in_time : bool
-        Whether the effect grows or fades with time: what does not may differ with angle, speed and load, but hardly
-        from one minute to the next.
 
     Returns
     -------
     ndarray, shape (n, q)
         For a factor of standard deviation 1; columns without any weight are left out.
     """
-    factors = _factors(problem, in_time=in_time)
+    factors = _factors(problem)
     operators = {
         equation: np.array(_operators(form.n_harmonics, problem.settings.forms.harmonic_factor))
         for equation, form in problem.campaign.plant.equations.items()
@@ -88,12 +85,9 @@ def block_weights(problem: LinearProblem) -> dict[str, list[Floats]]:
     return found | {"within": [np.linspace(-1.0, 1.0, n) if n > 1 else np.zeros(1) for n in counts]}
 
 
-def _factors(problem: LinearProblem, *, in_time: bool) -> list[Floats]:
+def _factors(problem: LinearProblem) -> list[Floats]:
     """Factors of each part, shape (factors, n_blocks, 1), in the order of `block_weights`."""
-    steady = 1.0 if in_time else problem.settings.forms.steady_share
-    share = {"session": steady, "within": steady}
-    scaled = [[share.get(name, 1.0) * w[:, None] for w in rows] for name, rows in block_weights(problem).items()]
-    return [np.array(of_part) for of_part in zip(*scaled, strict=True)]
+    return [np.array(of_part)[..., None] for of_part in zip(*block_weights(problem).values(), strict=True)]
 
 
 def _centred(values: Floats) -> Floats:

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.diagnosis.inference.credit import with_credit
 from sawbench.diagnosis.inference.evidence import Catalogue, Column, Explanation, explain_formed
 from sawbench.diagnosis.inference.form_error import form_modes
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
@@ -38,12 +37,8 @@ class Forming:
         """What the form of an effect that comes first may leave, shape (n, q); of its size alone."""
         name = explanation.effect.name
         if name not in self._modes:
-            self._modes[name] = self._modes_of(explanation)
+            self._modes[name] = form_modes(self.problem, explanation.contribution)
         return self._modes[name]
-
-    def _modes_of(self, explanation: Explanation) -> Floats:
-        in_time = "time" in explanation.effect.grows_with
-        return form_modes(self.problem, explanation.contribution, in_time=in_time)
 
     def single(self, rough: Explanation, entries: Sequence[Column]) -> tuple[Explanation, Column]:
         """Weigh one effect again, with the discrepancy of its form; its best shape then is another one than without."""
@@ -97,9 +92,7 @@ class Forming:
         seconds = []
         for name, found in catalogue.explain(marginal).items():
             if name != first.effect.name:
-                is_worth = found.log_evidence > self._settings.worth_forming
-                second = with_credit(self.problem, marginal, found) if is_worth else found
-                seconds.append((second.log_evidence + marginal.log_evidence, second))
+                seconds.append((found.log_evidence + marginal.log_evidence, found))
         return seconds
 
     def _pair(
@@ -109,7 +102,7 @@ class Forming:
         if second.log_evidence < self._settings.worth_forming:
             return _together(first, second, first.log_evidence + second.log_evidence)
         # Of the second's own size beside the first: alone it may stand for all that the first explains.
-        both = np.hstack([self.modes(first), self._modes_of(second)])
+        both = np.hstack([self.modes(first), form_modes(self.problem, second.contribution)])
         found_in_each = [
             explain_formed(
                 self.problem, np.hstack([self.small, shape]), both, columns[second.effect.name], self._settings.shares

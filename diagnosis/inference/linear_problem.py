@@ -300,7 +300,7 @@ def missed_by_form(problem: LinearProblem, known: KnownEffect) -> Floats:
     model = problem.campaign.plant.model
     contribution = problem.project(lambda state: known.signature(model, state))
     # The class is one; a type checker sees it under the folder's name here and under the package's there.
-    return form_modes(problem, contribution, in_time="time" in known.effect.grows_with)  # pyright: ignore[reportArgumentType]
+    return form_modes(problem, contribution)  # pyright: ignore[reportArgumentType]
 
 
 class Widened:

@@ -7,7 +7,6 @@ from types import MappingProxyType
 from typing import Any, Final, Literal
 
 Mark = Literal["fitted", "measured", "convention"]
-CALIBRATED: Final = "`benchmarks.calibrate_diagnosis fit`, seeds 1 to 999"
 BY_HAND: Final = "answers to development campaigns, seeds 1 to 999, by hand"
 INTACT: Final = "what development campaigns without an effect, seeds 1 to 999, leave"
 CLASS: Final = "usual class of such instruments, one standard deviation"

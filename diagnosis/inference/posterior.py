@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.diagnosis.inference.credit import with_credit
 from sawbench.diagnosis.inference.dispersion import columns_with_noise, noise_factor, with_noise
 from sawbench.diagnosis.inference.evidence import (
     Catalogue,
@@ -180,8 +179,7 @@ def _without_effects(bench: _Bench) -> list[Hypothesis]:
 def _singles_and_pairs(bench: _Bench) -> tuple[list[Hypothesis], list[Hypothesis]]:
     """Weigh every effect, the best ones with what their forms may miss, and pairs of these with any other."""
     numbers, catalogue = bench.problem.settings.forms, bench.catalogue
-    found = (with_credit(bench.problem, bench.nominal, e) for e in catalogue.explain(bench.nominal).values())
-    rough = sorted(found, key=lambda e: -e.log_evidence)
+    rough = sorted(catalogue.explain(bench.nominal).values(), key=lambda e: -e.log_evidence)
     formed = [bench.forming.single(e, catalogue.columns[e.effect.name]) for e in rough[: numbers.n_formed]]
     given = {e.effect.name: _in_either_shape(e, column) for e, column in formed}
     explanations = [*(e for e, _ in formed), *rough[numbers.n_formed :]]

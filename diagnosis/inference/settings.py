@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from sawbench.diagnosis.inference.answer_settings import Closing, Ladder, Learning, Planning, Report
-from sawbench.diagnosis.inference.marked_number import BY_HAND, CALIBRATED, CLASS, INTACT, Mark, marked
+from sawbench.diagnosis.inference.marked_number import BY_HAND, CLASS, INTACT, Mark, marked
 from sawbench.diagnosis.inference.trial_settings import OffStroke, Reading, Screening
 
 # Half the 95 % interval of a normal distribution over its standard deviation: the level of every claim, by convention.
@@ -23,27 +23,15 @@ Z95: Final = 1.959964
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Weights:
-    """From log evidences to probabilities.
+    """From log evidences to probabilities. None is fitted: they are prior odds and what a reader would ask.
 
     Attributes
     ----------
-    temperature : float
-        Divides log evidences where the noise is as modelled.
     quiet : float
         Whitened misfit over features that an intact machine leaves on a quiet bench.
-    pair_gain : float
-        Log odds of two effects against the stronger one alone, per e-fold of the log evidence that the second adds.
-    pair_least, pair_share : float
-        That log evidence at which they are even: the first plus the second times the root of the log evidence of
-        the stronger effect alone, because the form of a strong effect misses more.
-    open_gain, open_share : float
-        Log odds of "unknown" against the best claim per e-fold of the share of the gap that this leaves, and the
-        share at which they are even.
-    left_by_an_intact_machine : float
-        Times `quiet`: what is left below that is no share of the gap.
     floor_left, floor_gap : float
-        Whitened misfit over features that is added to what is left and to the gap, so that the share of a gap that
-        nobody could measure is a tenth.
+        Whitened misfit over features that is added to what is left and to what is explained, so that the odds of
+        "unknown" in a gap that nobody could measure are one to ten.
     least_added : float
         Of the evidence at which a second effect is even: what a second effect adds counts as no less.
     acts_share : float
@@ -52,21 +40,14 @@ class Weights:
         The rest belongs to the effects, evenly.
     """
 
-    temperature: float = marked(3.0, "fitted", f"{CALIBRATED}; set above its fit, to claim less")
-    quiet: float = marked(0.15, "fitted", BY_HAND)
-    pair_gain: float = marked(1.4, "fitted", CALIBRATED)
-    pair_least: float = marked(11.0, "fitted", CALIBRATED)
-    pair_share: float = marked(0.7, "fitted", CALIBRATED)
-    open_gain: float = marked(2.6, "fitted", CALIBRATED)
-    open_share: float = marked(0.47, "fitted", CALIBRATED)
-    left_by_an_intact_machine: float = marked(1.7, "fitted", BY_HAND)
+    quiet: float = marked(0.15, "measured", INTACT)
     floor_left: float = marked(0.02, "convention", "an eighth of `quiet`: hidden by what an intact machine leaves")
     floor_gap: float = marked(0.2, "convention", "a gap as small as `quiet` is hardly a gap")
     least_added: float = marked(1e-3, "convention", "keeps a logarithm finite where nothing is added")
     acts_share: float = marked(0.01, "convention", "a hundredth is what filters and tracking mix into other equations")
-    prior_no_gap: float = marked(0.45, "fitted", f"{CALIBRATED}; moved: a parameter 5 sigma off is called so")
-    prior_parameters: float = marked(0.15, "fitted", "as prior_no_gap")
-    prior_unknown: float = marked(0.06, "fitted", CALIBRATED)
+    prior_no_gap: float = marked(1.0 / 3.0, "convention", "one machine in three is as its model says")
+    prior_parameters: float = marked(1.0 / 6.0, "convention", "half as many as without a gap")
+    prior_unknown: float = marked(1.0 / 12.0, "convention", "of six causes one is in no catalogue")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -91,7 +72,9 @@ class Noise:
     """
 
     correlation_factor: float = marked(1.5, "fitted", BY_HAND)
-    quiet_share: float = marked(1.25, "fitted", BY_HAND)
+    quiet_share: float = marked(
+        1.25, "convention", "the scatter of some blocks is known to a tenth: two of these and more"
+    )
     wide: float = marked(5.0, "convention", "re-tuning by five stated standard deviations is still the same machine")
     memory_strokes: float = marked(3.0, "convention", "as `OffStroke.near_harmonic`")
     least_trials: int = marked(3, "convention", "two may agree by chance")
@@ -107,8 +90,6 @@ class Forms:
     ----------
     shares : tuple of float
         Standard deviation of each part of the smooth factor on a signature, as a share of it: all are tried.
-    steady_share : float
-        Of an effect that does not depend on time, the part that does.
     harmonic_factor : float
         Each harmonic may also be larger and turned on its own, as another filter or a sharper corner would cause.
     screen_share : float
@@ -129,13 +110,12 @@ class Forms:
     """
 
     shares: tuple[float, ...] = marked((0.0, 0.03, 0.1, 0.25), "convention", "none, and three sizes a factor 3 apart")
-    steady_share: float = marked(0.1, "fitted", BY_HAND)
     harmonic_factor: float = marked(1.5, "fitted", BY_HAND)
     screen_share: float = marked(0.05, "convention", "between the two smaller ones of the shares that are tried")
     n_formed: int = marked(12, "convention", "time: each costs 0.1 s")
     n_first: int = marked(5, "convention", "time: each costs a pass over the catalogue")
     n_pairs: int = marked(8, "convention", "time: each costs 0.2 s")
-    worth_forming: float = marked(6.0, "convention", "time: below, no pair reaches even odds (`Weights.pair_least`)")
+    worth_forming: float = marked(3.0, "convention", "time: below, no pair is as likely as its stronger effect alone")
     bent_displacement_rad: float = marked(0.03, "convention", "twenty times what an ordinary sensor's background is")
     least_amplitude: float = marked(0.15, "convention", "three standard deviations of the background of 5 %")
     most_std: float = marked(0.5, "convention", "its 95 % interval reaches from just above 0 to nearly twice of it")
@@ -148,12 +128,6 @@ class Strokes:
 
     Attributes
     ----------
-    weight : float
-        Strokes are independent and their spectrum is fitted: one nat of theirs counts as that many of whitened
-        features. The same alone, beside another effect and for a wave in time: else a second name would make the
-        strokes speak louder.
-    price : float
-        Taken off a trend for which strokes speak: with a dozen pieces of wood luck looks like one.
     against : float
         Log evidence of the strokes below which they speak against an effect.
     least_strokes : int
@@ -171,8 +145,6 @@ class Strokes:
         cut or of a sensor may act, and where none does.
     """
 
-    weight: float = marked(4.0, "fitted", BY_HAND)
-    price: float = marked(7.0, "fitted", BY_HAND)
     against: float = marked(-1.0, "convention", "odds of e to one against")
     least_strokes: int = marked(24, "convention", "two seconds, some waves of a wood")
     depth_std: float = marked(0.5, "convention", "a factor of two, as `Forms.most_std`")
@@ -327,8 +299,8 @@ class Settings:
 
         Examples
         --------
-        >>> SETTINGS.moved("strokes.price", 2.0).strokes.price
-        14.0
+        >>> SETTINGS.moved("noise.wide", 2.0).noise.wide
+        10.0
         """
         topic, number = name.split(".")
         part = getattr(self, topic)

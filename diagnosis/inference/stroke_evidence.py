@@ -113,8 +113,8 @@ def strokes_say(
             size_std=trend.size_std, is_whole=True,
         )  # fmt: skip
     return said, {
-        WAVE_IN_TIME: settings.strokes.weight * _wave_in_time(spectra, known),
-        SHARED_COURSE: settings.weights.temperature * (shared_course(strokes) - math.log(settings.strokes.looks)),
+        WAVE_IN_TIME: _wave_in_time(spectra, known),
+        SHARED_COURSE: shared_course(strokes) - math.log(settings.strokes.looks),
     }
 
 
@@ -157,7 +157,7 @@ def with_strokes(
         if said.denies(nats, numbers):
             value = min(value, evidence.get(rest, 0.0) if rest else 0.0)
         joined[h.effects] = replace(
-            h, log_evidence=value + _counted(nats, numbers, is_whole=said.is_whole),
+            h, log_evidence=value + nats,
             is_by_strokes=h.is_by_strokes or nats > 0.0 or not said.is_whole,
         )  # fmt: skip
     singles = sorted((h for h in hypotheses if len(h.effects) == 1), key=lambda h: -h.log_evidence)
@@ -170,18 +170,13 @@ def with_strokes(
         fresh = Hypothesis(
             effects=tuple(name for one in both for name in one.effects), is_by_strokes=True,
             members=tuple(member for one in both for member in one.members),
-            log_evidence=h.log_evidence + _counted(nats, numbers, is_whole=said.is_whole),
+            log_evidence=h.log_evidence + nats,
         )  # fmt: skip
         before = joined.get(fresh.effects, fresh)
         joined[fresh.effects] = replace(
             before, log_evidence=max(before.log_evidence, fresh.log_evidence), is_by_strokes=True
         )
     return list(joined.values())
-
-
-def _counted(nats: float, numbers: Strokes, *, is_whole: bool) -> float:
-    """Log evidence of strokes in nats of whitened features, less the price of a trend."""
-    return numbers.weight * nats - (numbers.price if is_whole and nats > 0.0 else 0.0)
 
 
 def sized_by_strokes(explanation: Explanation, said: Mapping[str, StrokesSay]) -> Explanation:

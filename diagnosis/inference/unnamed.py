@@ -10,6 +10,7 @@ from sawbench.diagnosis.inference.evidence import Column, explain
 from sawbench.diagnosis.inference.forming import Forming
 from sawbench.diagnosis.inference.linear_problem import Marginal
 from sawbench.diagnosis.inference.off_stroke import Finding
+from sawbench.diagnosis.inference.weighing import worth_of_a_choice
 
 
 def beyond_catalogue(
@@ -28,7 +29,7 @@ def beyond_catalogue(
     listed : mapping of str to float
         Log evidence of the effects of the catalogue, each alone.
     """
-    found, worth = {}, forming.problem.settings.weights.pair_least
+    found, worth = {}, worth_of_a_choice(len(forming.problem.campaign.plant.effects))
     for name, entries in columns.items():
         rough = explain(nominal, entries)
         if rough is None:

@@ -1,8 +1,8 @@
-"""From log evidences to probabilities that hold: tempering, the price of a further cause, and the open set.
+"""From log evidences to probabilities that hold: the price of a further cause, and the open set.
 
-Log evidences of whitened features are far too sure: the noise is not exactly Gaussian and no form is exactly
-nature's. They are divided by a temperature. "Unknown" gains where the best hypothesis leaves a large share of the
-gap. The constants are few and shared by all effects: `settings.Weights`.
+What makes evidence too sure, noise that is not as modelled and forms that are not nature's, is in the evidence already:
+the noise is scaled to what the best cause leaves, and every form may miss a share. "Unknown" gains where the best
+hypothesis leaves a large share of the gap. The numbers are few and shared by all effects: `settings.Weights`.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.settings import SETTINGS, Weights
 
@@ -45,11 +46,11 @@ def weigh(
     each = (1.0 - w.prior_no_gap - w.prior_parameters - w.prior_unknown) / max(n_effects, 1)
     priors = {"no_gap": w.prior_no_gap, "parameters": w.prior_parameters}
     score = {
-        h: float(np.log(priors.get(h.name, each))) + h.log_evidence / w.temperature
+        h: float(np.log(priors.get(h.name, each))) + h.log_evidence
         for h in hypotheses
         if h is not unknown and len(h.effects) < 2
     }
-    _share_with_further(score, hypotheses, w)
+    _share_with_further(score, hypotheses, n_effects, w)
     score[unknown] = _open_score(score, unknown, gap=no_gap.left_over, quiet=quiet, w=w)
     return _normalised(score)
 
@@ -59,6 +60,7 @@ def weigh_further(
     further: Sequence[Hypothesis],
     unknown: Hypothesis,
     *,
+    n_effects: int,
     gap: float,
     quiet: float = SETTINGS.weights.quiet,
     weights: Weights = SETTINGS.weights,
@@ -74,6 +76,8 @@ def weigh_further(
         The same effects and one or more others, with the log evidence of all.
     unknown : Hypothesis
         Its log evidence is against that of `base`.
+    n_effects : int
+        Size of the catalogue: among so many a further effect is chosen.
     gap : float
         `left_over` of the model without any effect: what remains is a share of that.
     quiet : float
@@ -85,13 +89,13 @@ def weigh_further(
         With `probability`, most likely first; they sum to 1.
     """
     score = {base: float(np.log(weights.prior_no_gap))}
-    _share_with_further(score, further, weights)
+    _share_with_further(score, further, n_effects, weights)
     score[unknown] = _open_score(score, unknown, gap=gap, quiet=quiet, w=weights)
     return _normalised(score)
 
 
 def among(
-    base: Hypothesis, further: Sequence[Hypothesis], *, weights: Weights = SETTINGS.weights
+    base: Hypothesis, further: Sequence[Hypothesis], *, n_effects: int, weights: Weights = SETTINGS.weights
 ) -> tuple[Hypothesis, ...]:
     """Turn log evidences into probabilities of effects alone and with one further effect each, and nothing else.
 
@@ -100,6 +104,8 @@ def among(
     base : Hypothesis
     further : sequence of Hypothesis
         The same effects and another one.
+    n_effects : int
+        Size of the catalogue: among so many a further effect is chosen.
     weights : Weights
 
     Returns
@@ -108,24 +114,48 @@ def among(
         With `probability`, most likely first; they sum to 1.
     """
     score = {base: 0.0}
-    _share_with_further(score, further, weights)
+    _share_with_further(score, further, n_effects, weights)
     return _normalised(score)
 
 
 def _open_score(score: dict[Hypothesis, float], unknown: Hypothesis, *, gap: float, quiet: float, w: Weights) -> float:
-    """Score of "unknown": by its evidence, and by the share of the gap that the best of the others leaves."""
+    """Score of "unknown": by its evidence, or as the best of the others leaves of the gap to what it explains."""
     best = max((h for h in score if np.isfinite(h.left_over)), key=lambda h: score[h])
-    left = max(best.left_over - w.left_by_an_intact_machine * quiet, 0.0)
-    share = (left + w.floor_left) / (max(gap - best.left_over, 0.0) + left + w.floor_gap)
-    by_share = score[best] + w.open_gain * float(np.log(share / w.open_share))
-    return max(float(np.log(w.prior_unknown)) + unknown.log_evidence / w.temperature, by_share)
+    left = max(best.left_over - quiet, 0.0)
+    odds = (left + w.floor_left) / (max(gap - best.left_over, 0.0) + w.floor_gap)
+    return max(float(np.log(w.prior_unknown)) + unknown.log_evidence, score[best] + float(np.log(odds)))
 
 
-def _share_with_further(score: dict[Hypothesis, float], hypotheses: Sequence[Hypothesis], w: Weights) -> None:
+def worth_of_a_choice(n_effects: int) -> float:
+    """Log evidence that the best of so many effects has to add, for having been chosen among them."""
+    return float(np.log(max(n_effects, 2)))
+
+
+def even_at(alone: Floats | float, shared: Floats | float, n_effects: int) -> Floats:
+    """Log evidence that a further effect has to add to be as likely there as not.
+
+    It pays for the choice, and for the scatter of the log evidence that the stronger effects have alone where both act:
+    the form of a strong effect misses more.
+
+    Parameters
+    ----------
+    alone : float or ndarray
+        Log evidence of the stronger effects alone.
+    shared : float or ndarray
+        `Hypothesis.shared` of all together.
+    n_effects : int
+        Size of the catalogue.
+    """
+    return np.asarray(worth_of_a_choice(n_effects) + np.sqrt(shared * np.maximum(alone, 0.0)))
+
+
+def _share_with_further(
+    score: dict[Hypothesis, float], hypotheses: Sequence[Hypothesis], n_effects: int, w: Weights
+) -> None:
     """Split what effects are given between them alone and with one further effect, from one to two and so on.
 
-    A further effect always adds some evidence, because no form is exact: its log Bayes factor is counted in e-folds,
-    not in nats. Against all other causes all together stand with all their evidence.
+    A further effect always adds some evidence, because no form is exact: the odds of it are its log evidence over that
+    at which it is even. Against all other causes all together stand with all their evidence.
     """
     for size in range(2, 1 + max((len(h.effects) for h in hypotheses), default=0)):
         families: dict[Hypothesis, list[Hypothesis]] = {}
@@ -135,22 +165,21 @@ def _share_with_further(score: dict[Hypothesis, float], hypotheses: Sequence[Hyp
                 if fewer:
                     families.setdefault(max(fewer, key=lambda p: p.log_evidence), []).append(h)
         for stronger, family in families.items():
-            _share_within(score, stronger, family, w)
+            _share_within(score, stronger, family, n_effects, w)
 
 
 def _share_within(
-    score: dict[Hypothesis, float], stronger: Hypothesis, family: Sequence[Hypothesis], w: Weights
+    score: dict[Hypothesis, float], stronger: Hypothesis, family: Sequence[Hypothesis], n_effects: int, w: Weights
 ) -> None:
-    alone = stronger.log_evidence
-    added = np.array([h.log_evidence - alone for h in family])
-    common = np.array([h.shared for h in family])
-    even = w.pair_least + w.pair_share * np.sqrt(common * max(alone, 0.0))
-    odds = w.pair_gain * float(np.log(max(float(np.max(added / even)), w.least_added)))
+    added = np.array([h.log_evidence - stronger.log_evidence for h in family])
+    even = even_at(stronger.log_evidence, np.array([h.shared for h in family]), n_effects)
+    log_odds = np.log(np.maximum(added / even, w.least_added))
+    odds = float(log_odds.max())
     # As far as the further one is believed: one that is not must not raise the first.
     believed = -float(np.logaddexp(0.0, -odds))
-    total = score[stronger] + np.exp(believed) * max(float(added.max()), 0.0) / w.temperature
+    total = score[stronger] + np.exp(believed) * max(float(added.max()), 0.0)
     score[stronger] = total - float(np.logaddexp(0.0, odds))
-    among = added / w.temperature + w.pair_gain * np.log(np.maximum(added / even, w.least_added))
+    among = added + log_odds
     among -= np.logaddexp.reduce(among)
     for h, share in zip(family, among, strict=True):
         score[h] = total + believed + float(share)

@@ -1,5 +1,5 @@
 from benchmarks import ablation
-from benchmarks.calibrate_diagnosis import truth
+from benchmarks.development_campaigns import truth
 
 EDGE = {"kind": "effect", "effects": {"edge_force": 1.0}}
 INTACT = {"kind": "none", "effects": {}}

@@ -93,22 +93,6 @@ def test_a_form_that_leaves_much_makes_its_size_uncertain(problem):
     assert rough.strength_std > 2.0 * clean.strength_std
 
 
-def test_a_steady_effect_hardly_differs_from_one_minute_to_the_next(problem):
-    contribution = problem.project(friction)
-
-    def fading(state):
-        return {"mechanical": (1.0 - 5e-4 * state.setting.session_s) * friction(state)["mechanical"]}
-
-    change = problem.project(fading) - contribution
-    left = []
-    for in_time in (True, False):
-        modes = form_modes(problem, contribution, in_time=in_time)
-        # Ridge: what a factor of standard deviation 0.1 would cost.
-        weights = np.linalg.solve(0.01 * modes.T @ modes + np.eye(modes.shape[1]), 0.1 * modes.T @ change)
-        left.append(np.linalg.norm(change - 0.1 * modes @ weights) / np.linalg.norm(change))
-    assert left[1] > 5.0 * left[0]
-
-
 def test_a_noisy_bench_leaves_more_and_is_no_gap(states):
     """Ten times the noise: the quiet level rises with it, up to one, and stays where the bench is quiet."""
     rng = np.random.default_rng(2)

@@ -20,7 +20,6 @@ pytestmark = pytest.mark.unit
 
 WEAR, CHIP = "blade_wear", "chip_thickness"
 TRENDS = {name: EFFECT_BY_NAME[name].strokes for name in (WEAR, CHIP)}
-STROKE_WEIGHT, PRICE = SETTINGS.strokes.weight, SETTINGS.strokes.price
 STROKE_M, RATE_HZ = 0.02, 13.0
 # Duty, feed in mm/s, seconds: in a mixed order, as a campaign is run.
 TRIALS = (
@@ -204,8 +203,8 @@ def added(log_evidence, *, alone, beside=None, effect=WEAR, is_whole=True):
 
 def test_strokes_speak_for_an_effect_alone_and_beside_the_strongest_others():
     found, resting = added({WEAR: 5.0, "edge_force": 100.0, "guide_friction": 40.0}, alone=3.0)
-    assert found[WEAR] == 5.0 + STROKE_WEIGHT * 3.0 - PRICE
-    assert found[f"{WEAR} + edge_force"] == 100.0 + STROKE_WEIGHT * 3.0 - PRICE
+    assert found[WEAR] == 5.0 + 3.0
+    assert found[f"{WEAR} + edge_force"] == 100.0 + 3.0
     assert found["edge_force"] == 100.0
     assert resting == {WEAR, f"{WEAR} + edge_force", f"{WEAR} + guide_friction"}
 
@@ -213,15 +212,15 @@ def test_strokes_speak_for_an_effect_alone_and_beside_the_strongest_others():
 def test_what_mean_strokes_say_is_not_believed_where_single_strokes_speak_against_it():
     pair = f"{WEAR} + edge_force"
     found, resting = added({WEAR: 80.0, "edge_force": 100.0, pair: 190.0}, alone=-2.0)
-    assert found[WEAR] == pytest.approx(-2.0 * STROKE_WEIGHT)
-    assert found[pair] == pytest.approx(100.0 - 2.0 * STROKE_WEIGHT)
+    assert found[WEAR] == pytest.approx(-2.0)
+    assert found[pair] == pytest.approx(100.0 - 2.0)
     assert not resting
 
 
 def test_beside_another_effect_of_the_cut_the_strokes_say_less():
     found, _ = added({WEAR: 5.0, "edge_force": 100.0, "guide_friction": 40.0}, alone=5.0, beside=1.0)
-    assert found[f"{WEAR} + edge_force"] == 100.0 + STROKE_WEIGHT - PRICE
-    assert found[f"{WEAR} + guide_friction"] == 40.0 + 5.0 * STROKE_WEIGHT - PRICE
+    assert found[f"{WEAR} + edge_force"] == 100.0 + 1.0
+    assert found[f"{WEAR} + guide_friction"] == 40.0 + 5.0
 
 
 def test_strokes_count_for_two_effects_beside_a_third():
@@ -234,10 +233,10 @@ def test_strokes_count_for_two_effects_beside_a_third():
         three: 150.0,
     }
     found, resting = added(evidence, alone=3.0, beside=2.0)
-    assert found[three] == 150.0 + 2.0 * STROKE_WEIGHT - PRICE
+    assert found[three] == 150.0 + 2.0
     assert three in resting
     against, _ = added(evidence, alone=-2.0)
-    assert against[three] == pytest.approx(130.0 - 2.0 * STROKE_WEIGHT)
+    assert against[three] == pytest.approx(130.0 - 2.0)
 
 
 @pytest.mark.parametrize("alone", [0.0, -3.0])
@@ -245,15 +244,15 @@ def test_slow_changes_of_mean_strokes_are_no_grain_where_single_strokes_show_non
     pair = "edge_force + grain_variation"
     evidence = {"grain_variation": 12.0, "edge_force": 100.0, pair: 114.0}
     found, _ = added(evidence, alone=alone, effect="grain_variation", is_whole=False)
-    assert found["grain_variation"] == pytest.approx(alone * STROKE_WEIGHT)
-    assert found[pair] == pytest.approx(100.0 + alone * STROKE_WEIGHT)
+    assert found["grain_variation"] == pytest.approx(alone)
+    assert found[pair] == pytest.approx(100.0 + alone)
 
 
 def test_a_grain_that_strokes_show_costs_nothing_beside_another_effect():
     found, _ = added(
         {"grain_variation": 5.0, "edge_force": 100.0}, alone=50.0, effect="grain_variation", is_whole=False
     )
-    assert found["edge_force + grain_variation"] == 100.0 + 50.0 * STROKE_WEIGHT
+    assert found["edge_force + grain_variation"] == 100.0 + 50.0
 
 
 @pytest.mark.parametrize(("effect", "is_whole"), [(WEAR, True), ("grain_variation", False)])

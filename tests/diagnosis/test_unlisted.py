@@ -57,7 +57,7 @@ def test_a_tenth_is_left_by_a_right_cause_in_one_of_ten_and_by_a_wrong_one_as_of
     assert np.all(np.diff(even) > 0.0)
     # The exponential that exceeds 0.1 once in ten has the density 23 exp(-23 share).
     rate = np.log(10.0) / 0.1
-    prior = 0.06 / 0.34
+    prior = (1.0 / 12.0) / (5.0 / 12.0)
     assert even[1] == pytest.approx(prior / (rate * np.exp(-rate * 0.1)), rel=0.02)
     assert even[0] < 0.02
     assert even[3] > 10.0
@@ -70,7 +70,7 @@ def test_what_stays_unexplained_elsewhere_is_not_the_claims():
 
 def test_what_the_noise_is_stated_to_leave_is_left_by_an_intact_machine_too():
     """Trials that scatter less than their stated noise: the model of an intact machine is no better than stated."""
-    one = ladder([300.0, 320.0, 310.0], [200.0, 190.0, 210.0], [10.0, 10.0, 10.0], n_features=1000.0)
+    one = ladder([300.0, 320.0, 310.0], [200.0, 190.0, 210.0], [10.0, 10.0, 10.0], n_features=1500.0)
     assert share_of(one)[0] > 0.5
     assert share_of(one, quiet=0.15)[0] < 1e-3
     assert odds_of(one, quiet=0.15) < 0.02

@@ -12,8 +12,8 @@ pytestmark = pytest.mark.unit
 
 N_EFFECTS = 29
 WEIGHTS = SETTINGS.weights
-# A log evidence of one temperature is one natural unit of log odds.
-UNIT = WEIGHTS.temperature
+# Log evidence that pays for the choice of one effect among all.
+CHOICE = np.log(N_EFFECTS)
 NAMES = ("blade_wear", "edge_force", "guide_friction")
 PAIR = " + ".join(NAMES[:2])
 
@@ -27,9 +27,9 @@ def probabilities(log_evidence, left_over, *, shared=1.0):
 
 
 def weighed(evidence=None, left=None, *, nominal_left=10.0, unknown=-1.0):
-    """All names with nothing to say, but for those that are given; evidence in units of the temperature."""
+    """All names with nothing to say, but for those that are given."""
     log_evidence = {"no_gap": 0.0, "parameters": -0.6, "unknown": unknown} | dict.fromkeys((*NAMES, PAIR), -0.4)
-    log_evidence = {name: UNIT * value for name, value in (log_evidence | (evidence or {})).items()}
+    log_evidence |= evidence or {}
     left_over = dict.fromkeys(log_evidence, nominal_left)
     return probabilities(log_evidence, left_over | (left or {}))
 
@@ -62,9 +62,14 @@ def test_a_strong_effect_that_leaves_little_is_named():
     assert found["edge_force"] > 0.9
 
 
-def test_a_strong_effect_that_leaves_half_of_the_gap_is_not_believed():
-    found = weighed({"edge_force": 80.0}, {"edge_force": 5.0})
-    assert first(found) == "unknown"
+def test_a_strong_effect_that_leaves_more_of_the_gap_than_it_explains_is_not_believed():
+    assert first(weighed({"edge_force": 80.0}, {"edge_force": 6.0})) == "unknown"
+    assert first(weighed({"edge_force": 80.0}, {"edge_force": 4.0})) == "edge_force"
+
+
+def test_the_odds_of_unknown_are_what_is_left_over_what_is_explained():
+    found = weighed({"edge_force": 80.0}, {"edge_force": 60.0}, nominal_left=100.0)
+    assert found["unknown"] / found["edge_force"] == pytest.approx(60.0 / 40.0, rel=0.01)
 
 
 def test_what_is_left_makes_unknown_more_likely_step_by_step():
@@ -86,8 +91,8 @@ def test_retuned_parameters_win_where_they_explain_it_all():
 
 
 def pair_odds(more, *, alone=80.0, shared=1.0):
-    """Odds of the pair against its stronger member, for log evidence beside its `alone` temperatures."""
-    log_evidence = {"no_gap": 0.0, "parameters": 0.0, "unknown": -5.0, "edge_force": alone * UNIT, "blade_wear": 1.0}
+    """Odds of the pair against its stronger member, for log evidence beside its own, `alone`."""
+    log_evidence = {"no_gap": 0.0, "parameters": 0.0, "unknown": -5.0, "edge_force": alone, "blade_wear": 1.0}
     log_evidence[PAIR] = log_evidence["edge_force"] + more
     left = dict.fromkeys(log_evidence, WEIGHTS.quiet) | {"no_gap": 10.0, "parameters": 10.0}
     found = probabilities(log_evidence, left, shared=shared)
@@ -100,14 +105,14 @@ def test_a_second_effect_pays_for_itself():
     assert odds[0] < 0.1
     assert odds == sorted(odds)
     assert odds[-1] > 10.0
-    assert pair_odds(2000.0) / pair_odds(1000.0) == pytest.approx(2.0**WEIGHTS.pair_gain)
+    assert pair_odds(2000.0) / pair_odds(1000.0) == pytest.approx(2.0)
 
 
 def test_a_second_effect_that_is_not_believed_does_not_speak_for_the_first():
     log_evidence = {"no_gap": 0.0, "parameters": -10.0, "unknown": -10.0, "edge_force": 12.0, "blade_wear": 0.0}
     left = dict.fromkeys((*log_evidence, PAIR), WEIGHTS.quiet)
     without = probabilities(log_evidence, left)
-    beside = probabilities(log_evidence | {PAIR: 12.0 + 0.5 * WEIGHTS.pair_least}, left)
+    beside = probabilities(log_evidence | {PAIR: 12.0 + 0.5 * CHOICE}, left)
     assert beside["edge_force"] < 1.5 * without["edge_force"]
 
 
@@ -122,8 +127,8 @@ def test_a_second_effect_where_the_first_does_nothing_is_no_error_of_its_form():
 
 def test_two_effects_stand_against_all_others_with_all_their_evidence():
     """Unknown explains more than either effect alone, less than both."""
-    log_evidence = {"no_gap": 0.0, "parameters": 0.0, "edge_force": 40.0 * UNIT, "blade_wear": 30.0 * UNIT}
-    log_evidence |= {PAIR: 100.0 * UNIT, "unknown": 60.0 * UNIT}
+    log_evidence = {"no_gap": 0.0, "parameters": 0.0, "edge_force": 40.0, "blade_wear": 30.0}
+    log_evidence |= {PAIR: 100.0, "unknown": 60.0}
     left = dict.fromkeys(log_evidence, 5.0) | {PAIR: WEIGHTS.quiet, "no_gap": 10.0}
     assert first(probabilities(log_evidence, left)) == PAIR
 
@@ -150,28 +155,28 @@ def test_a_third_effect_pays_for_itself_as_a_second_one_does():
     pair, three = three_effects(2000.0)
     assert three > 10.0 * pair
     more = three_effects(4000.0)
-    assert more[1] / more[0] == pytest.approx(2.0**WEIGHTS.pair_gain * three / pair)
+    assert more[1] / more[0] == pytest.approx(2.0 * three / pair)
 
 
 def beside_a_sure_pair(added, *, alone=0.0, shared=0.0, unknown=-5.0, left=WEIGHTS.quiet):
     """Probabilities of the pair alone, with a third effect that adds so much, and of "unknown"."""
     base = named(PAIR, alone, left_over=left)
     further = [named(" + ".join(NAMES), alone + added, left_over=left, shared=shared)]
-    found = weigh_further(base, further, named("unknown", unknown), gap=10.0)
+    found = weigh_further(base, further, named("unknown", unknown), n_effects=N_EFFECTS, gap=10.0)
     return {h.name: h.probability for h in found}
 
 
 def test_a_further_effect_beside_sure_ones_is_even_at_the_least_log_evidence_of_a_second_one():
-    found = beside_a_sure_pair(WEIGHTS.pair_least)
+    found = beside_a_sure_pair(CHOICE)
     assert sum(found.values()) == pytest.approx(1.0)
     assert found[" + ".join(NAMES)] == pytest.approx(found[PAIR])
     assert beside_a_sure_pair(0.0)[" + ".join(NAMES)] < 0.01
-    assert beside_a_sure_pair(10.0 * WEIGHTS.pair_least)[" + ".join(NAMES)] > 0.9
+    assert beside_a_sure_pair(10.0 * CHOICE)[" + ".join(NAMES)] > 0.9
 
 
 def test_a_further_effect_pays_for_what_the_forms_of_sure_ones_may_miss_where_it_acts():
     alone, common = 4800.0, 0.3
-    even = WEIGHTS.pair_least + WEIGHTS.pair_share * np.sqrt(common * alone)
+    even = CHOICE + np.sqrt(common * alone)
     found = beside_a_sure_pair(even, alone=alone, shared=common)
     assert found[" + ".join(NAMES)] == pytest.approx(found[PAIR])
     elsewhere = beside_a_sure_pair(even, alone=alone, shared=0.0)
@@ -181,4 +186,4 @@ def test_a_further_effect_pays_for_what_the_forms_of_sure_ones_may_miss_where_it
 def test_what_sure_effects_leave_of_the_whole_gap_is_unknown_where_it_is_most_of_it():
     assert beside_a_sure_pair(0.0, left=9.0)["unknown"] > 0.8
     assert beside_a_sure_pair(0.0, left=1.0)["unknown"] < 0.2
-    assert beside_a_sure_pair(0.0, unknown=30.0 * UNIT)["unknown"] > 0.99
+    assert beside_a_sure_pair(0.0, unknown=30.0)["unknown"] > 0.99

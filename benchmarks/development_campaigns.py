@@ -1,25 +1,20 @@
-"""Fit the constants of `inference.settings.Weights` on development campaigns, and say how well it does on them.
+"""Campaigns for development: every hypothesis weighed on each, and how well the answers do, kind of bench by kind.
 
-    python -m benchmarks.calibrate_diagnosis collect OUT [--cases N] [--pairs N] [--intact N] [--forms own|plain]
-                                                         [--benches own|foreign] [--workers N]
-    python -m benchmarks.calibrate_diagnosis fit OUT [--fixed | --temperature T]
-    python -m benchmarks.calibrate_diagnosis leave-out OUT [--by effect|shift]
-    python -m benchmarks.calibrate_diagnosis compare OUT OTHER
-    python -m benchmarks.calibrate_diagnosis sample OUT FILE
+    python -m benchmarks.development_campaigns collect OUT [--cases N] [--pairs N] [--intact N] [--forms own|plain]
+                                                           [--benches own|foreign] [--workers N]
+    python -m benchmarks.development_campaigns score OUT
+    python -m benchmarks.development_campaigns compare OUT OTHER
 
 `collect` simulates campaigns of the seeds 1 to 999 with the blind check's plant, weighs every hypothesis and keeps the
-log evidences (resumable, about 14 s a campaign and core). `fit` maximises the weighted log-likelihood of the truth over
-the nine constants, which all effects share; `--temperature` holds that one where it is put (the product takes a higher
-one than the fit asks for, to claim less), and with `--fixed` it only reports on the constants as they are. Weights of
-the kinds: 20 % none, 10 % parameters, 50 % one effect, 10 % two, 10 % outside the catalogue, all at 0.5 to 2 times
-typical. Seeds above 999 are for claims and are refused.
+log evidences (resumable, about 14 s a campaign and core). `score` says how often each kind is answered rightly, how
+sure the answers are, and the same for every kind of bench: each faulty sensor, strong noise, another machine (collect
+`--benches own` and `--benches foreign` into one folder). No number of the weighing is fitted to them. Weights of the
+kinds in the log-loss: 20 % none, 10 % parameters, 50 % one effect, 10 % two, 10 % outside the catalogue, all at 0.5 to
+2 times typical. Seeds above 999 are for claims and are refused. Answers are those of the weighing, before claims are
+held to what they predict.
 
-One simulator is one choice of functional forms. `leave-out` fits the constants once for every effect, without the
-campaigns in which nature's form of that effect plays a part, and answers these: the difference to the constants that
-have seen them says how much the fit leans on any one form. With `--by shift` the same for every kind of bench: each
-faulty sensor, strong noise, another machine (collect `--benches own` and `--benches foreign` into one folder).
-`compare` sets the answers to the same campaigns with other forms (`collect --forms plain`) beside each other, effect by
-effect. `sample` keeps the best hypotheses of each one, in one small file: the tests of the constants rest on it.
+One simulator is one choice of functional forms: `compare` sets the answers to the same campaigns with other forms
+(`collect --forms plain`) beside each other, effect by effect.
 """
 
 from __future__ import annotations
@@ -28,7 +23,6 @@ import argparse
 import json
 import multiprocessing
 import os
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +38,6 @@ from benchmarks.blind_campaigns import LAST_SEED, blind_campaign, severity
 KIND_WEIGHTS = {"none": 0.2, "parameters": 0.1, "effect": 0.5, "pair": 0.1, "outside": 0.1}
 N_EFFECTS = len(CATALOGUE)
 _ROUNDS = 4
-_SAMPLED = 12
 # Further campaigns of two effects, and of none, have seeds of their own.
 _FIRST_PAIR_SEED, _FIRST_INTACT_SEED = 500, 700
 # A probability of the truth below that counts as that.
@@ -128,32 +121,6 @@ def truth(row: dict[str, Any]) -> str:
     return words.get(row["kind"], AND.join(sorted(row["effects"])))
 
 
-def weights_of(x: np.ndarray) -> Weights:
-    """Constants from unbounded numbers."""
-    prior = np.exp(np.append(x[6:9], 0.0))
-    prior /= prior.sum()
-    sizes = np.exp(x[:6])
-    return Weights(
-        temperature=float(sizes[0]),
-        pair_gain=float(sizes[1]),
-        pair_least=float(sizes[2]),
-        pair_share=float(sizes[3]),
-        open_gain=float(sizes[4]),
-        open_share=float(sizes[5]),
-        prior_no_gap=float(prior[0]),
-        prior_parameters=float(prior[1]),
-        prior_unknown=float(prior[2]),
-    )
-
-
-def numbers_of(weights: Weights) -> np.ndarray:
-    """Unbounded numbers from constants: what `weights_of` undoes."""
-    w = weights
-    rest = 1.0 - w.prior_no_gap - w.prior_parameters - w.prior_unknown
-    sizes = [w.temperature, w.pair_gain, w.pair_least, w.pair_share, w.open_gain, w.open_share]
-    return np.log(np.array([*sizes, *(p / rest for p in (w.prior_no_gap, w.prior_parameters, w.prior_unknown))]))
-
-
 def weighed(row: dict[str, Any], weights: Weights) -> dict[str, float]:
     """Probabilities of one record, most probable first."""
     hypotheses = [
@@ -178,34 +145,6 @@ def log_loss(rows: list[dict[str, Any]], weights: Weights) -> float:
         share = KIND_WEIGHTS[row["kind"]] / counts[row["kind"]] / total
         loss += share * loss_of(row, weighed(row, weights))
     return loss
-
-
-def fit(rows: list[dict[str, Any]], temperature: float | None = None, *, near: Weights | None = None) -> Weights:
-    """Maximise the likelihood of the truth, the constants drawn a little to where they start.
-
-    Parameters
-    ----------
-    rows : list of dict
-        Of `collect_one`.
-    temperature : float, optional
-        Held there.
-    near : Weights, optional
-        Search from there and a quarter as long: for rows that are nearly the same.
-    """
-    from scipy.optimize import minimize
-
-    start = np.log(np.array([6.0, 3.0, 20.0, 0.8, 3.0, 0.35, 0.3 / 0.45, 0.15 / 0.45, 0.1 / 0.45]))
-
-    held = None if temperature is None else np.log(temperature)
-
-    def cost(x: np.ndarray) -> float:
-        x = x if held is None else np.append(held, x[1:])
-        return log_loss(rows, weights_of(x)) + 0.003 * float(np.sum((x - start) ** 2))
-
-    options = {"maxiter": 900 if near is None else 225, "xatol": 0.02, "fatol": 1e-5, "adaptive": True}
-    begin = start if near is None else numbers_of(near)
-    found = minimize(cost, begin, method="Nelder-Mead", options=options).x
-    return weights_of(found if held is None else np.append(held, found[1:]))
 
 
 def report(rows: list[dict[str, Any]], weights: Weights) -> str:
@@ -233,11 +172,6 @@ def report(rows: list[dict[str, Any]], weights: Weights) -> str:
     return "\n".join(lines)
 
 
-def by_effect(rows: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
-    """Campaigns that hide each effect of the catalogue."""
-    return {effect: [row for row in rows if effect in row["effects"]] for effect in CATALOGUE}
-
-
 def by_shift(rows: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
     """Campaigns of each kind of bench, of which others are not."""
     found: dict[str, list[dict[str, Any]]] = {}
@@ -248,31 +182,17 @@ def by_shift(rows: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
     return {name: own for name, own in sorted(found.items()) if len(own) < len(rows)}
 
 
-def leave_out(rows: list[dict[str, Any]], groups: dict[str, list[dict[str, Any]]]) -> str:
-    """For every group of campaigns: how these are answered by constants that were fitted without them."""
-    lines = [f"{'left out':38} cases  right, all seen  right, left out  log-loss, all seen  log-loss, left out"]
-
-    def say(name: str, found: np.ndarray) -> None:
-        cases, right, right_out, loss, loss_out = found
-        lines.append(
-            f"{name:38} {int(cases):5}  {int(right):15}  {int(right_out):15}"
-            f"  {loss / cases:18.3f}  {loss_out / cases:18.3f}"
-        )
-
-    seen = fit(rows, SETTINGS.weights.temperature)
-    total = np.zeros(5)
-    for name, own in groups.items():
-        if not own:
-            continue
-        rest = [row for row in rows if row not in own]
-        both = (seen, fit(rest, SETTINGS.weights.temperature, near=seen))
-        answers = [[(row, weighed(row, weights)) for row in own] for weights in both]
-        right = [sum(next(iter(said)) == truth(row) for row, said in answer) for answer in answers]
-        loss = [sum(loss_of(row, said) for row, said in answer) for answer in answers]
-        found = np.array([len(own), *right, *loss])
-        total += found
-        say(name, found)
-    say("all of them", total)
+def shift_table(rows: list[dict[str, Any]]) -> str:
+    """How the campaigns of each kind of bench are answered, beside all of them."""
+    lines = [f"{'bench':38} cases  right  claims  of them right  accused  log-loss"]
+    for name, own in {"all of them": rows, **by_shift(rows)}.items():
+        answers = [(row, weighed(row, SETTINGS.weights)) for row in own]
+        tops = [(row, next(iter(said))) for row, said in answers]
+        claims = [(row, top) for row, top in tops if top not in OTHERS]
+        right, exact = (sum(truth(row) == top for row, top in these) for these in (tops, claims))
+        accused = sum(row["kind"] in {"none", "parameters"} for row, _ in claims)
+        loss = float(np.mean([loss_of(row, said) for row, said in answers]))
+        lines.append(f"{name:38} {len(own):5}  {right:5}  {len(claims):6}  {exact:13}  {accused:7}  {loss:8.2f}")
     return "\n".join(lines)
 
 
@@ -300,22 +220,6 @@ def compare(rows: list[dict[str, Any]], others: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def sample(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Records with their best hypotheses alone, the members of pairs among them."""
-    found = []
-    for row in rows:
-        evidence = row["log_evidence"]
-        best = {*sorted(evidence, key=lambda name: -evidence[name])[:_SAMPLED], *OTHERS, truth(row)} & set(evidence)
-        kept = best | {member for name in best for member in name.split(AND) if member in evidence}
-        of_kept = {
-            key: {name: round(value, 4) for name, value in row[key].items() if name in kept and np.isfinite(value)}
-            for key in ("log_evidence", "left_over", "shared")
-        }
-        known = {key: row[key] for key in ("seed", "kind", "effects", "parameters", "forms")}
-        found.append({**known, "quiet": round(row["quiet"], 4), **of_kept})
-    return found
-
-
 def records(folder: Path) -> list[dict[str, Any]]:
     """What `collect` wrote."""
     rows = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.glob("case-*.json"))]
@@ -325,20 +229,17 @@ def records(folder: Path) -> list[dict[str, Any]]:
 
 
 def main() -> None:
-    """Collect, fit, leave out or compare."""
+    """Collect, score or compare."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("step", choices=("collect", "fit", "leave-out", "compare", "sample"))
+    parser.add_argument("step", choices=("collect", "score", "compare"))
     parser.add_argument("out", type=Path)
-    parser.add_argument("other", type=Path, nargs="?", help="the folder to compare with, or the file to write")
+    parser.add_argument("other", type=Path, nargs="?", help="the folder to compare with")
     parser.add_argument("--cases", type=int, default=_ROUNDS * 68)
     parser.add_argument("--pairs", type=int, default=0, help="further campaigns of two effects")
     parser.add_argument("--intact", type=int, default=0, help="further campaigns of no effect")
     parser.add_argument("--forms", choices=("own", "plain"), default="own")
     parser.add_argument("--benches", choices=("own", "foreign"), default="own")
-    parser.add_argument("--by", choices=("effect", "shift"), default="effect", help="what is left out")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--temperature", type=float, help="hold the temperature there")
-    parser.add_argument("--fixed", action="store_true", help="report on the constants as they are")
     told = parser.parse_args()
     if told.step == "collect":
         most = {
@@ -356,19 +257,12 @@ def main() -> None:
             jobs = [pool.apply_async(collect_one, (row, told.out)) for row in rows]
             for k, job in enumerate(jobs, start=1):
                 print(k, job.get(), flush=True)
-    elif told.step == "fit":
+    elif told.step == "score":
         rows = records(told.out)
-        weights = SETTINGS.weights if told.fixed else fit(rows, told.temperature)
-        print(json.dumps(asdict(weights), indent=2))
-        print(report(rows, weights))
-    elif told.step == "leave-out":
-        rows = records(told.out)
-        print(leave_out(rows, by_effect(rows) if told.by == "effect" else by_shift(rows)))
+        print(report(rows, SETTINGS.weights))
+        print(shift_table(rows))
     elif told.other is None:
-        parser.error(f"{told.step} needs a second path")
-    elif told.step == "sample":
-        lines = [json.dumps(row) for row in sample(records(told.out))]
-        told.other.write_text("[\n" + ",\n".join(lines) + "\n]\n", encoding="utf-8")
+        parser.error("compare needs a second folder")
     else:
         print(compare(records(told.out), records(told.other)))
 

@@ -1,4 +1,4 @@
-"""The development campaigns that the weights are fitted on, and what leaving some of them out says."""
+"""The development campaigns, and how the answers to them are counted."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ import json
 
 import pytest
 from sawbench.blindcheck.effects.table import CATALOGUE
-from sawbench.diagnosis.inference.settings import SETTINGS
 
-from benchmarks import calibrate_diagnosis
+from benchmarks import development_campaigns
 
-WEIGHTS = SETTINGS.weights
 pytestmark = pytest.mark.unit
 
 
@@ -24,66 +22,57 @@ def record(seed, kind, effects, log_evidence, *, forms="own"):
 
 
 def test_every_development_seed_is_drawn_once_and_stays_below_those_of_claims():
-    rows = [*calibrate_diagnosis.plan(272), *calibrate_diagnosis.more_pairs(200), *calibrate_diagnosis.more_intact(300)]
+    rows = [
+        *development_campaigns.plan(272),
+        *development_campaigns.more_pairs(200),
+        *development_campaigns.more_intact(300),
+    ]
     seeds = [row["seed"] for row in rows]
     assert len(set(seeds)) == len(seeds) == 772
-    assert max(seeds) <= calibrate_diagnosis.LAST_SEED
+    assert max(seeds) <= development_campaigns.LAST_SEED
     assert {e for row in rows[:68] if row["kind"] == "effect" for e in row["effects"]} == set(CATALOGUE)
-    for row in calibrate_diagnosis.more_pairs(60):
+    for row in development_campaigns.more_pairs(60):
         assert len(row["effects"]) == 2
         assert all(0.5 <= size <= 2.0 for size in row["effects"].values())
 
 
 def test_more_campaigns_leave_those_before_as_they_were():
-    assert calibrate_diagnosis.more_pairs(5) == calibrate_diagnosis.more_pairs(9)[:5]
-    assert calibrate_diagnosis.plan(10) == calibrate_diagnosis.plan(80)[:10]
+    assert development_campaigns.more_pairs(5) == development_campaigns.more_pairs(9)[:5]
+    assert development_campaigns.plan(10) == development_campaigns.plan(80)[:10]
 
 
 @pytest.mark.parametrize(("option", "number"), [("--cases", "500"), ("--pairs", "201"), ("--intact", "301")])
 def test_seeds_of_claims_are_refused(monkeypatch, tmp_path, capsys, option, number):
-    monkeypatch.setattr("sys.argv", ["calibrate_diagnosis", "collect", str(tmp_path), option, number])
+    monkeypatch.setattr("sys.argv", ["development_campaigns", "collect", str(tmp_path), option, number])
     with pytest.raises(SystemExit):
-        calibrate_diagnosis.main()
+        development_campaigns.main()
     assert "seeds above 999 are for claims" in capsys.readouterr().err
 
 
-def test_constants_come_back_from_their_numbers():
-    back = calibrate_diagnosis.weights_of(calibrate_diagnosis.numbers_of(WEIGHTS))
-    for name in ("temperature", "pair_gain", "pair_least", "open_share", "prior_no_gap", "prior_unknown"):
-        assert getattr(back, name) == pytest.approx(getattr(WEIGHTS, name))
-
-
-def test_leaving_an_effect_out_answers_its_campaigns_with_constants_that_have_not_seen_them(monkeypatch):
-    rows = [
-        record(1, "effect", {"edge_force": 1.0}, {"edge_force": 200.0}),
-        record(2, "effect", {"guide_friction": 1.0}, {"guide_friction": 200.0}),
-        record(3, "none", {}, {"guide_friction": -3.0}),
-    ]
-    fitted_on = []
-
-    def fit(kept, temperature=None, near=None):
-        fitted_on.append([row["seed"] for row in kept])
-        return WEIGHTS
-
-    monkeypatch.setattr(calibrate_diagnosis, "fit", fit)
-    lines = calibrate_diagnosis.leave_out(rows, calibrate_diagnosis.by_effect(rows)).splitlines()
-    assert fitted_on[0] == [1, 2, 3]
-    assert sorted(fitted_on[1:]) == [[1, 3], [2, 3]]
-    assert [line.split()[0] for line in lines[1:]] == ["guide_friction", "edge_force", "all"]
-    assert lines[-1].split()[3:6] == ["2", "2", "2"]
-
-
-def test_kinds_of_benches_are_left_out_where_others_remain():
+def test_kinds_of_benches_are_counted_where_others_remain():
     noises = ("0.3 to 0.7", "1.5 to 4", "1.5 to 4")
     rows = [
         record(seed, "none", {}, {"guide_friction": -3.0})
         | {"shifts": {"noise": noise, "hum": hum, "machine": "another jigsaw"}}
         for seed, noise, hum in zip((1, 2, 3), noises, ("with", "without", "with"), strict=True)
     ]
-    found = calibrate_diagnosis.by_shift(rows)
+    found = development_campaigns.by_shift(rows)
     assert {name: [row["seed"] for row in own] for name, own in found.items()} == {
         "hum: with": [1, 3], "noise: 0.3 to 0.7": [1], "noise: 1.5 to 4": [2, 3],
     }  # fmt: skip
+
+
+def test_each_kind_of_bench_has_a_line_with_its_answers():
+    rows = [
+        record(1, "effect", {"edge_force": 1.0}, {"edge_force": 200.0}) | {"shifts": {"hum": "with"}},
+        record(2, "none", {}, {"guide_friction": 200.0}) | {"shifts": {"hum": "with"}},
+        record(3, "none", {}, {"guide_friction": -3.0, "parameters": -1.0})
+        | {"shifts": {"hum": "without"}, "left_over": {"no_gap": 0.1, "parameters": 0.1}},
+    ]
+    lines = development_campaigns.shift_table(rows).splitlines()
+    assert [line.split()[:-1] for line in lines[1:]] == [
+        ["all", "of", "them", "3", "2", "2", "1", "1"], ["hum:", "with", "2", "1", "2", "1", "1"],
+    ]  # fmt: skip
 
 
 def test_answers_with_other_forms_stand_beside_each_other(monkeypatch, tmp_path, capsys):
@@ -92,9 +81,9 @@ def test_answers_with_other_forms_stand_beside_each_other(monkeypatch, tmp_path,
         folder.mkdir()
         row = record(1, "effect", {"edge_force": 1.5}, {"edge_force": evidence}, forms=forms)
         (folder / "case-0001.json").write_text(json.dumps(row), encoding="utf-8")
-    arguments = ["calibrate_diagnosis", "compare", str(tmp_path / "own"), str(tmp_path / "plain")]
+    arguments = ["development_campaigns", "compare", str(tmp_path / "own"), str(tmp_path / "plain")]
     monkeypatch.setattr("sys.argv", arguments)
-    calibrate_diagnosis.main()
+    development_campaigns.main()
     lines = capsys.readouterr().out.splitlines()
     assert "own forms" in lines[0]
     assert "plain forms" in lines[0]
@@ -107,4 +96,4 @@ def test_answers_with_other_forms_stand_beside_each_other(monkeypatch, tmp_path,
 
 def test_an_empty_folder_is_named(tmp_path):
     with pytest.raises(SystemExit, match="run collect first"):
-        calibrate_diagnosis.records(tmp_path)
+        development_campaigns.records(tmp_path)
