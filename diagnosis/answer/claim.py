@@ -33,10 +33,6 @@ from sawbench.modeling.effects.effect import Effect
 from sawbench.modeling.effects.strokes import ZeroTrend
 from sawbench.modeling.residuals import Equation
 
-# Of the typical size: so little of an effect that its number is the one that stands where there is none.
-_NONE, _HARDLY = 0.0, 1e-6
-_SAME = 1e-3
-
 
 def held_to_predictions(
     problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior, predictions: Predictions
@@ -115,17 +111,11 @@ def is_there(member: Explanation) -> bool:
     """Whether the magnitude differs, in its 95 % interval, from the number that stands where there is no effect.
 
     And from what every machine has a little of: whose interval ends below `Forms.least_amplitude` is background.
-    The number is 0, except where it does not vanish with the effect (an exponent of 1), and 0 where it grows without
-    bound (a stiffness) or belongs to the form (a frequency).
     """
-    effect, shape = member.effect, member.column.shape
     amplitude, std = member.mixture or (member.amplitude, member.amplitude_std)
     if abs(amplitude) + Z95 * std < SETTINGS.forms.least_amplitude:
         return False
-    none, hardly = (effect.reported_strength(part * effect.strength.typical, shape) for part in (_NONE, _HARDLY))
-    is_plain = member.mixture is not None or abs(hardly - none) > _SAME * abs(hardly) or none == member.strength
-    absent = 0.0 if is_plain else none
-    return abs(member.strength - absent) > Z95 * member.strength_std
+    return abs(member.strength - member.absent) > Z95 * member.strength_std
 
 
 def _failing(

@@ -17,6 +17,9 @@ from sawbench.modeling.effects.effect import Effect
 
 _N_AMPLITUDES = 40
 _SAME_VALUE = 1e-6
+# Of the typical size: so little of an effect that its number is the one that stands where there is none.
+_NONE, _HARDLY = 0.0, 1e-6
+_SAME_AS_NONE = 1e-3
 # A cell of amplitudes that is narrower than this share of what the noise leaves is as good as its middle.
 _FLAT_CELL_STDS = 1e-2
 
@@ -86,6 +89,20 @@ class Explanation:
         return self.effect.reported_strength(self.amplitude * self.effect.strength.typical, self.column.shape)
 
     @property
+    def absent(self) -> float:
+        """What the reported parameter is where there is no effect: 0, but 1 of an exponent.
+
+        0 too where it grows without bound (a stiffness) or belongs to the form (a frequency).
+        """
+        if self.mixture is not None:
+            return 0.0
+        none, hardly = (
+            self.effect.reported_strength(part * self.effect.strength.typical, self.column.shape)
+            for part in (_NONE, _HARDLY)
+        )
+        return 0.0 if abs(hardly - none) > _SAME_AS_NONE * abs(hardly) or none == self.strength else none
+
+    @property
     def strength_std(self) -> float:
         """Its standard uncertainty: from the noise, between the shapes, and from what nature's form differs.
 
@@ -93,7 +110,7 @@ class Explanation:
         Forms disagree by factors, not by sums: with them a magnitude is right to a factor of two, unless the noise
         alone hides it. So is one that is read off a free wave.
         """
-        size, most = abs(self.strength), SETTINGS.forms.most_std
+        size, most = abs(self.strength - self.absent), SETTINGS.forms.most_std
         if self.effect.size_of is not None and self.mixture is None:
             return most * size
         by_noise, by_form = self._noise_and_form()
@@ -252,7 +269,7 @@ def _explanation(
         effect.reported_strength(effect.amplitude(fit[0]) * effect.strength.typical, column.shape)
         for column, fit in zip(columns, fits, strict=True)
     ]
-    return Explanation(
+    found = Explanation(
         effect=effect,
         log_evidence=log_mean_exp(logs),
         column=columns[best],
@@ -260,9 +277,10 @@ def _explanation(
         amplitude_std=std,
         gain=gain,
         contribution=columns[best].columns @ solution,
-        shape_spread=_relative_spread(np.array(strengths), logs, size_temperature),
         size_temperature=size_temperature,
     )
+    spread = _relative_spread(np.array(strengths) - found.absent, logs, size_temperature)
+    return replace(found, shape_spread=spread)
 
 
 def _relative_spread(values: Floats, logs: Floats, temperature: float) -> float:

@@ -1,5 +1,6 @@
 """Thicker chips cut harder: k grows with feed per stroke, k (h / h_ref)^m, h = feed / stroke rate.
 
+Or a part grows with the chip and one does not: k (1 + m (h / h_ref - 1)), of the same slope at h_ref.
 h_ref = 0.3 mm. The gain changes with feed and stroke rate, the shape of the force over the stroke does not; or, where
 the wood feeds on while the cut slows the crank, h follows the crank within the stroke: h = feed * 2 pi / crank speed.
 Nothing can be said where nobody told the feed. m = 0.4 to 0.9 in wood (tooth forces about h^0.68), assumed.
@@ -19,12 +20,15 @@ from sawbench.modeling.state import TWO_PI, State
 _H_REF_M = 3e-4
 
 
-def _signature(baseline: Baseline, state: State, exponent: float, in_stroke: float = 0.0) -> tuple[Signature, ...]:
+def _signature(
+    baseline: Baseline, state: State, exponent: float, in_stroke: float = 0.0, affine: float = 0.0
+) -> tuple[Signature, ...]:
     if not state.setting.feed_m_s > 0.0:
         return ({},)
     rate_hz = np.maximum(state.speed_rad_s, 1e-3) / TWO_PI if in_stroke else stroke_rate_hz(state)
-    thickness_m = state.setting.feed_m_s / rate_hz
-    return ({"cutting": baseline.expected_force(state) * ((thickness_m / _H_REF_M) ** exponent - 1.0)},)
+    thickness = state.setting.feed_m_s / rate_hz / _H_REF_M
+    grown = exponent * (thickness - 1.0) if affine else thickness**exponent - 1.0
+    return ({"cutting": baseline.expected_force(state) * grown},)
 
 
 def _log_change(distance_m: Floats, log_thickness: Floats, size: float) -> Floats:
@@ -51,7 +55,10 @@ EFFECT = Effect(
         source="assumed; wood: about 0.68",
     ),
     signature=_signature,
-    shapes=tuple({"exponent": m, **way} for way in ({}, {"in_stroke": 1.0}) for m in (0.3, 0.45, 0.6, 0.75, 0.9)),
+    shapes=(
+        *({"exponent": m, **way} for way in ({}, {"in_stroke": 1.0}) for m in (0.3, 0.45, 0.6, 0.75, 0.9)),
+        *({"exponent": 0.6, **way, "affine": 1.0} for way in ({}, {"in_stroke": 1.0})),
+    ),
     continuous=("exponent",),
     shape_strength=lambda amplitude, shape: amplitude * shape["exponent"],
     carries=("exponent",),

@@ -3,7 +3,8 @@
 Locked to the blade's position, so it chirps in time: fast at mid stroke, slow at the dead centres. The
 reading is the true force. Free phase: sine and cosine part. A tooth that enters at once and leaves slowly makes
 a saw tooth of it: the sharp form has two overtones as well, each with a free phase and half the size of the one
-before. The pitch grid advances by a tenth of a turn over 20 mm from one entry to the next. A resonance rings at
+before. Teeth that are set to either side in turn cut unequal chips: that form has the wave of every second tooth too.
+The pitch grid advances by a tenth of a turn over 20 mm from one entry to the next. A resonance rings at
 one frequency at any position. Jigsaw blades: 1.8 to 4.5 mm (makers' catalogues, 6 to 14 teeth an inch);
 depth: assumed.
 """
@@ -18,22 +19,29 @@ from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import TWO_PI, State
 
 _TEETH_PER_M = np.arange(220.0, 560.0 + 1.0, 5.0)
-_OVERTONES = (1.0, 0.5, 0.25)
+# Waves a pitch, and the typical size of each.
+_SMOOTH, _SHARP, _ALTERNATE = ({1.0: 1.0}, {1.0: 1.0, 2.0: 0.5, 3.0: 0.25}, {1.0: 1.0, 0.5: 0.5, 2.0: 0.5, 3.0: 0.25})
 
 
 def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
     turned = TWO_PI * baseline.mechanism.displacement(state.angle_rad)
     force = baseline.expected_force(state)
 
-    def signature(pitch_m: float, sharp: float) -> tuple[Signature, ...]:
+    def signature(pitch_m: float, sharp: float, alternate: float = 0.0) -> tuple[Signature, ...]:
         found: list[Signature] = []
-        for k, size in enumerate(_OVERTONES if sharp else _OVERTONES[:1], start=1):
-            phase = k / pitch_m * turned
+        for waves, size in _waves(sharp, alternate).items():
+            phase = waves / pitch_m * turned
             found.append({"cutting": size * force * np.sin(phase)})
             found.append({"cutting": size * force * np.cos(phase)})
         return tuple(found)
 
     return signature
+
+
+def _waves(sharp: float, alternate: float = 0.0) -> dict[float, float]:
+    if alternate:
+        return _ALTERNATE
+    return _SHARP if sharp else _SMOOTH
 
 
 EFFECT = Effect(
@@ -51,8 +59,11 @@ EFFECT = Effect(
         name="depth", unit="1", typical=0.15, low=0.1, high=3.0, source="assumed; pitch: blade catalogues"
     ),
     signature=Prepared(_prepared),
-    n_signatures=lambda shape: 2 * (len(_OVERTONES) if shape["sharp"] else 1),
-    shapes=tuple({"pitch_m": float(1.0 / n), "sharp": sharp} for sharp in (0.0, 1.0) for n in _TEETH_PER_M),
+    n_signatures=lambda shape: 2 * len(_waves(shape["sharp"], shape.get("alternate", 0.0))),
+    shapes=(
+        *({"pitch_m": float(1.0 / n), "sharp": sharp} for sharp in (0.0, 1.0) for n in _TEETH_PER_M),
+        *({"pitch_m": float(1.0 / n), "sharp": 1.0, "alternate": 1.0} for n in _TEETH_PER_M[::2]),
+    ),
     continuous=("pitch_m",),
     needs=("force_n",),
     grows_with=("position", "load"),
