@@ -3,7 +3,7 @@
 Only the reading rings; the motor feels the force itself, so the mechanical residual, which uses the
 reading, shows the same error with the other sign. Fixed in Hz at every speed, where tooth ripple keeps its
 blade position. Part of the force may bypass the spring (amplitude below 1), and a carriage has upper modes: a
-second form adds modes at 1.5 to 3 times the first, each of its own size; they do not count without the first.
+second form adds one at 1.3 to 3.2 times the first, of its own size; it does not count without the first.
 f_n = 60 to 450 Hz (carriage of 0.5 to 3 kg on a cell of 1e6 N/m) and zeta = 0.02 to 0.2: assumed.
 """
 
@@ -21,15 +21,15 @@ from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
 _FREQUENCIES_HZ = tuple(float(f) for f in np.geomspace(60.0, 450.0, 42))
-# Upper modes as multiples of the first, for the form with more than one.
-_UPPER = (1.5, 2.0, 2.5, 3.0)
+# Frequency of the upper mode over that of the first.
+_UPPER = (1.4, 1.8, 2.3, 3.0)
 
 
 def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
     expected = Spectrum(baseline.expected_force(state), state)
 
     def signature(frequency_hz: float, damping: float, upper: float = 0.0) -> tuple[Signature, ...]:
-        places = (frequency_hz, *(frequency_hz * ratio for ratio in _UPPER)) if upper else (frequency_hz,)
+        places = (frequency_hz, frequency_hz * upper) if upper else (frequency_hz,)
         readings = [expected.through(partial(_transfer, place, damping)) for place in places]
         return tuple(force_reading(baseline, state, reading) for reading in readings)
 
@@ -54,12 +54,17 @@ EFFECT = Effect(
     silent_in=("air",),
     strength=Strength(name="frequency_hz", unit="Hz", typical=1.0, low=0.1, high=2.0, source="assumed"),
     signature=Prepared(_prepared),
-    n_signatures=lambda shape: 1 + len(_UPPER) if "upper" in shape else 1,
+    n_signatures=lambda shape: 2 if "upper" in shape else 1,
     shapes=(
         *({"frequency_hz": f, "damping": z} for f in _FREQUENCIES_HZ for z in (0.03, 0.08, 0.2)),
-        *({"frequency_hz": f, "damping": 0.06, "upper": 1.0} for f in _FREQUENCIES_HZ[:32:2]),
+        *(
+            {"frequency_hz": f, "damping": z, "upper": u}
+            for f in _FREQUENCIES_HZ[:32:3]
+            for z in (0.04, 0.1)
+            for u in _UPPER
+        ),
     ),
-    continuous=("frequency_hz", "damping"),
+    continuous=("frequency_hz", "damping", "upper"),
     shape_strength=lambda amplitude, shape: shape["frequency_hz"],
     carries=("frequency_hz",),
     leading=1,
