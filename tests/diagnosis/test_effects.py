@@ -216,6 +216,17 @@ def test_chips_grow_with_feed_and_shrink_with_stroke_rate():
     assert fast["cutting"].sum() < slow["cutting"].sum()
 
 
+def test_chips_may_leave_a_part_of_the_force_as_it_is():
+    """Half as thick, or twice as thick, as 0.3 mm: less by 0.3 of the force, or more by 0.6."""
+    effect = EFFECT_BY_NAME["chip_thickness"]
+    rate_hz = 1.0 / float(np.mean(2.0 * np.pi / running().speed_rad_s))
+    for thickness, change in ((0.5, -0.3), (1.0, 0.0), (2.0, 0.6)):
+        state = running(setting=setting_of(False, feed_m_s=thickness * 3e-4 * rate_hz))
+        (part,) = effect.signatures(BASELINE, state, {"exponent": 0.6, "affine": 1.0})
+        gain = part["cutting"].sum() / BASELINE.expected_force(state).sum()
+        assert gain == pytest.approx(change, abs=1e-3)
+
+
 def test_chips_follow_a_crank_that_slows_within_the_stroke():
     effect = EFFECT_BY_NAME["chip_thickness"]
     state = running(setting=setting_of(False, feed_m_s=0.006))
@@ -261,8 +272,9 @@ def test_grain_averages_out_over_long_units():
 
 def test_neighbouring_tooth_pitches_stay_within_a_quarter_turn_over_the_stroke():
     shapes = EFFECT_BY_NAME["tooth_passing_ripple"].shapes
-    for sharp in (0.0, 1.0):
-        pitches = np.array([shape["pitch_m"] for shape in shapes if shape["sharp"] == sharp])
+    for sharp, alternate in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0)):
+        kind = {"sharp": sharp} | ({"alternate": alternate} if alternate else {})
+        pitches = np.array([s["pitch_m"] for s in shapes if s == {"pitch_m": s["pitch_m"], **kind}])
         assert pitches.min() <= 1.8e-3
         assert pitches.max() >= 4.5e-3
         assert np.max(np.abs(np.diff(2 * RADIUS_M / pitches))) <= 0.25

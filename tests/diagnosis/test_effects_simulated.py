@@ -151,6 +151,20 @@ def test_tooth_passing_ripple():
     compare(gap(state), {key: 0.2 * wave for key, wave in cosine.items()}, 0.02)
 
 
+def test_teeth_that_are_set_in_turn_have_the_wave_of_every_second_one_too():
+    def cut(v, travelled, memory):
+        turn = 2 * np.pi * (2 * RADIUS - travelled) / 0.004
+        return K_CUT * v * (1 + 0.2 * np.sin(turn + 0.3) + 0.1 * np.sin(0.5 * turn - 1.1))
+
+    state = Machine(cut=cut).run()
+    shape = {"pitch_m": 0.004, "sharp": 1.0, "alternate": 1.0}
+    parts = EFFECT_BY_NAME["tooth_passing_ripple"].signatures(BASELINE, state, shape)
+    # Waves of the pitch, then of two pitches, whose typical size is half of that.
+    weights = [0.2 * w for p in (0.3, -1.1) for w in (np.cos(p), np.sin(p))]
+    found = {key: sum(w * part[key] for w, part in zip(weights, parts, strict=False)) for key in parts[0]}
+    compare(gap(state), found, 0.02)
+
+
 def test_sharp_teeth_have_two_overtones_each_half_as_large():
     sizes, phases = (0.2, 0.1, 0.05), (0.3, 1.1, -0.7)
 
@@ -302,9 +316,9 @@ def test_a_carriage_with_an_upper_mode_and_a_force_that_bypasses_it():
     first, upper = (Machine(ring=(f, 0.06)).run() for f in (110.0, 220.0))
     true = Machine().run()
     reading = 0.5 * first.force_n + 0.2 * upper.force_n + 0.3 * true.force_n
-    shape = {"frequency_hz": 110.0, "damping": 0.06, "upper": 1.0}
+    shape = {"frequency_hz": 110.0, "damping": 0.06, "upper": 2.0}
     parts = EFFECT_BY_NAME["carriage_resonance"].signatures(BASELINE, true, shape)
-    claimed = {key: 0.5 * parts[0][key] + 0.2 * parts[2][key] for key in parts[0]}
+    claimed = {key: 0.5 * parts[0][key] + 0.2 * parts[1][key] for key in parts[0]}
     compare(gap(replace(true, force_n=reading)), claimed, 0.05)
 
 

@@ -10,6 +10,7 @@ from sawbench.diagnosis.inference.dispersion import with_noise
 from sawbench.diagnosis.inference.evidence import (
     Catalogue,
     Column,
+    Explanation,
     amplitudes,
     catalogue_columns,
     explain,
@@ -412,3 +413,23 @@ def test_overtones_without_a_fundamental_are_no_tooth():
 def test_overtones_beside_their_fundamental_count():
     whole, alone = sharp_teeth(1.0, 1.0)
     assert whole > alone + 20.0
+
+
+def test_the_form_of_an_exponent_misses_a_share_of_what_it_differs_from_one():
+    """0.8 with a form known to a quarter is 0.8 +- 0.05, and is there; a force of 8 N is known to 2 N."""
+    found = {}
+    for name, shape, amplitude in (
+        ("cutting_speed_exponent", {"exponent": 0.8}, 1.0), ("guide_friction", None, 1.0),
+    ):  # fmt: skip
+        effect = EFFECT_BY_NAME[name]
+        column = Column(effect=effect, shape=shape or effect.shapes[0], columns=np.ones((3, 1)))
+        found[name] = Explanation(
+            effect=effect, log_evidence=1.0, column=column, amplitude=amplitude, amplitude_std=1e-6, gain=1.0,
+            contribution=np.ones(3), form_share=0.25,
+        )  # fmt: skip
+    exponent, force = found.values()
+    assert exponent.strength == pytest.approx(0.8)
+    assert exponent.absent == 1.0
+    assert exponent.strength_std == pytest.approx(0.25 * 0.2, rel=1e-3)
+    assert force.absent == 0.0
+    assert force.strength_std == pytest.approx(0.25 * force.strength, rel=1e-3)
