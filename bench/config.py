@@ -10,12 +10,15 @@ import difflib
 import hashlib
 import itertools
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from sawbench.bench.errors import ConfigError
 from sawbench.bench.toml_text import parse_toml, read_toml_text
 from sawbench.bench.units import CHANNEL_BY_NAME, TIME_COLUMN, Channel
+
+if TYPE_CHECKING:
+    from sawbench.bench.recording import Floats
 
 # Strict: `true` is no 1.0 and "18" is no 18.0.
 _STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
@@ -246,6 +249,25 @@ class ConverterConfig(BaseModel):
         return self
 
 
+class SensorConfig(BaseModel):
+    """What a sensor of a saw reads: `[sensors.CHANNEL]`, gain times the true value, plus offset in the channel's unit.
+
+    Recordings keep what was read; processing takes it back. `diagnose` estimates both, within the class of the sensor.
+    """
+
+    model_config = _STRICT
+    gain: float = Field(default=1.0, ge=0.5, le=2.0)
+    offset: float = Field(default=0.0, allow_inf_nan=False)
+
+    def true(self, reading: Floats) -> Floats:
+        """What was there where the sensor reads so, of any shape."""
+        return (reading - self.offset) / self.gain
+
+    def after(self, gain: float, offset: float) -> SensorConfig:
+        """What it reads if the values that are taken for true here are read with a gain and an offset themselves."""
+        return SensorConfig(gain=self.gain * gain, offset=self.offset + self.gain * offset)
+
+
 class RecordingConfig(BaseModel):
     """Where recordings go and how often they are made safe.
 
@@ -306,6 +328,7 @@ class BenchConfig(BaseModel):
     analysis: AnalysisConfig = AnalysisConfig()
     channels: dict[Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")], ChannelConfig] = Field(default_factory=dict)
     devices: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    sensors: dict[str, SensorConfig] = Field(default_factory=dict)
     effects: dict[str, dict[str, Any]] = Field(default_factory=dict)
 
     @property
@@ -322,6 +345,17 @@ class BenchConfig(BaseModel):
         for name in self.channels:
             if name in CHANNEL_BY_NAME or name == TIME_COLUMN:
                 raise ValueError(f"channels.{name}: this is a built-in channel of sawbench; remove its table")
+        return self
+
+    @model_validator(mode="after")
+    def _sensors_of_a_saw(self) -> BenchConfig:
+        for name in self.sensors:
+            if name not in self.known_channels:
+                raise ValueError(
+                    f"sensors.{name}: no channel has this name; known are {', '.join(self.known_channels)}"
+                )
+        if self.sensors and self.linear_axis is not None:
+            raise ValueError("[sensors] is for a saw; a linear axis states the gains of its channels in [linear_axis]")
         return self
 
     @model_validator(mode="after")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from sawbench.bench.recording import Event, SampleBlock
@@ -54,6 +55,7 @@ class LiveCuttingEstimate:
         self.n_changes = 0
         self.problem = ""
         self._show = show
+        self._sensors = loaded.config.sensors
         self._splitter = LiveStrokeSplitter()
         self._begun_s: float | None = None
         self._estimator: Any = None
@@ -106,6 +108,8 @@ class LiveCuttingEstimate:
         from sawbench.modeling.recursive import StrokeSummary
 
         splitter = self._splitter
+        if block.channel in self._sensors:
+            block = replace(block, values=self._sensors[block.channel].true(block.values))
         strokes = splitter.update(block)
         if self._begun_s is None and len(block.time_s):
             self._begun_s = float(block.time_s[0])

@@ -68,7 +68,7 @@ def process_recording(recording: Recording, config: BenchConfig, *, source_sha25
         Any subset of the bench's channels, at any rates.
     config : BenchConfig
         `plant` (if present) gives radius and rod length, `cutting` the half that cuts, `analysis` the bins
-        and the allowed stroke rates.
+        and the allowed stroke rates, `sensors` what the sensors read of the true values.
     source_sha256 : str
         Of the file, kept in the result.
 
@@ -88,6 +88,7 @@ def process_recording(recording: Recording, config: BenchConfig, *, source_sha25
     >>> print(f"{trial.period.rate_hz:.3f} Hz, {trial.period.confidence}")
     15.000 Hz, high
     """
+    recording = with_true_values(recording, config)
     channels = {name: clean_channel(signal) for name, signal in recording.signals.items() if len(signal.values)}
     quality = _judged(channels, config, recording.trial)
     motion = _find_motion(channels, config, recording.trial)
@@ -113,6 +114,15 @@ def process_recording(recording: Recording, config: BenchConfig, *, source_sha25
     if motion.angle is None or motion.cycles is None or not len(motion.cycles.index):
         return base
     return _with_cycles(base, recording.signals, channels, config, motion.angle, motion.cycles)
+
+
+def with_true_values(recording: Recording, config: BenchConfig) -> Recording:
+    """Take back what the sensors of the configuration add to the true values."""
+    signals = {
+        name: replace(signal, values=config.sensors[name].true(signal.values)) if name in config.sensors else signal
+        for name, signal in recording.signals.items()
+    }
+    return replace(recording, signals=signals) if config.sensors else recording
 
 
 def _judged(channels: Channels, config: BenchConfig, trial: Trial) -> tuple[ChannelQuality, ...]:

@@ -1,7 +1,8 @@
 """The configuration with what was found: parameters as the campaign re-tunes them, and the effects of the cause.
 
-One least-squares solution states all of it, each parameter held by its stated uncertainty, so that parameters and
-effects fit together. An uncertainty of a parameter stays what the configuration grants it.
+One least-squares solution states all of it, each parameter held by its stated uncertainty, so that parameters,
+sensors and effects fit together: a torque constant that was found beside a force sensor that reads 0.5 % high predicts
+the current beside that sensor only. An uncertainty of a parameter stays what the configuration grants it.
 """
 
 from __future__ import annotations
@@ -10,10 +11,11 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, Final
 
 import numpy as np
-from sawbench.bench.config import MOST_REL_STD, BatteryConfig, LoadedConfig
+from sawbench.bench.config import MOST_REL_STD, BatteryConfig, LoadedConfig, SensorConfig
 from sawbench.bench.recording import Floats
 from sawbench.bench.toml_writing import toml_text
 from sawbench.diagnosis.answer.learned_term import LearnedAnswer
@@ -27,6 +29,16 @@ from sawbench.modeling.effects.learned import NAME
 from sawbench.modeling.machines.known_effects import entry_of
 from sawbench.modeling.machines.learned_entry import learned_entry
 
+# What the fit calls gain and offset of a channel. The zero of the force wanders and is found in every trial.
+_SENSORS: Final[Mapping[str, tuple[str, str | None]]] = MappingProxyType(
+    {
+        "force_n": ("force_gain", None),
+        "motor_current_a": ("motor_current_gain", "motor_current_offset_a"),
+        "battery_current_a": ("battery_current_gain", "battery_current_offset_a"),
+        "battery_voltage_v": ("battery_voltage_gain", "battery_voltage_offset_v"),
+    }
+)
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Solution:
@@ -38,6 +50,13 @@ class Solution:
     width: Floats
     reach: Floats
     amplitudes: Floats
+
+    def shift(self, name: str | None) -> float:
+        """How far a nuisance moves, in its own unit; 0 where the campaign has none of that name."""
+        if name not in self.names:
+            return 0.0
+        k = self.names.index(name)
+        return float(np.clip(self.values[k] * self.width[k], -self.reach[k], self.reach[k]))
 
 
 def improved_model(
@@ -84,6 +103,12 @@ def improved_model(
         )
     }
     tables = _retuned(tables, problem, found)
+    sensors = sensors_of(loaded, found)
+    if sensors:
+        tables["sensors"] = sensors
+        comments["sensors",] = (
+            "what the sensors read, as this campaign tells: gain times the true value, plus offset",
+        )
     effects: dict[str, Any] = {}
     for known in problem.campaign.plant.known:
         effects[known.effect.name] = entry_of(_sharpened(known, found))
@@ -146,12 +171,10 @@ def _solve(problem: LinearProblem, columns: Floats | None, *, is_wide: bool) -> 
 def _retuned(tables: Mapping[str, Any], problem: LinearProblem, found: Solution) -> dict[str, Any]:
     """Tables with the parameters that moved; their absolute standard uncertainty stays."""
     out = {name: dict(table) if isinstance(table, Mapping) else table for name, table in tables.items()}
-    place = {name: k for k, name in enumerate(found.names)}
     for nuisance in problem.campaign.plant.nuisances():
-        if not nuisance.is_plant or nuisance.name not in place:
+        if not nuisance.is_plant or nuisance.name not in found.names:
             continue
-        k = place[nuisance.name]
-        shift = float(np.clip(found.values[k] * found.width[k], -found.reach[k], found.reach[k]))
+        shift = found.shift(nuisance.name)
         if abs(shift) < SETTINGS.report.least_move * nuisance.std:
             continue
         table = _table_of(nuisance.name, out)
@@ -167,6 +190,22 @@ def _retuned(tables: Mapping[str, Any], problem: LinearProblem, found: Solution)
         if value > 0.0:
             out[table][nuisance.name] = {"nominal": value, "rel_std": float(f"{std / value:.4g}")}
     return out
+
+
+def sensors_of(loaded: LoadedConfig, found: Solution) -> dict[str, Any]:
+    """Table `[sensors]`: what the configuration states of each channel, and what the campaign adds to that.
+
+    Parameters
+    ----------
+    loaded : LoadedConfig
+    found : Solution
+    """
+    known, table = loaded.config.sensors, {}
+    for channel, (gain, offset) in _SENSORS.items():
+        reads = known.get(channel, SensorConfig()).after(1.0 + found.shift(gain), found.shift(offset))
+        if reads != SensorConfig():
+            table[channel] = {"gain": float(f"{reads.gain:.6g}"), "offset": float(f"{reads.offset:.4g}")}
+    return {name: one.model_dump() for name, one in known.items()} | table
 
 
 def _table_of(name: str, tables: Mapping[str, Any]) -> str:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
-from sawbench.bench.config import load_config, parse_config
+from sawbench.bench.config import SensorConfig, load_config, parse_config
 from sawbench.bench.errors import ConfigError
 
 pytestmark = pytest.mark.unit
@@ -94,3 +95,29 @@ def test_a_table_battery_needs_no_beta():
     battery = parse_config(BATTERY + "open_circuit = { soc = [0, 0.5, 1], share = [0.8, 0.9, 1] }").battery()
     assert battery.open_circuit is not None
     assert battery.open_circuit.share == (0.8, 0.9, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("line", "named"),
+    [
+        ("force = { gain = 1.01 }", "sensors.force: no channel has this name; known are .*force_n"),
+        ("force_n = { gain = 0.1 }", "sensors.force_n.gain"),
+        ("force_n = { zero = 0.1 }", "sensors.force_n.zero"),
+    ],
+)
+def test_a_wrong_sensor_is_named(line, named):
+    with pytest.raises(ConfigError, match=named):
+        parse_config(f"{TEXT}\n[sensors]\n{line}\n", where="bench_config.toml")
+
+
+def test_a_linear_axis_states_its_gains_elsewhere():
+    axis = '[linear_axis]\nmoving_mass_kg = 5.0\ndrive_channel = "force_n"\nviscous_damping_n_s_per_m = 30.0\n[sensors]\nforce_n = { gain = 1.01 }\n'
+    with pytest.raises(ConfigError, match="for a saw"):
+        parse_config(axis, where="axis.toml")
+
+
+def test_a_gain_that_is_found_behind_a_stated_one_multiplies_it():
+    """True 10, read by an inner sensor as 10.3, and that by an outer one as 9.27 + 1."""
+    inner, outer = SensorConfig(gain=1.02, offset=0.1), SensorConfig(gain=0.9, offset=1.0)
+    both = outer.after(inner.gain, inner.offset)
+    assert both.true(np.array([0.9 * 10.3 + 1.0])) == pytest.approx(10.0)

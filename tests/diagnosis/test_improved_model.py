@@ -7,7 +7,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sawbench.diagnosis.answer.improved_model import retuned_with
+from sawbench.bench.config import parse_config
+from sawbench.diagnosis.answer.improved_model import Solution, retuned_with, sensors_of
 from sawbench.diagnosis.inference.linear_problem import Marginal
 
 from tests.rigs.two_equations import N_BLOCKS, N_CUTTING, N_ELECTRICAL, noise, problem_of
@@ -52,3 +53,25 @@ def test_a_gain_that_did_change_is_found_where_the_form_is_right():
     assert gain == pytest.approx(2.5, abs=3.0 * std)
     assert std < 0.1
     assert size == pytest.approx(SIZE, rel=0.01)
+
+
+def test_sensors_are_stated_as_the_campaign_reads_them():
+    """A force 2 % high and a current with 0.03 A too much, behind a current gain that the configuration states."""
+    found = Solution(
+        names=("force_gain", "motor_current_offset_a"), values=np.array([2.0, 1.0]), stds=np.ones(2),
+        width=np.array([0.01, 0.03]), reach=np.array([0.03, 0.09]), amplitudes=np.zeros(0),
+    )  # fmt: skip
+    loaded = parse_config("[sensors]\nmotor_current_a = { gain = 0.98, offset = 0.1 }\n", where="bench_config.toml")
+    assert sensors_of(loaded, found) == {
+        "force_n": {"gain": 1.02, "offset": 0.0},
+        "motor_current_a": {"gain": 0.98, "offset": pytest.approx(0.1 + 0.98 * 0.03)},
+    }
+
+
+def test_no_sensor_moves_farther_than_it_may():
+    found = Solution(
+        names=("force_gain",), values=np.array([-50.0]), stds=np.ones(1), width=np.array([0.01]),
+        reach=np.array([0.03]), amplitudes=np.zeros(0),
+    )  # fmt: skip
+    loaded = parse_config("", where="bench_config.toml")
+    assert sensors_of(loaded, found) == {"force_n": {"gain": 0.97, "offset": 0.0}}

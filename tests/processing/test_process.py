@@ -199,3 +199,19 @@ def test_what_is_missing_at_the_end_counts_as_lost():
     signals["force_n"] = Signal(channel="force_n", unit="N", time_s=t[:half], values=force[:half], gaps=(gap,))
     found = process_recording(Recording(trial=Trial(trial_id="t", duty=0.4375), signals=signals), BenchConfig())
     assert found.losses == (f"force_n: {len(t) - half} of {len(t)} samples are missing",)
+
+
+def test_what_a_sensor_reads_is_taken_back_and_the_recording_keeps_it():
+    true = make()
+    read = dict(true)
+    read["force_n"] = (true["force_n"][0], 1.02 * true["force_n"][1] + 3.0)
+    read["motor_current_a"] = (true["motor_current_a"][0], 0.97 * true["motor_current_a"][1] - 0.2)
+    config = parse_config(
+        "[sensors]\nforce_n = { gain = 1.02, offset = 3.0 }\nmotor_current_a = { gain = 0.97, offset = -0.2 }\n",
+        where="sensors.toml",
+    ).config
+    ours, theirs = process(read, config), process(true)
+    for name in ("force_n", "motor_current_a", "battery_voltage_v"):
+        np.testing.assert_allclose(ours.channels[name].values, theirs.channels[name].values, atol=1e-9)
+    assert ours.peak_force_n == pytest.approx(theirs.peak_force_n, rel=1e-9)
+    assert process(read).peak_force_n == pytest.approx(1.02 * theirs.peak_force_n + 3.0)
