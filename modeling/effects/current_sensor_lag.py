@@ -2,16 +2,22 @@
 
 The reading is wrong by i_m - i = -tau di_m/dt, exactly; every equation that uses the reading shows it:
 voltage (R and L times the error), torque (k_m times) and the converter. Two equations in a fixed ratio tell
-it from a parameter error; a late clock delays without loss of amplitude and is silent in the converter.
+it from a parameter error; a late clock delays without loss of amplitude and is silent in the converter. A digital
+amplifier takes a moving average of 2 tau: tau late at all frequencies, which is what a late clock does, but of
+the motor current alone.
 Range: amplifiers' and Hall sensors' filters of 30 Hz to 1.6 kHz: assumed.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from sawbench.modeling.effects.effect import Effect, Strength, Words
+from numpy.typing import NDArray
+from sawbench.bench.recording import Floats
+from sawbench.modeling.effects.effect import Effect, Prepared, Strength, Words
 from sawbench.modeling.effects.transfer import Spectrum, current_reading, lag_on_axis, low_pass, time_derivative
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
@@ -20,13 +26,27 @@ if TYPE_CHECKING:
     from sawbench.modeling.machines.linear_axis import AxisBaseline, AxisState
 
 _TAUS_S = tuple(float(tau) for tau in np.geomspace(1.5e-4, 1e-2, 18))
+_MOST_TAKEN = 0.5
 
 
-def _signature(baseline: Baseline, state: State, tau_s: float) -> tuple[Signature, ...]:
-    if state.current_rate_a_s is None:
-        return ({},)
-    bend = time_derivative(state.current_rate_a_s, state)
-    return (current_reading(baseline, state, -tau_s * state.current_rate_a_s, -tau_s * bend),)
+def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
+    current, rate = state.current_a, state.current_rate_a_s
+    if current is None or rate is None:
+        return lambda tau_s, moving=0.0: ({},)
+    bend, reading = time_derivative(rate, state), Spectrum(current, state)
+
+    def signature(tau_s: float, moving: float = 0.0) -> tuple[Signature, ...]:
+        if not moving:
+            return (current_reading(baseline, state, -tau_s * rate, -tau_s * bend),)
+        error = current - reading.through(partial(_before_average, tau_s))
+        return (current_reading(baseline, state, error, time_derivative(error, state)),)
+
+    return signature
+
+
+def _before_average(tau_s: float, f: Floats) -> NDArray[np.complexfloating]:
+    """What a moving average of 2 tau is undone by; of what it takes more than half of, twice the reading."""
+    return np.exp(2j * np.pi * f * tau_s) / np.maximum(np.sinc(2.0 * f * tau_s), _MOST_TAKEN)
 
 
 def _axis_signature(_: AxisBaseline, state: AxisState, tau_s: float) -> tuple[Signature, ...]:
@@ -65,8 +85,8 @@ EFFECT = Effect(
         high=1.4,
         source="assumed",
     ),
-    signature=_signature,
-    shapes=tuple({"tau_s": tau} for tau in _TAUS_S),
+    signature=Prepared(_prepared),
+    shapes=(*({"tau_s": tau} for tau in _TAUS_S), *({"tau_s": tau, "moving": 1.0} for tau in _TAUS_S)),
     continuous=("tau_s",),
     shape_strength=lambda amplitude, shape: amplitude * shape["tau_s"],
     carries=("tau_s",),

@@ -111,7 +111,8 @@ def test_a_wrong_sensor_is_named(line, named):
 
 
 def test_a_linear_axis_states_its_gains_elsewhere():
-    axis = '[linear_axis]\nmoving_mass_kg = 5.0\ndrive_channel = "force_n"\nviscous_damping_n_s_per_m = 30.0\n[sensors]\nforce_n = { gain = 1.01 }\n'
+    axis = '[linear_axis]\nmoving_mass_kg = 5.0\ndrive_channel = "force_n"\nviscous_damping_n_s_per_m = 30.0\n'
+    axis += "[sensors]\nforce_n = { gain = 1.01 }\n"
     with pytest.raises(ConfigError, match="for a saw"):
         parse_config(axis, where="axis.toml")
 

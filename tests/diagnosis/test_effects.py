@@ -216,6 +216,21 @@ def test_chips_grow_with_feed_and_shrink_with_stroke_rate():
     assert fast["cutting"].sum() < slow["cutting"].sum()
 
 
+def test_a_digital_current_sensor_reads_a_moving_average():
+    """Two harmonics at 90 rad/s, averaged over 4 ms: each is smaller by its own share and 2 ms late."""
+    angle, tau_s = running().angle_rad, 2e-3
+    speed = np.full_like(angle, 90.0)
+
+    def reading(phase_rad, *sizes):
+        return sum(a * np.cos(k * (angle - phase_rad)) for k, a in zip((1, 3), sizes, strict=True))
+
+    taken = [np.sinc(2.0 * tau_s * k * 90.0 / (2.0 * np.pi)) for k in (1, 3)]
+    true, read = reading(0.0, 2.0, 0.5), reading(90.0 * tau_s, 2.0 * taken[0], 0.5 * taken[1])
+    state = running(speed_rad_s=speed, current_a=9.0 + read, current_rate_a_s=np.zeros_like(angle))
+    (part,) = EFFECT_BY_NAME["current_sensor_lag"].signatures(BASELINE, state, {"tau_s": tau_s, "moving": 1.0})
+    assert np.allclose(part["converter"], -state.setting.duty * (read - true), atol=1e-6)
+
+
 def test_chips_may_leave_a_part_of_the_force_as_it_is():
     """Half as thick, or twice as thick, as 0.3 mm: less by 0.3 of the force, or more by 0.6."""
     effect = EFFECT_BY_NAME["chip_thickness"]
