@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from sawbench.bench.errors import InputError
 
 if TYPE_CHECKING:
-    from sawbench.bench.config import LoadedConfig
+    from sawbench.bench.config import BenchConfig, LoadedConfig
     from sawbench.bench.recording import Floats
     from sawbench.modeling.configured_battery import AnyBattery
     from sawbench.modeling.effect_transient import EffectRun
@@ -108,12 +108,14 @@ def simulated_run(
     )
 
 
-def bench_channels(run: Trajectory | EffectRun) -> dict[str, Floats]:
+def bench_channels(run: Trajectory | EffectRun, config: BenchConfig) -> dict[str, Floats]:
     """What the bench would measure of a run: channel name -> values, shape (n,), in the unit of the name."""
-    return {
+    true = {
         "force_n": run.force_n,
         "displacement_mm": 1e3 * run.displacement_m,
         "motor_current_a": run.motor_current_a,
         "battery_voltage_v": run.battery_voltage_v,
         "battery_current_a": run.battery_current_a,
     }
+    sensors = config.sensors
+    return {name: sensors[name].reading(values) if name in sensors else values for name, values in true.items()}

@@ -93,7 +93,7 @@ class SimulatedTrial:
         """Return what the bench would measure: channel name -> values, shape (n,), in the unit of the name."""
         from sawbench.model_setup import bench_channels
 
-        return bench_channels(self.run)
+        return bench_channels(self.run, self.loaded.config)
 
     def recording(self, *, trial_id: str = "simulated", material: str = "simulated") -> OpenedTrial:
         """Return the run as a recording without noise, for `process` and what follows.

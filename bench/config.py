@@ -249,6 +249,10 @@ class ConverterConfig(BaseModel):
         return self
 
 
+# Beyond it a sensor is not misread but wrong.
+_GAINS: Final = (0.5, 2.0)
+
+
 class SensorConfig(BaseModel):
     """What a sensor of a saw reads: `[sensors.CHANNEL]`, gain times the true value, plus offset in the channel's unit.
 
@@ -256,16 +260,21 @@ class SensorConfig(BaseModel):
     """
 
     model_config = _STRICT
-    gain: float = Field(default=1.0, ge=0.5, le=2.0)
+    gain: float = Field(default=1.0, ge=_GAINS[0], le=_GAINS[1])
     offset: float = Field(default=0.0, allow_inf_nan=False)
 
     def true(self, reading: Floats) -> Floats:
         """What was there where the sensor reads so, of any shape."""
         return (reading - self.offset) / self.gain
 
+    def reading(self, true: Floats) -> Floats:
+        """What the sensor reads of values of any shape."""
+        return self.gain * true + self.offset
+
     def after(self, gain: float, offset: float) -> SensorConfig:
         """What it reads if the values that are taken for true here are read with a gain and an offset themselves."""
-        return SensorConfig(gain=self.gain * gain, offset=self.offset + self.gain * offset)
+        both = min(max(self.gain * gain, _GAINS[0]), _GAINS[1])
+        return SensorConfig(gain=both, offset=self.offset + self.gain * offset)
 
 
 class RecordingConfig(BaseModel):

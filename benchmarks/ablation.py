@@ -20,17 +20,15 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
-import numpy as np
 from sawbench.diagnosis.answer.until_closed import held
 from sawbench.diagnosis.campaign import Campaign
-from sawbench.diagnosis.inference.hypothesis import OTHERS
 from sawbench.diagnosis.inference.linear_problem import build_problem
 from sawbench.diagnosis.inference.posterior import Posterior, judge
 from sawbench.diagnosis.inference.refining import effect_columns
 from sawbench.diagnosis.inference.settings import SETTINGS, Settings
 
 from benchmarks.blind_campaigns import blind_campaign, kept_cases
-from benchmarks.development_campaigns import loss_of, plan, truth
+from benchmarks.development_campaigns import COUNTED, counted, plan, truth
 
 AS_IT_IS: Final = "as it is"
 HELD: Final = "held to predictions: the answer"
@@ -59,7 +57,7 @@ ABLATIONS: Final[Mapping[str, Settings]] = MappingProxyType(
 NOISES: Final[Mapping[str, Settings]] = MappingProxyType(
     {
         "blocks are independent": _with("noise", correlation_factor=1.0),
-        "an intact machine leaves nothing": _with("weights", quiet=0.0),
+        "no floor under what an intact machine leaves": _with("weights", quiet=0.0),
     }
 )
 
@@ -93,16 +91,9 @@ def _probabilities(posterior: Posterior) -> dict[str, float]:
 
 def table(found: Sequence[Mapping[str, Any]]) -> list[str]:
     """One line a row, the likeliest answer of each campaign against its truth."""
-    lines = [f"{'':52} right  claims  of them right  accused  log-loss"]
-    harmless = sum(row["kind"] in {"none", "parameters"} for row in found)
+    lines = [f"{'':60}  {COUNTED}"]
     for words in found[0]["answers"]:
-        answers = [(row, row["answers"][words]) for row in found]
-        tops = [(row, max(said, key=lambda name, said=said: said[name])) for row, said in answers]
-        claims = [(row, top) for row, top in tops if top not in OTHERS]
-        accused = sum(row["kind"] in {"none", "parameters"} for row, _ in claims)
-        right, exact = (sum(truth(dict(row)) == top for row, top in these) for these in (tops, claims))
-        loss = float(np.mean([loss_of(dict(row), said) for row, said in answers]))
-        lines.append(f"{words:52} {right:5}  {len(claims):6}  {exact:13}  {accused:3} of {harmless:2} {loss:8.2f}")
+        lines.append(f"{words:60}  {counted([(row, row['answers'][words]) for row in found])}")
     return lines
 
 

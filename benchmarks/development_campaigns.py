@@ -23,6 +23,7 @@ import argparse
 import json
 import multiprocessing
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -182,17 +183,25 @@ def by_shift(rows: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
     return {name: own for name, own in sorted(found.items()) if len(own) < len(rows)}
 
 
+COUNTED = "right  claims  of them right  accused  log-loss"
+
+
+def counted(answers: Sequence[tuple[Mapping[str, Any], Mapping[str, float]]]) -> str:
+    """Count answers under the columns of `COUNTED`: each a record, and the probability of every hypothesis."""
+    tops = [(row, max(said, key=lambda name, said=said: said[name])) for row, said in answers]
+    claims = [(row, top) for row, top in tops if top not in OTHERS]
+    right, exact = (sum(truth(dict(row)) == top for row, top in these) for these in (tops, claims))
+    accused = sum(row["kind"] in {"none", "parameters"} for row, _ in claims)
+    loss = float(np.mean([loss_of(dict(row), dict(said)) for row, said in answers]))
+    harmless = sum(row["kind"] in {"none", "parameters"} for row, _ in tops)
+    return f"{right:5}  {len(claims):6}  {exact:13}  {accused:3} of {harmless:2} {loss:8.2f}"
+
+
 def shift_table(rows: list[dict[str, Any]]) -> str:
     """How the campaigns of each kind of bench are answered, beside all of them."""
-    lines = [f"{'bench':38} cases  right  claims  of them right  accused  log-loss"]
+    lines = [f"{'bench':38} cases  {COUNTED}"]
     for name, own in {"all of them": rows, **by_shift(rows)}.items():
-        answers = [(row, weighed(row, SETTINGS.weights)) for row in own]
-        tops = [(row, next(iter(said))) for row, said in answers]
-        claims = [(row, top) for row, top in tops if top not in OTHERS]
-        right, exact = (sum(truth(row) == top for row, top in these) for these in (tops, claims))
-        accused = sum(row["kind"] in {"none", "parameters"} for row, _ in claims)
-        loss = float(np.mean([loss_of(row, said) for row, said in answers]))
-        lines.append(f"{name:38} {len(own):5}  {right:5}  {len(claims):6}  {exact:13}  {accused:7}  {loss:8.2f}")
+        lines.append(f"{name:38} {len(own):5}  {counted([(row, weighed(row, SETTINGS.weights)) for row in own])}")
     return "\n".join(lines)
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from sawbench.commands.options import config_option, force_option, json_option, refuse_unwritable
 from sawbench.commands.terminal import emit
 from sawbench.inputs import config_for
+
+if TYPE_CHECKING:
+    from sawbench.bench.config import BenchConfig
 
 # Shorter runs are interpreted in less time than it takes to load or even to compile the kernels; a cutting
 # coefficient fifty times that of wood makes steps so small that they are not.
@@ -57,7 +60,7 @@ def command(
         compiles=seconds > _COMPILED_FROM_S or seconds * rate_hz > _COMPILED_FROM_SAMPLES or k_fc > _COMPILED_FROM_K_FC,
     )
     if out_path is not None:
-        write_whole(out_path, _csv(run), overwrite=force)
+        write_whole(out_path, _csv(run, loaded.config), overwrite=force)
     found = _summary(run)
     lines = [
         f"status          {run.status}: {run.message}" if run.message else f"status          {run.status}",
@@ -93,8 +96,8 @@ def _summary(run: Any) -> dict[str, float]:
     }
 
 
-def _csv(run: Any) -> str:
+def _csv(run: Any, config: BenchConfig) -> str:
     import pandas as pd
     from sawbench.model_setup import bench_channels
 
-    return pd.DataFrame({"time_s": run.time_s, **bench_channels(run)}).to_csv(index=False, float_format="%.9g")
+    return pd.DataFrame({"time_s": run.time_s, **bench_channels(run, config)}).to_csv(index=False, float_format="%.9g")

@@ -26,6 +26,7 @@ def command(
     path: Path, config_path: Path | None, rrd_path: Path | None, no_view: bool, force: bool, as_json: bool
 ) -> None:
     """Show a recording as the live view does, with the crank at its angle and the fitted model over the signals."""
+    from sawbench.bench.true_values import with_true_values
     from sawbench.visualization.replay import view_recording
 
     if no_view and rrd_path is None:
@@ -50,7 +51,7 @@ def command(
         # The signals are worth seeing also where they cannot be processed.
         click.echo(f"shown without {'the folded cycle' if trial is None else 'the model'}: {error}", err=True)
     view_recording(
-        _signals_of(path) if trial is None else trial.recording,
+        _signals_of(path) if trial is None else with_true_values(trial.recording, trial.loaded.config),
         save_path=rrd_path,
         spawn=shows,
         processed=None if trial is None else trial.processed,

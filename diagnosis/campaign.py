@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from sawbench.bench.config import LoadedConfig
+from sawbench.bench.config import BenchConfig, LoadedConfig
 from sawbench.bench.errors import InputError
 from sawbench.bench.processed import ProcessedTrial
 from sawbench.bench.recording import Floats, Recording, Trial
 from sawbench.bench.second_core import on_two_cores
+from sawbench.bench.true_values import with_true_values
 from sawbench.bench.units import DISPLACEMENT
 from sawbench.diagnosis.inference.off_stroke import OffStroke, off_stroke
 from sawbench.diagnosis.inference.settings import SETTINGS
@@ -98,11 +99,14 @@ def reduce_campaign(
         If no trial can be used, or if most of them hold the same mistake (`diagnosis.screening`).
     """
     baseline = baseline_of(loaded)
-    ordered, warnings = screen(_in_order(recordings), baseline)
+    true = [with_true_values(recording, loaded.config) for recording in recordings]
+    ordered, warnings = screen(_in_order(true), baseline)
+    # Taken back already: the screening judges true values too.
+    config = loaded.config.model_copy(update={"sensors": {}})
     if not any(DISPLACEMENT.name in recording.signals for recording in ordered):
-        return _without_displacement(_processed(ordered, loaded), baseline, warnings)
+        return _without_displacement(_processed(ordered, config), baseline, warnings)
     usable: list[ProcessedTrial] = []
-    for number, processed in enumerate(_processed(ordered, loaded)):
+    for number, processed in enumerate(_processed(ordered, config)):
         reason = _unusable(processed)
         if reason:
             warnings.append(f"{processed.trial.trial_id} left out: {reason}")
@@ -161,10 +165,10 @@ def campaign_of(trials: Sequence[ProcessedTrial], baseline: Baseline, warnings: 
     )
 
 
-def _processed(recordings: Sequence[Recording], loaded: LoadedConfig) -> list[ProcessedTrial]:
+def _processed(recordings: Sequence[Recording], config: BenchConfig) -> list[ProcessedTrial]:
     from sawbench.processing.process import process_recording
 
-    return on_two_cores(lambda recording: process_recording(recording, loaded.config), recordings)
+    return on_two_cores(lambda recording: process_recording(recording, config), recordings)
 
 
 def _unusable(trial: ProcessedTrial) -> str:

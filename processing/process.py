@@ -19,6 +19,7 @@ from sawbench.bench.processed import (
     TrialStatus,
 )
 from sawbench.bench.recording import Recording, Signal, Trial
+from sawbench.bench.true_values import with_true_values
 from sawbench.bench.units import DISPLACEMENT
 from sawbench.modeling.parts.mechanism import Mechanism
 from sawbench.processing.averages import cycle_averages
@@ -114,15 +115,6 @@ def process_recording(recording: Recording, config: BenchConfig, *, source_sha25
     if motion.angle is None or motion.cycles is None or not len(motion.cycles.index):
         return base
     return _with_cycles(base, recording.signals, channels, config, motion.angle, motion.cycles)
-
-
-def with_true_values(recording: Recording, config: BenchConfig) -> Recording:
-    """Take back what the sensors of the configuration add to the true values."""
-    signals = {
-        name: replace(signal, values=config.sensors[name].true(signal.values)) if name in config.sensors else signal
-        for name, signal in recording.signals.items()
-    }
-    return replace(recording, signals=signals) if config.sensors else recording
 
 
 def _judged(channels: Channels, config: BenchConfig, trial: Trial) -> tuple[ChannelQuality, ...]:

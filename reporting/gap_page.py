@@ -200,7 +200,7 @@ def _meaning(report: Mapping[str, Any]) -> list[str]:
         said += [f"{words[0].upper()}{words[1:]}." for words in map(what_happens, cause["effects"])]
         if cause["indistinguishable_from"]:
             names = ", ".join(name_of(n) for n in cause["indistinguishable_from"])
-            said.append(f"In this campaign it is indistinguishable from: {names} (odds below {_ALIKE_ODDS} to 1).")
+            said.append(f"In this campaign it is indistinguishable from: {names} (same evidence within its scatter).")
         said += _where_it_acts(report, cause)
     said += _runtime_sentence(report)
     return said

@@ -20,6 +20,7 @@ from sawbench.acquisition.simulation.declared_channels import DeclaredChannels
 from sawbench.acquisition.simulation.endpoints import Endpoint, PtyEndpoint, TcpEndpoint
 from sawbench.acquisition.simulation.faults import Fault, FaultySender
 from sawbench.acquisition.simulation.plant_stream import EmulatedInstrument, PlantStream
+from sawbench.acquisition.simulation.sensor_readings import SensorReadings
 from sawbench.bench.config import BenchConfig
 from sawbench.bench.errors import ConfigError, InputError
 
@@ -149,7 +150,7 @@ def make_instruments(
     if not config.devices:
         raise ConfigError("the configuration has no [devices.*] table, so no instrument can be emulated")
     errors = clock_error_ppm or {}
-    sensed = DeclaredChannels(plant, config.known_channels)
+    sensed = SensorReadings(DeclaredChannels(plant, config.known_channels), config.sensors)
     instruments = {}
     for name, table in config.devices.items():
         instrument, settings = validate_table(name, table, channels=config.known_channels)

@@ -204,11 +204,13 @@ def _cause(
 
 
 def _alike(problem: LinearProblem, cause: Hypothesis, posterior: Posterior) -> list[str]:
-    """Effects that this campaign cannot tell from one of the cause: odds below `settings.Report.odds` in its place.
+    """Effects that this campaign cannot tell from one of the cause: in its place, they have nearly its evidence.
 
-    As likely as the evidence says: look-alikes that were taken together share nothing here.
+    By less than the standard deviation of a log evidence, its square root, or by odds below `settings.Report.odds`:
+    forms that are not nature's decide by that much between rivals that both explain the gap.
     """
-    least = cause.log_evidence - float(np.log(problem.settings.report.odds))
+    scatter = max(np.sqrt(max(cause.log_evidence, 0.0)), np.log(problem.settings.report.odds))
+    least = cause.log_evidence - float(scatter)
     found = dict.fromkeys(name for m in cause.members for name in m.effect.same_as)
     for h in sorted(posterior.claims, key=lambda h: -h.log_evidence):
         if len(h.effects) == len(cause.effects) and h.log_evidence > least:

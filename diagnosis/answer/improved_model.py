@@ -40,6 +40,11 @@ _SENSORS: Final[Mapping[str, tuple[str, str | None]]] = MappingProxyType(
 )
 
 
+_CHANNEL_OF: Final[Mapping[str, str]] = MappingProxyType(
+    {"peak_force_n": "force_n", "top_current_a": "motor_current_a"}
+)
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Solution:
     """Nuisances in units of their prior standard deviation, how far they may move, and the cause's columns."""
@@ -103,7 +108,8 @@ def improved_model(
         )
     }
     tables = _retuned(tables, problem, found)
-    sensors = sensors_of(loaded, found)
+    # A learned term is a function of readings as they are.
+    sensors = {} if learned is not None else sensors_of(loaded, found)
     if sensors:
         tables["sensors"] = sensors
         comments["sensors",] = (
@@ -201,8 +207,9 @@ def sensors_of(loaded: LoadedConfig, found: Solution) -> dict[str, Any]:
     found : Solution
     """
     known, table = loaded.config.sensors, {}
-    for channel, (gain, offset) in _SENSORS.items():
-        reads = known.get(channel, SensorConfig()).after(1.0 + found.shift(gain), found.shift(offset))
+    for channel in _SENSORS:
+        more = _read_by(found, channel)
+        reads = known.get(channel, SensorConfig()).after(more.gain, more.offset)
         if reads != SensorConfig():
             table[channel] = {"gain": float(f"{reads.gain:.6g}"), "offset": float(f"{reads.offset:.4g}")}
     return {name: one.model_dump() for name, one in known.items()} | table
@@ -260,7 +267,7 @@ def _found_effects(
                 std=_rounded(float(np.hypot(std, value - stated))),
                 form={key: number for key, number in member.column.shape.items() if key not in carried},
                 direction=(1.0,) if count == 1 else tuple(_rounded(s) for s in sizes / np.abs(sizes).max()),
-                scales={name: _rounded(_scale(problem, name)) for name in effect.scales},
+                scales={name: _rounded(_scale(problem, name, found)) for name in effect.scales},
             )
         )
     return known
@@ -295,10 +302,16 @@ def stated_std(problem: LinearProblem, member: Explanation) -> float:
     return float(np.hypot(member.strength_std, problem.campaign.plant.scale_rel_std * member.strength))
 
 
-def _scale(problem: LinearProblem, name: str) -> float:
-    """What the forms of this campaign are stated relative to."""
+def _scale(problem: LinearProblem, name: str, found: Solution) -> float:
+    """What the forms of this campaign are stated relative to, with what its sensors are found to read taken back."""
     model = problem.campaign.plant.model
-    return float(getattr(model, name) if hasattr(model, name) else getattr(problem.parts[0].state, name))
+    read = float(getattr(model, name) if hasattr(model, name) else getattr(problem.parts[0].state, name))
+    return _read_by(found, _CHANNEL_OF[name]).true(read) if name in _CHANNEL_OF else read
+
+
+def _read_by(found: Solution, channel: str) -> SensorConfig:
+    gain, offset = _SENSORS[channel]
+    return SensorConfig().after(1.0 + found.shift(gain), found.shift(offset))
 
 
 def _rounded(value: float) -> float:

@@ -41,7 +41,7 @@ class Chosen:
     between : (str, str)
         Hypotheses that it tells apart most.
     log_odds : float
-        That it adds between them on average, tempered.
+        That it adds between them on average.
     expected_probability : float
         Of the right answer after this trial and those before it, on average.
     minutes : float
@@ -190,7 +190,7 @@ class Products:
     alternatives: list[list[np.ndarray]]
 
     def log_odds(self) -> Floats:
-        """Expected log odds of every hypothesis, were it right, against every other one, untempered, shape (n, n)."""
+        """Expected log odds of every hypothesis, were it right, against every other one, shape (n, n)."""
         p, n = self.n_nuisances, len(self.truths)
         rest = _without(self.gram, np.arange(p))[p:, p:]
         found = np.zeros((n, n))

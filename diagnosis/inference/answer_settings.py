@@ -141,7 +141,7 @@ class Report:
     high_square: float = marked(1.5, "convention", "half again the average")
     mains_tolerance: float = marked(0.005, "convention", "grids stay within 0.4 %, clocks within less")
     least_move: float = marked(0.05, "convention", "a twentieth changes nothing")
-    shown_log_odds: float = marked(5.3, "convention", "odds of 200")
+    shown_log_odds: float = marked(9.2, "convention", "prior odds of 24 against it, and twice 20 to 1")
     settled: float = marked(0.95, "convention", "95 %")
     worth: float = marked(1.0, "convention", "odds of e")
     wander_stds: float = marked(3.0, "convention", "three standard deviations")

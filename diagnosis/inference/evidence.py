@@ -90,7 +90,7 @@ class Explanation:
 
     @property
     def absent(self) -> float:
-        """What the reported parameter is where there is no effect: 0, but 1 of an exponent.
+        """What the reported parameter is where there is no effect: 0, but 1 of the exponent of the speed.
 
         0 too where it grows without bound (a stiffness) or belongs to the form (a frequency).
         """

@@ -28,7 +28,7 @@ class Hypothesis:
         Ids in alphabetical order; none where `other` says what else it is.
     other : {"no_gap", "parameters", "unknown"}, optional
     log_evidence : float
-        Untempered, against "no_gap".
+        Against "no_gap".
     left_over : float
         Whitened misfit over the number of features that it leaves; inf where nobody fitted it.
     shared : float

@@ -115,11 +115,11 @@ class Forms:
     n_formed: int = marked(12, "convention", "time: each costs 0.1 s")
     n_first: int = marked(5, "convention", "time: each costs a pass over the catalogue")
     n_pairs: int = marked(8, "convention", "time: each costs 0.2 s")
-    worth_forming: float = marked(3.0, "convention", "time: below, no pair is as likely as its stronger effect alone")
+    worth_forming: float = marked(3.0, "convention", "time: below, none of thirty further effects is likely")
     bent_displacement_rad: float = marked(0.03, "convention", "twenty times what an ordinary sensor's background is")
     least_amplitude: float = marked(0.15, "convention", "three standard deviations of the background of 5 %")
     most_std: float = marked(0.5, "convention", "its 95 % interval reaches from just above 0 to nearly twice of it")
-    size_temperature: float = marked(6.0, "fitted", BY_HAND)
+    size_temperature: float = marked(6.0, "convention", "two and a half standard errors of least squares: forms differ")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -3,7 +3,7 @@
 Both only scale the cutting force, slowly or from trial to trial, and so they hide in what pieces of wood differ by.
 Their whole evidence lies in one number a stroke, whose noise is known from the strokes themselves: scatter with memory
 within a trial, and a piece of wood of its own in each. So the likelihood is that of a mixed model without any form but
-the effect's own, and it needs hardly any tempering, which the features of all channels do.
+the effect's own.
 """
 
 from __future__ import annotations

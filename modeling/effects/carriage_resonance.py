@@ -3,7 +3,7 @@
 Only the reading rings; the motor feels the force itself, so the mechanical residual, which uses the
 reading, shows the same error with the other sign. Fixed in Hz at every speed, where tooth ripple keeps its
 blade position. Part of the force may bypass the spring (amplitude below 1), and a carriage has upper modes: a
-second form adds one at 1.3 to 3.2 times the first, of its own size; it does not count without the first.
+second form adds one at 1.4 to 3 times the first, of its own size; it does not count without the first.
 f_n = 60 to 450 Hz (carriage of 0.5 to 3 kg on a cell of 1e6 N/m) and zeta = 0.02 to 0.2: assumed.
 """
 

@@ -4,9 +4,9 @@ Locked to the blade's position, so it chirps in time: fast at mid stroke, slow a
 reading is the true force. Free phase: sine and cosine part. A tooth that enters at once and leaves slowly makes
 a saw tooth of it: the sharp form has two overtones as well, each with a free phase and half the size of the one
 before. Teeth that are set to either side in turn cut unequal chips: that form has the wave of every second tooth too.
-The pitch grid advances by a tenth of a turn over 20 mm from one entry to the next. A resonance rings at
-one frequency at any position. Jigsaw blades: 1.8 to 4.5 mm (makers' catalogues, 6 to 14 teeth an inch);
-depth: assumed.
+The pitch grid advances by a tenth of a turn over 20 mm from one entry to the next, by a fifth for teeth set in turn.
+A resonance rings at one frequency at any position. Jigsaw blades: 1.8 to 4.5 mm (makers' catalogues, 6 to 14 teeth
+an inch); depth: assumed.
 """
 
 from __future__ import annotations

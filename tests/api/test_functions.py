@@ -121,6 +121,17 @@ def test_simulated_channels_have_the_units_of_their_names():
     np.testing.assert_allclose(channels["displacement_mm"], expected_mm, atol=1e-6)
 
 
+def test_a_simulated_bench_reads_as_its_sensors_are_stated_to(tmp_path):
+    config = tmp_path / "sensors.toml"
+    shipped = (ROOT / "bench_config.toml").read_text(encoding="utf-8")
+    config.write_text(f"{shipped}\n[sensors]\nforce_n = {{ gain = 1.1, offset = 2.0 }}\n", encoding="utf-8")
+    plain = sawbench.simulate(duration_s=1.0)
+    read = sawbench.simulate(duration_s=1.0, config=config)
+    np.testing.assert_allclose(read.channels()["force_n"], 1.1 * plain.channels()["force_n"] + 2.0)
+    found = sawbench.process(read.recording()).processed.peak_force_n
+    assert found == pytest.approx(sawbench.process(plain.recording()).processed.peak_force_n)
+
+
 def test_air_has_no_runtime():
     with pytest.raises(InputError, match="not a cutting trial"):
         sawbench.runtime(sawbench.simulate(k_fc_n_s_per_m=0.0).recording())

@@ -71,7 +71,7 @@ def test_each_kind_of_bench_has_a_line_with_its_answers():
     ]
     lines = development_campaigns.shift_table(rows).splitlines()
     assert [line.split()[:-1] for line in lines[1:]] == [
-        ["all", "of", "them", "3", "2", "2", "1", "1"], ["hum:", "with", "2", "1", "2", "1", "1"],
+        ["all", "of", "them", "3", "2", "2", "1", "1", "of", "2"], ["hum:", "with", "2", "1", "2", "1", "1", "of", "1"],
     ]  # fmt: skip
 
 

@@ -126,3 +126,19 @@ def test_a_blade_in_air_has_no_live_k_fc():
     recording = read_recording(OAK)
     live = LiveCuttingEstimate(config_for(recording, None), Trial(trial_id="x", material="none", duty=0.4))
     assert live.problem == "idle run"
+
+
+def test_what_the_sensors_read_is_taken_back_as_in_the_batch_fit(tmp_path):
+    """The same recording, its force and current stated to read a tenth high: the k_Fc of a force a tenth smaller."""
+    shipped = (OAK.parents[1] / "bench_config.toml").read_text(encoding="utf-8")
+    config = tmp_path / "sensors.toml"
+    config.write_text(f"{shipped}\n[sensors]\nforce_n = {{ gain = 1.1 }}\nmotor_current_a = {{ gain = 1.1 }}\n")
+    trial = load_and_process(OAK, config)
+    batch, _ = fit_trial(trial)
+    live = LiveCuttingEstimate(trial.loaded, read_recording(OAK).trial)
+    for block in iter_blocks(OAK):
+        live(block)
+    assert live.problem == ""
+    assert abs(live.latest.k_fc_n_s_per_m - batch.k_fc_n_s_per_m) < live.latest.std_n_s_per_m
+    usual, _ = fit_trial(load_and_process(OAK, None))
+    assert batch.k_fc_n_s_per_m < 0.95 * usual.k_fc_n_s_per_m

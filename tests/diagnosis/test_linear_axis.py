@@ -79,7 +79,7 @@ def test_dry_friction_is_named_from_files(dry):
     assert first["indistinguishable_from"] == ["motor_coulomb_friction"]
     force = first["parameters"]["force_n"]
     assert abs(force["value"] - 8.0) < 3.0 * force["std"]
-    # The stated uncertainty is tempered as the evidence is, and holds what the form may miss: known to a sixth.
+    # The stated uncertainty holds what the form may miss: known to a sixth.
     assert force["std"] < 8.0 / 6.0
 
 

@@ -57,7 +57,7 @@ def test_cause_is_named_with_its_size_and_the_runner_up_beside_it(tmp_path):
     assert (
         "Most probable cause: guide friction (93 %), force 8.30 ± 0.40 N. Adding it explains 96 % (93 to 97 %)" in above
     )
-    assert "indistinguishable from: windage drag (odds below 20 to 1)." in above
+    assert "indistinguishable from: windage drag (same evidence within its scatter)." in above
     assert "measured 13 min 59 s; model as configured 16 min 14 s, with the cause 13 min 58 s (oak)" in above
     assert "no operating point was repeated" in above
     assert "motor coulomb friction" in below
@@ -68,7 +68,7 @@ def test_indistinguishable_is_said_of_the_evidence_alone(tmp_path):
     # Effects without evidence may have independent signatures, and those with a cosine near 1 may be told apart.
     text = page(tmp_path)
     causes, _, similarity = text.partition("Similarity of the signatures</h3>")
-    assert "the odds of the cause against each of these are below 20 to 1" in causes
+    assert "within its standard deviation of that of the cause, or the odds are below 20 to 1" in causes
     assert "100: same pattern. 0: independent patterns." in similarity
     assert "100: indistinguishable" not in text
 

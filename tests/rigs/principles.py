@@ -15,13 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from sawbench.bench.config import PlantConfig
 from sawbench.diagnosis.campaign import Campaign
-from sawbench.diagnosis.inference.evidence import Column, Explanation
 from sawbench.diagnosis.inference.form_error import form_modes
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, build_problem
 from sawbench.diagnosis.inference.settings import SETTINGS, Settings
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.diagnosis.screening import doubted_duties
-from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 from sawbench.modeling.residuals import Baseline
 from sawbench.modeling.state import TWO_PI, State, TrialSetting
 
@@ -141,17 +139,6 @@ def _turned_rad(settings: Settings) -> float:
     return float(largest / (np.arctan(np.sqrt(2.0)) - np.arctan(np.sqrt(0.5))))
 
 
-def _size_temperature(settings: Settings) -> float:
-    """Variance of a stated size over that of least squares."""
-    effect = EFFECT_BY_NAME["guide_friction"]
-    column = Column(effect=effect, shape=effect.shapes[0], columns=np.ones((3, 1)))
-    size = Explanation(
-        effect=effect, log_evidence=1.0, column=column, amplitude=1.0, amplitude_std=0.01, gain=1.0,
-        contribution=np.ones(3), size_temperature=settings.forms.size_temperature,
-    )  # fmt: skip
-    return float((size.strength_std / (0.01 * size.strength)) ** 2)
-
-
 def _even(odds: Callable[[float], float], low: float, high: float) -> float:
     """Where rising log odds pass zero, by bisection."""
     for _ in range(60):
@@ -185,10 +172,6 @@ PRINCIPLES = (
         number="forms.harmonic_factor",
         says="another filter turns a harmonic as far as a corner of twice the frequency", value=_turned_rad,
         low=2.0 / 3.0, high=1.5,
-    ),
-    Principle(
-        number="forms.size_temperature", says="sizes miss by two to three times the standard error of least squares",
-        value=_size_temperature, low=4.0, high=9.0,
     ),
     Principle(
         number="screening.duty_deviation",
