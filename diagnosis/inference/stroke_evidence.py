@@ -90,8 +90,8 @@ def strokes_say(
         By effect, waves before trends; without those of which the strokes say nothing.
     not_the_woods : dict of str to float
         Log evidence by what it looks like: a wave of the hardness at one frequency in Hz, a course that all trials
-        share. For the latter the scatter between trials is measured, so its nats count in full, but it is one of
-        several looks of "unknown", which share its prior.
+        share. Each is one of several looks of "unknown", which share its prior: where all trials have one feed, a wave
+        in time and one in the wood are the same, and the catalogue's name is the likelier one.
     """
     spectra = StrokeSpectra(strokes) if strokes else None
     if spectra is None:
@@ -112,9 +112,10 @@ def strokes_say(
             effect=by_name[name], alone=trend.alone, beside_cutting=trend.beside_cutting, size=trend.size,
             size_std=trend.size_std, is_whole=True,
         )  # fmt: skip
+    one_look = math.log(settings.strokes.looks)
     return said, {
-        WAVE_IN_TIME: _wave_in_time(spectra, known),
-        SHARED_COURSE: shared_course(strokes) - math.log(settings.strokes.looks),
+        WAVE_IN_TIME: _wave_in_time(spectra, known) - one_look,
+        SHARED_COURSE: shared_course(strokes) - one_look,
     }
 
 
