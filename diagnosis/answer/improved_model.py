@@ -306,7 +306,7 @@ def _scale(problem: LinearProblem, name: str, found: Solution) -> float:
     """What the forms of this campaign are stated relative to, with what its sensors are found to read taken back."""
     model = problem.campaign.plant.model
     read = float(getattr(model, name) if hasattr(model, name) else getattr(problem.parts[0].state, name))
-    return _read_by(found, _CHANNEL_OF[name]).true(read) if name in _CHANNEL_OF else read
+    return float(_read_by(found, _CHANNEL_OF[name]).true(np.array(read))) if name in _CHANNEL_OF else read
 
 
 def _read_by(found: Solution, channel: str) -> SensorConfig:

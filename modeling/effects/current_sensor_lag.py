@@ -46,7 +46,8 @@ def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature
 
 def _before_average(tau_s: float, f: Floats) -> NDArray[np.complexfloating]:
     """What a moving average of 2 tau is undone by; of what it takes more than half of, twice the reading."""
-    return np.exp(2j * np.pi * f * tau_s) / np.maximum(np.sinc(2.0 * f * tau_s), _MOST_TAKEN)
+    kept: Floats = np.maximum(np.sinc(2.0 * f * tau_s), _MOST_TAKEN)
+    return np.asarray(np.exp(2j * np.pi * f * tau_s) / kept, dtype=np.complex128)
 
 
 def _axis_signature(_: AxisBaseline, state: AxisState, tau_s: float) -> tuple[Signature, ...]:
