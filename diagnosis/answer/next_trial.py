@@ -31,13 +31,18 @@ def next_trial(problem: LinearProblem, posterior: Posterior) -> str:
     top = posterior.best
     if top.other == "no_gap":
         return "none: the model error is within the repeatability"
-    alone = {e.effect.name: e for e in posterior.explanations}
-    rivals = [alone[h.name] for h in posterior.claims if len(h.effects) == 1]
-    if top.other is not None or not rivals:
+    if top.other is not None:
         return f"a longer trial at {_most_left(problem, posterior)}: most of the unexplained residual is there"
+    alone = {e.effect.name: e for e in posterior.explanations}
     leading = max((alone[name] for name in top.effects), key=lambda e: e.gain)
-    rivals = [e for e in rivals if e.effect.name not in top.effects]
-    return _between(problem, posterior, leading, rivals, is_sure=top.probability > SETTINGS.report.settled)
+    is_sure = top.probability > SETTINGS.report.settled
+    # No trial is worth telling a cause from one that is out of the question; of a sure cause all are.
+    least = 0.0 if is_sure else SETTINGS.report.shown_probability
+    rivals = [
+        alone[h.name] for h in posterior.claims
+        if len(h.effects) == 1 and h.name not in top.effects and h.probability >= least
+    ]  # fmt: skip
+    return _between(problem, posterior, leading, rivals, is_sure=is_sure)
 
 
 def _between(
