@@ -52,7 +52,7 @@ def _between(
     noise = posterior.dispersion
     if not rivals:
         point, _ = _most_informative(problem, named.contribution, noise)
-        return f"a repeat of {point}: it reduces the uncertainty of the magnitude most"
+        return f"a repeat of {point}: it reduces the uncertainty of the magnitude of {_words(named)} most"
     point, worth = _most_informative(problem, named.contribution - rivals[0].contribution, noise)
     words, other = _words(named), _words(rivals[0])
     if is_sure:
