@@ -261,7 +261,7 @@ class SensorConfig(BaseModel):
 
     model_config = _STRICT
     gain: float = Field(default=1.0, ge=_GAINS[0], le=_GAINS[1])
-    offset: float = Field(default=0.0, allow_inf_nan=False)
+    offset: float = 0.0
 
     def true(self, reading: Floats) -> Floats:
         """What was there where the sensor reads so, of any shape."""

@@ -117,10 +117,11 @@ def improved_model(
         )
     effects: dict[str, Any] = {}
     for known in problem.campaign.plant.known:
-        effects[known.effect.name] = entry_of(_sharpened(known, found))
+        again = _sharpened(known, found)
+        effects[known.effect.name] = entry_of(again if learned is not None else with_true_scales(again, found))
         comments["effects", known.effect.name] = ("known effect; magnitude re-estimated from this campaign",)
     for known in [] if learned is not None else _found_effects(problem, posterior, members, found):
-        effects[known.effect.name] = entry_of(known)
+        effects[known.effect.name] = entry_of(with_true_scales(known, found))
         cause = causes[0]
         closes = _closes(cause["gap_closed"], cause["gap_closed_ci95"])
         comments["effects", known.effect.name] = (
@@ -267,7 +268,7 @@ def _found_effects(
                 std=_rounded(float(np.hypot(std, value - stated))),
                 form={key: number for key, number in member.column.shape.items() if key not in carried},
                 direction=(1.0,) if count == 1 else tuple(_rounded(s) for s in sizes / np.abs(sizes).max()),
-                scales={name: _rounded(_scale(problem, name, found)) for name in effect.scales},
+                scales={name: _rounded(_scale(problem, name)) for name in effect.scales},
             )
         )
     return known
@@ -302,11 +303,28 @@ def stated_std(problem: LinearProblem, member: Explanation) -> float:
     return float(np.hypot(member.strength_std, problem.campaign.plant.scale_rel_std * member.strength))
 
 
-def _scale(problem: LinearProblem, name: str, found: Solution) -> float:
-    """What the forms of this campaign are stated relative to, with what its sensors are found to read taken back."""
+def with_true_scales(known: KnownEffect, found: Solution) -> KnownEffect:
+    """Return an effect whose form is stated relative to true values, beside a table of what the sensors read.
+
+    Parameters
+    ----------
+    known : KnownEffect
+        Relative to values as this campaign takes them.
+    found : Solution
+    """
+
+    def true(name: str, value: float) -> float:
+        if name not in _CHANNEL_OF:
+            return value
+        return _rounded(float(_read_by(found, _CHANNEL_OF[name]).true(np.array(value))))
+
+    return replace(known, scales={name: true(name, value) for name, value in known.scales.items()})
+
+
+def _scale(problem: LinearProblem, name: str) -> float:
+    """What the forms of this campaign are stated relative to."""
     model = problem.campaign.plant.model
-    read = float(getattr(model, name) if hasattr(model, name) else getattr(problem.parts[0].state, name))
-    return float(_read_by(found, _CHANNEL_OF[name]).true(np.array(read))) if name in _CHANNEL_OF else read
+    return float(getattr(model, name) if hasattr(model, name) else getattr(problem.parts[0].state, name))
 
 
 def _read_by(found: Solution, channel: str) -> SensorConfig:

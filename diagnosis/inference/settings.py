@@ -73,7 +73,7 @@ class Noise:
 
     correlation_factor: float = marked(1.5, "fitted", BY_HAND)
     quiet_share: float = marked(
-        1.25, "convention", "the scatter of some blocks is known to a tenth: two of these and more"
+        1.25, "convention", "the scatter of blocks is known to a tenth; two of these, rounded up"
     )
     wide: float = marked(5.0, "convention", "re-tuning by five stated standard deviations is still the same machine")
     memory_strokes: float = marked(3.0, "convention", "as `OffStroke.near_harmonic`")

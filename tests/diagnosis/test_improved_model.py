@@ -8,8 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from sawbench.bench.config import parse_config
-from sawbench.diagnosis.answer.improved_model import Solution, retuned_with, sensors_of
+from sawbench.diagnosis.answer.improved_model import Solution, retuned_with, sensors_of, with_true_scales
 from sawbench.diagnosis.inference.linear_problem import Marginal
+from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
+from sawbench.modeling.effects.known import KnownEffect
 
 from tests.rigs.two_equations import N_BLOCKS, N_CUTTING, N_ELECTRICAL, noise, problem_of
 
@@ -75,3 +77,14 @@ def test_no_sensor_moves_farther_than_it_may():
     )  # fmt: skip
     loaded = parse_config("", where="bench_config.toml")
     assert sensors_of(loaded, found) == {"force_n": {"gain": 0.97, "offset": 0.0}}
+
+
+def test_a_form_is_stated_relative_to_true_values():
+    """A preload as a share of 204 N that were read where 200 were, beside a scale that no such sensor reads."""
+    found = Solution(
+        names=("force_gain",), values=np.array([2.0]), stds=np.ones(1), width=np.array([0.01]),
+        reach=np.array([0.03]), amplitudes=np.zeros(0),
+    )  # fmt: skip
+    effect = EFFECT_BY_NAME["preload_lift_off"]
+    known = KnownEffect(effect=effect, value=0.96, form={}, scales={"peak_force_n": 204.0, "stroke_m": 0.02})
+    assert with_true_scales(known, found).scales == {"peak_force_n": pytest.approx(200.0), "stroke_m": 0.02}
