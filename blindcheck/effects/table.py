@@ -72,14 +72,16 @@ ACTS_IN: Mapping[str, frozenset[str]] = MappingProxyType(
 _NUISANCES_TOO = frozenset({"interference_bursts"})
 
 # Besides its catalogue the diagnosis looks for a nonlinear displacement sensor, friction that falls as
-# the machine warms up, hardness that waves in time, and lines and bursts that do not follow the stroke, and answers
-# "unknown" for them. Named here, since the blind check imports nothing of the diagnosis.
+# the machine warms up, a voltage ramp at the start, a force that reads the current, hardness that waves in
+# time, and lines and bursts that do not follow the stroke, and answers "unknown" for them. Named here, since
+# the blind check imports nothing of the diagnosis.
 LOOKED_FOR_OUTSIDE = frozenset(
     effect.__name__
     for effect in (
         outside.displacement_bow,
         outside.grease_warming,
         outside.soft_start,
+        outside.current_crosstalk,
         outside.hand_sway,
         outside.alternating_strokes,
         outside.supply_ripple,

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.diagnosis.inference.beyond_catalogue import BEYOND_CATALOGUE
+from sawbench.diagnosis.inference.beyond.table import BEYOND_CATALOGUE
 from sawbench.diagnosis.inference.clocks import clock_nuisances
 from sawbench.diagnosis.inference.features import HARMONICS, N_BLOCKS, START_UP_EDGES_S, Layout, orders
 from sawbench.diagnosis.inference.nuisances import (

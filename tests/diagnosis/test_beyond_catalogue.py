@@ -6,12 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sawbench.diagnosis.inference.beyond_catalogue import (
-    BENT_DISPLACEMENT,
-    BEYOND_CATALOGUE,
-    WARMING_FRICTION,
-    straightened,
-)
+from sawbench.diagnosis.inference.beyond.bent_displacement import BENT_DISPLACEMENT, straightened
+from sawbench.diagnosis.inference.beyond.drive import WARMING_FRICTION
+from sawbench.diagnosis.inference.beyond.table import BEYOND_CATALOGUE
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 from sawbench.modeling.residuals import residuals
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sawbench.diagnosis.inference.beyond_catalogue import WARMING_FRICTION
+from sawbench.diagnosis.inference.beyond.drive import WARMING_FRICTION
 from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
 from sawbench.diagnosis.inference.form_error import form_modes
 from sawbench.diagnosis.inference.forming import Forming, shared_energy

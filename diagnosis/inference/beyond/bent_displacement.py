@@ -1,9 +1,4 @@
-"""Causes of simple form that the catalogue does not hold: where one of them wins, the verdict is "unknown".
-
-A catalogue that is bent to the nearest cause would name play where the displacement sensor is bent, and dry
-friction where grease warms up. These forms are weighed beside the free discrepancy, so that what they explain
-better than any effect of the catalogue is left to nobody.
-"""
+"""A displacement sensor whose reading is not straight between the ends of the stroke."""
 
 from __future__ import annotations
 
@@ -12,17 +7,14 @@ from dataclasses import replace
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.settings import SETTINGS
-from sawbench.modeling.effects.current_limit import held_back
 from sawbench.modeling.effects.effect import BACKGROUND_SHARE, Effect, Strength
 from sawbench.modeling.residuals import Baseline, Signature, is_angle_known, residuals
-from sawbench.modeling.state import START_UP_STEP_S, State
+from sawbench.modeling.state import State
 
 N_BEND_HARMONICS = 4
 # Standard deviation of each coefficient: an ordinary sensor is straight to about 0.15 % of its range, two of them.
 ORDINARY_BEND_RAD = BACKGROUND_SHARE * SETTINGS.forms.bent_displacement_rad
 _STEP_RAD = 1e-4
-# The torque of viscous friction is stated at this speed of the motor.
-_UNIT_RAD_S = 1000.0
 
 
 def straightened(state: State, coefficients_rad: Floats) -> State:
@@ -87,36 +79,6 @@ def _bent_displacement(baseline: Baseline, state: State) -> tuple[Signature, ...
     return tuple(bend_of_displacement(baseline, state, order) for order in range(1, N_BEND_HARMONICS + 1))
 
 
-def _warming_friction(
-    baseline: Baseline, state: State, time_constant_s: float, viscous: float
-) -> tuple[Signature, ...]:
-    """Friction that falls while the machine runs and is back after a rest: stiff grease, cold bearings.
-
-    Dry friction that does not fall is its limit, and in the catalogue. Viscous friction that hardly falls while a trial
-    lasts is a wrong number of the model: it counts where it falls to 1/e.
-    """
-    if viscous and float(np.max(state.time_s)) < time_constant_s:
-        return ({},)
-    cold = np.exp(-np.broadcast_to(state.time_s, state.angle_rad.shape) / time_constant_s)
-    speed = baseline.gear * state.speed_rad_s
-    return ({"mechanical": cold * (speed / _UNIT_RAD_S if viscous else np.ones_like(speed))},)
-
-
-def _soft_start(
-    baseline: Baseline, state: State, length_s: float, from_share: float, decays: float
-) -> tuple[Signature, ...]:
-    """Voltage held back at the start, at any current: a ramp of the duty, or one that ends like a decay.
-
-    As with a current limit, the baseline still counts it (electrical residual positive) and expects more battery
-    current (converter residual negative, by the same share of the current).
-    """
-    if state.kind != "start_up" or state.current_a is None:
-        return ({},)
-    since_s = (np.arange(state.angle_rad.shape[1]) + 0.5) * START_UP_STEP_S
-    missing = np.exp(-since_s / length_s) if decays else np.maximum(1.0 - since_s / length_s, 0.0)
-    return (held_back(state, state.current_a, (1.0 - from_share) * missing * state.motor_voltage_v),)
-
-
 BENT_DISPLACEMENT = Effect(
     name="nonlinear displacement sensor",
     place="sensing",
@@ -126,32 +88,3 @@ BENT_DISPLACEMENT = Effect(
     ),
     signature=_bent_displacement,
 )
-WARMING_FRICTION = Effect(
-    name="friction that falls as the machine warms up",
-    place="mechanical",
-    equation="tau * exp(-t / T) on the motor shaft, again after each rest",
-    strength=Strength(name="torque_n_m", unit="N*m", typical=0.005, low=0.2, high=4.0, source="assumed"),
-    signature=_warming_friction,
-    shapes=tuple(
-        {"time_constant_s": float(tau), "viscous": viscous} for tau in (3.0, 10.0, 30.0) for viscous in (0.0, 1.0)
-    ),
-    confused_with=("motor_coulomb_friction",),
-)
-SOFT_START = Effect(
-    name="voltage ramp at every start",
-    place="electrical",
-    equation="duty * (1 - (1 - d_0) g(t / T)) after the start, g a ramp or a decay",
-    strength=Strength(
-        name="voltage_share_held_back", unit="1", typical=1.0, low=0.5, high=1.2, source="assumed; power-tool switches"
-    ),
-    signature=_soft_start,
-    shapes=(
-        *(
-            {"length_s": float(length), "from_share": share, "decays": 0.0}
-            for length in np.geomspace(0.02, 0.4, 10)
-            for share in (0.0, 0.25, 0.5)
-        ),
-        *({"length_s": float(length), "from_share": 0.0, "decays": 1.0} for length in np.geomspace(0.01, 0.2, 8)),
-    ),
-)
-BEYOND_CATALOGUE = (BENT_DISPLACEMENT, WARMING_FRICTION, SOFT_START)

@@ -1,0 +1,1 @@
+"""Causes of simple form that the catalogue does not hold."""

@@ -1,0 +1,92 @@
+"""Laws of the sensors that model and catalogue take as ideal: straight, each for itself, and at zero without a load."""
+
+from __future__ import annotations
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.beyond.drive import usual_current_a
+from sawbench.modeling.effects.effect import Effect, Strength
+from sawbench.modeling.residuals import Baseline, Signature, is_angle_known
+from sawbench.modeling.state import State, angle_derivative
+
+_FORCE, _MOTOR_CURRENT = 0.0, 1.0
+_CURRENT, _ACCELERATION = 0.0, 1.0
+
+
+def _force_too_large(baseline: Baseline, state: State, by_n: Floats) -> Signature:
+    return {"mechanical": -baseline.load_torque(state, by_n), "cutting": by_n}
+
+
+def _current_too_large(baseline: Baseline, state: State, by_a: Floats) -> Signature:
+    plant = baseline.plant
+    found: Signature = {
+        "electrical": -plant.resistance_ohm.nominal * by_a,
+        "mechanical": plant.torque_constant_n_m_per_a.nominal * by_a,
+        "converter": -state.setting.duty * by_a,
+    }
+    if state.kind == "running" and is_angle_known(state):
+        rate_a_s = state.speed_rad_s * angle_derivative(by_a)
+        found["electrical"] = found["electrical"] - plant.inductance_h.nominal * rate_a_s
+    return found
+
+
+def _bent_reading(baseline: Baseline, state: State, channel: float, sign: float) -> tuple[Signature, ...]:
+    """A reading whose gain rises or falls with it: off by its square, stated at its usual peak."""
+    if channel == _FORCE:
+        if state.force_n is None:
+            return ({},)
+        usual_n = baseline.load.force_n
+        return (_force_too_large(baseline, state, sign * state.force_n * np.abs(state.force_n) / usual_n),)
+    if state.current_a is None:
+        return ({},)
+    usual_a = usual_current_a(baseline)
+    return (_current_too_large(baseline, state, sign * state.current_a * np.abs(state.current_a) / usual_a),)
+
+
+def _crosstalk(baseline: Baseline, state: State, of: float, sign: float) -> tuple[Signature, ...]:
+    """A force that reads a share of the motor current, or of the mass that is shaken with the blade."""
+    if state.force_n is None or state.current_a is None:
+        return ({},)
+    if of == _CURRENT:
+        read_n = baseline.load.force_n * state.current_a / usual_current_a(baseline)
+    else:
+        lever_m, slope_m = state.motion.levers(baseline.mechanism)
+        read_n = lever_m * state.acceleration_rad_s2 + slope_m * state.speed_rad_s**2
+    return (_force_too_large(baseline, state, sign * read_n),)
+
+
+def _creeping_zero(baseline: Baseline, state: State, time_constant_s: float) -> tuple[Signature, ...]:
+    """A zero that follows the mean load of the trial late: glue and metal of the load cell that creep."""
+    if state.force_n is None or state.kind != "running":
+        return ({},)
+    crept = -np.expm1(-np.broadcast_to(state.time_s, state.angle_rad.shape) / time_constant_s)
+    return (_force_too_large(baseline, state, crept * state.force_n.mean(axis=-1, keepdims=True)),)
+
+
+BENT_READING = Effect(
+    name="sensor whose gain changes with its reading",
+    place="sensing",
+    equation="reading = x (1 +- a |x| / x_0), of force or motor current",
+    strength=Strength(name="share", unit="1", typical=0.03, low=0.1, high=10.0, source="assumed"),
+    signature=_bent_reading,
+    shapes=tuple({"channel": of, "sign": sign} for of in (_FORCE, _MOTOR_CURRENT) for sign in (1.0, -1.0)),
+)
+CROSSTALK = Effect(
+    name="force that reads something else too",
+    place="sensing",
+    equation="F + c i, or F + m a of the blade",
+    strength=Strength(name="share_or_mass_kg", unit="1", typical=0.02, low=0.1, high=10.0, source="assumed"),
+    signature=_crosstalk,
+    shapes=tuple({"of": of, "sign": sign} for of in (_CURRENT, _ACCELERATION) for sign in (1.0, -1.0)),
+    needs=("force_n",),
+)
+CREEPING_ZERO = Effect(
+    name="load cell that creeps",
+    place="sensing",
+    equation="F + c mean(F) (1 - exp(-t / T)) in every trial",
+    strength=Strength(name="share", unit="1", typical=0.05, low=0.1, high=8.0, source="assumed; OIML R 60"),
+    signature=_creeping_zero,
+    shapes=tuple({"time_constant_s": tau} for tau in (1.5, 4.0, 10.0, 30.0)),
+    silent_in=("air",),
+    needs=("force_n",),
+)
