@@ -36,19 +36,26 @@ def second_core() -> Iterator[None]:
         _is_allowed.reset(token)
 
 
-def on_two_cores(work: Callable[[T], R], items: Sequence[T]) -> list[R]:
+def on_two_cores(work: Callable[[T], R], items: Sequence[T], *, known: Sequence[Any] = ()) -> list[R]:
     """Work on every item, the last ones in a forked process where that is allowed: whoever is free takes the next.
 
     Parameters
     ----------
     work : callable
-        Takes an item; what it returns must be picklable. It may do nothing but return.
+        Takes an item; what it returns must be picklable, but for `known`. It may do nothing but return.
     items : sequence
+    known : sequence, optional
+        Objects that both processes have: where one is part of what is returned, it comes back as itself.
 
     Returns
     -------
     list
         In the order of the items. What the other process fails at, this one does again, so errors are raised here.
+
+    Warns
+    -----
+    RuntimeWarning
+        What the other process found cannot be pickled: this one does it again.
 
     Examples
     --------
@@ -66,11 +73,11 @@ def on_two_cores(work: Callable[[T], R], items: Sequence[T]) -> list[R]:
         warnings.simplefilter("ignore", DeprecationWarning)
         pid = os.fork()
     if pid == 0:
-        _send(writer, work, items[::-1], tickets)
+        _send(writer, work, items[::-1], tickets, known)
     writer.close()
     try:
         ours = _share(work, items, tickets)
-        theirs = _received(reader)
+        theirs = _received(reader, known)
     finally:
         os.kill(pid, signal.SIGKILL)  # it has sent all or nothing, or nobody waits for it any more
         os.waitpid(pid, 0)
@@ -94,16 +101,45 @@ def _took_one_of(tickets: int) -> bool:
         return False
 
 
-def _send(writer: Connection, work: Callable[[T], R], items: Sequence[T], tickets: int) -> None:
+def _send(
+    writer: Connection, work: Callable[[T], R], items: Sequence[T], tickets: int, known: Sequence[Any]
+) -> None:  # fmt: skip
     """In the forked process: work, send, and end without what Python does at an end."""
     try:
-        pickled = io.BytesIO()
-        pickler = pickle.Pickler(pickled, protocol=pickle.HIGHEST_PROTOCOL)
-        pickler.dispatch_table = copyreg.dispatch_table | {MappingProxyType: _reduced}
-        pickler.dump(_share(work, items, tickets))
-        writer.send_bytes(pickled.getbuffer())
+        found = _share(work, items, tickets)
+        try:
+            writer.send_bytes(_pickled(found, known))
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            writer.send_bytes(_pickled(f"{type(error).__name__}: {error}", ()))
     finally:
         os._exit(0)
+
+
+def _pickled(found: Any, known: Sequence[Any]) -> memoryview:
+    written = io.BytesIO()
+    _Pickler(written, known).dump(found)
+    return written.getbuffer()
+
+
+class _Pickler(pickle.Pickler):
+    """Writes objects that the other side has as their place in the list of them."""
+
+    def __init__(self, file: io.BytesIO, known: Sequence[Any]) -> None:
+        super().__init__(file, protocol=pickle.HIGHEST_PROTOCOL)
+        self.dispatch_table = copyreg.dispatch_table | {MappingProxyType: _reduced}
+        self._places = {id(one): place for place, one in enumerate(known)}
+
+    def persistent_id(self, obj: Any) -> int | None:
+        return self._places.get(id(obj))
+
+
+class _Unpickler(pickle.Unpickler):
+    def __init__(self, file: io.BytesIO, known: Sequence[Any]) -> None:
+        super().__init__(file)
+        self._known = known
+
+    def persistent_load(self, pid: int) -> Any:
+        return self._known[pid]
 
 
 def _reduced(mapping: Mapping[Any, Any]) -> tuple[Any, tuple[Any, ...]]:
@@ -115,8 +151,12 @@ def _read_only(values: dict[Any, Any]) -> Mapping[Any, Any]:
     return MappingProxyType(values)
 
 
-def _received(reader: Connection) -> list[Any] | None:
+def _received(reader: Connection, known: Sequence[Any]) -> list[Any] | None:
     try:
-        return pickle.loads(reader.recv_bytes())
+        found = _Unpickler(io.BytesIO(reader.recv_bytes()), known).load()
     except EOFError:
         return None
+    if isinstance(found, str):
+        warnings.warn(f"done twice, because it could not be sent: {found}", RuntimeWarning, stacklevel=3)
+        return None
+    return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.bench.second_core import on_two_cores
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, Widened
+from sawbench.diagnosis.inference.linear_problem import Beside, LinearProblem, Marginal, Widened
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.log_mean import log_mean_exp, log_mean_exp_rows
 from sawbench.modeling.effects.effect import Effect
@@ -149,6 +149,11 @@ def catalogue_columns(problem: LinearProblem, effects: Sequence[Effect]) -> dict
     return out
 
 
+def known_parts(columns: Mapping[str, Sequence[Column]]) -> list[object]:
+    """What `on_two_cores` need not send of explanations by some columns: these, and their effects."""
+    return [part for entries in columns.values() for column in entries for part in (column, column.effect)]
+
+
 def columns_in(problem: LinearProblem, effect: Effect, shapes: Sequence[dict[str, float]]) -> list[Column]:
     """`catalogue_columns` of one effect in any forms; without those of which the campaign shows nothing."""
     return _as_columns(effect, shapes, _signatures(problem, effect, shapes))
@@ -230,7 +235,13 @@ class Catalogue:
 
     def explain(self, marginal: Marginal) -> dict[str, Explanation]:
         """`explain` for every effect with one product of matrices; without effects that show nothing."""
-        half = marginal.half(self.stacked)
+        return self._explained(marginal, marginal.half(self.stacked))
+
+    def explain_beside(self, marginal: Beside, half_alone: Floats) -> dict[str, Explanation]:
+        """`explain` beside further columns, from `Marginal.half` of `stacked` without them."""
+        return self._explained(marginal, marginal.half(self.stacked, half_alone))
+
+    def _explained(self, marginal: Marginal | Beside, half: Floats) -> dict[str, Explanation]:
         taken = half.T @ marginal.data_half
         found, start, number = {}, 0, 0
         for name, entries in self.columns.items():

@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.diagnosis.inference.evidence import Catalogue, Column, Explanation, explain_formed
+from sawbench.bench.second_core import on_two_cores
+from sawbench.diagnosis.inference.evidence import Catalogue, Column, Explanation, explain_formed, known_parts
 from sawbench.diagnosis.inference.form_error import form_modes
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.left_over import left_by
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.diagnosis.inference.linear_problem import Beside, LinearProblem, Marginal
 
 
 class Forming:
@@ -22,14 +23,15 @@ class Forming:
     problem : LinearProblem
     small : ndarray, shape (n, p)
         Nuisance columns of the background effects.
-    reference : float
-        Absolute log evidence of "no_gap".
+    nominal : Marginal
+        Of "no_gap", with `small`.
     dispersion : ndarray, shape (n,)
         Factor on the noise's variance that the problem is whitened with.
     """
 
-    def __init__(self, problem: LinearProblem, small: Floats, reference: float, dispersion: Floats) -> None:
-        self.problem, self.small, self.reference, self.dispersion = problem, small, reference, dispersion
+    def __init__(self, problem: LinearProblem, small: Floats, nominal: Marginal, dispersion: Floats) -> None:
+        self.problem, self.small, self.dispersion = problem, small, dispersion
+        self.reference, self._nominal = nominal.log_evidence, nominal
         self._settings = problem.settings.forms
         self._modes: dict[str, Floats] = {}
 
@@ -69,28 +71,29 @@ class Forming:
             Most evidence first; `left_over` only of those that were weighed with their forms.
         """
         rough: dict[frozenset[str], list[tuple[float, Explanation, Explanation]]] = {}
-        for first in firsts:
-            for total, second in self._seconds(first, given[first.effect.name], catalogue):
+        known, half = known_parts(catalogue.columns), self._nominal.half(catalogue.stacked)
+        seconds = on_two_cores(lambda e: self._seconds(e, given[e.effect.name], catalogue, half), firsts, known=known)
+        for first, found in zip(firsts, seconds, strict=True):
+            for total, second in found:
                 rough.setdefault(frozenset((first.effect.name, second.effect.name)), []).append((total, first, second))
         best = sorted(rough.values(), key=lambda orders: -max(total for total, *_ in orders))[: self._settings.n_pairs]
-        # In either order, where both may come first: only the second one's size and form are integrated out.
-        found = [
-            max(
-                (self._pair(one, given[one.effect.name], two, catalogue.columns) for _, one, two in orders),
-                key=lambda pair: pair.log_evidence,
-            )
-            for orders in best
-        ]
+
+        def weighed(orders: Sequence[tuple[float, Explanation, Explanation]]) -> Hypothesis:
+            # In either order, where both may come first: only the second one's size and form are integrated out.
+            pairs = [self._pair(one, given[one.effect.name], two, catalogue.columns) for _, one, two in orders]
+            return max(pairs, key=lambda pair: pair.log_evidence)
+
+        found = on_two_cores(weighed, best, known=known)
         return sorted(found, key=lambda pair: -pair.log_evidence)
 
     def _seconds(
-        self, first: Explanation, given: Sequence[Floats], catalogue: Catalogue
+        self, first: Explanation, given: Sequence[Floats], catalogue: Catalogue, half: Floats
     ) -> list[tuple[float, Explanation]]:
         """Every effect beside the first as `given` and with its form's discrepancy, after its absolute log evidence."""
         missed = self._settings.screen_share * self.modes(first)
-        marginal = Marginal(self.problem, extra=np.hstack([self.small, *given, missed]))
+        marginal = Beside(self._nominal, np.hstack([*given, missed]))
         seconds = []
-        for name, found in catalogue.explain(marginal).items():
+        for name, found in catalogue.explain_beside(marginal, half).items():
             if name != first.effect.name:
                 seconds.append((found.log_evidence + marginal.log_evidence, found))
         return seconds

@@ -344,6 +344,33 @@ class Widened:
         return -0.5 * misfit - float(np.log(np.diag(root)).sum()), data_half, half
 
 
+class Beside:
+    """Inner products with further nuisance columns, times their prior standard deviation, added to those of another.
+
+    Parameters
+    ----------
+    alone : Marginal
+        All rows of it.
+    extra : ndarray, shape (n, q)
+    """
+
+    def __init__(self, alone: Marginal, extra: Floats) -> None:
+        self.settings, self._extra = alone.settings, extra
+        self._taken = alone.half(extra)
+        self._root = np.linalg.cholesky(np.eye(extra.shape[1]) + extra.T @ extra - self._taken.T @ self._taken)
+        self.data_half = self.half(alone.data[:, None], alone.data_half[:, None])[:, 0]
+        misfit = float(alone.data @ alone.data - self.data_half @ self.data_half)
+        log_determinant = alone.log_determinant + 2.0 * float(np.log(np.diag(self._root)).sum())
+        self.log_evidence = -0.5 * (misfit + log_determinant)
+
+    def half(self, columns: Floats, half_alone: Floats) -> Floats:
+        """`Marginal.half` of columns, shape (n, q), from what it is without the further nuisances."""
+        from scipy.linalg import solve_triangular
+
+        rest = self._extra.T @ columns - self._taken.T @ half_alone
+        return np.vstack([half_alone, solve_triangular(self._root, rest, lower=True)])
+
+
 class Marginal:
     """Inner products under M = I + B B' (whitened noise plus nuisances), for a subset of rows and scaled priors.
 

@@ -7,12 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.inference.dispersion import columns_with_noise, noise_factor, with_noise
 from sawbench.diagnosis.inference.evidence import (
     Catalogue,
     Column,
     Explanation,
     catalogue_columns,
+    known_parts,
     little_of_each,
 )
 from sawbench.diagnosis.inference.forming import Forming
@@ -154,7 +156,7 @@ def _bench_of(problem: LinearProblem, columns: dict[str, list[Column]], little: 
     # Background effects are scaled twice: noise that large already holds them.
     small = np.hstack([np.zeros((len(dispersion), 0)), *(found / dispersion[:, None] for found in little.values())])
     nominal = Marginal(problem, extra=small)
-    forming = Forming(problem, small, nominal.log_evidence, dispersion)
+    forming = Forming(problem, small, nominal, dispersion)
     return _Bench(
         problem=problem, dispersion=dispersion, catalogue=catalogue, beyond=beyond, nominal=nominal, forming=forming
     )
@@ -180,7 +182,10 @@ def _singles_and_pairs(bench: _Bench) -> tuple[list[Hypothesis], list[Hypothesis
     """Weigh every effect, the best ones with what their forms may miss, and pairs of these with any other."""
     numbers, catalogue = bench.problem.settings.forms, bench.catalogue
     rough = sorted(catalogue.explain(bench.nominal).values(), key=lambda e: -e.log_evidence)
-    formed = [bench.forming.single(e, catalogue.columns[e.effect.name]) for e in rough[: numbers.n_formed]]
+    formed = on_two_cores(
+        lambda e: bench.forming.single(e, catalogue.columns[e.effect.name]), rough[: numbers.n_formed],
+        known=known_parts(catalogue.columns),
+    )  # fmt: skip
     given = {e.effect.name: _in_either_shape(e, column) for e, column in formed}
     explanations = [*(e for e, _ in formed), *rough[numbers.n_formed :]]
     explanations.sort(key=lambda e: -e.log_evidence)

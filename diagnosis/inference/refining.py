@@ -20,6 +20,7 @@ from sawbench.diagnosis.inference.evidence import (
     catalogue_columns,
     columns_in,
     explain,
+    known_parts,
 )
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
 from sawbench.modeling.effects.effect import Effect
@@ -67,7 +68,8 @@ def refined(problem: LinearProblem, columns: Mapping[str, Sequence[Column]]) -> 
     out = {name: list(entries) for name, entries in columns.items()}
     alone = _worth_it(Catalogue(out, problem.data), marginal)
     best = [e for e in alone if e.effect.continuous][: forms.n_first]
-    for column in on_two_cores(lambda e: _between(problem, marginal, e, out[e.effect.name]), best):
+    known = known_parts(out)
+    for column in on_two_cores(lambda e: _between(problem, marginal, e, out[e.effect.name]), best, known=known):
         _add(out, column.effect, column)
     for column in _refined_beside(problem, marginal, Catalogue(out, problem.data)):
         _add(out, column.effect, column)
@@ -79,7 +81,8 @@ def _refined_beside(problem: LinearProblem, marginal: Marginal, catalogue: Catal
     forms = problem.settings.forms
     firsts = _worth_it(catalogue, marginal)[: forms.n_first]
     pairs: dict[frozenset[str], tuple[float, Column, Explanation]] = {}
-    beside = on_two_cores(lambda first: _worth_it(catalogue, _given(problem, first.column)), firsts)
+    known = known_parts(catalogue.columns)
+    beside = on_two_cores(lambda first: _worth_it(catalogue, _given(problem, first.column)), firsts, known=known)
     for first, seconds in zip(firsts, beside, strict=True):
         for second in seconds:
             names = frozenset((first.effect.name, second.effect.name))
@@ -87,7 +90,7 @@ def _refined_beside(problem: LinearProblem, marginal: Marginal, catalogue: Catal
             if len(names) == 2 and total > pairs.get(names, (-np.inf,))[0]:
                 pairs[names] = (total, first.column, second)
     best = sorted(pairs.values(), key=lambda pair: -pair[0])[: forms.n_pairs]
-    both = on_two_cores(lambda pair: _between_both(problem, catalogue, *pair[1:]), best)
+    both = on_two_cores(lambda pair: _between_both(problem, catalogue, *pair[1:]), best, known=known)
     return [column for pair in both for column in pair]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.inference.discrepancy import discrepancy
 from sawbench.diagnosis.inference.evidence import Column, explain
 from sawbench.diagnosis.inference.forming import Forming
@@ -29,16 +30,21 @@ def beyond_catalogue(
     listed : mapping of str to float
         Log evidence of the effects of the catalogue, each alone.
     """
-    found, worth = {}, worth_of_a_choice(len(forming.problem.campaign.plant.effects))
-    for name, entries in columns.items():
+    worth = worth_of_a_choice(len(forming.problem.campaign.plant.effects))
+    worth_forming = forming.problem.settings.forms.worth_forming
+
+    def weighed(entries: Sequence[Column]) -> float | None:
         rough = explain(nominal, entries)
         if rough is None:
-            continue
-        formed, _ = forming.single(rough, entries)
+            return None
+        formed, _ = (rough, None) if rough.log_evidence < worth_forming else forming.single(rough, entries)
         limits = [listed[other] for other in rough.effect.confused_with if other in listed]
-        if formed.log_evidence > max(limits, default=-np.inf) + worth or not limits:
-            found[name] = formed.log_evidence - float(np.log(len(columns)))
-    return found
+        if limits and formed.log_evidence <= max(limits) + worth:
+            return None
+        return formed.log_evidence - float(np.log(len(columns)))
+
+    found = zip(columns, on_two_cores(weighed, list(columns.values())), strict=True)
+    return {name: log_evidence for name, log_evidence in found if log_evidence is not None}
 
 
 def unnamed(

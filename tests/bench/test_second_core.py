@@ -108,3 +108,26 @@ def test_what_a_dead_process_had_is_done_here():
 
     with second_core():
         assert on_two_cores(dies, range(5)) == [0, 1, 2, 3, 4]
+
+
+class Unpicklable:
+    """As an effect is: it holds a function without a name."""
+
+    def __init__(self):
+        self.work = lambda: None
+
+
+@two_cores
+def test_what_both_processes_have_comes_back_as_itself():
+    known = [Unpicklable(), Unpicklable()]
+    with second_core():
+        found = on_two_cores(lambda k: (os.getpid(), {"it": known[k]}), range(2), known=known)
+    assert len({pid for pid, _ in found}) == 2
+    assert [part["it"] is one for (_, part), one in zip(found, known, strict=True)] == [True, True]
+
+
+@two_cores
+def test_what_cannot_be_sent_is_done_here_and_said():
+    with second_core(), pytest.warns(RuntimeWarning, match="done twice, because it could not be sent"):
+        found = on_two_cores(lambda k: (k, lambda: None), range(2))
+    assert [number for number, _ in found] == [0, 1]

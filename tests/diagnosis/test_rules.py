@@ -10,7 +10,7 @@ from sawbench.diagnosis.inference.beyond.drive import WARMING_FRICTION
 from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
 from sawbench.diagnosis.inference.form_error import form_modes
 from sawbench.diagnosis.inference.forming import Forming, shared_energy
-from sawbench.diagnosis.inference.linear_problem import Marginal, build_problem
+from sawbench.diagnosis.inference.linear_problem import Beside, Marginal, build_problem
 from sawbench.diagnosis.inference.posterior import uncertain_by_left_over
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.unnamed import beyond_catalogue
@@ -44,7 +44,7 @@ def with_gap(problem, signature, size=1.0):
 
 def forming(problem):
     n = len(problem.data)
-    return Forming(problem, np.zeros((n, 0)), Marginal(problem).log_evidence, np.ones(n))
+    return Forming(problem, np.zeros((n, 0)), Marginal(problem), np.ones(n))
 
 
 def formed(problem, name):
@@ -55,6 +55,18 @@ def formed(problem, name):
 
 def bent_friction(state):
     return {"mechanical": -2.0 * (1.0 + 0.5 * np.cos(state.angle_rad)) * friction(state)["mechanical"]}
+
+
+def test_further_nuisances_beside_known_ones_are_all_of_them_together(problem):
+    rng = np.random.default_rng(3)
+    n = len(problem.data)
+    extra, columns = rng.standard_normal((n, 4)), rng.standard_normal((n, 6))
+    alone, together = Marginal(problem), Marginal(problem, extra=extra)
+    beside = Beside(alone, extra)
+    assert beside.log_evidence == pytest.approx(together.log_evidence, rel=1e-10)
+    assert beside.data_half == pytest.approx(together.data_half, rel=1e-8, abs=1e-9)
+    half = beside.half(columns, alone.half(columns))
+    assert half == pytest.approx(together.half(columns), rel=1e-8, abs=1e-9)
 
 
 def test_what_a_form_misses_adds_to_a_real_effect(problem):
