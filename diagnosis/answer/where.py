@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -136,8 +136,6 @@ def _sectors(problem: LinearProblem, gap: Floats, equation: Equation) -> tuple[t
 
 def _grows_with(problem: LinearProblem, gap: Floats, equation: Equation) -> tuple[str, ...]:
     """What the size of the gap goes with over the trials, by rank correlation."""
-    from scipy.stats import spearmanr
-
     sizes, speed, load, time, feed = [], [], [], [], []
     for part in problem.parts:
         if part.state.kind != "running" or equation not in part.layout.equations:
@@ -153,7 +151,18 @@ def _grows_with(problem: LinearProblem, gap: Floats, equation: Equation) -> tupl
         if (
             len(set(values)) > 2
             and len(set(sizes)) > 2
-            and float(np.asarray(spearmanr(values, sizes))[0]) > SETTINGS.report.grows_with
+            and _rank_correlation(values, sizes) > SETTINGS.report.grows_with
         ):
             found.append(name)
     return tuple(found)
+
+
+def _rank_correlation(one: Sequence[float], other: Sequence[float]) -> float:
+    """Spearman's coefficient; `scipy.stats` would take longer to import than everything else here to compute."""
+    return float(np.corrcoef(_ranks(one), _ranks(other))[0, 1])
+
+
+def _ranks(values: Sequence[float]) -> Floats:
+    """Ranks from 1 on; equal values share the mean of theirs."""
+    _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
+    return (np.cumsum(counts) - 0.5 * (counts - 1))[place]

@@ -226,12 +226,11 @@ def _in_cells(turned_rad: Floats, values: Floats, first_turn: int, n_strokes: in
 
 
 def _periodic(stroke: Floats, turned_rad: Floats) -> Floats:
-    """Value at some angles of a wave that is given at the middles of even cells of the turn."""
-    from scipy.interpolate import CubicSpline
+    """Value at some angles, by a cubic spline, of a wave that is given at the middles of even cells of the turn."""
+    from scipy.ndimage import map_coordinates
 
-    n = len(stroke)
-    wave = CubicSpline((np.arange(n + 1) + 0.5) / n, np.append(stroke, stroke[0]), bc_type="periodic")
-    return np.asarray(wave(turned_rad / TWO_PI), dtype=np.float64)
+    place = (turned_rad / TWO_PI % 1.0) * len(stroke) - 0.5
+    return np.asarray(map_coordinates(stroke, [place], order=3, mode="grid-wrap"), dtype=np.float64)
 
 
 def _filled(cells: Floats) -> Floats:
