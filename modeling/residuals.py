@@ -81,6 +81,11 @@ class Baseline:
         """Crank radius."""
         return self.plant.crank_radius_m.nominal
 
+    @property
+    def usual_current_a(self) -> float:
+        """Motor current that the usual cut asks for."""
+        return self.load.torque_n_m / self.plant.torque_constant_n_m_per_a.nominal
+
     def lever(self, state: State) -> Floats:
         """Derivative of the blade's travel by the crank angle, m, shape of the state."""
         return state.motion.levers(self.mechanism)[0]

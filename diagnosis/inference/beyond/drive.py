@@ -17,11 +17,6 @@ _SPRINGS_BEGIN = (0.0, 0.3, 0.6, 0.75, 0.88)
 _CONTACT_POWER = 1.5
 
 
-def usual_current_a(baseline: Baseline) -> float:
-    """Motor current that the usual cut asks for, A."""
-    return baseline.load.torque_n_m / baseline.plant.torque_constant_n_m_per_a.nominal
-
-
 def _carried_torque(baseline: Baseline, state: State) -> Floats:
     """Torque that the shaft hands on from the motor, N*m at the motor, shape of the state."""
     plant = baseline.plant
@@ -60,7 +55,7 @@ def _falling_flux(baseline: Baseline, state: State, power: float) -> tuple[Signa
     if state.current_a is None:
         return ({},)
     plant = baseline.plant
-    loss = np.abs(state.current_a / usual_current_a(baseline)) ** power
+    loss = np.abs(state.current_a / baseline.usual_current_a) ** power
     speed = baseline.gear * state.speed_rad_s
     return (
         {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.diagnosis.inference.beyond.drive import usual_current_a
 from sawbench.modeling.effects.effect import Effect, Strength
 from sawbench.modeling.residuals import Baseline, Signature, is_angle_known
 from sawbench.modeling.state import State, angle_derivative
@@ -39,7 +38,7 @@ def _bent_reading(baseline: Baseline, state: State, channel: float, sign: float)
         return (_force_too_large(baseline, state, sign * state.force_n * np.abs(state.force_n) / usual_n),)
     if state.current_a is None:
         return ({},)
-    usual_a = usual_current_a(baseline)
+    usual_a = baseline.usual_current_a
     return (_current_too_large(baseline, state, sign * state.current_a * np.abs(state.current_a) / usual_a),)
 
 
@@ -48,7 +47,7 @@ def _crosstalk(baseline: Baseline, state: State, of: float, sign: float) -> tupl
     if state.force_n is None or state.current_a is None:
         return ({},)
     if of == _CURRENT:
-        read_n = baseline.load.force_n * state.current_a / usual_current_a(baseline)
+        read_n = baseline.load.force_n * state.current_a / baseline.usual_current_a
     else:
         lever_m, slope_m = state.motion.levers(baseline.mechanism)
         read_n = lever_m * state.acceleration_rad_s2 + slope_m * state.speed_rad_s**2
