@@ -118,11 +118,11 @@ def smooth_state(state: State, blocks: Floats, *, mechanism: Mechanism, n_harmon
         return state
     shape = (len(blocks), state.angle_rad.shape[1])
 
-    def mean(wave: Floats | None, n: int, *, shrunk: bool = True) -> Floats | None:
+    def mean(wave: Floats | None, n: int, *, shrunk: bool = True, least: float = 0.0) -> Floats | None:
         if wave is None:
             return None
         rows = np.fft.rfft(wave, axis=1)
-        spectrum = rows.mean(axis=0) * (_signal_share(rows) if shrunk else 1.0)
+        spectrum = rows.mean(axis=0) * (_signal_share(rows, least) if shrunk else 1.0)
         spectrum[n + 1 :] = 0.0
         return np.broadcast_to(np.fft.irfft(spectrum, shape[1]), shape)
 
@@ -133,7 +133,8 @@ def smooth_state(state: State, blocks: Floats, *, mechanism: Mechanism, n_harmon
         changes["blade_excess_m_s"] = None
     elif state.blade_excess_m_s is not None:
         beyond = (state.speed_rad_s - speed[:1]) * mechanism.lever(state.angle_rad) + state.blade_excess_m_s
-        changes["blade_excess_m_s"] = mean(beyond, N_HARMONICS)
+        # Half a stroke's cutting speed is the positive part of this: noise would pass for a force at both dead centres.
+        changes["blade_excess_m_s"] = mean(beyond, N_HARMONICS, least=power_by_chance(len(beyond), N_HARMONICS))
     for name in ("current_a", "current_rate_a_s", "battery_current_a"):
         changes[name] = mean(getattr(state, name), 2 * n_harmonics)
     for name in ("force_n", "force_rate_n_s"):
@@ -146,8 +147,27 @@ def smooth_state(state: State, blocks: Floats, *, mechanism: Mechanism, n_harmon
     return replace(state, **changes)
 
 
-def _signal_share(spectra: NDArray[np.complex128]) -> Floats:
+def power_by_chance(n_rows: int, n_harmonics: int) -> float:
+    """Power of a harmonic of the mean of rows, over its variance, that chance seldom exceeds in any harmonic.
+
+    In one of twenty means, or less where the rows are few. Both are of complex numbers, and the variance is estimated
+    from the differences of successive rows, which are worth two thirds of as many rows: a ratio of about the F
+    distribution with 2 and 4 (n - 1) / 3 degrees of freedom.
+
+    Parameters
+    ----------
+    n_rows : int
+        At least 2.
+    n_harmonics : int
+    """
+    half = 2.0 * (n_rows - 1) / 3.0
+    return float(half * ((_NUMBERS.by_chance / n_harmonics) ** (-1.0 / half) - 1.0))
+
+
+def _signal_share(spectra: NDArray[np.complex128], least: float = 0.0) -> Floats:
     """Factor on each harmonic of the mean of rows: 1 where it is certain, 0 where it is no more than noise.
+
+    And 0 where its power is less than so many times its variance.
 
     Squared noise in a signature is evidence out of nothing wherever the residual holds the same noise.
     """
@@ -157,6 +177,7 @@ def _signal_share(spectra: NDArray[np.complex128]) -> Floats:
     variance = np.sum(np.abs(np.diff(spectra, axis=0)) ** 2, axis=0) / (2.0 * (n - 1) * n)
     power = np.maximum(np.abs(spectra.mean(axis=0)) ** 2, 1e-30)
     share = np.clip(1.0 - _NUMBERS.noise_margin * variance / power, 0.0, 1.0)
+    share[power < least * variance] = 0.0
     share[0] = 1.0
     return share
 

@@ -78,6 +78,8 @@ class Reading:
         Share of the cells of an average that must hold samples.
     noise_margin : float
         A harmonic counts in a signature as far as its power is above that many times its own variance.
+    by_chance : float
+        Probability with which noise may pass for a motion of the blade beyond the crank's, in any harmonic of a trial.
     spike_share : float
         Displacement that far from the tracked one, as a share of the radius, is a spike; play is less.
     least_swing_n : float
@@ -98,6 +100,7 @@ class Reading:
 
     least_coverage: float = marked(0.5, "convention", "more is measured than filled in")
     noise_margin: float = marked(3.0, "convention", "95 % point of a variance with one degree of freedom is 3.8")
+    by_chance: float = marked(0.05, "convention", "one trial in twenty")
     spike_share: float = marked(0.1, "convention", "play is less")
     least_swing_n: float = marked(3.0, "convention", "above the noise of load cells")
     clear_harmonic: float = marked(3.0, "convention", "a phase is then certain to a third of a radian")

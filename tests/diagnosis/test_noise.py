@@ -10,7 +10,7 @@ import pytest
 from sawbench.bench.recording import Signal
 from sawbench.diagnosis.inference.features import HARMONICS, START_UP_EDGES_S, Layout, harmonics
 from sawbench.diagnosis.inference.noise import contrast_misfit, noise_of, scatter_of
-from sawbench.diagnosis.reduction import _signal_share
+from sawbench.diagnosis.reduction import _signal_share, power_by_chance
 from sawbench.diagnosis.screening import _defect_of
 from sawbench.modeling.state import TWO_PI
 
@@ -88,6 +88,18 @@ def test_noise_is_taken_out_of_signatures_and_signals_stay():
     assert share[3] > 0.99
     assert share[0] == 1.0
     assert np.mean(share[10:]) < 0.1
+
+
+@pytest.mark.parametrize("n_rows", [4, 6, 8, 20])
+def test_noise_seldom_passes_for_a_motion_of_the_blade(n_rows):
+    """In any of 27 harmonics of the mean of a trial, in one trial of twenty or less: the fewer rows, the less."""
+    rng = np.random.default_rng(n_rows)
+    least = power_by_chance(n_rows, 27)
+    passed = 0
+    for _ in range(1000):
+        rows = rng.standard_normal((n_rows, 28)) + 1j * rng.standard_normal((n_rows, 28))
+        passed += _signal_share(rows, least)[1:].any()
+    assert 3 <= passed <= 70
 
 
 def coarse_current(peak_a, top_a=np.inf):
