@@ -243,7 +243,11 @@ def running_state(trial: ProcessedTrial, setting: TrialSetting) -> State | None:
     grid = lay_grid(angle, steady.settled_s, steady.end_s, slowest)
     if grid is None:
         return None
-    tracked = grid.place(angle.angle_rad)
+    # The speed too has samples in every cell: of a rate that strokes divide, the same cells would stay empty for ever.
+    crank = between_samples(
+        Signal(channel="crank_speed", unit="rad/s", time_s=angle.time_s, values=angle.speed_rad_s), period_s
+    )
+    tracked = grid.place_samples(angle.time_s, angle.angle_rad, crank.time_s)
     is_covered = grid.coverage(tracked) > _NUMBERS.least_coverage
     placed = {}
     for name, signal in present.items():
@@ -257,7 +261,7 @@ def running_state(trial: ProcessedTrial, setting: TrialSetting) -> State | None:
     if is_covered.sum() < 2 <= grid.n_rows or not is_covered.any():
         return None
     # The mean over angle of 1/speed is the time a turn takes: fold the slowness, not the speed.
-    speed = 1.0 / fold(grid, tracked, 1.0 / np.maximum(angle.speed_rad_s, 1e-3))[is_covered]
+    speed = 1.0 / fold(grid, tracked, 1.0 / np.maximum(crank.values, 1e-3))[is_covered]
     waves = {
         name: fold(grid, at_samples, present[name].values * CHANNEL_BY_NAME[name].si_factor)[is_covered]
         for name, at_samples in placed.items()

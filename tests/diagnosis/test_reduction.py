@@ -114,6 +114,28 @@ def test_a_channel_whose_samples_lie_at_the_same_angles_in_every_stroke_is_there
     assert np.abs(slow - exact)[resolved].max() < 0.006
 
 
+@pytest.mark.parametrize("samples_a_stroke", [20, 24, 30])
+def test_a_displacement_whose_samples_lie_at_the_same_angles_in_every_stroke_costs_no_trial(samples_a_stroke):
+    """A fifth to a quarter of the cells, the same in every stroke; the speed of the crank swings twice a stroke."""
+    time_s = np.arange(0.0, SECONDS, 1.0 / (samples_a_stroke * STROKES_HZ))
+    # Evenly turning but for a little, so that times and angles lie at the same places in every stroke.
+    turned = TWO_PI * STROKES_HZ * time_s
+    speed = TWO_PI * STROKES_HZ * (1.0 + 0.02 * np.cos(2.0 * turned))
+    angle = CrankAngle(
+        time_s=time_s, angle_rad=turned + 0.01 * np.sin(2.0 * turned), speed_rad_s=speed,
+        angle_std_rad=np.zeros(len(time_s)), radius_m=0.01, source="test", is_absolute=True,
+    )  # fmt: skip
+    signal = replace(current(samples_a_stroke * STROKES_HZ, 1), time_s=time_s, values=wave(turned))
+    trial = processed_trial(
+        Trial(trial_id="t", duty=0.5, material="oak"), {signal.channel: signal}, angle, SETTLED_S, SECONDS - 0.01
+    )
+    state = running_state(trial, setting_of(is_idle=False))
+    assert state is not None
+    assert state.n_strokes.sum() >= 8
+    expected = TWO_PI * STROKES_HZ * (1.0 + 0.02 * np.cos(2.0 * state.angle_rad))
+    assert np.abs(state.speed_rad_s / expected - 1.0).max() < 0.003
+
+
 def spin_up(*, missing_s=(), of="motor_current_a", slow_hz=None):
     """A spin-up from rest within 50 ms at 1.3 kHz; samples missing from one time to another, or a slow current."""
     time_s = np.arange(0.0, SECONDS, 1.0 / 1300.0)
