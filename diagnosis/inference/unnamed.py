@@ -31,17 +31,17 @@ def beyond_catalogue(
         Log evidence of the effects of the catalogue, each alone.
     """
     worth = worth_of_a_choice(len(forming.problem.campaign.plant.effects))
-    worth_forming = forming.problem.settings.forms.worth_forming
 
     def weighed(entries: Sequence[Column]) -> float | None:
         rough = explain(nominal, entries)
         if rough is None:
             return None
-        formed, _ = (rough, None) if rough.log_evidence < worth_forming else forming.single(rough, entries)
+        is_worth_it = rough.log_evidence >= forming.problem.settings.forms.worth_forming
+        found = (forming.single(rough, entries)[0] if is_worth_it else rough).log_evidence
         limits = [listed[other] for other in rough.effect.confused_with if other in listed]
-        if limits and formed.log_evidence <= max(limits) + worth:
+        if limits and found <= max(limits) + worth:
             return None
-        return formed.log_evidence - float(np.log(len(columns)))
+        return found - float(np.log(len(columns)))
 
     found = zip(columns, on_two_cores(weighed, list(columns.values())), strict=True)
     return {name: log_evidence for name, log_evidence in found if log_evidence is not None}
