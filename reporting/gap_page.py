@@ -181,6 +181,18 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f} %" if share >= 0.01 else "under 1 %"
 
 
+def closest_description(report: Mapping[str, Any]) -> list[str]:
+    """Say what a gap of unknown cause looks most like: one sentence, or none.
+
+    Parameters
+    ----------
+    report : mapping
+        `gap_report.json`.
+    """
+    resembles = report["detail"].get("resembles", "") if report["verdict"] == "unknown" else ""
+    return [f"Closest description: {resembles}."] if resembles else []
+
+
 def _meaning(report: Mapping[str, Any]) -> list[str]:
     verdict, shifted, said = report["verdict"], _shifted(report), []
     if verdict in ("no_gap", "parameters"):
@@ -189,9 +201,7 @@ def _meaning(report: Mapping[str, Any]) -> list[str]:
             said.append(f"No unmodelled effect: the residual is within the repeatability of the measurements{within}.")
         said += [f"Largest shifts: {shifted}."] if shifted else []
     elif verdict == "unknown":
-        resembles = report["detail"].get("resembles", "")
-        if resembles:
-            said.append(f"Closest description: {resembles}.")
+        said += closest_description(report)
         said += [_place_sentence(spot) for spot in _of_the_strokes(report)[:2]]
         said += learned_sentences(report["learned_term"]) if report.get("learned_term") else []
         said.append("Re-tuning the parameters would hide the gap, not explain it.")

@@ -7,7 +7,7 @@ import re
 
 import pytest
 from sawbench.reporting.cause_words import what_happens
-from sawbench.reporting.gap_page import verdict_sentence, write_gap_page
+from sawbench.reporting.gap_page import closest_description, verdict_sentence, write_gap_page
 from sawbench.reporting.standing_out_figure import stands_out
 
 pytestmark = pytest.mark.unit
@@ -115,6 +115,15 @@ def test_a_page_without_a_gap_agrees_with_its_re_tuned_parameters(tmp_path):
     assert "No gap: the model explains the measurements" in text and "Use the model as it is." in text
     assert "Largest shifts" not in text
     assert "For the smallest error use the improved model" in text
+
+
+def test_the_closest_description_is_that_of_an_unknown_cause_alone():
+    seen = {**REPORT["detail"], "resembles": "spring on the plunger"}
+    assert closest_description({**REPORT, "verdict": "unknown", "detail": seen}) == [
+        "Closest description: spring on the plunger."
+    ]
+    assert closest_description({**REPORT, "verdict": "unknown", "detail": {**seen, "resembles": ""}}) == []
+    assert closest_description({**REPORT, "verdict": "effect", "detail": seen}) == []
 
 
 def test_an_asynchronous_line_is_told_once_with_its_place(tmp_path):
