@@ -48,6 +48,7 @@ def diagnose_trials(
     """
     from importlib.metadata import version
 
+    import scipy.linalg  # noqa: F401  # a limit holds for what is loaded, and scipy brings a linear algebra of its own
     from sawbench.diagnosis.answer.gap_report import diagnose
     from threadpoolctl import threadpool_limits
 
