@@ -189,11 +189,11 @@ def _piece(request: DiagnosisRequest, path: Path) -> Piece:
 
 
 def _as_text(report: dict[str, Any]) -> str:
-    from sawbench.reporting.gap_page import closest_description, verdict_sentence
+    from sawbench.reporting.gap_page import closest_description, resembled, verdict_sentence
 
     gap = report["gap"]
-    said = [verdict_sentence(report), *closest_description(report)]
-    lines = [*said, "", table(("cause", "probability", "gap closed", "95 %"), _cause_rows(report))]
+    lines = [verdict_sentence(report), *closest_description(report), ""]
+    lines += [table(("cause", "probability", "gap closed", "95 %"), _cause_rows(report))]
     if "until_closed" in report:
         lines += ["", *_closing_lines(report["until_closed"])]
     rungs = ("nominal", "retuned", "with_effect", "noise_floor")
@@ -205,7 +205,7 @@ def _as_text(report: dict[str, Any]) -> str:
     if "runtime_s" in gap:
         times = ", ".join(f"{name.replace('_', ' ')} {seconds:.0f} s" for name, seconds in gap["runtime_s"].items())
         lines += ["", f"battery runtime: {times}"]
-    lines += ["", *(f"note: {text}" for text in report["warnings"] if f"Closest description: {text}." not in said)]
+    lines += ["", *(f"note: {text}" for text in report["warnings"] if text != resembled(report))]
     lines.append(f"next trial: {report['next_trial']}")
     return "\n".join([*lines, *(["", *_plan_lines(report["plan"])] if "plan" in report else [])])
 

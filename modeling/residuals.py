@@ -244,5 +244,29 @@ def inertia_torque(baseline: Baseline, state: State, **only: float) -> Floats:
 
 def plunger_swing(mechanism: Mechanism, state: State) -> Floats:
     """Torque at the crank that moves one kilogram of plunger, N*m/kg: g (g alpha + g' w^2), shape of the state."""
+    return state.motion.levers(mechanism)[0] * plunger_acceleration(mechanism, state)
+
+
+def plunger_acceleration(mechanism: Mechanism, state: State) -> Floats:
+    """Acceleration of the plunger by the crank's motion, m/s^2: g alpha + g' w^2, shape of the state."""
     lever_m, slope_m = state.motion.levers(mechanism)
-    return lever_m * (lever_m * state.acceleration_rad_s2 + slope_m * state.speed_rad_s**2)
+    return lever_m * state.acceleration_rad_s2 + slope_m * state.speed_rad_s**2
+
+
+def motor_ahead(baseline: Baseline, extra_speed: Floats, extra_acceleration: Floats) -> Signature:
+    """Residuals where the motor turns faster than gear and crank say.
+
+    Parameters
+    ----------
+    baseline : Baseline
+    extra_speed : ndarray, shape of the state
+        Of the motor, rad/s.
+    extra_acceleration : ndarray, shape of the state
+        Its time derivative, rad/s^2.
+    """
+    plant = baseline.plant
+    return {
+        "electrical": plant.back_emf_constant_v_s_per_rad.nominal * extra_speed,
+        "mechanical": plant.rotor_inertia_kg_m2.nominal * extra_acceleration
+        + plant.motor_damping_n_m_s_per_rad.nominal * extra_speed,
+    }

@@ -189,8 +189,19 @@ def closest_description(report: Mapping[str, Any]) -> list[str]:
     report : mapping
         `gap_report.json`.
     """
-    resembles = report["detail"].get("resembles", "") if report["verdict"] == "unknown" else ""
+    resembles = resembled(report)
     return [f"Closest description: {resembles}."] if resembles else []
+
+
+def resembled(report: Mapping[str, Any]) -> str:
+    """Name what a gap of unknown cause looks most like; empty for another verdict, or a gap of no particular form.
+
+    Parameters
+    ----------
+    report : mapping
+        `gap_report.json`.
+    """
+    return report["detail"].get("resembles", "") if report["verdict"] == "unknown" else ""
 
 
 def _meaning(report: Mapping[str, Any]) -> list[str]:

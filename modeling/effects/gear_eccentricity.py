@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.effect import Effect, Strength, Words
-from sawbench.modeling.residuals import Baseline, Signature
+from sawbench.modeling.residuals import Baseline, Signature, motor_ahead
 from sawbench.modeling.state import State
 
 
@@ -32,16 +32,11 @@ def _signature(baseline: Baseline, state: State, kinematic: float, torque: float
 
 def _swing(baseline: Baseline, state: State, wave: Floats, slope: Floats) -> Signature:
     """Residuals where the ratio swings by `wave`, whose derivative with the crank angle is `slope`."""
-    plant = baseline.plant
     extra_speed = baseline.gear * state.speed_rad_s * wave
     extra_acceleration = baseline.gear * (state.acceleration_rad_s2 * wave + state.speed_rad_s**2 * slope)
     load = 0.0 if state.force_n is None else baseline.load_torque(state, state.force_n)
-    return {
-        "electrical": plant.back_emf_constant_v_s_per_rad.nominal * extra_speed,
-        "mechanical": plant.rotor_inertia_kg_m2.nominal * extra_acceleration
-        + plant.motor_damping_n_m_s_per_rad.nominal * extra_speed
-        - load * wave,
-    }
+    ahead = motor_ahead(baseline, extra_speed, extra_acceleration)
+    return ahead | {"mechanical": ahead["mechanical"] - load * wave}
 
 
 EFFECT = Effect(

@@ -16,10 +16,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.effect import Effect, Strength, Words
 from sawbench.modeling.effects.friction import PRESLIDING, direction
-from sawbench.modeling.residuals import Baseline, Signature, inertia_torque
+from sawbench.modeling.residuals import Baseline, Signature, inertia_torque, plunger_acceleration
 from sawbench.modeling.state import State
 
 if TYPE_CHECKING:
@@ -37,14 +36,9 @@ def _signature(baseline: Baseline, state: State, inertia: float, slot: float, pi
         torque = baseline.load_torque(state, force) + inertia * inertia_torque(baseline, state, mass=mass)
         return ({"mechanical": np.abs(torque)},)
     lever_m = slot * baseline.mechanism.sliding_lever(state.angle_rad) + pin * _PIN_SHARE_OF_RADIUS * baseline.radius_m
-    carried = np.abs(baseline.cutting_sign * force + inertia * _plunger_inertia_n(baseline, state))
+    inertia_n = baseline.plant.reciprocating_mass_kg.nominal * plunger_acceleration(baseline.mechanism, state)
+    carried = np.abs(baseline.cutting_sign * force + inertia * inertia_n)
     return ({"mechanical": carried * lever_m / baseline.gear},)
-
-
-def _plunger_inertia_n(baseline: Baseline, state: State) -> Floats:
-    lever_m, slope_m = state.motion.levers(baseline.mechanism)
-    acceleration = lever_m * state.acceleration_rad_s2 + slope_m * state.speed_rad_s**2
-    return baseline.plant.reciprocating_mass_kg.nominal * acceleration
 
 
 def _axis_signature(axis: AxisBaseline, state: AxisState, presliding: float) -> tuple[Signature, ...]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.effect import Effect, Strength, Words
 from sawbench.modeling.effects.heat import COPPER_HEAT, HEAT_SHAPES, SPIN_HEAT, copper_loss_w, friction_loss_w
 from sawbench.modeling.residuals import Baseline, Signature
@@ -24,17 +25,28 @@ def _signature(
 ) -> tuple[Signature, ...]:
     if state.current_a is None:
         return ({},)
-    plant = baseline.plant
     heat_w = copper_loss_w(baseline, state, fast_s, slow_s, fast_share)
     if friction:
         heat_w = heat_w + friction * friction_loss_w(baseline, state, fast_s, slow_s, fast_share)
-    loss = FLUX_LOSS_PER_K * heat_w  # at 1 K/W
-    return (
-        {
-            "electrical": -loss * plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * state.speed_rad_s,
-            "mechanical": loss * plant.torque_constant_n_m_per_a.nominal * state.current_a,
-        },
-    )
+    return (weaker_flux(baseline, state, state.current_a, FLUX_LOSS_PER_K * heat_w),)  # at 1 K/W
+
+
+def weaker_flux(baseline: Baseline, state: State, current_a: Floats, loss: Floats) -> Signature:
+    """Residuals where back-EMF and torque of the motor are smaller by a share.
+
+    Parameters
+    ----------
+    baseline : Baseline
+    state : State
+    current_a : ndarray, shape of the state
+        Of the motor.
+    loss : ndarray, broadcast to the state
+    """
+    plant = baseline.plant
+    return {
+        "electrical": -loss * plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * state.speed_rad_s,
+        "mechanical": loss * plant.torque_constant_n_m_per_a.nominal * current_a,
+    }
 
 
 EFFECT = Effect(

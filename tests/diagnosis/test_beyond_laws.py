@@ -32,19 +32,21 @@ def rate(state, wave):
     return state.speed_rad_s * (np.roll(wave, -1, axis=-1) - np.roll(wave, 1, axis=-1)) / (2.0 * ANGLE_STEP)
 
 
-def is_change_of(found, state, read, rel=0.02):
-    """Whether a signature is what a reading that is off changes in the residuals."""
+def missed(found, state, read):
+    """By how much a signature misses what a reading that is off changes in the residuals: the largest share of it."""
     before, after = residuals(BASELINE, state), residuals(BASELINE, read)
-    for equation in before:
-        taken = after[equation] - before[equation]
-        assert found.get(equation, 0.0) == pytest.approx(taken, abs=rel * max(np.abs(taken).max(), 1e-12)), equation
+    taken = {equation: after[equation] - before[equation] for equation in before}
+    return max(
+        np.abs(found.get(equation, 0.0) - wave).max() / max(np.abs(wave).max(), 1e-12)
+        for equation, wave in taken.items()
+    )
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_load_cell_that_bends_reads_more_the_more_it_reads(sign):
     state = running()
     (found,) = BENT_READING.signatures(BASELINE, state, {"channel": 0.0, "sign": sign})
-    is_change_of(found, state, replace(state, force_n=state.force_n + sign * state.force_n**2 / OAK.force_n))
+    assert missed(found, state, replace(state, force_n=state.force_n + sign * state.force_n**2 / OAK.force_n)) <= 0.02
 
 
 @pytest.mark.parametrize("make", [running, start_up])
@@ -54,23 +56,25 @@ def test_a_current_sensor_that_saturates_hides_current_from_every_equation(make)
     (found,) = BENT_READING.signatures(BASELINE, state, {"channel": 1.0, "sign": -1.0})
     off = rate(state, hidden) if state.kind == "running" else 0.0
     read = replace(state, current_a=state.current_a + hidden, current_rate_a_s=state.current_rate_a_s + off)
-    is_change_of(found, state, read)
+    assert missed(found, state, read) <= 0.02
 
 
 def test_a_force_may_read_the_current_or_the_shaken_mass():
     state = running()
     (current,) = CROSSTALK.signatures(BASELINE, state, {"of": 0.0, "sign": 1.0})
-    is_change_of(current, state, replace(state, force_n=state.force_n + OAK.force_n * state.current_a / USUAL_A))
+    assert (
+        missed(current, state, replace(state, force_n=state.force_n + OAK.force_n * state.current_a / USUAL_A)) <= 0.02
+    )
     (mass,) = CROSSTALK.signatures(BASELINE, state, {"of": 1.0, "sign": -1.0})
     blade_m_s2 = rate(state, BASELINE.lever(state) * state.speed_rad_s)
-    is_change_of(mass, state, replace(state, force_n=state.force_n - blade_m_s2))
+    assert missed(mass, state, replace(state, force_n=state.force_n - blade_m_s2)) <= 0.02
 
 
 def test_a_load_cell_creeps_after_the_mean_load():
     state = running()
     (found,) = CREEPING_ZERO.signatures(BASELINE, state, {"time_constant_s": 2.0})
     crept = state.force_n.mean(axis=1) * (1.0 - np.exp(-state.time_s[:, 0] / 2.0))
-    is_change_of(found, state, replace(state, force_n=state.force_n + crept[:, None]))
+    assert missed(found, state, replace(state, force_n=state.force_n + crept[:, None])) <= 0.02
 
 
 @pytest.mark.parametrize("power", [1.0, 2.0])

@@ -7,11 +7,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sawbench.diagnosis.answer import gap_detail, standing_out
+from sawbench.diagnosis.answer import gap_detail, standing_out, where
 from sawbench.diagnosis.answer.standing_out import Cell, find_cells
 from sawbench.diagnosis.inference.features import START_UP_EDGES_S, Layout
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, Part
 from sawbench.diagnosis.inference.settings import SETTINGS
+from scipy.stats import false_discovery_control, spearmanr
 
 FALSE_DISCOVERY_RATE = SETTINGS.report.false_discovery_rate
 pytestmark = pytest.mark.unit
@@ -222,3 +223,15 @@ def test_the_report_counts_as_found_what_its_own_numbers_say_is_found(monkeypatc
     q_values = report["partitions"]["harmonic"]["equations"]["cutting"]["q_value"]
     assert [q < report["false_discovery_rate"] for q in q_values] == [True, False]
     assert report["n_found"] == 1
+
+
+def test_rates_of_false_discovery_are_those_of_scipy():
+    p_values = np.random.default_rng(4).uniform(size=40) ** 3
+    expected = false_discovery_control(p_values, method="by")
+    assert standing_out._false_discovery_rates(p_values) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("other", [[3.0, 1.0, 2.0, 5.0, 4.0], [1.0, 1.0, 2.0, 2.0, 0.0]])
+def test_the_rank_correlation_is_that_of_scipy(other):
+    one = [0.2, 0.1, 0.3, 0.3, 0.5]
+    assert where._rank_correlation(one, other) == pytest.approx(float(spearmanr(one, other).statistic), rel=1e-12)

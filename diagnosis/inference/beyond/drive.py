@@ -6,7 +6,8 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.current_limit import held_back
 from sawbench.modeling.effects.effect import Effect, Strength
-from sawbench.modeling.residuals import Baseline, Signature, inertia_torque, is_angle_known
+from sawbench.modeling.effects.magnet_weakening import weaker_flux
+from sawbench.modeling.residuals import Baseline, Signature, inertia_torque, is_angle_known, motor_ahead
 from sawbench.modeling.state import START_UP_STEP_S, State, angle_derivative
 
 # The torque of viscous friction is stated at this speed of the motor.
@@ -26,16 +27,6 @@ def _carried_torque(baseline: Baseline, state: State) -> Floats:
     return wheel + plunger + cut
 
 
-def _motor_ahead(baseline: Baseline, state: State, extra_speed: Floats) -> Signature:
-    """Residuals where the motor turns faster than gear and crank say, by a periodic speed in rad/s."""
-    plant = baseline.plant
-    return {
-        "electrical": plant.back_emf_constant_v_s_per_rad.nominal * extra_speed,
-        "mechanical": plant.motor_damping_n_m_s_per_rad.nominal * extra_speed
-        + plant.rotor_inertia_kg_m2.nominal * state.speed_rad_s * angle_derivative(extra_speed),
-    }
-
-
 def _yielding_transmission(baseline: Baseline, state: State, slips: float) -> tuple[Signature, ...]:
     """A shaft that twists by the torque over that of the usual cut, or a belt that slips with it and its square."""
     nothing = tuple(Signature() for _ in range(_n_yielding({"slips": slips})))
@@ -43,7 +34,8 @@ def _yielding_transmission(baseline: Baseline, state: State, slips: float) -> tu
         return nothing
     share = _carried_torque(baseline, state) / baseline.load.torque_n_m
     turned = (share, share * np.abs(share)) if slips else (angle_derivative(share),)
-    return tuple(_motor_ahead(baseline, state, baseline.gear * state.speed_rad_s * part) for part in turned)
+    speeds = (baseline.gear * state.speed_rad_s * part for part in turned)
+    return tuple(motor_ahead(baseline, speed, state.speed_rad_s * angle_derivative(speed)) for speed in speeds)
 
 
 def _n_yielding(shape: dict[str, float]) -> int:
@@ -54,15 +46,8 @@ def _falling_flux(baseline: Baseline, state: State, power: float) -> tuple[Signa
     """Back-EMF and torque of a current that weakens the field, by a power of it over that of the usual cut."""
     if state.current_a is None:
         return ({},)
-    plant = baseline.plant
     loss = np.abs(state.current_a / baseline.usual_current_a) ** power
-    speed = baseline.gear * state.speed_rad_s
-    return (
-        {
-            "electrical": -loss * plant.back_emf_constant_v_s_per_rad.nominal * speed,
-            "mechanical": loss * plant.torque_constant_n_m_per_a.nominal * state.current_a,
-        },
-    )
+    return (weaker_flux(baseline, state, state.current_a, loss),)
 
 
 def _sprung_plunger(baseline: Baseline, state: State, begins: float, rubs: float) -> tuple[Signature, ...]:

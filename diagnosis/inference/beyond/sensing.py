@@ -4,28 +4,26 @@ from __future__ import annotations
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.nuisances import READINGS
 from sawbench.modeling.effects.effect import Effect, Strength
-from sawbench.modeling.residuals import Baseline, Signature, is_angle_known
+from sawbench.modeling.residuals import Baseline, Signature, is_angle_known, plunger_acceleration
 from sawbench.modeling.state import State, angle_derivative
 
 _FORCE, _MOTOR_CURRENT = 0.0, 1.0
 _CURRENT, _ACCELERATION = 0.0, 1.0
 
 
-def _force_too_large(baseline: Baseline, state: State, by_n: Floats) -> Signature:
-    return {"mechanical": -baseline.load_torque(state, by_n), "cutting": by_n}
+def _too_large(baseline: Baseline, state: State, channel: str, by: Floats) -> Signature:
+    """Residuals where a channel reads too much by a wave, in its SI unit."""
+    return {name: by * wave for name, wave in READINGS[channel].signature(baseline, state).items()}
 
 
 def _current_too_large(baseline: Baseline, state: State, by_a: Floats) -> Signature:
-    plant = baseline.plant
-    found: Signature = {
-        "electrical": -plant.resistance_ohm.nominal * by_a,
-        "mechanical": plant.torque_constant_n_m_per_a.nominal * by_a,
-        "converter": -state.setting.duty * by_a,
-    }
+    """As `_too_large`; a wave of current has a voltage over the inductance too."""
+    found = _too_large(baseline, state, "motor_current_a", by_a)
     if state.kind == "running" and is_angle_known(state):
         rate_a_s = state.speed_rad_s * angle_derivative(by_a)
-        found["electrical"] = found["electrical"] - plant.inductance_h.nominal * rate_a_s
+        found["electrical"] = found["electrical"] - baseline.plant.inductance_h.nominal * rate_a_s
     return found
 
 
@@ -34,12 +32,12 @@ def _bent_reading(baseline: Baseline, state: State, channel: float, sign: float)
     if channel == _FORCE:
         if state.force_n is None:
             return ({},)
-        usual_n = baseline.load.force_n
-        return (_force_too_large(baseline, state, sign * state.force_n * np.abs(state.force_n) / usual_n),)
+        by_n = sign * state.force_n * np.abs(state.force_n) / baseline.load.force_n
+        return (_too_large(baseline, state, "force_n", by_n),)
     if state.current_a is None:
         return ({},)
-    usual_a = baseline.usual_current_a
-    return (_current_too_large(baseline, state, sign * state.current_a * np.abs(state.current_a) / usual_a),)
+    by_a = sign * state.current_a * np.abs(state.current_a) / baseline.usual_current_a
+    return (_current_too_large(baseline, state, by_a),)
 
 
 def _crosstalk(baseline: Baseline, state: State, of: float, sign: float) -> tuple[Signature, ...]:
@@ -49,9 +47,8 @@ def _crosstalk(baseline: Baseline, state: State, of: float, sign: float) -> tupl
     if of == _CURRENT:
         read_n = baseline.load.force_n * state.current_a / baseline.usual_current_a
     else:
-        lever_m, slope_m = state.motion.levers(baseline.mechanism)
-        read_n = lever_m * state.acceleration_rad_s2 + slope_m * state.speed_rad_s**2
-    return (_force_too_large(baseline, state, sign * read_n),)
+        read_n = plunger_acceleration(baseline.mechanism, state)  # of a kilogram
+    return (_too_large(baseline, state, "force_n", sign * read_n),)
 
 
 def _creeping_zero(baseline: Baseline, state: State, time_constant_s: float) -> tuple[Signature, ...]:
@@ -59,7 +56,7 @@ def _creeping_zero(baseline: Baseline, state: State, time_constant_s: float) -> 
     if state.force_n is None or state.kind != "running":
         return ({},)
     crept = -np.expm1(-np.broadcast_to(state.time_s, state.angle_rad.shape) / time_constant_s)
-    return (_force_too_large(baseline, state, crept * state.force_n.mean(axis=-1, keepdims=True)),)
+    return (_too_large(baseline, state, "force_n", crept * state.force_n.mean(axis=-1, keepdims=True)),)
 
 
 BENT_READING = Effect(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from sawbench.modeling.effects.effect import Effect, Strength
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
@@ -15,7 +16,7 @@ def _another_discharge(baseline: Baseline, state: State, of_load: float) -> tupl
         return ({}, {})
     used = state.charge_used_as / (_AS_PER_AH * baseline.battery.capacity_ah)
     drop = baseline.battery.internal_resistance_ohm * state.battery_current_a
-    unit_v = drop if of_load else baseline.battery.nominal_voltage_v + 0.0 * drop
+    unit_v = drop if of_load else np.full_like(drop, baseline.battery.nominal_voltage_v)
     return ({"supply": -unit_v * used}, {"supply": -unit_v * used**2})
 
 
