@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -53,6 +53,10 @@ class Cycle:
     predicted: dict[str, dict[str, Floats]]
     scatter: dict[str, float]
 
+    def error(self, model: str, channel: str) -> Floats:
+        """Measured minus predicted, shape (n_points,)."""
+        return self.measured[channel] - self.predicted[model][channel]
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ChannelGap:
@@ -76,7 +80,7 @@ class ChannelGap:
     runtime_of: str
     warnings: tuple[str, ...]
 
-    def harm(self, unseen: Collection[str] = ()) -> float:
+    def harm(self, unseen: Collection[str] = ()) -> Floats:
         """What the cause adds to the squared error of the re-tuned model, as a share of that or of the noise.
 
         In squares over the noise of each channel, summed. Points that no model was fitted to are missed by several
@@ -86,11 +90,25 @@ class ChannelGap:
         ----------
         unseen : collection of str
             Channels whose equation could not be evaluated: no model was fitted to them.
+
+        Returns
+        -------
+        ndarray, shape (n_points,)
+            By operating point.
         """
-        known = [r for name, (r, _) in self.by_channel.items() if r.noise_floor > 0.0 and name not in unseen]
-        before = [(rungs.retuned / rungs.noise_floor) ** 2 for rungs in known]
-        after = [(rungs.with_effect / rungs.noise_floor) ** 2 for rungs in known]
-        return (sum(after) - sum(before)) / max(sum(max(share, 1.0) for share in before), 1.0)
+        known = {name: r for name, (r, _) in self.by_channel.items() if r.noise_floor > 0.0 and name not in unseen}
+        before = sum(max((rungs.retuned / rungs.noise_floor) ** 2, 1.0) for rungs in known.values())
+        added = {
+            cycle.label: sum(
+                float(np.mean(cycle.error("with_effect", name) ** 2 - cycle.error("retuned", name) ** 2))
+                / rungs.noise_floor**2
+                for name, rungs in known.items()
+                if name in cycle.measured
+            )
+            for cycle in self.cycles
+        }
+        by_point = _by_point(self.cycles, added)
+        return np.array(list(by_point.values())) / (max(before, 1.0) * len(by_point))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -239,7 +257,7 @@ def _by_channel(cycles: Sequence[Cycle]) -> dict[str, tuple[Rungs, str]]:
         having = [c for c in cycles if channel in c.measured]
         if not having:
             continue
-        errors = {name: {c.label: c.measured[channel] - c.predicted[name][channel] for c in having} for name in MODELS}
+        errors = {name: {c.label: c.error(name, channel) for c in having} for name in MODELS}
         squares = {
             name: _over_points(having, {label: float(np.mean(e**2)) for label, e in by_label.items()})
             for name, by_label in errors.items()
@@ -250,12 +268,17 @@ def _by_channel(cycles: Sequence[Cycle]) -> dict[str, tuple[Rungs, str]]:
     return out
 
 
-def _over_points(cycles: Sequence[Cycle], values: dict[str, float]) -> float:
-    """Mean over operating points of the mean over their repeats."""
+def _by_point(cycles: Sequence[Cycle], values: Mapping[str, float]) -> dict[str, float]:
+    """Mean over the repeats of each operating point."""
     points: dict[str, list[float]] = {}
     for cycle in cycles:
         points.setdefault(cycle.operating_point, []).append(values[cycle.label])
-    return float(np.mean([np.mean(repeats) for repeats in points.values()]))
+    return {point: float(np.mean(repeats)) for point, repeats in points.items()}
+
+
+def _over_points(cycles: Sequence[Cycle], values: Mapping[str, float]) -> float:
+    """Mean over operating points of the mean over their repeats."""
+    return float(np.mean(list(_by_point(cycles, values).values())))
 
 
 def _between(cycles: Sequence[Cycle], errors: dict[str, Floats]) -> float:

@@ -146,13 +146,16 @@ def _equations_of(problem: LinearProblem, members: Sequence[Explanation]) -> lis
 
 
 def _predicts(problem: LinearProblem, predictions: Predictions, cause: Hypothesis) -> bool:
-    """Whether a cause closes the withheld gap, and its model does not miss the channels by more than without it."""
+    """Whether a cause closes the withheld gap, and its model does not surely miss the channels by more than without."""
     ladder = predictions.of(cause).ladder
     if not _closes(ladder, _equations_of(problem, cause.members)):
         return False
     channels, forms = predictions.channels_of(cause), problem.campaign.plant.equations
     unseen = {form.channel for form in forms.values()} - {forms[equation].channel for equation in ladder.n_features}
-    return channels is None or channels.harm(unseen) < SETTINGS.ladder.most_harm
+    if channels is None:
+        return True
+    harm = channels.harm(unseen)
+    return not (harm.sum() >= SETTINGS.ladder.most_harm and _is_sure(harm))
 
 
 def _closes(ladder: Ladder, equations: Sequence[Equation]) -> bool:
@@ -193,12 +196,12 @@ def _added(
     return 0.5 * (without - whole.energy["with_effect"]), 0.5 * min(left, everywhere)
 
 
-def _is_sure(added: Floats) -> bool:
-    """Whether what is added exceeds its own standard error, or one group says all.
+def _is_sure(gains: Floats) -> bool:
+    """Whether the sum of gains exceeds its own standard error, or one group says all.
 
     Groups differ by orders of magnitude in what they say of an effect, too much for an interval.
     """
-    return len(added) < 2 or exceeds_its_error(added)
+    return len(gains) < 2 or exceeds_its_error(gains)
 
 
 def _found(posterior: Posterior, effects: tuple[str, ...]) -> Hypothesis:

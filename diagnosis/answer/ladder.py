@@ -44,6 +44,8 @@ class Fit:
         Which of the alternative columns it is.
     root : ndarray, shape (q, q)
         Of the covariance of the amplitudes, by the misfit that the kept trials are left with.
+    following : ndarray, shape (p, q)
+        How far the nuisances go back where an amplitude goes up.
     behind : float
         Minus twice its log evidence by the kept trials, less that of the likeliest form: 0 or more.
     """
@@ -53,6 +55,7 @@ class Fit:
     amplitudes: Floats
     alternative: int
     root: Floats
+    following: Floats
     behind: float = 0.0
 
 
@@ -76,10 +79,10 @@ class Ladder:
     held_out : HeldOut
         What was withheld, each in turn.
     energy : dict of str to ndarray, shape (n_groups,)
-        Sum of squares of the whitened residual in each group, by rung.
+        Sum of squares in each group, by rung, of the whitened residual in standard deviations of the prediction.
     squares : dict of str to dict of str to ndarray, shape (n_groups,)
         Sum of squares in each group, by rung and equation, of the residual in standard deviations of the prediction:
-        what the kept trials leave open of the cause is no error of it.
+        what the kept trials leave open of the parameters and of the cause is no error of it.
     n_features : dict of str to ndarray, shape (n_groups,)
         By equation: how many squares these are.
     """
@@ -120,8 +123,8 @@ class HoldOut:
     ----------
     problem : LinearProblem
     best : ndarray, shape (n, q), optional
-        Whitened signatures of the most likely cause, times a generous amplitude: what a fit with them leaves of the
-        start-ups is taken for their noise, as a start-up has no time blocks that could be compared.
+        Whitened signatures of the most likely cause, times a generous amplitude: what a fit with them leaves of trials
+        without any repetition is taken for their noise.
     by_trial : bool
         Hold out trials although there are operating points enough: for an effect that one of them alone shows.
     """
@@ -140,7 +143,8 @@ class HoldOut:
         self.rows = {group: self._rows(group) for group in self.groups}
         self._normal = self.base.T @ self.base
         self._kept = {group: self._kept_without(rows) for group, rows in self.rows.items()}
-        self._own = {group: self._own_of(group) for group in self.groups}
+        self._own = {group: self._prediction(group, self.is_own) for group in self.groups}
+        self._open = {group: self._prediction(group, np.ones_like(self.is_own)) for group in self.groups}
         self._to_features: list[Floats] = [
             np.asarray(np.linalg.inv(part.whitener), dtype=np.float64).T for part in problem.parts
         ]
@@ -158,14 +162,14 @@ class HoldOut:
         held = self.base[rows]
         return least if self.held_out == "nothing" else least - held.T @ held
 
-    def _own_of(self, group: str) -> Floats:
-        """What is a withheld trial's own, on its rows, times the root of the covariance that the kept ones leave."""
-        covariance = np.linalg.inv(self._kept[group])[np.ix_(self.is_own, self.is_own)]
-        return self.base[self.rows[group]][:, self.is_own] @ np.linalg.cholesky(covariance)
+    def _prediction(self, group: str, chosen: np.ndarray) -> Floats:
+        """What the kept trials leave open of chosen nuisances, on withheld rows: a standard deviation a column."""
+        covariance = np.linalg.inv(self._kept[group])[np.ix_(chosen, chosen)]
+        return self.base[self.rows[group]][:, chosen] @ np.linalg.cholesky(covariance)
 
     def _noise_of(self, design: Floats) -> Floats:
-        """Whitened noise: the scatter of the time blocks, or what a fit to the group itself leaves."""
-        noise = _block_scatter(self.problem)
+        """Whitened noise: the scatter of time blocks, that of strokes, or what a fit to the group itself leaves."""
+        noise = _scatter(self.problem)
         for rows in self.rows.values():
             without = rows & np.isnan(noise)
             inside, data = design[without], self.problem.data[without]
@@ -199,9 +203,10 @@ class HoldOut:
             likely = self._fits(group, forms, whole)
             fits[group] = likely[0]
             held, own = self.rows[group], self._own[group]
-            for name, known in (("nominal", 0.0), ("retuned", self.base[held] @ likely[0].retuned)):
+            retuned = self.base[held] @ likely[0].retuned
+            for name, known, uncertain in (("nominal", 0.0, own), ("retuned", retuned, self._open[group])):
                 rest = data[held] - known
-                beyond[name][held], energy[name][k] = _weighed(rest, own, own[:, :0], noise=1.0)
+                beyond[name][held], energy[name][k] = _weighed(rest, uncertain, own[:, :0], noise=1.0)
                 residuals[name][held] = rest
             residuals["with_effect"][held], beyond["with_effect"][held], energy["with_effect"][k] = self._predicted(
                 group, likely, columns
@@ -226,13 +231,14 @@ class HoldOut:
 
     def _predicted(self, group: str, likely: Sequence[Fit], columns: Sequence[Floats]) -> tuple[Floats, Floats, float]:
         """Residual of the likeliest form, that of the best one in standard deviations, and the energy of them all."""
-        held, own = self.rows[group], self._own[group]
+        held, uncertain = self.rows[group], self._open[group]
         noise = float(np.mean(self._noise[held] ** 2))
         rests, beyond, energies = [], [], []
         for fit in likely:
             chosen = columns[fit.alternative][held]
             rests.append(self.problem.data[held] - self.base[held] @ fit.nuisances - chosen @ fit.amplitudes)
-            left, energy = _weighed(rests[-1], own, chosen @ fit.root, noise=noise)
+            beside = chosen - self.base[held] @ fit.following
+            left, energy = _weighed(rests[-1], uncertain, beside @ fit.root, noise=noise)
             beyond.append(left)
             energies.append(energy + fit.behind)
         # Of kept and withheld trials together, less that of the kept ones.
@@ -267,8 +273,11 @@ class HoldOut:
         retuned = self._bounded(least, pull_base)
         if not width:
             return [
-                Fit(retuned=retuned, nuisances=retuned, amplitudes=np.zeros(0), alternative=0, root=np.zeros((0, 0)))
-            ]
+                Fit(
+                    retuned=retuned, nuisances=retuned, amplitudes=np.zeros(0), alternative=0, root=np.zeros((0, 0)),
+                    following=np.zeros((n, 0)),
+                )
+            ]  # fmt: skip
         is_stuck = np.abs(retuned) >= self._high * (1.0 - 1e-9)
         problems, free, stuck = [], [], []
         for k, gram in enumerate(own):
@@ -294,6 +303,7 @@ class HoldOut:
             Fit(
                 retuned=retuned, nuisances=solution[:n], amplitudes=solution[n:], alternative=k, behind=best - score,
                 root=np.sqrt(raised) * np.linalg.cholesky(np.linalg.inv(problems[k][0])[n:, n:]),
+                following=np.linalg.solve(least, problems[k][0][:n, n:]),
             )
             for score, _, k, solution in found
         ]  # fmt: skip
@@ -339,18 +349,22 @@ class HoldOut:
         return lsq_linear(root.T, np.linalg.solve(root, moment), bounds=(low, high), method="bvls").x
 
 
-def _weighed(rest: Floats, own: Floats, uncertain: Floats, *, noise: float) -> tuple[Floats, float]:
+def _weighed(rest: Floats, common: Floats, uncertain: Floats, *, noise: float) -> tuple[Floats, float]:
     """What a prediction leaves in standard deviations of what it knows, and its energy.
 
-    The energy is minus twice the log probability of what is left, less that of nothing left, times the noise. Of `own`
-    and `uncertain` every column is a standard deviation of what the prediction does not know. `own` is the same for all
-    that is compared; how far the probability is spread by `uncertain` counts. `noise` is the mean square of the
-    whitened noise: 1 where that is what it is stated to be.
+    The energy is minus twice the log probability of what is left, less that of nothing left, times the noise. Of
+    `common` and `uncertain` every column is a standard deviation of what the prediction does not know. `common` is the
+    same for all that is compared; how far the probability is spread by `uncertain` counts. `noise` is the mean square
+    of the whitened noise: 1 where that is what it is stated to be.
     """
-    waves, stds, _ = np.linalg.svd(np.hstack([own, uncertain]), full_matrices=False)
+    unknown = np.hstack([common, uncertain])
+    gram = unknown.T @ unknown
+    variances, waves = np.linalg.eigh(gram)
+    stds = np.sqrt(1.0 + np.maximum(variances, 0.0))
     # The root of the inverse covariance, 1 plus the squares of the columns, is symmetric: no equation takes another's.
-    beyond = rest - waves @ ((1.0 - 1.0 / np.sqrt(1.0 + stds**2)) * (waves.T @ rest))
-    spread = noise * (float(np.log1p(stds**2).sum()) - _log_spread(own)) if uncertain.size else 0.0
+    beyond = rest - unknown @ (waves @ ((waves.T @ (unknown.T @ rest)) / (stds * (1.0 + stds))))
+    n = common.shape[1]
+    spread = noise * (2.0 * float(np.log(stds).sum()) - _log_spread(gram[:n, :n])) if uncertain.size else 0.0
     return beyond, float(beyond @ beyond) + spread
 
 
@@ -360,8 +374,8 @@ def _soft_minimum(values: Sequence[float], scale: float) -> float:
     return least if scale <= 0.0 else least - scale * float(np.log(np.sum(np.exp((least - np.array(values)) / scale))))
 
 
-def _log_spread(design: Floats) -> float:
-    return float(np.linalg.slogdet(np.eye(design.shape[1]) + design.T @ design)[1])
+def _log_spread(gram: Floats) -> float:
+    return float(np.linalg.slogdet(np.eye(len(gram)) + gram)[1])
 
 
 def _gain(normal: Floats, pull: Floats, held: Floats, is_held: np.ndarray) -> float:
@@ -389,17 +403,21 @@ def _grouping(problem: LinearProblem, *, by_trial: bool) -> tuple[HeldOut, Calla
     return "trials" if n_trials > 1 else "nothing", lambda part: part.setting.label
 
 
-def _block_scatter(problem: LinearProblem) -> Floats:
-    """Whitened deviation of the time blocks of a trial from a straight line, unbiased; NaN where there are too few."""
+def _scatter(problem: LinearProblem) -> Floats:
+    """Whitened deviation of the time blocks of a trial from a straight line, unbiased.
+
+    Where there are too few blocks (a start-up is one) what single strokes scatter; NaN where there are too few of them.
+    """
     out = np.full(len(problem.data), np.nan)
     for part in problem.parts:
         blocks = problem.data[part.place].reshape(-1, part.layout.size)
         n = len(blocks)
-        if n < _NUMBERS.least_blocks:
-            continue
-        time = np.arange(n) - 0.5 * (n - 1)
-        rest = blocks - blocks.mean(axis=0) - np.outer(time, time @ blocks) / (time @ time)
-        out[part.place] = (rest * np.sqrt(n / (n - 2.0))).ravel()
+        if n >= _NUMBERS.least_blocks:
+            time = np.arange(n) - 0.5 * (n - 1)
+            rest = blocks - blocks.mean(axis=0) - np.outer(time, time @ blocks) / (time @ time)
+            out[part.place] = (rest * np.sqrt(n / (n - 2.0))).ravel()
+        elif part.scatter.any():
+            out[part.place] = np.tile(part.scatter, n)
     return out
 
 

@@ -44,6 +44,8 @@ class Part:
     common : ndarray, shape (size, size)
         Whitened covariance of what no repetition shows: the same in every block and every repeat, at most 1 in any
         direction.
+    scatter : ndarray, shape (size,)
+        Root mean square of each whitened feature that the scatter of single strokes predicts; 0 where they are few.
     place : slice
         Of this part in the stacked vector.
     """
@@ -54,6 +56,7 @@ class Part:
     blocks: Floats
     whitener: Floats
     common: Floats
+    scatter: Floats
     place: slice
 
     @property
@@ -205,11 +208,12 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True, settings: S
         part = Part(
             state=state, smooth=plant.smooth(state, blocks), layout=layout, blocks=blocks, whitener=whitener,
             common=whitener @ missed @ whitener.T, place=slice(start, start + size),
+            scatter=np.sqrt(np.einsum("ij,jk,ik->i", whitener, noise, whitener)),
         )  # fmt: skip
         parts.append(part)
         known = part.whiten(summed([one.signature(plant.model, part.smooth) for one in plant.known]))
         data.append(((blocks @ features) @ whitener.T).ravel() - known)
-        expected += blocks.shape[0] * float(np.einsum("ij,jk,ik->", whitener, noise, whitener))
+        expected += blocks.shape[0] * float(part.scatter @ part.scatter)
         start += size
     contrasts = contrast_misfit([d.reshape(-1, p.layout.size) for d, p in zip(data, parts, strict=True)])
     empty = LinearProblem(

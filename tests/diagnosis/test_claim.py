@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sawbench.diagnosis.answer.channel_gap import ChannelGap
+from sawbench.diagnosis.answer.channel_gap import MODELS, ChannelGap, Cycle
 from sawbench.diagnosis.answer.claim import held_to_predictions, is_there, sized_members
 from sawbench.diagnosis.answer.closed_share import closed_share
 from sawbench.diagnosis.answer.ladder import HoldOut, Rungs
@@ -51,9 +51,23 @@ class OfFeatures(Predictions):
 class Forecast(Predictions):
     """Predictions with channels that are stated, not simulated."""
 
-    def __init__(self, problem, columns, posterior, by_channel):
+    def __init__(self, problem, columns, posterior, by_channel, *, errs_at=None):
         super().__init__(problem, columns, posterior)
-        self._stated = ChannelGap(by_channel=by_channel, cycles=(), runtime_s={}, runtime_of="", warnings=())
+        points = ("a", "b", "c", "d")
+        # By what each model misses a channel at each operating point: alike, or at one of them alone.
+        far = {p: 1.0 if errs_at is None else 2.0 * (p == errs_at) for p in points}
+        cycles = tuple(
+            Cycle(
+                label=p, operating_point=p, is_idle=False, measured={name: np.zeros(8) for name in by_channel},
+                predicted={
+                    model: {name: np.full(8, far[p] * getattr(r, model)) for name, (r, _) in by_channel.items()}
+                    for model in MODELS
+                },
+                scatter={},
+            )
+            for p in points
+        )  # fmt: skip
+        self._stated = ChannelGap(by_channel=by_channel, cycles=cycles, runtime_s={}, runtime_of="", warnings=())
 
     def channels_of(self, hypothesis):
         return self._stated
@@ -229,6 +243,9 @@ def test_a_cause_whose_model_misses_the_channels_by_more_is_not_named(problem, c
     held = held_to_predictions(data, columns, judged, Forecast(data, columns, judged, by_channel))
     assert judged.best.effects == (RUBBING,)
     assert (held.best.effects == (RUBBING,)) == is_named
+    # One operating point that the kept ones cannot extrapolate to says nothing of the cause.
+    at_one = held_to_predictions(data, columns, judged, Forecast(data, columns, judged, by_channel, errs_at="b"))
+    assert at_one.best.effects == (RUBBING,)
 
 
 @pytest.mark.parametrize("has_battery_current", [True, False])

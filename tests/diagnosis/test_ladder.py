@@ -46,3 +46,16 @@ def test_interval_covers_the_share_of_the_population():
         low, high = closed_share(energies(size, left, floor=0.2))[1]
         n_covered += low <= truth <= high
     assert n_covered > 0.88 * n_campaigns
+
+
+def test_interval_of_a_gap_that_is_closed_stays_near_it():
+    """Little is left, of which noise takes some below nothing in every other group: a bound is stated and it covers."""
+    rng = np.random.default_rng(8)
+    truth, n_covered, n_campaigns = 0.99, 0, 300
+    for _ in range(n_campaigns):
+        found = energies(20.0 * rng.lognormal(-0.125, 0.5, 8), 1.0 - truth)
+        found["with_effect"] += rng.normal(0.0, 0.3, 8)
+        low, high = closed_share(found)[1]
+        n_covered += low <= truth <= high
+        assert low > 0.8
+    assert n_covered > 0.88 * n_campaigns

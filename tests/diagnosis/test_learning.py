@@ -57,6 +57,7 @@ def problem(hidden, seed=0):
                     blocks=np.eye(3),
                     whitener=whitener,
                     common=np.zeros((LAYOUT.size, LAYOUT.size)),
+                    scatter=np.ones(LAYOUT.size),
                     place=place,
                 )
             )
@@ -138,7 +139,8 @@ def test_a_gap_of_the_run_up_is_not_put_into_running_strokes():
     start = len(whole.data)
     part = Part(
         state=state, smooth=state, layout=layout, blocks=np.eye(1), whitener=np.eye(layout.size),
-        common=np.zeros((layout.size, layout.size)), place=slice(start, start + layout.size),
+        common=np.zeros((layout.size, layout.size)), scatter=np.zeros(layout.size),
+        place=slice(start, start + layout.size),
     )  # fmt: skip
     far = 1e3 * np.abs(whole.data).max()
     with_run_up = replace(

@@ -36,7 +36,7 @@ def trial(kind, point, start, rng):
     return Part(
         state=state, smooth=state, layout=layout, blocks=np.eye(n_blocks),
         whitener=np.linalg.inv(np.linalg.cholesky(covariance)), common=np.eye(layout.size),
-        place=slice(start, start + n_blocks * layout.size),
+        scatter=np.ones(layout.size), place=slice(start, start + n_blocks * layout.size),
     )  # fmt: skip
 
 
