@@ -189,10 +189,10 @@ def _piece(request: DiagnosisRequest, path: Path) -> Piece:
 
 
 def _as_text(report: dict[str, Any]) -> str:
-    from sawbench.reporting.gap_page import closest_description, resembled, verdict_sentence
+    from sawbench.reporting.gap_page import closest_description, known_effects, resembled, verdict_sentence
 
     gap = report["gap"]
-    lines = [verdict_sentence(report), *closest_description(report), ""]
+    lines = [verdict_sentence(report), *closest_description(report), *known_effects(report), ""]
     lines += [table(("cause", "probability", "gap closed", "95 %"), _cause_rows(report))]
     if "until_closed" in report:
         lines += ["", *_closing_lines(report["until_closed"])]

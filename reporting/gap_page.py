@@ -138,12 +138,13 @@ def verdict_sentence(report: Mapping[str, Any]) -> str:
     --------
     >>> report = {"verdict": "no_gap", "causes": [], "probabilities": {"no_gap": 0.9}, "parameter_shifts": {}}
     >>> verdict_sentence(report)
-    'No gap: the model explains the measurements within their noise (90 %).'
+    'No gap: the model explains the measurements within their noise and its own uncertainty (90 %).'
     """
     verdict, probability = report["verdict"], report["probabilities"]
     if verdict == "no_gap":
         subject = "with re-tuned parameters the model" if _shifted(report) else "the model"
-        return f"No gap: {subject} explains the measurements within their noise ({_percent(probability['no_gap'])})."
+        share = _percent(probability["no_gap"])
+        return f"No gap: {subject} explains the measurements within their noise and its own uncertainty ({share})."
     if verdict == "parameters":
         return (
             "The model form is right, but some parameters differ from their stated values by more than their"
@@ -193,6 +194,19 @@ def closest_description(report: Mapping[str, Any]) -> list[str]:
     return [f"Closest description: {resembles}."] if resembles else []
 
 
+def known_effects(report: Mapping[str, Any]) -> list[str]:
+    """Say which effects the model as configured has: one sentence, or none.
+
+    Parameters
+    ----------
+    report : mapping
+        `gap_report.json`.
+    """
+    found = report.get("detail", {}).get("known_effects", {})
+    known = [magnitude_words(name, one) for name, one in found.items()]
+    return [f"In the model as configured: {'; '.join(known)}."] if known else []
+
+
 def resembled(report: Mapping[str, Any]) -> str:
     """Name what a gap of unknown cause looks most like; empty for another verdict, or a gap of no particular form.
 
@@ -223,8 +237,7 @@ def _meaning(report: Mapping[str, Any]) -> list[str]:
             names = ", ".join(name_of(n) for n in cause["indistinguishable_from"])
             said.append(f"In this campaign it is indistinguishable from: {names} (same evidence within its scatter).")
         said += _where_it_acts(report, cause)
-    said += _runtime_sentence(report)
-    return said
+    return [*said, *_runtime_sentence(report), *known_effects(report)]
 
 
 def _where_it_acts(report: Mapping[str, Any], cause: Mapping[str, Any]) -> list[str]:
@@ -331,16 +344,16 @@ def _tiles(report: Mapping[str, Any]) -> list[dict[str, str]]:
         rungs = rungs[:2]
     steps = " → ".join(words for _, words in rungs)
     tiles = []
-    for name in ("force_n", "motor_current_a"):
-        if name in report["gap"]["by_channel"]:
-            row = report["gap"]["by_channel"][name]
-            tiles.append(
-                {
-                    "label": f"RMSE of the simulated {CHANNEL_WORDS[name]}",
-                    "value": " → ".join(format_number(row[key], digits=2) for key, _ in rungs) + f" {row['unit']}",
-                    "detail": f"{steps}; noise {format_number(row['noise_floor'], digits=2)} {row['unit']}",
-                }
-            )
+    by_channel = report["gap"]["by_channel"]
+    for name in [n for n in ("force_n", "motor_current_a") if n in by_channel] or list(by_channel)[:1]:
+        row = by_channel[name]
+        tiles.append(
+            {
+                "label": f"RMSE of the simulated {CHANNEL_WORDS.get(name, name)}",
+                "value": " → ".join(format_number(row[key], digits=2) for key, _ in rungs) + f" {row['unit']}",
+                "detail": f"{steps}; noise {format_number(row['noise_floor'], digits=2)} {row['unit']}",
+            }
+        )
     runtime = report["gap"].get("runtime_s")
     if runtime:
         said = [f"{words} {format_duration(runtime[key])}" for key, words in rungs if key in runtime]

@@ -14,7 +14,7 @@ from sawbench.reporting.cause_words import interval_words, name_of
 from sawbench.reporting.compared import FIT_STATUS_WORDS, QUANTITIES, RUNTIME_STATUS_WORDS, Comparison
 from sawbench.reporting.comparison_figures import dots_picture
 from sawbench.reporting.gap_figures import ladder_picture
-from sawbench.reporting.gap_page import closest_description, rungs_of, verdict_sentence
+from sawbench.reporting.gap_page import closest_description, known_effects, rungs_of, verdict_sentence
 from sawbench.reporting.html import Picture, still_svg
 from sawbench.reporting.quantities import format_duration, format_quantity
 from sawbench.reporting.trial_figures import cycle_picture, signals_picture
@@ -128,9 +128,9 @@ def gap_block(report: Mapping[str, Any]) -> str:
     others = sorted(report["probabilities"].items(), key=lambda item: -item[1])
     rows += [(name.replace("_", " "), f"{100 * p:.1f} %", "") for name, p in others]
     table = _table(("cause", "probability", "explained (95 % interval)"), rows)
-    texts = [verdict_sentence(report), *closest_description(report), f"Next trial: {report['next_trial']}."]
+    texts = [verdict_sentence(report), *closest_description(report), *known_effects(report)]
     picture = ladder_picture(report["gap"]["by_channel"], rungs_of(report["verdict"]))
-    return _block("Sim-to-real gap", texts, [table], [picture])
+    return _block("Sim-to-real gap", [*texts, f"Next trial: {report['next_trial']}."], [table], [picture])
 
 
 def _block(heading: str, texts: Iterable[str], tables: Sequence[Markup], pictures: Iterable[Picture | None]) -> str:

@@ -39,7 +39,8 @@ def detail(problem: LinearProblem, posterior: Posterior, channels: ChannelGap | 
     -------
     dict
         "frame" of a machine that is no saw, "strokes", "map", "standing_out", "probabilities", "log_evidence",
-        "resembles", "alike", "runtime_of"; plain values, some 80 kB as JSON.
+        "resembles", "alike", "runtime_of", "known_effects" (magnitudes of those that the model as configured has);
+        plain values, some 80 kB as JSON.
     """
     frame = problem.campaign.plant.machine.frame
     return {
@@ -54,6 +55,10 @@ def detail(problem: LinearProblem, posterior: Posterior, channels: ChannelGap | 
         "resembles": posterior.resembles,
         "alike": _alike_matrix(problem, posterior.explanations[:_N_ALIKE]),
         "runtime_of": "" if channels is None else channels.runtime_of,
+        "known_effects": {
+            known.name: {"value": known.value, "std": known.std, "unit": known.effect.strength.unit}
+            for known in problem.campaign.plant.known
+        },
     }
 
 

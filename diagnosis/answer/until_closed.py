@@ -136,7 +136,7 @@ def until_closed(first: Pass, *, on_pass: Callable[[int, str], None] | None = No
     -------
     Closing
     """
-    answer, kept, number, is_on_trial = first, first, 1, False
+    answer, kept, number, is_on_trial, is_refused = first, first, 1, False, False
     numbers = first.problem.settings.closing
     if first.posterior.verdict == "unknown":
         answer, is_on_trial = _on_trial(first), True
@@ -148,7 +148,7 @@ def until_closed(first: Pass, *, on_pass: Callable[[int, str], None] | None = No
             stopped, rest = "repeatability", 0.0
             break
         if number == numbers.most_passes:
-            stopped = "passes"
+            stopped, is_refused = "passes", True
             break
         number += 1
         if on_pass is not None:
@@ -161,7 +161,8 @@ def until_closed(first: Pass, *, on_pass: Callable[[int, str], None] | None = No
         if needs_trial:
             after = _on_trial(after)
         if not found.is_new(after.posterior.best):
-            stopped = "unknown" if needs_trial else _verdict_beside(step)
+            is_refused = needs_trial
+            stopped = "unknown" if needs_trial else step.best.other or "nothing_more"
             if not needs_trial and after.posterior.best.effects == answer.posterior.best.effects:
                 answer = after
                 kept = kept if is_on_trial else answer
@@ -170,7 +171,7 @@ def until_closed(first: Pass, *, on_pass: Callable[[int, str], None] | None = No
         answer, is_on_trial = after, is_on_trial or needs_trial
         if not is_on_trial:
             kept = answer
-    if is_on_trial and (stopped in ("unknown", "passes") or rest > numbers.left_on_trial):
+    if is_on_trial and (is_refused or rest > numbers.left_on_trial):
         answer, stopped = kept, "unknown"
     posterior = answer.posterior
     return Closing(
@@ -302,13 +303,6 @@ def _share_left(first: Pass, step: Posterior) -> float:
     problem = first.problem
     left, gap = (max(p.of("no_gap").left_over - problem.quiet, 0.0) for p in (step, first.posterior))
     return left / gap if gap else 0.0
-
-
-def _verdict_beside(step: Posterior) -> Stopped:
-    """Which answer without a further effect a pass finds likelier."""
-    if any(h.probability > step.of("no_gap").probability for h in step.claims):
-        return "nothing_more"
-    return "parameters" if step.of("parameters").probability > step.of("no_gap").probability else "no_gap"
 
 
 def _joined(first: Pass, before: Posterior, step: Posterior) -> Posterior:

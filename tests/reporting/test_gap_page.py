@@ -7,7 +7,7 @@ import re
 
 import pytest
 from sawbench.reporting.cause_words import what_happens
-from sawbench.reporting.gap_page import closest_description, verdict_sentence, write_gap_page
+from sawbench.reporting.gap_page import closest_description, known_effects, verdict_sentence, write_gap_page
 from sawbench.reporting.standing_out_figure import stands_out
 
 pytestmark = pytest.mark.unit
@@ -79,7 +79,7 @@ def test_indistinguishable_is_said_of_the_evidence_alone(tmp_path):
         (
             "no_gap",
             {"no_gap": 0.9, "parameters": 0.05, "unknown": 0.0},
-            "measurements within their noise (90 %)",
+            "measurements within their noise and its own uncertainty (90 %)",
         ),
         ("unknown", {"no_gap": 0.0, "parameters": 0.1, "unknown": 0.85}, "no known cause explains it (85 %)"),
         (
@@ -103,7 +103,8 @@ def test_a_page_without_a_gap_agrees_with_its_re_tuned_parameters(tmp_path):
     no_gap = {"verdict": "no_gap", "probabilities": {"no_gap": 0.9, "parameters": 0.05, "unknown": 0.0},
               "next_trial": "none", "improved_model": "[plant]"}  # fmt: skip
     shifted = page(tmp_path, **no_gap).partition("Error of the model, step by step</h2>")[0]
-    assert "No gap: with re-tuned parameters the model explains the measurements within their noise (90 %)." in shifted
+    said = "the model explains the measurements within their noise and its own uncertainty (90 %)."
+    assert f"No gap: with re-tuned parameters {said}" in shifted
     assert "No unmodelled effect" in shifted
     assert "resistance_ohm, 0.1760 stated, 0.2000 ± 0.0010 found (4.1 times its uncertainty)" in shifted
     assert "Check the stated values of the shifted parameters." in shifted
@@ -316,3 +317,10 @@ def test_a_learned_term_is_drawn_with_its_range_and_what_it_closes(tmp_path):
     (tmp_path / "without").mkdir()
     without = page(tmp_path / "without", verdict="unknown", causes=[], learned_term=None)
     assert "learned term" not in without
+
+
+def test_effects_that_the_model_has_already_are_said():
+    known = {"guide_friction.force_n": {"value": 20.4, "std": 6.1, "unit": "N"}}
+    said = known_effects({**REPORT, "detail": {"known_effects": known}})
+    assert said == ["In the model as configured: guide friction: force 20.4\xa0±\xa06.1\xa0N."]
+    assert known_effects({**REPORT, "detail": {"known_effects": {}}}) == []
