@@ -3,10 +3,11 @@
     python -m benchmarks.plan_worth OUT [--cases 40] [--first-seed 401] [--minutes 15]
 
 Each case is a short campaign of the blind check's plant: the tool in air once and three cuts, one effect of the
-catalogue at 0.5 to 2 times its typical size. Where no answer has 95 %, one more trial is simulated on the same bench:
-the proposed one, one drawn at random from the same candidates, and a repeat of the last cut. Then the campaign is
-diagnosed again with each. "Settled": the hidden effect alone is named with 95 %. Campaigns that are sure already are
-counted and left. Resumable: one file a case in OUT; `--minutes` ends between two cases.
+catalogue at 0.5 to 2 times its typical size. "Unknown" makes no prediction that a trial could test: what is judged is the
+share of an answer in what the others have together. Where no answer has 95 % of that, the campaign is confused, and one
+more trial is simulated on the same bench: the proposed one, one drawn at random from the same candidates, and a repeat of
+the last cut. Then the campaign is diagnosed again with each. "Settled": the hidden effect alone has 95 %. Campaigns
+that are sure already are counted and left. Resumable: one file a case in OUT; `--minutes` ends between two cases.
 """
 
 from __future__ import annotations
@@ -82,7 +83,7 @@ def case(number: int, seed: int) -> dict[str, Any]:
     draw = short_campaign(seed, {effect: severity(rng)})
     answer, materials = diagnosed(draw)
     found: dict[str, Any] = {"seed": seed, "hidden": effect, "severity": draw.effects[effect], **_said(answer, effect)}
-    if found["probability"] >= SETTINGS.report.settled:
+    if found["share"] >= SETTINGS.report.settled:
         return found
     plan = trial_plan(answer.problem, answer.posterior, 1, materials)
     assert plan is not None
@@ -104,15 +105,18 @@ def case(number: int, seed: int) -> dict[str, Any]:
 
 
 def _said(answer: Pass, effect: str) -> dict[str, Any]:
-    """What is answered, and how likely the truth is."""
-    best = answer.posterior.best
-    truth = next((h.probability for h in answer.posterior.claims if h.effects == (effect,)), 0.0)
-    return {"answer": best.name, "probability": best.probability, "of_truth": truth}
+    """What is answered, with its share in all answers but "unknown", and the share of the truth."""
+    posterior = answer.posterior
+    known = [h for h in posterior.hypotheses if h.other != "unknown"]
+    total = max(sum(float(h.probability) for h in known), 1e-12)
+    best = max(known, key=lambda h: h.probability)
+    truth = next((float(h.probability) for h in known if h.effects == (effect,)), 0.0)
+    return {"answer": best.name, "share": float(best.probability) / total, "of_truth": truth / total}
 
 
 def is_settled(said: Mapping[str, Any], effect: str) -> bool:
     """Whether the truth is named for sure."""
-    return said["answer"] == effect and said["probability"] >= SETTINGS.report.settled
+    return said["answer"] == effect and said["share"] >= SETTINGS.report.settled
 
 
 def summary(rows: Sequence[Mapping[str, Any]]) -> list[str]:
