@@ -3,11 +3,12 @@
     python -m benchmarks.plan_worth OUT [--cases 40] [--first-seed 401] [--minutes 15]
 
 Each case is a short campaign of the blind check's plant: the tool in air once and three cuts, one effect of the
-catalogue at 0.5 to 2 times its typical size. "Unknown" makes no prediction that a trial could test: what is judged is the
-share of an answer in what the others have together. Where no answer has 95 % of that, the campaign is confused, and one
-more trial is simulated on the same bench: the proposed one, one drawn at random from the same candidates, and a repeat of
-the last cut. Then the campaign is diagnosed again with each. "Settled": the hidden effect alone has 95 %. Campaigns
-that are sure already are counted and left. Resumable: one file a case in OUT; `--minutes` ends between two cases.
+catalogue at 0.5 to 2 times its typical size. "Unknown" makes no prediction that a trial could test: what is judged is
+the share of an answer in what the others have together. Where no answer has 95 % of that, the campaign is confused, and
+one more trial is simulated on the same bench: the proposed one, one drawn at random from the same candidates, and a
+repeat of the last cut. Then the campaign is diagnosed again with each. "Settled": the hidden effect alone has 95 %.
+Campaigns that are sure already are counted and left. Resumable: one file a case in OUT; `--minutes` ends between two
+cases.
 """
 
 from __future__ import annotations

@@ -38,8 +38,8 @@ def test_found_false_and_missed_effects_are_counted_apart():
 
 
 def test_a_trial_settles_where_the_truth_is_named_for_sure():
-    def after(answer, probability, of_truth):
-        return {"answer": answer, "probability": probability, "of_truth": of_truth, "minutes": 2.0}
+    def after(answer, share, of_truth):
+        return {"answer": answer, "share": share, "of_truth": of_truth, "minutes": 2.0}
 
     sure = {"hidden": "a", "of_truth": 0.99}
     none = {"hidden": "a", "of_truth": 0.3, "after": {}}
