@@ -16,7 +16,8 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.features import Layout, block_matrix, layout_of
 from sawbench.diagnosis.inference.noise import contrast_misfit, noise_of, scatter_of
-from sawbench.diagnosis.inference.sensor_faults import SensorFaults
+from sawbench.diagnosis.inference.nuisances import Nuisance
+from sawbench.diagnosis.inference.sensor_faults import ROUNDING, SensorFaults
 from sawbench.diagnosis.inference.settings import SETTINGS, Settings
 from sawbench.diagnosis.inference.zero_wander import ZeroWander
 from sawbench.modeling.effects.known import KnownEffect
@@ -127,7 +128,7 @@ class LinearProblem:
     def is_of_trial(self) -> np.ndarray:
         """Whether a nuisance is that of single trials: hardness of a piece, zero of a sensor; of bool, shape (p,)."""
         own = {nuisance.name for nuisance in self.campaign.plant.trial_nuisances(self.campaign.states)}
-        return np.array([name in own or name.startswith(_ZERO) for name in self.names], dtype=bool)
+        return np.array([name in own or name.startswith((_ZERO, ROUNDING)) for name in self.names], dtype=bool)
 
     def project(self, signature: Callable[[State], Signature]) -> Floats:
         """Whitened features of a signature evaluated on every state, shape (n,)."""
@@ -233,22 +234,24 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True, settings: S
         ),
         settings=settings,
     )
-    return _with_nuisances(empty)
+    return _with_nuisances(empty, [one for state in states for one in faults.roundings(state)])
 
 
-def _with_nuisances(problem: LinearProblem) -> LinearProblem:
+def _with_nuisances(problem: LinearProblem, roundings: Sequence[Nuisance]) -> LinearProblem:
     campaign, plant = problem.campaign, problem.campaign.plant
     columns, names, stds = [], [], []
 
-    def add(name: str, std: float, signature: Callable[[State], Signature]) -> None:
-        column = problem.project(signature)
-        if column.any():
-            columns.append(std * column)
-            names.append(name)
-            stds.append(std)
+    def add(nuisance: Nuisance, *, least: float = 0.0) -> None:
+        column = nuisance.std * problem.project(lambda s: nuisance.signature(plant.model, s))
+        if float(column @ column) > least:
+            columns.append(column)
+            names.append(nuisance.name)
+            stds.append(nuisance.std)
 
     for nuisance in (*plant.nuisances(), *plant.trial_nuisances(campaign.states)):
-        add(nuisance.name, nuisance.std, lambda s, n=nuisance: n.signature(plant.model, s))
+        add(nuisance)
+    for rounding in roundings:
+        add(rounding, least=1.0)  # what noise hides needs no number
     share = problem.settings.forms.screen_share
     for known in plant.known:
         missed = missed_by_form(problem, known)

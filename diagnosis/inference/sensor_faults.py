@@ -1,8 +1,9 @@
-"""What faults of sensors leave in the features, as noise: coarse steps that nothing blurs, hum in step with the stroke.
+"""What faults of sensors leave in the features: coarse steps that nothing blurs, hum in step with the stroke.
 
 A converter reads a value that stays within a step always equally wrong; strokes that scatter blur that
-(`bench.converter.rounding_variance`). Hum that is measured in a channel averages out over strokes, but not where the
-stroke rate is nearly a fraction of its frequency: n strokes take 1 / (pi n d) of a line that is d orders off one.
+(`bench.converter.rounding_variance`). For the mean of a trial that is one error, however many strokes it has. Hum that
+is measured in a channel averages out over strokes, but not where the stroke rate is nearly a fraction of its frequency:
+n strokes take 1 / (pi n d) of a line that is d orders off one.
 """
 
 from __future__ import annotations
@@ -14,8 +15,13 @@ from sawbench.bench.converter import rounding_variance
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.features import N_BLOCKS, Layout, orders
+from sawbench.diagnosis.inference.nuisances import Nuisance, Reading
 from sawbench.diagnosis.inference.off_stroke import Line, fixed_lines, is_mains
+from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import TWO_PI, State
+
+# Before the name of a channel and of a trial.
+ROUNDING = "rounding of "
 
 
 class SensorFaults:
@@ -48,9 +54,37 @@ class SensorFaults:
             stepped = _unblurred(values, step, state)
             for equation, place in layout.slices.items():
                 if equation in moved:
-                    square = float(np.mean(moved[equation] ** 2))
-                    found[place] += square * (stepped + _hum(hum, place.stop - place.start, state))
+                    size = place.stop - place.start
+                    rounded = np.full(size, stepped)
+                    if _stays(values, step, state):
+                        rounded[0] = 0.0  # see `roundings`
+                    found[place] += float(np.mean(moved[equation] ** 2)) * (rounded + _hum(hum, size, state))
         return found
+
+    def roundings(self, state: State) -> list[Nuisance]:
+        """What rounding does to the mean of a trial whose readings stay within a step: one error, of one size."""
+        found = []
+        for channel, reading in self._plant.readings().items():
+            values, step = reading.of(state), self._steps.get(channel, 0.0)
+            if values is not None and _stays(values, step, state):
+                found.append(_rounding(channel, reading, state, float(np.sqrt(_unblurred(values, step, state)))))
+        return found
+
+
+def _stays(values: Floats, step: float, state: State) -> bool:
+    """Whether the mean of a stroke stays within a step of the converter all over the trial."""
+    return state.kind == "running" and float(np.ptp(values.mean(axis=1))) < step
+
+
+def _rounding(channel: str, reading: Reading, state: State, std: float) -> Nuisance:
+    label = state.setting.label
+
+    def signature(baseline: Baseline, at: State) -> Signature:
+        return reading.signature(baseline, at) if at.kind == "running" and at.setting.label == label else {}
+
+    return Nuisance(
+        name=f"{ROUNDING}{channel}, {label}", nominal=0.0, std=std, is_plant=False, signature=signature
+    )  # fmt: skip
 
 
 def _unblurred(values: Floats, step: float, state: State) -> float:
