@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
@@ -27,11 +28,15 @@ from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.settings import SETTINGS, Z95
 from sawbench.diagnosis.inference.size import sized
+from sawbench.diagnosis.inference.stroke_evidence import StrokesSay
 from sawbench.diagnosis.inference.weighing import among, weigh
 from sawbench.diagnosis.standard_error import exceeds_its_error
 from sawbench.modeling.effects.effect import Effect
 from sawbench.modeling.effects.strokes import ZeroTrend
 from sawbench.modeling.residuals import Equation
+
+# Of a magnitude that is there against none, at which none is outside of a 95 % interval.
+_LOG_ODDS95: Final = float(np.log(0.975 / 0.025))
 
 
 def held_to_predictions(
@@ -107,14 +112,24 @@ def carried_by_strokes(problem: LinearProblem, posterior: Posterior, hypothesis:
     return [member.effect.name for member in hypothesis.members if is_shown(member.effect)]
 
 
-def is_there(member: Explanation) -> bool:
+def is_there(member: Explanation, said: StrokesSay | None = None) -> bool:
     """Whether the magnitude differs, in its 95 % interval, from the number that stands where there is no effect.
 
-    And from what every machine has a little of: whose interval ends below `Forms.least_amplitude` is background.
+    And from what every machine has a little of: whose interval ends below `Forms.least_amplitude` is background. Of a
+    trend that single strokes carry all magnitudes weighed are above 0, and its forms state them differently: the
+    interval is without 0 where 0 has less than 2.5 % against all of them.
+
+    Parameters
+    ----------
+    member : Explanation
+    said : StrokesSay, optional
+        What the single strokes say of the effect, where they carry it.
     """
     amplitude, std = member.mixture or (member.amplitude, member.amplitude_std)
     if abs(amplitude) + Z95 * std < SETTINGS.forms.least_amplitude:
         return False
+    if said is not None and said.is_whole:
+        return said.beside_cutting > _LOG_ODDS95
     return abs(member.strength - member.absent) > Z95 * member.strength_std
 
 
@@ -135,7 +150,7 @@ def _failing(
         added, left = _added(problem, posterior, predictions, member)
         is_worth = _is_sure(added) and added.sum() > SETTINGS.ladder.least_added * left
         predicts = name in carried or (closes and (len(best.effects) == 1 or is_worth))
-        if not (predicts and is_there(member)):
+        if not (predicts and is_there(member, posterior.strokes.get(name) if name in carried else None)):
             failing[name] = float(added.sum())
     return min(failing, key=lambda name: failing[name], default=None)
 

@@ -16,6 +16,7 @@ from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import Marginal
 from sawbench.diagnosis.inference.posterior import judge
+from sawbench.diagnosis.inference.stroke_evidence import StrokesSay
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 from sawbench.modeling.state import State
 
@@ -294,6 +295,19 @@ def test_a_little_of_an_effect_is_no_cause(problem, columns, judged):
     assert is_there(replace(member, mixture=(1.0, 0.02)))
     assert is_there(replace(member, mixture=(0.12, 0.03)))
     assert not is_there(replace(member, mixture=(0.05, 0.001)))
+
+
+@pytest.mark.parametrize(("log_odds", "is_wear"), [(9.0, True), (4.0, True), (3.0, False)])
+def test_a_trend_is_there_by_its_odds_not_by_how_well_its_forms_agree_on_the_size(problem, columns, log_odds, is_wear):
+    """As seen: nine nats for wear, whose linear and running-in forms state 0.1 and 0.02 of growth."""
+    member = explain(Marginal(with_columns(problem, columns, RUBBING, 1.0)), columns[RUBBING])
+    member = replace(member, mixture=(0.47, 0.38), form_share=0.0)
+    said = StrokesSay(
+        effect=member.effect, alone=log_odds, beside_cutting=log_odds, size=0.047, size_std=0.038, is_whole=True
+    )  # fmt: skip
+    assert not is_there(member)
+    assert is_there(member, said) == is_wear
+    assert not is_there(replace(member, mixture=(0.05, 0.02)), said), "a little wear is background however sure"
 
 
 def test_a_withheld_trial_that_is_off_costs_what_its_kind_says(problem):
