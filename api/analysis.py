@@ -145,7 +145,7 @@ def fit_trial(trial: AnalysedTrial, method: FitMethod | None = None) -> tuple[Cu
     Raises
     ------
     InputError
-        If the trial is no cutting trial or lacks what the fit needs.
+        If the trial is no cutting trial or lacks what the fit needs, or the configuration describes no saw.
     """
     from sawbench.modeling.fit import available_method, cutting_fits, fit_cutting_coefficient
     from sawbench.modeling.joint_fit import SensorPriors, first_guess, fit_jointly
@@ -153,6 +153,7 @@ def fit_trial(trial: AnalysedTrial, method: FitMethod | None = None) -> tuple[Cu
     from sawbench.processing.measured_cycles import measured_cycles
 
     processed, loaded = trial.processed, trial.loaded
+    plant = loaded.plant()
     if processed.status != "cutting":
         raise InputError(
             f"is not a cutting trial ({processed.status.replace('_', ' ')}), so it has no k_Fc",
@@ -173,7 +174,7 @@ def fit_trial(trial: AnalysedTrial, method: FitMethod | None = None) -> tuple[Cu
         current_gain_rel_std=config.analysis.current_gain_rel_std,
     )
     setting: dict[str, Any] = {
-        "plant": loaded.plant(),
+        "plant": plant,
         "battery": config.battery,
         "converter": config.converter,
         "cutting_half": config.cutting.cutting_half,

@@ -19,13 +19,14 @@ def baseline_of(loaded: LoadedConfig) -> Baseline:
     ConfigError
         If it describes no saw, or its `[effects]` table is wrong.
     """
+    plant = loaded.plant()
     known: tuple[KnownEffect, ...] = ()
     if loaded.config.effects:
         from sawbench.modeling.machines.known_effects import known_effects
 
         known = known_effects(loaded.config, path=loaded.path)
     return Baseline(
-        plant=loaded.plant(),
+        plant=plant,
         battery=loaded.config.battery,
         cutting_sign=-1 if loaded.config.cutting.cutting_half == "pi_to_2pi" else 1,
         known=known,

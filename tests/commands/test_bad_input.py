@@ -245,3 +245,22 @@ def test_recover_of_nothing_is_not_trusted(tmp_path, capsys):
     code, out, _ = run(capsys, "recover", cut)
     assert code == 1 and "0 messages kept" in out
     assert cut.read_bytes() == whole[:20000]
+
+
+AXIS = """[linear_axis]
+moving_mass_kg = { nominal = 4.0, rel_std = 0.05 }
+viscous_damping_n_s_per_m = { nominal = 60.0, rel_std = 0.1 }
+drive_channel = "drive_force_n"
+[effects]
+guide_friction = { force_n = 8.0, std = 0.8 }
+"""
+
+
+@pytest.mark.parametrize("command", ["simulate", "fit", "runtime"])
+def test_what_needs_a_saw_refuses_an_axis_with_known_effects(command, table, tmp_path, capsys):
+    axis = tmp_path / "axis.toml"
+    axis.write_text(AXIS)
+    recording = [] if command == "simulate" else [imported(table, tmp_path)]
+    code, _, err = run(capsys, command, *recording, "--config", axis)
+    assert code == 2
+    assert f"{axis}: describes a linear axis" in err and "diagnose" in err
