@@ -205,7 +205,8 @@ def _as_text(report: dict[str, Any]) -> str:
     if "runtime_s" in gap:
         times = ", ".join(f"{name.replace('_', ' ')} {seconds:.0f} s" for name, seconds in gap["runtime_s"].items())
         lines += ["", f"battery runtime: {times}"]
-    lines += ["", *(f"note: {text}" for text in report["warnings"] if text != resembled(report))]
+    said = (resembled(report), report["detail"]["contradiction"])
+    lines += ["", *(f"note: {text}" for text in report["warnings"] if text not in said)]
     lines.append(f"next trial: {report['next_trial']}")
     return "\n".join([*lines, *(["", *_plan_lines(report["plan"])] if "plan" in report else [])])
 

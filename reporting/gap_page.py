@@ -68,6 +68,7 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         If the file exists and `overwrite` is not set.
     """
     detail = report.get("detail", {})
+    contradicted = detail.get("contradiction", "")
     after, after_words = (
         ("with_effect", "model with the cause") if _has_cause(report) else ("retuned", "model, re-tuned")
     )
@@ -77,8 +78,8 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         "is_simulated": report["provenance"].get("is_simulated", False),
         "heading": _heading(report),
         "sentence": verdict_sentence(report),
-        "level": {"no_gap": "good", "unknown": "bad"}.get(report["verdict"], "warn"),
-        "meaning": _meaning(report),
+        "level": "bad" if contradicted else {"no_gap": "good", "unknown": "bad"}.get(report["verdict"], "warn"),
+        "meaning": [] if contradicted else _meaning(report),
         "to_do": _to_do(report),
         "tiles": _tiles(report),
         "gap_rungs": rungs_of(report["verdict"]),
@@ -105,7 +106,7 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         "alike_odds": _ALIKE_ODDS,
         "alike": alike_rows(detail["alike"]) if detail.get("alike") else [],
         "signals": [(CHANNEL_WORDS.get(s["channel"], s["channel"]), s["words"]) for s in report.get("signals", [])],
-        "warnings": [text for text in report["warnings"] if text != detail.get("resembles")],
+        "warnings": [text for text in report["warnings"] if text not in (detail.get("resembles"), contradicted)],
         "report": report,
         "version": software_version(),
     }
@@ -140,6 +141,9 @@ def verdict_sentence(report: Mapping[str, Any]) -> str:
     >>> verdict_sentence(report)
     'No gap: the model explains the measurements within their noise and its own uncertainty (90 %).'
     """
+    contradicted = report.get("detail", {}).get("contradiction")
+    if contradicted:
+        return f"No answer: {contradicted}."
     verdict, probability = report["verdict"], report["probabilities"]
     if verdict == "no_gap":
         subject = "with re-tuned parameters the model" if _shifted(report) else "the model"
@@ -170,6 +174,8 @@ def _heading(report: Mapping[str, Any]) -> str:
         "parameters": "Parameters outside their stated uncertainty",
         "unknown": "Gap of unknown cause",
     }
+    if report.get("detail", {}).get("contradiction"):
+        return "Recordings and configuration do not fit together"
     if report["verdict"] in fixed:
         return fixed[report["verdict"]]
     return "Gap: " + " and ".join(name_of(name) for name in report["causes"][0]["effects"])
@@ -313,7 +319,9 @@ def _shifted(report: Mapping[str, Any]) -> str:
 def _to_do(report: Mapping[str, Any]) -> list[str]:
     verdict, until_when = report["verdict"], "Until then"
     steps = []
-    if verdict == "no_gap" and _shifted(report):
+    if report.get("detail", {}).get("contradiction"):
+        steps.append("Correct channels, units or configuration and diagnose again.")
+    elif verdict == "no_gap" and _shifted(report):
         steps.append("Check the stated values of the shifted parameters.")
     elif verdict == "no_gap":
         steps.append("Use the model as it is.")

@@ -13,6 +13,7 @@ from sawbench.bench.recording import Recording
 from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.answer.channel_gap import ChannelGap
 from sawbench.diagnosis.answer.claim import carried_by_strokes, sized_members
+from sawbench.diagnosis.answer.contradiction import contradiction
 from sawbench.diagnosis.answer.gap_detail import detail, log_odds_at_typical_size
 from sawbench.diagnosis.answer.improved_model import improved_model, magnitudes, retuned_with
 from sawbench.diagnosis.answer.ladder import RUNGS, Ladder, Rungs
@@ -55,6 +56,7 @@ _EQUATION_OF_CHANNEL = {
     "motor_current_a": "electrical", "force_n": "cutting", "battery_voltage_v": "supply", "battery_current_a": "supply",
 }  # fmt: skip
 _LEAST_SHOWN, _MOST_SHOWN = 2, 5
+_NONE_YET = "none before channels, units and configuration are checked"
 
 
 def diagnose(
@@ -150,24 +152,27 @@ def _report(
     by_direction, asymmetry = campaign.plant.asymmetry(campaign.states, posterior.best.effects)
     if by_direction:
         causes[0]["by_direction"] = by_direction
+    shifts, gap = _shifts(problem, members), _gap(predictions.of(first).ladder, channels)
+    contradicted = contradiction(posterior.verdict, shifts, gap, campaign.plant.measured_rms(campaign.states))
+    improved = None if contradicted else improved_model(problem, posterior, members, causes, loaded, learned)
     return {
         "schema_version": SCHEMA_VERSION,
         "verdict": posterior.verdict,
         "where": places,
         "causes": causes,
         "probabilities": {name: posterior.of(name).probability for name in OTHERS},
-        "parameter_shifts": _shifts(problem, members),
-        "gap": _gap(predictions.of(first).ladder, channels),
+        "parameter_shifts": shifts,
+        "gap": gap,
         "signals": signal_findings(campaign, problem.wander, _gain_drifts(problem, posterior)),
         "learned_term": None if learned is None else learned.report(),
-        "improved_model": improved_model(problem, posterior, members, causes, loaded, learned),
-        "next_trial": next_trial(problem, posterior),
+        "improved_model": improved,
+        "next_trial": _NONE_YET if contradicted else next_trial(problem, posterior),
         "warnings": [
-            *([asymmetry] if asymmetry else []),
+            *([contradicted] if contradicted else []), *([asymmetry] if asymmetry else []),
             *_warnings(campaign, odds, posterior, channels), *learned_warnings(problem, posterior, learned),
         ],
         **further,
-        "detail": {**details, "log_odds_at_typical_size": odds},
+        "detail": {**details, "contradiction": contradicted, "log_odds_at_typical_size": odds},
         "provenance": dict(provenance),
     }  # fmt: skip
 

@@ -207,6 +207,11 @@ class Jigsaw:
         """The same at all angles, and in the load torque."""
         return force_offset(self.baseline, state)
 
+    def measured_rms(self, states: Sequence[State]) -> Mapping[str, float]:
+        """Nothing: `diagnosis.screening` judges the channels of a saw."""
+        del states
+        return {}
+
     def weaknesses(self, states: Sequence[State]) -> list[str]:
         """Name the trials that lack a channel."""
         said = []

@@ -12,7 +12,7 @@ from sawbench.bench.errors import ConfigError, InputError
 from sawbench.bench.recording import Floats, Recording
 from sawbench.bench.units import DISPLACEMENT
 from sawbench.diagnosis.campaign import Campaign
-from sawbench.diagnosis.inference.features import Layout, orders
+from sawbench.diagnosis.inference.features import Layout, harmonics, orders
 from sawbench.diagnosis.inference.nuisances import Nuisance, Reading, of_known
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plants.axis_friction import friction_by_direction, friction_n
@@ -32,6 +32,8 @@ N_HARMONICS = 32
 _FRICTION = "guide_friction"
 # Octaves of the cycle.
 _NOISE_BANDS = (4, 8, 16)
+# Nearer to a thousand, the usual factor between units, than to one.
+_OTHER_UNIT = 30.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -163,6 +165,13 @@ class LinearAxis:
         del state
         return {}
 
+    def measured_rms(self, states: Sequence[State]) -> Mapping[str, float]:
+        """Root mean square of the drive about its mean; see `Plant.measured_rms`."""
+        form = self.equations["mechanical"]
+        waves = np.array([harmonics(as_axis(s).drive_n.mean(axis=0), form.n_harmonics)[1:] for s in states])
+        rms_n = float(np.sqrt(0.5 * np.mean(np.sum(waves**2, axis=1))))
+        return {form.channel: (form.to_channel or 1.0) * rms_n}
+
     def weaknesses(self, states: Sequence[State]) -> list[str]:
         """Say that friction and load are one where the load is not measured."""
         if self.config.load_channel is not None:
@@ -256,7 +265,8 @@ def reduce_axis(
     ConfigError
         If there is no `[linear_axis]` table.
     InputError
-        If no trial can be used, or the drive takes power from the axis instead of giving it.
+        If no trial can be used, or the drive takes power from the axis instead of giving it, or forces
+        and motion are far from what the stated mass and damping allow.
     """
     config = loaded.config.linear_axis
     if config is None:
@@ -270,6 +280,7 @@ def reduce_axis(
     if not states:
         raise InputError(f"no trial can be diagnosed: {'; '.join(warnings)}")
     _refuse_wrong_sign(states, config)
+    _refuse_wrong_unit(states, config)
     force_scale_n = float(np.sqrt(2.0) * max(np.std(s.drive_n) for s in states))
     baseline = AxisBaseline(
         config=config,
@@ -356,3 +367,36 @@ def _refuse_wrong_sign(states: Sequence[AxisState], config: LinearAxisConfig) ->
             remedy=f"check the signs: positive {config.drive_channel} must drive towards larger {DISPLACEMENT.name}, "
             "a positive load push towards smaller",
         )
+
+
+def _refuse_wrong_unit(states: Sequence[AxisState], config: LinearAxisConfig) -> None:
+    """Mass and damping that the recordings ask for beside dry friction cannot be 30 times what is stated, nor less."""
+    v, a, force_n = (np.concatenate([np.ravel(x) for x in found]) for found in zip(*map(_motion, states), strict=True))
+    terms = np.stack([a, v, np.sign(v), np.ones_like(v)], axis=1)
+    found = np.linalg.lstsq(terms, force_n, rcond=None)[0]
+    left_n = float(np.std(force_n - terms @ found))
+    stated = (
+        ("moving_mass_kg", config.moving_mass_kg),
+        ("viscous_damping_n_s_per_m", config.viscous_damping_n_s_per_m),
+    )
+    said = [
+        f"{name} would have to be {value:.2g}, {one.nominal:g} is stated"
+        for (name, one), value, term in zip(stated, found, terms.T, strict=False)
+        if value * np.std(term) > left_n and value > _OTHER_UNIT * (one.nominal + 2.0 * one.std)
+    ]
+    least = [max(one.nominal - 2.0 * one.std, 0.0) for _, one in stated]
+    asked_n, measured_n = float(np.std(terms[:, :2] @ least)), float(np.std(force_n))
+    if asked_n > _OTHER_UNIT * measured_n:
+        said.append(f"the motion asks for a force of {asked_n:.2g} N rms, drive less load has {measured_n:.2g} N rms")
+    if said:
+        raise InputError(
+            f"recordings and configuration do not describe the same axis: {'; '.join(said)}",
+            remedy=f"check which column is {DISPLACEMENT.name} and which {config.drive_channel}, their units and that of"
+            " the time, then the values in [linear_axis]",
+        )
+
+
+def _motion(state: AxisState) -> tuple[Floats, Floats, Floats]:
+    """Velocity, acceleration, and drive less load about its mean over the trial."""
+    force_n = state.drive_n - (0.0 if state.force_n is None else state.force_n)
+    return state.velocity_m_s, state.acceleration_m_s2, force_n - force_n.mean()

@@ -159,6 +159,14 @@ class Plant(Protocol):
         """Change of the residuals for one newton more on the zero of the force."""
         ...
 
+    def measured_rms(self, states: Sequence[State]) -> Mapping[str, float]:
+        """How much channels of `equations` vary by themselves, in their unit, over the harmonics that are compared.
+
+        By channel; a model that mispredicts a channel by that much explains nothing of it. Empty where the channels of
+        a machine are judged before.
+        """
+        ...
+
     def weaknesses(self, states: Sequence[State]) -> list[str]:
         """Say which missing channels weaken the answer."""
         ...
