@@ -190,6 +190,7 @@ def _piece(request: DiagnosisRequest, path: Path) -> Piece:
 
 def _as_text(report: dict[str, Any]) -> str:
     from sawbench.reporting.gap_page import closest_description, known_effects, resembled, verdict_sentence
+    from sawbench.reporting.quantities import format_number
 
     gap = report["gap"]
     lines = [verdict_sentence(report), *closest_description(report), *known_effects(report), ""]
@@ -198,9 +199,10 @@ def _as_text(report: dict[str, Any]) -> str:
         lines += ["", *_closing_lines(report["until_closed"])]
     rungs = ("nominal", "retuned", "with_effect", "noise_floor")
     rows = [
-        (f"{name} / {row['unit']}", *(f"{row[key]:.3g}" for key in rungs)) for name, row in gap["by_channel"].items()
+        (f"{name} / {row['unit']}", *(format_number(row[key], digits=3) for key in rungs))
+        for name, row in gap["by_channel"].items()
     ]
-    rows.append(("all / noise", *(f"{gap[key]:.3g}" for key in rungs)))
+    rows.append(("all / noise", *(format_number(gap[key], digits=3) for key in rungs)))
     lines += ["", "RMSE at withheld operating points", table(("", *(r.replace("_", " ") for r in rungs)), rows)]
     if "runtime_s" in gap:
         times = ", ".join(f"{name.replace('_', ' ')} {seconds:.0f} s" for name, seconds in gap["runtime_s"].items())

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
+from sawbench.bench.plain_digits import fitting_unit
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 from sawbench.reporting.quantities import format_quantity
 
-# Shorter times are given in milliseconds.
-_LEAST_S: Final = 0.1
 # Magnitudes whose unit is a rate: name -> words, unit, factor.
 _RATES: Final = {
     "drift_n_per_1000_s": ("drift", "N per 1000 s", 1.0),
@@ -132,13 +131,15 @@ def magnitude_words(name: str, parameter: Mapping[str, Any]) -> str:
     --------
     >>> magnitude_words("edge_force.force_n", {"value": 8.31, "std": 0.42, "unit": "N"})
     'edge force: force 8.31\xa0±\xa00.42\xa0N'
+    >>> magnitude_words("gap_m", {"value": 0.0057, "std": 0.0004, "unit": "m"})
+    'gap 5.70\xa0±\xa00.40\xa0mm'
     """
     effect, _, name = name.rpartition(".")
     words, unit, factor = _RATES.get(name) or (
         name_of(name.removesuffix(_SUFFIX.get(parameter["unit"], ""))), parameter["unit"], 1.0
     )  # fmt: skip
     value, std = factor * parameter["value"], None if parameter["std"] is None else factor * parameter["std"]
-    if unit == "s" and abs(value) < _LEAST_S:
-        unit, value, std = "ms", 1e3 * value, None if std is None else 1e3 * std
+    unit, factor = fitting_unit(value, unit)
+    value, std = factor * value, None if std is None else factor * std
     whose = f"{name_of(effect)}: " if effect else ""
     return f"{whose}{words} {format_quantity(value, std, '' if unit == '1' else unit.replace('*', '·'), digits=3)}"

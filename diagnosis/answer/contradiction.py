@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
+from sawbench.bench.plain_digits import plain
+
 # Less than this share of a mean square is nothing.
 _NOTHING: Final = 0.05
 # Off by this factor it is that of another machine: nearer to a thousand, as between units, than to one.
@@ -43,13 +45,13 @@ def contradiction(
     has_cause = verdict in ("effect", "effects")
     rung, model = ("with_effect", "with the cause") if has_cause else ("retuned", "re-tuned,")
     found = [
-        f"{model} the model explains nothing of {name} (RMSE {row[rung]:.3g} {row['unit']}, its own"
-        f" variation is {measured_rms[name]:.3g} {row['unit']} rms)"
+        f"{model} the model explains nothing of {name} (RMSE {plain(row[rung], row['unit'])}, its own"
+        f" variation is {plain(measured_rms[name], row['unit'])} rms)"
         for name, row in gap["by_channel"].items()
         if name in measured_rms and row[rung] ** 2 > (1.0 - _NOTHING) * measured_rms[name] ** 2
     ]
     found += [
-        f"{name} would have to be {p['value']:.3g} ± {p['std']:.2g}, {p['nominal']:g} is stated"
+        f"{name} would have to be {plain(p['value'])} ± {plain(p['std'])}, {p['nominal']:g} is stated"
         for name, p in shifts.items()
         if verdict == "parameters" and _is_of_another(p)
     ]

@@ -291,15 +291,16 @@ def _warnings(
     campaign: Campaign, shown: Mapping[str, float], posterior: Posterior, channels: ChannelGap | None
 ) -> list[str]:
     return [
-        *campaign.warnings, *_weaknesses(campaign), *_hidden(shown), *_of_strokes(posterior),
+        *campaign.warnings, *_weaknesses(campaign), *_hidden(shown, posterior.best.effects), *_of_strokes(posterior),
         *([] if posterior.off_stroke is None else [posterior.off_stroke.text]),
         *(() if channels is None else channels.warnings),
     ]  # fmt: skip
 
 
-def _hidden(shown: Mapping[str, float]) -> list[str]:
-    """Say what this campaign could not show, before it is taken for absent."""
-    names = [name for name, odds in shown.items() if odds < SETTINGS.report.shown_log_odds]
+def _hidden(shown: Mapping[str, float], named: Sequence[str]) -> list[str]:
+    """Say what this campaign could not show, before it is taken for absent; not of a cause that it does show."""
+    least = SETTINGS.report.shown_log_odds
+    names = [name.replace("_", " ") for name, odds in shown.items() if odds < least and name not in named]
     return [f"below the detection limit here, at their typical magnitude: {', '.join(names)}"] if names else []
 
 

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 from sawbench.bench.config import LinearAxisConfig
+from sawbench.bench.plain_digits import plain
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.machines.linear_axis import AxisState
@@ -41,10 +42,11 @@ class ByDirection:
 
     def words(self) -> str:
         """Say it for the page."""
+        forward, backward = (plain(force_n, "N", digits=3) for force_n in (self.forward_n, self.backward_n))
         return (
-            f"dry friction differs by direction (F+ ≠ F-): {self.forward_n:.3g} N towards larger displacement,"
-            f" {self.backward_n:.3g} N towards smaller; a constant force of {0.5 * self.difference_n:.2g} N (a weight,"
-            " the zero of the drive) is indistinguishable from it"
+            f"dry friction differs by direction (F+ ≠ F-): {forward} towards larger displacement, {backward} towards"
+            f" smaller; a constant force of {plain(0.5 * self.difference_n, 'N')} (a weight, the zero of the drive) is"
+            " indistinguishable from it"
         )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from sawbench.bench.config import LinearAxisConfig, LoadedConfig
 from sawbench.bench.errors import ConfigError, InputError
+from sawbench.bench.plain_digits import plain
 from sawbench.bench.recording import Floats, Recording
 from sawbench.bench.units import DISPLACEMENT
 from sawbench.diagnosis.campaign import Campaign
@@ -314,7 +315,7 @@ def _states(
     cycles, said = find_cycles(displacement)
     if cycles is not None:
         warnings += [f"{trial.trial_id}: {said} and are left out"] if said else []
-        setting = _setting(recording, first, index, cycles.rate_hz, f"{cycles.rate_hz:.2g} Hz")
+        setting = _setting(recording, first, index, cycles.rate_hz, plain(cycles.rate_hz, "Hz"))
         return [axis_state(cycles, setting, displacement, drive, load, newton)]
     windows, why = find_windows(displacement, drive, N_HARMONICS)
     if windows is None:
@@ -327,7 +328,7 @@ def _states(
     step = max(1, int(displacement.rate_hz / (4.0 * windows.cutoff_hz)))
     path_mm = float(np.abs(np.diff(displacement.values[::step])).sum())
     rate_hz = path_mm / max(2.0 * float(np.ptp(displacement.values)) * displacement.duration_s, 1e-12)
-    setting = _setting(recording, first, index, rate_hz, f"{displacement.duration_s:.2g} s of free motion")
+    setting = _setting(recording, first, index, rate_hz, f"{plain(displacement.duration_s, 's')} of free motion")
     signals = {"displacement": displacement, "drive": drive, "load": load}
     return window_states(windows, setting, signals, newton)
 
@@ -339,7 +340,7 @@ def _counted(n: int) -> str:
 def _setting(recording: Recording, first: Recording, index: int, rate_hz: float, motion: str) -> TrialSetting:
     trial, begun = recording.trial, first.trial.started_at
     here = trial.started_at
-    stroke_mm = float(np.ptp(np.quantile(recording.signals[DISPLACEMENT.name].values, (0.01, 0.99))))
+    stroke_m = 1e-3 * float(np.ptp(np.quantile(recording.signals[DISPLACEMENT.name].values, (0.01, 0.99))))
     load = trial.material or "load not stated"
     return TrialSetting(
         label=trial.trial_id,
@@ -349,7 +350,7 @@ def _setting(recording: Recording, first: Recording, index: int, rate_hz: float,
         stock=load,
         feed_m_s=np.nan,
         thickness_m=np.nan,
-        operating_point=f"{load}, {motion}, stroke {stroke_mm:.2g} mm",
+        operating_point=f"{load}, {motion}, stroke {plain(stroke_m, 'm')}",
         session_s=0.0 if begun is None or here is None else (here - begun).total_seconds(),
     )
 
@@ -363,7 +364,7 @@ def _refuse_wrong_sign(states: Sequence[AxisState], config: LinearAxisConfig) ->
         spent_w += float(np.mean(np.abs((state.drive_n - load) * state.velocity_m_s)))
     if power_w < -0.2 * spent_w:
         raise InputError(
-            f"drive and load together give {-power_w:.3g} W to a passive axis",
+            f"drive and load together give {plain(-power_w, 'W')} to a passive axis",
             remedy=f"check the signs: positive {config.drive_channel} must drive towards larger {DISPLACEMENT.name}, "
             "a positive load push towards smaller",
         )
@@ -380,19 +381,20 @@ def _refuse_wrong_unit(states: Sequence[AxisState], config: LinearAxisConfig) ->
         ("viscous_damping_n_s_per_m", config.viscous_damping_n_s_per_m),
     )
     said = [
-        f"{name} would have to be {value:.2g}, {one.nominal:g} is stated"
+        f"{name} would have to be {plain(value)}, {one.nominal:g} is stated"
         for (name, one), value, term in zip(stated, found, terms.T, strict=False)
         if value * np.std(term) > left_n and value > _OTHER_UNIT * (one.nominal + 2.0 * one.std)
     ]
     least = [max(one.nominal - 2.0 * one.std, 0.0) for _, one in stated]
     asked_n, measured_n = float(np.std(terms[:, :2] @ least)), float(np.std(force_n))
     if asked_n > _OTHER_UNIT * measured_n:
-        said.append(f"the motion asks for a force of {asked_n:.2g} N rms, drive less load has {measured_n:.2g} N rms")
+        asked, measured = plain(asked_n, "N"), plain(measured_n, "N")
+        said.append(f"the motion asks for a force of {asked} rms, drive less load has {measured} rms")
     if said:
         raise InputError(
             f"recordings and configuration do not describe the same axis: {'; '.join(said)}",
-            remedy=f"check which column is {DISPLACEMENT.name} and which {config.drive_channel}, their units and that of"
-            " the time, then the values in [linear_axis]",
+            remedy=f"check which column is {DISPLACEMENT.name} and which {config.drive_channel}, their units and the"
+            " unit of the time, then the values in [linear_axis]",
         )
 
 

@@ -70,7 +70,7 @@ def test_a_drive_that_is_the_reference_position_is_given_no_answer(tmp_path):
 def test_a_wrong_unit_is_refused(wrong):
     with pytest.raises(InputError, match="do not describe the same axis") as refused:
         report_of(WRONG_UNIT[wrong])
-    assert "units and that of the time" in str(refused.value.remedy)
+    assert "units and the unit of the time" in str(refused.value.remedy)
 
 
 @pytest.mark.pipeline

@@ -1,0 +1,55 @@
+"""What a report says of a linear axis: its own words, plain digits, nothing of a saw."""
+
+from __future__ import annotations
+
+import pytest
+from sawbench.bench.config import parse_config
+from sawbench.bench.recording import Recording, Signal, Trial
+from sawbench.diagnosis.answer.gap_report import _hidden
+from sawbench.diagnosis.plants.axis_friction import ByDirection
+from sawbench.diagnosis.plants.linear_axis import reduce_axis
+
+from tests.rigs import linear_axis as rig
+
+pytestmark = pytest.mark.unit
+
+CONFIG = """[linear_axis]
+moving_mass_kg = { nominal = 4.0, rel_std = 0.05 }
+viscous_damping_n_s_per_m = { nominal = 60.0, rel_std = 0.1 }
+drive_channel = "drive_force_n"
+"""
+
+
+def recording(**changes):
+    one = rig.run_axis(rig.Friction(coulomb=8.0), rate_hz=1.0, load_n=0.0, seconds=6.0, seed=1)
+    columns = {
+        "displacement_mm": ("mm", 10.0 * one["displacement_mm"]),
+        "drive_force_n": ("N", 10.0 * rig.FORCE_A_CURRENT * one["motor_current_a"]),
+        **changes,
+    }
+    signals = {
+        name: Signal(channel=name, unit=unit, time_s=one["time_s"], values=values)
+        for name, (unit, values) in columns.items()
+    }
+    return Recording(trial=Trial(trial_id="a", material="none"), signals=signals)
+
+
+def test_the_operating_point_is_in_plain_digits():
+    campaign = reduce_axis([recording()], parse_config(CONFIG))
+    assert campaign.states[0].setting.operating_point == "none, 1.0 Hz, stroke 400 mm"
+
+
+def test_large_forces_are_in_kilonewtons():
+    by = ByDirection(
+        forward_n=11742.0, backward_n=9931.0, difference_n=1811.0, difference_std_n=9.0, is_significant=True
+    )
+    assert "11.7 kN towards larger" in by.words() and "9930 N towards smaller" in by.words()
+    assert "constant force of 910 N" in by.words()
+
+
+def test_a_cause_that_is_named_is_not_below_the_detection_limit():
+    shown = {"elastic_load": 0.1, "windage_drag": 0.1, "guide_friction": 50.0}
+    assert _hidden(shown, ["elastic_load"]) == [
+        "below the detection limit here, at their typical magnitude: windage drag"
+    ]
+    assert _hidden(shown, ["elastic_load", "windage_drag"]) == []
