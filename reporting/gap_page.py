@@ -160,7 +160,7 @@ def verdict_sentence(report: Mapping[str, Any]) -> str:
     cause = report["causes"][0]
     names = f"{' and '.join(name_of(name) for name in cause['effects'])} ({_percent(cause['probability'])})"
     start = "Most probable cause" if cause["probability"] >= _SURE else "Most probable cause, not certain"
-    magnitudes = [magnitude_words(name, parameter) for name, parameter in cause["parameters"].items()]
+    magnitudes = [magnitude_words(name, p) for name, p in cause["parameters"].items()] + cause.get("form", [])
     return in_words_of(report, f"{start}: {', '.join([names, *magnitudes])}. {_explained(cause)}")
 
 
@@ -444,7 +444,7 @@ def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
         "probability": _percent(cause["probability"]),
         "closed": f"{round(100 * cause['gap_closed'])} %".replace("-", "\N{MINUS SIGN}"),
         "interval": interval_words(cause["gap_closed_ci95"]).replace("-", "\N{MINUS SIGN}"),
-        "strengths": [magnitude_words(name, p) for name, p in cause["parameters"].items()],
+        "strengths": [magnitude_words(name, p) for name, p in cause["parameters"].items()] + cause.get("form", []),
         "alike": ", ".join(alike[:n_shown]) or "none",
         "more_alike": alike[n_shown:],
     }

@@ -197,11 +197,13 @@ def _cause(
 ) -> dict[str, Any]:  # fmt: skip
     """Entry of the report."""
     ladder = predictions.of(hypothesis).ladder
+    forms = {m.effect.name.replace("_", " "): m.effect.form_words(m.column.shape) for m in hypothesis.members}
     return {
         "effects": list(hypothesis.effects),
         "indistinguishable_from": _alike(problem, hypothesis, posterior),
         "probability": hypothesis.probability,
         "parameters": magnitudes(problem, sized_members(problem, columns, posterior, hypothesis)),
+        "form": [words if len(forms) == 1 else f"{name} {words}" for name, words in forms.items() if words],
         "gap_closed": ladder.gap_closed,
         "gap_closed_ci95": list(ladder.gap_closed_ci95),
         "carried_by_strokes": carried_by_strokes(problem, posterior, hypothesis),

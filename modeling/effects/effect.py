@@ -138,6 +138,8 @@ class Effect:
         Names that the field has for some of the forms.
     scales : tuple of str
         Attributes of the state or of the model that a form is stated relative to.
+    form_words : callable
+        Shape -> what its numbers mean on the machine, with units; empty where the magnitude says all.
     is_pointwise : bool
         What it adds at one instant follows from that instant (and from slow states); else it takes a whole stroke.
     memories : tuple of Memory
@@ -189,6 +191,7 @@ class Effect:
     carries: tuple[str, ...] = ()
     form_names: Mapping[str, dict[str, float]] = field(default_factory=dict)
     scales: tuple[str, ...] = ()
+    form_words: Callable[[dict[str, float]], str] = lambda shape: ""
     is_pointwise: bool = True
     memories: tuple[Memory, ...] = ()
     needs: tuple[str, ...] = ()

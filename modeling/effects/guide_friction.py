@@ -15,6 +15,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from sawbench.bench.plain_digits import plain
 from sawbench.modeling.effects.effect import Effect, Strength, Words
 from sawbench.modeling.effects.friction import PRESLIDING, direction, stribeck, through_play
 from sawbench.modeling.residuals import Baseline, Signature
@@ -50,6 +51,29 @@ def _axis_signature(
     return ({"mechanical": direction(state, presliding * axis.stroke_m) * grip * (1.0 + slope * place)},)
 
 
+def _axis_form(
+    axis: AxisBaseline,
+    presliding: float = 0.0,
+    slope: float = 0.0,
+    static_ratio: float = 1.0,
+    stribeck_share: float = 1.0,
+    gap: float = 0.0,
+    spring: float = 0.0,
+) -> str:
+    if spring > 0.0:
+        play = f"{plain(gap * axis.stroke_m, 'm')} of play and " if gap > 0.0 else ""
+        return f"felt through {play}a spring of {plain(spring * axis.stroke_m, 'm')}"
+    distance = plain(presliding * axis.stroke_m, "m")
+    said = [f"turning round over a presliding distance of {distance}"] if presliding > 0.0 else []
+    if slope:
+        end = "larger" if slope > 0.0 else "smaller"
+        said.append(f"{abs(slope):.0%} larger at the end of {end} displacement".replace("%", " %"))
+    if static_ratio > 1.0:
+        top = plain(stribeck_share * axis.top_speed_m_s, "m")
+        said.append(f"{static_ratio:g} times as large at standstill as well above {top}/s")
+    return " and ".join(said) or "the same at every speed"
+
+
 def _on_axis(axis: AxisBaseline) -> Effect:
     """On an axis that its motor moves rigidly dry friction of the guide and of the motor are one term."""
     dip = [(s, v) for s in (1.5, 2.0) for v in (0.05, 0.3)]
@@ -69,6 +93,7 @@ def _on_axis(axis: AxisBaseline) -> Effect:
         ),
         scales=("stroke_m", "top_speed_m_s"),
         form_names={},
+        form_words=lambda shape: _axis_form(axis, **shape),
         needs=(),
         confused_with=("load_dependent_friction", "windage_drag"),
         told_apart_by="a sweep of the cycle rate, with two loads",
@@ -87,7 +112,7 @@ EFFECT = Effect(
     ),
     words_on={
         "linear_axis": Words(
-            happens="dry friction of the axis, the same at every speed",
+            happens="dry friction of the axis",
             measure="the force of a spring balance that pulls the axis through its stroke, drive off",
             mend="clean, oil and align the guides; check seals and preload",
         )

@@ -17,6 +17,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from sawbench.bench.plain_digits import plain
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.effect import BACKGROUND_SHARE, Effect, Strength, Words
 from sawbench.modeling.effects.friction import direction, through_play
@@ -129,6 +130,11 @@ def _axis_signature(
     return ({"mechanical": axis.friction_n * (felt - direction(state, before * axis.stroke_m))},)
 
 
+def _axis_form(axis: AxisBaseline, gap: float, spring: float = 0.0, before: float = 0.0) -> str:
+    del gap, before
+    return f"in series with a spring of {plain(spring * axis.stroke_m, 'm')}" if spring > 0.0 else ""
+
+
 def _on_axis(axis: AxisBaseline) -> Effect:
     return replace(
         EFFECT,
@@ -148,6 +154,7 @@ def _on_axis(axis: AxisBaseline) -> Effect:
         scales=("stroke_m", "friction_n"),
         shape_strength=lambda amplitude, shape: amplitude * shape["gap"] * axis.stroke_m,
         carries=("gap",),
+        form_words=lambda shape: _axis_form(axis, **shape),
         needs=(),
         confused_with=("guide_friction",),
         told_apart_by="a load that does not change its sign: it closes the gap",

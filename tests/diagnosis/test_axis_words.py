@@ -7,7 +7,8 @@ from sawbench.bench.config import parse_config
 from sawbench.bench.recording import Recording, Signal, Trial
 from sawbench.diagnosis.answer.gap_report import _hidden
 from sawbench.diagnosis.plants.axis_friction import ByDirection
-from sawbench.diagnosis.plants.linear_axis import reduce_axis
+from sawbench.diagnosis.plants.linear_axis import LinearAxis, reduce_axis
+from sawbench.modeling.machines.linear_axis import AxisBaseline
 
 from tests.rigs import linear_axis as rig
 
@@ -53,3 +54,30 @@ def test_a_cause_that_is_named_is_not_below_the_detection_limit():
         "below the detection limit here, at their typical magnitude: windage drag"
     ]
     assert _hidden(shown, ["elastic_load", "windage_drag"]) == []
+
+
+@pytest.mark.parametrize(
+    ("effect", "form", "said"),
+    [
+        ("guide_friction", {"presliding": 0.0, "slope": 0.0}, "the same at every speed"),
+        ("guide_friction", {"gap": 0.06, "spring": 0.05}, "felt through 3.1 mm of play and a spring of 2.6 mm"),
+        ("guide_friction", {"gap": 0.0, "spring": 0.01}, "felt through a spring of 0.52 mm"),
+        ("guide_friction", {"presliding": 0.02, "slope": 0.0}, "turning round over a presliding distance of 1.0 mm"),
+        ("guide_friction", {"presliding": 0.0, "slope": -0.25}, "25 % larger at the end of smaller displacement"),
+        ("yoke_backlash", {"gap": 0.02}, ""),
+        ("yoke_backlash", {"gap": 0.1, "spring": 0.05, "before": 0.0}, "in series with a spring of 2.6 mm"),
+    ],
+)
+def test_a_form_is_stated_in_millimetres(effect, form, said):
+    config = parse_config(CONFIG).config.linear_axis
+    model = AxisBaseline(config=config, force_scale_n=1e4, stroke_m=0.0516, top_speed_m_s=0.16)
+    (one,) = [e for e in LinearAxis(model=model).effects if e.name == effect]
+    assert form in one.shapes
+    assert one.form_words(form) == said
+
+
+def test_every_form_of_an_axis_has_words_in_plain_digits():
+    config = parse_config(CONFIG).config.linear_axis
+    model = AxisBaseline(config=config, force_scale_n=1e4, stroke_m=0.0516, top_speed_m_s=0.16)
+    for effect in LinearAxis(model=model).effects:
+        assert not any("e-0" in effect.form_words(shape) for shape in effect.shapes)

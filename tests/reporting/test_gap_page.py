@@ -64,6 +64,13 @@ def test_cause_is_named_with_its_size_and_the_runner_up_beside_it(tmp_path):
     assert "-0 %" not in text
 
 
+def test_the_form_of_a_cause_is_stated_beside_its_size(tmp_path):
+    felt = "felt through 3.1 mm of play"
+    text = page(tmp_path, causes=[{**CAUSE, "form": [felt]}, RUNNER_UP])
+    assert f"force 8.30 ± 0.40 N, {felt}. Adding" in text
+    assert text.count(felt) == 2
+
+
 def test_indistinguishable_is_said_of_the_evidence_alone(tmp_path):
     # Effects without evidence may have independent signatures, and those with a cosine near 1 may be told apart.
     text = page(tmp_path)
