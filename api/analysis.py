@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 _NO_FIT = {
     "no_cutting": "idle run, so there is no cutting force to fit",
+    "moving": "the machine is a linear axis, which has no cutting coefficient",
     "stalled": "the saw stalled, so there is no steady stroke to fit",
     "no_stroke": "no stroke was found, so there is nothing to fit",
 }
@@ -228,8 +229,6 @@ def evaluate(trial: AnalysedTrial, *, compiles: bool = False) -> Evaluation:
     """
     if trial.processed.status != "cutting":
         return Evaluation(note=_NO_FIT[trial.processed.status])
-    if trial.loaded.config.linear_axis is not None:
-        return Evaluation(note="the machine is a linear axis, which has no cutting coefficient")
     try:
         fit, estimates = fit_trial(trial)
     except SawbenchError as error:

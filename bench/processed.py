@@ -13,7 +13,7 @@ from sawbench.bench.recording import Floats, Signal, Trial, loss_in_words
 
 Confidence = Literal["high", "moderate", "low"]
 PhaseKind = Literal["rest", "spin_up", "running", "spin_down", "stall"]
-TrialStatus = Literal["cutting", "no_cutting", "stalled", "no_stroke"]
+TrialStatus = Literal["cutting", "no_cutting", "moving", "stalled", "no_stroke"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -261,7 +261,8 @@ class ProcessedTrial:
     Attributes
     ----------
     trial : Trial
-    status : {"cutting", "no_cutting", "stalled", "no_stroke"}
+    status : {"cutting", "no_cutting", "moving", "stalled", "no_stroke"}
+        "moving" of a machine that cuts nothing.
     period : PeriodEstimate or None
         None only where status is "no_stroke" (or the trial is stalled from the start).
     angle : CrankAngle or None

@@ -47,7 +47,7 @@ def measured(path: Path, planned: PlannedTrial, *, seconds: float) -> TrialMeasu
     processed, recording = trial.processed, trial.recording
     k_fc, fit_faults = _fitted(trial, planned)
     expected = "no_cutting" if planned.is_idle else "cutting"
-    status = [] if processed.status == expected else [_STATUS_WORDS[processed.status]]
+    status = [] if processed.status in (expected, "moving") else [_STATUS_WORDS[processed.status]]
     return TrialMeasures(
         trial_id=planned.id,
         setting=planned.setting,

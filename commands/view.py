@@ -73,7 +73,7 @@ def _fitted_stroke(trial: AnalysedTrial) -> dict[str, Floats] | None:
     from sawbench.analysis import fit_trial
     from sawbench.model_cycles import fitted_cycle
 
-    if trial.processed.status != "cutting" or trial.loaded.config.linear_axis is not None:
+    if trial.processed.status != "cutting":
         return None
     fit, _ = fit_trial(trial)
     return fitted_cycle(trial, fit) if fit.status == "ok" else None

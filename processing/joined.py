@@ -15,7 +15,7 @@ from sawbench.bench.processed import ChannelQuality, PeriodEstimate, Phase, Proc
 from sawbench.processing.return_stroke import zero_return_stroke
 
 # The first that any piece has is that of the whole.
-_STATUS: Final[tuple[TrialStatus, ...]] = ("stalled", "cutting", "no_cutting", "no_stroke")
+_STATUS: Final[tuple[TrialStatus, ...]] = ("stalled", "cutting", "no_cutting", "moving", "no_stroke")
 _CONFIDENCE: Final = ("low", "moderate", "high")
 # Phases of one kind belong together over a cut, where no more than this lies between them.
 _CUT_S: Final = 0.1

@@ -222,9 +222,9 @@ def _motion_from_displacement(displacement: CleanChannel, channels: Channels, co
     is_clipped = displacement.quality.n_clipped > _CLIPPED_SHARE * displacement.quality.n_samples
     doubt = "the displacement is clipped" if is_clipped else (warnings[0] if warnings else "")
     period = from_displacement(angle, stretches, cycles, line, band, doubt)
-    if plant is None:
+    if plant is None and config.linear_axis is None:
         warnings += ("the configuration has no [plant]: the mechanism is taken as a Scotch yoke",)
-    else:
+    elif plant is not None:
         nominal = plant.crank_radius_m
         if abs(angle.radius_m - nominal.nominal) > max(5 * nominal.std, 0.01 * nominal.nominal):
             warnings += (
@@ -297,7 +297,9 @@ def _without(stretches: Stretches, holes: Stretches) -> Stretches:
 
 
 def _status_without_cutting(channels: Channels, config: BenchConfig, trial: Trial, motion: _Motion) -> TrialStatus:
-    """Status as far as the motion decides it ("cutting" where it moves)."""
+    """Status as far as the motion decides it ("cutting" where a saw moves)."""
+    if config.linear_axis is not None and motion.period is not None:
+        return "moving"
     if any(phase.kind == "stall" for phase in motion.phases):
         return "stalled"
     if motion.period is not None:
@@ -386,6 +388,8 @@ def _cutting(
 ) -> tuple[TrialStatus, FoldedCycle | None, RemovedForce | None, PeakForce | None, tuple[str, ...]]:
     """Whether it cut, and the cutting force."""
     status = base.status
+    if status == "moving":
+        return status, None, None, None, ()
     force = folded.get(_FORCE)
     if force is None:
         if base.trial.is_idle and status == "cutting":

@@ -65,6 +65,7 @@ class Row:
 _STATUS_WORDS: Final = {
     "cutting": "The saw cut",
     "no_cutting": "The blade ran without cutting",
+    "moving": "The axis moved back and forth",
     "stalled": "The saw stalled",
     "no_stroke": "No stroke was found",
 }
@@ -184,7 +185,7 @@ def _short(value: float | None, unit: str) -> str:
 
 def _material(processed: ProcessedTrial) -> str:
     if processed.trial.is_idle:
-        return "blade in air"
+        return "no load" if processed.status == "moving" else "blade in air"
     return processed.trial.material or "an unknown material"
 
 

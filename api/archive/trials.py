@@ -179,7 +179,8 @@ def quality_of(trial: ComparedTrial) -> str:
     if processed.period.confidence == "low":
         return "low confidence"
     if trial.fit is None:
-        return "good" if processed.status == "no_cutting" and trial.is_idle else "no fit"
+        is_done = processed.status == "moving" or (processed.status == "no_cutting" and trial.is_idle)
+        return "good" if is_done else "no fit"
     return "good" if trial.fit.status == "ok" else "fit not reliable"
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 from sawbench.bench.config import parse_config
 from sawbench.bench.recording import Recording, Signal, Trial
@@ -9,6 +12,8 @@ from sawbench.diagnosis.answer.gap_report import _hidden
 from sawbench.diagnosis.plants.axis_friction import ByDirection
 from sawbench.diagnosis.plants.linear_axis import LinearAxis, reduce_axis
 from sawbench.modeling.machines.linear_axis import AxisBaseline
+from sawbench.processing.process import process_recording
+from sawbench.reporting.trial_page import TrialReport, trust_in, verdict
 
 from tests.rigs import linear_axis as rig
 
@@ -81,3 +86,15 @@ def test_every_form_of_an_axis_has_words_in_plain_digits():
     model = AxisBaseline(config=config, force_scale_n=1e4, stroke_m=0.0516, top_speed_m_s=0.16)
     for effect in LinearAxis(model=model).effects:
         assert not any("e-0" in effect.form_words(shape) for shape in effect.shapes)
+
+
+@pytest.mark.parametrize("material", ["none", "brake"])
+def test_the_page_of_a_trial_says_nothing_of_a_saw(material):
+    made = recording(force_n=("N", 200.0 * np.sin(np.linspace(0.0, 12.0 * np.pi, 6000))))
+    made = replace(made, trial=replace(made.trial, material=material))
+    processed = process_recording(made, parse_config(CONFIG).config)
+    assert processed.status == "moving"
+    assert processed.peak_force_n is None and processed.removed is None
+    said = [verdict(processed, None, None), *trust_in(TrialReport(processed=processed)).reasons]
+    assert said[0].startswith("The axis moved back and forth at ")
+    assert not [text for text in said if any(word in text for word in ("saw", "blade", "yoke", "plausible", "cut"))]
