@@ -136,14 +136,16 @@ def diagnosed(
 def _diagnose_each(request: DiagnosisRequest, batch: Batch, *, force: bool, as_json: bool) -> int:
     """Diagnose every campaign that the journal of the folder does not hold yet."""
     refuse_unwritable_folder(request.out_dir)
+    from sawbench.reporting.cause_words import name_of
+
     failures, rows = Failures(len(request.paths)), []
     pieces = [_piece(request, path) for path in request.paths]
     for row in batch.rows(pieces, diagnosed_row, request.out_dir, "diagnosing", overwrites=force):
         with failures.collected():
             rows.append({"campaign": row.name, **row.checked()})
     shown = [
-        (row["campaign"], row["verdict"].replace("_", " "), " + ".join(row["effects"]), f"{row['probability']:.1%}",
-         "-" if row["gap_closed"] is None else f"{row['gap_closed']:.0%}")
+        (row["campaign"], row["verdict"].replace("_", " "), " + ".join(map(name_of, row["effects"])),
+         f"{row['probability']:.1%}", "-" if row["gap_closed"] is None else f"{row['gap_closed']:.0%}")
         for row in rows
     ]  # fmt: skip
     text = table(("campaign", "verdict", "most probable cause", "probability", "gap closed"), shown)
@@ -189,6 +191,7 @@ def _piece(request: DiagnosisRequest, path: Path) -> Piece:
 
 
 def _as_text(report: dict[str, Any]) -> str:
+    from sawbench.reporting.cause_words import in_words_of
     from sawbench.reporting.gap_page import closest_description, known_effects, resembled, verdict_sentence
     from sawbench.reporting.quantities import format_number
 
@@ -196,7 +199,7 @@ def _as_text(report: dict[str, Any]) -> str:
     lines = [verdict_sentence(report), *closest_description(report), *known_effects(report), ""]
     lines += [table(("cause", "probability", "gap closed", "95 %"), _cause_rows(report))]
     if "until_closed" in report:
-        lines += ["", *_closing_lines(report["until_closed"])]
+        lines += ["", *_closing_lines(report)]
     rungs = ("nominal", "retuned", "with_effect", "noise_floor")
     rows = [
         (f"{name} / {row['unit']}", *(format_number(row[key], digits=3) for key in rungs))
@@ -210,29 +213,34 @@ def _as_text(report: dict[str, Any]) -> str:
     said = (resembled(report), report["detail"]["contradiction"])
     lines += ["", *(f"note: {text}" for text in report["warnings"] if text not in said)]
     lines.append(f"next trial: {report['next_trial']}")
-    return "\n".join([*lines, *(["", *_plan_lines(report["plan"])] if "plan" in report else [])])
+    text = "\n".join([*lines, *(["", *_plan_lines(report["plan"])] if "plan" in report else [])])
+    return in_words_of(report, text)
 
 
 def _cause_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:
-    from sawbench.reporting.cause_words import interval_words
+    from sawbench.reporting.cause_words import in_words_of, interval_words, name_of
 
     rows = []
     for cause in report["causes"]:
-        rows.append(
-            (" + ".join(cause["effects"]), f"{cause['probability']:.1%}", f"{round(100 * cause['gap_closed'])} %",
-             interval_words(cause["gap_closed_ci95"]))
-        )  # fmt: skip
+        names = in_words_of(report, " + ".join(map(name_of, cause["effects"])))
+        closed, interval = f"{round(100 * cause['gap_closed'])} %", interval_words(cause["gap_closed_ci95"])
+        rows.append((names, f"{cause['probability']:.1%}", closed, interval))
     others = sorted(report["probabilities"].items(), key=lambda item: -item[1])
     return [*rows, *((name.replace("_", " "), f"{p:.1%}", "", "") for name, p in others)]
 
 
-def _closing_lines(closing: dict[str, Any]) -> list[str]:
+def _closing_lines(report: dict[str, Any]) -> list[str]:
     """Lay out the ladder of causes, from the model as configured to the noise."""
+    from sawbench.reporting.cause_words import in_words_of
     from sawbench.reporting.closing import closing_rows, closing_sentences
 
+    closing = report["until_closed"]
     keys = ("model", "probability", "magnitude", "rms", "closed", "interval")
     head = ("causes one by one, residual / noise", "probability", "magnitude", "rms", "closed so far", "95 %")
-    return [table(head, [[row[key] for key in keys] for row in closing_rows(closing)]), *closing_sentences(closing)]
+    return [
+        table(head, [[in_words_of(report, row[key]) for key in keys] for row in closing_rows(closing)]),
+        *closing_sentences(closing),
+    ]
 
 
 def _plan_lines(plan: dict[str, Any]) -> list[str]:

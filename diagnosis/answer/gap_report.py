@@ -42,8 +42,9 @@ SCHEMA_VERSION = 1
 MOST_PLANNED = 20
 _METRIC = (
     "root mean square of the equation residuals over their noise, on {held_out}; by_channel: measured minus predicted"
-    " mean stroke in the unit of the channel{simulated}; k_Fc of a workpiece is always fitted to its own trial"
+    " mean stroke in the unit of the channel{simulated}{fitted}"
 )
+_FITTED = "; k_Fc of a workpiece is always fitted to its own trial"
 _HELD_OUT = {
     "operating points": "withheld operating points",
     "trials": "withheld trials (few operating points, or only one shows the effect)",
@@ -152,7 +153,10 @@ def _report(
     by_direction, asymmetry = campaign.plant.asymmetry(campaign.states, posterior.best.effects)
     if by_direction:
         causes[0]["by_direction"] = by_direction
-    shifts, gap = _shifts(problem, members), _gap(predictions.of(first).ladder, channels)
+    shifts, gap = (
+        _shifts(problem, members),
+        _gap(predictions.of(first).ladder, channels, _FITTED if campaign.k_guess_n_s_per_m else ""),
+    )
     contradicted = contradiction(posterior.verdict, shifts, gap, campaign.plant.measured_rms(campaign.states))
     improved = None if contradicted else improved_model(problem, posterior, members, causes, loaded, learned)
     return {
@@ -272,11 +276,11 @@ def _shifts(problem: LinearProblem, members: Sequence[Explanation]) -> dict[str,
     return shifts
 
 
-def _gap(ladder: Ladder, channels: ChannelGap | None) -> dict[str, Any]:
+def _gap(ladder: Ladder, channels: ChannelGap | None, fitted: str) -> dict[str, Any]:
     by_channel = ladder.by_channel if channels is None or not channels.by_channel else channels.by_channel
     simulated = "" if by_channel is ladder.by_channel else ", predicted by the simulated model"
     found = {
-        "metric": _METRIC.format(held_out=_HELD_OUT[ladder.held_out], simulated=simulated),
+        "metric": _METRIC.format(held_out=_HELD_OUT[ladder.held_out], simulated=simulated, fitted=fitted),
         **_rungs(ladder.whitened),
         "by_channel": {name: {**_rungs(r), "unit": unit} for name, (r, unit) in by_channel.items()},
     }

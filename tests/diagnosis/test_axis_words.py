@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from sawbench.bench.config import parse_config
 from sawbench.bench.recording import Recording, Signal, Trial
-from sawbench.diagnosis.answer.gap_report import _hidden
+from sawbench.commands.diagnose import _as_text
+from sawbench.diagnosis.answer.gap_report import _hidden, diagnose
 from sawbench.diagnosis.plants.axis_friction import ByDirection
 from sawbench.diagnosis.plants.linear_axis import LinearAxis, reduce_axis
 from sawbench.modeling.machines.linear_axis import AxisBaseline
@@ -98,3 +99,16 @@ def test_the_page_of_a_trial_says_nothing_of_a_saw(material):
     said = [verdict(processed, None, None), *trust_in(TrialReport(processed=processed)).reasons]
     assert said[0].startswith("The axis moved back and forth at ")
     assert not [text for text in said if any(word in text for word in ("saw", "blade", "yoke", "plausible", "cut"))]
+
+
+def test_a_report_on_an_axis_has_the_words_of_an_axis():
+    about = {"recordings": {}, "config_sha256": "", "software": ""}
+    report = diagnose([recording()], parse_config(CONFIG), provenance=about)
+    assert "k_Fc" not in report["gap"]["metric"]
+    text = _as_text(report)
+    table = text.partition("cause ")[2].partition("RMSE")[0].splitlines()
+    assert any(line.startswith("guide friction ") for line in table)
+    # The columns of a table are as wide as the words that stand in it.
+    assert len({len(line.partition("%")[0]) for line in table[1:] if "%" in line}) == 1
+    for name in ("current_sensor_lag", "current sensor lag", "windage", "guide_friction", "k_Fc", "crank"):
+        assert name not in text
