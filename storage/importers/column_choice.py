@@ -150,9 +150,8 @@ def _converted(raw: RawTable, item: _Taken, warnings: list[str]) -> tuple[Floats
             raise InputError(
                 f"{channel} cannot be converted from {stated!r} to {stored}",
                 where=f"{raw.path}, column {item.column}",
-                remedy=f"allowed units are {', '.join(FACTORS[stored])}; convert any other unit with scale = ... in"
-                " the "
-                "brought to one of them",
+                remedy=f"state one of {', '.join(FACTORS[stored])}; for another unit write in the map unit = '{stored}'"
+                f" and scale = {stored} per unit of the column",
             )
         if found is None:
             warnings.append(f"{channel} has the unknown unit {stated!r}, taken as {stored}")

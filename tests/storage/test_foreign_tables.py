@@ -195,7 +195,8 @@ def test_unit_that_cannot_be_converted_says_which_can(tmp_path):
     with pytest.raises(InputError, match="force_n cannot be converted from 'furlong' to N") as caught:
         taken_in(tmp_path, "t.csv", "time_s,Fz\n0,1\n1,2\n", mapped)
     said = str(caught.value)
-    assert "t.csv, column Fz" in said and "kN" in said and "lbf" in said and "scale" in said
+    assert "t.csv, column Fz" in said and "kN" in said and "lbf" in said
+    assert said.endswith("for another unit write in the map unit = 'N' and scale = N per unit of the column")
 
 
 def test_column_in_a_unit_of_another_quantity_is_refused(tmp_path):
