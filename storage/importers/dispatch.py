@@ -126,7 +126,7 @@ def import_path(
     for number, job in enumerate(jobs):
         if on_trial is not None:
             on_trial(number, len(jobs), job.trial.trial_id)
-        content = read_table(job.table, job.table_map, is_idle=job.trial.is_idle)
+        content = read_table(job.table, job.table_map, is_idle=job.trial.is_idle, is_saw=_is_saw(job.config_toml))
         recording = _recording(job, content)
         target = write_recording(recording, out_dir / f"{job.trial.trial_id}.mcap", overwrite)
         paths.append(target)
@@ -204,7 +204,16 @@ def _recording(job: _Job, content: TableContent) -> Recording:
     )
 
 
-def read_table(path: Path, table_map: TableMap | None = None, *, is_idle: bool = False) -> TableContent:
+def _is_saw(config_toml: str) -> bool:
+    """Whether the configuration of a table describes a saw; without one it is taken for that of a saw."""
+    from sawbench.bench.config import parse_config
+
+    return not config_toml or parse_config(config_toml, where="configuration").config.linear_axis is None
+
+
+def read_table(
+    path: Path, table_map: TableMap | None = None, *, is_idle: bool = False, is_saw: bool = True
+) -> TableContent:
     """Read the signals of a single table.
 
     Parameters
@@ -213,6 +222,8 @@ def read_table(path: Path, table_map: TableMap | None = None, *, is_idle: bool =
     table_map : TableMap, optional
     is_idle : bool
         The blade ran in air.
+    is_saw : bool
+        See `signals_of`.
 
     Raises
     ------
@@ -224,7 +235,7 @@ def read_table(path: Path, table_map: TableMap | None = None, *, is_idle: bool =
     signals: dict[str, Signal] = {}
     warnings = list(choice.warnings)
     for table in choice.tables:
-        found, said = signals_of(table, is_idle=is_idle, mapped=choice.mapped)
+        found, said = signals_of(table, is_idle=is_idle, is_saw=is_saw, mapped=choice.mapped)
         signals |= found
         warnings += said
     if not signals:

@@ -45,7 +45,7 @@ class Table:
 
 
 def signals_of(
-    table: Table, *, is_idle: bool = False, mapped: Collection[str] = ()
+    table: Table, *, is_idle: bool = False, is_saw: bool = True, mapped: Collection[str] = ()
 ) -> tuple[dict[str, Signal], list[str]]:
     """Check a table and turn its columns into signals.
 
@@ -56,6 +56,8 @@ def signals_of(
     table : Table
     is_idle : bool
         The blade ran in air: a force near zero is then no sign of another unit.
+    is_saw : bool
+        Values are compared with what a saw can produce; another machine has other forces and travels.
     mapped : collection of str
         Channels that a map asks for: they need not be known.
 
@@ -89,7 +91,7 @@ def signals_of(
         if signal.gaps:
             missing = sum(gap.n_missing for gap in signal.gaps)
             warnings.append(f"{name} has {len(signal.gaps)} gaps, {missing} samples missing")
-        if channel is not None:
+        if channel is not None and is_saw:
             warnings += _value_warnings(channel, signal.values, is_idle=is_idle)
         signals[name] = signal
     return signals, warnings

@@ -335,3 +335,22 @@ def test_a_real_table_comes_in_as_it_is(tmp_path):
         assert signal.values.tolist() == [float(row[name]) for row in rows]
         assert signal.time_s.tolist() == [float(row["time_s"]) for row in rows]
         assert not signal.gaps
+
+
+AXIS = """[linear_axis]
+moving_mass_kg = { nominal = 95.0, rel_std = 0.1 }
+viscous_damping_n_s_per_m = { nominal = 200.0, rel_std = 0.3 }
+drive_channel = "force_n"
+"""
+
+
+@pytest.mark.parametrize(("config", "is_said"), [(AXIS, False), ("", True)])
+def test_only_a_saw_has_the_travel_and_the_forces_of_a_saw(tmp_path, config, is_said):
+    rows = [(0.001 * k, 20.0 * k, 900.0 * k) for k in range(20)]
+    path = tmp_path / "moves.csv"
+    path.write_text(table(("time_s", "displacement_mm", "force_n"), rows))
+    report = import_path(path, tmp_path / "out", config_toml=config)
+    assert [name in " ".join(report.warnings) for name in ("outside -200 to 200 mm", "outside -5000 to 5000 N")] == [
+        is_said,
+        is_said,
+    ]
