@@ -21,7 +21,7 @@ from sawbench.diagnosis.inference.stroke_series import StrokeSeries, stroke_seri
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.diagnosis.plants.plant import Plant
 from sawbench.diagnosis.reduction import CHANNEL_OF_STATE, lock_to_angle, running_state, start_up_state
-from sawbench.diagnosis.screening import is_stock_stated, screen, summary
+from sawbench.diagnosis.screening import NOT_A_SAW, is_stock_stated, screen, summary
 from sawbench.diagnosis.signal_health import ChannelHealth, channel_health
 from sawbench.diagnosis.slow_states import SlowTrack, slow_tracks
 from sawbench.modeling.effects.known import KnownEffect
@@ -115,7 +115,7 @@ def reduce_campaign(
         if on_trial is not None:
             on_trial(number + 1, len(ordered), processed.trial.trial_id)
     if not usable:
-        raise InputError(f"no trial can be diagnosed: {summary(warnings)}")
+        raise InputError(f"no trial can be diagnosed: {summary(warnings)}", remedy=NOT_A_SAW)
     return campaign_of(usable, baseline, warnings)
 
 

@@ -6,6 +6,7 @@ import hashlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from sawbench.bench.converter import clipped_levels
@@ -22,6 +23,10 @@ from sawbench.processing.held_values import without_repeats
 from sawbench.processing.quality import find_spikes
 
 _NUMBERS = SETTINGS.screening
+NOT_A_SAW: Final = (
+    "correct what is missing with `sawbench amend`, or in campaign.toml and import again; the configuration describes a"
+    " saw: for a linear axis give --config a file with a [linear_axis] table"
+)
 # A rest at the end that is longer than a quarter of the record is no rest: the channel has died.
 _LONG_END = 4
 # In air these may hold one level of a coarse converter for long.
@@ -59,7 +64,7 @@ def screen(recordings: Sequence[Recording], baseline: Baseline) -> tuple[list[Re
     kept = _without_wrong_duty(kept, baseline, warnings)
     kept = _without_wrong_labels(kept, baseline, warnings)
     if not kept:
-        raise InputError(f"no trial can be diagnosed: {summary(warnings)}")
+        raise InputError(f"no trial can be diagnosed: {summary(warnings)}", remedy=NOT_A_SAW)
     return kept, warnings
 
 

@@ -279,7 +279,14 @@ def reduce_axis(
         if on_trial is not None:
             on_trial(number + 1, len(recordings), recording.trial.trial_id)
     if not states:
-        raise InputError(f"no trial can be diagnosed: {'; '.join(warnings)}")
+        there = dict.fromkeys(name for recording in recordings for name in recording.signals)
+        raise InputError(
+            f"no trial can be diagnosed: {'; '.join(warnings)}",
+            where=loaded.path,
+            remedy=f"the recordings have {', '.join(there)}: name the drive as drive_channel and the load as load_channel"
+            " in [linear_axis], leave load_channel out where the load is not measured; of runs without a load state the"
+            " material none (`sawbench amend FILE --material none`)",
+        )
     _refuse_wrong_sign(states, config)
     _refuse_wrong_unit(states, config)
     force_scale_n = float(np.sqrt(2.0) * max(np.std(s.drive_n) for s in states))

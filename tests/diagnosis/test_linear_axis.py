@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sawbench.bench.config import parse_config
+from sawbench.bench.config import load_config, parse_config
 from sawbench.bench.errors import ConfigError, InputError
 from sawbench.bench.recording import Recording, Signal, Trial
 from sawbench.commands.main import main
@@ -206,8 +206,22 @@ def test_a_drive_of_the_wrong_sign_is_refused():
 
 def test_trials_without_the_drive_say_so():
     trials = recordings(rig.campaign(rig.Friction(), seed=8), without=("motor_current_a",))
-    with pytest.raises(InputError, match="no motor_current_a"):
+    with pytest.raises(InputError, match="no motor_current_a") as refused:
         diagnose(trials, parse_config(CONFIG), provenance={})
+    assert "the recordings have displacement_mm, force_n: name the drive as drive_channel" in str(refused.value)
+
+
+def test_a_load_that_no_recording_has_says_what_to_do():
+    trials = recordings({"a": ("brake", rig.campaign(rig.Friction(), seed=8).popitem()[1][1])}, without=("force_n",))
+    with pytest.raises(InputError, match="it has no force_n") as refused:
+        diagnose(trials, parse_config(CONFIG), provenance={})
+    assert "leave load_channel out" in str(refused.value) and "--material none" in str(refused.value)
+
+
+def test_an_axis_that_is_read_as_a_saw_is_told_of_the_table():
+    saw = load_config(HERE.parents[2] / "bench_config.toml")
+    with pytest.raises(InputError, match=r"\[linear_axis\]"):
+        diagnose(recordings(rig.campaign(rig.Friction(), seed=8)), saw, provenance={})
 
 
 @pytest.mark.parametrize(
