@@ -45,7 +45,7 @@ _OPENED, _DRAWING = 10, 95
 )  # fmt: skip
 @click.option(
     "--plan", "n_planned", metavar="N", type=click.IntRange(1, 20), default=None,
-    help="Propose the N trials with the most information per recording time: OUT/plan.csv, for `series run`.",
+    help="For saws: propose the N trials with the most information per recording time: OUT/plan.csv, for `series run`.",
 )  # fmt: skip
 @click.option(
     "--each", "is_each", is_flag=True,

@@ -25,10 +25,10 @@ def next_trial(problem: LinearProblem, posterior: Posterior) -> str:
         likeliest causes differ most once parameters are re-tuned, with the log odds one more trial there is worth.
     """
     campaign = problem.campaign
-    lacking = campaign.plant.next_trial(campaign.states)
+    top = posterior.best
+    lacking = campaign.plant.next_trial(campaign.states, has_gap=top.other != "no_gap")
     if lacking is not None:
         return lacking
-    top = posterior.best
     if top.other == "no_gap":
         return "none: the model error is within the repeatability"
     if top.other is not None:

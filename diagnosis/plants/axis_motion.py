@@ -8,6 +8,7 @@ Any other motion: `axis_windows`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
@@ -34,6 +35,7 @@ _MOST_SAMPLES = 10000
 _REFINEMENTS = 3
 # Where the swing is less than this share of its usual size the axis rests, starts or comes to a halt.
 _LEAST_SWING = 0.5
+_OTHER_SPEED = 1.5
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -338,6 +340,22 @@ def axis_state(
         acceleration_m_s2=rate**2 * derivative(derivative(motion)) @ narrow,
         drive_n=newton * (cycles.fit(drive) @ wide),
     )
+
+
+def has_several_speeds(states: Sequence[AxisState]) -> bool:
+    """Whether the fastest move of a campaign is half as fast again as its slowest; a move lies between two reversals.
+
+    Moves slower than the share of the top speed below which friction is whatever holds the axis do not count.
+    """
+    tops: list[float] = []
+    for state in states:
+        for velocity in state.velocity_m_s:
+            turns = np.flatnonzero(np.diff(np.sign(velocity))) + 1
+            moves = np.split(np.abs(velocity), turns)
+            # A window may begin and end in the middle of a move.
+            tops += [float(move.max()) for move in (moves if state.is_cyclic else moves[1:-1])]
+    counted = [top for top in tops if top > SETTINGS.axis.standstill_share * max(tops)]
+    return max(counted, default=0.0) > _OTHER_SPEED * min(counted, default=0.0)
 
 
 def average(state: AxisState, blocks: Floats) -> AxisState:

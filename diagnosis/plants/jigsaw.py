@@ -228,8 +228,9 @@ class Jigsaw:
         del states, effects
         return {}, ""
 
-    def next_trial(self, states: Sequence[State]) -> str | None:
+    def next_trial(self, states: Sequence[State], *, has_gap: bool) -> str | None:
         """Idle run, duties, repeat, feed: what the campaign lacks first."""
+        del has_gap
         settings = [s.setting for s in states if s.kind == "running"]
         if not any(s.is_idle for s in settings):
             return "an idle run (blade in air): it separates friction and supply from the cutting force"

@@ -17,7 +17,13 @@ from sawbench.diagnosis.inference.features import Layout, harmonics, orders
 from sawbench.diagnosis.inference.nuisances import Nuisance, Reading, of_known
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plants.axis_friction import friction_by_direction, friction_n
-from sawbench.diagnosis.plants.axis_motion import LEAST_POINTS, average, axis_state, find_cycles
+from sawbench.diagnosis.plants.axis_motion import (
+    LEAST_POINTS,
+    average,
+    axis_state,
+    find_cycles,
+    has_several_speeds,
+)
 from sawbench.diagnosis.plants.axis_windows import find_windows, window_states
 from sawbench.diagnosis.plants.plant import EquationForm
 from sawbench.modeling.effects.effect import Effect
@@ -184,14 +190,15 @@ class LinearAxis:
         by = friction_by_direction([as_axis(s) for s in states], self.config) if _FRICTION in effects else None
         return ({}, "") if by is None else (by.report(), by.words() if by.is_significant else "")
 
-    def next_trial(self, states: Sequence[State]) -> str | None:
-        """Another rate, another load, a repeat."""
+    def next_trial(self, states: Sequence[State], *, has_gap: bool) -> str | None:
+        """Another speed, another load, and where there is a gap a repeat."""
         settings = [s.setting for s in states]
-        if len({f"{s.duty:.1g}" for s in settings}) < 2:
-            return "the same load at another cycle rate: it separates dry from viscous friction"
+        if not has_several_speeds([as_axis(s) for s in states]):
+            what = "motion" if all(s.is_idle for s in settings) or self.config.load_channel is None else "load"
+            return f"the same {what} at another speed: it separates dry from viscous friction"
         if self.config.load_channel is not None and len({s.stock for s in settings}) < 2:
             return "the same rate at another load, or none: it separates friction of the guide from that of the load"
-        if len({s.operating_point for s in settings}) == len(settings):
+        if has_gap and len({s.operating_point for s in settings}) == len(settings):
             return "a repeat of one operating point: without repeats no statement beyond noise is possible"
         return None
 
@@ -283,8 +290,8 @@ def reduce_axis(
         raise InputError(
             f"no trial can be diagnosed: {'; '.join(warnings)}",
             where=loaded.path,
-            remedy=f"the recordings have {', '.join(there)}: name the drive as drive_channel and the load as load_channel"
-            " in [linear_axis], leave load_channel out where the load is not measured; of runs without a load state the"
+            remedy=f"the recordings have {', '.join(there)}: name the drive as drive_channel, the load as load_channel"
+            " in [linear_axis], leave load_channel out where the load is not measured; a run without a load has the"
             " material none (`sawbench amend FILE --material none`)",
         )
     _refuse_wrong_sign(states, config)

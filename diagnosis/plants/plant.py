@@ -175,6 +175,6 @@ class Plant(Protocol):
         """How effects of a cause differ by direction, as numbers and in words; empty where they have none."""
         ...
 
-    def next_trial(self, states: Sequence[State]) -> str | None:
-        """Name the trial that this campaign lacks most; None where it lacks none."""
+    def next_trial(self, states: Sequence[State], *, has_gap: bool) -> str | None:
+        """Name the trial that this campaign lacks most, whether it shows a gap or not; None where it lacks none."""
         ...

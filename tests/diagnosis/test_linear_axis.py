@@ -208,7 +208,7 @@ def test_trials_without_the_drive_say_so():
     trials = recordings(rig.campaign(rig.Friction(), seed=8), without=("motor_current_a",))
     with pytest.raises(InputError, match="no motor_current_a") as refused:
         diagnose(trials, parse_config(CONFIG), provenance={})
-    assert "the recordings have displacement_mm, force_n: name the drive as drive_channel" in str(refused.value)
+    assert "the recordings have displacement_mm, force_n: name the drive as drive_channel," in str(refused.value)
 
 
 def test_a_load_that_no_recording_has_says_what_to_do():

@@ -34,7 +34,7 @@ def advised(problem, probabilities):
         best=found[0], claims=tuple(h for h in found if h.effects), dispersion=1.0 + 0.0 * problem.data,
         explanations=tuple(explain(Marginal(problem), columns[name]) for name in probabilities),
     )  # fmt: skip
-    plant = SimpleNamespace(next_trial=lambda states: None)
+    plant = SimpleNamespace(next_trial=lambda states, has_gap: None)
     campaign = SimpleNamespace(plant=plant, states=problem.campaign.states)
     # The campaign lacks nothing: the question is what is still confused.
     asked = SimpleNamespace(

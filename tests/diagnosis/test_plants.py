@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from sawbench.bench.config import load_config, parse_config
 from sawbench.bench.errors import ConfigError
 from sawbench.bench.recording import Signal
 from sawbench.diagnosis.inference.features import layout_of
-from sawbench.diagnosis.plants.axis_motion import axis_state, derivative, find_cycles, fourier
+from sawbench.diagnosis.plants.axis_motion import axis_state, derivative, find_cycles, fourier, has_several_speeds
 from sawbench.diagnosis.plants.axis_windows import find_windows, window_states
 from sawbench.diagnosis.plants.choice import reduce_recordings
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
@@ -292,3 +293,31 @@ def test_motion_without_a_period_is_a_balance_over_time():
     assert np.allclose(one.velocity_m_s[0][inner], velocity[inner], atol=2e-3)
     noise = signal(np.random.default_rng(1).normal(size=4000), 1e-3 * np.arange(4000), "mm")
     assert find_windows(noise, noise, 32)[0] is None
+
+
+@pytest.mark.parametrize(
+    ("speeds", "is_cyclic", "several"),
+    [
+        ([[3.0, 3.0, -3.0, -3.0]], True, False),
+        ([[3.0, 3.0, -3.0, -3.0, 1.0, 1.0, -3.0]], True, True),
+        ([[3.0, 3.0, -3.0, -3.0], [1.0, 1.0, -1.0, -1.0]], True, True),
+        # Creep about standstill is no move.
+        ([[3.0, 3.0, -0.1, 0.1, -3.0, -3.0]], True, False),
+        # Cut moves at the ends of a window say nothing.
+        ([[1.0, -3.0, -3.0, 3.0, 3.0, -1.0]], False, False),
+        ([[3.0, 3.0]], False, False),
+    ],
+)
+def test_the_speeds_of_a_campaign_are_those_of_its_moves(speeds, is_cyclic, several):
+    states = [replace(state(), velocity_m_s=np.array([one]), is_cyclic=is_cyclic) for one in speeds]
+    assert has_several_speeds(states) is several
+
+
+def test_a_sine_at_one_rate_lacks_another_speed_and_without_a_gap_no_repeat():
+    slow = state()
+    fast = replace(slow, velocity_m_s=2.0 * slow.velocity_m_s)
+    bare = axis(load="")
+    assert "the same motion at another speed" in bare.next_trial([slow], has_gap=False)
+    assert bare.next_trial([slow, fast], has_gap=False) is None
+    other = replace(fast, setting=replace(slow.setting, operating_point="brake, 2 Hz"))
+    assert "a repeat" in bare.next_trial([slow, other], has_gap=True)
