@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -296,3 +298,22 @@ drive_channel = "drive_force_n"
     page = (tmp_path / "gap" / "gap_report.html").read_text().lower()
     assert not any(word in page for word in ("plunger", "blade", "crank"))
     assert json.loads((tmp_path / "again" / "gap_report.json").read_text())["verdict"] == "no_gap"
+
+
+def test_the_example_of_the_documentation_works_as_written(tmp_path, monkeypatch):
+    text = (HERE.parents[2] / "docs" / "linear_axis.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```(?:toml|sh)\n(.*?)```", text, re.DOTALL)
+    _, config, campaign, commands = blocks
+    assert parse_config(config).config.linear_axis is not None
+    monkeypatch.chdir(tmp_path)
+    Path("bench_config.toml").write_text(config)
+    Path("campaign.toml").write_text(campaign)
+    record = SHARED / "data" / "emps" / "DATA_EMPS.mat"
+    if not record.exists():
+        pytest.skip("the record of the ball screw is not here")
+    Path("DATA_EMPS.mat").write_bytes(record.read_bytes())
+    for command in commands.splitlines():
+        assert main(shlex.split(command)[1:]) == 0
+    report = json.loads(Path("gap", "gap_report.json").read_text())
+    assert report["causes"][0]["effects"] == ["guide_friction"]
+    assert "form" in report["causes"][0]
