@@ -79,7 +79,7 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         "heading": _heading(report),
         "sentence": verdict_sentence(report),
         "level": "bad" if contradicted else {"no_gap": "good", "unknown": "bad"}.get(report["verdict"], "warn"),
-        "meaning": [] if contradicted else _meaning(report),
+        "meaning": _meaning(report),
         "to_do": _to_do(report),
         "tiles": _tiles(report),
         "gap_rungs": rungs_of(report["verdict"]),
@@ -226,6 +226,8 @@ def resembled(report: Mapping[str, Any]) -> str:
 
 def _meaning(report: Mapping[str, Any]) -> list[str]:
     verdict, shifted, said = report["verdict"], _shifted(report), []
+    if report.get("detail", {}).get("contradiction"):
+        return ["Probabilities and magnitudes below rest on channels or numbers that cannot be right."]
     if verdict in ("no_gap", "parameters"):
         if verdict == "no_gap":
             within = "" if shifted else " and the stated uncertainty of the parameters"

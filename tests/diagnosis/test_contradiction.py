@@ -63,6 +63,7 @@ def test_a_drive_that_is_the_reference_position_is_given_no_answer(tmp_path):
     page = write_gap_page(tmp_path / "gap.html", report).read_text(encoding="utf-8")
     assert page.count("do not describe the same machine") == 1
     assert "The model form is right" not in page
+    assert "rest on channels or numbers that cannot be right" in page
 
 
 @pytest.mark.pipeline
