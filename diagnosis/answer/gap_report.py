@@ -150,13 +150,12 @@ def _report(
     weighed: list[Callable[[], Any]] = [where, detectable, lambda: detail(problem, posterior, channels)]
     places, odds, details = on_two_cores(operator.call, weighed)
     members = sized_members(problem, columns, posterior, posterior.best)
-    by_direction, asymmetry = campaign.plant.asymmetry(campaign.states, posterior.best.effects)
+    shifts = _shifts(problem, members)
+    retuned = {name: shift["value"] for name, shift in shifts.items()}
+    by_direction, asymmetry = campaign.plant.asymmetry(campaign.states, posterior.best.effects, retuned)
     if by_direction:
         causes[0]["by_direction"] = by_direction
-    shifts, gap = (
-        _shifts(problem, members),
-        _gap(predictions.of(first).ladder, channels, _FITTED if campaign.k_guess_n_s_per_m else ""),
-    )
+    gap = _gap(predictions.of(first).ladder, channels, _FITTED if campaign.k_guess_n_s_per_m else "")
     contradicted = contradiction(posterior.verdict, shifts, gap, campaign.plant.measured_rms(campaign.states))
     improved = None if contradicted else improved_model(problem, posterior, members, causes, loaded, learned)
     return {

@@ -52,12 +52,19 @@ class ByDirection:
 
 def friction_n(states: Sequence[AxisState], config: LinearAxisConfig) -> float:
     """Dry friction of the campaign: half the step of the drive's force between the directions, N; at least 0."""
-    rows = np.concatenate([_rows(state, config, unit) for state in states for unit in range(len(state.position_m))])
+    mass_kg = config.moving_mass_kg.nominal
+    rows = np.concatenate([_rows(state, mass_kg, unit) for state in states for unit in range(len(state.position_m))])
     return 0.0 if len(rows) < _LEAST_POINTS else max(float(_by_direction(rows).mean()), 0.0)
 
 
-def friction_by_direction(states: Sequence[AxisState], config: LinearAxisConfig) -> ByDirection | None:
+def friction_by_direction(states: Sequence[AxisState], mass_kg: float) -> ByDirection | None:
     """Size the dry friction in each direction, cycle by cycle.
+
+    Parameters
+    ----------
+    states : sequence of AxisState
+    mass_kg : float
+        Of what moves.
 
     Returns
     -------
@@ -69,7 +76,7 @@ def friction_by_direction(states: Sequence[AxisState], config: LinearAxisConfig)
     found = []
     for state in states:
         for unit in range(len(state.position_m)):
-            rows = _rows(state, config, unit)
+            rows = _rows(state, mass_kg, unit)
             forward, backward = (np.count_nonzero(rows[:, k]) for k in (0, 1))
             if min(forward, backward) >= _LEAST_POINTS:
                 found.append(_by_direction(rows))
@@ -85,7 +92,7 @@ def friction_by_direction(states: Sequence[AxisState], config: LinearAxisConfig)
     )  # fmt: skip
 
 
-def _rows(state: AxisState, config: LinearAxisConfig, unit: int) -> Floats:
+def _rows(state: AxisState, mass_kg: float, unit: int) -> Floats:
     """Forward, backward, speed and drive less load and inertia, a row each, where the axis slows down.
 
     Play that a reversal has opened is closed there. Near standstill friction is whatever holds the axis.
@@ -94,7 +101,7 @@ def _rows(state: AxisState, config: LinearAxisConfig, unit: int) -> Floats:
     speed = np.abs(v)
     kept = (speed > SETTINGS.axis.standstill_share * speed.max()) & (a * v <= 0.0)
     load = 0.0 if state.force_n is None else state.force_n[unit]
-    left = state.drive_n[unit] - load - config.moving_mass_kg.nominal * a
+    left = state.drive_n[unit] - load - mass_kg * a
     return np.stack([v > 0.0, -1.0 * (v < 0.0), v, left], axis=1)[kept]
 
 

@@ -223,9 +223,11 @@ class Jigsaw:
                 )
         return said
 
-    def asymmetry(self, states: Sequence[State], effects: Sequence[str]) -> tuple[dict[str, Any], str]:
+    def asymmetry(
+        self, states: Sequence[State], effects: Sequence[str], parameters: Mapping[str, float]
+    ) -> tuple[dict[str, Any], str]:
         """Nothing: a stroke of a saw has a cutting and a return half anyway."""
-        del states, effects
+        del states, effects, parameters
         return {}, ""
 
     def next_trial(self, states: Sequence[State], *, has_gap: bool) -> str | None:

@@ -185,9 +185,12 @@ class LinearAxis:
             return []
         return ["no load_channel: an unmeasured load is indistinguishable from a model error of the axis"]
 
-    def asymmetry(self, states: Sequence[State], effects: Sequence[str]) -> tuple[dict[str, Any], str]:
-        """Dry friction by direction, where the cause holds it."""
-        by = friction_by_direction([as_axis(s) for s in states], self.config) if _FRICTION in effects else None
+    def asymmetry(
+        self, states: Sequence[State], effects: Sequence[str], parameters: Mapping[str, float]
+    ) -> tuple[dict[str, Any], str]:
+        """Dry friction by direction, where the cause holds it, with the mass as re-tuned."""
+        mass_kg = parameters.get("moving_mass_kg", self.config.moving_mass_kg.nominal)
+        by = friction_by_direction([as_axis(s) for s in states], mass_kg) if _FRICTION in effects else None
         return ({}, "") if by is None else (by.report(), by.words() if by.is_significant else "")
 
     def next_trial(self, states: Sequence[State], *, has_gap: bool) -> str | None:

@@ -171,8 +171,13 @@ class Plant(Protocol):
         """Say which missing channels weaken the answer."""
         ...
 
-    def asymmetry(self, states: Sequence[State], effects: Sequence[str]) -> tuple[dict[str, Any], str]:
-        """How effects of a cause differ by direction, as numbers and in words; empty where they have none."""
+    def asymmetry(
+        self, states: Sequence[State], effects: Sequence[str], parameters: Mapping[str, float]
+    ) -> tuple[dict[str, Any], str]:
+        """How effects of a cause differ by direction, as numbers and in words; empty where they have none.
+
+        `parameters` are those that were re-tuned, by name.
+        """
         ...
 
     def next_trial(self, states: Sequence[State], *, has_gap: bool) -> str | None:
