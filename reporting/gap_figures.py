@@ -172,7 +172,7 @@ def ladder_picture(by_channel: Mapping[str, Mapping[str, Any]], rungs: Sequence[
         )
     return Picture(
         svg=svg,
-        caption="RMSE of the simulated stroke at withheld operating points. The last bar is the repeatability of the"
+        caption="RMSE of the simulated stroke at withheld operating points. The last bar is the scatter of the"
         " measurement, the lower limit for any model.",
     )
 

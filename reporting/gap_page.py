@@ -230,8 +230,8 @@ def _meaning(report: Mapping[str, Any]) -> list[str]:
         return ["Probabilities and magnitudes below rest on channels or numbers that cannot be right."]
     if verdict in ("no_gap", "parameters"):
         if verdict == "no_gap":
-            within = "" if shifted else " and the stated uncertainty of the parameters"
-            said.append(f"No unmodelled effect: the residual is within the repeatability of the measurements{within}.")
+            of = "model" if shifted else "model and its parameters"
+            said.append(f"No unmodelled effect: the residual is within noise and the stated uncertainty of the {of}.")
         said += [f"Largest shifts: {shifted}."] if shifted else []
     elif verdict == "unknown":
         said += closest_description(report)

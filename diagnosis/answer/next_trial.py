@@ -30,7 +30,7 @@ def next_trial(problem: LinearProblem, posterior: Posterior) -> str:
     if lacking is not None:
         return lacking
     if top.other == "no_gap":
-        return "none: the model error is within the repeatability"
+        return "none: the model explains the measurements"
     if top.other is not None:
         return f"a longer trial at {_most_left(problem, posterior)}: most of the unexplained residual is there"
     alone = {e.effect.name: e for e in posterior.explanations}
