@@ -66,6 +66,7 @@ def ladder_of(campaign_dir: Path, recordings_dir: Path, effect: str) -> dict[str
     """`gap_closed` of a known effect with its interval; None where the campaign shows nothing of it."""
     from sawbench.bench.config import load_config
     from sawbench.diagnosis.answer.ladder import HoldOut
+    from sawbench.diagnosis.inference.acts_in import acts_in
     from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
     from sawbench.diagnosis.inference.linear_problem import Marginal, build_problem
     from sawbench.diagnosis.plants.choice import reduce_recordings
@@ -83,7 +84,8 @@ def ladder_of(campaign_dir: Path, recordings_dir: Path, effect: str) -> dict[str
     forms = [c for c in columns if c.columns.shape[1] == best.column.columns.shape[1]]
     high = best.effect.strength.high
     ladder = HoldOut(problem, best.column.columns * high).climb([c.columns * high for c in forms])
-    return {"gap_closed": ladder.gap_closed, "gap_closed_ci95": list(ladder.gap_closed_ci95)}
+    closed, interval = ladder.closed_in(acts_in(problem, best))
+    return {"gap_closed": closed, "gap_closed_ci95": list(interval)}
 
 
 def count(rows: Sequence[dict[str, Any]]) -> tuple[int, int, np.ndarray, float]:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import multiprocessing
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
+    from sawbench.diagnosis.answer.ladder import Ladder
     from sawbench.diagnosis.inference.linear_problem import LinearProblem
+    from sawbench.modeling.residuals import Equation
 
 # A gap above the noise that is less than this share of the noise's energy cannot be closed by a measurable share.
 _LEAST_GAP: Final = 0.02
@@ -88,11 +91,13 @@ def ask(case_dir: Path, truth: Mapping[str, Any]) -> dict[str, float | None] | N
     Returns
     -------
     dict or None
-        `gap_closed`: by the true effects, each in the catalogue's best form; `closable`: by taking the effects out of
-        nature, see `closable_share`. None where the campaign cannot be diagnosed or shows nothing of one of them.
+        Where the effects act, as the report has it. `gap_closed`: by the true effects, each in the catalogue's best
+        form; `closable`: by taking the effects out of nature, see `closable_share`. None where the campaign cannot be
+        diagnosed or shows nothing of one of them.
     """
     import numpy as np
     from sawbench.diagnosis.answer.ladder import climb
+    from sawbench.diagnosis.inference.acts_in import acts_in
     from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
     from sawbench.diagnosis.inference.linear_problem import Marginal
     from sawbench.modeling.effects.catalogue import EFFECTS
@@ -107,16 +112,22 @@ def ask(case_dir: Path, truth: Mapping[str, Any]) -> dict[str, float | None] | N
     if len(told) < len(truth["effects"]):
         return None
     ladder = climb(problem, np.hstack(told))
+    where = list(dict.fromkeys(equation for one in found if one is not None for equation in acts_in(problem, one)))
     with tempfile.TemporaryDirectory(prefix="sawbench-twin-") as folder:
         make_twin(truth, Path(folder) / "twin")
         twin = _problem_of(Path(folder) / "twin")
     closable = None
     if twin is not None:
-        bare = climb(twin, None).whitened
-        closable = closable_share(
-            (ladder.whitened.retuned, ladder.whitened.noise_floor), (bare.retuned, bare.noise_floor)
-        )
-    return {"gap_closed": ladder.gap_closed, "closable": closable}
+        closable = closable_share(_rms_in(ladder, where), _rms_in(climb(twin, None), where))
+    return {"gap_closed": ladder.closed_in(where)[0], "closable": closable}
+
+
+def _rms_in(ladder: Ladder, equations: Sequence[Equation]) -> tuple[float, float]:
+    """Withheld residual after re-tuning and noise floor in some equations, over the noise."""
+    squares = ladder.squares_in(equations)
+    n = sum(float(ladder.n_features[equation].sum()) for equation in equations if equation in ladder.n_features)
+    retuned, floor = (math.sqrt(float(squares[name].sum()) / n) for name in ("retuned", "noise_floor"))
+    return retuned, floor
 
 
 def make_twin(truth: Mapping[str, Any], out_dir: Path) -> dict[str, Any]:

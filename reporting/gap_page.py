@@ -267,9 +267,10 @@ def _explained(cause: Mapping[str, Any]) -> str:
     closed = f"Adding it explains {round(100 * cause['gap_closed'])} %"
     if is_undetermined(ends):
         return (
-            f"{closed} of the remaining error; its 95 % interval is not determined: too few trials could be withheld."
+            f"{closed} of the remaining error where it acts; its 95 % interval is not determined: too few trials could"
+            " be withheld."
         )
-    return f"{closed} ({interval_words(ends)}) of the remaining error at withheld operating points."
+    return f"{closed} ({interval_words(ends)}) of the remaining error where it acts, at withheld operating points."
 
 
 def _runtime_sentence(report: Mapping[str, Any]) -> list[str]:

@@ -2,8 +2,8 @@
 
 Evidence alone finds the best name for whatever is in the data, a sensor's wandering zero too. What predicts no
 withheld data has no evidence. So the magnitude of every effect of a declared cause differs from zero in its own 95 %
-interval, the cause closes a tenth of the withheld gap at least, or of its part where the cause acts, and so does each
-of several effects of what the others leave where it acts: where a hundredth is added and the rest stays unexplained,
+interval, the cause closes a tenth at least of the withheld gap where it acts, and so does each of several effects of
+what the others leave where it acts: where a hundredth is added and the rest stays unexplained,
 what explains the rest may well explain the hundredth. Nor may the simulated model with the cause miss the withheld
 channels by more than the re-tuned one does: two effects of one sensor that cancel in the harmonics compared need not
 cancel in the signal that they predict. What a claim leaves where it acts goes to "unknown" (`unlisted.py`).
@@ -84,7 +84,7 @@ def _shared_with_unlisted(problem: LinearProblem, posterior: Posterior, predicti
         carried = carried_by_strokes(problem, posterior, claim)
         in_means = [m for m in claim.members if m.effect.name not in carried]
         if claim.probability > SETTINGS.report.shown_probability and in_means:
-            ladder, equations = predictions.of(claim).ladder, _equations_of(problem, in_means)
+            ladder, equations = predictions.of(claim).ladder, equations_of(problem, in_means)
             odds = odds_of_unlisted(ladder, equations, quiet=problem.quiet, weights=problem.settings.weights)
             probabilities[claim.name] = claim.probability / (1.0 + odds)
             probabilities["unknown"] += claim.probability - probabilities[claim.name]
@@ -155,7 +155,7 @@ def _failing(
     return min(failing, key=lambda name: failing[name], default=None)
 
 
-def _equations_of(problem: LinearProblem, members: Sequence[Explanation]) -> list[Equation]:
+def equations_of(problem: LinearProblem, members: Sequence[Explanation]) -> list[Equation]:
     """Equations in which at least one of some effects acts."""
     return list(dict.fromkeys(equation for member in members for equation in acts_in(problem, member)))
 
@@ -163,7 +163,7 @@ def _equations_of(problem: LinearProblem, members: Sequence[Explanation]) -> lis
 def _predicts(problem: LinearProblem, predictions: Predictions, cause: Hypothesis) -> bool:
     """Whether a cause closes the withheld gap, and its model does not surely miss the channels by more than without."""
     ladder = predictions.of(cause).ladder
-    if not _closes(ladder, _equations_of(problem, cause.members)):
+    if not _closes(ladder, equations_of(problem, cause.members)):
         return False
     channels, forms = predictions.channels_of(cause), problem.campaign.plant.equations
     unseen = {form.channel for form in forms.values()} - {forms[equation].channel for equation in ladder.n_features}
@@ -174,22 +174,22 @@ def _predicts(problem: LinearProblem, predictions: Predictions, cause: Hypothesi
 
 
 def _closes(ladder: Ladder, equations: Sequence[Equation]) -> bool:
-    """Whether a cause closes the withheld gap beyond doubt.
+    """Whether a cause closes the withheld gap in the equations where it acts, beyond doubt.
 
     It does where the 95 % interval lies above 0, and where no withheld operating point is predicted worse than the
     gap can be stated, or than by chance, or all of them together by less than a tenth of what the others gain: of a
-    few points, or of unequal ones, the interval says little. What leaves nearly all of the gap unexplained in the
-    equations where it acts is no cause of it: what explains the rest may well explain that little.
+    few points, or of unequal ones, the interval says little. What leaves nearly all of the gap unexplained there is no
+    cause of it: what explains the rest may well explain that little.
     """
     if ladder.held_out == "nothing":
         return True  # the report says that nothing could be withheld
-    energy, numbers = ladder.energy, SETTINGS.ladder
+    energy, numbers = ladder.energy_in(equations), SETTINGS.ladder
     worse = energy["with_effect"] - energy["retuned"]
     allowed = np.maximum(numbers.least_rest * energy["noise_floor"], numbers.by_chance)
     lost, gained = float(worse[worse > allowed].sum()), -float(worse[worse < 0.0].sum())
     hardly_loses = len(worse) > 1 and lost <= numbers.least_added * gained
-    closes = max(ladder.gap_closed, ladder.closed_in(equations)) > numbers.least_added
-    return closes and (ladder.gap_closed_ci95[0] > 0.0 or hardly_loses)
+    closed, (low, _) = ladder.closed_in(equations)
+    return closed > numbers.least_added and (low > 0.0 or hardly_loses)
 
 
 def _added(

@@ -12,7 +12,7 @@ from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Recording
 from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.answer.channel_gap import ChannelGap
-from sawbench.diagnosis.answer.claim import carried_by_strokes, sized_members
+from sawbench.diagnosis.answer.claim import carried_by_strokes, equations_of, sized_members
 from sawbench.diagnosis.answer.contradiction import contradiction
 from sawbench.diagnosis.answer.gap_detail import detail, log_odds_at_typical_size
 from sawbench.diagnosis.answer.improved_model import improved_model, magnitudes, retuned_with
@@ -199,7 +199,7 @@ def _cause(
     hypothesis: Hypothesis,
 ) -> dict[str, Any]:  # fmt: skip
     """Entry of the report."""
-    ladder = predictions.of(hypothesis).ladder
+    closed, interval = predictions.of(hypothesis).ladder.closed_in(equations_of(problem, hypothesis.members))
     forms = {m.effect.name.replace("_", " "): m.effect.form_words(m.column.shape) for m in hypothesis.members}
     return {
         "effects": list(hypothesis.effects),
@@ -207,8 +207,8 @@ def _cause(
         "probability": hypothesis.probability,
         "parameters": magnitudes(problem, sized_members(problem, columns, posterior, hypothesis)),
         "form": [words if len(forms) == 1 else f"{name} {words}" for name, words in forms.items() if words],
-        "gap_closed": ladder.gap_closed,
-        "gap_closed_ci95": list(ladder.gap_closed_ci95),
+        "gap_closed": closed,
+        "gap_closed_ci95": list(interval),
         "carried_by_strokes": carried_by_strokes(problem, posterior, hypothesis),
     }
 

@@ -104,11 +104,16 @@ class Ladder:
             for name, found in self.squares.items()
         }
 
-    def closed_in(self, equations: Sequence[Equation]) -> float:
-        """Share of what re-tuning leaves above the noise in some equations that the cause takes away; 0 of nothing."""
-        squares = self.squares_in(equations)
-        retuned, effect, floor = (float(squares[name].sum()) for name in ("retuned", "with_effect", "noise_floor"))
-        return 1.0 - max(effect - floor, 0.0) / (retuned - floor) if retuned > floor else 0.0
+    def energy_in(self, equations: Sequence[Equation]) -> dict[str, Floats]:
+        """`energy` over some equations, shape (n_groups,): those where the cause acts, and spreads the prediction."""
+        found = self.squares_in(equations)
+        spread = self.energy["with_effect"] - np.sum(list(self.squares["with_effect"].values()), axis=0)
+        return found | {"with_effect": found["with_effect"] + spread}
+
+    def closed_in(self, equations: Sequence[Equation]) -> tuple[float, tuple[float, float]]:
+        """`gap_closed` and its interval over some equations: those where the cause acts."""
+        closed, interval = closed_share(self.energy_in(equations))
+        return closed, interval if self.held_out != "nothing" else (-1.0, 1.0)
 
     def left_in(self, equations: Sequence[Equation]) -> float:
         """Sum of squares above the noise that the cause leaves in some equations, each at least 0."""

@@ -17,10 +17,10 @@ from itertools import combinations
 from typing import Any, Literal
 
 import numpy as np
-from sawbench.bench.recording import Floats
-from sawbench.diagnosis.answer.claim import carried_by_strokes, held_to_predictions, sized_members
+from sawbench.diagnosis.answer.claim import carried_by_strokes, equations_of, held_to_predictions, sized_members
 from sawbench.diagnosis.answer.closed_share import closed_share
 from sawbench.diagnosis.answer.improved_model import found_effects, magnitudes
+from sawbench.diagnosis.answer.ladder import Ladder
 from sawbench.diagnosis.answer.prediction import Predictions, stacked
 from sawbench.diagnosis.campaign import with_known
 from sawbench.diagnosis.inference.dispersion import (
@@ -436,28 +436,30 @@ def _rungs(answer: Pass, named: Mapping[str, tuple[int, float]]) -> tuple[CauseR
     if not best.effects:
         return ()
     by_trial = answer.predictions.of(best).ladder.held_out == "trials"
+    where = equations_of(answer.problem, best.members)
 
-    def energy(effects: Sequence[str]) -> dict[str, Floats]:
+    def ladder(effects: Sequence[str]) -> Ladder:
         chosen = next(h for h in posterior.claims if h.name == _name_of(effects))
-        return answer.predictions.of(chosen, by_trial=by_trial).ladder.energy
+        return answer.predictions.of(chosen, by_trial=by_trial).ladder
 
     order: list[str] = []
     rungs = []
     while len(order) < len(best.effects):
         rest = [name for name in best.effects if name not in order]
         first = min(named[name][0] for name in rest)
-        after = {name: energy([*order, name]) for name in rest if named[name][0] == first}
-        name = min(after, key=lambda name: float(after[name]["with_effect"].sum()))
-        before = energy(order)["with_effect"] if order else after[name]["retuned"]
-        closed, interval = closed_share(after[name])
-        added, of_added = closed_share({**after[name], "retuned": before})
+        after = {name: ladder([*order, name]) for name in rest if named[name][0] == first}
+        name = min(after, key=lambda name: float(after[name].energy["with_effect"].sum()))
+        energy = after[name].energy_in(where)
+        before = ladder(order).energy_in(where)["with_effect"] if order else energy["retuned"]
+        closed, interval = closed_share(energy)
+        added, of_added = closed_share({**energy, "retuned": before})
         order.append(name)
         rungs.append(
             CauseRung(
                 effect=name,
                 number=first,
                 probability=named[name][1],
-                with_effect=float(np.sqrt(after[name]["with_effect"].sum() / len(answer.problem.data))),
+                with_effect=after[name].whitened.with_effect,
                 closed=closed,
                 closed_ci95=interval,
                 added=added,

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sawbench.diagnosis.answer.channel_gap import MODELS, ChannelGap, Cycle
-from sawbench.diagnosis.answer.claim import held_to_predictions, is_there, sized_members
+from sawbench.diagnosis.answer.claim import equations_of, held_to_predictions, is_there, sized_members
 from sawbench.diagnosis.answer.closed_share import closed_share
 from sawbench.diagnosis.answer.ladder import HoldOut, Rungs
 from sawbench.diagnosis.answer.prediction import Predictions
@@ -95,9 +95,8 @@ def certain_of(posterior, name):
 
 def agrees(problem, columns, posterior, predictions):
     best = posterior.best
-    ladder = predictions.of(best).ladder
-    is_sized = all(is_there(m) for m in sized_members(problem, columns, posterior, best))
-    return is_sized and ladder.gap_closed_ci95[0] > 0.0
+    _, (low, _) = predictions.of(best).ladder.closed_in(equations_of(problem, best.members))
+    return low > 0.0 and all(is_there(m) for m in sized_members(problem, columns, posterior, best))
 
 
 def test_a_true_effect_of_typical_size_is_still_declared(problem, columns):

@@ -303,7 +303,7 @@ drive_channel = "drive_force_n"
 def test_the_example_of_the_documentation_works_as_written(tmp_path, monkeypatch):
     text = (HERE.parents[2] / "docs" / "linear_axis.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```(?:toml|sh)\n(.*?)```", text, re.DOTALL)
-    _, config, campaign, commands = blocks
+    _, config, campaign, commands, *_ = blocks
     assert parse_config(config).config.linear_axis is not None
     monkeypatch.chdir(tmp_path)
     Path("bench_config.toml").write_text(config)
