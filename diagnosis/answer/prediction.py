@@ -13,7 +13,7 @@ from sawbench.diagnosis.answer.ladder import HoldOut, Ladder
 from sawbench.diagnosis.inference.dispersion import with_noise
 from sawbench.diagnosis.inference.evidence import Column, Explanation, explain
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.diagnosis.inference.linear_problem import FORM_OF_KNOWN, LinearProblem, Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.settings import Z95
 
@@ -56,6 +56,9 @@ class Predictions:
         self._hold_outs: dict[bool, HoldOut] = {}
         self._found: dict[tuple[tuple[str, ...], bool], Prediction] = {}
         self._channels: dict[tuple[str, ...], ChannelGap | None] = {}
+        # What the form of a known effect may miss is no part of a model that is solved: there the rest is fitted alone.
+        solved = problem.only(lambda name: not name.startswith(FORM_OF_KNOWN))
+        self._solved = self if len(solved.names) == len(problem.names) else Predictions(solved, columns, posterior)
 
     def of(self, hypothesis: Hypothesis, *, by_trial: bool | None = None) -> Prediction:
         """Climb the ladder of one hypothesis.
@@ -79,7 +82,8 @@ class Predictions:
     def channels_of(self, hypothesis: Hypothesis) -> ChannelGap | None:
         """Predict the channels of withheld trials with one hypothesis; see `channel_gap.forecast`."""
         if hypothesis.effects not in self._channels:
-            found = self.of(hypothesis)
+            by_trial = self.of(hypothesis).ladder.held_out == "trials"
+            found = self._solved.of(hypothesis, by_trial=by_trial)
             self._channels[hypothesis.effects] = forecast(found.hold_out, found.ladder, found.forms)
         return self._channels[hypothesis.effects]
 

@@ -285,7 +285,7 @@ def _beside(answer: Pass) -> Posterior:
     ]
     campaign = with_known(problem.campaign, (*problem.campaign.plant.known, *found))
     again = build_problem(campaign, settings=problem.settings)
-    return judge(again, effect_columns(again))
+    return judge(again, effect_columns(again), are_known_certain=False)
 
 
 def _with_forms(first: Pass, step: Posterior) -> Pass:

@@ -81,9 +81,11 @@ def _rest_of_two(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue
 
 
 def with_noise(problem: LinearProblem, variance: Floats | float) -> LinearProblem:
-    """Whiten data and nuisances for noise whose variance is that much larger, shape (n,) or one for all."""
+    """Whiten all for noise whose variance is that much larger, shape (n,) or one number."""
     share = _share(problem, variance)
-    return replace(problem, data=share[:, 0] * problem.data, nuisance=share * problem.nuisance)
+    return replace(
+        problem, data=share[:, 0] * problem.data, known=share[:, 0] * problem.known, nuisance=share * problem.nuisance
+    )  # fmt: skip
 
 
 def columns_with_noise(

@@ -102,6 +102,8 @@ class LinearProblem:
     parts : tuple of Part
     data : ndarray, shape (n,)
         Whitened residuals of the nominal baseline.
+    known : ndarray, shape (n,)
+        Whitened signature of the effects that the model has: taken off the data.
     nuisance : ndarray, shape (n, p)
         Whitened signatures, times their prior standard deviation.
     names : tuple of str
@@ -117,6 +119,7 @@ class LinearProblem:
     campaign: Campaign
     parts: tuple[Part, ...]
     data: Floats
+    known: Floats
     nuisance: Floats
     names: tuple[str, ...]
     prior_std: Floats
@@ -129,6 +132,12 @@ class LinearProblem:
         """Whether a nuisance is that of single trials: hardness of a piece, zero of a sensor; of bool, shape (p,)."""
         own = {nuisance.name for nuisance in self.campaign.plant.trial_nuisances(self.campaign.states)}
         return np.array([name in own or name.startswith((_ZERO, ROUNDING)) for name in self.names], dtype=bool)
+
+    def only(self, is_kept: Callable[[str], bool]) -> LinearProblem:
+        """The problem with those nuisances whose name is kept."""
+        kept = np.array([is_kept(name) for name in self.names], dtype=bool)
+        names = tuple(name for name, is_one in zip(self.names, kept, strict=True) if is_one)
+        return replace(self, nuisance=self.nuisance[:, kept], names=names, prior_std=self.prior_std[kept])
 
     def project(self, signature: Callable[[State], Signature]) -> Floats:
         """Whitened features of a signature evaluated on every state, shape (n,)."""
@@ -198,6 +207,7 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True, settings: S
     parts: list[Part] = []
     expected = 0.0
     data: list[Floats] = []
+    taken: list[Floats] = []
     start = 0
     for state, layout, features in found:
         blocks = block_matrix(len(features)) if state.kind == "running" else np.eye(1)
@@ -212,8 +222,8 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True, settings: S
             scatter=np.sqrt(np.einsum("ij,jk,ik->i", whitener, noise, whitener)),
         )  # fmt: skip
         parts.append(part)
-        known = part.whiten(summed([one.signature(plant.model, part.smooth) for one in plant.known]))
-        data.append(((blocks @ features) @ whitener.T).ravel() - known)
+        taken.append(part.whiten(summed([one.signature(plant.model, part.smooth) for one in plant.known])))
+        data.append(((blocks @ features) @ whitener.T).ravel() - taken[-1])
         expected += blocks.shape[0] * float(part.scatter @ part.scatter)
         start += size
     contrasts = contrast_misfit([d.reshape(-1, p.layout.size) for d, p in zip(data, parts, strict=True)])
@@ -221,6 +231,7 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True, settings: S
         campaign=campaign,
         parts=tuple(parts),
         data=np.concatenate(data),
+        known=np.concatenate(taken),
         nuisance=np.zeros((start, 0)),
         names=(),
         prior_std=np.zeros(0),

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.bench.second_core import on_two_cores
+from sawbench.diagnosis.inference.beside_known import BesideKnown
 from sawbench.diagnosis.inference.dispersion import columns_with_noise, noise_factor, with_noise
 from sawbench.diagnosis.inference.evidence import (
     Catalogue,
@@ -85,7 +86,9 @@ class Posterior:
         return np.hstack([np.zeros((len(self.dispersion), 0)), *self.little.values()])
 
 
-def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior:
+def judge(
+    problem: LinearProblem, columns: dict[str, list[Column]], *, are_known_certain: bool = True
+) -> Posterior:  # fmt: skip
     """Weigh all hypotheses against each other.
 
     Parameters
@@ -93,6 +96,9 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     problem : LinearProblem
     columns : dict of str to list of Column
         Of `catalogue_columns`.
+    are_known_certain : bool
+        Further effects pay for what the forms of the known ones miss. A search that weighs its causes again, one beside
+        the other, has that paid itself.
 
     Returns
     -------
@@ -115,9 +121,12 @@ def judge(problem: LinearProblem, columns: dict[str, list[Column]]) -> Posterior
     known = {e.name: e for e in plant.effects}
     for one in said.values():
         hypotheses = with_strokes(hypotheses, one, known, settings)
+    resting, gap = [_resting(bench, h, said) for h in hypotheses], None
+    if plant.known and are_known_certain:
+        beside_known = BesideKnown(bench.problem, bench.dispersion, bench.forming.small)
+        resting, gap = [beside_known.paid(h) for h in resting], beside_known.gap
     weighed = weigh(
-        [_resting(bench, h, said) for h in hypotheses],
-        n_effects=len(plant.effects), quiet=problem.quiet, weights=settings.weights,
+        resting, n_effects=len(plant.effects), gap=gap, quiet=problem.quiet, weights=settings.weights
     )  # fmt: skip
     stated = _Stated(problem, columns, bench.dispersion, said)
     explanations = stated.singles(singles, no_gap=hypotheses[0])

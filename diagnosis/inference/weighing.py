@@ -20,6 +20,7 @@ def weigh(
     hypotheses: Sequence[Hypothesis],
     *,
     n_effects: int,
+    gap: float | None = None,
     quiet: float = SETTINGS.weights.quiet,
     weights: Weights = SETTINGS.weights,
 ) -> tuple[Hypothesis, ...]:
@@ -31,6 +32,9 @@ def weigh(
         "no_gap", "parameters" and "unknown" among them.
     n_effects : int
         Size of the catalogue, for the priors.
+    gap : float, optional
+        `left_over` of the model without any effect: what remains is a share of that. That of "no_gap", unless the model
+        has effects.
     quiet : float
         Whitened misfit over features that an intact machine leaves on this bench.
     weights : Weights
@@ -51,7 +55,7 @@ def weigh(
         if h is not unknown and len(h.effects) < 2
     }
     _share_with_further(score, hypotheses, n_effects, w)
-    score[unknown] = _open_score(score, unknown, gap=no_gap.left_over, quiet=quiet, w=w)
+    score[unknown] = _open_score(score, unknown, gap=no_gap.left_over if gap is None else gap, quiet=quiet, w=w)
     return _normalised(score)
 
 

@@ -19,7 +19,10 @@ from sawbench.modeling.state import State
 _V_REF_M_S = 0.7
 
 
-def _signature(baseline: Baseline, state: State, exponent: float = 1.0, knee_m_s: float = 0.0) -> tuple[Signature, ...]:
+def _signature(
+    baseline: Baseline, state: State, exponent: float = 1.0, knee_m_s: float = 0.0, saturates: float = 0.0
+) -> tuple[Signature, ...]:
+    del saturates  # says which form it is where the exponent alone is stated
     speed = baseline.cutting_speed(state)
     if knee_m_s > 0.0:
         curve = speed * (1.0 + _V_REF_M_S / knee_m_s) / (1.0 + speed / knee_m_s)
@@ -55,8 +58,9 @@ EFFECT = Effect(
     signature=_signature,
     shapes=(
         *({"exponent": p} for p in (0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.15, 1.3, 1.45, 1.6)),
-        *({"knee_m_s": v} for v in (0.15, 0.3, 0.6, 1.2, 2.4)),
+        *({"knee_m_s": v, "saturates": 1.0} for v in (0.15, 0.3, 0.6, 1.2, 2.4)),
     ),
+    form_names={"power_law": {}, "saturating": {"saturates": 1.0}},
     continuous=("exponent", "knee_m_s"),
     shape_strength=_exponent,
     carries=("exponent", "knee_m_s"),

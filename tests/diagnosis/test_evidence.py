@@ -36,8 +36,9 @@ def small_problem(seed=0):
     nuisance = rng.standard_normal((N_ROWS, 5))
     data = rng.standard_normal(N_ROWS) + nuisance @ rng.standard_normal(5)
     return LinearProblem(
-        campaign=None, parts=(), data=data, nuisance=nuisance, names=tuple("abcde"), prior_std=np.ones(5)
-    )
+        campaign=None, parts=(), data=data, known=0.0 * data, nuisance=nuisance, names=tuple("abcde"),
+        prior_std=np.ones(5),
+    )  # fmt: skip
 
 
 def columns_of(name, n_shapes, width, seed, size=0.5):

@@ -69,7 +69,8 @@ def problem(hidden, seed=0):
     )
     column = rng.standard_normal((start, 1))
     return LinearProblem(
-        campaign=campaign, parts=tuple(parts), data=np.concatenate(data) + 2.0 * column[:, 0], nuisance=3.0 * column,
+        campaign=campaign, parts=tuple(parts), data=np.concatenate(data) + 2.0 * column[:, 0],
+        known=np.zeros(len(column)), nuisance=3.0 * column,
         names=("mistuned",), prior_std=np.ones(1), quiet=1.0,
     )  # fmt: skip
 

@@ -29,8 +29,8 @@ def columns_of(name, *waves):
 def problem_of(data, *nuisances):
     nuisance = np.array(nuisances).T if nuisances else np.zeros((N_ROWS, 0))
     return LinearProblem(
-        campaign=None, parts=(), data=data, nuisance=nuisance, names=("n",) * len(nuisances),
-        prior_std=np.ones(len(nuisances)),
+        campaign=None, parts=(), data=data, known=0.0 * data, nuisance=nuisance,
+        names=("n",) * len(nuisances), prior_std=np.ones(len(nuisances)),
     )  # fmt: skip
 
 

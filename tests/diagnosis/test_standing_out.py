@@ -50,6 +50,7 @@ def campaign(seed=1):
     plant = SimpleNamespace(effects=(), nuisances=lambda: ())
     return LinearProblem(
         campaign=SimpleNamespace(plant=plant), parts=tuple(parts), data=np.zeros(start),
+        known=np.zeros(start),
         nuisance=0.05 * rng.standard_normal((start, 6)), names=tuple("abcdef"), prior_std=np.ones(6),
     )  # fmt: skip
 

@@ -135,5 +135,17 @@ def test_an_axis_takes_a_form_relative_to_the_travel_that_is_stated():
 
 def test_names_of_forms_are_forms():
     for effect in EFFECTS:
+        forms = [{k: v for k, v in shape.items() if k not in effect.carries} for shape in effect.shapes]
         for name, form in effect.form_names.items():
-            assert form in list(effect.shapes), (effect.name, name)
+            assert dict(form) in forms, f"{effect.name}: {name}"
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
+def test_the_form_without_its_magnitude_still_says_which_form_it_is(effect):
+    """As a saturating force was written as its exponent alone, and read back as a power law."""
+    for shape in effect.shapes:
+        form = {key: number for key, number in shape.items() if key not in effect.carries}
+        found = KnownEffect(effect=effect, value=effect.reported_strength(1.0, shape), form=form).shape
+        assert set(found) == set(shape)
+        if form != shape:
+            assert all(found[key] == pytest.approx(number, rel=1e-6) for key, number in shape.items())

@@ -28,8 +28,8 @@ def problem_of(cutting, electrical, n_start_up=0):
         start_up = SimpleNamespace(kind="start_up")
         parts.append(SimpleNamespace(place=slice(split, both.size), layout=layout, state=start_up))
     return LinearProblem(
-        campaign=CAMPAIGN, parts=tuple(parts), data=both.ravel(), nuisance=np.zeros((both.size, 0)), names=(),
-        prior_std=np.zeros(0), quiet=QUIET,
+        campaign=CAMPAIGN, parts=tuple(parts), data=both.ravel(), known=np.zeros(both.size),
+        nuisance=np.zeros((both.size, 0)), names=(), prior_std=np.zeros(0), quiet=QUIET,
     )  # fmt: skip
 
 

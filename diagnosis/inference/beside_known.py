@@ -1,0 +1,56 @@
+"""What effects that stand in the model already cost any further one.
+
+No form is exact, and what the form of a strong effect misses grows with it. Within one weighing a second effect pays
+for that (`weighing.even_at`). Beside a known effect the same holds, though its evidence is taken off the data already.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.forming import shared_energy
+from sawbench.diagnosis.inference.hypothesis import Hypothesis
+from sawbench.diagnosis.inference.left_over import left_over
+from sawbench.diagnosis.inference.linear_problem import FORM_OF_KNOWN, LinearProblem, Marginal
+
+
+class BesideKnown:
+    """The price of a further effect, and the gap that the known ones have closed.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+        Whitened with dispersion.
+    dispersion : ndarray, shape (n,)
+    small : ndarray, shape (n, q)
+        Columns of the background effects.
+    """
+
+    def __init__(self, problem: LinearProblem, dispersion: Floats, small: Floats) -> None:
+        self._problem = problem
+        # The nuisances of known effects take up these themselves.
+        of_known = (FORM_OF_KNOWN, *(one.name for one in problem.campaign.plant.known))
+        bare = problem.only(lambda name: not name.startswith(of_known))
+        nominal = Marginal(bare, extra=small)
+        self._rest = nominal.rest(problem.data)
+        whole = problem.data + problem.known
+        gained = float(whole @ nominal.rest(whole) - problem.data @ self._rest)
+        self._alone = 0.5 * max(gained, 0.0)
+        self.gap = left_over(replace(bare, data=whole), dispersion, nominal)
+
+    def paid(self, hypothesis: Hypothesis) -> Hypothesis:
+        """Take off its log evidence, as far as there is any, the scatter that the known effects' has where it acts.
+
+        "Unknown" acts where the rest is. What single strokes carry has no part in what forms miss.
+        """
+        if hypothesis.other in ("no_gap", "parameters"):
+            return hypothesis
+        in_means = [m for m in hypothesis.members if not (hypothesis.is_by_strokes and m.effect.strokes is not None)]
+        if hypothesis.effects and not in_means:
+            return hypothesis
+        acts = [member.contribution for member in in_means] or [self._rest]
+        shared = shared_energy(self._problem, self._problem.known, np.sum(acts, axis=0))
+        price = min(float(np.sqrt(shared * self._alone)), max(hypothesis.log_evidence, 0.0))
+        return replace(hypothesis, log_evidence=hypothesis.log_evidence - price)
