@@ -94,7 +94,7 @@ def _notes_on_order(recordings: Sequence[Recording]) -> list[str]:
             nameless = [r.trial.trial_id for r, s in zip(recordings, stated, strict=True) if s is None]
             notes.append(f"{name} is not stated for {_some(nameless)}: treated as a separate, new {name}")
     if len({r.config_toml for r in recordings if r.config_toml}) > 1:
-        notes.append("the recordings were made with different configurations; all are compared with the one given")
+        notes.append("the recordings were made with different configurations; all are compared with a single one")
     vague = [r.trial.trial_id for r in recordings if not is_stock_stated(r.trial)]
     if vague:
         notes.append(

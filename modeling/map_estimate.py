@@ -61,7 +61,7 @@ class Estimate:
     prior_gain : ndarray, shape (p, p)
         d(values) / d(prior mean).
     is_converged, is_valid : bool
-        `is_valid` is false where the model has no solution at the start.
+        `is_valid` is false where the model has no solution at the start, or nothing depends on one of the parameters.
     n_predictions : int
     """
 
@@ -98,7 +98,10 @@ def most_probable(predict: Predict, data: Floats, covariance: Floats, parameters
     n_predictions += n
     cost = _cost(residual, values, weight, parameters)
     for _ in range(MOST_ITERATIONS):
-        move = _step(residual, jacobian, values, weight, parameters, damping)
+        try:
+            move = _step(residual, jacobian, values, weight, parameters, damping)
+        except np.linalg.LinAlgError:
+            return _no_solution(values, data)
         trial = np.clip(values + move, parameters.lower, parameters.upper)
         prediction, is_valid = predict(trial[None])
         n_predictions += 1

@@ -57,9 +57,8 @@ def battery_text(choice: BatteryChoice) -> BatteryText:
     chosen = choice.chosen
     summary = (
         f"{chosen.model} ({MODEL_WORDS[chosen.model]}) is chosen: of the models that keep their own runtimes it has"
-        " the smallest error of"
-        f"least on withheld discharges. One standard uncertainty of a runtime: {chosen.rel_std:.1%}. Discharges end at "
-        f"{choice.cutoff_voltage_v:.4g} V."
+        f" the smallest error on withheld discharges. One standard uncertainty of a runtime: {chosen.rel_std:.1%}."
+        f" Discharges end at {choice.cutoff_voltage_v:.4g} V."
     )
     rows = []
     for discharge, withheld, own in zip(choice.discharges, chosen.withheld, chosen.own, strict=True):

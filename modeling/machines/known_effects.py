@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 # A value this many times outside of what occurs is in another unit.
 _FARTHEST: Final = 10.0
+# A number inside a nonlinear form, as an exponent, makes another machine of it sooner.
+_FARTHEST_IN_FORM: Final = 2.0
 _SAME: Final = 1e-6
 Entry = Mapping[str, Any]
 
@@ -116,8 +118,11 @@ def _known(effect: Effect, entry: Entry, where: str) -> KnownEffect:
         form=_form(effect, entry.get("form"), where),
         scales={key: _number(entry, key, where) for key in effect.scales if key in entry},
     )
-    if known.std < 0.0 or any(scale <= 0.0 for scale in known.scales.values()):
-        raise ConfigError(f"std must not be negative, and {', '.join(effect.scales)} above 0", where=where)
+    if known.std < 0.0:
+        raise ConfigError(f"std must not be negative, got {known.std!r}", where=where)
+    for key, scale in known.scales.items():
+        if scale <= 0.0:
+            raise ConfigError(f"{key} must be above 0, got {scale!r}", where=where)
     _check_value(known, where)
     return replace(known, direction=_direction(known, entry.get("direction"), where))
 
@@ -145,7 +150,7 @@ def _form(effect: Effect, stated: Any, where: str) -> dict[str, float]:
         return forms[0]
     if isinstance(stated, str):
         if stated not in effect.form_names:
-            remedy = f"named forms: {', '.join(effect.form_names) or 'none'}; or a table of numbers: {_listed(forms)}"
+            remedy = _forms_in_words(effect, forms)
             raise ConfigError(f"has no form {stated!r}", where=where, remedy=remedy)
         return dict(effect.form_names[stated])
     if not isinstance(stated, Mapping):
@@ -167,6 +172,13 @@ def _form(effect: Effect, stated: Any, where: str) -> dict[str, float]:
     return numbers
 
 
+def _forms_in_words(effect: Effect, forms: list[dict[str, float]]) -> str:
+    """Say which forms can be stated, by name and as tables of numbers."""
+    names, tables = ", ".join(effect.form_names), [form for form in forms if form]
+    said = ([f"named forms: {names}"] if names else []) + ([f"tables of numbers: {_listed(tables)}"] if tables else [])
+    return "; ".join(said) or "it has one form only: leave out form"
+
+
 def _is_same(one: float, other: float) -> bool:
     return abs(one - other) <= _SAME * max(abs(one), abs(other), _SAME)
 
@@ -178,9 +190,9 @@ def _listed(forms: list[dict[str, float]]) -> str:
 
 def _check_value(known: KnownEffect, where: str) -> None:
     effect, strength = known.effect, known.effect.strength
-    sizes = (1.0, 1.0) if effect.carries else (strength.low, strength.high)
+    sizes, farthest = ((1.0, 1.0), _FARTHEST_IN_FORM) if effect.carries else ((strength.low, strength.high), _FARTHEST)
     ends = [effect.reported_strength(strength.typical * size, shape) for shape in effect.shapes for size in sizes]
-    most = _FARTHEST * max(abs(end) for end in ends)
+    most = farthest * max(abs(end) for end in ends)
     least = -most if min(ends) < 0.0 else 0.0
     if not least <= known.value <= most:
         raise ConfigError(
