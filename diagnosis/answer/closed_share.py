@@ -15,7 +15,8 @@ def closed_share(energy: dict[str, Floats]) -> tuple[float, tuple[float, float]]
 
     The interval is Student's t on the square root of what is left, its standard error from leaving out one group at a
     time. A root mean square scatters alike however little is left, where the logarithm of nearly nothing scatters
-    without bound; what noise takes below nothing keeps its sign (docs/decisions/0006-channel-prediction.md).
+    without bound; what noise takes below nothing keeps its sign (docs/decisions/0006-channel-prediction.md). Where the
+    groups' gains are surely positive together, so is the share: it is no less than the least gain of the largest room.
 
     Parameters
     ----------
@@ -54,7 +55,18 @@ def closed_share(energy: dict[str, Floats]) -> tuple[float, tuple[float, float]]
         return _closed(whole), (-1.0, 1.0)
     without_one = np.array([root_of_left(np.delete(everything, k)) for k in everything])
     reach = float(stdtrit(n - 2, 0.975)) * jackknife_std(without_one)
-    return _closed(whole), (_closed(whole + reach), _closed(whole - reach))
+    low, high = _closed(whole + reach), _closed(whole - reach)
+    gained, room = (energy["retuned"] - energy[k] for k in ("with_effect", "noise_floor"))
+    least, most = (x.sum() + sign * _reach_of_sum(x) for x, sign in ((gained, -1.0), (room, 1.0)))
+    return _closed(whole), (max(low, float(least / most)) if least > 0.0 else low, high)
+
+
+def _reach_of_sum(values: Floats) -> float:
+    """Half of the 95 % interval of a sum of paired differences, a group each."""
+    from scipy.special import stdtrit
+
+    n = len(values)
+    return float(stdtrit(n - 1, 0.975) * np.sqrt(n) * values.std(ddof=1))
 
 
 def _closed(root_of_left: float) -> float:

@@ -59,3 +59,15 @@ def test_interval_of_a_gap_that_is_closed_stays_near_it():
         n_covered += low <= truth <= high
         assert low > 0.8
     assert n_covered > 0.88 * n_campaigns
+
+
+def test_a_sure_gain_in_a_room_that_noise_hides_is_a_share_above_nothing():
+    """Thirty-five trials, as seen: each gains a little, and the noise of all is known no better than the gap."""
+    rng = np.random.default_rng(9)
+    floor = np.full(35, 100.0)
+    retuned = floor + 4.0 + rng.normal(0.0, 14.0, 35)
+    energy = {"retuned": retuned, "with_effect": retuned - rng.normal(1.6, 1.5, 35), "noise_floor": floor}
+    closed, (low, high) = closed_share(energy)
+    assert 0.0 < low < closed < high
+    # A gain that may be none proves nothing.
+    assert closed_share(energy | {"with_effect": retuned - rng.normal(0.3, 4.0, 35)})[1][0] < 0.0
