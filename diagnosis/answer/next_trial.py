@@ -84,11 +84,14 @@ def _most_informative(problem: LinearProblem, difference: Floats, dispersion: Fl
 
 
 def _most_left(problem: LinearProblem, posterior: Posterior) -> str:
-    """Operating point with the largest misfit a number, after re-tuning and the best effect."""
+    """Operating point with the largest misfit a number while running, after re-tuning and the best effect.
+
+    A longer trial has no more of its start.
+    """
     best = max(posterior.explanations, key=lambda e: e.gain, default=None)
     data = problem.data if best is None else problem.data - best.contribution
     rest = Marginal(problem).rest(data)
     means: dict[str, list[float]] = {}
-    for part in problem.parts:
+    for part in [p for p in problem.parts if p.state.kind == "running"] or problem.parts:
         means.setdefault(part.setting.operating_point, []).append(float(np.mean(rest[part.place] ** 2)))
     return max(means, key=lambda point: float(np.mean(means[point])))
