@@ -117,7 +117,7 @@ def is_there(member: Explanation, said: StrokesSay | None = None) -> bool:
 
     And from what every machine has a little of: whose interval ends below `Forms.least_amplitude` is background. Of a
     trend that single strokes carry all magnitudes weighed are above 0, and its forms state them differently: the
-    interval is without 0 where 0 has less than 2.5 % against all of them.
+    interval is without 0 also where 0 has less than 2.5 % against all of them.
 
     Parameters
     ----------
@@ -128,8 +128,8 @@ def is_there(member: Explanation, said: StrokesSay | None = None) -> bool:
     amplitude, std = member.mixture or (member.amplitude, member.amplitude_std)
     if abs(amplitude) + Z95 * std < SETTINGS.forms.least_amplitude:
         return False
-    if said is not None and said.is_whole:
-        return said.beside_cutting > _LOG_ODDS95
+    if said is not None and said.is_whole and said.beside_cutting > _LOG_ODDS95:
+        return True
     return abs(member.strength - member.absent) > Z95 * member.strength_std
 
 
