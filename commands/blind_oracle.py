@@ -97,7 +97,7 @@ def ask(case_dir: Path, truth: Mapping[str, Any]) -> dict[str, float | None] | N
     """
     import numpy as np
     from sawbench.diagnosis.answer.ladder import climb
-    from sawbench.diagnosis.inference.acts_in import acts_in
+    from sawbench.diagnosis.inference.acts_in import equations_of
     from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
     from sawbench.diagnosis.inference.linear_problem import Marginal
     from sawbench.modeling.effects.catalogue import EFFECTS
@@ -112,7 +112,7 @@ def ask(case_dir: Path, truth: Mapping[str, Any]) -> dict[str, float | None] | N
     if len(told) < len(truth["effects"]):
         return None
     ladder = climb(problem, np.hstack(told))
-    where = list(dict.fromkeys(equation for one in found if one is not None for equation in acts_in(problem, one)))
+    where = equations_of(problem, [one for one in found if one is not None])
     with tempfile.TemporaryDirectory(prefix="sawbench-twin-") as folder:
         make_twin(truth, Path(folder) / "twin")
         twin = _problem_of(Path(folder) / "twin")

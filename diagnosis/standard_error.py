@@ -23,7 +23,23 @@ def exceeds_its_error(gains: Floats) -> bool:
     >>> exceeds_its_error(np.array([1.0, 2.0, 1.5])), exceeds_its_error(np.array([6.0, -2.0, -3.0]))
     (True, False)
     """
-    return float(gains.sum()) > float(np.sqrt(len(gains)) * gains.std(ddof=1))
+    return float(gains.sum()) > std_of_sum(gains)
+
+
+def std_of_sum(values: Floats) -> float:
+    """Standard error of the sum of values that scatter independently.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        At least two.
+
+    Examples
+    --------
+    >>> round(std_of_sum(np.array([1.0, 3.0, 2.0, 2.0])), 6)
+    1.632993
+    """
+    return float(np.sqrt(len(values)) * values.std(ddof=1))
 
 
 def jackknife_std(without_one: Floats) -> float:

@@ -70,7 +70,7 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         If the file exists and `overwrite` is not set.
     """
     detail = report.get("detail", {})
-    contradicted = detail.get("contradiction", "")
+    contradicted = _contradiction(report)
     after, after_words = (
         ("with_effect", "model with the cause") if _has_cause(report) else ("retuned", "model, re-tuned")
     )
@@ -143,7 +143,7 @@ def verdict_sentence(report: Mapping[str, Any]) -> str:
     >>> verdict_sentence(report)
     'No gap: the model explains the measurements within their noise and its own uncertainty (90 %).'
     """
-    contradicted = report.get("detail", {}).get("contradiction")
+    contradicted = _contradiction(report)
     if contradicted:
         return f"No answer: {contradicted}."
     verdict, probability = report["verdict"], report["probabilities"]
@@ -166,6 +166,11 @@ def verdict_sentence(report: Mapping[str, Any]) -> str:
     return in_words_of(report, f"{start}: {', '.join([names, *magnitudes])}. {_explained(cause)}")
 
 
+def _contradiction(report: Mapping[str, Any]) -> str:
+    """Why recordings and configuration cannot be of the same machine; empty where they can."""
+    return report.get("detail", {}).get("contradiction", "")
+
+
 def _has_cause(report: Mapping[str, Any]) -> bool:
     return report["verdict"] in {"effect", "effects"}
 
@@ -176,7 +181,7 @@ def _heading(report: Mapping[str, Any]) -> str:
         "parameters": "Parameters outside their stated uncertainty",
         "unknown": "Gap of unknown cause",
     }
-    if report.get("detail", {}).get("contradiction"):
+    if _contradiction(report):
         return "Recordings and configuration do not fit together"
     if report["verdict"] in fixed:
         return fixed[report["verdict"]]
@@ -228,7 +233,7 @@ def resembled(report: Mapping[str, Any]) -> str:
 
 def _meaning(report: Mapping[str, Any]) -> list[str]:
     verdict, shifted, said = report["verdict"], _shifted(report), []
-    if report.get("detail", {}).get("contradiction"):
+    if _contradiction(report):
         return ["Probabilities and magnitudes below rest on channels or numbers that cannot be right."]
     if verdict in ("no_gap", "parameters"):
         if verdict == "no_gap":
@@ -325,7 +330,7 @@ def _shifted(report: Mapping[str, Any]) -> str:
 def _to_do(report: Mapping[str, Any]) -> list[str]:
     verdict, until_when = report["verdict"], "Until then"
     steps = []
-    if report.get("detail", {}).get("contradiction"):
+    if _contradiction(report):
         steps.append("Correct channels, units or configuration and diagnose again.")
     elif verdict == "no_gap" and _shifted(report):
         steps.append("Check the stated values of the shifted parameters.")

@@ -21,7 +21,7 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.ladder import Ladder
 from sawbench.diagnosis.answer.prediction import Predictions
 from sawbench.diagnosis.answer.unlisted import odds_of_unlisted
-from sawbench.diagnosis.inference.acts_in import acts_in
+from sawbench.diagnosis.inference.acts_in import acts_in, equations_of
 from sawbench.diagnosis.inference.evidence import Column, Explanation
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
@@ -153,11 +153,6 @@ def _failing(
         if not (predicts and is_there(member, posterior.strokes.get(name) if name in carried else None)):
             failing[name] = float(added.sum())
     return min(failing, key=lambda name: failing[name], default=None)
-
-
-def equations_of(problem: LinearProblem, members: Sequence[Explanation]) -> list[Equation]:
-    """Equations in which at least one of some effects acts."""
-    return list(dict.fromkeys(equation for member in members for equation in acts_in(problem, member)))
 
 
 def _predicts(problem: LinearProblem, predictions: Predictions, cause: Hypothesis) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.settings import SETTINGS
-from sawbench.diagnosis.standard_error import jackknife_std
+from sawbench.diagnosis.standard_error import jackknife_std, std_of_sum
 
 _NUMBERS = SETTINGS.ladder
 
@@ -57,16 +57,10 @@ def closed_share(energy: dict[str, Floats]) -> tuple[float, tuple[float, float]]
     reach = float(stdtrit(n - 2, 0.975)) * jackknife_std(without_one)
     low, high = _closed(whole + reach), _closed(whole - reach)
     gained, room = (energy["retuned"] - energy[k] for k in ("with_effect", "noise_floor"))
-    least, most = (x.sum() + sign * _reach_of_sum(x) for x, sign in ((gained, -1.0), (room, 1.0)))
-    return _closed(whole), (max(low, float(least / most)) if least > 0.0 else low, high)
-
-
-def _reach_of_sum(values: Floats) -> float:
-    """Half of the 95 % interval of a sum of paired differences, a group each."""
-    from scipy.special import stdtrit
-
-    n = len(values)
-    return float(stdtrit(n - 1, 0.975) * np.sqrt(n) * values.std(ddof=1))
+    times = float(stdtrit(n - 1, 0.975))
+    least, most = gained.sum() - times * std_of_sum(gained), room.sum() + times * std_of_sum(room)
+    closed = _closed(whole)
+    return closed, (max(low, min(float(least / most), closed)) if least > 0.0 else low, high)
 
 
 def _closed(root_of_left: float) -> float:

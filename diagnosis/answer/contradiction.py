@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from sawbench.bench.plain_digits import plain
+from sawbench.diagnosis.inference.settings import SETTINGS
 
 # Less than this share of a mean square is nothing.
 _NOTHING: Final = 0.05
-# Off by this factor it is that of another machine: nearer to a thousand, as between units, than to one.
-_FARTHEST: Final = 30.0
 _ENDS: Final = 2.0
 
 
@@ -66,6 +65,7 @@ def contradiction(
 def _is_of_another(p: Mapping[str, float]) -> bool:
     """Whether the 95 % interval of a parameter lies beyond a factor, and outside of that of the stated value."""
     stated = _ENDS * abs((p["value"] - p["nominal"]) / p["sigmas"]) if p["sigmas"] else 0.0
+    farthest = SETTINGS.screening.another_machine
     low, high = p["value"] - _ENDS * p["std"], p["value"] + _ENDS * p["std"]
-    is_less = high < min(p["nominal"] / _FARTHEST, p["nominal"] - stated)
-    return is_less or low > max(p["nominal"] * _FARTHEST, p["nominal"] + stated)
+    is_less = high < min(p["nominal"] / farthest, p["nominal"] - stated)
+    return is_less or low > max(p["nominal"] * farthest, p["nominal"] + stated)

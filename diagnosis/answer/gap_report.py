@@ -12,7 +12,7 @@ from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Recording
 from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.answer.channel_gap import ChannelGap
-from sawbench.diagnosis.answer.claim import carried_by_strokes, equations_of, sized_members
+from sawbench.diagnosis.answer.claim import carried_by_strokes, sized_members
 from sawbench.diagnosis.answer.contradiction import contradiction
 from sawbench.diagnosis.answer.gap_detail import detail, log_odds_at_typical_size
 from sawbench.diagnosis.answer.improved_model import improved_model, magnitudes, retuned_with
@@ -26,6 +26,7 @@ from sawbench.diagnosis.answer.until_closed import Pass, closing_table, held
 from sawbench.diagnosis.answer.until_closed import until_closed as close
 from sawbench.diagnosis.answer.where import locate
 from sawbench.diagnosis.campaign import Campaign
+from sawbench.diagnosis.inference.acts_in import equations_of
 from sawbench.diagnosis.inference.dispersion import stacked_with_noise, with_noise
 from sawbench.diagnosis.inference.evidence import Column, Explanation
 from sawbench.diagnosis.inference.gain_drift import GainDrift, gain_drifts

@@ -148,8 +148,10 @@ class HoldOut:
         self.rows = {group: self._rows(group) for group in self.groups}
         self._normal = self.base.T @ self.base
         self._kept = {group: self._kept_without(rows) for group, rows in self.rows.items()}
-        self._own = {group: self._prediction(group, self.is_own) for group in self.groups}
-        self._open = {group: self._prediction(group, np.ones_like(self.is_own)) for group in self.groups}
+        covariances = {group: np.linalg.inv(kept) for group, kept in self._kept.items()}
+        self._own = {group: self._uncertain(group, covariances[group], self.is_own) for group in self.groups}
+        everything = np.ones_like(self.is_own)
+        self._open = {group: self._uncertain(group, covariances[group], everything) for group in self.groups}
         self._to_features: list[Floats] = [
             np.asarray(np.linalg.inv(part.whitener), dtype=np.float64).T for part in problem.parts
         ]
@@ -167,10 +169,9 @@ class HoldOut:
         held = self.base[rows]
         return least if self.held_out == "nothing" else least - held.T @ held
 
-    def _prediction(self, group: str, chosen: np.ndarray) -> Floats:
+    def _uncertain(self, group: str, covariance: Floats, chosen: np.ndarray) -> Floats:
         """What the kept trials leave open of chosen nuisances, on withheld rows: a standard deviation a column."""
-        covariance = np.linalg.inv(self._kept[group])[np.ix_(chosen, chosen)]
-        return self.base[self.rows[group]][:, chosen] @ np.linalg.cholesky(covariance)
+        return self.base[self.rows[group]][:, chosen] @ np.linalg.cholesky(covariance[np.ix_(chosen, chosen)])
 
     def _noise_of(self, design: Floats) -> Floats:
         """Whitened noise: the scatter of time blocks, that of strokes, or what a fit to the group itself leaves."""

@@ -266,9 +266,9 @@ def _extended(
     """The problem with the candidates behind its trials, its noise, and each candidate's own nuisance columns."""
     plant, start = problem.campaign.plant, len(problem.data)
     factor = {key: float(dispersion[rows[0]]) for key, rows in problem.rows_by_equation().items()}
-    is_kept = np.array([not name.startswith(FORM_OF_KNOWN) for name in problem.names], dtype=bool)
-    names = [name for name, kept in zip(problem.names, is_kept, strict=True) if kept]
-    shared, noise, parts, local = [problem.nuisance[:, is_kept]], [dispersion], list(problem.parts), []
+    bare = problem.only(lambda name: not name.startswith(FORM_OF_KNOWN))
+    names = list(bare.names)
+    shared, noise, parts, local = [bare.nuisance], [dispersion], list(problem.parts), []
     for trial in trials:
         rows, own = _nuisances(problem, trial, names)
         shared.append(rows)
@@ -277,9 +277,10 @@ def _extended(
             parts.append(replace(part, place=slice(start + part.place.start, start + part.place.stop)))
             noise.append(_noise_of(part, factor))
         start += trial.n_rows
+    nothing = np.zeros(start - len(problem.data))
     wide = replace(
-        problem, parts=tuple(parts), data=np.concatenate([problem.data, np.zeros(start - len(problem.data))]),
-        nuisance=np.concatenate(shared), names=tuple(names), prior_std=problem.prior_std[is_kept],
+        bare, parts=tuple(parts), data=np.concatenate([problem.data, nothing]),
+        known=np.concatenate([problem.known, nothing]), nuisance=np.concatenate(shared),
     )  # fmt: skip
     forms = [problem.settings.forms.screen_share * missed_by_form(wide, known) for known in plant.known]
     named = (f"{FORM_OF_KNOWN}{k}" for k in range(sum(found.shape[1] for found in forms)))

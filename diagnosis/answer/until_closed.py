@@ -17,12 +17,13 @@ from itertools import combinations
 from typing import Any, Literal
 
 import numpy as np
-from sawbench.diagnosis.answer.claim import carried_by_strokes, equations_of, held_to_predictions, sized_members
+from sawbench.diagnosis.answer.claim import carried_by_strokes, held_to_predictions, sized_members
 from sawbench.diagnosis.answer.closed_share import closed_share
 from sawbench.diagnosis.answer.improved_model import found_effects, magnitudes
 from sawbench.diagnosis.answer.ladder import Ladder
 from sawbench.diagnosis.answer.prediction import Predictions, stacked
 from sawbench.diagnosis.campaign import with_known
+from sawbench.diagnosis.inference.acts_in import equations_of
 from sawbench.diagnosis.inference.dispersion import (
     columns_with_noise,
     noise_factor_beside,

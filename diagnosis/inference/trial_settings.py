@@ -26,6 +26,9 @@ class Screening:
         Relative difference of the motor currents of trials that repeat each other.
     cuts_nothing : float
         Share of the usual cutting power below which a trial cut nothing.
+    another_machine : float
+        Factor between a stated number and the one that the recordings ask for from which they are of another machine,
+        or in another unit.
     at_odds : float
         Share of cutting trials whose force and displacement contradict each other from which the rest is doubted too.
     most_excess : float
@@ -52,6 +55,9 @@ class Screening:
     duty_least_trials: int = marked(6, "convention", "twice the numbers of the line that they are compared with")
     alike_current: float = marked(0.15, "convention", "three times the scatter of repeats in wood")
     cuts_nothing: float = marked(0.05, "convention", "a twentieth of the usual: no wood is that soft")
+    another_machine: float = marked(
+        30.0, "convention", "nearer to a thousand, the usual factor between units, than to one"
+    )
     at_odds: float = marked(0.3, "convention", "about one of three")
     most_excess: float = marked(
         2.0, "convention", "units, exchanged channels and dead sensors differ by more, or by sign"

@@ -39,8 +39,6 @@ N_HARMONICS = 32
 _FRICTION = "guide_friction"
 # Octaves of the cycle.
 _NOISE_BANDS = (4, 8, 16)
-# Nearer to a thousand, the usual factor between units, than to one.
-_OTHER_UNIT = 30.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -400,11 +398,11 @@ def _refuse_wrong_unit(states: Sequence[AxisState], config: LinearAxisConfig) ->
     said = [
         f"{name} would have to be {plain(value)}, {one.nominal:g} is stated"
         for (name, one), value, term in zip(stated, found, terms.T, strict=False)
-        if value * np.std(term) > left_n and value > _OTHER_UNIT * (one.nominal + 2.0 * one.std)
+        if value * np.std(term) > left_n and value > SETTINGS.screening.another_machine * (one.nominal + 2.0 * one.std)
     ]
     least = [max(one.nominal - 2.0 * one.std, 0.0) for _, one in stated]
     asked_n, measured_n = float(np.std(terms[:, :2] @ least)), float(np.std(force_n))
-    if asked_n > _OTHER_UNIT * measured_n:
+    if asked_n > SETTINGS.screening.another_machine * measured_n:
         asked, measured = plain(asked_n, "N"), plain(measured_n, "N")
         said.append(f"the motion asks for a force of {asked} rms, drive less load has {measured} rms")
     if said:

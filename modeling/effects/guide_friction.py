@@ -11,7 +11,7 @@ lever, load friction vanishes in air. Range 0.5 to 20 N: assumed.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,43 +34,40 @@ def _signature(baseline: Baseline, state: State, static_ratio: float, stribeck_m
     return ({"mechanical": np.abs(baseline.lever(state)) / baseline.gear * grip},)
 
 
-def _axis_signature(
-    axis: AxisBaseline,
-    state: AxisState,
-    presliding: float = 0.0,
-    slope: float = 0.0,
-    static_ratio: float = 1.0,
-    stribeck_share: float = 1.0,
-    gap: float = 0.0,
-    spring: float = 0.0,
-) -> tuple[Signature, ...]:
-    if spring > 0.0:
-        return ({"mechanical": through_play(state, gap * axis.stroke_m, spring * axis.stroke_m)},)
-    grip = stribeck(np.abs(state.velocity_m_s), static_ratio, stribeck_share * axis.top_speed_m_s)
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _AxisForm:
+    """Numbers of a form on an axis; lengths and speeds as shares of the travel and the top speed."""
+
+    presliding: float = 0.0
+    slope: float = 0.0
+    static_ratio: float = 1.0
+    stribeck_share: float = 1.0
+    gap: float = 0.0
+    spring: float = 0.0
+
+
+def _axis_signature(axis: AxisBaseline, state: AxisState, form: _AxisForm) -> tuple[Signature, ...]:
+    if form.spring > 0.0:
+        return ({"mechanical": through_play(state, form.gap * axis.stroke_m, form.spring * axis.stroke_m)},)
+    dip_m_s = form.stribeck_share * axis.top_speed_m_s
+    grip = stribeck(np.abs(state.velocity_m_s), form.static_ratio, dip_m_s)
     place = (state.position_m - np.mean(state.position_m)) / (0.5 * axis.stroke_m)
-    return ({"mechanical": direction(state, presliding * axis.stroke_m) * grip * (1.0 + slope * place)},)
+    turning = direction(state, form.presliding * axis.stroke_m)
+    return ({"mechanical": turning * grip * (1.0 + form.slope * place)},)
 
 
-def _axis_form(
-    axis: AxisBaseline,
-    presliding: float = 0.0,
-    slope: float = 0.0,
-    static_ratio: float = 1.0,
-    stribeck_share: float = 1.0,
-    gap: float = 0.0,
-    spring: float = 0.0,
-) -> str:
-    if spring > 0.0:
-        play = f"{plain(gap * axis.stroke_m, 'm')} of play and " if gap > 0.0 else ""
-        return f"felt through {play}a spring of {plain(spring * axis.stroke_m, 'm')}"
-    distance = plain(presliding * axis.stroke_m, "m")
-    said = [f"turning round over a presliding distance of {distance}"] if presliding > 0.0 else []
-    if slope:
-        end = "larger" if slope > 0.0 else "smaller"
-        said.append(f"{abs(slope):.0%} larger at the end of {end} displacement".replace("%", " %"))
-    if static_ratio > 1.0:
-        top = plain(stribeck_share * axis.top_speed_m_s, "m")
-        said.append(f"{static_ratio:g} times as large at standstill as well above {top}/s")
+def _axis_form(axis: AxisBaseline, form: _AxisForm) -> str:
+    if form.spring > 0.0:
+        play = f"{plain(form.gap * axis.stroke_m, 'm')} of play and " if form.gap > 0.0 else ""
+        return f"felt through {play}a spring of {plain(form.spring * axis.stroke_m, 'm')}"
+    distance = plain(form.presliding * axis.stroke_m, "m")
+    said = [f"turning round over a presliding distance of {distance}"] if form.presliding > 0.0 else []
+    if form.slope:
+        end = "larger" if form.slope > 0.0 else "smaller"
+        said.append(f"{abs(form.slope):.0%} larger at the end of {end} displacement".replace("%", " %"))
+    if form.static_ratio > 1.0:
+        top = plain(form.stribeck_share * axis.top_speed_m_s, "m")
+        said.append(f"{form.static_ratio:g} times as large at standstill as well above {top}/s")
     return " and ".join(said) or "the same at every speed"
 
 
@@ -81,7 +78,7 @@ def _on_axis(axis: AxisBaseline) -> Effect:
         EFFECT,
         equation="F_c * sgn(v), with a Stribeck dip, presliding, or more at one end",
         strength=replace(EFFECT.strength, typical=0.2 * axis.force_scale_n, high=6.0),
-        signature=_axis_signature,
+        signature=lambda axis, state, **shape: _axis_signature(axis, state, _AxisForm(**shape)),
         shapes=(
             *({"presliding": p, "slope": k} for p in PRESLIDING for k in (0.0, 0.25, -0.25)),
             *(
@@ -93,7 +90,7 @@ def _on_axis(axis: AxisBaseline) -> Effect:
         ),
         scales=("stroke_m", "top_speed_m_s"),
         form_names={},
-        form_words=lambda shape: _axis_form(axis, **shape),
+        form_words=lambda shape: _axis_form(axis, _AxisForm(**shape)),
         needs=(),
         confused_with=("load_dependent_friction", "windage_drag"),
         told_apart_by="a sweep of the cycle rate, with two loads",

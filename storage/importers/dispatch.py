@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
@@ -204,6 +205,7 @@ def _recording(job: _Job, content: TableContent) -> Recording:
     )
 
 
+@lru_cache(maxsize=1)  # a campaign has one
 def _is_saw(config_toml: str) -> bool:
     """Whether the configuration of a table describes a saw; without one it is taken for that of a saw."""
     from sawbench.bench.config import parse_config

@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sawbench.diagnosis.answer.channel_gap import MODELS, ChannelGap, Cycle
-from sawbench.diagnosis.answer.claim import equations_of, held_to_predictions, is_there, sized_members
+from sawbench.diagnosis.answer.claim import held_to_predictions, is_there, sized_members
 from sawbench.diagnosis.answer.closed_share import closed_share
 from sawbench.diagnosis.answer.ladder import HoldOut, Rungs
 from sawbench.diagnosis.answer.prediction import Predictions
 from sawbench.diagnosis.answer.where import locate
+from sawbench.diagnosis.inference.acts_in import equations_of
 from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import Marginal
