@@ -346,17 +346,14 @@ def _joined(first: Pass, before: Posterior, step: Posterior) -> Posterior:
 
 
 def _further(problem: LinearProblem, base: Hypothesis, added: Hypothesis) -> Hypothesis:
-    """Hypothesis of all effects, with the evidence of all; its members are not yet sized together.
-
-    What forms miss is not shared with an effect that single strokes carry, as within one weighing.
-    """
+    """Hypothesis of all effects, with the evidence of all; its members are not yet sized together."""
     members = sorted((*base.members, *added.members), key=lambda m: m.effect.name)
     weak = min(added.members, key=lambda m: m.gain)
     before = sum(m.contribution for m in members if m is not weak)
-    shared = 0.0 if added.is_by_strokes else shared_energy(problem, np.asarray(before), weak.contribution)
+    shared = shared_energy(problem, np.asarray(before), weak.contribution)
     return replace(
         added, effects=tuple(m.effect.name for m in members), members=tuple(members), shared=shared,
-        log_evidence=base.log_evidence + added.log_evidence,
+        log_evidence=base.log_evidence + added.log_evidence, of_strokes=base.of_strokes + added.of_strokes,
     )  # fmt: skip
 
 

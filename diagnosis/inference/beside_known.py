@@ -1,7 +1,7 @@
 """What effects that stand in the model already cost any further one.
 
 No form is exact, and what the form of a strong effect misses grows with it. Within one weighing a second effect pays
-for that (`weighing.even_at`). Beside a known effect the same holds, though its evidence is taken off the data already.
+for that (`weighing.odds_of_further`). Beside a known effect the same holds, though its evidence is taken off the data already.
 """
 
 from __future__ import annotations
@@ -41,16 +41,13 @@ class BesideKnown:
         self.gap = left_over(replace(bare, data=whole), dispersion, nominal)
 
     def paid(self, hypothesis: Hypothesis) -> Hypothesis:
-        """Take off its log evidence, as far as there is any, the scatter that the known effects' has where it acts.
+        """Take off the log evidence that it has in mean strokes the scatter that the known effects' has where it acts.
 
-        "Unknown" acts where the rest is. What single strokes carry has no part in what forms miss.
+        "Unknown" acts where the rest is. What single strokes add no form misses.
         """
         if hypothesis.other in ("no_gap", "parameters"):
             return hypothesis
-        in_means = [m for m in hypothesis.members if not (hypothesis.is_by_strokes and m.effect.strokes is not None)]
-        if hypothesis.effects and not in_means:
-            return hypothesis
-        acts = [member.contribution for member in in_means] or [self._rest]
+        acts = [member.contribution for member in hypothesis.members] or [self._rest]
         shared = shared_energy(self._problem, self._problem.known, np.sum(acts, axis=0))
-        price = min(float(np.sqrt(shared * self._alone)), max(hypothesis.log_evidence, 0.0))
+        price = min(float(np.sqrt(shared * self._alone)), max(hypothesis.of_means, 0.0))
         return replace(hypothesis, log_evidence=hypothesis.log_evidence - price)

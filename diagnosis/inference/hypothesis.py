@@ -36,8 +36,9 @@ class Hypothesis:
         their forms miss can be taken for it.
     members : tuple of Explanation
         One an effect, in the order of `effects`, each with its form beside the others.
-    is_by_strokes : bool
-        One of its effects rests on single strokes: what the form of another one misses does not look like it.
+    of_strokes : float
+        The part of the log evidence that single strokes give: what the form of another effect misses does not look like
+        it. The rest is of mean strokes.
     is_fitted_together : bool
         The members were found beside each other; else each stands as it was found alone.
     probability : float
@@ -56,7 +57,7 @@ class Hypothesis:
     left_over: float = np.inf
     shared: float = 1.0
     members: tuple[Explanation, ...] = ()
-    is_by_strokes: bool = False
+    of_strokes: float = 0.0
     is_fitted_together: bool = False
     probability: float = np.nan
 
@@ -70,6 +71,11 @@ class Hypothesis:
     def name(self) -> str:
         """As the report's detail has it: "first + second", or what else it is."""
         return self.other or AND.join(self.effects)
+
+    @property
+    def of_means(self) -> float:
+        """The part of the log evidence that mean strokes give."""
+        return self.log_evidence - self.of_strokes
 
     @property
     def verdict(self) -> Verdict:

@@ -219,14 +219,11 @@ def _in_either_shape(explanation: Explanation, formed: Column) -> list[Floats]:
 
 
 def _resting(bench: _Bench, hypothesis: Hypothesis, said: Mapping[str, StrokesSay]) -> Hypothesis:
-    """Hypothesis that rests on single strokes: what forms miss is not shared, and mean strokes know trends alone."""
-    if not hypothesis.is_by_strokes:
+    """With what it leaves, where it rests on single strokes and nobody fitted it: mean strokes know trends alone."""
+    if hypothesis.of_strokes <= 0.0 or len(hypothesis.effects) < 2 or np.isfinite(hypothesis.left_over):
         return hypothesis
-    left = hypothesis.left_over
-    if len(hypothesis.effects) > 1 and not np.isfinite(left):
-        shown = [m for m in hypothesis.members if m.effect.name not in said or said[m.effect.name].is_whole]
-        left = left_by(bench.problem, bench.dispersion, bench.forming.small, shown)
-    return replace(hypothesis, shared=0.0, left_over=left)
+    shown = [m for m in hypothesis.members if m.effect.name not in said or said[m.effect.name].is_whole]
+    return replace(hypothesis, left_over=left_by(bench.problem, bench.dispersion, bench.forming.small, shown))
 
 
 class _Stated:

@@ -142,7 +142,7 @@ def with_strokes(
     Returns
     -------
     list of Hypothesis
-        Where the second effect rests on the strokes, what the first one's form misses does not look like it.
+        With the part of their log evidence that single strokes give.
     """
     effect, numbers = said.effect.name, settings.strokes
     evidence = {h.effects: h.log_evidence for h in hypotheses}
@@ -157,10 +157,7 @@ def with_strokes(
         value = h.log_evidence
         if said.denies(nats, numbers):
             value = min(value, evidence.get(rest, 0.0) if rest else 0.0)
-        joined[h.effects] = replace(
-            h, log_evidence=value + nats,
-            is_by_strokes=h.is_by_strokes or nats > 0.0 or not said.is_whole,
-        )  # fmt: skip
+        joined[h.effects] = replace(h, log_evidence=value + nats, of_strokes=h.of_strokes + nats)
     singles = sorted((h for h in hypotheses if len(h.effects) == 1), key=lambda h: -h.log_evidence)
     alone = next(h for h in singles if h.effects == (effect,))
     for h in [h for h in singles if h is not alone][: settings.forms.n_first]:
@@ -169,14 +166,13 @@ def with_strokes(
             continue
         both = sorted((alone, h), key=lambda one: one.effects)
         fresh = Hypothesis(
-            effects=tuple(name for one in both for name in one.effects), is_by_strokes=True,
+            effects=tuple(name for one in both for name in one.effects),
             members=tuple(member for one in both for member in one.members),
-            log_evidence=h.log_evidence + nats,
+            log_evidence=h.log_evidence + nats, of_strokes=h.of_strokes + nats,
         )  # fmt: skip
         before = joined.get(fresh.effects, fresh)
-        joined[fresh.effects] = replace(
-            before, log_evidence=max(before.log_evidence, fresh.log_evidence), is_by_strokes=True
-        )
+        more = max(before, fresh, key=lambda one: one.log_evidence)
+        joined[fresh.effects] = replace(before, log_evidence=more.log_evidence, of_strokes=more.of_strokes)
     return list(joined.values())
 
 

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.settings import SETTINGS, Weights
 
@@ -135,22 +134,26 @@ def worth_of_a_choice(n_effects: int) -> float:
     return float(np.log(max(n_effects, 2)))
 
 
-def even_at(alone: Floats | float, shared: Floats | float, n_effects: int) -> Floats:
-    """Log evidence that a further effect has to add to be as likely there as not.
+def odds_of_further(together: Hypothesis, stronger: Hypothesis, n_effects: int) -> float:
+    """Odds that a further effect is there, before its evidence against all other causes counts.
 
-    It pays for the choice, and for the scatter of the log evidence that the stronger effects have alone where both act:
-    the form of a strong effect misses more.
+    They are the log evidence that it adds over that at which it is even. It pays for the choice, and in mean strokes
+    also for the scatter of the log evidence that the stronger effects have there, where both act: the form of a strong
+    effect misses more. What single strokes add no form misses.
 
     Parameters
     ----------
-    alone : float or ndarray
-        Log evidence of the stronger effects alone.
-    shared : float or ndarray
-        `Hypothesis.shared` of all together.
+    together : Hypothesis
+        The stronger effects and the further one.
+    stronger : Hypothesis
     n_effects : int
         Size of the catalogue.
     """
-    return np.asarray(worth_of_a_choice(n_effects) + np.sqrt(shared * np.maximum(alone, 0.0)))
+    choice = worth_of_a_choice(n_effects)
+    missed = float(np.sqrt(together.shared * max(stronger.of_means, 0.0)))
+    in_means = together.of_means - stronger.of_means
+    in_strokes = together.of_strokes - stronger.of_strokes
+    return (min(in_means, 0.0) + in_strokes) / choice + max(in_means, 0.0) / (choice + missed)
 
 
 def _share_with_further(
@@ -158,8 +161,8 @@ def _share_with_further(
 ) -> None:
     """Split what effects are given between them alone and with one further effect, from one to two and so on.
 
-    A further effect always adds some evidence, because no form is exact: the odds of it are its log evidence over that
-    at which it is even. Against all other causes all together stand with all their evidence.
+    A further effect always adds some evidence, because no form is exact: its odds are those of `odds_of_further`.
+    Against all other causes all together stand with all their evidence.
     """
     for size in range(2, 1 + max((len(h.effects) for h in hypotheses), default=0)):
         families: dict[Hypothesis, list[Hypothesis]] = {}
@@ -176,8 +179,7 @@ def _share_within(
     score: dict[Hypothesis, float], stronger: Hypothesis, family: Sequence[Hypothesis], n_effects: int, w: Weights
 ) -> None:
     added = np.array([h.log_evidence - stronger.log_evidence for h in family])
-    even = even_at(stronger.log_evidence, np.array([h.shared for h in family]), n_effects)
-    log_odds = np.log(np.maximum(added / even, w.least_added))
+    log_odds = np.log(np.maximum([odds_of_further(h, stronger, n_effects) for h in family], w.least_added))
     odds = float(log_odds.max())
     # As far as the further one is believed: one that is not must not raise the first.
     believed = -float(np.logaddexp(0.0, -odds))

@@ -35,13 +35,9 @@ def beside():
     return BesideKnown(problem, np.ones(len(known)), np.zeros((len(known), 0)))
 
 
-def further(cutting, electrical, log_evidence, *, by_strokes=False):
-    member = SimpleNamespace(
-        contribution=in_equations(cutting, electrical), effect=SimpleNamespace(strokes=object() if by_strokes else None)
-    )
-    return Hypothesis(
-        effects=("x",), members=(member,), log_evidence=log_evidence, is_by_strokes=by_strokes
-    )  # fmt: skip
+def further(cutting, electrical, log_evidence, *, of_strokes=0.0):
+    member = SimpleNamespace(contribution=in_equations(cutting, electrical))
+    return Hypothesis(effects=("x",), members=(member,), log_evidence=log_evidence, of_strokes=of_strokes)
 
 
 def test_a_further_effect_pays_where_the_known_one_acts(beside):
@@ -58,8 +54,9 @@ def test_no_more_is_paid_than_there_is(beside):
     assert beside.paid(Hypothesis(other="no_gap", log_evidence=0.0)).log_evidence == 0.0
 
 
-def test_what_single_strokes_carry_pays_nothing(beside):
-    assert beside.paid(further(1.0, 0.0, 30.0, by_strokes=True)).log_evidence == 30.0
+def test_what_single_strokes_add_pays_nothing(beside):
+    assert beside.paid(further(1.0, 0.0, 30.0, of_strokes=30.0)).log_evidence == 30.0
+    assert beside.paid(further(1.0, 0.0, 30.0, of_strokes=25.0)).log_evidence == 25.0
 
 
 def test_the_gap_is_that_of_the_model_without_its_effects(beside):

@@ -198,7 +198,7 @@ def added(log_evidence, *, alone, beside=None, effect=WEAR, is_whole=True):
         size_std=0.01, is_whole=is_whole,
     )  # fmt: skip
     found = with_strokes([named(name, value) for name, value in log_evidence.items()], said, EFFECT_BY_NAME, SETTINGS)
-    return {h.name: h.log_evidence for h in found}, {h.name for h in found if h.is_by_strokes}
+    return {h.name: h.log_evidence for h in found}, {h.name for h in found if h.of_strokes > 0.0}
 
 
 def test_strokes_speak_for_an_effect_alone_and_beside_the_strongest_others():

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sawbench.diagnosis.inference.hypothesis import named
+from sawbench.diagnosis.inference.hypothesis import Hypothesis, named
 from sawbench.diagnosis.inference.settings import SETTINGS
-from sawbench.diagnosis.inference.weighing import weigh, weigh_further
+from sawbench.diagnosis.inference.weighing import odds_of_further, weigh, weigh_further
 
 pytestmark = pytest.mark.unit
 
@@ -123,6 +123,21 @@ def test_the_form_of_a_stronger_effect_may_miss_more():
 def test_a_second_effect_where_the_first_does_nothing_is_no_error_of_its_form():
     assert pair_odds(100.0, alone=2000.0, shared=0.0) > pair_odds(100.0, alone=2000.0, shared=0.5)
     assert pair_odds(100.0, alone=2000.0, shared=0.0) == pytest.approx(pair_odds(100.0, alone=20.0, shared=0.0))
+
+
+def test_what_single_strokes_add_is_no_error_of_a_form():
+    """Beside a strong effect a few nats of mean strokes say little, and make no more of those of single strokes."""
+    pair, alone = PAIR.split(" + "), Hypothesis(effects=("edge_force",), log_evidence=2000.0)
+
+    def odds(in_means, of_strokes):
+        evidence = alone.log_evidence + in_means + of_strokes
+        together = Hypothesis(effects=tuple(sorted(pair)), log_evidence=evidence, of_strokes=of_strokes)
+        return odds_of_further(together, alone, N_EFFECTS)
+
+    assert odds(0.0, 30.0) == pytest.approx(30.0 / CHOICE)
+    assert odds(30.0, 0.0) == pytest.approx(30.0 / (CHOICE + np.sqrt(2000.0)))
+    assert odds(30.0, 0.5) == pytest.approx(odds(30.0, 0.0) + 0.5 / CHOICE)
+    assert odds(-30.0, 30.0) == pytest.approx(0.0)
 
 
 def test_two_effects_stand_against_all_others_with_all_their_evidence():
