@@ -54,6 +54,28 @@ def is_coherent(cause: Mapping[str, Any]) -> bool:
     return bool(stated) and is_there and float(cause["gap_closed_ci95"][0]) > 0.0
 
 
+def is_detectable(report: Mapping[str, Any], effects: Mapping[str, float]) -> bool | None:
+    """Whether the one hidden effect lies above the detection limit that a report states of it.
+
+    A report states the log odds that an effect of typical size would have in this campaign; they grow with the square
+    of its severity.
+
+    Examples
+    --------
+    >>> report = {"detail": {"log_odds_at_typical_size": {"edge_force": 8.0}, "detection_limit_log_odds": 10.0}}
+    >>> is_detectable(report, {"edge_force": 1.0}), is_detectable(report, {"edge_force": 2.0})
+    (False, True)
+    >>> is_detectable(report, {"grain_variation": 1.0}) is None
+    True
+    """
+    detail = report.get("detail", {})
+    limit, stated = detail.get("detection_limit_log_odds"), detail.get("log_odds_at_typical_size", {})
+    if limit is None or len(effects) != 1:
+        return None
+    ((effect, severity),) = effects.items()
+    return float(stated[effect]) * severity**2 >= float(limit) if effect in stated else None
+
+
 def runtime_misses(report: Mapping[str, Any]) -> dict[str, float]:
     """Return how far each runtime of the report is from the measured one, relative to it; empty where none is told."""
     told = report.get("gap", {}).get("runtime_s", {})

@@ -107,6 +107,12 @@ _ROWS: tuple[tuple[str, str, Test, Test], ...] = (
     ("group", "within the named group, typical single effects", is_typical, in_group),
     ("top_three", "among the three most probable, typical single effects", is_typical, in_top_three),
     ("declared", "an effect is declared, typical single effects", is_typical, claims),
+    (
+        "declared_detectable",
+        "an effect is declared, typical single effects above the detection limit that the report states",
+        lambda c: is_typical(c) and c.is_detectable is True,
+        claims,
+    ),
     ("declared_exact", f"exact effect, {_DECLARED}", lambda c: is_typical(c) and claims(c), is_exact),
     ("declared_group", f"within the named group, {_DECLARED}", lambda c: is_typical(c) and claims(c), in_group),
     (
@@ -156,6 +162,12 @@ _ROWS: tuple[tuple[str, str, Test, Test], ...] = (
         "where",
         "largest share of `where` in an equation where a hidden effect acts, typical effects and pairs",
         lambda c: c.says_where and (is_typical(c) or _is_typical_pair(c)),
+        is_placed,
+    ),
+    (
+        "where_stated",
+        "the same, of the reports that state a place: all but those that say there is no gap",
+        lambda c: c.place is not None and (is_typical(c) or _is_typical_pair(c)),
         is_placed,
     ),
     (

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 from sawbench.bench.errors import InputError
-from sawbench.blindcheck.claims import is_coherent, place_of, runtime_misses
+from sawbench.blindcheck.claims import is_coherent, is_detectable, place_of, runtime_misses
 from sawbench.blindcheck.effects.table import CATALOGUE
 from sawbench.blindcheck.parameter_score import StatedParameter, stated_parameters
 from sawbench.blindcheck.shifts import shifts_of
@@ -72,6 +72,9 @@ class Case:
         Whether the answer can say so at all: another method may have no such place.
     is_coherent : bool, optional
         Whether what is claimed agrees with itself; None where nothing is claimed, or no size is told.
+    is_detectable : bool, optional
+        Whether the one hidden effect lies above the detection limit that the answer states of it; None where there is
+        not one, or no limit is stated.
     runtime_misses : mapping of str to float
         Of `claims.runtime_misses`.
     shifts : mapping of str to str
@@ -106,6 +109,7 @@ class Case:
     place: str | None = None
     says_where: bool = False
     is_coherent: bool | None = None
+    is_detectable: bool | None = None
     runtime_misses: Mapping[str, float] = field(default_factory=dict)
     shifts: Mapping[str, str] = field(default_factory=dict)
     has_faulty_sensors: bool = False
@@ -253,6 +257,7 @@ def _answered(report: Mapping[str, Any], truth: Mapping[str, Any]) -> dict[str, 
     found = {
         "probabilities": probabilities,
         "place": place_of(report),
+        "is_detectable": is_detectable(report, truth["effects"]),
         "runtime_misses": runtime_misses(report),
     }
     if report["verdict"] not in {"effect", "effects"}:

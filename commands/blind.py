@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 FIRST_CLAIM_SEED: Final = 1000
 # Rows that are shown for each kind of bench; the JSON holds all of them.
 BY_SHIFT: Final = (
-    "declared", "declared_exact", "claims_exact", "false_alarms", "unknown", "typical_pair_both", "where", "coherent",
+    "declared", "declared_detectable", "declared_exact", "claims_exact", "false_alarms", "unknown", "typical_pair_both",
+    "where", "where_stated", "coherent",
 )  # fmt: skip
 _EXAMPLE: Final = "Example: sawbench blind make --seed 4711 --cases 40 --out blind/set"
 _set_argument = click.argument("set_dir", metavar="DIR", type=click.Path(path_type=Path, file_okay=False))

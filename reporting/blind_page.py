@@ -19,7 +19,7 @@ _HEADLINES: Final = (
     ("pair_both", "both named, of two effects"),
 )
 _SECTIONS: Final = (
-    ("Single effects of typical severity", ("exact", "group", "top_three", "declared")),
+    ("Single effects of typical severity", ("exact", "group", "top_three", "declared", "declared_detectable")),
     (
         "Cases in which an effect is declared",
         ("declared_exact", "declared_group", "declared_top_three", "claims_exact"),
@@ -28,7 +28,7 @@ _SECTIONS: Final = (
     ("Outside the catalogue", ("unknown", "unknown_formless", "unknown_wrongly")),
     ("Two effects", ("pair_both", "pair_group", "pair_one", "typical_pair_both")),
     ("Three or more effects", ("several_exact", "several_all", "several_but_one")),
-    ("Other statements of the report", ("where", "coherent")),
+    ("Other statements of the report", ("where", "where_stated", "coherent")),
 )
 # Columns of the table of kinds of benches.
 _BY_SHIFT: Final = (

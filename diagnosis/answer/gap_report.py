@@ -176,7 +176,10 @@ def _report(
             *_warnings(campaign, odds, posterior, channels), *learned_warnings(problem, posterior, learned),
         ],
         **further,
-        "detail": {**details, "contradiction": contradicted, "log_odds_at_typical_size": odds},
+        "detail": {
+            **details, "contradiction": contradicted, "log_odds_at_typical_size": odds,
+            "detection_limit_log_odds": SETTINGS.report.shown_log_odds,
+        },
         "provenance": dict(provenance),
     }  # fmt: skip
 

@@ -1,7 +1,8 @@
 """What effects that stand in the model already cost any further one.
 
 No form is exact, and what the form of a strong effect misses grows with it. Within one weighing a second effect pays
-for that (`weighing.odds_of_further`). Beside a known effect the same holds, though its evidence is taken off the data already.
+for that (`weighing.odds_of_further`). Beside a known effect the same holds, though its evidence is taken off the data
+already.
 """
 
 from __future__ import annotations

@@ -137,12 +137,17 @@ def several(probabilities):
 
 def test_rows_by_hand():
     cases = [
-        single("edge_force", {"edge_force": 0.9, "no_gap": 0.1}),
-        single("edge_force", {"blade_wear": 0.6, "edge_force": 0.4}, indistinguishable_from=["edge_force"]),
+        single("edge_force", {"edge_force": 0.9, "no_gap": 0.1}, is_detectable=True),
+        single(
+            "edge_force",
+            {"blade_wear": 0.6, "edge_force": 0.4},
+            is_detectable=True,
+            indistinguishable_from=["edge_force"],
+        ),
         single("edge_force", {"blade_wear": 0.5, "no_gap": 0.2, "parameters": 0.2, "edge_force": 0.1}),
-        single("edge_force", {"no_gap": 0.6, "edge_force": 0.4}),
+        single("edge_force", {"no_gap": 0.6, "edge_force": 0.4}, is_detectable=True),
         single("edge_force", {}, is_failed=True),
-        single("edge_force", {"edge_force": 1.0}, severity=0.2),
+        single("edge_force", {"edge_force": 1.0}, severity=0.2, is_detectable=True),
         Case(name="n", kind="none", effects={}, probabilities={"no_gap": 1.0}),
         Case(name="m", kind="none", effects={}, probabilities={"edge_force": 0.6, "no_gap": 0.4}),
         Case(name="p", kind="parameters", effects={}, probabilities={"no_gap": 1.0}, largest_shift_sigmas=2.0),
@@ -166,6 +171,7 @@ def test_rows_by_hand():
         "group": (2, 5),
         "top_three": (3, 5),
         "declared": (3, 5),
+        "declared_detectable": (2, 3),
         "declared_exact": (1, 3),
         "declared_group": (2, 3),
         "declared_top_three": (2, 3),
@@ -187,6 +193,7 @@ def test_rows_by_hand():
         # No case of these says a place or a size, or has a faulty sensor.
         "false_alarms_spoilt": (0, 0),
         "where": (0, 0),
+        "where_stated": (0, 0),
         "coherent": (0, 0),
     }
     assert found.n_failed == 1
@@ -362,8 +369,25 @@ def test_the_place_is_right_where_a_hidden_effect_acts():
         # Either of two effects will do.
         reported({"kind": "pair", "truth": {"effects": {"edge_force": 1.0, "converter_loss": 1.0}}}, ("supply", 1.0)),
     ]
-    where = score(cases).row("where")
+    found = score(cases)
+    where, stated = found.row("where"), found.row("where_stated")
     assert (where.hits, where.n) == (3, 6)
+    assert (stated.hits, stated.n) == (3, 4)
+
+
+def test_an_effect_that_the_report_calls_undetectable_is_not_missed():
+    detail = {"log_odds_at_typical_size": {"edge_force": 4.0}, "detection_limit_log_odds": 9.0}
+    silent = {"verdict": "no_gap", "causes": [], "probabilities": {"no_gap": 1.0}, "detail": detail}
+
+    def told(severity, report):
+        label = {"kind": "effect", "truth": {"effects": {"edge_force": severity}}}
+        return case_of("c", label, {"report": report})
+
+    cases = [told(1.0, silent), told(1.6, silent), told(1.6, silent | {"detail": {}})]
+    assert [case.is_detectable for case in cases] == [False, True, None]
+    found = score(cases)
+    assert found.row("declared").n == 3
+    assert (found.row("declared_detectable").hits, found.row("declared_detectable").n) == (0, 1)
 
 
 def test_every_effect_acts_in_equations_of_the_report():
