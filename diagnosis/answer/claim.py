@@ -6,7 +6,8 @@ interval, the cause closes a tenth at least of the withheld gap where it acts, a
 what the others leave where it acts: where a hundredth is added and the rest stays unexplained,
 what explains the rest may well explain the hundredth. Nor may the simulated model with the cause miss the withheld
 channels by more than the re-tuned one does: two effects of one sensor that cancel in the harmonics compared need not
-cancel in the signal that they predict. What a claim leaves where it acts goes to "unknown" (`unlisted.py`).
+cancel in the signal that they predict. What a claim leaves where it acts goes to "unknown" (`unlisted.py`), which
+needs a gap too: where re-tuned parameters leave no more than an intact machine does, nothing is unknown.
 Where the single strokes carry an effect, mean strokes hold little of what it closes: the report says so instead.
 """
 
@@ -20,7 +21,7 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.ladder import Ladder
 from sawbench.diagnosis.answer.prediction import Predictions
-from sawbench.diagnosis.answer.unlisted import odds_of_unlisted
+from sawbench.diagnosis.answer.unlisted import leaves_a_gap, odds_of_unlisted
 from sawbench.diagnosis.inference.acts_in import acts_in, equations_of
 from sawbench.diagnosis.inference.evidence import Column, Explanation
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
@@ -58,6 +59,7 @@ def held_to_predictions(
         Of an effect that fails, the probability goes to the cause without it, alone or with another effect instead; of
         a single one, to the answers that name no effect; as they stand among themselves.
     """
+    posterior = _unknown_of_a_gap(problem, posterior, predictions)
     kept = _those_that_hold(problem, columns, posterior, predictions)
     shared = _shared_with_unlisted(problem, kept, predictions)
     return _those_that_hold(problem, columns, shared, predictions)
@@ -72,6 +74,22 @@ def _those_that_hold(
             break
         posterior = _without(problem, posterior, failing)
     return posterior
+
+
+def _unknown_of_a_gap(problem: LinearProblem, posterior: Posterior, predictions: Predictions) -> Posterior:
+    """Leave "unknown" what single strokes say for it, where re-tuned parameters leave mean strokes no gap.
+
+    However surely a law fits what an intact machine leaves too, it is no cause that somebody has to look for. A law's
+    gap lies where it acts.
+    """
+    unknown, ladder = posterior.of("unknown"), predictions.of(posterior.of("no_gap")).ladder
+    weights = problem.settings.weights
+    acts = posterior.resembles_in or tuple(ladder.n_features)
+    if unknown.of_means <= 0.0 or leaves_a_gap(ladder, acts, rung="retuned", quiet=problem.quiet, weights=weights):
+        return posterior
+    doubted = [replace(h, log_evidence=h.of_strokes) if h is unknown else h for h in posterior.hypotheses]
+    weighed = weigh(doubted, n_effects=len(problem.campaign.plant.effects), quiet=problem.quiet, weights=weights)
+    return replace(posterior, hypotheses=weighed, resembles="", resembles_in=())
 
 
 def _shared_with_unlisted(problem: LinearProblem, posterior: Posterior, predictions: Predictions) -> Posterior:
@@ -115,8 +133,7 @@ def carried_by_strokes(problem: LinearProblem, posterior: Posterior, hypothesis:
 def is_there(member: Explanation, said: StrokesSay | None = None) -> bool:
     """Whether the magnitude differs, in its 95 % interval, from the number that stands where there is no effect.
 
-    And from what every machine has a little of: whose interval ends below `Forms.least_amplitude` is background. Of a
-    trend that single strokes carry all magnitudes weighed are above 0, and its forms state them differently: the
+    Of a trend that single strokes carry all magnitudes weighed are above 0, and its forms state them differently: the
     interval is without 0 also where 0 has less than 2.5 % against all of them.
 
     Parameters
@@ -125,12 +142,15 @@ def is_there(member: Explanation, said: StrokesSay | None = None) -> bool:
     said : StrokesSay, optional
         What the single strokes say of the effect, where they carry it.
     """
-    amplitude, std = member.mixture or (member.amplitude, member.amplitude_std)
-    if abs(amplitude) + Z95 * std < SETTINGS.forms.least_amplitude:
-        return False
     if said is not None and said.is_whole and said.beside_cutting > _LOG_ODDS95:
         return True
     return abs(member.strength - member.absent) > Z95 * member.strength_std
+
+
+def is_background(member: Explanation) -> bool:
+    """Whether the interval of the magnitude ends below what every machine may have a little of."""
+    amplitude, std = member.mixture or (member.amplitude, member.amplitude_std)
+    return abs(amplitude) + Z95 * std < SETTINGS.forms.least_amplitude
 
 
 def _failing(
@@ -150,9 +170,19 @@ def _failing(
         added, left = _added(problem, posterior, predictions, member)
         is_worth = _is_sure(added) and added.sum() > SETTINGS.ladder.least_added * left
         predicts = name in carried or (closes and (len(best.effects) == 1 or is_worth))
-        if not (predicts and is_there(member, posterior.strokes.get(name) if name in carried else None)):
+        is_cause = not is_background(member) or _has_a_gap(problem, posterior, predictions, member)
+        said = posterior.strokes.get(name) if name in carried else None
+        if not (predicts and is_cause and is_there(member, said)):
             failing[name] = float(added.sum())
     return min(failing, key=lambda name: failing[name], default=None)
+
+
+def _has_a_gap(problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation) -> bool:
+    """Whether the model without one effect of the likeliest hypothesis leaves a gap where that acts."""
+    rest = posterior.best.without(member.effect.name)
+    cause, rung = (_found(posterior, rest), "with_effect") if rest else (posterior.best, "retuned")
+    ladder, weights = predictions.of(cause).ladder, problem.settings.weights
+    return leaves_a_gap(ladder, acts_in(problem, member), rung=rung, quiet=problem.quiet, weights=weights)
 
 
 def _predicts(problem: LinearProblem, predictions: Predictions, cause: Hypothesis) -> bool:

@@ -51,6 +51,26 @@ def odds_of_unlisted(
     return weights.prior_unknown / (named * max(likelihood, 1e-12))
 
 
+def leaves_a_gap(
+    ladder: Ladder, equations: Sequence[Equation], *, rung: str, quiet: float, weights: Weights = SETTINGS.weights
+) -> bool:
+    """Whether one rung leaves more of one of some equations, in one withheld group, than an intact machine.
+
+    Parameters
+    ----------
+    ladder : Ladder
+    equations : sequence of Equation
+    rung : {"retuned", "with_effect"}
+    quiet : float
+    weights : Weights
+    """
+    return any(
+        np.any(ladder.squares[rung][equation] > _left_by_an_intact(ladder, equation, quiet, weights))
+        for equation in equations
+        if equation in ladder.n_features
+    )
+
+
 def left_share(
     ladder: Ladder, equations: Sequence[Equation], *, quiet: float, weights: Weights = SETTINGS.weights
 ) -> tuple[float, float]:
