@@ -58,7 +58,10 @@ def command(
     paths: tuple[Path, ...], config_path: Path | None, out_dir: Path, until_closed: bool, n_planned: int | None,
     is_each: bool, batch: Batch, force: bool, as_json: bool,
 ) -> int:  # fmt: skip
-    """Say where the model misses the measurement, which unmodelled effect causes it, and how far it closes."""
+    """Say where the model misses the measurement, which unmodelled effect causes it, and how far it closes.
+
+    The exit code is 1 where there is no answer, because recordings and configuration do not describe the same machine.
+    """
     from sawbench.reporting.cause_words import improved_command
 
     request = DiagnosisRequest(
@@ -79,7 +82,7 @@ def command(
     if plan_path.exists():
         lines.append(f"{plan_path}: record it with `sawbench series run {plan_path}`")
     emit(report, "\n".join(lines), as_json=as_json)
-    return 0
+    return 1 if report["detail"]["contradiction"] else 0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -144,14 +147,15 @@ def _diagnose_each(request: DiagnosisRequest, batch: Batch, *, force: bool, as_j
         with failures.collected():
             rows.append({"campaign": row.name, **row.checked()})
     shown = [
-        (row["campaign"], row["verdict"].replace("_", " "), " + ".join(map(name_of, row["effects"])),
+        (row["campaign"], "no answer" if row["contradiction"] else row["verdict"].replace("_", " "),
+         " + ".join(map(name_of, row["effects"])),
          f"{row['probability']:.1%}", "-" if row["gap_closed"] is None else f"{row['gap_closed']:.0%}")
         for row in rows
     ]  # fmt: skip
     text = table(("campaign", "verdict", "most probable cause", "probability", "gap closed"), shown)
     text += f"\n{len(rows)} of {len(pieces)} campaigns, each in a folder of its own in {request.out_dir}"
     emit(rows, text, as_json=as_json)
-    return failures.exit_code(is_trusted=True)
+    return failures.exit_code(is_trusted=not any(row["contradiction"] for row in rows))
 
 
 def diagnosed_row(request: DiagnosisRequest) -> dict[str, Any]:
@@ -162,7 +166,7 @@ def diagnosed_row(request: DiagnosisRequest) -> dict[str, Any]:
     probability, effects, closed = max(causes, key=lambda cause: cause[0])
     return {
         "verdict": report["verdict"], "effects": effects, "probability": probability, "gap_closed": closed,
-        "report": str(request.out_dir / RESULTS[0]),
+        "report": str(request.out_dir / RESULTS[0]), "contradiction": report["detail"]["contradiction"],
     }  # fmt: skip
 
 
