@@ -170,14 +170,14 @@ def _failing(
         added, left = _added(problem, posterior, predictions, member)
         is_worth = _is_sure(added) and added.sum() > SETTINGS.ladder.least_added * left
         predicts = name in carried or (closes and (len(best.effects) == 1 or is_worth))
-        is_cause = not is_background(member) or _has_a_gap(problem, posterior, predictions, member)
+        is_cause = not is_background(member) or has_a_gap(problem, posterior, predictions, member)
         said = posterior.strokes.get(name) if name in carried else None
         if not (predicts and is_cause and is_there(member, said)):
             failing[name] = float(added.sum())
     return min(failing, key=lambda name: failing[name], default=None)
 
 
-def _has_a_gap(problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation) -> bool:
+def has_a_gap(problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation) -> bool:
     """Whether the model without one effect of the likeliest hypothesis leaves a gap where that acts."""
     rest = posterior.best.without(member.effect.name)
     cause, rung = (_found(posterior, rest), "with_effect") if rest else (posterior.best, "retuned")

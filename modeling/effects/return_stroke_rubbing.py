@@ -4,8 +4,8 @@ Positive amplitude: the load cell reads negative on the return half. The reading
 equation, which uses it, stays right. Forms: viscous, dry with 0.5 N per N*s/m (the same at 0.5 m/s), and in part dry;
 the same all the way back, or harder towards one end of it, where the blade is thicker or the kerf full of dust; for
 every stock alike, or in proportion to its thickness or its cutting coefficient, and then stated for 20 mm or 240 N*s/m.
-Stated for the middle of the stroke. Told from an offset of the load cell by the half stroke it lives on and by idle runs. Some per cent to 20 % of
-the cutting force: assumed.
+Stated for the middle of the stroke. Told from an offset of the load cell by the half stroke it lives on and by idle
+runs. Some per cent to 20 % of the cutting force: assumed.
 """
 
 from __future__ import annotations

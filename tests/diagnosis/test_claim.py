@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sawbench.diagnosis.answer.channel_gap import MODELS, ChannelGap, Cycle
-from sawbench.diagnosis.answer.claim import held_to_predictions, is_background, is_there, sized_members
+from sawbench.diagnosis.answer.claim import has_a_gap, held_to_predictions, is_background, is_there, sized_members
 from sawbench.diagnosis.answer.closed_share import closed_share
 from sawbench.diagnosis.answer.ladder import HoldOut, Rungs
 from sawbench.diagnosis.answer.prediction import Predictions
@@ -295,6 +295,45 @@ def test_a_little_of_an_effect_is_no_cause(problem, columns, judged):
     assert not is_background(replace(member, mixture=(1.0, 0.02)))
     assert not is_background(replace(member, mixture=(0.12, 0.03)))
     assert is_background(replace(member, mixture=(0.05, 0.001)))
+
+
+def test_a_little_of_an_effect_is_a_cause_where_it_alone_is_the_gap(problem, columns):
+    """Of a size that every machine has, but the bench is quiet enough to show it as a gap: somebody looks for it."""
+    quiet = replace(problem, data=0.02 * problem.data)
+
+    def held(size):
+        data = with_columns(quiet, columns, RUBBING, size)
+        declared = certain_of(judge(data, columns), RUBBING)
+        member = declared.best.members[0]
+        small = replace(member, mixture=(0.05, 0.001))
+        best = replace(declared.best, members=(small,))
+        declared = replace(declared, hypotheses=(best, *declared.hypotheses[1:]))
+        predictions = OfFeatures(data, columns, declared)
+        return has_a_gap(data, declared, predictions, small)
+
+    assert held(1.0)
+    assert not held(0.0)
+
+
+def test_a_law_that_fits_what_an_intact_machine_leaves_is_no_unknown_cause(problem, columns, judged):
+    """Twenty nats for a law of the load cell, on strokes that re-tuned parameters predict to within the noise."""
+    surely = [
+        replace(h, log_evidence=20.0, probability=0.99) if h.name == "unknown" else replace(h, probability=1e-4)
+        for h in judged.hypotheses
+    ]
+    told = replace(judged, hypotheses=tuple(surely), resembles="bent load cell", resembles_in=("cutting",))
+    held = held_to_predictions(problem, columns, told, OfFeatures(problem, columns, told))
+    assert held.best.name == "no_gap"
+    prior = problem.settings.weights.prior_unknown / problem.settings.weights.prior_no_gap
+    assert held.of("unknown").probability / held.best.probability == pytest.approx(prior, rel=0.05)
+    in_strokes = [replace(h, of_strokes=20.0) if h.name == "unknown" else h for h in surely]
+    told = replace(told, hypotheses=tuple(in_strokes))
+    held = held_to_predictions(problem, columns, told, OfFeatures(problem, columns, told))
+    assert held.best.name == "unknown", "mean strokes know nothing of it"
+    gap = with_columns(problem, columns, RUBBING, 3.0)
+    told = replace(told, hypotheses=tuple(surely))
+    held = held_to_predictions(gap, columns, told, OfFeatures(gap, columns, told))
+    assert held.best.name == "unknown"
 
 
 @pytest.mark.parametrize(("log_odds", "is_wear"), [(9.0, True), (4.0, True), (3.0, False)])

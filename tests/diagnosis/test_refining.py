@@ -78,6 +78,23 @@ def test_rubbing_that_is_in_part_dry_is_found_with_its_part():
     assert found.members[0].column.shape["dry"] == pytest.approx(0.4, abs=0.02)
 
 
+def test_rubbing_that_is_harder_at_the_start_of_the_way_back_is_found_with_its_ratio():
+    """A blade that is thicker at its root: 16 N where the way back begins, 8 N where it ends."""
+    problem = problem_of(strokes())
+    baseline = problem.campaign.baseline
+
+    def rubbing(state):
+        speed = np.maximum(-baseline.cutting_sign * baseline.blade_velocity(state), 0.0)
+        to_go = 0.5 * baseline.travelled(state) / baseline.radius_m
+        return {"cutting": -(8.0 + 8.0 * to_go) * np.tanh(speed / 0.03) * (not state.setting.is_idle)}
+
+    problem = replace(problem, data=problem.data + problem.project(rubbing))
+    _, better = weighed(problem, ["return_stroke_rubbing", "force_offset_drift", "blade_compliance"])
+    found = judge(problem, better).best
+    assert found.effects == ("return_stroke_rubbing",)
+    assert found.members[0].column.shape["end_over_start"] == pytest.approx(0.5, rel=0.1)
+
+
 def test_a_form_refined_to_the_edge_of_its_range_can_be_refined_again(lagging):
     """It is the last of the catalogue but for rounding: no range between the two is divided by."""
     (column,) = columns_in(lagging, EFFECT_BY_NAME["edge_force"], [{"by_stock": 0.0, "onset_m_s": 0.12 * (1 + 2e-16)}])
