@@ -154,6 +154,7 @@ def state_of(**known):
 
 CUTTING = SimpleNamespace(
     cutting_sign=1,
+    radius_m=0.01,
     travelled=lambda _: np.full((1, 1), 0.01),
     cutting_speed=lambda _: np.full((1, 1), 0.5),
     blade_velocity=lambda _: np.full((1, 1), -0.5),
@@ -169,7 +170,7 @@ CUTTING = SimpleNamespace(
         ("blade_wear", "cutting", 100.0, 1e-9),  # growth over 10 m
         ("force_offset_drift", "cutting", 1.0, 1e-9),  # over 1000 s
         ("edge_force", "cutting", 1.0, 0.005),  # for 20 mm, 240 N*s/m
-        ("return_stroke_rubbing", "cutting", -0.5, 1e-9),  # at 0.5 m/s, for 20 mm, 240 N*s/m
+        ("return_stroke_rubbing", "cutting", -0.5, 1e-9),  # at 0.5 m/s and mid stroke, for 20 mm, 240 N*s/m
     ],
 )
 def test_every_form_states_the_same_number(name, equation, expected, tolerance):
