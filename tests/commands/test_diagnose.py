@@ -157,7 +157,9 @@ def test_each_campaign_is_diagnosed_once_in_a_folder_of_its_own(tmp_path, capsys
             raise InputError("has no trial that can be diagnosed", where=request.paths[0])
         request.out_dir.mkdir(exist_ok=True)
         causes = [{"effects": ["guide_friction"], "probability": 0.9, "gap_closed": 0.8}]
-        return {"verdict": "effect", "causes": causes, "probabilities": {"no_gap": 0.04, "unknown": 0.06}}
+        probabilities = {"no_gap": 0.04, "unknown": 0.06}
+        detail = {"contradiction": ""}
+        return {"verdict": "effect", "causes": causes, "probabilities": probabilities, "detail": detail}
 
     monkeypatch.setattr(diagnose, "diagnosed", diagnosed)
     for name in ("one", "two", "bad"):
