@@ -18,9 +18,10 @@ import numpy as np
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
 from sawbench.acquisition.calibration import Calibration
 from sawbench.acquisition.devices import build_devices
-from sawbench.bench.config import BenchConfig, describe_validation
+from sawbench.bench.config import BenchConfig
 from sawbench.bench.errors import ConfigError, InputError
 from sawbench.bench.toml_text import parse_toml, read_toml_text
+from sawbench.bench.validation_text import describe_validation
 from sawbench.storage.output import folder_held, write_whole
 
 if TYPE_CHECKING:

@@ -46,9 +46,10 @@ class OpenedTrial:
     sha256: str = ""
 
     def _repr_html_(self) -> str:
+        from sawbench.modeling.machines.words import words_of
         from sawbench.reporting.notebook import recording_block
 
-        return recording_block(self.recording)
+        return recording_block(self.recording, words=words_of(self.loaded.config.frame))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -53,6 +53,7 @@ def compared(outcomes: Iterable[Outcome[Place, ComparedTrial]]) -> tuple[list[Co
     for outcome in sorted(outcomes, key=lambda one: one.index):
         try:
             trial = outcome.result()
+            _refuse_axis(trial)
             _refuse_twin(trial, seen)
             rows.append(trial)
         except SawbenchError as error:
@@ -61,6 +62,15 @@ def compared(outcomes: Iterable[Outcome[Place, ComparedTrial]]) -> tuple[list[Co
         reasons = "; ".join(f"{item.name}: {item.reason}" for item in left_out)
         raise InputError(f"none of {len(left_out)} recordings can be compared: {reasons}")
     return rows, left_out
+
+
+def _refuse_axis(trial: ComparedTrial) -> None:
+    """Refuse a trial of a machine that cuts nothing: materials are compared by what it takes to cut them."""
+    if trial.processed.frame == "linear_axis":
+        raise InputError(
+            "is a trial of a linear axis, which cuts no material that could be compared",
+            remedy="`sawbench diagnose` compares an axis with its model",
+        )
 
 
 def _refuse_twin(trial: ComparedTrial, seen: dict[tuple[str, datetime], str]) -> None:

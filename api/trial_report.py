@@ -36,8 +36,7 @@ def trial_report(trial: AnalysedTrial, found: Evaluation | None = None) -> Trial
         discharges = discharges_of(trial, fit, found.estimates)
     spectra = {}
     if processed.period is not None:
-        analysis = trial.loaded.config.analysis
-        band_hz = (analysis.min_stroke_rate_hz, analysis.max_stroke_rate_hz)
+        band_hz = trial.loaded.config.stroke_rates_hz
         for channel in dict.fromkeys((processed.period.channel, FORCE.name)):
             spectrum = stroke_spectrum(processed, channel, band_hz)
             if spectrum is not None:

@@ -6,7 +6,6 @@ Every table is optional in the file: `diagnose` needs `[plant]`, `[battery]` and
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import itertools
 from pathlib import Path
@@ -16,14 +15,18 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from sawbench.bench.errors import ConfigError
 from sawbench.bench.toml_text import parse_toml, read_toml_text
 from sawbench.bench.units import CHANNEL_BY_NAME, TIME_COLUMN, Channel
+from sawbench.bench.validation_text import describe_validation
 
 if TYPE_CHECKING:
+    from sawbench.bench.processed import Frame
     from sawbench.bench.recording import Floats
 
 # Strict: `true` is no 1.0 and "18" is no 18.0.
 _STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 # No constant of a machine lies outside, in any SI unit; 0 may.
 _SMALLEST, _LARGEST = 1e-15, 1e9
+# Cycles of an axis may take minutes.
+_SLOWEST_AXIS_HZ: Final = 0.005
 # Largest relative standard uncertainty of a constant: beyond it nothing is stated.
 MOST_REL_STD: Final = 10.0
 
@@ -341,6 +344,26 @@ class BenchConfig(BaseModel):
     effects: dict[str, dict[str, Any]] = Field(default_factory=dict)
 
     @property
+    def frame(self) -> Frame:
+        """Whose equations the machine moves by; without a `[plant]` it is taken for a saw."""
+        return "crank" if self.linear_axis is None else "linear_axis"
+
+    @property
+    def stroke_rates_hz(self) -> tuple[float, float]:
+        """Allowed rates of the strokes or cycles; the lowest of an axis is its own, unless `[analysis]` states one."""
+        lowest = self.analysis.min_stroke_rate_hz
+        if self.frame == "linear_axis" and "min_stroke_rate_hz" not in self.analysis.model_fields_set:
+            lowest = _SLOWEST_AXIS_HZ
+        return lowest, self.analysis.max_stroke_rate_hz
+
+    @property
+    def further_channels(self) -> frozenset[str]:
+        """Names beyond those of `bench.units`: declared in `[channels.*]`, or drive and load of an axis."""
+        axis = self.linear_axis
+        of_axis = () if axis is None else (axis.drive_channel, axis.load_channel)
+        return frozenset(name for name in (*self.channels, *of_axis) if name) - CHANNEL_BY_NAME.keys()
+
+    @property
     def known_channels(self) -> dict[str, Channel]:
         """Channels of `bench.units` and those that `[channels.*]` declares, by name."""
         declared = {
@@ -401,7 +424,8 @@ class LoadedConfig(BaseModel):
             raise ConfigError(
                 "describes a linear axis, which this command cannot handle: it needs the [plant] table of a saw",
                 where=self.path,
-                remedy="`sawbench record`, `import` and `diagnose` accept a linear axis",
+                remedy="`sawbench diagnose` compares a linear axis with its model; `import`, `record`, `info`,"
+                " `process`, `report`, `export` and `view` accept it too",
             )
         if self.config.plant is None:
             raise _missing("plant", self.path)
@@ -450,49 +474,3 @@ def parse_config(text: str, *, where: str = "bench_config.toml") -> LoadedConfig
     except ValidationError as error:
         raise ConfigError(describe_validation(error, BenchConfig), where=where) from error
     return LoadedConfig(config=config, text=text, path=where)
-
-
-def describe_validation(error: ValidationError, model: type[BaseModel]) -> str:
-    """Turn a pydantic error into one line per offending key, with the nearest allowed key.
-
-    Parameters
-    ----------
-    error : ValidationError
-    model : type of BaseModel
-        The model that was validated, for the suggestions.
-    """
-    lines = []
-    for item in error.errors():
-        key = ".".join(str(part) for part in item["loc"])
-        got = item.get("input")
-        if item["type"] == "extra_forbidden":
-            allowed = _allowed_keys(model, item["loc"][:-1])
-            close = difflib.get_close_matches(str(item["loc"][-1]), allowed, n=1, cutoff=0.5)
-            hint = f"did you mean {close[0]!r}?" if close else f"allowed here: {', '.join(allowed) or 'nothing'}"
-            lines.append(f"unknown key {key!r}; {hint}")
-        elif item["type"] == "missing":
-            lines.append(f"missing key {key!r}")
-        else:
-            message = item["msg"].removeprefix("Value error, ")
-            shown = f" (got {got!r})" if isinstance(got, str | int | float | bool) else ""
-            lines.append(f"{key}: {message}{shown}" if key else f"{message}{shown}")
-    return lines[0] if len(lines) == 1 else f"{len(lines)} problems:\n  " + "\n  ".join(lines)
-
-
-def _allowed_keys(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
-    for part in location:
-        field = model.model_fields.get(str(part))
-        # What is no field is a name of the user's own in a mapping: the model stays that of the mapping's values.
-        nested = model if field is None else _nested_model(field.annotation)
-        if nested is None:
-            return []
-        model = nested
-    return list(model.model_fields)
-
-
-def _nested_model(annotation: Any) -> type[BaseModel] | None:
-    """Return the model that an annotation is, holds as an option, or maps to."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    inner = (_nested_model(part) for part in getattr(annotation, "__args__", ()))
-    return next((found for found in inner if found is not None), None)

@@ -13,6 +13,8 @@ from sawbench.bench.recording import Floats, Signal, Trial, loss_in_words
 
 Confidence = Literal["high", "moderate", "low"]
 PhaseKind = Literal["rest", "spin_up", "running", "spin_down", "stall"]
+# Whose equations a machine moves by: those of a driven crank, or of a force on a mass.
+Frame = Literal["crank", "linear_axis"]
 TrialStatus = Literal["cutting", "no_cutting", "moving", "stalled", "no_stroke"]
 
 
@@ -286,6 +288,8 @@ class ProcessedTrial:
         Of the channels of other instruments than the displacement's.
     warnings : tuple of str
     source_path, source_sha256 : str
+    frame : {"crank", "linear_axis"}
+        Of the machine that the configuration describes.
     """
 
     trial: Trial
@@ -307,6 +311,7 @@ class ProcessedTrial:
     warnings: tuple[str, ...] = ()
     source_path: str = ""
     source_sha256: str = ""
+    frame: Frame = "crank"
 
     @property
     def losses(self) -> tuple[str, ...]:

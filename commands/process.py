@@ -102,12 +102,13 @@ def is_trusted(processed: ProcessedTrial) -> bool:
 
 def describe(results: list[ProcessedTrial]) -> str:
     """One row per trial, then what is to be said about each."""
+    from sawbench.modeling.machines.words import words_of
     from sawbench.processing.stroke_offsets import changed_between
     from sawbench.reporting.quantities import format_quantity
 
     rows, remarks = [], []
     for processed in results:
-        period = processed.period
+        period, words = processed.period, words_of(processed.frame)
         peak, peak_std = processed.peak_force_n, processed.peak_force_std_n
         rows.append(
             [
@@ -120,12 +121,14 @@ def describe(results: list[ProcessedTrial]) -> str:
                 "-" if peak is None else format_quantity(peak, peak_std, "N"),
             ]
         )
-        remarks += [f"{processed.trial.trial_id}: {warning}" for warning in processed.warnings]
+        remarks += [f"{processed.trial.trial_id}: {words.told(warning)}" for warning in processed.warnings]
         if period is not None and period.confidence != "high":
-            remarks.append(f"{processed.trial.trial_id}: confidence is {period.confidence}: {period.reason}")
+            remarks.append(
+                f"{processed.trial.trial_id}: confidence is {period.confidence}: {words.told(period.reason)}"
+            )
             remarks += [
                 f"{processed.trial.trial_id}: alternative {1.0 / rival.period_s:.4g} Hz"
-                f" (power {rival.relative_power:.2g}): {rival.reason}"
+                f" (power {rival.relative_power:.2g}): {words.told(rival.reason)}"
                 for rival in period.rivals
             ]
         if processed.removed is not None:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from sawbench.acquisition.pre_trigger import Touch
     from sawbench.acquisition.recording_report import RecordingStatus, RecordingSummary
     from sawbench.bench.config import LoadedConfig
+    from sawbench.bench.processed import Frame
     from sawbench.commands.live_estimate import LiveCuttingEstimate
     from sawbench.commands.recording_session import SessionOptions
     from sawbench.modeling.recursive import LiveEstimate
@@ -121,7 +122,7 @@ def command(
         click.echo(f"the recording starts when {touch.channel} exceeds {touch.above:g}: waiting", err=True)
     typed = typed_lines()
     lines = typed if typed is not None else sys.stdin if sys.stdin is not None and sys.stdin.isatty() else ()
-    with live_view(trial, live=live, rrd_path=rrd_path, force=force) as views:
+    with live_view(trial, loaded.config.frame, live=live, rrd_path=rrd_path, force=force) as views:
         summary, estimate = run_session(loaded, options, bench, views, iter(lines), typed)
     found = {"path": path, **summary_rows(summary), "live_estimate": live_rows(estimate)}
     emit(found, "\n".join([str(path), describe(summary), *said_live(estimate)]), as_json=as_json)
@@ -233,7 +234,9 @@ def next_trial_id(folder: Path, material: str) -> str:
 
 
 @contextlib.contextmanager
-def live_view(trial: Trial, *, live: bool, rrd_path: Path | None, force: bool) -> Iterator[list[LiveViewProcess]]:
+def live_view(
+    trial: Trial, frame: Frame = "crank", *, live: bool, rrd_path: Path | None, force: bool
+) -> Iterator[list[LiveViewProcess]]:
     """Give the observers that `--live` and `--rrd` ask for; trouble with them is said, never raised."""
     if not live and rrd_path is None:
         yield []
@@ -245,7 +248,8 @@ def live_view(trial: Trial, *, live: bool, rrd_path: Path | None, force: bool) -
         show="spawn" if live else "none",
         save_path=rrd_path,
         overwrite=force,
-        has_estimate=not trial.is_idle,
+        frame=frame,
+        has_estimate=frame == "crank" and not trial.is_idle,
     )
     try:
         yield [view]

@@ -221,7 +221,7 @@ class SeriesRun:
         self._journal.add("started", planned.id)
         self._dialogue.say(f"recording {seconds:g} s; switch the tool on (Ctrl-C ends the recording)")
         with (
-            live_view(options.trial, live=bench.live, rrd_path=None, force=False) as views,
+            live_view(options.trial, bench.loaded.config.frame, live=bench.live, rrd_path=None, force=False) as views,
             self._dialogue.meanwhile() as lines,
         ):
             summary, _ = run_session(

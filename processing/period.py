@@ -288,7 +288,9 @@ def from_displacement(
         confidence, reason = "moderate", doubt
     if not band_hz[0] <= 1 / period <= band_hz[1]:
         confidence = "low"
-        reason = f"{1 / period:.4g} Hz is outside of the allowed {band_hz[0]:g}..{band_hz[1]:g} Hz"
+        reason = (
+            f"{1 / period:.4g} Hz is outside of {band_hz[0]:g} to {band_hz[1]:g} Hz, the rates that [analysis] allows"
+        )
     if n < 3:
         confidence, reason = ("low" if n == 1 else "moderate"), f"only {n} complete stroke(s)"
     if confidence == "moderate" and std > _MOST_REL_STD * period:

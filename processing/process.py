@@ -111,6 +111,7 @@ def process_recording(recording: Recording, config: BenchConfig, *, source_sha25
         warnings=(*motion.warnings, *_quality_warnings(quality)),
         source_path=recording.path,
         source_sha256=source_sha256,
+        frame=config.frame,
     )
     if motion.angle is None or motion.cycles is None or not len(motion.cycles.index):
         return base
@@ -143,7 +144,7 @@ def _find_motion(channels: Channels, config: BenchConfig, trial: Trial) -> _Moti
     if displacement is not None and is_alive:
         return _motion_from_displacement(displacement, channels, config)
     warnings = () if displacement is None else ("the displacement is constant; it is not used",)
-    band = (config.analysis.min_stroke_rate_hz, config.analysis.max_stroke_rate_hz)
+    band = config.stroke_rates_hz
     lines = {
         name: line
         for name in _LINE_CHANNELS
@@ -217,7 +218,7 @@ def _motion_from_displacement(displacement: CleanChannel, channels: Channels, co
     steady = find_steady_part(angle)
     angle = restore_ripple(angle, steady, time, DISPLACEMENT.si_factor * displacement.values)
     phases, stretches, cycles, warnings = _phases_and_cycles(angle, channels, displacement.holes)
-    band = (config.analysis.min_stroke_rate_hz, config.analysis.max_stroke_rate_hz)
+    band = config.stroke_rates_hz
     line = _stroke_line(_longest(displacement, stretches), band) if stretches else None
     is_clipped = displacement.quality.n_clipped > _CLIPPED_SHARE * displacement.quality.n_samples
     doubt = "the displacement is clipped" if is_clipped else (warnings[0] if warnings else "")

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from sawbench.bench.plain_digits import fitting_unit
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
+from sawbench.modeling.machines.words import SAW, MachineWords, words_of
 from sawbench.reporting.quantities import format_quantity
 
 # Magnitudes whose unit is a rate: name -> words, unit, factor.
@@ -14,6 +15,8 @@ _RATES: Final = {
     "drift_n_per_1000_s": ("drift", "N per 1000 s", 1.0),
     "growth_per_10_m": ("growth", "% per 10 m of cut", 100.0),
 }
+# What stands before the word for a period of the motion, where that is meant.
+_OF_CYCLES: Final = ("simulated", "mean", "single", "harmonic of the", "One", "with the")
 _SUFFIX: Final = {
     "N": "_n", "N*m": "_n_m", "K/W": "_k_per_w", "Ohm": "_ohm", "s": "_s", "m": "_m", "N/m": "_n_per_m",
     "N*s/m": "_n_s_per_m", "Hz": "_hz", "V": "_v",
@@ -98,10 +101,7 @@ def in_words_of(report: Mapping[str, Any], text: str) -> str:
     frame = report.get("detail", {}).get("frame")
     if frame is None:
         return text
-    pairs = [
-        ("crank angle", "phase of the cycle"), ("Crank angle", "Phase of the cycle"),
-        ("phase of the cycles", "phases of the cycle"),
-    ]  # fmt: skip
+    pairs = _of_motion(words_of(frame))
     for effect in EFFECT_BY_NAME.values():
         here = effect.words_on.get(frame)
         if here is None or effect.words is None:
@@ -113,6 +113,13 @@ def in_words_of(report: Mapping[str, Any], text: str) -> str:
     for was, now in pairs:
         text = text.replace(was, now)
     return text
+
+
+def _of_motion(words: MachineWords) -> list[tuple[str, str]]:
+    """What a saw's report says of its cycle, and what it is here; a stroke by itself is the travel of an axis."""
+    pairs = [(SAW.angles, words.angles), (SAW.angle, words.angle), (_sentence(SAW.angle), _sentence(words.angle))]
+    pairs += [(f"{which} {SAW.cycle}", f"{which} {words.cycle}") for which in _OF_CYCLES]
+    return [*pairs, (SAW.rate, words.rate)]
 
 
 def _sentence(words: str) -> str:

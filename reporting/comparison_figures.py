@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from sawbench.bench.folded import FoldedCycle
 from sawbench.bench.recording import Floats
+from sawbench.modeling.machines.words import SAW
 from sawbench.reporting.compared import QUANTITIES, Quantity, Series
 from sawbench.reporting.figures import (
     INK,
@@ -15,7 +16,7 @@ from sawbench.reporting.figures import (
     SERIES_DASHES,
     SERIES_MARKERS,
     WIDTH_IN,
-    crank_axis,
+    cycle_axis,
     figure_style,
 )
 from sawbench.reporting.html import Picture, figure_to_svg
@@ -103,7 +104,7 @@ def cycles_picture(series: Sequence[Series], *, name: str = "cycles") -> Picture
             if not is_overlay:
                 axis.set_title(f"{one.label} (n = {len(cycles)})")
         for axis in axes[: 1 if is_overlay else len(shown)]:
-            crank_axis(axis)
+            cycle_axis(axis, SAW)
             axis.margins(y=0.08)
         if is_overlay:
             axes[0].set_ylabel("cutting force / N")

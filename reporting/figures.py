@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.modeling.machines.words import MachineWords
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -91,8 +92,8 @@ def thin_out(time_s: Floats, values: Floats, *, n_points: int = 1600) -> tuple[F
     return time_s[kept], values[kept]
 
 
-def crank_axis(axes: Axes) -> None:
-    """Label the crank angle in degrees, with the dead centres as ticks."""
+def cycle_axis(axes: Axes, words: MachineWords) -> None:
+    """Label the phase within a cycle in degrees; of a crank the dead centres are ticks."""
     axes.set_xlim(0.0, 360.0)
     axes.set_xticks([0, 45, 90, 135, 180, 225, 270, 315, 360])
-    axes.set_xlabel("crank angle / °")
+    axes.set_xlabel(f"{words.angle} / °")

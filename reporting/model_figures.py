@@ -10,8 +10,9 @@ import numpy as np
 from sawbench.bench.processed import ProcessedTrial
 from sawbench.bench.units import CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
 from sawbench.modeling.discharge import DischargeCurves
+from sawbench.modeling.machines.words import words_of
 from sawbench.modeling.results import RuntimePrediction
-from sawbench.reporting.figures import CHANNEL_COLOURS, QUIET, WIDTH_IN, crank_axis, figure_style
+from sawbench.reporting.figures import CHANNEL_COLOURS, QUIET, WIDTH_IN, cycle_axis, figure_style
 from sawbench.reporting.html import Picture, figure_to_svg
 from sawbench.reporting.quantities import format_number
 from sawbench.reporting.spectrum_figures import MODEL_COLOURS, Cycle
@@ -139,7 +140,7 @@ def _draw_channel(curves: Axes, left: Axes, processed: ProcessedTrial, name: str
     curves.set_title(channel.label.capitalize())
     curves.set_ylabel(f"{channel.label.split()[-1]} / {channel.unit}")
     left.set_ylabel(f"measured − model / {channel.unit}")
-    crank_axis(left)
+    cycle_axis(left, words_of(processed.frame))
     left.set_xticks(_NARROW_TICKS)
 
 

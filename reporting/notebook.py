@@ -9,6 +9,7 @@ from typing import Any
 from markupsafe import Markup
 from sawbench.bench.processed import ProcessedTrial
 from sawbench.bench.recording import Floats, Recording
+from sawbench.modeling.machines.words import SAW, MachineWords
 from sawbench.modeling.results import CuttingFit, RuntimePrediction
 from sawbench.reporting.cause_words import interval_words, name_of
 from sawbench.reporting.compared import FIT_STATUS_WORDS, QUANTITIES, RUNTIME_STATUS_WORDS, Comparison
@@ -25,7 +26,7 @@ _SHOWN_EVENTS = {"note", "gap", "warning", "interrupted"}
 _SVG_NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
 
 
-def recording_block(recording: Recording, *, text: str = "") -> str:
+def recording_block(recording: Recording, *, text: str = "", words: MachineWords = SAW) -> str:
     """Settings, channels and the first second of a recording.
 
     Parameters
@@ -33,6 +34,7 @@ def recording_block(recording: Recording, *, text: str = "") -> str:
     recording : Recording
     text : str
         Said above the table.
+    words : MachineWords
     """
     trial = recording.trial
     rows = [
@@ -40,7 +42,7 @@ def recording_block(recording: Recording, *, text: str = "") -> str:
          f"{len(signal.gaps)}")
         for name, signal in recording.signals.items()
     ]  # fmt: skip
-    heading = f"Trial {trial.trial_id}: {trial.material or 'material not stated'}"
+    heading = f"Trial {trial.trial_id}: {trial.material or f'{words.load} not stated'}"
     duty = "duty not stated" if trial.duty is None else f"duty {trial.duty:.4g}"
     texts = [
         f"{duty}; source: {trial.source}",
@@ -48,7 +50,7 @@ def recording_block(recording: Recording, *, text: str = "") -> str:
         *(event.text for event in recording.events if event.kind in _SHOWN_EVENTS),
     ]
     table = _table(("channel", "unit", "samples", "rate", "duration", "gaps"), rows)
-    return _block(heading, texts, [table], [signals_picture(recording, seconds=_PREVIEW_S)])
+    return _block(heading, texts, [table], [signals_picture(recording, words=words, seconds=_PREVIEW_S)])
 
 
 def processed_block(processed: ProcessedTrial) -> str:

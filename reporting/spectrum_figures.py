@@ -9,6 +9,7 @@ import numpy as np
 from sawbench.bench.processed import PeriodEstimate, ProcessedTrial
 from sawbench.bench.recording import Floats
 from sawbench.bench.units import CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
+from sawbench.modeling.machines.words import MachineWords
 from sawbench.processing.spectrum import Spectrum
 from sawbench.reporting.figures import (
     CHANNEL_COLOURS,
@@ -34,7 +35,7 @@ _MOST_HARMONICS: Final = 16
 _DECADES: Final = 1e-5
 
 
-def period_picture(spectra: Mapping[str, Spectrum], period: PeriodEstimate) -> Picture | None:
+def period_picture(spectra: Mapping[str, Spectrum], period: PeriodEstimate, words: MachineWords) -> Picture | None:
     """Draw the spectra of the running part, with the line taken for the stroke and its rivals.
 
     Parameters
@@ -42,6 +43,7 @@ def period_picture(spectra: Mapping[str, Spectrum], period: PeriodEstimate) -> P
     spectra : mapping of str to Spectrum
         By channel.
     period : PeriodEstimate
+    words : MachineWords
 
     Returns
     -------
@@ -57,36 +59,39 @@ def period_picture(spectra: Mapping[str, Spectrum], period: PeriodEstimate) -> P
         figure = Figure(figsize=(WIDTH_IN, 0.6 + 1.75 * len(spectra)), layout="constrained")
         axes = figure.subplots(len(spectra), 1, sharex=True, squeeze=False)[:, 0]
         for axis, (name, spectrum) in zip(axes, spectra.items(), strict=True):
-            _draw_spectrum(axis, name, spectrum, last_hz)
-            _mark_lines(axis, period)
+            _draw_spectrum(axis, name, spectrum, last_hz, words)
+            _mark_lines(axis, period, words)
         axes[0].legend(loc="upper right", ncols=2, fontsize=8.5)
         axes[-1].set_xlim(0.0, last_hz)
         axes[-1].set_xlabel("frequency / Hz")
         svg = figure_to_svg(
-            figure, name="period", title="Spectrum with the line of the stroke", description=_describe(spectra, period)
+            figure,
+            name="period",
+            title=f"Spectrum with the line of the {words.cycle}",
+            description=_describe(spectra, period, words),
         )
     return Picture(
         svg=svg,
         caption="Amplitude spectrum of the longest running stretch without a gap (Hann window)."
-        f" Solid line: the stroke, {format_number(period.rate_hz)} Hz, found in the {_label(period.channel)};"
-        " dotted: its harmonics."
-        + (" Dashed: alternatives, other possible stroke rates." if period.rivals else " There is no alternative."),
+        f" Solid line: the {words.cycle}, {format_number(period.rate_hz)} Hz, found in the"
+        f" {words.label(period.channel)}; dotted: its harmonics."
+        + (f" Dashed: alternatives, other possible {words.rate}s." if period.rivals else " There is no alternative."),
     )
 
 
-def _draw_spectrum(axis: Axes, name: str, spectrum: Spectrum, last_hz: float) -> None:
+def _draw_spectrum(axis: Axes, name: str, spectrum: Spectrum, last_hz: float, words: MachineWords) -> None:
     is_shown = (spectrum.frequency_hz > 0.0) & (spectrum.frequency_hz <= last_hz)
     frequency_hz, amplitude = thin_out(spectrum.frequency_hz[is_shown], np.sqrt(spectrum.power[is_shown]), n_points=900)
     axis.semilogy(frequency_hz, amplitude, color=CHANNEL_COLOURS.get(name, QUIET), linewidth=0.9)
     top = float(amplitude.max())
     axis.set_ylim(max(_DECADES * top, 0.5 * float(amplitude.min())), 3.0 * top)
     channel = CHANNEL_BY_NAME.get(name)
-    axis.set_title(_label(name).capitalize())
+    axis.set_title(words.label(name).capitalize())
     axis.set_ylabel(f"amplitude / {channel.unit if channel else ''}")
 
 
-def _mark_lines(axis: Axes, period: PeriodEstimate) -> None:
-    axis.axvline(period.rate_hz, color=INK, linewidth=1.4, label=f"stroke, {period.rate_hz:.4g} Hz", zorder=0)
+def _mark_lines(axis: Axes, period: PeriodEstimate, words: MachineWords) -> None:
+    axis.axvline(period.rate_hz, color=INK, linewidth=1.4, label=f"{words.cycle}, {period.rate_hz:.4g} Hz", zorder=0)
     for order in range(2, int(_SHOWN_RATES) + 1):
         axis.axvline(order * period.rate_hz, color=QUIET, linewidth=0.8, linestyle=":", zorder=0)
     for rank, rival in enumerate(period.rivals[:_MOST_RIVALS]):
@@ -100,15 +105,10 @@ def _mark_lines(axis: Axes, period: PeriodEstimate) -> None:
         )
 
 
-def _describe(spectra: Mapping[str, Spectrum], period: PeriodEstimate) -> str:
-    names = " and ".join(_label(name) for name in spectra)
+def _describe(spectra: Mapping[str, Spectrum], period: PeriodEstimate, words: MachineWords) -> str:
+    names = " and ".join(words.label(name) for name in spectra)
     rivals = ", ".join(f"{1.0 / rival.period_s:.4g} Hz" for rival in period.rivals[:_MOST_RIVALS]) or "none"
-    return f"Spectrum of {names}; the stroke is the line at {period.rate_hz:.4g} Hz; alternatives: {rivals}."
-
-
-def _label(name: str) -> str:
-    channel = CHANNEL_BY_NAME.get(name)
-    return channel.label if channel else name
+    return f"Spectrum of {names}; the {words.cycle} is the line at {period.rate_hz:.4g} Hz; alternatives: {rivals}."
 
 
 def harmonics_picture(processed: ProcessedTrial, model: Mapping[str, Cycle]) -> Picture | None:

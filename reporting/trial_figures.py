@@ -10,6 +10,7 @@ from sawbench.bench.folded import FoldedCycle
 from sawbench.bench.processed import Phase, ProcessedTrial
 from sawbench.bench.recording import Floats, Recording, Signal
 from sawbench.bench.units import CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
+from sawbench.modeling.machines.words import SAW, MachineWords, words_of
 from sawbench.reporting.charts import FINE_POINTS
 from sawbench.reporting.figures import (
     CHANNEL_COLOURS,
@@ -18,7 +19,7 @@ from sawbench.reporting.figures import (
     MODEL,
     QUIET,
     WIDTH_IN,
-    crank_axis,
+    cycle_axis,
     figure_style,
     thin_out,
 )
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 def signals_picture(
     recording: Recording,
     phases: Sequence[Phase] = (),
+    words: MachineWords = SAW,
     *,
     seconds: float,
     start_s: float = -np.inf,
@@ -45,6 +47,7 @@ def signals_picture(
     recording : Recording
     phases : sequence of Phase
         Those that are not running are marked.
+    words : MachineWords
     seconds : float
         How much of the trial.
     start_s : float
@@ -69,14 +72,14 @@ def signals_picture(
     if not shown:
         return None
     last_s = min(last_s, max(part[0][-1] for part in shown.values()))
-    figure = _signal_panels(recording, phases, shown, first_s, last_s)
+    figure = _signal_panels(recording, phases, words, shown, first_s, last_s)
     finer = {
         axes.lines[0]: _window(recording.signals[channel], first_s, last_s, n_points=FINE_POINTS)
         for axes, channel in zip(figure.axes, shown, strict=True)
     }
-    names = [CHANNEL_BY_NAME[n].label if n in CHANNEL_BY_NAME else n for n in shown]
+    names = [words.label(channel) for channel in shown]
     marked = [p for p in phases if p.kind != "running" and p.start_s < last_s and p.end_s > first_s]
-    kinds = sorted({p.kind.replace("_", "-") for p in marked})
+    kinds = sorted({words.not_running[p.kind] for p in marked})
     grey = f" Grey: {' and '.join(kinds)}." if kinds else ""
     svg = figure_to_svg(
         figure,
@@ -92,6 +95,7 @@ def signals_picture(
 def _signal_panels(
     recording: Recording,
     phases: Sequence[Phase],
+    words: MachineWords,
     shown: Mapping[str, tuple[Floats, Floats]],
     first_s: float,
     last_s: float,
@@ -102,11 +106,10 @@ def _signal_panels(
         figure = Figure(figsize=(WIDTH_IN, 0.55 + 1.15 * len(shown)), layout="constrained")
         axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
         for axis, (name, (time_s, values)) in zip(axes, shown.items(), strict=True):
-            channel = CHANNEL_BY_NAME.get(name)
             unit = recording.signals[name].unit
             axis.plot(time_s, values, color=CHANNEL_COLOURS.get(name, QUIET), linewidth=0.9)
             axis.set_ylabel(unit, rotation=0, ha="right", va="center")
-            axis.set_title(channel.label.capitalize() if channel else name, fontsize=9.5, color=INK, pad=3)
+            axis.set_title(_title(words, name), fontsize=9.5, color=INK, pad=3)
             axis.margins(y=0.12)
             axis.yaxis.set_major_locator(_few_ticks())
             for phase in phases:
@@ -117,6 +120,12 @@ def _signal_panels(
         axes[-1].set_xlabel("time / s")
         figure.align_ylabels(axes)
     return figure
+
+
+def _title(words: MachineWords, channel: str) -> str:
+    """Words of a channel as a title; a name that is no words stays as it is."""
+    label = words.label(channel)
+    return label if label == channel else label.capitalize()
 
 
 def _few_ticks() -> Any:
@@ -153,6 +162,7 @@ def cycle_picture(processed: ProcessedTrial, simulated: Mapping[str, Floats] | N
     names = [name for name in (FORCE.name, MOTOR_CURRENT.name) if name in processed.folded]
     if not names:
         return None
+    words = words_of(processed.frame)
     heights = [{FORCE.name: 3.3, MOTOR_CURRENT.name: 2.3}[name] for name in names]
     with figure_style():
         figure = Figure(figsize=(WIDTH_IN, 0.5 + sum(heights)), layout="constrained")
@@ -166,22 +176,22 @@ def cycle_picture(processed: ProcessedTrial, simulated: Mapping[str, Floats] | N
             if simulated is not None and name in simulated:
                 angle_deg, values = _one_turn(simulated["angle_rad"], simulated[name])
                 axis.plot(angle_deg, values, color=MODEL, dashes=(5, 2), linewidth=1.3, label="fitted model")
-            axis.set_title(channel.label.capitalize())
+            axis.set_title(words.label(name).capitalize())
             axis.set_ylabel(f"{channel.label.split()[-1]} / {channel.unit}")
             axis.margins(y=0.1)
             # The current never returns to zero, so its curve may fill the corner that the force leaves free.
             axis.legend(loc=_emptier_corner(processed) if name == FORCE.name else "best")
-            crank_axis(axis)
+            cycle_axis(axis, words)
         for axis in axes[:-1]:
             axis.set_xlabel("")
     svg = figure_to_svg(
         figure,
         name="cycle",
-        title="Folded stroke cycle",
+        title=f"Folded {words.cycle}",
         description=_describe_cycle(processed, simulated),
     )
     n_cycles = processed.folded[names[0]].n_cycles
-    caption = f"{n_cycles} strokes over one turn of the crank; 0° is the dead centre with the blade retracted."
+    caption = _folded_words(n_cycles, words)
     if processed.removed is not None:
         caption += " Grey: force on the return stroke, shown as measured and set to zero in the results."
     return Picture(svg=svg, caption=caption)
@@ -197,7 +207,7 @@ def zeroed_picture(processed: ProcessedTrial) -> Picture | None:
     """
     from matplotlib.figure import Figure
 
-    cutting = processed.cutting_force
+    cutting, words = processed.cutting_force, words_of(processed.frame)
     if cutting is None or processed.removed is None:
         return None
     with figure_style():
@@ -212,7 +222,7 @@ def zeroed_picture(processed: ProcessedTrial) -> Picture | None:
         for axis in (before, after):
             axis.legend(loc=_emptier_corner(processed), fontsize=8.5)
             axis.margins(y=0.1)
-            crank_axis(axis)
+            cycle_axis(axis, words)
             axis.set_xticks([0, 90, 180, 270, 360])
     svg = figure_to_svg(
         figure,
@@ -220,11 +230,12 @@ def zeroed_picture(processed: ProcessedTrial) -> Picture | None:
         title="Folded force before and after zeroing the return stroke",
         description=_describe_cycle(processed, None),
     )
-    caption = (
-        f"{cutting.n_cycles} strokes over one turn of the crank; 0° is the dead centre with the blade retracted."
-        " Grey: force on the return stroke, set to zero in the results."
-    )
+    caption = f"{_folded_words(cutting.n_cycles, words)} Grey: force on the return stroke, set to zero in the results."
     return Picture(svg=svg, caption=caption)
+
+
+def _folded_words(n_cycles: int, words: MachineWords) -> str:
+    return f"{n_cycles} {words.cycle}s {words.folded}; {words.zero}."
 
 
 def _emptier_corner(processed: ProcessedTrial) -> str:

@@ -12,6 +12,7 @@ from sawbench.bench.processed import ChannelQuality, ProcessedTrial
 from sawbench.bench.recording import Recording
 from sawbench.bench.units import BATTERY_CURRENT, CHANNEL_BY_NAME, MOTOR_CURRENT
 from sawbench.modeling.discharge import DischargeCurves
+from sawbench.modeling.machines.words import words_of
 from sawbench.modeling.results import CuttingFit, RuntimePrediction
 from sawbench.processing.spectrum import Spectrum
 from sawbench.reporting.compared import FIT_STATUS_WORDS, RUNTIME_STATUS_WORDS
@@ -62,13 +63,6 @@ class Row:
     is_hash: bool = False
 
 
-_STATUS_WORDS: Final = {
-    "cutting": "The saw cut",
-    "no_cutting": "The blade ran without cutting",
-    "moving": "The axis moved back and forth",
-    "stalled": "The saw stalled",
-    "no_stroke": "No stroke was found",
-}
 # The plot in detail begins so much of its length before the first motion.
 _BEFORE_MOTION: Final = 0.05
 # The whole trial is plotted where it is so many times longer than the plot in detail.
@@ -160,7 +154,7 @@ def verdict(processed: ProcessedTrial, fit: CuttingFit | None, runtime: RuntimeP
     fit, runtime : CuttingFit, RuntimePrediction or None
         Results whose status is not "ok" are not quoted.
     """
-    what = _STATUS_WORDS[processed.status]
+    what = words_of(processed.frame).statuses[processed.status]
     if processed.status == "cutting":
         what += f" {_material(processed)}"
     if processed.period is not None:
@@ -184,9 +178,8 @@ def _short(value: float | None, unit: str) -> str:
 
 
 def _material(processed: ProcessedTrial) -> str:
-    if processed.trial.is_idle:
-        return "no load" if processed.status == "moving" else "blade in air"
-    return processed.trial.material or "an unknown material"
+    words = words_of(processed.frame)
+    return words.idle if processed.trial.is_idle else processed.trial.material or f"an unknown {words.load}"
 
 
 def _stroke_rate(processed: ProcessedTrial) -> str:
@@ -196,33 +189,36 @@ def _stroke_rate(processed: ProcessedTrial) -> str:
 
 
 def trial_facts(processed: ProcessedTrial) -> list[Row]:
-    """Return what was done in a trial, fact by fact; what nobody stated is said so."""
-    trial = processed.trial
+    """Return what was done in a trial, fact by fact; what nobody stated is said so, if such a machine has it."""
+    trial, words = processed.trial, words_of(processed.frame)
     date = None if trial.started_at is None else f"{trial.started_at:%Y-%m-%d %H:%M %Z}".strip()
+    settings = {
+        "thickness": None if trial.thickness_mm is None else f"{trial.thickness_mm:g} mm",
+        "duty": None if trial.duty is None else f"{trial.duty:.4g}",
+        "feed": None if trial.feed_mm_s is None else f"{trial.feed_mm_s:g} mm/s",
+        "repetition": None if trial.repetition is None else str(trial.repetition),
+        "blade": trial.blade,
+        "battery": trial.battery,
+    }
     facts: list[tuple[str, str | None]] = [
-        ("Material", _material(processed)),
-        ("Thickness", None if trial.thickness_mm is None else f"{trial.thickness_mm:g} mm"),
-        ("Duty", None if trial.duty is None else f"{trial.duty:.4g}"),
-        ("Feed", None if trial.feed_mm_s is None else f"{trial.feed_mm_s:g} mm/s"),
-        ("Repetition", None if trial.repetition is None else str(trial.repetition)),
-        ("Blade", trial.blade),
-        ("Battery", trial.battery),
+        (words.load.capitalize(), _material(processed)),
+        *((name.capitalize(), value) for name, value in settings.items() if value or name in words.settings),
         ("Operator", trial.operator),
         ("Date", date),
         ("File", Path(processed.source_path).name or None),
         ("Source", trial.source),
         ("Software", software_version()),
     ]
-    facts += [("Corrected", words) for words in trial.amendments]
+    facts += [("Corrected", said) for said in trial.amendments]
     return [Row(label=label, value=value or "not stated") for label, value in facts]
 
 
 def _tiles(processed: ProcessedTrial, fit: CuttingFit | None, runtime: RuntimePrediction | None) -> list[Tile]:
-    tiles = []
+    tiles, words = [], words_of(processed.frame)
     if processed.period is not None:
         period = processed.period
         detail = f"period {format_quantity(1e3 * period.period_s, 1e3 * period.period_std_s, 'ms')}"
-        tiles.append(Tile(label="Stroke rate", value=_stroke_rate(processed), detail=detail))
+        tiles.append(Tile(label=words.rate.capitalize(), value=_stroke_rate(processed), detail=detail))
     if processed.peak_force_n is not None:
         peak = format_quantity(processed.peak_force_n, processed.peak_force_std_n, "N")
         tiles.append(Tile(label="Peak force", value=peak, detail="mean over the strokes"))
@@ -257,12 +253,14 @@ def trust_in(report: TrialReport) -> Trust:
         "bad" where a result is not reliable or a channel lost more than 1 % of its samples.
     """
     processed, fit, runtime = report.processed, report.fit, report.runtime
-    bad, warn = [], list(processed.warnings)
+    words, bad, warn = words_of(processed.frame), [], list(processed.warnings)
     if processed.status in {"stalled", "no_stroke"}:
-        bad.append(f"{_STATUS_WORDS[processed.status]}; there is no cycle to evaluate.")
+        bad.append(f"{words.statuses[processed.status]}; there is no cycle to evaluate.")
     if processed.period is not None and processed.period.confidence != "high":
         sink = bad if processed.period.confidence == "low" else warn
-        sink.append(f"Stroke period: {processed.period.confidence} confidence, {processed.period.reason}.")
+        sink.append(
+            f"{words.period.capitalize()}: {processed.period.confidence} confidence, {processed.period.reason}."
+        )
     if processed.losses:
         bad.append(f"Too many samples were lost: {', '.join(processed.losses)}.")
     if processed.removed is not None and processed.removed.looks_swapped:
@@ -281,7 +279,7 @@ def trust_in(report: TrialReport) -> Trust:
     warn += runtime.notes if runtime is not None else ()
     warn += [f"{row.channel}: {problem}" for row in processed.quality for problem in row.problems]
     warn += [f"{offset.problem}." for offset in processed.offsets if offset.problem]
-    reasons = tuple(dict.fromkeys([*bad, *warn]))
+    reasons = tuple(words.told(text) for text in dict.fromkeys([*bad, *warn]))
     if bad:
         return Trust(level="bad", words="Not every result of this trial is reliable.", reasons=reasons)
     if warn:
@@ -291,15 +289,18 @@ def trust_in(report: TrialReport) -> Trust:
 
 def _sections(report: TrialReport, preview_s: float) -> list[Section]:
     processed, fit, runtime = report.processed, report.fit, report.runtime
+    words = words_of(processed.frame)
     found = [Section(heading="Signals over time", pictures=_signal_pictures(report, preview_s))]
     if processed.period is not None:
-        spectrum = period_picture(report.spectra, processed.period)
-        found.append(Section(heading="Stroke period", pictures=_drawn(spectrum), texts=_period_words(processed)))
+        spectrum = period_picture(report.spectra, processed.period, words)
+        found.append(
+            Section(heading=words.period.capitalize(), pictures=_drawn(spectrum), texts=_period_words(processed))
+        )
     if processed.offsets:
-        words = tuple(f"{offset.words()}." for offset in processed.offsets)
-        found.append(Section(heading="Alignment of the instruments, checked on the strokes", texts=words))
+        said = tuple(f"{offset.words()}." for offset in processed.offsets)
+        found.append(Section(heading=f"Alignment of the instruments, checked on the {words.cycle}s", texts=said))
     texts = () if processed.removed is None else (_removed_words(processed),)
-    found.append(Section(heading="One stroke", pictures=_stroke_pictures(report), texts=texts))
+    found.append(Section(heading=f"One {words.cycle}", pictures=_stroke_pictures(report), texts=texts))
     if report.model:
         pictures = _drawn(model_picture(processed, report.model), harmonics_picture(processed, report.model))
         found.append(
@@ -309,8 +310,9 @@ def _sections(report: TrialReport, preview_s: float) -> list[Section]:
                 table=tuple(_deviation_row(row) for row in deviations_of(processed, report.model)),
             )
         )
-    words = (f"None: {report.note}.",) if fit is None and report.note else ()
-    found.append(Section(heading="Cutting coefficient", texts=words if fit is None else _fit_words(fit)))
+    if processed.status != "moving":
+        reason = (f"None: {report.note}.",) if fit is None and report.note else ()
+        found.append(Section(heading="Cutting coefficient", texts=reason if fit is None else _fit_words(fit)))
     drawn = _drawn(discharge_picture(report.discharges, runtime))
     if runtime is not None and runtime.status == "ok":
         found.append(Section(heading="Battery runtime", pictures=drawn, texts=_runtime_words(runtime)))
@@ -327,11 +329,12 @@ def _signal_pictures(report: TrialReport, preview_s: float) -> tuple[Picture, ..
     if recording is None:
         return ()
     start_s = -np.inf if steady is None else steady.first_motion_s - _BEFORE_MOTION * preview_s
-    detail = signals_picture(recording, phases, seconds=preview_s, start_s=start_s)
+    words = words_of(report.processed.frame)
+    detail = signals_picture(recording, phases, words, seconds=preview_s, start_s=start_s)
     longest_s = max((signal.duration_s for signal in recording.signals.values()), default=0.0)
     if longest_s <= _LONGER * preview_s:
         return _drawn(detail)
-    return _drawn(detail, signals_picture(recording, phases, seconds=np.inf, name="whole"))
+    return _drawn(detail, signals_picture(recording, phases, words, seconds=np.inf, name="whole"))
 
 
 def _stroke_pictures(report: TrialReport) -> tuple[Picture, ...]:
@@ -364,18 +367,18 @@ def _removed_words(processed: ProcessedTrial) -> str:
 
 
 def _period_words(processed: ProcessedTrial) -> tuple[str, ...]:
-    period = processed.period
+    period, words = processed.period, words_of(processed.frame)
     assert period is not None
-    channel = CHANNEL_BY_NAME.get(period.channel)
     texts = [
         f"{format_quantity(1e3 * period.period_s, 1e3 * period.period_std_s, 'ms')} over {period.n_cycles} "
-        f"whole strokes of the {channel.label if channel else period.channel}; standard deviation between "
-        f"strokes {_short(1e3 * period.spread_s, 'ms')}. Confidence: {period.confidence} ({period.reason})."
+        f"whole {words.cycle}s of the {words.label(period.channel)}; standard deviation between "
+        f"{words.cycle}s {_short(1e3 * period.spread_s, 'ms')}. Confidence: {period.confidence} "
+        f"({words.told(period.reason)})."
     ]
     for rival in period.rivals:
         texts.append(
             f"Also possible: {_short(1e3 * rival.period_s, 'ms')} with "
-            f"{format_number(100.0 * rival.relative_power, digits=2)} % of the power ({rival.reason})."
+            f"{format_number(100.0 * rival.relative_power, digits=2)} % of the power ({words.told(rival.reason)})."
         )
     return tuple(texts)
 

@@ -71,7 +71,7 @@ def write_processed(processed: ProcessedTrial, path: str | Place, overwrite: boo
         store.attrs["format_version"] = _FORMAT_VERSION
         store.attrs["key"] = key
         _put(store.create_group("trial"), trial_to_metadata(processed.trial))
-        for name in ("status", "peak_force_n", "peak_force_std_n", "source_path", "source_sha256"):
+        for name in ("status", "peak_force_n", "peak_force_std_n", "source_path", "source_sha256", "frame"):
             _put(store, {name: getattr(processed, name)})
         store.attrs["warnings"] = list(processed.warnings)
         _put_period(store, processed.period)
@@ -200,6 +200,7 @@ def _read_trial(store: Any) -> ProcessedTrial:
         warnings=tuple(attributes["warnings"]),
         source_path=attributes["source_path"],
         source_sha256=attributes["source_sha256"],
+        frame=attributes.get("frame", "crank"),
     )
 
 

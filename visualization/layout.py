@@ -9,7 +9,8 @@ from typing import Any, Final
 
 from sawbench.bench.processed import ProcessedTrial
 from sawbench.bench.recording import Event, Trial
-from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, DISPLACEMENT, FORCE, MOTOR_CURRENT
+from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, DISPLACEMENT, FORCE, MOTOR_CURRENT
+from sawbench.modeling.machines.words import SAW, MachineWords
 from sawbench.visualization.sdk import TimelineColumn, rr, rrb
 
 TIMELINE: Final = "time"
@@ -20,7 +21,6 @@ REMAINING: Final = "remaining_runtime_s"
 TRIAL_PATH: Final = "trial"
 EVENTS_PATH: Final = "events"
 CYCLE_PATH: Final = "cycle"
-CYCLE_TITLE: Final = "Mean force / N, crank angle / °"
 MECHANISM_PATH: Final = "mechanism"
 
 
@@ -51,18 +51,21 @@ class Series:
         return f"{self.path}_simulated"
 
 
-_SHOWN: Final = (
-    (FORCE.name, "Cutting force / N", "force", (230, 110, 20)),
-    (DISPLACEMENT.name, "Blade displacement / mm", "displacement", (86, 180, 233)),
-    (STROKE_RATE, "Stroke rate / Hz", "stroke rate", (240, 220, 90)),
-    (MOTOR_CURRENT.name, "Motor current / A", "motor current", (0, 178, 130)),
-    (BATTERY_VOLTAGE.name, "Battery voltage / V", "battery voltage", (204, 121, 167)),
-    (BATTERY_CURRENT.name, "Battery current / A", "battery current", (150, 140, 220)),
-    (K_FC, "k_Fc ± its uncertainty / N·s/m, updated every stroke", "k_Fc", (200, 200, 200)),
-    (REMAINING, "Remaining runtime at this load / s", "remaining runtime", (213, 94, 0)),
-)
-SERIES: Final = {
-    of: Series(path=f"signals/{of}", title=title, name=name, colour=colour) for of, title, name, colour in _SHOWN
+# What the bench shows, in this order, from the Okabe-Ito set.
+COLOURS: Final = {
+    FORCE.name: (230, 110, 20),
+    DISPLACEMENT.name: (86, 180, 233),
+    STROKE_RATE: (240, 220, 90),
+    MOTOR_CURRENT.name: (0, 178, 130),
+    BATTERY_VOLTAGE.name: (204, 121, 167),
+    BATTERY_CURRENT.name: (150, 140, 220),
+    K_FC: (200, 200, 200),
+    REMAINING: (213, 94, 0),
+}
+_OTHER_COLOUR: Final = (170, 170, 170)
+_ESTIMATES: Final = {
+    K_FC: ("k_Fc ± its uncertainty / N·s/m, updated every stroke", "k_Fc"),
+    REMAINING: ("Remaining runtime at this load / s", "remaining runtime"),
 }
 _HIDDEN_TIME: Final = TimelineColumn(TIMELINE, visible=False)
 """Rerun cuts its time column short; the text of an event begins with the time instead."""
@@ -71,16 +74,32 @@ _LEFT: Final = (FORCE.name, DISPLACEMENT.name, "stroke_rate_hz", K_FC)
 _RIGHT: Final = (MOTOR_CURRENT.name, BATTERY_CURRENT.name, BATTERY_VOLTAGE.name, REMAINING)
 
 
-def series_of(channel: str, unit: str = "") -> Series:
-    """Return how a channel is drawn; a channel of an importer gets a panel of its own, in grey."""
-    if channel in SERIES:
-        return SERIES[channel]
-    title = f"{channel} / {unit}" if unit else channel
-    return Series(path=f"signals/{channel}", title=title, name=channel, colour=(170, 170, 170))
+def series_of(channel: str, unit: str = "", words: MachineWords = SAW) -> Series:
+    """Return how a channel is drawn; a channel of an importer gets a panel of its own, in grey.
+
+    Examples
+    --------
+    >>> series_of("displacement_mm").title, series_of("drive_force_n", "N").title
+    ('Blade displacement / mm', 'drive_force_n / N')
+    """
+    title, name = _ESTIMATES.get(channel) or _named(channel, unit, words)
+    return Series(path=f"signals/{channel}", title=title, name=name, colour=COLOURS.get(channel, _OTHER_COLOUR))
+
+
+def _named(channel: str, unit: str, words: MachineWords) -> tuple[str, str]:
+    """Title and name of what is measured."""
+    if channel == STROKE_RATE:
+        return f"{words.rate.capitalize()} / Hz", words.rate
+    known = CHANNEL_BY_NAME.get(channel)
+    if known is None:
+        return (f"{channel} / {unit}" if unit else channel), channel
+    label = words.label(channel)
+    return f"{label.capitalize()} / {known.unit}", label
 
 
 def make_blueprint(
     *,
+    words: MachineWords = SAW,
     channels: Mapping[str, str] | None = None,
     has_cycle: bool = False,
     has_mechanism: bool = False,
@@ -92,6 +111,8 @@ def make_blueprint(
 
     Parameters
     ----------
+    words : MachineWords
+        Of the machine that is shown.
     channels : mapping of str to str, optional
         Channel names that will be shown, with their units; the six of the bench by default. The stroke rate
         is shown where there is a displacement.
@@ -110,18 +131,21 @@ def make_blueprint(
     -------
     rerun.blueprint.Blueprint
     """
-    shown = dict.fromkeys(SERIES, "") if channels is None else dict(channels)
+    shown = dict.fromkeys(COLOURS, "") if channels is None else dict(channels)
     if live_window_s is None or not has_estimate:
         shown = {name: unit for name, unit in shown.items() if name not in {K_FC, REMAINING}}
     if DISPLACEMENT.name in shown:
         shown["stroke_rate_hz"] = "Hz"
     columns = [[name for name in column if name in shown] for column in (_LEFT, _RIGHT)]
     for name in shown:
-        if name not in SERIES:
+        if name not in COLOURS:
             min(columns, key=len).append(name)
     plots = [
         rrb.Vertical(
-            *[_panel(series_of(name, shown[name]), live_window_s, has_legend=name in simulated) for name in column]
+            *[
+                _panel(series_of(name, shown[name], words), live_window_s, has_legend=name in simulated)
+                for name in column
+            ]
         )
         for column in columns
         if column
@@ -132,7 +156,8 @@ def make_blueprint(
         side.append(rrb.Spatial2DView(origin=MECHANISM_PATH, name="Crank (yellow) and blade (orange)"))
         shares.append(2)
     if has_cycle:
-        side.append(rrb.BarChartView(origin=CYCLE_PATH, name=CYCLE_TITLE, plot_legend=rrb.PlotLegend(visible=False)))
+        title = f"Mean force / N, {words.angle} / °"
+        side.append(rrb.BarChartView(origin=CYCLE_PATH, name=title, plot_legend=rrb.PlotLegend(visible=False)))
         shares.append(3)
     columns_shown = rrb.TextLogColumns(timeline_columns=[_HIDDEN_TIME], text_log_columns=["LogLevel", "Body"])
     # As wide as the window, so that few texts need a second line.
@@ -201,13 +226,13 @@ def log_event(recording: Any, event: Event) -> None:
         recording.log(EVENTS_PATH, rr.TextLog(line, level=level))
 
 
-def log_trial(recording: Any, trial: Trial, processed: ProcessedTrial | None = None) -> None:
+def log_trial(recording: Any, trial: Trial, processed: ProcessedTrial | None = None, words: MachineWords = SAW) -> None:
     """Write the text panel."""
-    text = trial_markdown(trial, processed)
+    text = trial_markdown(trial, processed, words)
     recording.log(TRIAL_PATH, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
-def trial_markdown(trial: Trial, processed: ProcessedTrial | None = None) -> str:
+def trial_markdown(trial: Trial, processed: ProcessedTrial | None = None, words: MachineWords = SAW) -> str:
     """Describe a trial, and what the processing found, as Markdown.
 
     Examples
@@ -224,7 +249,7 @@ def trial_markdown(trial: Trial, processed: ProcessedTrial | None = None) -> str
     if "simulated" in trial.source:
         lines += ["**Simulated bench: not a measurement.**", ""]
     rows: list[tuple[str, str | None]] = [
-        ("Material", "blade in air" if trial.is_idle else trial.material),
+        (words.load.capitalize(), words.idle if trial.is_idle else trial.material),
         ("Repetition", None if trial.repetition is None else str(trial.repetition)),
         ("Duty", None if trial.duty is None else f"{100 * trial.duty:.4g} %"),
         ("Thickness", None if trial.thickness_mm is None else f"{trial.thickness_mm:g} mm"),
@@ -237,21 +262,23 @@ def trial_markdown(trial: Trial, processed: ProcessedTrial | None = None) -> str
         ("Notes", trial.notes or None),
     ]
     if processed is not None:
-        lines += _result_lines(processed)
+        lines += _result_lines(processed, words)
     lines += ["| Setting | |", "|---|---|"] + [f"| {name} | {_plain(value)} |" for name, value in rows if value]
     return "\n".join(lines)
 
 
-def _result_lines(processed: ProcessedTrial) -> list[str]:
+def _result_lines(processed: ProcessedTrial, words: MachineWords) -> list[str]:
     rows = [("Status", processed.status.replace("_", " "))]
     if processed.period is not None:
         period = processed.period
         rate_std_hz = period.period_std_s / period.period_s**2
-        rows.append(("Stroke rate", f"{period.rate_hz:.3f} ± {rate_std_hz:.2g} Hz ({period.confidence} confidence)"))
+        rows.append(
+            (words.rate.capitalize(), f"{period.rate_hz:.3f} ± {rate_std_hz:.2g} Hz ({period.confidence} confidence)")
+        )
     if processed.peak_force_n is not None:
         rows.append(("Peak force", f"{processed.peak_force_n:.1f} ± {processed.peak_force_std_n or 0.0:.2g} N"))
     lines = ["| Result | |", "|---|---|"] + [f"| {name} | {value} |" for name, value in rows]
-    return [*lines, "", *(f"- {_plain(warning)}" for warning in processed.warnings), ""]
+    return [*lines, "", *(f"- {_plain(words.told(warning))}" for warning in processed.warnings), ""]
 
 
 def _plain(text: str | None) -> str:

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from sawbench.bench.errors import SawbenchError
+from sawbench.bench.processed import Frame
 from sawbench.bench.recording import Event, SampleBlock, Trial
 from sawbench.bench.sample_queue import SampleQueue
 from sawbench.visualization.viewer import refuse_rrd
@@ -39,7 +40,7 @@ class LiveViewProcess:
     trial : Trial, optional
     show : {"spawn", "serve", "none"}
     save_path : str or Path, optional
-    overwrite, has_estimate : bool
+    overwrite, frame, has_estimate
         As `rerun_view.LiveView`.
     command : sequence of str
         What is started; tests start something else.
@@ -64,6 +65,7 @@ class LiveViewProcess:
         show: Literal["spawn", "serve", "none"] = "spawn",
         save_path: str | Path | None = None,
         overwrite: bool = False,
+        frame: Frame = "crank",
         has_estimate: bool = False,
         command: Sequence[str] = _COMMAND,
     ) -> None:
@@ -79,6 +81,7 @@ class LiveViewProcess:
                 "show": show,
                 "save_path": save_path,
                 "overwrite": overwrite,
+                "frame": frame,
                 "has_estimate": has_estimate,
             }
         )

@@ -8,14 +8,16 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from sawbench.bench.processed import CrankAngle, ProcessedTrial
+from sawbench.bench.processed import CrankAngle, Frame, ProcessedTrial
 from sawbench.bench.recording import Floats, Recording, Signal
 from sawbench.bench.units import DISPLACEMENT, FORCE
+from sawbench.modeling.machines.words import words_of
 from sawbench.modeling.parts.mechanism import Mechanism
 from sawbench.processing.binning import AngleGrid
 from sawbench.visualization.layout import (
     CYCLE_PATH,
     MECHANISM_PATH,
+    STROKE_RATE,
     STROKE_RATE_PATH,
     TIMELINE,
     log_event,
@@ -91,24 +93,28 @@ def view_recording(
 def _fill(stream: Any, recording: Recording, processed: ProcessedTrial | None, model: Mapping[str, Floats]) -> None:
     has_cycle = processed is not None and FORCE.name in processed.folded
     angle = None if processed is None else processed.angle
-    has_mechanism = angle is not None and angle.is_absolute and angle.radius_m > 0.0
+    frame: Frame = "crank" if processed is None else processed.frame
+    words = words_of(frame)
+    has_mechanism = frame == "crank" and angle is not None and angle.is_absolute and angle.radius_m > 0.0
     simulated = sorted(set(model) & set(recording.signals)) if has_mechanism else []
     stream.send_recording_name(recording.trial.trial_id)
     units = {name: signal.unit for name, signal in recording.signals.items()}
     stream.send_blueprint(
-        make_blueprint(channels=units, has_cycle=has_cycle, has_mechanism=has_mechanism, simulated=simulated)
+        make_blueprint(
+            words=words, channels=units, has_cycle=has_cycle, has_mechanism=has_mechanism, simulated=simulated
+        )
     )
-    log_trial(stream, recording.trial, processed)
+    log_trial(stream, recording.trial, processed, words)
     for event in recording.events:
         log_event(stream, event)
     stream.reset_time()
     for name, signal in recording.signals.items():
-        series = series_of(name, signal.unit)
+        series = series_of(name, signal.unit, words)
         log_style(stream, series)
         send_samples(stream, series.path, *_with_breaks(signal))
     rates = _stroke_rates(recording, processed)
     if len(rates):
-        log_style(stream, series_of("stroke_rate_hz"))
+        log_style(stream, series_of(STROKE_RATE, "Hz", words))
         # Without these the panel would begin at the first stroke, out of line with the others.
         ends = [[signal.time_s[end], np.nan] for signal in recording.signals.values() for end in (0, -1)]
         rates = np.array(sorted([*rates.tolist(), min(ends), max(ends)]))

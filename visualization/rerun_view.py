@@ -17,9 +17,11 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
+from sawbench.bench.processed import Frame
 from sawbench.bench.recording import Event, Floats, SampleBlock, Trial
 from sawbench.bench.sample_queue import SampleQueue
 from sawbench.bench.units import DISPLACEMENT
+from sawbench.modeling.machines.words import words_of
 from sawbench.visualization.envelope import envelope_indices
 from sawbench.visualization.layout import (
     K_FC,
@@ -105,6 +107,8 @@ class LiveView:
         Also write what is shown, thinned out as it is, to this `.rrd` file.
     overwrite : bool
         Allow `save_path` to exist.
+    frame : {"crank", "linear_axis"}
+        Of the machine that is recorded.
     has_estimate : bool
         Make room for k_Fc and the remaining runtime; see `cutting_estimate`.
     start_viewer : callable
@@ -141,12 +145,14 @@ class LiveView:
         show: Show = "spawn",
         save_path: str | Path | None = None,
         overwrite: bool = False,
+        frame: Frame = "crank",
         has_estimate: bool = False,
         start_viewer: Callable[[str], ViewerProcess] = _start_viewer,
     ) -> None:
         self.is_dead = False
         self.dead_reason = ""
         self.url: str | None = None
+        self._words = words_of(frame)
         self._viewer: ViewerProcess | None = None
         self._waiting: SampleQueue[_Item] = SampleQueue()
         self._is_closing = threading.Event()
@@ -157,8 +163,9 @@ class LiveView:
         self._recording = rr.RecordingStream(_APPLICATION_ID, recording_id=uuid.uuid4())
         self._attach(show, save_path, overwrite, start_viewer)
         if trial is not None:
-            log_trial(self._recording, trial)
-        self._recording.send_blueprint(make_blueprint(live_window_s=_WINDOW_S, has_estimate=has_estimate))
+            log_trial(self._recording, trial, words=self._words)
+        blueprint = make_blueprint(words=self._words, live_window_s=_WINDOW_S, has_estimate=has_estimate)
+        self._recording.send_blueprint(blueprint)
         self._worker = threading.Thread(target=self._work, name="live view", daemon=True)
         self._worker.start()
 
@@ -284,7 +291,7 @@ class LiveView:
 
     def _send_pending(self) -> None:
         for channel, blocks in self._pending.items():
-            series = series_of(channel, blocks[0].unit)
+            series = series_of(channel, blocks[0].unit, self._words)
             self._style_once(channel, blocks[0].unit)
             times, values = [], []
             for block in blocks:
@@ -329,4 +336,4 @@ class LiveView:
     def _style_once(self, channel: str, unit: str) -> None:
         if channel not in self._styled:
             self._styled.add(channel)
-            log_style(self._recording, series_of(channel, unit))
+            log_style(self._recording, series_of(channel, unit, self._words))

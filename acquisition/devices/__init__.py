@@ -121,7 +121,7 @@ def validate_table(
         If the driver is unknown or a key is missing, unknown or out of range.
     """
     from pydantic import ValidationError
-    from sawbench.bench.config import describe_validation
+    from sawbench.bench.validation_text import describe_validation
 
     where = f"[devices.{name}]"
     driver = table.get("driver")

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
-from sawbench.bench.config import describe_validation
 from sawbench.bench.errors import ConfigError, InputError
 from sawbench.bench.toml_text import parse_toml, read_toml_text
+from sawbench.bench.validation_text import describe_validation
 from sawbench.bench.wear_rule import BLADE_GROWTH_LIMIT
 
 _STRICT: Final = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)

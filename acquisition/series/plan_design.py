@@ -12,9 +12,9 @@ from typing import Any, Literal
 
 from pydantic import ValidationError
 from sawbench.acquisition.series.plan import PlannedTrial, SeriesPlan, trial_name
-from sawbench.bench.config import describe_validation
 from sawbench.bench.errors import InputError
 from sawbench.bench.toml_writing import toml_text
+from sawbench.bench.validation_text import describe_validation
 
 _HEAD = (
     "A plan for `sawbench series run`: one line per trial, in recording order. Edit it freely until",

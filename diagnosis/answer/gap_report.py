@@ -43,7 +43,7 @@ SCHEMA_VERSION = 1
 MOST_PLANNED = 20
 _METRIC = (
     "root mean square of the equation residuals over their noise, on {held_out}; by_channel: measured minus predicted"
-    " mean stroke in the unit of the channel{simulated}{fitted}"
+    " mean {cycle} in the unit of the channel{simulated}{fitted}"
 )
 _FITTED = "; k_Fc of a workpiece is always fitted to its own trial"
 _HELD_OUT = {
@@ -156,7 +156,7 @@ def _report(
     by_direction, asymmetry = campaign.plant.asymmetry(campaign.states, posterior.best.effects, retuned)
     if by_direction:
         causes[0]["by_direction"] = by_direction
-    gap = _gap(predictions.of(first).ladder, channels, _FITTED if campaign.k_guess_n_s_per_m else "")
+    gap = _gap(predictions.of(first).ladder, channels, campaign)
     contradicted = contradiction(posterior.verdict, shifts, gap, campaign.plant.measured_rms(campaign.states))
     improved = None if contradicted else improved_model(problem, posterior, members, causes, loaded, learned)
     return {
@@ -279,11 +279,16 @@ def _shifts(problem: LinearProblem, members: Sequence[Explanation]) -> dict[str,
     return shifts
 
 
-def _gap(ladder: Ladder, channels: ChannelGap | None, fitted: str) -> dict[str, Any]:
+def _gap(ladder: Ladder, channels: ChannelGap | None, campaign: Campaign) -> dict[str, Any]:
     by_channel = ladder.by_channel if channels is None or not channels.by_channel else channels.by_channel
     simulated = "" if by_channel is ladder.by_channel else ", predicted by the simulated model"
     found = {
-        "metric": _METRIC.format(held_out=_HELD_OUT[ladder.held_out], simulated=simulated, fitted=fitted),
+        "metric": _METRIC.format(
+            held_out=_HELD_OUT[ladder.held_out],
+            cycle=campaign.plant.machine.words.cycle,
+            simulated=simulated,
+            fitted=_FITTED if campaign.k_guess_n_s_per_m else "",
+        ),
         **_rungs(ladder.whitened),
         "by_channel": {name: {**_rungs(r), "unit": unit} for name, (r, unit) in by_channel.items()},
     }

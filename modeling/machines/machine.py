@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
+from sawbench.bench.processed import Frame
 from sawbench.modeling.effects.catalogue import EFFECTS
 from sawbench.modeling.effects.effect import Effect, Part
 from sawbench.modeling.load import OAK
+from sawbench.modeling.machines.words import MachineWords, words_of
 from sawbench.modeling.residuals import Equation
-
-Frame = Literal["crank", "linear_axis"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -41,6 +41,11 @@ class Machine:
     inputs: tuple[str, ...]
     equations: tuple[Equation, ...]
     parameters: tuple[str, ...]
+
+    @property
+    def words(self) -> MachineWords:
+        """What pages call its motion and its channels."""
+        return words_of(self.frame)
 
     def effects(self, model: Any) -> tuple[Effect, ...]:
         """List the effects whose parts the machine has, in the order of the catalogue.

@@ -15,10 +15,11 @@ from pydantic import (
     ValidationError,
     field_validator,
 )
-from sawbench.bench.config import LoadedConfig, describe_validation, load_config
+from sawbench.bench.config import LoadedConfig, load_config
 from sawbench.bench.errors import ConfigError
 from sawbench.bench.recording import Trial
 from sawbench.bench.toml_text import parse_toml, read_toml_text
+from sawbench.bench.validation_text import describe_validation
 from sawbench.storage.importers.table_map import TableMap, load_map, parse_map
 
 _STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)

@@ -127,7 +127,8 @@ def import_path(
     for number, job in enumerate(jobs):
         if on_trial is not None:
             on_trial(number, len(jobs), job.trial.trial_id)
-        content = read_table(job.table, job.table_map, is_idle=job.trial.is_idle, is_saw=_is_saw(job.config_toml))
+        is_saw, expected = _machine(job.config_toml)
+        content = read_table(job.table, job.table_map, is_idle=job.trial.is_idle, is_saw=is_saw, expected=expected)
         recording = _recording(job, content)
         target = write_recording(recording, out_dir / f"{job.trial.trial_id}.mcap", overwrite)
         paths.append(target)
@@ -206,15 +207,23 @@ def _recording(job: _Job, content: TableContent) -> Recording:
 
 
 @lru_cache(maxsize=1)  # a campaign has one
-def _is_saw(config_toml: str) -> bool:
-    """Whether the configuration of a table describes a saw; without one it is taken for that of a saw."""
+def _machine(config_toml: str) -> tuple[bool, frozenset[str]]:
+    """Whether the configuration of a table describes a saw, as without one, and which further channels it names."""
     from sawbench.bench.config import parse_config
 
-    return not config_toml or parse_config(config_toml, where="configuration").config.linear_axis is None
+    if not config_toml:
+        return True, frozenset()
+    config = parse_config(config_toml, where="configuration").config
+    return config.frame == "crank", config.further_channels
 
 
 def read_table(
-    path: Path, table_map: TableMap | None = None, *, is_idle: bool = False, is_saw: bool = True
+    path: Path,
+    table_map: TableMap | None = None,
+    *,
+    is_idle: bool = False,
+    is_saw: bool = True,
+    expected: frozenset[str] = frozenset(),
 ) -> TableContent:
     """Read the signals of a single table.
 
@@ -226,6 +235,8 @@ def read_table(
         The blade ran in air.
     is_saw : bool
         See `signals_of`.
+    expected : frozenset of str
+        Channels beyond those of the bench that the configuration names.
 
     Raises
     ------
@@ -237,7 +248,7 @@ def read_table(
     signals: dict[str, Signal] = {}
     warnings = list(choice.warnings)
     for table in choice.tables:
-        found, said = signals_of(table, is_idle=is_idle, is_saw=is_saw, mapped=choice.mapped)
+        found, said = signals_of(table, is_idle=is_idle, is_saw=is_saw, expected=choice.mapped | expected)
         signals |= found
         warnings += said
     if not signals:

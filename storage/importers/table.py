@@ -14,6 +14,7 @@ from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Floats, Gap, Signal
 from sawbench.bench.units import CHANNEL_BY_NAME, TIME_COLUMN, Channel
 from sawbench.storage.assembly import find_time_jumps
+from sawbench.storage.importers.unit_conversion import stored_unit
 
 # Slower than this no stroke of a jigsaw can be seen: the times are probably not in seconds.
 _SLOWEST_INTERVAL_S: Final = 0.05
@@ -45,7 +46,7 @@ class Table:
 
 
 def signals_of(
-    table: Table, *, is_idle: bool = False, is_saw: bool = True, mapped: Collection[str] = ()
+    table: Table, *, is_idle: bool = False, is_saw: bool = True, expected: Collection[str] = ()
 ) -> tuple[dict[str, Signal], list[str]]:
     """Check a table and turn its columns into signals.
 
@@ -58,8 +59,8 @@ def signals_of(
         The blade ran in air: a force near zero is then no sign of another unit.
     is_saw : bool
         Values are compared with what a saw can produce; another machine has other forces and travels.
-    mapped : collection of str
-        Channels that a map asks for: they need not be known.
+    expected : collection of str
+        Channels that a map or the configuration asks for: they need not be known.
 
     Returns
     -------
@@ -85,9 +86,10 @@ def signals_of(
             warnings.append(f"column {name} is empty and left out")
             continue
         channel = CHANNEL_BY_NAME.get(name)
-        if channel is None and name not in mapped:
+        if channel is None and name not in expected:
             warnings.append(_unknown_column(name))
-        signal = _signal(name, channel.unit if channel else table.units.get(name, ""), table.time_s, values, jumps)
+        unit = channel.unit if channel else table.units.get(name) or (stored_unit(name) if name in expected else "")
+        signal = _signal(name, unit, table.time_s, values, jumps)
         if signal.gaps:
             missing = sum(gap.n_missing for gap in signal.gaps)
             warnings.append(f"{name} has {len(signal.gaps)} gaps, {missing} samples missing")

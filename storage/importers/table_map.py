@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal
 
 import tomli_w
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
-from sawbench.bench.config import describe_validation
 from sawbench.bench.errors import ConfigError
 from sawbench.bench.toml_text import parse_toml, read_toml_text
 from sawbench.bench.units import TIME_COLUMN
+from sawbench.bench.validation_text import describe_validation
 
 _STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 

@@ -40,3 +40,16 @@ def times_and_texts(path: Path) -> tuple[dict[str, list[float]], list[str]]:
             if "TextLog:text" in name:
                 texts += [row[0] for row in batch.column(name).to_pylist()]
     return times, texts
+
+
+def texts_of(path: Path) -> str:
+    """Return what stands in the text panels, the legends and the titles of the panels, a line each."""
+    reader = rr_chunk.RrdReader(path)
+    found: list[str] = []
+    for store in (None, *reader.blueprints()):
+        for chunk in reader.stream(store=store):
+            batch = chunk.to_record_batch()
+            for name in batch.schema.names:
+                if name.endswith((":text", ":names", ":display_name")):
+                    found += [text for row in batch.column(name).to_pylist() if row for text in row]
+    return "\n".join(found)
