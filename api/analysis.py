@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sawbench.analysed_trial import AnalysedTrial, OpenedTrial
 from sawbench.bench.errors import InputError, SawbenchError
 from sawbench.inputs import config_for
 
 if TYPE_CHECKING:
     from sawbench.bench.config import LoadedConfig
     from sawbench.bench.processed import ProcessedTrial
-    from sawbench.bench.recording import Recording
     from sawbench.modeling.battery_range import BatteryUse
     from sawbench.modeling.cycle_observation import FitMethod
     from sawbench.modeling.measured_cycles import MeasuredCycles
@@ -27,49 +27,6 @@ _NO_FIT = {
     "no_stroke": "no stroke was found, so there is nothing to fit",
 }
 _DRIVE_CHANNELS = ("displacement_mm", "motor_current_a", "battery_voltage_v", "battery_current_a")
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class OpenedTrial:
-    """A recording and the configuration it is read with.
-
-    Attributes
-    ----------
-    recording : Recording
-    loaded : LoadedConfig
-    sha256 : str
-        Of the file; empty where there is none.
-    """
-
-    recording: Recording
-    loaded: LoadedConfig
-    sha256: str = ""
-
-    def _repr_html_(self) -> str:
-        from sawbench.modeling.machines.words import words_of
-        from sawbench.reporting.notebook import recording_block
-
-        return recording_block(self.recording, words=words_of(self.loaded.config.frame))
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class AnalysedTrial:
-    """A recording with what was found in it; a long one in outline, with the strokes that the fit takes beside it."""
-
-    recording: Recording
-    loaded: LoadedConfig
-    processed: ProcessedTrial
-    strokes: MeasuredCycles | None = None
-
-    @property
-    def where(self) -> str:
-        """File, or name of the trial where there is none."""
-        return self.recording.path or self.recording.trial.trial_id
-
-    def _repr_html_(self) -> str:
-        from sawbench.reporting.notebook import processed_block
-
-        return processed_block(self.processed)
 
 
 def open_trial(

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from sawbench.analysis import AnalysedTrial, refuse_wrong_effects
+from sawbench.analysed_trial import AnalysedTrial
+from sawbench.analysis import refuse_wrong_effects
 from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Recording, Signal
 from sawbench.inputs import config_for

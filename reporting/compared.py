@@ -7,60 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from sawbench.bench.processed import ProcessedTrial
 from sawbench.bench.units import BATTERY_CURRENT, MOTOR_CURRENT
-from sawbench.modeling.results import CuttingFit, RuntimePrediction
+from sawbench.reporting.compared_trial import ComparedTrial
 from sawbench.reporting.grouping import Setting, material_names, name_remarks, series_label
 from sawbench.reporting.quantities import format_quantity
 from sawbench.reporting.rejections import likely_cause
 from sawbench.reporting.repetitions import Difference, Estimate, GroupMean, compare_groups, group_mean
 from sawbench.reporting.wear import WornTrial, wear_of
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ComparedTrial:
-    """One trial of a comparison.
-
-    Attributes
-    ----------
-    processed : ProcessedTrial
-    fit : CuttingFit or None
-    runtime : RuntimePrediction or None
-    note : str
-        Why there is no fit or runtime, where there is none.
-    """
-
-    processed: ProcessedTrial
-    fit: CuttingFit | None = None
-    runtime: RuntimePrediction | None = None
-    note: str = ""
-
-    @property
-    def name(self) -> str:
-        """Trial identifier."""
-        return self.processed.trial.trial_id
-
-    @property
-    def is_idle(self) -> bool:
-        """Whether the blade ran in air, as declared."""
-        return self.processed.trial.is_idle
-
-    @property
-    def left_out_because(self) -> str:
-        """Why the trial takes no part in the comparison; empty where it does."""
-        reasons = {
-            "stalled": "the saw stalled",
-            "no_stroke": "no stroke was found",
-            "no_cutting": f"no cutting was found, but the workpiece is {self.processed.trial.material!r}",
-        }
-        if self.is_idle:
-            return ""
-        if self.processed.trial.material is None:
-            return "the material is not stated"
-        if self.processed.losses:
-            return f"too many samples lost:  {', '.join(self.processed.losses)}"
-        return reasons.get(self.processed.status, "")
-
 
 _LOSS_REMEDY: Final = (
     "`sawbench info` shows where and why; repair the connection, record the trial again, and move this file to"

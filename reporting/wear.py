@@ -8,15 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from sawbench.bench.wear_rule import BLADE_GROWTH_LIMIT, is_worn
+from sawbench.reporting.compared_trial import ComparedTrial
 from sawbench.reporting.figures import QUIET, SERIES_COLOURS, SERIES_DASHES, SERIES_MARKERS, WIDTH_IN, figure_style
 from sawbench.reporting.grouping import Setting
 from sawbench.reporting.html import Picture, figure_to_svg
-
-if TYPE_CHECKING:
-    from sawbench.reporting.compared import ComparedTrial
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -148,7 +148,9 @@ class HoldOut:
         self.rows = {group: self._rows(group) for group in self.groups}
         self._normal = self.base.T @ self.base
         self._kept = {group: self._kept_without(rows) for group, rows in self.rows.items()}
-        covariances = {group: np.linalg.inv(kept) for group, kept in self._kept.items()}
+        covariances: dict[str, Floats] = {
+            group: np.asarray(np.linalg.inv(kept), dtype=np.float64) for group, kept in self._kept.items()
+        }
         self._own = {group: self._uncertain(group, covariances[group], self.is_own) for group in self.groups}
         everything = np.ones_like(self.is_own)
         self._open = {group: self._uncertain(group, covariances[group], everything) for group in self.groups}

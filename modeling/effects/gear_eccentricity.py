@@ -36,7 +36,8 @@ def _swing(baseline: Baseline, state: State, wave: Floats, slope: Floats) -> Sig
     extra_acceleration = baseline.gear * (state.acceleration_rad_s2 * wave + state.speed_rad_s**2 * slope)
     load = 0.0 if state.force_n is None else baseline.load_torque(state, state.force_n)
     ahead = motor_ahead(baseline, extra_speed, extra_acceleration)
-    return ahead | {"mechanical": ahead["mechanical"] - load * wave}
+    loaded: Signature = {"mechanical": ahead["mechanical"] - load * wave}
+    return ahead | loaded
 
 
 EFFECT = Effect(
