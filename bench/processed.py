@@ -257,22 +257,41 @@ class StrokeOffset:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class ProcessedTrial:
-    """Everything `sawbench process` finds in one recording.
+class TrackedTrial:
+    """The channels of one recording, and the crank angle at every time: what strokes are laid over each other by.
 
     Attributes
     ----------
     trial : Trial
-    status : {"cutting", "no_cutting", "moving", "stalled", "no_stroke"}
-        "moving" of a machine that cuts nothing.
-    period : PeriodEstimate or None
-        None only where status is "no_stroke" (or the trial is stalled from the start).
     angle : CrankAngle or None
-    phases : tuple of Phase
     steady : SteadyPart or None
         None where there is no angle.
     channels : mapping of str to Signal
         Every channel as recorded, without its spikes; empty in a result that was read back from a file.
+    quality : tuple of ChannelQuality
+    """
+
+    trial: Trial
+    angle: CrankAngle | None
+    steady: SteadyPart | None = None
+    channels: Mapping[str, Signal] = field(default_factory=dict)
+    quality: tuple[ChannelQuality, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "channels", MappingProxyType(dict(self.channels)))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ProcessedTrial(TrackedTrial):
+    """Everything `sawbench process` finds in one recording: a `TrackedTrial`, and what its strokes say.
+
+    Attributes
+    ----------
+    status : {"cutting", "no_cutting", "moving", "stalled", "no_stroke"}
+        "moving" of a machine that cuts nothing.
+    period : PeriodEstimate or None
+        None only where status is "no_stroke" (or the trial is stalled from the start).
+    phases : tuple of Phase
     folded : mapping of str to FoldedCycle
         Every channel as measured.
     cutting_force : FoldedCycle or None
@@ -283,7 +302,6 @@ class ProcessedTrial:
     mean_values : mapping of str to float
         Mean of each channel over the running part; keys are channel names.
     rms_values : mapping of str to float
-    quality : tuple of ChannelQuality
     offsets : tuple of StrokeOffset
         Of the channels of other instruments than the displacement's.
     warnings : tuple of str
@@ -292,10 +310,8 @@ class ProcessedTrial:
         Of the machine that the configuration describes.
     """
 
-    trial: Trial
     status: TrialStatus
     period: PeriodEstimate | None
-    angle: CrankAngle | None
     phases: tuple[Phase, ...]
     folded: Mapping[str, FoldedCycle]
     cutting_force: FoldedCycle | None
@@ -304,9 +320,6 @@ class ProcessedTrial:
     peak_force_std_n: float | None
     mean_values: Mapping[str, float] = field(default_factory=dict)
     rms_values: Mapping[str, float] = field(default_factory=dict)
-    channels: Mapping[str, Signal] = field(default_factory=dict)
-    steady: SteadyPart | None = None
-    quality: tuple[ChannelQuality, ...] = ()
     offsets: tuple[StrokeOffset, ...] = ()
     warnings: tuple[str, ...] = ()
     source_path: str = ""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from sawbench.bench.config import BenchConfig, LoadedConfig
 from sawbench.bench.errors import InputError
-from sawbench.bench.processed import ProcessedTrial
+from sawbench.bench.processed import TrackedTrial
 from sawbench.bench.recording import Floats, Recording, Trial
 from sawbench.bench.second_core import on_two_cores
 from sawbench.bench.true_values import with_true_values
@@ -104,27 +104,27 @@ def reduce_campaign(
     # Taken back already: the screening judges true values too.
     config = loaded.config.model_copy(update={"sensors": {}})
     if not any(DISPLACEMENT.name in recording.signals for recording in ordered):
-        return _without_displacement(_processed(ordered, config), baseline, warnings)
-    usable: list[ProcessedTrial] = []
-    for number, processed in enumerate(_processed(ordered, config)):
-        reason = _unusable(processed)
+        return _without_displacement(_tracked(ordered, config), baseline, warnings)
+    usable: list[TrackedTrial] = []
+    for number, tracked in enumerate(_tracked(ordered, config)):
+        reason = _unusable(tracked)
         if reason:
-            warnings.append(f"{processed.trial.trial_id} left out: {reason}")
+            warnings.append(f"{tracked.trial.trial_id} left out: {reason}")
         else:
-            usable.append(processed)
+            usable.append(tracked)
         if on_trial is not None:
-            on_trial(number + 1, len(ordered), processed.trial.trial_id)
+            on_trial(number + 1, len(ordered), tracked.trial.trial_id)
     if not usable:
         raise InputError(f"no trial can be diagnosed: {summary(warnings)}", remedy=NOT_A_SAW)
     return campaign_of(usable, baseline, warnings)
 
 
-def campaign_of(trials: Sequence[ProcessedTrial], baseline: Baseline, warnings: list[str]) -> Campaign:
-    """Put processed trials on one grid, each with what it inherits from those before it.
+def campaign_of(trials: Sequence[TrackedTrial], baseline: Baseline, warnings: list[str]) -> Campaign:
+    """Put tracked trials on one grid, each with what it inherits from those before it.
 
     Parameters
     ----------
-    trials : sequence of ProcessedTrial
+    trials : sequence of TrackedTrial
         In their order, each with a crank angle from its displacement.
     baseline : Baseline
     warnings : list of str
@@ -137,8 +137,10 @@ def campaign_of(trials: Sequence[ProcessedTrial], baseline: Baseline, warnings: 
     """
     tracks = slow_tracks(trials, stroke_m=2.0 * baseline.radius_m)
     states: list[State] = []
-    for index, (trial, track) in enumerate(zip(trials, tracks, strict=True)):
-        states += _states(baseline, trial, track, index, warnings)
+    numbered = [(index, trial, track) for index, (trial, track) in enumerate(zip(trials, tracks, strict=True))]
+    for of_trial, said in on_two_cores(lambda one: _states(baseline, *one), numbered):
+        states += of_trial
+        warnings += said
     _refuse_foreign_angles(states, warnings)
     if not states:
         raise InputError(f"no trial is long enough to be diagnosed: {summary(warnings)}")
@@ -149,7 +151,7 @@ def campaign_of(trials: Sequence[ProcessedTrial], baseline: Baseline, warnings: 
     labels = {state.setting.label for state in states}
     kept = [trial for trial in trials if trial.trial.trial_id in labels]
 
-    def of_strokes(trial: ProcessedTrial) -> tuple[StrokeSeries | None, OffStroke | None, list[ChannelHealth]]:
+    def of_strokes(trial: TrackedTrial) -> tuple[StrokeSeries | None, OffStroke | None, list[ChannelHealth]]:
         series = stroke_series(trial, mechanism=baseline.mechanism, cutting_sign=baseline.cutting_sign)
         return series, off_stroke(trial), list(channel_health(trial))
 
@@ -165,13 +167,14 @@ def campaign_of(trials: Sequence[ProcessedTrial], baseline: Baseline, warnings: 
     )
 
 
-def _processed(recordings: Sequence[Recording], config: BenchConfig) -> list[ProcessedTrial]:
-    from sawbench.processing.process import process_recording
+def _tracked(recordings: Sequence[Recording], config: BenchConfig) -> list[TrackedTrial]:
+    from sawbench.processing.process import track_strokes
 
-    return on_two_cores(lambda recording: process_recording(recording, config), recordings)
+    signals = [signal for recording in recordings for signal in recording.signals.values()]
+    return on_two_cores(lambda recording: track_strokes(recording, config), recordings, known=signals)
 
 
-def _unusable(trial: ProcessedTrial) -> str:
+def _unusable(trial: TrackedTrial) -> str:
     """Why a trial cannot be laid over the crank angle; empty where it can."""
     if DISPLACEMENT.name not in trial.channels:
         return "it has no displacement, so crank angle and speed are unknown"
@@ -193,8 +196,10 @@ def _in_order(recordings: Sequence[Recording]) -> list[Recording]:
 
 
 def _states(
-    baseline: Baseline, trial: ProcessedTrial, track: SlowTrack, index: int, warnings: list[str]
-) -> list[State]:
+    baseline: Baseline, index: int, trial: TrackedTrial, track: SlowTrack
+) -> tuple[list[State], list[str]]:  # fmt: skip
+    """States of one trial, in which place it is, and warnings."""
+    warnings: list[str] = []
     name, angle, steady = trial.trial.trial_id, trial.angle, trial.steady
     assert angle is not None and steady is not None
     setting = _setting(trial, index, track)
@@ -204,8 +209,7 @@ def _states(
         )
     running = running_state(trial, setting)
     if running is None:
-        warnings.append(f"{name} left out: it has less than two steady strokes")
-        return []
+        return [], [*warnings, f"{name} left out: it has less than two steady strokes"]
     for channel, attribute in CHANNEL_OF_STATE.items():
         if channel in trial.channels and getattr(running, attribute) is None:
             warnings.append(f"{name}: {channel} left out: it is missing in most of the strokes")
@@ -214,7 +218,7 @@ def _states(
     if running.n_strokes.sum() < (1.0 - _NUMBERS.lost_strokes) * strokes - 2.0 * running.n_strokes[0]:
         warnings.append(f"{name}: dropouts leave {running.n_strokes.sum():.0f} of {strokes:.0f} strokes")
     start_up = start_up_state(trial, setting)
-    return [_with_history(baseline, state, track) for state in (running, start_up) if state is not None]
+    return [_with_history(baseline, state, track) for state in (running, start_up) if state is not None], warnings
 
 
 def _with_history(baseline: Baseline, state: State, track: SlowTrack) -> State:
@@ -230,8 +234,8 @@ def _with_history(baseline: Baseline, state: State, track: SlowTrack) -> State:
     )
 
 
-def _setting(processed: ProcessedTrial, index: int, track: SlowTrack) -> TrialSetting:
-    trial, signals = processed.trial, processed.channels
+def _setting(tracked: TrackedTrial, index: int, track: SlowTrack) -> TrialSetting:
+    trial, signals = tracked.trial, tracked.channels
     return TrialSetting(
         label=trial.trial_id,
         index=index,
@@ -287,7 +291,7 @@ def _with_shared_steps(states: Sequence[State]) -> list[State]:
     return [replace(state, stroke_std_m=np.sqrt(n_alike) * state.stroke_std_m) for state in states]
 
 
-def _without_displacement(trials: Sequence[ProcessedTrial], baseline: Baseline, warnings: list[str]) -> Campaign:
+def _without_displacement(trials: Sequence[TrackedTrial], baseline: Baseline, warnings: list[str]) -> Campaign:
     """Means over whole strokes, whose rate is read from the ripple of force or current."""
     from sawbench.diagnosis.stroke_means import stroke_means
 

@@ -1,4 +1,4 @@
-"""From one processed trial to its `State`s: strokes averaged over the crank angle, and the start-up over time."""
+"""From one tracked trial to its `State`s: strokes averaged over the crank angle, and the start-up over time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.converter import rounding_variance
-from sawbench.bench.processed import CrankAngle, ProcessedTrial
+from sawbench.bench.processed import CrankAngle, TrackedTrial
 from sawbench.bench.recording import Floats, Signal
 from sawbench.bench.units import CHANNEL_BY_NAME, DISPLACEMENT
 from sawbench.diagnosis.inference.off_stroke import is_mains
@@ -219,12 +219,12 @@ def lock_to_angle(state: State) -> tuple[str, complex] | None:
     return (name, complex(parts.sum() / size)) if size > 0 else None
 
 
-def running_state(trial: ProcessedTrial, setting: TrialSetting) -> State | None:
+def running_state(trial: TrackedTrial, setting: TrialSetting) -> State | None:
     """Average the settled strokes of a trial in units of a few turns.
 
     Parameters
     ----------
-    trial : ProcessedTrial
+    trial : TrackedTrial
         With a crank angle.
     setting : TrialSetting
 
@@ -325,11 +325,11 @@ def _spline(signal: Signal, at_s: Floats) -> Floats:
     return CubicSpline(signal.time_s, signal.values)(np.clip(at_s, signal.time_s[0], signal.time_s[-1]))
 
 
-def _state_channels(trial: ProcessedTrial) -> Mapping[str, Signal]:
+def _state_channels(trial: TrackedTrial) -> Mapping[str, Signal]:
     return {name: trial.channels[name] for name in CHANNEL_OF_STATE if name in trial.channels}
 
 
-def _missed_stroke(trial: ProcessedTrial, angle: CrankAngle, grid: AngleGrid) -> Floats | None:
+def _missed_stroke(trial: TrackedTrial, angle: CrankAngle, grid: AngleGrid) -> Floats | None:
     """What the displacement goes beyond that of the tracked angle, m, shape (n_units, n_points)."""
     signal = trial.channels.get(DISPLACEMENT.name)
     if signal is None:
@@ -342,7 +342,7 @@ def _missed_stroke(trial: ProcessedTrial, angle: CrankAngle, grid: AngleGrid) ->
     return fold(grid, at_samples, beyond)
 
 
-def _std_by_steps(trial: ProcessedTrial, angle: CrankAngle, grid: AngleGrid) -> Floats:
+def _std_by_steps(trial: TrackedTrial, angle: CrankAngle, grid: AngleGrid) -> Floats:
     """Standard uncertainty of the mean displacement in each cell by coarse steps, m, shape (n_points,); or (0,).
 
     A cell that holds a part of a step is as wrong as one value; one that passes m steps, by the mth part of that.
@@ -366,7 +366,7 @@ def _in_gap(time_s: Floats, angle_time_s: Floats, longest_s: float) -> np.ndarra
     return angle_time_s[after] - angle_time_s[after - 1] > longest_s
 
 
-def start_up_state(trial: ProcessedTrial, setting: TrialSetting) -> State | None:
+def start_up_state(trial: TrackedTrial, setting: TrialSetting) -> State | None:
     """Signals of the spin-up on a 1 ms grid, shape (1, n_times), or None where it was not recorded.
 
     A channel that is slower than the grid is there by a spline; the state says how long the means are that it resolves.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from sawbench.bench.converter import step_of
-from sawbench.bench.processed import ProcessedTrial
+from sawbench.bench.processed import TrackedTrial
 from sawbench.bench.recording import Signal
 from sawbench.bench.units import CHANNEL_BY_NAME
 
@@ -40,7 +40,7 @@ class ChannelHealth:
     jitter_share: float
 
 
-def channel_health(trial: ProcessedTrial) -> tuple[ChannelHealth, ...]:
+def channel_health(trial: TrackedTrial) -> tuple[ChannelHealth, ...]:
     """Health of every known channel of a trial."""
     return tuple(
         ChannelHealth(

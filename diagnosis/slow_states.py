@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from sawbench.bench.processed import ProcessedTrial
+from sawbench.bench.processed import TrackedTrial
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.catalogue import MEMORIES
 from sawbench.modeling.state import TWO_PI, Memory
@@ -43,12 +43,12 @@ class SlowTrack:
         return np.interp(time_s, self.time_s, track)[:, None]
 
 
-def slow_tracks(trials: Sequence[ProcessedTrial], *, stroke_m: float) -> list[SlowTrack]:
+def slow_tracks(trials: Sequence[TrackedTrial], *, stroke_m: float) -> list[SlowTrack]:
     """Carry charge, wear and heat through a campaign in its order.
 
     Parameters
     ----------
-    trials : sequence of ProcessedTrial
+    trials : sequence of TrackedTrial
         With a crank angle each.
     stroke_m : float
         Blade travel a stroke, one way, m.
@@ -60,8 +60,8 @@ def slow_tracks(trials: Sequence[ProcessedTrial], *, stroke_m: float) -> list[Sl
     first = trials[0].trial.started_at
     ended_s = 0.0
     tracks = []
-    for processed in trials:
-        trial, angle = processed.trial, processed.angle
+    for tracked in trials:
+        trial, angle = tracked.trial, tracked.angle
         assert angle is not None
         known = first is not None and trial.started_at is not None
         session_s = (trial.started_at - first).total_seconds() if known else ended_s  # type: ignore[operator]
@@ -69,7 +69,7 @@ def slow_tracks(trials: Sequence[ProcessedTrial], *, stroke_m: float) -> list[Sl
         started_s, ended_s = max(session_s, ended_s), session_s + float(angle.time_s[-1])
         edges = np.arange(angle.time_s[0], angle.time_s[-1] + _STEP_S, _STEP_S)
         middle = 0.5 * (edges[1:] + edges[:-1])
-        motor_a, battery_a = _currents(processed, edges)
+        motor_a, battery_a = _currents(tracked, edges)
         crank_rad_s = np.diff(np.interp(edges, angle.time_s, angle.angle_rad)) / _STEP_S
         drives = {
             "motor_current_squared_a2": motor_a**2,
@@ -103,10 +103,10 @@ def slow_tracks(trials: Sequence[ProcessedTrial], *, stroke_m: float) -> list[Sl
     return tracks
 
 
-def _currents(processed: ProcessedTrial, edges: Floats) -> tuple[Floats, Floats]:
+def _currents(tracked: TrackedTrial, edges: Floats) -> tuple[Floats, Floats]:
     """Motor and battery current on a slow grid; one is inferred from the other by the duty where it is missing."""
-    duty = processed.trial.duty or 1.0
-    motor, battery = processed.channels.get("motor_current_a"), processed.channels.get("battery_current_a")
+    duty = tracked.trial.duty or 1.0
+    motor, battery = tracked.channels.get("motor_current_a"), tracked.channels.get("battery_current_a")
     nothing = np.zeros(len(edges) - 1)
     motor_a = nothing if motor is None else time_cell_means(motor.time_s, motor.values, edges)
     battery_a = duty * motor_a if battery is None else time_cell_means(battery.time_s, battery.values, edges)

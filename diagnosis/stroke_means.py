@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from sawbench.bench.processed import CrankAngle, ProcessedTrial
+from sawbench.bench.processed import CrankAngle, TrackedTrial
 from sawbench.bench.recording import Floats, Signal
 from sawbench.bench.units import CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
 from sawbench.diagnosis.inference.settings import SETTINGS
@@ -76,12 +76,12 @@ class StrokeMeans:
         )
 
 
-def stroke_means(trial: ProcessedTrial, baseline: Baseline) -> StrokeMeans | None:
+def stroke_means(trial: TrackedTrial, baseline: Baseline) -> StrokeMeans | None:
     """Average a trial without displacement over whole strokes.
 
     Parameters
     ----------
-    trial : ProcessedTrial
+    trial : TrackedTrial
     baseline : Baseline
         Its nominal constants say where the stroke rate must lie.
 
@@ -109,7 +109,7 @@ def stroke_means(trial: ProcessedTrial, baseline: Baseline) -> StrokeMeans | Non
     return None
 
 
-def _expected_rate_hz(trial: ProcessedTrial, baseline: Baseline) -> float:
+def _expected_rate_hz(trial: TrackedTrial, baseline: Baseline) -> float:
     """Rate at which voltage less resistive drop is the back-EMF."""
     plant = baseline.plant
     voltage, current = trial.channels.get("battery_voltage_v"), trial.channels.get(MOTOR_CURRENT.name)
@@ -154,7 +154,7 @@ def _rates(signal: Signal, expected_hz: float) -> tuple[Floats, Floats] | None:
     return edges_s, (line_hz + slope / TWO_PI) / order
 
 
-def _covers(trial: ProcessedTrial, name: str, edges_s: Floats) -> bool:
+def _covers(trial: TrackedTrial, name: str, edges_s: Floats) -> bool:
     """Whether a channel holds samples in every unit; the force has no use without the angle."""
     signal = trial.channels.get(name)
     if signal is None or name == FORCE.name:

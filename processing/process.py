@@ -16,6 +16,7 @@ from sawbench.bench.processed import (
     ProcessedTrial,
     RemovedForce,
     SteadyPart,
+    TrackedTrial,
     TrialStatus,
 )
 from sawbench.bench.recording import Recording, Signal, Trial
@@ -90,7 +91,7 @@ def process_recording(recording: Recording, config: BenchConfig, *, source_sha25
     15.000 Hz, high
     """
     recording = with_true_values(recording, config)
-    channels = {name: clean_channel(signal) for name, signal in recording.signals.items() if len(signal.values)}
+    channels = _clean_channels(recording)
     quality = _judged(channels, config, recording.trial)
     motion = _find_motion(channels, config, recording.trial)
     status = _status_without_cutting(channels, config, recording.trial, motion)
@@ -101,7 +102,7 @@ def process_recording(recording: Recording, config: BenchConfig, *, source_sha25
         angle=motion.angle,
         phases=motion.phases,
         steady=motion.steady,
-        channels={name: _without_spikes(recording.signals[name], channel) for name, channel in channels.items()},
+        channels=_without_spikes(recording, channels),
         folded={},
         cutting_force=None,
         removed=None,
@@ -131,19 +132,71 @@ def _judged(channels: Channels, config: BenchConfig, trial: Trial) -> tuple[Chan
     )
 
 
-def _without_spikes(signal: Signal, clean: CleanChannel) -> Signal:
-    if len(clean.values) == len(signal.values):
-        return signal
-    return replace(signal, time_s=clean.time_s, values=clean.values, raw=None, alignment=clean.alignment)
+def track_strokes(recording: Recording, config: BenchConfig) -> TrackedTrial:
+    """Clean the channels and track the crank angle by the displacement: the first part of `process_recording`.
+
+    Parameters
+    ----------
+    recording : Recording
+    config : BenchConfig
+
+    Returns
+    -------
+    TrackedTrial
+        Without an angle where the displacement has no complete stroke; of the quality, what a channel says by itself.
+    """
+    recording = with_true_values(recording, config)
+    channels = _clean_channels(recording)
+    displacement = _alive_displacement(channels)
+    tracked = None if displacement is None else _track(displacement, config)
+    return TrackedTrial(
+        trial=recording.trial,
+        angle=None if tracked is None else tracked[0],
+        steady=None if tracked is None else tracked[1],
+        channels=_without_spikes(recording, channels),
+        quality=tuple(channel.quality for channel in channels.values()),
+    )
+
+
+def _clean_channels(recording: Recording) -> Channels:
+    return {name: clean_channel(signal) for name, signal in recording.signals.items() if len(signal.values)}
+
+
+def _without_spikes(recording: Recording, channels: Channels) -> dict[str, Signal]:
+    found = {}
+    for name, clean in channels.items():
+        signal = recording.signals[name]
+        if len(clean.values) < len(signal.values):
+            signal = replace(
+                signal, time_s=clean.time_s, values=clean.values, raw=None, alignment=clean.alignment
+            )  # fmt: skip
+        found[name] = signal
+    return found
+
+
+def _alive_displacement(channels: Channels) -> CleanChannel | None:
+    displacement = channels.get(_DISPLACEMENT)
+    return displacement if displacement is not None and float(np.ptp(displacement.values)) > 0 else None
+
+
+def _track(displacement: CleanChannel, config: BenchConfig) -> tuple[CrankAngle, SteadyPart] | None:
+    """Crank angle by the displacement, and its steady part; None without a complete stroke."""
+    time_s, position_m = displacement.time_s, DISPLACEMENT.si_factor * displacement.values
+    angle = track_crank_angle(
+        time_s, position_m, mechanism=None if config.plant is None else Mechanism.of(config.plant)
+    )  # fmt: skip
+    if angle is None:
+        return None
+    steady = find_steady_part(angle)
+    return restore_ripple(angle, steady, time_s, position_m), steady
 
 
 def _find_motion(channels: Channels, config: BenchConfig, trial: Trial) -> _Motion:
     """Angle from the displacement where it has any, else from the strongest line of another channel."""
-    displacement = channels.get(_DISPLACEMENT)
-    is_alive = displacement is not None and float(np.ptp(displacement.values)) > 0
-    if displacement is not None and is_alive:
+    displacement = _alive_displacement(channels)
+    if displacement is not None:
         return _motion_from_displacement(displacement, channels, config)
-    warnings = () if displacement is None else ("the displacement is constant; it is not used",)
+    warnings = ("the displacement is constant; it is not used",) if _DISPLACEMENT in channels else ()
     band = config.stroke_rates_hz
     lines = {
         name: line
@@ -204,19 +257,13 @@ def _fastest_cut_rad(config: BenchConfig) -> float:
 
 
 def _motion_from_displacement(displacement: CleanChannel, channels: Channels, config: BenchConfig) -> _Motion:
-    plant = config.plant
-    angle = track_crank_angle(
-        displacement.time_s,
-        DISPLACEMENT.si_factor * displacement.values,
-        mechanism=None if plant is None else Mechanism.of(plant),
-    )
-    time = displacement.time_s
-    if angle is None:
+    plant, time = config.plant, displacement.time_s
+    tracked = _track(displacement, config)
+    if tracked is None:
         rest = Phase(kind="rest", start_s=float(time[0]), end_s=float(time[-1]))
         warning = "the displacement has no complete stroke"
         return _Motion(angle=None, phases=(rest,), cycles=None, period=None, warnings=(warning,))
-    steady = find_steady_part(angle)
-    angle = restore_ripple(angle, steady, time, DISPLACEMENT.si_factor * displacement.values)
+    angle, steady = tracked
     phases, stretches, cycles, warnings = _phases_and_cycles(angle, channels, displacement.holes)
     band = config.stroke_rates_hz
     line = _stroke_line(_longest(displacement, stretches), band) if stretches else None

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from sawbench.bench.processed import ProcessedTrial
+from sawbench.bench.processed import TrackedTrial
 from sawbench.bench.recording import Floats
 from sawbench.bench.units import (
     BATTERY_CURRENT,
@@ -141,12 +141,12 @@ class Finding:
     lines_hz: tuple[float, ...] = ()
 
 
-def off_stroke(trial: ProcessedTrial) -> OffStroke | None:
+def off_stroke(trial: TrackedTrial) -> OffStroke | None:
     """Look at what is left of each channel once its mean stroke is taken out.
 
     Parameters
     ----------
-    trial : ProcessedTrial
+    trial : TrackedTrial
         Its settled part is looked at.
 
     Returns

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from sawbench.bench.processed import ProcessedTrial
+from sawbench.bench.processed import TrackedTrial
 from sawbench.bench.recording import Floats
 from sawbench.bench.units import FORCE
 from sawbench.diagnosis.inference.settings import SETTINGS
@@ -61,12 +61,12 @@ class StrokeSeries:
     time_s: Floats
 
 
-def stroke_series(trial: ProcessedTrial, *, mechanism: Mechanism, cutting_sign: int) -> StrokeSeries | None:
+def stroke_series(trial: TrackedTrial, *, mechanism: Mechanism, cutting_sign: int) -> StrokeSeries | None:
     """Regress the force of every settled stroke on the blade's speed.
 
     Parameters
     ----------
-    trial : ProcessedTrial
+    trial : TrackedTrial
     mechanism : Mechanism
     cutting_sign : int
         -1 where the blade cuts on pi..2 pi.
