@@ -13,11 +13,12 @@ from sawbench.bench.converter import clipped_levels
 from sawbench.bench.errors import InputError
 from sawbench.bench.plausible import Bounds
 from sawbench.bench.recording import Floats, Recording, Signal, Trial
+from sawbench.bench.second_core import on_two_cores
 from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, DISPLACEMENT, FORCE
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.trial_settings import Screening
 from sawbench.diagnosis.plausibility import Suspicion, check, cutting_power_w, explain_faults
-from sawbench.diagnosis.trial_reading import Reading, read_trial, tracks_of
+from sawbench.diagnosis.trial_reading import Readings, tracks_of
 from sawbench.modeling.residuals import Baseline
 from sawbench.processing.held_values import without_repeats
 from sawbench.processing.quality import find_spikes
@@ -57,12 +58,13 @@ def screen(recordings: Sequence[Recording], baseline: Baseline) -> tuple[list[Re
     warnings = _notes_on_order(recordings)
     kept = _with_unique_ids(recordings, warnings)
     kept = _driven(kept, warnings)
-    _note_stalls(kept, baseline, warnings)
+    readings = Readings(kept)
+    _note_stalls(kept, readings, baseline, warnings)
     kept = _without_defects(kept, warnings)
     kept = _without_copies(kept, warnings)
-    kept = _without_suspects(kept, baseline, warnings)
-    kept = _without_wrong_duty(kept, baseline, warnings)
-    kept = _without_wrong_labels(kept, baseline, warnings)
+    kept = _without_suspects(kept, readings, baseline, warnings)
+    kept = _without_wrong_duty(kept, readings, baseline, warnings)
+    kept = _without_wrong_labels(kept, readings, baseline, warnings)
     if not kept:
         raise InputError(f"no trial can be diagnosed: {summary(warnings)}", remedy=NOT_A_SAW)
     return kept, warnings
@@ -140,10 +142,12 @@ def _driven(recordings: Sequence[Recording], warnings: list[str]) -> list[Record
     return out
 
 
-def _note_stalls(recordings: Sequence[Recording], baseline: Baseline, warnings: list[str]) -> None:
+def _note_stalls(
+    recordings: Sequence[Recording], readings: Readings, baseline: Baseline, warnings: list[str]
+) -> None:  # fmt: skip
     """Say where the motor draws current and the blade makes no strokes; such a trial gives no angle later."""
     for recording in recordings:
-        reading = read_trial(tracks_of(recording))
+        reading = readings.of(recording)
         drive_v = (recording.trial.duty or 0.0) * (reading.battery_voltage_v or 0.0)
         if DISPLACEMENT.name not in recording.signals or reading.n_strokes >= _NUMBERS.least_strokes or drive_v <= 0:
             continue
@@ -159,18 +163,21 @@ def _without_defects(recordings: Sequence[Recording], warnings: list[str]) -> li
     """Drop channels that are constant or stuck at an end of their range; one warning a channel and defect."""
     out = []
     found: dict[tuple[str, str], list[tuple[str, str]]] = {}
-    for recording in recordings:
-        signals = dict(recording.signals)
-        for name, signal in recording.signals.items():
-            if name in CHANNEL_BY_NAME and (defect := _defect_of(signal)):
-                seen, meaning = defect
-                found.setdefault((name, meaning), []).append((recording.trial.trial_id, seen))
-                del signals[name]
-        out.append(replace(recording, signals=signals))
+    for recording, defects in zip(recordings, on_two_cores(_defects_of, recordings), strict=True):
+        for name, (seen, meaning) in defects.items():
+            found.setdefault((name, meaning), []).append((recording.trial.trial_id, seen))
+        intact = {name: signal for name, signal in recording.signals.items() if name not in defects}
+        out.append(replace(recording, signals=intact))
     for (name, meaning), trials in found.items():
         labels = _some([trial for trial, _ in trials])
         warnings.append(f"{labels}: {name} left out: {trials[0][1]}: {meaning}")
     return out
+
+
+def _defects_of(recording: Recording) -> dict[str, tuple[str, str]]:
+    """`_defect_of` every channel that has one, by its name."""
+    known = {name: signal for name, signal in recording.signals.items() if name in CHANNEL_BY_NAME}
+    return {name: defect for name, signal in known.items() if (defect := _defect_of(signal)) is not None}
 
 
 def _defect_of(signal: Signal) -> tuple[str, str] | None:
@@ -212,16 +219,12 @@ def _without_copies(recordings: Sequence[Recording], warnings: list[str]) -> lis
     return out
 
 
-def _readings(recordings: Sequence[Recording]) -> list[Reading]:
-    return [read_trial(tracks_of(recording)) for recording in recordings]
-
-
-def _idle_currents(recordings: Sequence[Recording], baseline: Baseline) -> dict[float, float]:
+def _idle_currents(recordings: Sequence[Recording], readings: Readings, baseline: Baseline) -> dict[float, float]:
     """Motor current of plausible idle trials by duty, A."""
     found = {}
     for recording in recordings:
         if recording.trial.is_idle:
-            reading = read_trial(tracks_of(recording))
+            reading = readings.of(recording)
             if reading.motor_current_a is not None and not check(baseline, recording.trial, reading).faults:
                 found.setdefault(recording.trial.duty or 0.0, reading.motor_current_a)
     return found
@@ -250,12 +253,16 @@ def idle_current_between(by_duty: Mapping[float, float], duty: float) -> Bounds:
     return least, most
 
 
-def _without_suspects(recordings: list[Recording], baseline: Baseline, warnings: list[str]) -> list[Recording]:
-    idle = _idle_currents(recordings, baseline)
+def _without_suspects(
+    recordings: list[Recording], readings: Readings, baseline: Baseline, warnings: list[str]
+) -> list[Recording]:
+    idle = _idle_currents(recordings, readings, baseline)
     found: dict[str, Suspicion] = {}
     for recording in recordings:
         trial = recording.trial
         in_air = idle_current_between(idle, trial.duty or 0.0)
+        if not check(baseline, trial, readings.of(recording), in_air).faults:
+            continue
         suspicion = explain_faults(baseline, trial, tracks_of(recording), in_air)
         if suspicion is not None:
             found[trial.trial_id] = suspicion
@@ -341,11 +348,14 @@ def _refuse_common(recordings: Sequence[Recording], found: dict[str, Suspicion])
         )
 
 
-def _without_wrong_duty(recordings: list[Recording], baseline: Baseline, warnings: list[str]) -> list[Recording]:
+def _without_wrong_duty(
+    recordings: list[Recording], readings: Readings, baseline: Baseline, warnings: list[str]
+) -> list[Recording]:
     """Leave out trials whose stated duty does not fit what current, speed and battery voltage ask for."""
     plant = baseline.plant
     names, rows = [], []
-    for recording, reading in zip(recordings, _readings(recordings), strict=True):
+    for recording in recordings:
+        reading = readings.of(recording)
         current_a, rate_hz, voltage_v = reading.motor_current_a, reading.rate_hz, reading.battery_voltage_v
         if current_a is None or rate_hz is None or voltage_v is None:
             continue
@@ -408,14 +418,16 @@ def doubted_duties(
     return np.where(wrong, fitted, np.nan)
 
 
-def _without_wrong_labels(recordings: list[Recording], baseline: Baseline, warnings: list[str]) -> list[Recording]:
+def _without_wrong_labels(
+    recordings: list[Recording], readings: Readings, baseline: Baseline, warnings: list[str]
+) -> list[Recording]:
     """Leave out trials that state a workpiece but take far less power than the others: nothing was cut."""
-    idle = _idle_currents(recordings, baseline)
+    idle = _idle_currents(recordings, readings, baseline)
     power = {}
-    for recording, reading in zip(recordings, _readings(recordings), strict=True):
+    for recording in recordings:
         if recording.trial.is_idle or recording.trial.duty not in idle:
             continue
-        found = cutting_power_w(baseline, reading, idle[recording.trial.duty])
+        found = cutting_power_w(baseline, readings.of(recording), idle[recording.trial.duty])
         if found is not None:
             power[recording.trial.trial_id] = found
     usual = float(np.median(list(power.values()))) if len(power) >= 3 else 0.0

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from sawbench.bench.recording import Floats, Recording
+from sawbench.bench.second_core import on_two_cores
 from sawbench.bench.units import CHANNEL_BY_NAME, DISPLACEMENT, FORCE
 from sawbench.diagnosis.inference.settings import SETTINGS
 
@@ -66,8 +67,9 @@ def read_trial(tracks: Mapping[str, Track]) -> Reading:
         By channel name; nothing is assumed of their plausibility.
     """
     displacement = tracks.get(DISPLACEMENT.name)
-    starts_s = np.zeros(0) if displacement is None else _stroke_starts(*displacement)
-    travel_m = None if displacement is None else DISPLACEMENT.si_factor * float(np.ptp(_bulk(displacement[1])))
+    bulk = None if displacement is None else _bulk(displacement[1])
+    starts_s = np.zeros(0) if displacement is None or bulk is None else _stroke_starts(*displacement, bulk)
+    travel_m = None if bulk is None else DISPLACEMENT.si_factor * float(np.ptp(bulk))
     starts_s = starts_s[starts_s > starts_s[0] + _SETTLE_S] if len(starts_s) else starts_s
     window = (float(starts_s[0]), float(starts_s[-1])) if len(starts_s) >= 2 else _late_part(tracks)
     means = {name: _mean(track, window) for name, track in tracks.items()}
@@ -88,13 +90,38 @@ def read_trial(tracks: Mapping[str, Track]) -> Reading:
     )
 
 
+class Readings:
+    """Readings of the trials of a campaign, each made once for the channels that it has.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Each with a `trial_id` of its own, by which it is known: later it may have fewer channels, not other ones.
+    """
+
+    def __init__(self, recordings: Sequence[Recording]) -> None:
+        made = on_two_cores(lambda recording: read_trial(tracks_of(recording)), recordings)
+        self._made = dict(zip(map(_key, recordings), made, strict=True))
+
+    def of(self, recording: Recording) -> Reading:
+        """`Reading` of a trial with the channels that it has now."""
+        key = _key(recording)
+        if key not in self._made:
+            self._made[key] = read_trial(tracks_of(recording))
+        return self._made[key]
+
+
+def _key(recording: Recording) -> tuple[str, ...]:
+    return (recording.trial.trial_id, *recording.signals)
+
+
 def _bulk(values: Floats) -> Floats:
     return np.quantile(values, (0.003, 0.997))
 
 
-def _stroke_starts(time_s: Floats, values: Floats) -> Floats:
+def _stroke_starts(time_s: Floats, values: Floats, bulk: Floats) -> Floats:
     """Times at which the signal rises through its middle, with hysteresis; empty where it does not swing."""
-    low, high = _bulk(values)
+    low, high = bulk
     middle, swing = 0.5 * (low + high), 0.5 * (high - low)
     if swing <= 0:
         return np.zeros(0)
