@@ -17,7 +17,7 @@ from typing import Final
 
 import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
+from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
@@ -32,12 +32,13 @@ from mcap.records import (
     Schema,
     Statistics,
 )
-from mcap.stream_reader import CRCValidationError, breakup_chunk
+from mcap.stream_reader import CRCValidationError, get_chunk_data_stream
 from sawbench.bench.errors import RecordingError
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 _FRAME: Final = struct.Struct("<BQ")
 _CHUNK_HEAD: Final = struct.Struct("<QQQI")
+_MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
 _RECORDS: Final = {
     Opcode.HEADER: Header,
     Opcode.SCHEMA: Schema,
@@ -226,12 +227,33 @@ def _unpack(chunk: Chunk, n_read: int, scan: Scan) -> list[McapRecord]:
         claimed = max(claimed, zstandard.frame_content_size(chunk.data))
     if scan.n_unpacked + claimed > _UNPACKED_ALLOWANCE + _LARGEST_RATIO * n_read:
         raise McapError(f"claims to unpack to {claimed} bytes")
-    records = breakup_chunk(chunk, validate_crc=True)
+    records = _taken_apart(chunk)
     scan.n_chunks += 1
     scan.n_unpacked += chunk.uncompressed_size
     if not chunk.uncompressed_crc:
         what = f"a chunk of {len(chunk.data)} bytes has no checksum: its samples are not verified"
         scan.damages.append(Damage(offset=n_read, n_bytes=0, what=what, is_chunk=False))
+    return records
+
+
+def _taken_apart(chunk: Chunk) -> list[McapRecord]:
+    """Records of a chunk, its checksum compared; messages in one step each, for there are thousands."""
+    stream, n_bytes = get_chunk_data_stream(chunk, validate_crc=True)
+    content = stream.read(n_bytes)
+    records: list[McapRecord] = []
+    end = 0
+    while end < n_bytes:
+        opcode, length = _FRAME.unpack_from(content, end)
+        start = end + _FRAME.size
+        end = start + length
+        if end > n_bytes:
+            raise EndOfFile
+        if opcode == Opcode.MESSAGE:
+            channel_id, sequence, log_time, publish_time = _MESSAGE_HEAD.unpack_from(content, start)
+            data = content[start + _MESSAGE_HEAD.size : end]
+            records.append(Message(channel_id, log_time, data, publish_time, sequence))
+        elif opcode in (Opcode.CHANNEL, Opcode.SCHEMA):
+            records.append(_parse(opcode, ReadDataStream(BytesIO(content[start:end])), length))
     return records
 
 
