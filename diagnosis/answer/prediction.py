@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -92,18 +93,24 @@ class Predictions:
 
         Without them its magnitude would not differ from zero in its 95 % interval, with them it does.
         """
-        noise = self._posterior.dispersion
-        problem, wave = with_noise(self._problem, noise), (member.contribution / np.sqrt(noise))[:, None]
+        wave = (member.contribution / np.sqrt(self._posterior.dispersion))[:, None]
 
-        def information(rows: np.ndarray | None) -> float:
-            return float(Marginal(problem, rows=rows).gram(wave)[0][0, 0])
+        def is_known(marginal: Marginal) -> bool:
+            return float(marginal.gram(wave)[0][0, 0]) >= Z95**2
 
-        if information(None) < Z95**2:
-            return False
-        hold_out = self._hold_out(by_trial=False)
-        return hold_out.held_out == "operating points" and any(
-            information(~rows) < Z95**2 for rows in hold_out.rows.values()
-        )
+        return is_known(self._of_all) and not all(map(is_known, self._without_each_point))
+
+    @cached_property
+    def _of_all(self) -> Marginal:
+        """All trials, with the noise that the posterior found."""
+        return Marginal(with_noise(self._problem, self._posterior.dispersion))
+
+    @cached_property
+    def _without_each_point(self) -> list[Marginal]:
+        """`_of_all` without each operating point; none where trials are withheld instead."""
+        hold_out, problem = self._hold_out(by_trial=False), with_noise(self._problem, self._posterior.dispersion)
+        withheld = hold_out.rows.values() if hold_out.held_out == "operating points" else ()
+        return [Marginal(problem, rows=~rows) for rows in withheld]
 
     def _hold_out(self, *, by_trial: bool) -> HoldOut:
         if by_trial not in self._hold_outs:
