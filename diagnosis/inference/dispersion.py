@@ -14,9 +14,9 @@ from dataclasses import replace
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.diagnosis.inference.evidence import Catalogue, Column
+from sawbench.diagnosis.inference.evidence import Catalogue, Column, Explanation
 from sawbench.diagnosis.inference.features import orders
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.diagnosis.inference.linear_problem import Beside, LinearProblem, Marginal
 
 
 def noise_factor(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue) -> Floats:
@@ -67,17 +67,25 @@ def _alike(problem: LinearProblem) -> list[np.ndarray]:
 
 def _rest_of_two(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue) -> Floats:
     """What the nuisances and two effects leave, each of any size; the second is the best beside the first."""
-    given = np.zeros((len(problem.data), 0))
-    named: list[str] = []
-    for choices in ((catalogue, beyond), (catalogue,)):
-        marginal = Marginal(problem, extra=given)
-        found = [e for choice in choices for e in choice.explain(marginal).values() if e.effect.name not in named]
-        best = max(found, key=lambda e: e.gain, default=None)
-        if best is None or best.gain <= 0.0:
-            break
-        given = np.hstack([given, best.column.columns * best.effect.strength.high])
-        named.append(best.effect.name)
+    marginal = Marginal(problem)
+    half = marginal.half(catalogue.stacked)
+    first = _most_gain([*catalogue.explain(marginal, half).values(), *beyond.explain(marginal).values()])
+    given = _of_any_size(problem, first)
+    if first is not None:
+        beside = catalogue.explain_beside(Beside(marginal, given), half)
+        second = _most_gain([e for e in beside.values() if e.effect.name != first.effect.name])
+        given = np.hstack([given, _of_any_size(problem, second)])
     return Marginal(problem, extra=given).rest(problem.data)
+
+
+def _most_gain(found: Sequence[Explanation]) -> Explanation | None:
+    best = max(found, key=lambda e: e.gain, default=None)
+    return None if best is None or best.gain <= 0.0 else best
+
+
+def _of_any_size(problem: LinearProblem, found: Explanation | None) -> Floats:
+    """Columns at the largest amplitude that occurs, shape (n, q)."""
+    return np.zeros((len(problem.data), 0)) if found is None else found.column.columns * found.effect.strength.high
 
 
 def with_noise(problem: LinearProblem, variance: Floats | float) -> LinearProblem:

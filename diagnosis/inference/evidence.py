@@ -143,7 +143,7 @@ def catalogue_columns(problem: LinearProblem, effects: Sequence[Effect]) -> dict
         By effect; an empty list where the campaign shows nothing of it.
     """
     out: dict[str, list[Column]] = {}
-    all_found = on_two_cores(lambda effect: _signatures(problem, effect, effect.shapes), effects)
+    all_found = on_two_cores(lambda effect: _of_typical_size(problem, effect, effect.shapes), effects)
     for effect, found in zip(effects, all_found, strict=True):
         out[effect.name] = _as_columns(effect, effect.shapes, found)
     return out
@@ -156,35 +156,43 @@ def known_parts(columns: Mapping[str, Sequence[Column]]) -> list[object]:
 
 def columns_in(problem: LinearProblem, effect: Effect, shapes: Sequence[dict[str, float]]) -> list[Column]:
     """`catalogue_columns` of one effect in any forms; without those of which the campaign shows nothing."""
-    return _as_columns(effect, shapes, _signatures(problem, effect, shapes))
+    return _as_columns(effect, shapes, _of_typical_size(problem, effect, shapes))
+
+
+def _of_typical_size(problem: LinearProblem, effect: Effect, shapes: Sequence[dict[str, float]]) -> list[Floats | None]:
+    return _signatures(problem, effect, [(shape, effect.strength.typical) for shape in shapes])
 
 
 def _as_columns(effect: Effect, shapes: Sequence[dict[str, float]], found: Sequence[Floats | None]) -> list[Column]:
     return [
-        Column(effect=effect, shape=shape, columns=effect.strength.typical * columns)
+        Column(effect=effect, shape=shape, columns=columns)
         for shape, columns in zip(shapes, found, strict=True)
         if columns is not None
     ]
 
 
-def _signatures(problem: LinearProblem, effect: Effect, shapes: Sequence[dict[str, float]]) -> list[Floats | None]:
-    """Whitened signatures of some shapes per unit of strength, (n, q) for each, or None where nothing shows."""
-    if not shapes:
+def _signatures(
+    problem: LinearProblem, effect: Effect, sized: Sequence[tuple[dict[str, float], float]]
+) -> list[Floats | None]:
+    """Whitened signatures of some shapes, each times a strength, (n, q); None where nothing of a typical one shows."""
+    if not sized:
         return []
     baseline = problem.campaign.baseline
     placed = []
     for part in problem.parts:
-        groups = effect.signatures_of(baseline, part.smooth, shapes)
+        groups = effect.signatures_of(baseline, part.smooth, [shape for shape, _ in sized])
         counts = [len(group) for group in groups]
         placed.append((part.place, counts, part.whiten_all([s for group in groups for s in group])))
     ends = [np.cumsum([0, *counts]) for _, counts, _ in placed]
     out: list[Floats | None] = []
-    for k in range(len(shapes)):
-        stacked = np.zeros((len(problem.data), max(counts[k] for _, counts, _ in placed)))
+    for k, (_, strength) in enumerate(sized):
+        # Column by column in memory: as they are filled, and as they are put side by side.
+        columns = np.zeros((max(counts[k] for _, counts, _ in placed), len(problem.data))).T
         for (place, counts, rows), end in zip(placed, ends, strict=True):
-            stacked[place, : counts[k]] = rows[end[k] : end[k + 1]].T
-        shown = np.isfinite(stacked).all() and np.abs(stacked).max(initial=0.0) * effect.strength.typical > 1e-9
-        out.append(stacked if shown else None)
+            columns[place, : counts[k]] = rows[end[k] : end[k + 1]].T
+        shown = np.isfinite(columns).all() and np.abs(columns).max(initial=0.0) * effect.strength.typical > 1e-9
+        columns *= strength
+        out.append(columns if shown else None)
     return out
 
 
@@ -233,9 +241,9 @@ class Catalogue:
         self.moments = self.stacked.T @ data
         self.squares = [columns.T @ columns for columns in entries]
 
-    def explain(self, marginal: Marginal) -> dict[str, Explanation]:
-        """`explain` for every effect with one product of matrices; without effects that show nothing."""
-        return self._explained(marginal, marginal.half(self.stacked))
+    def explain(self, marginal: Marginal, half: Floats | None = None) -> dict[str, Explanation]:
+        """`explain` for every effect, without those that show nothing; `half` is `Marginal.half` of `stacked`."""
+        return self._explained(marginal, marginal.half(self.stacked) if half is None else half)
 
     def explain_beside(self, marginal: Beside, half_alone: Floats) -> dict[str, Explanation]:
         """`explain` beside further columns, from `Marginal.half` of `stacked` without them."""
@@ -431,8 +439,7 @@ def little_of_each(problem: LinearProblem, effects: Sequence[Effect]) -> dict[st
     """Nuisance columns for small amounts of every effect, times their prior standard deviation, by its name."""
     found = {}
     for effect in effects:
-        sizes = [share * effect.strength.typical for _, share in effect.little]
-        shown = _signatures(problem, effect, [shape for shape, _ in effect.little])
-        kept = [columns * size for columns, size in zip(shown, sizes, strict=True) if columns is not None]
+        sized = [(shape, share * effect.strength.typical) for shape, share in effect.little]
+        kept = [columns for columns in _signatures(problem, effect, sized) if columns is not None]
         found[effect.name] = np.hstack([np.zeros((len(problem.data), 0)), *kept])
     return found

@@ -54,7 +54,7 @@ class Forming:
         return explanation, formed.column
 
     def pairs(
-        self, firsts: Sequence[Explanation], given: Mapping[str, Sequence[Floats]], catalogue: Catalogue
+        self, firsts: Sequence[Explanation], given: Mapping[str, Sequence[Floats]], catalogue: Catalogue, half: Floats
     ) -> list[Hypothesis]:
         """Weigh every second effect beside each of some firsts, the best of them with what both forms may miss.
 
@@ -64,6 +64,8 @@ class Forming:
         given : mapping of str to sequence of ndarray, shape (n, q)
             Of each first effect, the columns of any size that it may have.
         catalogue : Catalogue
+        half : ndarray, shape (p, columns)
+            `Marginal.half` of its columns for "no_gap".
 
         Returns
         -------
@@ -71,7 +73,7 @@ class Forming:
             Most evidence first; `left_over` only of those that were weighed with their forms.
         """
         rough: dict[frozenset[str], list[tuple[float, Explanation, Explanation]]] = {}
-        known, half = known_parts(catalogue.columns), self._nominal.half(catalogue.stacked)
+        known = known_parts(catalogue.columns)
         seconds = on_two_cores(lambda e: self._seconds(e, given[e.effect.name], catalogue, half), firsts, known=known)
         for first, found in zip(firsts, seconds, strict=True):
             for total, second in found:

@@ -193,7 +193,8 @@ def _without_effects(bench: _Bench) -> list[Hypothesis]:
 def _singles_and_pairs(bench: _Bench) -> tuple[list[Hypothesis], list[Hypothesis]]:
     """Weigh every effect, the best ones with what their forms may miss, and pairs of these with any other."""
     numbers, catalogue = bench.problem.settings.forms, bench.catalogue
-    rough = sorted(catalogue.explain(bench.nominal).values(), key=lambda e: -e.log_evidence)
+    half = bench.nominal.half(catalogue.stacked)
+    rough = sorted(catalogue.explain(bench.nominal, half).values(), key=lambda e: -e.log_evidence)
     formed = on_two_cores(
         lambda e: bench.forming.single(e, catalogue.columns[e.effect.name]), rough[: numbers.n_formed],
         known=known_parts(catalogue.columns),
@@ -209,7 +210,7 @@ def _singles_and_pairs(bench: _Bench) -> tuple[list[Hypothesis], list[Hypothesis
         )
         for e in explanations
     ]  # fmt: skip
-    return singles, bench.forming.pairs(firsts, given, catalogue)
+    return singles, bench.forming.pairs(firsts, given, catalogue, half)
 
 
 def _in_either_shape(explanation: Explanation, formed: Column) -> list[Floats]:

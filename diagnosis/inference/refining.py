@@ -22,7 +22,7 @@ from sawbench.diagnosis.inference.evidence import (
     explain,
     known_parts,
 )
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.diagnosis.inference.linear_problem import Beside, LinearProblem, Marginal
 from sawbench.modeling.effects.effect import Effect
 
 _N_STEPS: Final = 8
@@ -66,7 +66,7 @@ def refined(problem: LinearProblem, columns: Mapping[str, Sequence[Column]]) -> 
     """
     forms, marginal = problem.settings.forms, Marginal(problem)
     out = {name: list(entries) for name, entries in columns.items()}
-    alone = _worth_it(Catalogue(out, problem.data), marginal)
+    alone = _worth_it(Catalogue(out, problem.data).explain(marginal), forms.worth_forming)
     best = [e for e in alone if e.effect.continuous][: forms.n_first]
     known = known_parts(out)
     for column in on_two_cores(lambda e: _between(problem, marginal, e, out[e.effect.name]), best, known=known):
@@ -79,10 +79,16 @@ def refined(problem: LinearProblem, columns: Mapping[str, Sequence[Column]]) -> 
 def _refined_beside(problem: LinearProblem, marginal: Marginal, catalogue: Catalogue) -> list[Column]:
     """Better forms of the likeliest pairs."""
     forms = problem.settings.forms
-    firsts = _worth_it(catalogue, marginal)[: forms.n_first]
+    half = marginal.half(catalogue.stacked)
+    firsts = _worth_it(catalogue.explain(marginal, half), forms.worth_forming)[: forms.n_first]
     pairs: dict[frozenset[str], tuple[float, Column, Explanation]] = {}
     known = known_parts(catalogue.columns)
-    beside = on_two_cores(lambda first: _worth_it(catalogue, _given(problem, first.column)), firsts, known=known)
+
+    def seconds_of(first: Explanation) -> list[Explanation]:
+        found = catalogue.explain_beside(Beside(marginal, _of_any_size(first.column)), half)
+        return _worth_it(found, forms.worth_forming)
+
+    beside = on_two_cores(seconds_of, firsts, known=known)
     for first, seconds in zip(firsts, beside, strict=True):
         for second in seconds:
             names = frozenset((first.effect.name, second.effect.name))
@@ -106,13 +112,16 @@ def _between_both(
 
 def _given(problem: LinearProblem, column: Column) -> Marginal:
     """Nuisances and one effect of any size."""
-    return Marginal(problem, extra=column.effect.strength.high * column.columns)
+    return Marginal(problem, extra=_of_any_size(column))
 
 
-def _worth_it(catalogue: Catalogue, marginal: Marginal) -> list[Explanation]:
-    """Effects whose form matters, most evidence first."""
-    found = sorted(catalogue.explain(marginal).values(), key=lambda e: -e.log_evidence)
-    return [e for e in found if e.log_evidence > marginal.settings.forms.worth_forming]
+def _of_any_size(column: Column) -> Floats:
+    return column.effect.strength.high * column.columns
+
+
+def _worth_it(found: Mapping[str, Explanation], least: float) -> list[Explanation]:
+    """Effects whose form matters, for their log evidence, most of it first."""
+    return [e for e in sorted(found.values(), key=lambda e: -e.log_evidence) if e.log_evidence > least]
 
 
 def _add(columns: dict[str, list[Column]], effect: Effect, column: Column) -> None:
