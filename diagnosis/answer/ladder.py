@@ -387,14 +387,21 @@ def _log_spread(gram: Floats) -> float:
 
 
 def _gain(normal: Floats, pull: Floats, held: Floats, is_held: np.ndarray) -> float:
-    """Twice the log evidence of a form, less a constant, with some nuisances held at given values."""
+    """Twice the log evidence of a form, less a constant, with some nuisances held at given values.
+
+    A single amplitude is not below 0: a form that explains most with the other sign explains nothing.
+    """
     is_free = np.ones(len(pull), dtype=bool)
     is_free[: len(is_held)] = ~is_held
     part = normal[np.ix_(is_free, is_free)]
     left = pull[is_free]
     if held.size:
         left = left - normal[np.ix_(is_free, ~is_free)] @ held
-    return float(left @ np.linalg.solve(part, left) - np.linalg.slogdet(part)[1])
+    solution = np.linalg.solve(part, left)
+    gain = left @ solution
+    if len(pull) == len(is_held) + 1 and solution[-1] < 0.0:
+        gain = left[:-1] @ np.linalg.solve(part[:-1, :-1], left[:-1])
+    return float(gain - np.linalg.slogdet(part)[1])
 
 
 def climb(problem: LinearProblem, columns: Floats | None) -> Ladder:

@@ -74,6 +74,17 @@ def test_a_form_that_the_other_groups_exclude_predicts_nothing(problem, waves):
     assert squares == pytest.approx(energy["with_effect"], rel=0.01)
 
 
+def test_forms_that_fit_with_the_wrong_sign_do_not_push_out_the_right_one(problem, waves):
+    """An amplitude is not below 0: four forms that would explain more backwards explain nothing."""
+    friction, rubbing = waves
+    data = SIZE * friction + 2.0 * SIZE * rubbing
+    backwards = [-(SIZE * friction + share * SIZE * rubbing) for share in (1.7, 1.9, 2.1, 2.3)]
+    hold_out, ladder = climbed(problem, data, [friction, *backwards])
+    assert {ladder.fits[group].alternative for group in hold_out.groups} == {0}
+    amplitudes = np.concatenate([ladder.fits[group].amplitudes for group in hold_out.groups])
+    assert amplitudes == pytest.approx(np.ones(len(amplitudes)), abs=0.5)
+
+
 def test_squares_leave_out_what_the_other_groups_do_not_know_of_the_size(problem, waves):
     """A part of the cause that one group alone shows: its size there is open, within its prior."""
     wave = waves[0]
