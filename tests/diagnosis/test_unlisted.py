@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sawbench.diagnosis.answer.ladder import Ladder, Rungs
-from sawbench.diagnosis.answer.unlisted import left_share, odds_of_unlisted
+from sawbench.diagnosis.answer.unlisted import leaves_a_gap, left_share, odds_of_unlisted
 
 pytestmark = pytest.mark.unit
 
@@ -50,6 +50,21 @@ def test_what_is_left_counts_beyond_three_times_the_noise():
     assert share == pytest.approx((70.0 - 30.0) / 400.0)
     # Jackknife of two: half of the difference of the logarithms.
     assert std == pytest.approx(0.5 * abs(np.log(15.0 / 100.0) - np.log(25.0 / 300.0)))
+
+
+def test_what_an_intact_machine_leaves_is_no_gap():
+    """Three times the noise, in each group."""
+    quiet = ladder([14.0, 15.0], [5.0, 6.0], [5.0, 5.0])
+    in_one_point = ladder([14.0, 16.0], [5.0, 40.0], [5.0, 5.0])
+
+    def is_gap(one, equations=("mechanical",)):
+        return leaves_a_gap(one, equations, rung="retuned", quiet=QUIET)
+
+    assert not is_gap(quiet)
+    assert is_gap(in_one_point)
+    assert not is_gap(in_one_point, ["supply"]), "an equation that nobody could evaluate"
+    # A bench that is stated to leave more leaves no gap by it.
+    assert not leaves_a_gap(in_one_point, ["mechanical"], rung="retuned", quiet=16.0)
 
 
 def test_a_tenth_is_left_by_a_right_cause_in_one_of_ten_and_by_a_wrong_one_as_often_as_anything():
