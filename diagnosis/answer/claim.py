@@ -6,8 +6,7 @@ interval, the cause closes a tenth at least of the withheld gap where it acts, a
 what the others leave where it acts: where a hundredth is added and the rest stays unexplained,
 what explains the rest may well explain the hundredth. Nor may the simulated model with the cause miss the withheld
 channels by more than the re-tuned one does: two effects of one sensor that cancel in the harmonics compared need not
-cancel in the signal that they predict. What a claim leaves where it acts goes to "unknown" (`unlisted.py`), which
-needs a gap too: where re-tuned parameters leave no more than an intact machine does, nothing is unknown.
+cancel in the signal that they predict. What a claim leaves where it acts goes to "unknown" (`unlisted.py`).
 Where the single strokes carry an effect, mean strokes hold little of what it closes: the report says so instead.
 """
 
@@ -59,7 +58,6 @@ def held_to_predictions(
         Of an effect that fails, the probability goes to the cause without it, alone or with another effect instead; of
         a single one, to the answers that name no effect; as they stand among themselves.
     """
-    posterior = _unknown_of_a_gap(problem, posterior, predictions)
     kept = _those_that_hold(problem, columns, posterior, predictions)
     shared = _shared_with_unlisted(problem, kept, predictions)
     return _those_that_hold(problem, columns, shared, predictions)
@@ -74,22 +72,6 @@ def _those_that_hold(
             break
         posterior = _without(problem, posterior, failing)
     return posterior
-
-
-def _unknown_of_a_gap(problem: LinearProblem, posterior: Posterior, predictions: Predictions) -> Posterior:
-    """Leave "unknown" what single strokes say for it, where re-tuned parameters leave mean strokes no gap.
-
-    However surely a law fits what an intact machine leaves too, it is no cause that somebody has to look for. A law's
-    gap lies where it acts.
-    """
-    unknown, ladder = posterior.of("unknown"), predictions.of(posterior.of("no_gap")).ladder
-    weights = problem.settings.weights
-    acts = posterior.resembles_in or tuple(ladder.n_features)
-    if unknown.of_means <= 0.0 or leaves_a_gap(ladder, acts, rung="retuned", quiet=problem.quiet, weights=weights):
-        return posterior
-    doubted = [replace(h, log_evidence=h.of_strokes) if h is unknown else h for h in posterior.hypotheses]
-    weighed = weigh(doubted, n_effects=len(problem.campaign.plant.effects), quiet=problem.quiet, weights=weights)
-    return replace(posterior, hypotheses=weighed, resembles="", resembles_in=())
 
 
 def _shared_with_unlisted(problem: LinearProblem, posterior: Posterior, predictions: Predictions) -> Posterior:

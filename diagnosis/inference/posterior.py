@@ -28,7 +28,6 @@ from sawbench.diagnosis.inference.size import together
 from sawbench.diagnosis.inference.stroke_evidence import StrokesSay, sized_by_strokes, strokes_say, with_strokes
 from sawbench.diagnosis.inference.unnamed import beyond_catalogue, unnamed
 from sawbench.diagnosis.inference.weighing import weigh
-from sawbench.modeling.residuals import Equation
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -47,8 +46,6 @@ class Posterior:
         What is asynchronous with the stroke and no scatter: evidence for "unknown".
     resembles : str
         Strongest evidence for "unknown"; empty for a gap of no particular form.
-    resembles_in : tuple of Equation
-        Where that acts; empty where it is of no particular form.
     dispersion : ndarray, shape (n,)
         Factor on the noise's variance of every feature: 1 where the best effect explains the gap as an intact machine
         is explained.
@@ -61,7 +58,6 @@ class Posterior:
     strokes: dict[str, StrokesSay]
     off_stroke: Finding | None
     resembles: str
-    resembles_in: tuple[Equation, ...]
     dispersion: Floats
     little: dict[str, Floats]
 
@@ -119,7 +115,9 @@ def judge(
     listed = {h.name: h.log_evidence for h in singles}
     beyond = beyond_catalogue(bench.forming, bench.nominal, bench.beyond, listed)
     nobodys = unnamed(bench.forming, beyond, of_strokes, beside)
-    hypotheses = [*_without_effects(bench), *singles, *pairs, nobodys.hypothesis]
+    resembles = max(nobodys, key=lambda text: nobodys[text])
+    hypotheses = [*_without_effects(bench), *singles, *pairs]
+    hypotheses.append(Hypothesis(other="unknown", log_evidence=nobodys[resembles]))
     known = {e.name: e for e in plant.effects}
     for one in said.values():
         hypotheses = with_strokes(hypotheses, one, known, settings)
@@ -137,8 +135,7 @@ def judge(
         explanations=tuple(explanations.values()),
         strokes=said,
         off_stroke=beside,
-        resembles=nobodys.resembles,
-        resembles_in=nobodys.equations,
+        resembles=resembles if nobodys[resembles] > 0.0 else "",
         dispersion=bench.dispersion,
         little=little,
     )

@@ -315,27 +315,6 @@ def test_a_little_of_an_effect_is_a_cause_where_it_alone_is_the_gap(problem, col
     assert not held(0.0)
 
 
-def test_a_law_that_fits_what_an_intact_machine_leaves_is_no_unknown_cause(problem, columns, judged):
-    """Twenty nats for a law of the load cell, on strokes that re-tuned parameters predict to within the noise."""
-    surely = [
-        replace(h, log_evidence=20.0, probability=0.99) if h.name == "unknown" else replace(h, probability=1e-4)
-        for h in judged.hypotheses
-    ]
-    told = replace(judged, hypotheses=tuple(surely), resembles="bent load cell", resembles_in=("cutting",))
-    held = held_to_predictions(problem, columns, told, OfFeatures(problem, columns, told))
-    assert held.best.name == "no_gap"
-    prior = problem.settings.weights.prior_unknown / problem.settings.weights.prior_no_gap
-    assert held.of("unknown").probability / held.best.probability == pytest.approx(prior, rel=0.05)
-    in_strokes = [replace(h, of_strokes=20.0) if h.name == "unknown" else h for h in surely]
-    told = replace(told, hypotheses=tuple(in_strokes))
-    held = held_to_predictions(problem, columns, told, OfFeatures(problem, columns, told))
-    assert held.best.name == "unknown", "mean strokes know nothing of it"
-    gap = with_columns(problem, columns, RUBBING, 3.0)
-    told = replace(told, hypotheses=tuple(surely))
-    held = held_to_predictions(gap, columns, told, OfFeatures(gap, columns, told))
-    assert held.best.name == "unknown"
-
-
 @pytest.mark.parametrize(("log_odds", "is_wear"), [(9.0, True), (4.0, True), (3.0, False)])
 def test_a_trend_is_there_by_its_odds_not_by_how_well_its_forms_agree_on_the_size(problem, columns, log_odds, is_wear):
     """As seen: nine nats for wear, whose linear and running-in forms state 0.1 and 0.02 of growth."""
