@@ -61,6 +61,8 @@ def trial_settings(draw: CampaignDraw, index: int) -> PlantSettings:
         seed=int(rng.integers(2**31)),
         extras={"width_ratio": width} | dict(draw.change.shape) | dict(draw.change.plant),
     )
+    for name, numbers in draw.nuisances.items():
+        settings = NUISANCES[name].change(settings, numbers)
     return settings if plan.battery == draw.trials[0].battery else _with_battery(settings, draw, plan.battery)
 
 

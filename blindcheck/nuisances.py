@@ -1,21 +1,22 @@
-"""Ordinary faults of sensors, which a foreign bench has in any mixture.
+"""Ordinary faults of sensors, and wood that is uneven, which a foreign bench has in any mixture.
 
 They are no effect: a diagnosis names them as faults of a signal, or leaves them alone. One row of `NUISANCES` is one
 kind: `draw` its numbers for a campaign, in the key as they are drawn; `disturb` the readings of a trial, before they
-are rounded to the instruments' steps. Sizes are those of load cells, shunts and USB instruments as their users know
-them: assumed.
+are rounded to the instruments' steps, or `change` what is cut. Sizes are those of load cells, shunts and USB
+instruments as their users know them, and of wood whose density differs by some percent: assumed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
 from sawbench.blindcheck.draws import between
 from sawbench.blindcheck.plant import Floats
 from sawbench.blindcheck.readings import Readings
+from sawbench.blindcheck.settings import PlantSettings
 from scipy import signal
 
 Numbers = Mapping[str, float]
@@ -47,10 +48,12 @@ class Moment:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Nuisance:
-    """One kind of fault; see the module."""
+    """One kind of fault; see the module. Of the wood or of a sensor."""
 
     draw: Callable[[np.random.Generator], dict[str, float]]
-    disturb: Callable[[Readings, Numbers, Moment], Readings]
+    disturb: Callable[[Readings, Numbers, Moment], Readings] = lambda readings, numbers, moment: readings
+    change: Callable[[PlantSettings, Numbers], PlantSettings] = lambda settings, numbers: settings
+    is_of_sensor: bool = True
 
 
 def _added(readings: Readings, more: Mapping[str, Floats | float]) -> Readings:
@@ -205,6 +208,15 @@ def _gain_drift(readings: Readings, numbers: Numbers, moment: Moment) -> Reading
     return _added(readings, {name: share * grown * readings.values[name] for name, share in numbers.items()})
 
 
+def _draw_uneven(rng: np.random.Generator) -> dict[str, float]:
+    return {"rel_std": between(rng, 0.015, 0.06), "mm": between(rng, 3.0, 25.0)}
+
+
+def _uneven(settings: PlantSettings, numbers: Numbers) -> PlantSettings:
+    """Let the wood be harder in one place than in another: over some millimetres, so that it changes in a trial."""
+    return replace(settings, uneven_rel_std=numbers["rel_std"], uneven_mm=numbers["mm"])
+
+
 def _instants(time_s: Floats, per_s: float, rng: np.random.Generator) -> Floats:
     """Draw a Poisson process over a trial."""
     seconds = float(time_s[-1] - time_s[0])
@@ -224,5 +236,7 @@ NUISANCES: Mapping[str, Nuisance] = MappingProxyType(
         "coarse_steps": Nuisance(draw=_draw_bits, disturb=_coarse),
         "missing_samples": Nuisance(draw=_draw_missing, disturb=_missing),
         "jitter": Nuisance(draw=_draw_jitter, disturb=_jitter),
+        "uneven_wood": Nuisance(draw=_draw_uneven, change=_uneven, is_of_sensor=False),
     }
 )
+SENSOR_FAULTS = frozenset(name for name, nuisance in NUISANCES.items() if nuisance.is_of_sensor)

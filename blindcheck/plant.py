@@ -104,13 +104,25 @@ def parameter_record(settings: PlantSettings) -> np.ndarray:
 
 
 def stroke_factors(settings: PlantSettings, n: int = 16384) -> Floats:
-    """Return the factor on the damper for each stroke: a stationary AR(1) process of mean 1, shape (n,)."""
-    rng = np.random.default_rng([settings.seed, 1])
-    rho = settings.stroke_correlation
+    """Return the factor on the damper for each stroke, shape (n,): stationary AR(1) processes about a mean of 1.
+
+    One forgets from stroke to stroke. The other one is the wood's along the cut, at the stroke rate without a load.
+    """
+    from_stroke_to_stroke = _remembering(np.random.default_rng([settings.seed, 1]), settings.stroke_correlation, n)
+    factor = 1.0 + settings.stroke_rel_std * from_stroke_to_stroke
+    if settings.uneven_rel_std > 0.0 and settings.feed_mm_s > 0.0:
+        motor_rad_s = settings.duty * settings.nominal_voltage_v / settings.back_emf_constant_v_s_per_rad
+        stroke_mm = settings.feed_mm_s * 2.0 * np.pi * settings.gear_ratio / motor_rad_s
+        memory = float(np.exp(-stroke_mm / settings.uneven_mm))
+        factor += settings.uneven_rel_std * _remembering(np.random.default_rng([settings.seed, 4]), memory, n)
+    return np.clip(factor, 0.2, 2.0)
+
+
+def _remembering(rng: np.random.Generator, rho: float, n: int) -> Floats:
+    """Stationary AR(1) process of unit variance, shape (n,)."""
     n_memory = min(int(np.log(1e-12) / np.log(max(rho, 1e-6))) + 1, 2000)
     shocks = np.sqrt(1.0 - rho * rho) * rng.standard_normal(n + n_memory - 1)
-    values = np.convolve(shocks, rho ** np.arange(n_memory), mode="valid")
-    return np.clip(1.0 + settings.stroke_rel_std * values, 0.2, 2.0)
+    return np.convolve(shocks, rho ** np.arange(n_memory), mode="valid")
 
 
 def texture(seed: int, *, wavelength_mm: float = 4.2, n: int = 8192, step_mm: float = 0.05) -> Floats:

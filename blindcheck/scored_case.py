@@ -11,6 +11,7 @@ from typing import Any
 from sawbench.bench.errors import InputError
 from sawbench.blindcheck.claims import is_coherent, is_detectable, place_of, runtime_misses
 from sawbench.blindcheck.effects.table import CATALOGUE
+from sawbench.blindcheck.nuisances import SENSOR_FAULTS
 from sawbench.blindcheck.parameter_score import StatedParameter, stated_parameters
 from sawbench.blindcheck.shifts import shifts_of
 
@@ -230,7 +231,7 @@ def case_of(
         "kind": "effect" if is_listed else label["kind"],
         "n_effects": len(catalogue) or len(CATALOGUE),
         "shifts": shifts_of(truth),
-        "has_faulty_sensors": bool(truth.get("nuisances")),
+        "has_faulty_sensors": bool(SENSOR_FAULTS & set(truth.get("nuisances", {}))),
         "says_where": True,
         "effects": dict(truth["effects"]),
         "oracle_gap_closed": oracle_gap_closed,

@@ -79,6 +79,8 @@ class PlantSettings:
         0: the blade runs in air.
     stroke_rel_std, stroke_correlation : float
         Scatter of the damper from stroke to stroke.
+    uneven_rel_std, uneven_mm : float
+        How much harder or softer the wood is along the cut, and the way after which it is another; 0: even.
     feed_mm_s : float
     initial_crank_rad, initial_soc : float
     force_noise_n, displacement_noise_mm, current_noise_a, voltage_noise_v, battery_current_noise_a : float
@@ -109,6 +111,8 @@ class PlantSettings:
     k_fc_n_s_per_m: float = 240.29
     stroke_rel_std: float = 0.045
     stroke_correlation: float = 0.3
+    uneven_rel_std: float = 0.0
+    uneven_mm: float = 8.0
     feed_mm_s: float = 4.0
     initial_crank_rad: float = 0.0
     initial_soc: float = 1.0

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from sawbench.blindcheck.nuisances import NUISANCES
+from sawbench.blindcheck.nuisances import NUISANCES, SENSOR_FAULTS
 
 _RATES_KHZ = (1.0, 2.5, 7.0, 20.0)
 _NOISES = (0.3, 0.7, 1.5, 4.0)
@@ -22,7 +22,7 @@ def shifts_of(truth: Mapping[str, Any]) -> dict[str, str]:
     '2.5 to 7 kHz'
     """
     nuisances = truth.get("nuisances", {})
-    n = len(nuisances)
+    n = len(set(nuisances) & SENSOR_FAULTS)
     found = {
         "machine": "another jigsaw" if _is_another_machine(truth) else "the paper's jigsaw",
         "mechanism": str(truth.get("mechanism", "scotch_yoke")).replace("_", " "),

@@ -124,7 +124,7 @@ def is_there(member: Explanation, said: StrokesSay | None = None) -> bool:
     said : StrokesSay, optional
         What the single strokes say of the effect, where they carry it.
     """
-    if said is not None and said.is_whole and said.beside_cutting > _LOG_ODDS95:
+    if said is not None and said.is_trend and said.beside_cutting > _LOG_ODDS95:
         return True
     return abs(member.strength - member.absent) > Z95 * member.strength_std
 

@@ -223,7 +223,7 @@ def _resting(bench: _Bench, hypothesis: Hypothesis, said: Mapping[str, StrokesSa
     """With what it leaves, where it rests on single strokes and nobody fitted it: mean strokes know trends alone."""
     if hypothesis.of_strokes <= 0.0 or len(hypothesis.effects) < 2 or np.isfinite(hypothesis.left_over):
         return hypothesis
-    shown = [m for m in hypothesis.members if m.effect.name not in said or said[m.effect.name].is_whole]
+    shown = [m for m in hypothesis.members if m.effect.name not in said or said[m.effect.name].is_trend]
     return replace(hypothesis, left_over=left_by(bench.problem, bench.dispersion, bench.forming.small, shown))
 
 

@@ -38,8 +38,6 @@ class StrokesSay:
         Where another effect may.
     size, size_std : float
         Of the reported parameter.
-    is_whole : bool
-        Strokes know all of the effect: a trend, not a wave.
     words : str
         What was found, for the report; empty where the size says it all.
     """
@@ -49,12 +47,45 @@ class StrokesSay:
     beside_cutting: float
     size: float
     size_std: float
-    is_whole: bool
     words: str = ""
+
+    @property
+    def is_trend(self) -> bool:
+        """Whether the effect changes the hardness over blade life or from trial to trial; else it is a wave."""
+        return isinstance(self.effect.strokes, StrokeTrend)
 
     def beside(self, others: Sequence[Effect]) -> float:
         """Log evidence of the strokes beside other effects."""
         return self.beside_cutting if any(e.bends_hardness for e in others) else self.alone
+
+    def _is_all_of(self, hypothesis: Hypothesis) -> bool:
+        """Whether the effect, in the form that it has in a hypothesis, does nothing but what strokes show."""
+        trend = self.effect.strokes
+        shapes = [m.column.shape for m in hypothesis.members if m.effect.name == self.effect.name]
+        return isinstance(trend, StrokeTrend) and all(trend.is_whole_in(shape) for shape in shapes)
+
+    def joined(self, hypothesis: Hypothesis, rest: float, nats: float, numbers: Strokes) -> float:
+        """Log evidence of a hypothesis that holds the effect, by mean strokes and single ones.
+
+        Both know how hard each trial cuts, and single strokes know better what that is worth: wood varies along the
+        cut, which in mean strokes looks like a trend. So it counts once.
+
+        Parameters
+        ----------
+        hypothesis : Hypothesis
+            By mean strokes.
+        rest : float
+            Log evidence without the effect.
+        nats : float
+            Of the strokes.
+        numbers : Strokes
+        """
+        of_means = hypothesis.log_evidence
+        if self._is_all_of(hypothesis):
+            return rest + nats
+        if self.denies(nats, numbers):
+            return min(of_means, rest) + nats
+        return max(of_means, rest + nats) if self.is_trend else of_means + nats
 
     def denies(self, nats: float, numbers: Strokes) -> bool:
         """Whether strokes of that log evidence speak against the effect.
@@ -62,7 +93,7 @@ class StrokesSay:
         What mean strokes say for it then comes of something else. A wave is denied where the strokes do not show it:
         mean strokes take the slow changes of the hardness that any wood has for one.
         """
-        return nats < numbers.against if self.is_whole else nats <= 0.0
+        return nats < numbers.against if self.is_trend else nats <= 0.0
 
 
 def strokes_say(
@@ -102,7 +133,7 @@ def strokes_say(
             wave = spectra.wave(effect.strokes)
             said[effect.name] = StrokesSay(
                 effect=effect, alone=wave.log_evidence, beside_cutting=wave.log_evidence, size=wave.depth,
-                size_std=settings.strokes.depth_std * wave.depth, is_whole=False,
+                size_std=settings.strokes.depth_std * wave.depth,
                 words=effect.strokes.words.format(wavelength_mm=1e3 * wave.wavelength_m),
             )  # fmt: skip
     trends = {e.name: e.strokes for e in effects if isinstance(e.strokes, StrokeTrend)}
@@ -110,7 +141,7 @@ def strokes_say(
     for name, trend in trend_evidence(blocks_of(states, strokes, known), trends, settings.strokes).items():
         said[name] = StrokesSay(
             effect=by_name[name], alone=trend.alone, beside_cutting=trend.beside_cutting, size=trend.size,
-            size_std=trend.size_std, is_whole=True,
+            size_std=trend.size_std,
         )  # fmt: skip
     one_look = math.log(settings.strokes.looks)
     return said, {
@@ -144,7 +175,7 @@ def with_strokes(
     list of Hypothesis
         With the part of their log evidence that single strokes give.
     """
-    effect, numbers = said.effect.name, settings.strokes
+    effect = said.effect.name
     evidence = {h.effects: h.log_evidence for h in hypotheses}
     if (effect,) not in evidence:
         return list(hypotheses)
@@ -154,15 +185,13 @@ def with_strokes(
             continue
         rest = h.without(effect)
         nats = said.beside([known[name] for name in rest])
-        value = h.log_evidence
-        if said.denies(nats, numbers):
-            value = min(value, evidence.get(rest, 0.0) if rest else 0.0)
-        joined[h.effects] = replace(h, log_evidence=value + nats, of_strokes=h.of_strokes + nats)
+        value = said.joined(h, evidence.get(rest, 0.0) if rest else 0.0, nats, settings.strokes)
+        joined[h.effects] = replace(h, log_evidence=value, of_strokes=h.of_strokes + nats)
     singles = sorted((h for h in hypotheses if len(h.effects) == 1), key=lambda h: -h.log_evidence)
     alone = next(h for h in singles if h.effects == (effect,))
     for h in [h for h in singles if h is not alone][: settings.forms.n_first]:
         nats = said.beside([known[name] for name in h.effects])
-        if said.is_whole and nats <= 0.0:
+        if said.is_trend and nats <= 0.0:
             continue
         both = sorted((alone, h), key=lambda one: one.effects)
         fresh = Hypothesis(
@@ -192,7 +221,7 @@ def sized_by_strokes(explanation: Explanation, said: Mapping[str, StrokesSay]) -
     found = said.get(explanation.effect.name)
     if found is None or found.beside_cutting <= 0.0:
         return explanation
-    if found.is_whole and found.size_std * abs(explanation.strength) > explanation.strength_std * abs(found.size):
+    if found.is_trend and found.size_std * abs(explanation.strength) > explanation.strength_std * abs(found.size):
         return explanation
     typical = explanation.effect.strength.typical
     return replace(explanation, mixture=(found.size / typical, found.size_std / typical), form_share=0.0)

@@ -67,5 +67,10 @@ EFFECT = Effect(
     grows_with=("feed", "speed"),
     confused_with=("cutting_speed_exponent", "blade_wear"),
     told_apart_by="trials at several feeds",
-    strokes=StrokeTrend(log_change=_log_change, sizes=np.geomspace(0.1, 1.2, 10), goes_with_feed=True),
+    strokes=StrokeTrend(
+        log_change=_log_change,
+        sizes=np.geomspace(0.1, 1.2, 10),
+        goes_with_feed=True,
+        is_whole_in=lambda shape: not shape.get("in_stroke"),
+    ),
 )

@@ -6,7 +6,7 @@ from trial to trial they may grow. And every return stroke reads the zero of the
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from sawbench.bench.recording import Floats
@@ -40,8 +40,6 @@ class StrokeWave:
 class StrokeTrend:
     """Hardness changes over blade life or from trial to trial, the force over the stroke keeps its shape.
 
-    Single strokes know all of it.
-
     Attributes
     ----------
     log_change : callable
@@ -52,12 +50,15 @@ class StrokeTrend:
         Forms, all equally likely.
     goes_with_feed : bool
         A power of the feed that another effect of the cut might have cannot be told from it.
+    is_whole_in : callable
+        Of the shape of the effect: whether it does nothing else in that form. Then single strokes know all of it.
     """
 
     log_change: LogChange
     sizes: Floats
     shapes: tuple[dict[str, float], ...] = field(default=({},))
     goes_with_feed: bool = False
+    is_whole_in: Callable[[Mapping[str, float]], bool] = lambda shape: True
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -15,9 +15,9 @@ from sawbench.blindcheck.campaign import disturbed, make_campaign, measured_tria
 from sawbench.blindcheck.drawing import draw_campaign
 from sawbench.blindcheck.draws import stream_of
 from sawbench.blindcheck.effects.table import CATALOGUE, drawn_from
-from sawbench.blindcheck.nuisances import NUISANCES, Moment
+from sawbench.blindcheck.nuisances import NUISANCES, SENSOR_FAULTS, Moment
 from sawbench.blindcheck.plans import with_batteries
-from sawbench.blindcheck.plant import MATERIALS
+from sawbench.blindcheck.plant import MATERIALS, stroke_factors
 from sawbench.blindcheck.readings import Readings
 from sawbench.blindcheck.sealing import draw_cases, make
 
@@ -206,7 +206,7 @@ def added(name: str, numbers: dict[str, float], channel: str = "force_n", **more
     return spoilt(name, numbers, **more).values[channel] - still().values[channel]
 
 
-@pytest.mark.parametrize("name", NUISANCES)
+@pytest.mark.parametrize("name", sorted(SENSOR_FAULTS))
 def test_every_fault_draws_numbers_and_changes_the_readings_the_same_way_twice(name):
     numbers = NUISANCES[name].draw(np.random.default_rng(4))
     assert numbers and all(np.isfinite(value) for value in numbers.values())
@@ -292,3 +292,17 @@ def test_a_campaign_s_readings_carry_its_faults(draws):
     changed = disturbed(draw, still(), 100.0, 0).values["force_n"]
     assert len(changed) == pytest.approx(len(still().time_s), abs=20)
     assert np.std(changed) > np.std(still().values["force_n"])
+
+
+def test_uneven_wood_changes_what_is_cut_and_no_reading(draws):
+    seed = next(k for k in SEEDS if "uneven_wood" in draws[k].nuisances)
+    numbers = draws[seed].nuisances["uneven_wood"]
+    even = draw_campaign(seed, benches="foreign", without=("uneven_wood",))
+    for index, plan in enumerate(draws[seed].trials):
+        uneven, usual = (trial_settings(draw, index) for draw in (draws[seed], even))
+        assert replace(uneven, uneven_rel_std=0.0, uneven_mm=usual.uneven_mm) == usual
+        assert (uneven.uneven_rel_std, uneven.uneven_mm) == (numbers["rel_std"], numbers["mm"])
+        hardness = stroke_factors(uneven)
+        assert np.array_equal(hardness, stroke_factors(usual)) == (plan.feed_mm_s == 0.0)
+    read = spoilt("uneven_wood", dict(numbers))
+    assert all(np.array_equal(read.values[name], values) for name, values in still().values.items())

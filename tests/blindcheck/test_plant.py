@@ -1,6 +1,7 @@
 """The blind check's plant against energy balance, closed-form limits and the paper's figure."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -179,6 +180,10 @@ def test_tables_have_the_statistics_they_state():
     assert factors.mean() == pytest.approx(1.0, abs=0.003)
     assert factors.std() == pytest.approx(0.05, rel=0.03)
     assert np.corrcoef(factors[1:], factors[:-1])[0, 1] == pytest.approx(0.3, abs=0.03)
+    uneven = stroke_factors(replace(settings, stroke_rel_std=0.0, uneven_rel_std=0.04, uneven_mm=12.0))
+    assert uneven.std() == pytest.approx(0.04, rel=0.2)
+    # 4 mm/s at 20 strokes/s: after 60 strokes the wood is another one.
+    assert np.corrcoef(uneven[60:], uneven[:-60])[0, 1] == pytest.approx(np.exp(-1.0), abs=0.15)
     for table in (texture(8), wander_noise(8)):
         assert table.std() == pytest.approx(1.0, abs=1e-9)
         assert table.mean() == pytest.approx(0.0, abs=1e-9)

@@ -321,7 +321,7 @@ def test_a_trend_is_there_by_its_odds_not_by_how_well_its_forms_agree_on_the_siz
     member = explain(Marginal(with_columns(problem, columns, RUBBING, 1.0)), columns[RUBBING])
     member = replace(member, mixture=(0.47, 0.38), form_share=0.0)
     said = StrokesSay(
-        effect=member.effect, alone=log_odds, beside_cutting=log_odds, size=0.047, size_std=0.038, is_whole=True
+        effect=EFFECT_BY_NAME["blade_wear"], alone=log_odds, beside_cutting=log_odds, size=0.047, size_std=0.038
     )  # fmt: skip
     assert not is_there(member)
     assert is_there(member, said) == is_wear
