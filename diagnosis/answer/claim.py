@@ -131,8 +131,8 @@ def is_there(member: Explanation, said: StrokesSay | None = None) -> bool:
 
 def is_background(member: Explanation) -> bool:
     """Whether the interval of the magnitude ends below what every machine may have a little of."""
-    amplitude, std = member.mixture or (member.amplitude, member.amplitude_std)
-    return abs(amplitude) + Z95 * std < SETTINGS.forms.least_amplitude
+    size, std = member.in_typical_sizes
+    return abs(size) + Z95 * std < SETTINGS.forms.least_amplitude
 
 
 def _failing(
@@ -152,7 +152,9 @@ def _failing(
         added, left = _added(problem, posterior, predictions, member)
         is_worth = _is_sure(added) and added.sum() > SETTINGS.ladder.least_added * left
         predicts = name in carried or (closes and (len(best.effects) == 1 or is_worth))
-        is_cause = not is_background(member) or has_a_gap(problem, posterior, predictions, member)
+        # A wave of any form explains all that is fixed in angle: of background size, that is something else.
+        has_a_form = member.effect.size_of is None
+        is_cause = not is_background(member) or (has_a_form and has_a_gap(problem, posterior, predictions, member))
         said = posterior.strokes.get(name) if name in carried else None
         if not (predicts and is_cause and is_there(member, said)):
             failing[name] = float(added.sum())

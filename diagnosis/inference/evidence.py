@@ -116,6 +116,15 @@ class Explanation:
         by_noise, by_form = self._noise_and_form()
         return max(by_noise, min(float(np.hypot(by_noise, by_form * size)), most * size))
 
+    @property
+    def in_typical_sizes(self) -> tuple[float, float]:
+        """Size and its standard deviation, in multiples of the typical size."""
+        if self.mixture is not None:
+            return self.mixture
+        if self.effect.size_of is not None:
+            return self.amplitude, SETTINGS.forms.most_std * abs(self.amplitude)
+        return self.amplitude, self.amplitude_std
+
     def _noise_and_form(self) -> tuple[float, float]:
         """Standard deviation of the strength from the noise, and a relative one of its form."""
         typical = self.effect.strength.typical

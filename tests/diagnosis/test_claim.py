@@ -315,6 +315,17 @@ def test_a_little_of_an_effect_is_a_cause_where_it_alone_is_the_gap(problem, col
     assert not held(0.0)
 
 
+@pytest.mark.parametrize(("size", "is_declared"), [(0.06, False), (1.0, True)])
+def test_a_wave_of_any_form_is_play_only_where_it_is_as_large_as_play(problem, columns, size, is_declared):
+    """As seen: a belt that slips was called a play of 0.02 mm; a wave fixed in angle explains that too."""
+    waves = columns["yoke_backlash"][0].columns
+    in_air, under_load = np.split(waves, 2, axis=1)
+    data = replace(problem, data=0.02 * problem.data + size * (in_air[:, 0] + under_load[:, 0]))
+    posterior = certain_of(judge(data, columns), "yoke_backlash")
+    held = held_to_predictions(data, columns, posterior, OfFeatures(data, columns, posterior))
+    assert ("yoke_backlash" in held.best.effects) == is_declared
+
+
 @pytest.mark.parametrize(("log_odds", "is_wear"), [(9.0, True), (4.0, True), (3.0, False)])
 def test_a_trend_is_there_by_its_odds_not_by_how_well_its_forms_agree_on_the_size(problem, columns, log_odds, is_wear):
     """As seen: nine nats for wear, whose linear and running-in forms state 0.1 and 0.02 of growth."""
