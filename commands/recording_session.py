@@ -115,7 +115,7 @@ def record_trial(
 
     book = CalibrationBook() if options.calibration_book is None else read_book(options.calibration_book)
     devices, configured = build_calibrated(loaded.config, book, options.endpoints)
-    refuse_uncalibrated(book, configured)
+    refuse_uncalibrated(book, configured, loaded.config.known_channels)
     made = provenance(book, configured)
     settings = loaded.config.recording
     opened: list[RecordingWriter] = []
