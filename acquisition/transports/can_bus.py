@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 _WAIT_S: Final = 0.1
 # Error class of an error frame, as linux/can/error.h and python-can number it.
 _BUS_OFF: Final = 0x40
-_MOST_AT_ONCE: Final = 2000
+# Frames of one read at most.
+MOST_AT_ONCE: Final = 2000
 # A bus time further than this from the host's wall clock counts from something else than 1970.
 _LARGEST_CLOCK_DIFFERENCE_S: Final = 5.0
 
@@ -138,7 +139,7 @@ class PythonCanBus:
             message = bus.recv(_WAIT_S)
             while message is not None:
                 messages.append(message)
-                message = bus.recv(0) if len(messages) < _MOST_AT_ONCE else None
+                message = bus.recv(0) if len(messages) < MOST_AT_ONCE else None
         except (can.CanError, OSError) as error:
             raise self._failed(error) from error
         self._is_off = any(m.is_error_frame and m.arbitration_id & _BUS_OFF for m in messages)
