@@ -8,7 +8,7 @@ from typing import Final
 
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
 from mcap.writer import LIBRARY_IDENTIFIER, Writer
-from sawbench.bench.errors import RecordingError
+from sawbench.bench.errors import RecordingError, WritingError
 from sawbench.storage.codec import EVENT_TOPIC, MESSAGE_TYPES, PROFILE, encode_event, log_time_ns, schema_data
 from sawbench.storage.container import Scan, read_records
 from sawbench.storage.content import Content, damage_events, take_record
@@ -63,6 +63,8 @@ def recover_recording(path: str | Path, out: str | Path, overwrite: bool = False
     ------
     RecordingError
         If `path` is not an MCAP file or holds nothing readable, or if `out` exists or is `path`.
+    WritingError
+        If `out` cannot be written, for example because the disk is full; nothing of it is left.
     """
     path, out = Path(path), Path(out)
     if out.resolve() == path.resolve():
@@ -77,6 +79,13 @@ def recover_recording(path: str | Path, out: str | Path, overwrite: bool = False
             raise RecordingError("contains nothing that can be recovered", where=path)
         copier.finish()
         target.finish()
+    except OSError as error:
+        target.discard()
+        raise WritingError(
+            f"cannot be written: {error.strerror or error}",
+            where=out,
+            remedy="free disk space, or give a file on another disk with --out",
+        ) from error
     except BaseException:
         target.discard()
         raise
