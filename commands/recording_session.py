@@ -101,6 +101,8 @@ def record_trial(
     ------
     DeviceError
         If an instrument is missing, silent or wrong; then no file is left.
+    KeyboardInterrupt
+        If Ctrl-C comes again before the file is finished; it says what is left of it.
     """
     from sawbench.acquisition.calibration_book import (
         CalibrationBook,
@@ -145,6 +147,9 @@ def record_trial(
     except BaseException as error:
         for writer in opened:
             writer.__exit__(type(error), error, error.__traceback__)
+        if isinstance(error, KeyboardInterrupt) and opened and options.path.exists():
+            why = str(error) or "interrupted while the recording was being finished"
+            raise KeyboardInterrupt(f"{why}: {options.path} has what was recorded, marked as not complete") from error
         raise
     finally:
         if notes is not None:
