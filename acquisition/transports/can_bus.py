@@ -120,7 +120,8 @@ class PythonCanBus:
             raise DeviceError(
                 f"the CAN bus cannot be opened: {error}",
                 where=self._where,
-                remedy="check both; for socketcan: `ip link set can0 up type can bitrate 500000`",
+                remedy="check `interface` and `port` of the device, and that the adapter's driver is installed; for "
+                "socketcan: `ip link set can0 up type can bitrate 500000`",
             ) from error
 
     def read(self) -> CanBatch:
