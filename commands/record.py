@@ -276,7 +276,7 @@ def live_view(
     finally:
         view.close()
         if view.is_dead:
-            click.echo(f"the live view ended early: {view.dead_reason} (the recording is complete)", err=True)
+            click.echo(f"the live view ended early: {view.dead_reason} (the recording does not need it)", err=True)
         elif view.n_dropped:
             left_out = f"the live view could not keep up and left out {view.n_dropped} blocks"
             click.echo(f"{left_out} (the recording has them all)", err=True)
