@@ -69,6 +69,7 @@ def recover_recording(path: str | Path, out: str | Path, overwrite: bool = False
     path, out = Path(path), Path(out)
     if out.resolve() == path.resolve():
         raise RecordingError("a recording cannot be recovered to its own file", where=path, remedy="give another file")
+    _refuse_part(path, out)
     content = Content(path=path)
     target = PartFile(out, overwrite=overwrite)
     try:
@@ -90,6 +91,24 @@ def recover_recording(path: str | Path, out: str | Path, overwrite: bool = False
         target.discard()
         raise
     return _report(out, content.scan, copier)
+
+
+def _refuse_part(path: Path, out: Path) -> None:
+    """Refuse where the `.part` file of `out` is there; what to do is another thing than for a recording."""
+    part = out.with_name(f"{out.name}.part")
+    if not part.exists():
+        return
+    if part.resolve() == path.resolve():
+        raise RecordingError(
+            "this name belongs to the file that is recovered, which is never replaced",
+            where=out,
+            remedy="give --out another name or folder; without --out it is the name with -recovered",
+        )
+    raise RecordingError(
+        "already exists: a recovery or recording of this name runs, or was interrupted",
+        where=part,
+        remedy=f"if it was an interrupted recovery, delete it: {path.name} still has everything; or give another --out",
+    )
 
 
 def _report(out: Path, scan: Scan, copier: _Copier) -> RecoveryReport:

@@ -205,6 +205,19 @@ def test_recovery_to_a_full_disk_leaves_nothing_and_says_where(tmp_path):
     assert recover_recording(path, out).n_messages_kept
 
 
+def test_a_part_file_in_the_way_of_a_recovery_is_told_from_its_source(tmp_path):
+    """It said to recover it: that is what was being done."""
+    source = write(tmp_path / "a.mcap", block(0, [0.0, 0.1])).rename(tmp_path / "a.mcap.part")
+    with pytest.raises(RecordingError, match="the name with -recovered") as caught:
+        recover_recording(source, tmp_path / "a.mcap", overwrite=True)
+    assert "sawbench recover" not in str(caught.value)
+    (tmp_path / "b.mcap.part").write_bytes(b"killed")
+    with pytest.raises(RecordingError, match=r"b\.mcap\.part: already exists.*\n.*delete it: a\.mcap\.part still has"):
+        recover_recording(source, tmp_path / "b.mcap", overwrite=True)
+    assert (tmp_path / "b.mcap.part").read_bytes() == b"killed"
+    assert recover_recording(source, tmp_path / "c.mcap").n_messages_kept
+
+
 def test_recovery_never_harms_its_source(tmp_path):
     path = write(tmp_path / "a.mcap", block(0, [0.0, 0.1]))
     with pytest.raises(RecordingError, match="to its own file"):
