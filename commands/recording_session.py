@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from sawbench.acquisition.pre_trigger import Touch
     from sawbench.acquisition.recording_report import RecordingStatus, RecordingSummary
     from sawbench.bench.config import LoadedConfig
+    from sawbench.storage.writer import RecordingWriter
 
 # A start takes 2 s; this is for a computer that has much else to do.
 _START_TIMEOUT_S = 180.0
@@ -145,17 +146,22 @@ def record_trial(
             devices, open_writer, seconds=options.seconds, observers=observers, status=status, stop=stop, limits=limits
         )
     except BaseException as error:
-        for writer in opened:
-            writer.__exit__(type(error), error, error.__traceback__)
-        if isinstance(error, KeyboardInterrupt) and opened and options.path.exists():
-            why = str(error) or "interrupted while the recording was being finished"
-            raise KeyboardInterrupt(f"{why}: {options.path} has what was recorded, marked as not complete") from error
+        _close_broken_off(opened, error)
         raise
     finally:
         if notes is not None:
             notes.detach()
     opened[0].close(provenance=summary.provenance, is_complete=summary.is_complete)
     return summary
+
+
+def _close_broken_off(opened: Sequence[RecordingWriter], error: BaseException) -> None:
+    """Close what an error broke off, as not complete; say of a second Ctrl-C where the recording is."""
+    for writer in opened:
+        writer.__exit__(type(error), error, error.__traceback__)
+        if isinstance(error, KeyboardInterrupt) and writer.path.exists():
+            why = str(error) or "interrupted while the recording was being finished"
+            raise KeyboardInterrupt(f"{why}: {writer.path} has what was recorded, marked as not complete") from error
 
 
 class NoteBook:
