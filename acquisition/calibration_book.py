@@ -21,6 +21,7 @@ from sawbench.acquisition.devices import build_devices
 from sawbench.bench.config import BenchConfig
 from sawbench.bench.errors import ConfigError, InputError
 from sawbench.bench.toml_text import parse_toml, read_toml_text
+from sawbench.bench.units import Channel
 from sawbench.bench.validation_text import describe_validation
 from sawbench.storage.output import folder_held, write_whole
 
@@ -230,37 +231,61 @@ def calibrated(
     return config.model_copy(update={"devices": tables})
 
 
-NO_CALIBRATION: Final = (
+_NO_CALIBRATION: Final = (
     "has no calibration: the raw value of the instrument, such as mV/V, would be taken in the unit of the channel"
 )
 
 
 def uncalibrated(
-    book: CalibrationBook, configured: Mapping[tuple[str, str], Calibration]
-) -> list[tuple[str, str, str]]:
-    """Return device, channel and remedy of every channel that nobody gave a calibration."""
+    book: CalibrationBook, configured: Mapping[tuple[str, str], Calibration], channels: Mapping[str, Channel]
+) -> list[tuple[str, str, ConfigError]]:
+    """Return device, channel and what is wrong for every channel that nobody gave a calibration.
+
+    Parameters
+    ----------
+    book : CalibrationBook
+    configured : mapping of (device, channel) to Calibration
+    channels : mapping of str to Channel
+        Those of the bench.
+    """
     return [
-        (
-            device,
-            channel,
-            f"`sawbench calibrate --channel {channel}`, or state calibration = {{ scale = ..., raw_unit = ..., "
-            "source = ... }; if the instrument already sends this unit, `source` alone is enough",
-        )
+        (device, channel, ConfigError(what, where=f"[devices.{device}] {channel}", remedy=_how_to_calibrate(channel)))
         for (device, channel), present in configured.items()
-        if present == Calibration() and all(entry.kind != "calibration" for entry in book.in_force(device, channel))
+        if (what := _lack(present, channels[channel].unit))
+        and all(entry.kind != "calibration" for entry in book.in_force(device, channel))
     ]
 
 
-def refuse_uncalibrated(book: CalibrationBook, configured: Mapping[tuple[str, str], Calibration]) -> None:
-    """Refuse channels that nobody gave a calibration.
+def _lack(present: Calibration, unit: str) -> str:
+    """Say why raw values would pass for values in `unit`; empty where somebody stated how they are turned into them."""
+    if present == Calibration():
+        return _NO_CALIBRATION
+    is_formula_stated = bool({"scale", "polynomial"} & present.model_fields_set)
+    if is_formula_stated or present.raw_unit in {"", unit}:
+        return ""
+    raw_unit = present.raw_unit
+    return f"its calibration has raw_unit {raw_unit!r} but no scale: {raw_unit} would be taken for {unit}"
+
+
+def _how_to_calibrate(channel: str) -> str:
+    return (
+        f"`sawbench calibrate --channel {channel}`, or state calibration = {{ scale = ..., raw_unit = ..., "
+        "source = ... }; if the instrument already sends this unit, `source` alone is enough"
+    )
+
+
+def refuse_uncalibrated(
+    book: CalibrationBook, configured: Mapping[tuple[str, str], Calibration], channels: Mapping[str, Channel]
+) -> None:
+    """Refuse channels that nobody gave a calibration; see `uncalibrated`.
 
     Raises
     ------
     ConfigError
         Names device and channel of the first.
     """
-    for device, channel, remedy in uncalibrated(book, configured):
-        raise ConfigError(NO_CALIBRATION, where=f"[devices.{device}] {channel}", remedy=remedy)
+    for _, _, error in uncalibrated(book, configured, channels):
+        raise error
 
 
 def calibrations_of(book: CalibrationBook, channel: str) -> CalibrationBook:

@@ -257,13 +257,25 @@ def _point(row: dict[str, str | None], where: str) -> CalibrationPoint:
     return CalibrationPoint(**values)
 
 
-def _refuse_nonsense(points: Sequence[CalibrationPoint]) -> None:
-    references = [p.reference for p in points]
+def require_loads(references: Sequence[float]) -> None:
+    """Refuse known loads that cannot tell a line, whatever is read at them.
+
+    Parameters
+    ----------
+    references : sequence of float
+        In the order they are taken.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than three different loads, or the same one twice in a row.
+    """
     span = max(references) - min(references) if references else 0.0
     n_loads = len({round(r / (span or 1.0), 9) for r in references})
     if n_loads < _MIN_LOADS:
         raise InputError(
-            f"{len(points)} points at {n_loads} different loads are too few for a calibration, {_MIN_LOADS} are needed",
+            f"{len(references)} points at {n_loads} different loads are too few for a calibration, "
+            f"{_MIN_LOADS} are needed",
             remedy="measure zero, the largest load, and at least one between",
         )
     for before, after in pairwise(references):
@@ -273,6 +285,10 @@ def _refuse_nonsense(points: Sequence[CalibrationPoint]) -> None:
                 remedy="with loading and unloading, measure the largest load once; otherwise change the load in"
                 " between",
             )
+
+
+def _refuse_nonsense(points: Sequence[CalibrationPoint]) -> None:
+    require_loads([p.reference for p in points])
     if float(np.ptp([p.raw for p in points])) == 0.0:
         raise InputError(
             "the reading was the same at every load",

@@ -194,11 +194,15 @@ class ArrivalClock:
         self._slot += int(shift * self._nominal_period_s / _SLOT_S)
 
     def measured_rate_hz(self) -> float:
-        """Return samples per second between the first and the last remembered arrival (0 if too few)."""
+        """Return samples per second by the earliest of the remembered arrivals (0 if too few).
+
+        On a busy machine the first samples may come late, all at once: they are no faster instrument.
+        """
         if len(self._lowest) < 2:
             return 0.0
-        (n0, t0), (n1, t1) = self._lowest[0], self._lowest[-1]
-        return (n1 - n0) / (t1 - t0) if t1 > t0 else 0.0
+        index, arrival_s = np.array(self._lowest, dtype=np.float64).T
+        period_s = _hull_slope_below_mean(index - index[0], arrival_s - arrival_s[0])
+        return 1.0 / period_s if period_s > 0 else 0.0
 
     def drift_ppm(self) -> tuple[float, float] | None:
         """Rate of the instrument's quartz against nominal, by this machine's clock, 1e-6, and its standard uncertainty.

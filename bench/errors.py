@@ -47,6 +47,12 @@ class RecordingError(InputError):
     """A file is not a recording, or is damaged beyond what was asked (exit code 2)."""
 
 
+class WritingError(RecordingError):
+    """The disk refuses what has to be written, for example because it is full (exit code 1)."""
+
+    exit_code = 1
+
+
 class DeviceError(SawbenchError):
     """An instrument is missing, silent or speaks something else (exit code 1)."""
 

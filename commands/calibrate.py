@@ -177,9 +177,12 @@ def all_points(
     session: Session, values: tuple[float, ...], table_path: Path | None, *, is_read: bool
 ) -> tuple[list[CalibrationPoint], dict[str, str]]:
     """Points of the table, then those read at the bench (`is_read`), in the channel's unit; where they come from."""
-    from sawbench.acquisition.calibration_fit import read_points
+    from sawbench.acquisition.calibration_fit import read_points, require_loads
 
     points = [] if table_path is None else list(read_points(table_path))
+    if values:
+        # Before anybody hangs a load.
+        require_loads([*(p.reference for p in points), *values])
     instrument = {} if table_path is None else {"points": str(table_path)}
     if is_read:
         known = iter(values) if values else _asked(session.channel, session.unit)
@@ -213,9 +216,10 @@ def take_points(
     Raises
     ------
     SawbenchError
-        If the instrument fails; the points taken until then are written to a table for `--from`.
+        If the instrument fails, or the loads are too few; the points taken until then are written to a table for
+        `--from`.
     """
-    from sawbench.acquisition.calibration_fit import CalibrationPoint
+    from sawbench.acquisition.calibration_fit import CalibrationPoint, require_loads
 
     points, instrument = list(before), dict[str, str]()
     try:
@@ -234,6 +238,7 @@ def take_points(
                 )
             )
             instrument = {"port": resting.port, **resting.facts}
+        require_loads([p.reference for p in points])
     except BaseException:
         if len(points) > len(before):
             _keep_for_later(session, points)

@@ -69,7 +69,7 @@ def look(
     is_running : bool
         The tool is running: do not check noise and zero.
     """
-    from sawbench.acquisition.calibration_book import NO_CALIBRATION, build_calibrated, read_book, uncalibrated
+    from sawbench.acquisition.calibration_book import build_calibrated, read_book, uncalibrated
     from sawbench.acquisition.device_probe import probe_devices
     from sawbench.acquisition.preflight import Finding, judge
 
@@ -82,8 +82,15 @@ def look(
         )
     found = judge(probes, is_running=is_running)
     lacking = [
-        Finding(severity="fault", code="not_calibrated", device=device, channel=channel, what=NO_CALIBRATION, remedy=do)
-        for device, channel, do in uncalibrated(entries, configured)
+        Finding(
+            severity="fault",
+            code="not_calibrated",
+            device=device,
+            channel=channel,
+            what=error.what,
+            remedy=error.remedy or "",
+        )
+        for device, channel, error in uncalibrated(entries, configured, loaded.config.known_channels)
     ]
     return replace(found, findings=(*lacking, *found.findings))
 
@@ -115,5 +122,5 @@ def _row(c: ChannelCheck) -> list[str]:
 
 def _paragraph(f: Finding) -> str:
     whose = " ".join(name for name in (f.device, f.channel) if name)
-    head = "FAULT" if f.severity == "fault" else "note"
-    return f"{head} {whose}: {f.what}\n  -> {f.remedy}"
+    head = " ".join(word for word in ("FAULT" if f.severity == "fault" else "note", whose) if word)
+    return f"{head}: {f.what}\n  -> {f.remedy}"

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 def command(paths: tuple[Path, ...], as_json: bool) -> int:
     """Show settings, channels, rates, gaps and events of a recording, complete or not.
 
-    Several files, or a folder, give a table of one row each, and with --json a list of what one file gives.
+    Several files, or a folder, give a table of one row each, and with --json a list of what one file gives. What is
+    not finished in a folder (.mcap.part) is named.
     """
     from sawbench.storage.describe import describe_recording
 
@@ -34,6 +35,8 @@ def command(paths: tuple[Path, ...], as_json: bool) -> int:
         info = describe_recording(paths[0])
         emit(info, _as_text(info), as_json=as_json)
         return 0
+    for part in (part for path in paths if path.is_dir() for part in sorted(path.glob("*.mcap.part"))):
+        click.echo(f"{part}: not finished: being recorded, or interrupted; then `sawbench recover {part}`", err=True)
     files = find_recordings(paths)
     failures = Failures(len(files))
     infos: list[RecordingInfo] = []

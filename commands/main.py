@@ -106,7 +106,8 @@ def main(arguments: list[str] | None = None) -> int:
         error.show()
         return error.exit_code
     except (KeyboardInterrupt, click.exceptions.Abort) as error:
-        message = str(error) or "interrupted"
+        # click turns an interruption into an Abort without its words.
+        message = str(error) or str(error.__cause__ or "") or "interrupted"
         _say_as_json(as_json, 130, what=message)
         return _fail(message, 130)
     except BrokenPipeError:
@@ -149,12 +150,22 @@ def _fail(message: str, code: int) -> int:
 def run() -> None:
     """Console-script entry: exit with the code of `main`."""
     signal.signal(signal.SIGTERM, raise_terminated)
+    # `nohup` has it ignored; Windows has none.
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, raise_hung_up)
     sys.exit(main())
 
 
 def raise_terminated(*_: object) -> Never:
     """End on SIGTERM as on Ctrl-C: a recording is finished, the simulated instruments are stopped."""
     raise KeyboardInterrupt("stopped by another process (SIGTERM)")
+
+
+def raise_hung_up(*_: object) -> Never:
+    """End as on Ctrl-C where the window of the terminal was closed, or the connection to it broke."""
+    # The shell says so too, and a second interruption would cut short the end of a recording.
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    raise KeyboardInterrupt("the terminal was closed (SIGHUP)")
 
 
 if __name__ == "__main__":

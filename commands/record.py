@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 from sawbench.bench.errors import InputError
@@ -34,6 +34,11 @@ if TYPE_CHECKING:
     from sawbench.commands.recording_session import SessionOptions
     from sawbench.modeling.recursive import LiveEstimate
     from sawbench.visualization.live_process import LiveViewProcess
+
+# What Windows refuses: recordings are passed on. A colon would put the samples where no folder shows them.
+_NOT_IN_FILE_NAMES: Final = frozenset('<>:"|?*\\')
+# A file name has 255 bytes at most; what is written beside a recording adds to its name.
+_LONGEST_NAME_BYTES: Final = 200
 
 
 @click.command(
@@ -148,14 +153,29 @@ def touch_of(touch_n: float | None, before_s: float | None) -> Touch | None:
 
 
 def recording_path(folder: Path, trial_id: str | None, material: str) -> Path:
-    """File of a trial; without an identifier the next free one of its material."""
-    trial_id = trial_id or next_trial_id(folder, material)
-    if Path(trial_id).name != trial_id:
+    """File of a trial; without an identifier the next free one of its material.
+
+    Raises
+    ------
+    InputError
+        If the material is blank, or the name cannot be that of a file, here or on another system.
+    """
+    if not material.strip():
+        raise InputError("the material is empty", remedy="name it with --material; 'none' is an idle run")
+    name = trial_id or f"{material}-NN"
+    if name != Path(name).name or name == ".." or not name.isprintable() or set(name) & _NOT_IN_FILE_NAMES:
         raise InputError(
-            f"{trial_id!r} is not a valid trial name: it is also the file name",
-            remedy="give --trial a name without slashes and the folder with --out",
+            f"{name!r} is not a valid trial name: it is also the file name",
+            remedy="give --trial a name without slashes and the folder with --out; control characters and "
+            f"{' '.join(sorted(_NOT_IN_FILE_NAMES))} are not allowed either",
         )
-    return folder / f"{trial_id}.mcap"
+    n_bytes = len(name.encode())
+    if n_bytes > _LONGEST_NAME_BYTES:
+        raise InputError(
+            f"the trial name has {n_bytes} bytes, a file name may have {_LONGEST_NAME_BYTES}: {name[:20]!r}...",
+            remedy="give --trial a shorter name, and put the rest into --note",
+        )
+    return folder / f"{trial_id or next_trial_id(folder, material)}.mcap"
 
 
 def run_session(
@@ -256,7 +276,7 @@ def live_view(
     finally:
         view.close()
         if view.is_dead:
-            click.echo(f"the live view ended early: {view.dead_reason} (the recording is complete)", err=True)
+            click.echo(f"the live view ended early: {view.dead_reason} (the recording does not need it)", err=True)
         elif view.n_dropped:
             left_out = f"the live view could not keep up and left out {view.n_dropped} blocks"
             click.echo(f"{left_out} (the recording has them all)", err=True)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from sawbench.acquisition.pre_trigger import Touch
     from sawbench.acquisition.recording_report import RecordingStatus, RecordingSummary
     from sawbench.bench.config import LoadedConfig
+    from sawbench.storage.writer import RecordingWriter
 
 # A start takes 2 s; this is for a computer that has much else to do.
 _START_TIMEOUT_S = 180.0
@@ -101,6 +102,8 @@ def record_trial(
     ------
     DeviceError
         If an instrument is missing, silent or wrong; then no file is left.
+    KeyboardInterrupt
+        If Ctrl-C comes again before the file is finished; it says what is left of it.
     """
     from sawbench.acquisition.calibration_book import (
         CalibrationBook,
@@ -115,7 +118,7 @@ def record_trial(
 
     book = CalibrationBook() if options.calibration_book is None else read_book(options.calibration_book)
     devices, configured = build_calibrated(loaded.config, book, options.endpoints)
-    refuse_uncalibrated(book, configured)
+    refuse_uncalibrated(book, configured, loaded.config.known_channels)
     made = provenance(book, configured)
     settings = loaded.config.recording
     opened: list[RecordingWriter] = []
@@ -143,14 +146,22 @@ def record_trial(
             devices, open_writer, seconds=options.seconds, observers=observers, status=status, stop=stop, limits=limits
         )
     except BaseException as error:
-        for writer in opened:
-            writer.__exit__(type(error), error, error.__traceback__)
+        _close_broken_off(opened, error)
         raise
     finally:
         if notes is not None:
             notes.detach()
     opened[0].close(provenance=summary.provenance, is_complete=summary.is_complete)
     return summary
+
+
+def _close_broken_off(opened: Sequence[RecordingWriter], error: BaseException) -> None:
+    """Close what an error broke off, as not complete; say of a second Ctrl-C where the recording is."""
+    for writer in opened:
+        writer.__exit__(type(error), error, error.__traceback__)
+        if isinstance(error, KeyboardInterrupt) and writer.path.exists():
+            why = str(error) or "interrupted while the recording was being finished"
+            raise KeyboardInterrupt(f"{why}: {writer.path} has what was recorded, marked as not complete") from error
 
 
 class NoteBook:

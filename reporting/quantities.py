@@ -80,7 +80,7 @@ def format_quantity(value: float | None, std: float | None = None, unit: str = "
     if std is None or not math.isfinite(std) or std <= 0.0:
         return format_number(value, digits=digits) + tail
     decimals = decimals_of(std)
-    exponent = 0 if value == 0.0 else math.floor(math.log10(abs(value)))
+    exponent = 1 - decimals if value == 0.0 else math.floor(math.log10(abs(value)))
     if decimals > 6 or decimals < -4:
         shift = max(exponent, 1 - decimals)
         scaled = [f"{number / 10.0**shift:.{decimals + shift}f}" for number in (value, std)]

@@ -220,7 +220,9 @@ class PartFile:
 
     def discard(self) -> None:
         """Close and delete what was written."""
-        self._stream.close()
+        # On a full disk closing fails too: what is not written yet is not wanted any more.
+        with suppress(OSError):
+            self._stream.close()
         self.part_path.unlink(missing_ok=True)
 
 

@@ -8,7 +8,7 @@ from typing import Final
 
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
 from mcap.writer import LIBRARY_IDENTIFIER, Writer
-from sawbench.bench.errors import RecordingError
+from sawbench.bench.errors import RecordingError, WritingError
 from sawbench.storage.codec import EVENT_TOPIC, MESSAGE_TYPES, PROFILE, encode_event, log_time_ns, schema_data
 from sawbench.storage.container import Scan, read_records
 from sawbench.storage.content import Content, damage_events, take_record
@@ -63,10 +63,13 @@ def recover_recording(path: str | Path, out: str | Path, overwrite: bool = False
     ------
     RecordingError
         If `path` is not an MCAP file or holds nothing readable, or if `out` exists or is `path`.
+    WritingError
+        If `out` cannot be written, for example because the disk is full; nothing of it is left.
     """
     path, out = Path(path), Path(out)
     if out.resolve() == path.resolve():
         raise RecordingError("a recording cannot be recovered to its own file", where=path, remedy="give another file")
+    _refuse_part(path, out)
     content = Content(path=path)
     target = PartFile(out, overwrite=overwrite)
     try:
@@ -77,10 +80,35 @@ def recover_recording(path: str | Path, out: str | Path, overwrite: bool = False
             raise RecordingError("contains nothing that can be recovered", where=path)
         copier.finish()
         target.finish()
+    except OSError as error:
+        target.discard()
+        raise WritingError(
+            f"cannot be written: {error.strerror or error}",
+            where=out,
+            remedy="free disk space, or give a file on another disk with --out",
+        ) from error
     except BaseException:
         target.discard()
         raise
     return _report(out, content.scan, copier)
+
+
+def _refuse_part(path: Path, out: Path) -> None:
+    """Refuse where the `.part` file of `out` is there; what to do is another thing than for a recording."""
+    part = out.with_name(f"{out.name}.part")
+    if not part.exists():
+        return
+    if part.resolve() == path.resolve():
+        raise RecordingError(
+            "this name belongs to the file that is recovered, which is never replaced",
+            where=out,
+            remedy="give --out another name or folder; without --out it is the name with -recovered",
+        )
+    raise RecordingError(
+        "already exists: a recovery or recording of this name runs, or was interrupted",
+        where=part,
+        remedy=f"if it was an interrupted recovery, delete it: {path.name} still has everything; or give another --out",
+    )
 
 
 def _report(out: Path, scan: Scan, copier: _Copier) -> RecoveryReport:

@@ -15,7 +15,7 @@ from typing import Final
 
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
-from sawbench.bench.errors import InputError, RecordingError
+from sawbench.bench.errors import InputError, RecordingError, WritingError
 from sawbench.bench.recording import Event, SampleBlock, Trial
 from sawbench.storage.codec import (
     EVENT_TOPIC,
@@ -168,7 +168,7 @@ class RecordingWriter:
         InputError
             If the channel's unit or device is another than in its first block.
         RecordingError
-            If the file is closed or cannot be written, for example because the disk is full.
+            If the file is closed; `WritingError` if it cannot be written, for example because the disk is full.
         """
         if not len(block.time_s):
             return
@@ -269,7 +269,7 @@ class RecordingWriter:
             try:
                 yield self._output
             except OSError as error:
-                raise RecordingError(
+                raise WritingError(
                     f"writing failed: {error.strerror or error}",
                     where=f"{self.path}.part",
                     remedy="free disk space; the data written so far can be read with `sawbench recover`",

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from sawbench.bench.errors import WritingError
 from sawbench.bench.processed import CrankAngle, Frame, ProcessedTrial
 from sawbench.bench.recording import Floats, Recording, Signal
 from sawbench.bench.units import DISPLACEMENT, FORCE
@@ -75,6 +76,8 @@ def view_recording(
     ------
     InputError
         If `save_path` exists and `overwrite` is not set, or cannot be written.
+    WritingError
+        If the disk is full.
     """
     if save_path is None:
         if not spawn:
@@ -84,9 +87,18 @@ def view_recording(
         save_path = Path(tempfile.mkdtemp(prefix="sawbench-")) / f"{uuid.uuid4().hex}.rrd"
     stream = rr.RecordingStream("sawbench", recording_id=uuid.uuid4())
     stream.set_sinks(open_rrd(save_path, overwrite=overwrite))
-    _fill(stream, recording, processed, model or {})
-    stream.flush(timeout_sec=60.0)
-    stream.disconnect()
+    try:
+        _fill(stream, recording, processed, model or {})
+        stream.flush(timeout_sec=60.0)
+    except RuntimeError as error:
+        # Rerun's only word for a disk that refuses; half a file would be taken for a view.
+        if Path(save_path).is_file():
+            Path(save_path).unlink()
+        raise WritingError(
+            f"cannot be written: {error}", where=save_path, remedy="free disk space, or save it on another disk"
+        ) from error
+    finally:
+        stream.disconnect()
     return ViewerProcess([str(save_path)]) if spawn else None
 
 

@@ -163,7 +163,7 @@ def build_devices(
     Raises
     ------
     ConfigError
-        If there is no device, a table is wrong, a name is unknown, or two devices give the same channel.
+        If there is no device, a table is wrong, a name is unknown, or two devices share a channel or a serial port.
 
     Examples
     --------
@@ -183,10 +183,12 @@ def build_devices(
             raise ConfigError(f"no device {name!r}; devices are {', '.join(config.devices)}")
     devices: list[Device] = []
     giver: dict[str, str] = {}
+    at_port: dict[str, str] = {}
     for name, table in config.devices.items():
         if only and name not in only:
             continue
         instrument, settings = validate_table(name, table, channels=config.known_channels, endpoint=endpoints.get(name))
+        _refuse_shared_port(name, settings, at_port)
         device = instrument.make(name, settings, clock)
         for channel in (c.name for stream in device.streams for c in stream.channels):
             if channel in giver:
@@ -198,3 +200,20 @@ def build_devices(
             giver[channel] = name
         devices.append(device)
     return devices
+
+
+def _refuse_shared_port(name: str, settings: Any, at_port: dict[str, str]) -> None:
+    """Refuse the port of another table, and note whose it is; a server or a CAN interface serves several.
+
+    Opening it twice would only say that another program uses it.
+    """
+    is_serial = hasattr(settings, "baud_rate") and getattr(settings, "interface", "slcan") == "slcan"
+    if not is_serial or "://" in settings.port:
+        return
+    other = at_port.setdefault(settings.port, name)
+    if other != name:
+        raise ConfigError(
+            f"port {settings.port} is that of [devices.{other}] too: only one instrument can be at a serial port",
+            where=f"[devices.{name}]",
+            remedy="correct `port` in one of the two tables; `sawbench init` in an empty folder shows what is where",
+        )

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from sawbench.acquisition.devices.device import Chunk
 from sawbench.acquisition.devices.driver import Driver, InstrumentTable
 from sawbench.acquisition.transports.can_batch import CanBatch
-from sawbench.acquisition.transports.can_bus import make_can_source
+from sawbench.acquisition.transports.can_bus import MOST_AT_ONCE, make_can_source
 from sawbench.bench.errors import ConfigError
 
 
@@ -68,7 +68,9 @@ class CanInstrument(Driver[Settings]):
         return self._bus.n_discarded_bytes
 
     def start(self) -> None:
-        """Nothing to do where nodes send by themselves."""
+        """Forget the frames that came while other instruments were opened: in a burst they look like a high rate."""
+        while len(self._bus.read()) >= MOST_AT_ONCE:
+            pass
 
     def read(self) -> list[Chunk]:
         """Return the samples that arrived; wait at most 0.1 s for the first frame."""

@@ -6,6 +6,7 @@ which the recorder notes the gap, closes the bus and builds a new one, waiting l
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final, Protocol
@@ -20,7 +21,8 @@ if TYPE_CHECKING:
 _WAIT_S: Final = 0.1
 # Error class of an error frame, as linux/can/error.h and python-can number it.
 _BUS_OFF: Final = 0x40
-_MOST_AT_ONCE: Final = 2000
+# Frames of one read at most.
+MOST_AT_ONCE: Final = 2000
 # A bus time further than this from the host's wall clock counts from something else than 1970.
 _LARGEST_CLOCK_DIFFERENCE_S: Final = 5.0
 
@@ -77,7 +79,8 @@ class PythonCanBus:
     Notes
     -----
     Frames carry the bus's own time stamp (kernel or adapter). Where it counts from 1970 it is moved to the
-    monotonic clock; otherwise the arrival in this process is used. `time_source` says which.
+    monotonic clock; otherwise the arrival in this process is used. `time_source` says which. Where the computer's wall
+    clock is set meanwhile, frames from before that are moved by the clock as it was.
     """
 
     def __init__(
@@ -98,6 +101,8 @@ class PythonCanBus:
         self._wall_clock = wall_clock
         self._bus: can.BusABC | None = None
         self._is_off = False
+        self._read_s = -math.inf
+        self._offset_s: float | None = None
         self.time_source = "time stamps of the bus"
         self.n_discarded_bytes = 0
         self.facts: dict[str, str] = {}
@@ -113,13 +118,15 @@ class PythonCanBus:
         import can
 
         self._is_off = False
+        self._read_s, self._offset_s = -math.inf, None
         try:
             self._bus = can.Bus(interface=self._interface, channel=self._channel, bitrate=self._bitrate)
         except (can.CanError, OSError, ValueError, ImportError, TypeError, NameError) as error:
             raise DeviceError(
                 f"the CAN bus cannot be opened: {error}",
                 where=self._where,
-                remedy="check both; for socketcan: `ip link set can0 up type can bitrate 500000`",
+                remedy="check `interface` and `port` of the device, and that the adapter's driver is installed; for "
+                "socketcan: `ip link set can0 up type can bitrate 500000`",
             ) from error
 
     def read(self) -> CanBatch:
@@ -138,7 +145,7 @@ class PythonCanBus:
             message = bus.recv(_WAIT_S)
             while message is not None:
                 messages.append(message)
-                message = bus.recv(0) if len(messages) < _MOST_AT_ONCE else None
+                message = bus.recv(0) if len(messages) < MOST_AT_ONCE else None
         except (can.CanError, OSError) as error:
             raise self._failed(error) from error
         self._is_off = any(m.is_error_frame and m.arbitration_id & _BUS_OFF for m in messages)
@@ -178,11 +185,16 @@ class PythonCanBus:
         return f"{self._device} on {self._interface} {self._channel}"
 
     def _arrivals(self, stamps: list[float]) -> list[float]:
-        now_s, wall_s = self._clock(), self._wall_clock()
-        if any(abs(wall_s - stamp) > _LARGEST_CLOCK_DIFFERENCE_S for stamp in stamps):
+        """Bus times on the monotonic clock; a frame came between the read before and now, which tells old from new."""
+        now_s = self._clock()
+        offset_s = self._wall_clock() - now_s
+        before_s = offset_s if self._offset_s is None else self._offset_s
+        last_s, self._read_s, self._offset_s = self._read_s, now_s, offset_s
+        moved = [stamp - (offset_s if last_s <= stamp - offset_s <= now_s else before_s) for stamp in stamps]
+        if any(abs(at_s - now_s) > _LARGEST_CLOCK_DIFFERENCE_S for at_s in moved):
             self.time_source = "arrival of the frames in this process"
             return [now_s] * len(stamps)
-        return [min(now_s, now_s - (wall_s - stamp)) for stamp in stamps]
+        return [min(now_s, at_s) for at_s in moved]
 
 
 def make_can_source(

@@ -21,6 +21,7 @@ from sawbench.acquisition.calibration_book import (
 )
 from sawbench.bench.config import parse_config
 from sawbench.bench.errors import ConfigError, InputError
+from sawbench.bench.units import CHANNEL_BY_NAME
 
 pytestmark = pytest.mark.unit
 
@@ -63,11 +64,26 @@ def test_a_channel_without_any_calibration_is_refused():
     bare = {("cell", "force_n"): Calibration()}
     for book in (CalibrationBook(), CalibrationBook(entries=(entry("tare", 0, zero_raw=0.1),))):
         with pytest.raises(ConfigError, match="has no calibration") as caught:
-            refuse_uncalibrated(book, bare)
+            refuse_uncalibrated(book, bare, CHANNEL_BY_NAME)
         assert "[devices.cell] force_n" in str(caught.value) and "sawbench calibrate" in str(caught.value)
-    refuse_uncalibrated(CalibrationBook(entries=(entry("calibration", 0, scale=245.0),)), bare)
-    refuse_uncalibrated(CalibrationBook(), {("cell", "force_n"): CONFIGURED})
-    refuse_uncalibrated(CalibrationBook(), {("cell", "force_n"): Calibration(source="sends N")})
+    refuse_uncalibrated(CalibrationBook(entries=(entry("calibration", 0, scale=245.0),)), bare, CHANNEL_BY_NAME)
+    for present in (CONFIGURED, Calibration(source="sends N")):
+        refuse_uncalibrated(CalibrationBook(), {("cell", "force_n"): present}, CHANNEL_BY_NAME)
+
+
+def test_another_unit_without_a_scale_is_no_calibration():
+    """A forgotten scale is 1: millivolts per volt would be recorded as newtons."""
+    forgotten = {("cell", "force_n"): Calibration(raw_unit="mV/V", source="certificate 7")}
+    with pytest.raises(ConfigError, match="raw_unit 'mV/V' but no scale: mV/V would be taken for N"):
+        refuse_uncalibrated(CalibrationBook(), forgotten, CHANNEL_BY_NAME)
+    calibrated = CalibrationBook(entries=(entry("calibration", 0, scale=245.0),))
+    refuse_uncalibrated(calibrated, forgotten, CHANNEL_BY_NAME)
+    for present in (
+        Calibration(raw_unit="N", source="the instrument sends N"),
+        Calibration(raw_unit="newton", scale=1.0, source="the instrument sends N"),
+        Calibration(raw_unit="V", polynomial=(0.0, 100.0), source="certificate 7"),
+    ):
+        refuse_uncalibrated(CalibrationBook(), {("cell", "force_n"): present}, CHANNEL_BY_NAME)
 
 
 def test_a_byte_order_mark_and_open_brackets_in_the_book(tmp_path):

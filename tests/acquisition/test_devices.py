@@ -236,6 +236,13 @@ def test_a_wrong_entry_point_is_one_clear_message(installed_package, driver, mes
             "force_n is provided by two devices: a and b",
         ),
         (
+            {
+                n: {"driver": "gsv8", "port": "x", "channels": {c: {"input": 1}}}
+                for n, c in (("a", "force_n"), ("b", "displacement_mm"))
+            },
+            r"\[devices.b\]: port x is that of \[devices.a\] too",
+        ),
+        (
             {"a": {"driver": "dbc_can", "port": "x", "signals": {"force_n": "MotorStatus.MotorCurrent"}}},
             "is in 'A'",
         ),
@@ -249,6 +256,15 @@ def test_a_wrong_entry_point_is_one_clear_message(installed_package, driver, mes
 def test_a_wrong_table_is_one_clear_message(devices, message):
     with pytest.raises(ConfigError, match=message):
         build_devices(BenchConfig(devices=devices))
+
+
+@pytest.mark.parametrize(
+    "shared", [{"port": "socket://10.0.0.7:4001"}, {"port": "can0", "interface": "socketcan"}], ids=["server", "bus"]
+)
+def test_a_server_and_a_bus_serve_several_instruments(shared):
+    signals = {"a": {"motor_current_a": "MotorStatus.MotorCurrent"}, "b": {"battery_voltage_v": "BatteryVoltage"}}
+    tables = {n: {"driver": "dbc_can", "signals": mapped, **shared} for n, mapped in signals.items()}
+    assert len(build_devices(BenchConfig(devices=tables))) == 2
 
 
 def test_an_unknown_endpoint_is_said():

@@ -265,3 +265,42 @@ def test_frames_over_python_can():
     finally:
         sender.shutdown()
         device.stop()
+
+
+@pytest.mark.parametrize("jump_s", [0.0, 2.0, -2.0, 3600.0, -3600.0])
+def test_a_wall_clock_that_is_set_moves_no_frame(monkeypatch, jump_s):
+    """Frames are stamped by the wall clock; the one read together with the jump holds frames from before and after."""
+    import can
+    from sawbench.acquisition.transports.can_bus import PythonCanBus
+
+    now = {"monotonic": 100.0, "wall": 1.7e9}
+    arrived = []
+
+    class Bus:
+        def recv(self, _timeout):
+            return can.Message(arbitration_id=1, timestamp=arrived.pop(0)) if arrived else None
+
+        def shutdown(self):
+            pass
+
+    def after(seconds, jump=0.0):
+        now["monotonic"] += seconds
+        now["wall"] += seconds + jump
+
+    monkeypatch.setattr(can, "Bus", lambda **_: Bus())
+    source = PythonCanBus(
+        "x", "y", device="power", bitrate=500_000, clock=lambda: now["monotonic"], wall_clock=lambda: now["wall"]
+    )
+    source.open()
+    received = []
+    for jump in (0.0, 0.0, jump_s, 0.0):
+        after(0.02)
+        arrived.append(now["wall"])
+        after(0.02, jump)
+        arrived.append(now["wall"])
+        after(0.02)
+        received += source.read().arrival_s.tolist()
+    source.close()
+    expected = [100.0 + 0.06 * k + within for k in range(4) for within in (0.02, 0.04)]
+    assert received == pytest.approx(expected, abs=1e-5)
+    assert source.time_source == "time stamps of the bus"

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from sawbench.acquisition.can_signals import load_dbc
 from sawbench.acquisition.devices.dbc_can_emulator import CanEmulator, EmulatedMessage
+from sawbench.acquisition.devices.slcan_emulator import line_of
 from sawbench.acquisition.transports.slcan import SlcanDecoder
 
 pytestmark = pytest.mark.contract
@@ -132,6 +133,31 @@ def test_python_can_reads_the_emulator_as_we_do(tmp_path):
         assert len(ours) == 40
     finally:
         bus.shutdown()
+        endpoint.unplug()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a pty")
+def test_frames_from_before_the_start_are_no_samples(tmp_path):
+    """Other instruments take seconds to open meanwhile; what gathered comes at once, as of a bus that is too fast."""
+    from sawbench.acquisition.devices import validate_table
+    from sawbench.acquisition.simulation.endpoints import PtyEndpoint
+
+    endpoint = PtyEndpoint(tmp_path / "adapter")
+    endpoint.plug()
+    table = {"driver": "dbc_can", "signals": {"motor_current_a": "MotorStatus.MotorCurrent"}}
+    instrument, settings = validate_table("power", {**table, "port": endpoint.address})
+    device = instrument.make("power", settings, time.monotonic)
+    try:
+        device.open()
+        endpoint.write(b"".join(line_of(0x100, count.to_bytes(8, "little")) for count in range(150)))
+        device.start()
+        endpoint.write(line_of(0x100, (7000).to_bytes(8, "little")))
+        chunks, deadline = [], time.monotonic() + 5.0
+        while not chunks and time.monotonic() < deadline:
+            chunks += device.read()
+        assert [len(chunk.raw) for chunk in chunks] == [1]
+    finally:
+        device.stop()
         endpoint.unplug()
 
 

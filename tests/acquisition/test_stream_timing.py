@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sawbench.acquisition.calibration import Calibration
@@ -156,6 +158,16 @@ def test_a_wrong_rate_is_said(true_hz, is_said):
         timer.push(Chunk(stream="frames", raw=np.zeros((10, 1)), arrival_s=arrival))
         if timer.is_settled:
             break
+    assert bool(timer.rate_error()) is is_said
+
+
+@pytest.mark.parametrize(("speed", "is_said"), [(1.0, False), (1.1, True), (0.9, True)])
+def test_samples_that_come_late_at_first_are_no_wrong_rate(speed, is_said):
+    """A busy machine hands out the first 0.4 s at once, 0.4 s after the first sample was taken."""
+    timer = StreamTimer(STREAM)
+    for first in range(0, 3000, 10):
+        taken_s = 100.0 + (first + 9) / (speed * RATE_HZ)
+        timer.push(replace(chunk(first, 10), arrival_s=np.array([max(taken_s, 100.4)])))
     assert bool(timer.rate_error()) is is_said
 
 

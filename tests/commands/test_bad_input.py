@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from sawbench.commands.main import main
+from sawbench.commands.record import recording_path
 
 pytestmark = pytest.mark.pipeline
 
@@ -264,3 +265,28 @@ def test_what_needs_a_saw_refuses_an_axis_with_known_effects(command, table, tmp
     code, _, err = run(capsys, command, *recording, "--config", axis)
     assert code == 2
     assert f"{axis}: describes a linear axis" in err and "diagnose" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--material", " "], "the material is empty"),
+        (["--material", "Eiche/Öl"], "'Eiche/Öl-NN' is not a valid trial name"),
+        (["--material", "oak", "--trial", ".."], "'..' is not a valid trial name"),
+        (["--material", "oak", "--trial", "a\nb"], "is not a valid trial name"),
+        (["--material", "oak", "--trial", "run 9:30"], "is not a valid trial name"),
+        (["--material", "\udcff"], "is not a valid trial name"),
+        (["--material", "oak", "--trial", 101 * "ä"], "has 202 bytes, a file name may have 200"),
+        (["--material", 300 * "x"], "has 303 bytes, a file name may have 200"),
+    ],
+)
+def test_a_name_that_no_file_can_have_is_refused_before_any_instrument(tmp_path, capsys, arguments, words):
+    """The ports of this configuration do not exist: what is said of the name is said before they are opened."""
+    code, _, err = run(capsys, "record", "--config", CONFIG, "--out", tmp_path, *arguments)
+    assert code == 2 and words in err and "-> " in err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["Eiche Öl 樫", 100 * "ä", "run.2026-03-02", "trial 7 (new blade)"])
+def test_other_names_are_those_of_files(tmp_path, name):
+    assert recording_path(tmp_path, name, "oak") == tmp_path / f"{name}.mcap"

@@ -265,6 +265,27 @@ def test_points_taken_before_the_operator_ends_are_kept_and_gone_on_with(bench, 
     assert [p["reference"] for p in entry.details["points"]] == pytest.approx([0.0, 117.6798, 245.16625])
 
 
+@pytest.mark.parametrize(("loads", "words"), [("0 10", "are too few"), ("0 10 10 20", "twice in a row")])
+def test_loads_that_tell_no_line_are_refused_before_one_hangs(bench, monkeypatch, capsys, loads, words):
+    asked = answering(monkeypatch, lambda _: "")
+    points = [word for load in loads.split() for word in ("--point", load)]
+    with real_ports(bench):
+        assert main(["calibrate", "--config", str(bench.config_path), "--seconds", "0.6", *points]) == 2
+    assert words in capsys.readouterr().err
+    assert not asked
+
+
+def test_loads_that_were_typed_and_are_too_few_are_kept(bench, monkeypatch, capsys):
+    typed = ["0", "100", ""]
+    bench.force = lambda load, t, noise: TRUE_ZERO_N + 0.3 * noise
+    answering(monkeypatch, lambda *_: typed.pop(0))
+    with real_ports(bench):
+        assert main(["calibrate", "--config", str(bench.config_path), "--seconds", "0.6"]) == 2
+    (kept,) = bench.config_path.parent.glob("calibration-points-force_n-*.csv")
+    assert [p.reference for p in read_points(kept)] == [0.0, 100.0]
+    assert "are too few" in capsys.readouterr().err
+
+
 def test_a_table_of_points_is_read_back_as_it_was_written(tmp_path):
     points = [
         CalibrationPoint(reference=0.1 * k, raw=np.pi / (k + 1), raw_std=1e-5 / 3, reference_std=k) for k in range(4)

@@ -8,6 +8,7 @@ import os
 import re
 import struct
 import threading
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -18,9 +19,10 @@ import sawbench.commands.recording_session
 from sawbench.acquisition.calibration_book import build_calibrated
 from sawbench.acquisition.device_probe import probe_devices
 from sawbench.acquisition.devices import build_devices
-from sawbench.acquisition.preflight import judge
+from sawbench.acquisition.preflight import Finding, Preflight, judge
 from sawbench.acquisition.simulation.endpoints import PtyEndpoint
 from sawbench.bench.config import BenchConfig, load_config
+from sawbench.commands.check import describe
 from sawbench.commands.main import main
 
 from tests.rigs.resting import CONFIG, missampled, resting_bench
@@ -148,6 +150,15 @@ def test_a_channel_without_calibration_is_a_fault(monkeypatch, tmp_path, capsys)
     found = [f for f in json.loads(capsys.readouterr().out)["findings"] if f["code"] == "not_calibrated"]
     assert code == 1 and [f["channel"] for f in found] == ["force_n"]
     assert "sawbench calibrate --channel force_n" in found[0]["remedy"]
+
+
+def test_a_fault_of_the_whole_bench_names_no_device():
+    """As where the tool runs: whose fault it is stands between the word and the colon, or nothing does."""
+    whole = Finding(severity="fault", code="x", device="", what="the tool is running", remedy="switch it off")
+    one = replace(whole, device="load_cell", channel="force_n")
+    said = describe(Preflight(channels=(), findings=(whole, one))).splitlines()
+    assert said[0] == "FAULT: the tool is running"
+    assert said[2] == "FAULT load_cell force_n: the tool is running"
 
 
 def test_channels_that_nobody_gives_are_a_note(monkeypatch, tmp_path, capsys):

@@ -113,3 +113,5 @@ def test_what_the_live_view_left_out_is_said_at_the_end(monkeypatch, capsys, dea
     errors = capsys.readouterr().err
     assert said in errors
     assert bool(errors) == bool(said)
+    # Said also where no recording came about.
+    assert "complete" not in errors

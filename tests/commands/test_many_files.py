@@ -49,6 +49,18 @@ def test_info_gives_a_list_of_what_one_file_gives(bench, capsys):
     assert alone[0]["trial"]["material"] == "oak"
 
 
+def test_info_names_what_an_interrupted_recording_left_also_where_there_is_nothing_else(bench, tmp_path, capsys):
+    """Otherwise a folder after a crash looks as if the trial had never been."""
+    alone = tmp_path / "crashed"
+    alone.mkdir()
+    for folder, code in ((bench, 0), (alone, 2)):
+        (folder / "c.mcap.part").write_bytes(b"")
+        assert main(["info", str(folder), "--json"]) == code
+        said = capsys.readouterr()
+        assert f"sawbench recover {folder / 'c.mcap.part'}" in said.err
+        json.loads(said.out)
+
+
 def test_info_goes_on_behind_a_file_that_is_no_recording(bench, capsys):
     (bench / "c.mcap").write_text("no MCAP")
     assert main(["info", str(bench), "--json"]) == 2

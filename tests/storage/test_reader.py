@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zstandard
-from sawbench.bench.errors import RecordingError
+from sawbench.bench.errors import RecordingError, WritingError
 from sawbench.bench.recording import Event, Gap, Recording, SampleBlock, Signal, Trial
 from sawbench.storage.assembly import find_time_jumps
 from sawbench.storage.container import MAGIC
@@ -185,6 +185,37 @@ def test_a_lost_chunk_is_a_gap_that_says_what_was_in_it(tmp_path):
     assert saved.signal("force_n").gaps == signal.gaps
     assert not saved.is_complete
     assert saved.provenance["recovered_from"] == "damaged.mcap"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a limit of file sizes")
+def test_recovery_to_a_full_disk_leaves_nothing_and_says_where(tmp_path):
+    """Half a file would stand in the way of the next try, as a recording that runs."""
+    import resource
+
+    path, out = write(tmp_path / "a.mcap", block(0, [0.0, 0.1])), tmp_path / "saved.mcap"
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
+    try:
+        with pytest.raises(WritingError, match=r"saved\.mcap: cannot be written: File too large") as caught:
+            recover_recording(path, out)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert caught.value.exit_code == 1 and "--out" in str(caught.value)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.mcap"]
+    assert recover_recording(path, out).n_messages_kept
+
+
+def test_a_part_file_in_the_way_of_a_recovery_is_told_from_its_source(tmp_path):
+    """It said to recover it: that is what was being done."""
+    source = write(tmp_path / "a.mcap", block(0, [0.0, 0.1])).rename(tmp_path / "a.mcap.part")
+    with pytest.raises(RecordingError, match="the name with -recovered") as caught:
+        recover_recording(source, tmp_path / "a.mcap", overwrite=True)
+    assert "sawbench recover" not in str(caught.value)
+    (tmp_path / "b.mcap.part").write_bytes(b"killed")
+    with pytest.raises(RecordingError, match=r"b\.mcap\.part: already exists.*\n.*delete it: a\.mcap\.part still has"):
+        recover_recording(source, tmp_path / "b.mcap", overwrite=True)
+    assert (tmp_path / "b.mcap.part").read_bytes() == b"killed"
+    assert recover_recording(source, tmp_path / "c.mcap").n_messages_kept
 
 
 def test_recovery_never_harms_its_source(tmp_path):

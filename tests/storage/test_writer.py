@@ -143,6 +143,8 @@ def test_a_full_disk_is_said_and_what_was_written_stays(tmp_path):
         writer.write_block(block(10))
         writer.flush()
     assert "free disk space" in str(caught.value)
+    # The trial ran: no wrong usage, which would have been 2.
+    assert caught.value.exit_code == 1
     recording = read_recording(tmp_path / "T1.mcap.part")
     assert np.array_equal(recording.signal("force_n").values, np.arange(10.0))
     assert not path.exists()

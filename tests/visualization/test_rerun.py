@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sawbench.bench.errors import InputError, UntrustedResult
+from sawbench.bench.errors import InputError, UntrustedResult, WritingError
 from sawbench.bench.folded import FoldedCycle
 from sawbench.bench.processed import CrankAngle, Phase, ProcessedTrial
 from sawbench.bench.recording import Event, Gap, Recording, SampleBlock, Signal, Trial
@@ -133,6 +133,17 @@ def test_an_existing_file_is_not_overwritten(tmp_path):
     assert path.read_text() == "precious"
     with pytest.raises(InputError, match="folder does not exist"):
         LiveView(show="none", save_path=tmp_path / "nowhere" / "live.rrd")
+
+
+def test_a_full_disk_leaves_no_half_a_view_and_says_where(tmp_path, monkeypatch):
+    def full(*_):
+        raise RuntimeError("Failed to encode LogMsg: Failed to write: No space left on device")
+
+    monkeypatch.setattr("sawbench.visualization.replay._fill", full)
+    path = tmp_path / "replay.rrd"
+    with pytest.raises(WritingError, match=r"replay\.rrd: cannot be written: .*No space left") as caught:
+        view_recording(make_recording(), save_path=path, spawn=False)
+    assert caught.value.exit_code == 1 and not path.exists()
 
 
 def test_a_viewer_that_cannot_start_is_a_reason_not_an_error(tmp_path):
