@@ -159,9 +159,10 @@ def _close_broken_off(opened: Sequence[RecordingWriter], error: BaseException) -
     """Close what an error broke off, as not complete; say of a second Ctrl-C where the recording is."""
     for writer in opened:
         writer.__exit__(type(error), error, error.__traceback__)
-        if isinstance(error, KeyboardInterrupt) and writer.path.exists():
-            why = str(error) or "interrupted while the recording was being finished"
-            raise KeyboardInterrupt(f"{why}: {writer.path} has what was recorded, marked as not complete") from error
+    path = next((writer.path for writer in opened if writer.path.exists()), None)
+    if isinstance(error, KeyboardInterrupt) and path is not None:
+        why = str(error) or "interrupted while the recording was being finished"
+        raise KeyboardInterrupt(f"{why}: {path} has what was recorded, marked as not complete") from error
 
 
 class NoteBook:
