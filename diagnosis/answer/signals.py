@@ -13,6 +13,7 @@ from sawbench.diagnosis.inference.gain_drift import GainDrift
 from sawbench.diagnosis.inference.off_stroke import OffStroke, fixed_lines, is_mains
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.strikes import foreign_bursts
+from sawbench.diagnosis.inference.wandering_line import wandering_lines
 from sawbench.diagnosis.inference.zero_wander import ZeroWander
 from sawbench.diagnosis.signal_health import ChannelHealth
 
@@ -76,6 +77,13 @@ def _lines(trials: Sequence[OffStroke], health: dict[str, list[ChannelHealth]]) 
         else:
             words = f"line of {place.format(unit)} in this channel only, at any stroke rate: find its source"
             yield _entry(line.channel, "line", line.amplitude, unit, words, line.frequency_hz)
+    for one in wandering_lines(trials):
+        unit = CHANNEL_BY_NAME[one.channel].unit
+        words = (
+            f"line of {one.amplitude:.2g} {unit} at {one.lowest_hz:.1f} to {one.highest_hz:.1f} Hz, another frequency in"
+            " each trial: a ripple above half the sample rate (aliasing) or pickup; filter before sampling"
+        )
+        yield _entry(one.channel, "line", one.amplitude, unit, words)
 
 
 def _bursts(trials: Sequence[OffStroke]) -> Iterator[Entry]:

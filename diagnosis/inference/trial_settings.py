@@ -135,6 +135,8 @@ class OffStroke:
         A line is narrow: beside it no more than that share of its power is left.
     least_share : float
         Of the variance that does not follow the stroke: what is smaller is a matter of the sensor, not of the machine.
+    most_of_it : float
+        The same of a line that has no place in common with those of other trials.
     same_place : float
         Relative difference of two lines that are one.
     in_most : float
@@ -164,6 +166,7 @@ class OffStroke:
     seen_power: float = marked(20.0, "convention", "scatter reaches it once in 6 10^4 such spectra")
     foot_share: float = marked(0.1, "convention", "of a window's line nothing is left there, of a hump most is")
     least_share: float = marked(0.15, "convention", "less is hidden by the scatter itself")
+    most_of_it: float = marked(0.5, "convention", "more than all else together")
     same_place: float = marked(0.003, "convention", "clocks and speeds are known to better than that")
     in_most: float = marked(0.7, "convention", "more than two of three")
     moved: float = marked(3.0, "convention", "three standard deviations")

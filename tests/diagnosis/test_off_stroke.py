@@ -16,6 +16,7 @@ from sawbench.bench.units import (
 )
 from sawbench.diagnosis.inference.off_stroke import fixed_lines, off_stroke, off_stroke_finding
 from sawbench.diagnosis.inference.strikes import foreign_bursts, strikes
+from sawbench.diagnosis.inference.wandering_line import wandering_lines
 
 from tests.rigs.processed import processed_trial
 
@@ -204,6 +205,23 @@ def test_hum_is_no_order_of_the_stroke_where_all_trials_run_at_one_speed():
 @pytest.mark.parametrize("disturb", [nothing, at_order, ripple, grain])
 def test_what_the_machine_or_the_wood_does_is_no_hum(disturb):
     assert fixed_lines(trials(disturb)) == []
+
+
+def aliased(rng, time_s, turns, feed):
+    """A ripple above half the sample rate: wherever the sample clock puts it in this trial, in air as well."""
+    return {MOTOR_CURRENT.name: 0.8 * np.cos(2.0 * np.pi * rng.uniform(5.0, 13.0) * time_s)}
+
+
+def test_a_line_at_another_frequency_in_every_trial_is_named_with_its_range():
+    (line,) = wandering_lines(trials(aliased))
+    assert (line.channel, line.amplitude) == (MOTOR_CURRENT.name, pytest.approx(0.8, rel=0.1))
+    assert 5.0 <= line.lowest_hz < line.highest_hz <= 13.0
+    assert campaign(aliased) is None
+
+
+@pytest.mark.parametrize("disturb", [nothing, at_order, ripple, grain, hum, mains, bursts, blows])
+def test_what_has_a_place_or_is_in_the_wood_is_no_wandering_line(disturb):
+    assert wandering_lines(trials(disturb)) == []
 
 
 def bursts_in_hum(rng, time_s, turns, feed):
