@@ -80,8 +80,8 @@ def _lines(trials: Sequence[OffStroke], health: dict[str, list[ChannelHealth]]) 
     for one in wandering_lines(trials):
         unit = CHANNEL_BY_NAME[one.channel].unit
         words = (
-            f"line of {one.amplitude:.2g} {unit} at {one.lowest_hz:.1f} to {one.highest_hz:.1f} Hz, another frequency in"
-            " each trial: a ripple above half the sample rate (aliasing) or pickup; filter before sampling"
+            f"line of {one.amplitude:.2g} {unit} at {one.lowest_hz:.1f} to {one.highest_hz:.1f} Hz, another frequency"
+            " in each trial: a ripple above half the sample rate (aliasing) or pickup; filter before sampling"
         )
         yield _entry(one.channel, "line", one.amplitude, unit, words)
 

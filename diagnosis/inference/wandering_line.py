@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from sawbench.diagnosis.inference.off_stroke import OffStroke, Peak, fixed_lines, off_stroke_finding
+from sawbench.diagnosis.inference.off_stroke import OffStroke, Peak
 from sawbench.diagnosis.inference.settings import SETTINGS
 
 _NUMBERS = SETTINGS.off_stroke
@@ -46,22 +46,32 @@ def wandering_lines(trials: Sequence[OffStroke]) -> list[WanderingLine]:
     list of WanderingLine
         By channel; without those that stand at one frequency, or at one number of cycles a stroke.
     """
-    common = {line.channel for line in fixed_lines(trials)}
-    if (finding := off_stroke_finding(trials)) is not None:
-        common.add(finding.channel)
     found = []
-    for channel in sorted({name for t in trials for _, name in t.peaks} - common):
-        peaks = {t.label: _main(t, channel) for t in trials if ("time", channel) in t.peaks}
-        shown = [peak for peak in peaks.values() if peak is not None]
-        in_air = [peaks[t.label] for t in trials if t.is_idle and t.label in peaks]
-        enough = max(_NUMBERS.in_most * len(peaks), SETTINGS.noise.least_trials)
-        if len(shown) < enough or not in_air or None in in_air:
+    for channel in sorted({name for t in trials for _, name in t.peaks}):
+        mains = [(t, _main(t, channel)) for t in trials if ("time", channel) in t.peaks]
+        shown = [(t, peak) for t, peak in mains if peak is not None]
+        in_air = [peak for t, peak in mains if t.is_idle]
+        enough = max(_NUMBERS.in_most * len(mains), SETTINGS.noise.least_trials)
+        if len(shown) < enough or not in_air or None in in_air or _has_a_place(shown, enough):
             continue
-        places = [peak.place for peak in shown]
-        amplitude = float(np.median([peak.amplitude for peak in shown]))
-        line = WanderingLine(channel=channel, lowest_hz=min(places), highest_hz=max(places), amplitude=amplitude)
-        found.append(line)
+        places_hz = [peak.place for _, peak in shown]
+        amplitude = float(np.median([peak.amplitude for _, peak in shown]))
+        found.append(
+            WanderingLine(channel=channel, lowest_hz=min(places_hz), highest_hz=max(places_hz), amplitude=amplitude)
+        )
     return found
+
+
+def _has_a_place(shown: Sequence[tuple[OffStroke, Peak]], enough: float) -> bool:
+    """Whether so many trials agree on the frequency, or on the cycles a stroke."""
+    hz = np.array([peak.place for _, peak in shown])
+    width_hz = np.array([peak.width for _, peak in shown])
+    stroke_hz = np.array([trial.rate_hz for trial, _ in shown])
+    for place, width in ((hz, width_hz), (hz / stroke_hz, width_hz / stroke_hz)):
+        middle = float(np.median(place))
+        if np.sum(np.abs(place - middle) < np.maximum(_NUMBERS.same_place * middle, 1.5 * width)) >= enough:
+            return True
+    return False
 
 
 def _main(trial: OffStroke, channel: str) -> Peak | None:
