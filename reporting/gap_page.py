@@ -275,8 +275,8 @@ def _explained(cause: Mapping[str, Any]) -> str:
     closed = f"Adding it explains {round(100 * cause['gap_closed'])} %"
     if is_undetermined(ends):
         return (
-            f"{closed} of the remaining error where it acts; its 95 % interval is not determined: too few trials could"
-            " be withheld."
+            f"{closed} of the remaining error where it acts; its 95 % interval is not determined: that error is"
+            " too near to the noise, or too few trials could be withheld."
         )
     return f"{closed} ({interval_words(ends)}) of the remaining error where it acts, at withheld operating points."
 

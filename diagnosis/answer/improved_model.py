@@ -140,7 +140,8 @@ def improved_model(
 
 def _closes(share: float, ends: Sequence[float]) -> str:
     low, high = ends
-    interval = "no interval: too few trials could be withheld" if (low, high) == (-1, 1) else f"{low:.0%} to {high:.0%}"
+    is_open = (low, high) == (-1, 1)
+    interval = "no interval: too near to the noise, or too few trials" if is_open else f"{low:.0%} to {high:.0%}"
     return f"closes {share:.0%} ({interval})"
 
 
