@@ -15,7 +15,7 @@ from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.settings import Settings, Strokes
 from sawbench.diagnosis.inference.shared_course import shared_course
 from sawbench.diagnosis.inference.stroke_series import StrokeSeries, StrokeSpectra
-from sawbench.diagnosis.inference.stroke_trend import blocks_of, trend_evidence
+from sawbench.diagnosis.inference.stroke_trend import NOTHING_SHOWN, blocks_of, trend_evidence
 from sawbench.modeling.effects.effect import Effect
 from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.effects.strokes import StrokeTrend, StrokeWave
@@ -118,7 +118,8 @@ def strokes_say(
     Returns
     -------
     said : dict of str to StrokesSay
-        By effect, waves before trends; without those of which the strokes say nothing.
+        By effect, waves before trends. Of trials too short to tell a trend, strokes say nothing for one: then nothing
+        tells it from uneven wood.
     not_the_woods : dict of str to float
         Log evidence by what it looks like: a wave of the hardness at one frequency in Hz, a course that all trials
         share. Each is one of several looks of "unknown", which share its prior: where all trials have one feed, a wave
@@ -138,7 +139,9 @@ def strokes_say(
             )  # fmt: skip
     trends = {e.name: e.strokes for e in effects if isinstance(e.strokes, StrokeTrend)}
     by_name = {e.name: e for e in effects}
-    for name, trend in trend_evidence(blocks_of(states, strokes, known), trends, settings.strokes).items():
+    found = trend_evidence(blocks_of(states, strokes, known), trends, settings.strokes)
+    for name in trends:
+        trend = found.get(name, NOTHING_SHOWN)
         said[name] = StrokesSay(
             effect=by_name[name], alone=trend.alone, beside_cutting=trend.beside_cutting, size=trend.size,
             size_std=trend.size_std,

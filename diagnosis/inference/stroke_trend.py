@@ -133,6 +133,10 @@ class Trend:
     size_std: float
 
 
+# Trials are too few or too short.
+NOTHING_SHOWN = Trend(alone=0.0, beside_cutting=0.0, size=0.0, size_std=0.0)
+
+
 def trend_evidence(
     blocks: Blocks | None, trends: Mapping[str, StrokeTrend], numbers: Strokes = SETTINGS.strokes
 ) -> dict[str, Trend]:

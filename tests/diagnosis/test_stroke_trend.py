@@ -10,7 +10,12 @@ import pytest
 from sawbench.diagnosis.inference.evidence import Column, Explanation
 from sawbench.diagnosis.inference.hypothesis import Hypothesis, named
 from sawbench.diagnosis.inference.settings import SETTINGS
-from sawbench.diagnosis.inference.stroke_evidence import StrokesSay, sized_by_strokes, with_strokes
+from sawbench.diagnosis.inference.stroke_evidence import (
+    StrokesSay,
+    sized_by_strokes,
+    strokes_say,
+    with_strokes,
+)
 from sawbench.diagnosis.inference.stroke_series import StrokeSeries
 from sawbench.diagnosis.inference.stroke_trend import blocks_of, trend_evidence
 from sawbench.diagnosis.inference.weighing import weigh
@@ -115,6 +120,12 @@ def test_wood_that_is_harder_in_some_places_is_neither_worn_nor_thick():
     found = [trend(seed, uneven=0.045) for seed in range(16)]
     for effect in (WEAR, CHIP):
         assert max(max(t[effect].alone, t[effect].beside_cutting) for t in found) < 4.0
+
+
+def test_trials_too_short_to_tell_wear_from_uneven_wood_say_nothing_for_it():
+    short = tuple((duty, feed, 2.5) for duty, feed, _ in TRIALS[:6])
+    said, _ = strokes_say([EFFECT_BY_NAME[WEAR]], *campaign(3, trials=short, growth_per_10_m=0.4), SETTINGS)
+    assert (said[WEAR].alone, said[WEAR].beside_cutting) == (0.0, 0.0)
 
 
 def test_a_hard_piece_that_slows_the_saw_is_no_thin_chip():
