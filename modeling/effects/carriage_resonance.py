@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.effect import Effect, Prepared, Strength, Words
-from sawbench.modeling.effects.transfer import force_error, reading_errors
+from sawbench.modeling.effects.transfer import Spectrum, force_reading
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -26,11 +26,12 @@ _UPPER = (1.4, 1.8, 2.3, 3.0)
 
 
 def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
-    error = reading_errors(baseline, state)
+    expected = Spectrum(baseline.expected_force(state), state)
 
     def signature(frequency_hz: float, damping: float, upper: float = 0.0) -> tuple[Signature, ...]:
         places = (frequency_hz, frequency_hz * upper) if upper else (frequency_hz,)
-        return tuple(force_error(baseline, state, error(partial(_transfer, place, damping))) for place in places)
+        readings = [expected.through(partial(_transfer, place, damping)) for place in places]
+        return tuple(force_reading(baseline, state, reading) for reading in readings)
 
     return signature
 

@@ -134,9 +134,11 @@ def force_reading(baseline: Baseline, state: State, reading: Floats) -> Signatur
 def reading_errors(baseline: Baseline, state: State) -> Callable[[TransferFunction], Floats]:
     """Of a transfer function of the force's sensor: what it reads too much, N, of the state's shape.
 
-    The force that it was given is the expected one, and what the reading has beyond that turned back through the sensor:
-    teeth, edges, a bent cutting law. So the error adds to what other effects of the cut change, and nothing is left of
-    their product. Where the sensor hardly passes anything, nothing is turned back: there is more noise than force.
+    The force that it was given is the expected one, and what the reading has beyond that turned back through the
+    sensor: teeth, edges, a bent cutting law. So the error adds to what other effects of the cut change, and nothing is
+    left of their product. Where the sensor hardly passes anything, nothing is turned back: there is more noise than
+    force. Not for a resonance: above it the reading is the force turned round, and its error would be the reading
+    itself, whatever made it.
     """
     expected = Spectrum(baseline.expected_force(state), state)
     if state.kind != "running" or state.force_n is None or state.setting.is_idle:
