@@ -387,11 +387,14 @@ def _is_not_the_wood(line: Sequence[tuple[OffStroke, Peak]], lock: Lock) -> bool
 def _is_no_pickup(group: Sequence[OffStroke], lock: Lock, name: str, line: Sequence[tuple[OffStroke, Peak]]) -> bool:
     """A fixed frequency is hum of a sensor unless two currents or voltages show it; what follows the stroke is not.
 
-    Where all trials run at nearly one speed, a fixed frequency stands at nearly one order of the stroke as well: what
-    stands at the mains' then is their hum.
+    At the mains' frequency it is hum in however many channels: no battery has that. Where all trials run at nearly one
+    speed, a fixed frequency stands at nearly one order of the stroke as well.
     """
+    rates_hz = [1.0 if lock == "time" else trial.rate_hz for trial, _ in line]
+    if is_mains(float(np.median([peak.place * rate_hz for (_, peak), rate_hz in zip(line, rates_hz, strict=True)]))):
+        return False
     if lock == "stroke":
-        return not is_mains(float(np.median([peak.place * trial.rate_hz for trial, peak in line])))
+        return True
     middle = max((p for _, p in line), key=lambda p: p.power)
     channels = {n for t in group for _, n in t.peaks}
     seen = [n for n in channels if len(_at(group, lock, n, middle)) >= _enough(group, lock, middle)]

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.effect import Effect, Prepared, Strength, Words
-from sawbench.modeling.effects.transfer import AXIS_TIMES_S, Spectrum, delay, force_error, reading_errors
+from sawbench.modeling.effects.transfer import AXIS_TIMES_S, Spectrum, delay, force_error
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -34,17 +34,18 @@ _SESSION_UNIT_S, _TRIAL_UNIT_S = 1000.0, 10.0
 
 def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
     session_s, trial_s = state.setting.session_s + state.time_s, state.time_s
-    error_of_force = reading_errors(baseline, state)
+    force = baseline.expected_force(state)
+    late_force = _delays(force, state)
     late_can = _late_can(baseline, state)
 
     def signature(device: float, tau_s: float, drifts: float) -> tuple[Signature, ...]:
         delay_s = tau_s * (1.0, session_s / _SESSION_UNIT_S, trial_s / _TRIAL_UNIT_S)[int(drifts)]
         if device == FORCE:
-            return (force_error(baseline, state, error_of_force(delay(delay_s))),)
+            return (force_error(baseline, state, late_force(delay_s) - force),)
         # Early CAN beside a displacement that sets the time is late CAN with the other sign.
         found = late_can(delay_s if device == CAN else -delay_s)
         if device == DISPLACEMENT:
-            for name, wave in force_error(baseline, state, error_of_force(delay(-delay_s))).items():
+            for name, wave in force_error(baseline, state, late_force(-delay_s) - force).items():
                 found[name] = found.get(name, 0.0) + wave
         return (found,)
 

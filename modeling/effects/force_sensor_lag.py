@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from sawbench.modeling.effects.effect import Effect, Prepared, Strength, Words
-from sawbench.modeling.effects.transfer import Spectrum, force_error, lag_on_axis, low_pass, reading_errors
+from sawbench.modeling.effects.transfer import Spectrum, force_reading, lag_on_axis, low_pass
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -26,8 +26,8 @@ _TAUS_S = tuple(float(tau) for tau in np.geomspace(1.5e-4, 1e-2, 18))
 
 
 def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
-    error = reading_errors(baseline, state)
-    return lambda tau_s, damping: (force_error(baseline, state, error(low_pass(tau_s, damping))),)
+    force = Spectrum(baseline.expected_force(state), state)
+    return lambda tau_s, damping: (force_reading(baseline, state, force.through(low_pass(tau_s, damping))),)
 
 
 def _axis_signature(axis: AxisBaseline, state: AxisState, tau_s: float) -> tuple[Signature, ...]:

@@ -20,8 +20,6 @@ Complexes = NDArray[np.complexfloating]
 TransferFunction = Callable[[Floats], Complexes]
 # A start-up with what is put before and behind it, in lengths of the start-up.
 _START_LENGTHS: Final = 4
-# Gain of a sensor below which nothing of what it passes is turned back.
-_PASSED: Final = 0.25
 
 
 class Spectrum:
@@ -62,17 +60,14 @@ class Spectrum:
         transfer : callable
             Frequency in Hz, shape (n_units or 1, n_frequencies) -> complex gain of a shape that broadcasts to it.
         """
-        return self._wave + self.change(lambda frequency_hz: transfer(frequency_hz) - 1.0)
-
-    def change(self, transfer: TransferFunction) -> Floats:
-        """What a transfer function makes of the orders that the wave's points resolve, of the wave's shape."""
         frequency_hz, coefficients = self._orders
-        change = coefficients * transfer(frequency_hz)
+        change = coefficients * (transfer(frequency_hz) - 1.0)
         if self._state.kind != "running":
             n = self._wave.shape[-1]
-            return np.fft.irfft(change, _START_LENGTHS * n, axis=-1)[..., n : 2 * n]
+            return self._wave + np.fft.irfft(change, _START_LENGTHS * n, axis=-1)[..., n : 2 * n]
         turns = self._state.motion.turns
-        return ((change[:, None, :] @ turns)[:, 0] if len(turns) > 1 else change @ turns[0]).real
+        back = (change[:, None, :] @ turns)[:, 0] if len(turns) > 1 else change @ turns[0]
+        return self._wave + back.real
 
 
 def _of_strokes(wave: Floats, motion: Motion) -> tuple[Floats, Complexes]:
@@ -129,30 +124,6 @@ def force_reading(baseline: Baseline, state: State, reading: Floats) -> Signatur
     The mechanical equation is evaluated with the reading, so it misses the difference.
     """
     return force_error(baseline, state, reading - baseline.expected_force(state))
-
-
-def reading_errors(baseline: Baseline, state: State) -> Callable[[TransferFunction], Floats]:
-    """Of a transfer function of the force's sensor: what it reads too much, N, of the state's shape.
-
-    The force that it was given is the expected one, and what the reading has beyond that turned back through the
-    sensor: teeth, edges, a bent cutting law. So the error adds to what other effects of the cut change, and nothing is
-    left of their product. Where the sensor hardly passes anything, nothing is turned back: there is more noise than
-    force. Not for a resonance: above it the reading is the force turned round, and its error would be the reading
-    itself, whatever made it.
-    """
-    expected = Spectrum(baseline.expected_force(state), state)
-    if state.kind != "running" or state.force_n is None or state.setting.is_idle:
-        return lambda transfer: expected.change(lambda f: transfer(f) - 1.0)
-    read = Spectrum(state.force_n, state)
-
-    def error(transfer: TransferFunction) -> Floats:
-        def back(f: Floats) -> Complexes:
-            gain = transfer(f)
-            return (gain - 1.0) * gain.conj() / (np.abs(gain) ** 2 + _PASSED**2)
-
-        return read.change(back) + expected.change(lambda f: transfer(f) - 1.0 - back(f) * transfer(f))
-
-    return error
 
 
 def force_error(baseline: Baseline, state: State, error_n: Floats) -> Signature:

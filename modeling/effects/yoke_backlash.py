@@ -193,6 +193,6 @@ EFFECT = Effect(
     told_apart_by="idle against cutting: fixed in angle, not in time, and the displacement itself is bent",
     size_of=apparent_gap,
     combine=_combined,
-    background=(({"waves": 1.0}, BACKGROUND_SHARE),),
+    background=(({"waves": 2.0}, BACKGROUND_SHARE),),
     variants={"linear_axis": _on_axis},
 )

@@ -196,6 +196,18 @@ def test_hum_of_single_sensors_is_measured(seed):
         assert found[channel].amplitude == pytest.approx(amplitude, rel=0.1)
 
 
+def test_hum_in_several_cables_is_hum():
+    """Four campaigns with 1 N and 0.01 A at 50 Hz were an unknown cause, whatever they held."""
+
+    def in_all(rng, time_s, turns, feed):
+        found = mains(rng, time_s, turns, feed)
+        return found | {BATTERY_CURRENT.name: 0.02 * found[FORCE.name], BATTERY_VOLTAGE.name: 0.01 * found[FORCE.name]}
+
+    assert campaign(in_all) is None
+    found = {line.channel for line in fixed_lines(trials(in_all))}
+    assert {FORCE.name, MOTOR_CURRENT.name, BATTERY_CURRENT.name} <= found
+
+
 def test_hum_is_no_order_of_the_stroke_where_all_trials_run_at_one_speed():
     one_speed = tuple((13.7 + 0.02 * k, None) for k in range(6))
     assert campaign(mains, plan=one_speed) is None
