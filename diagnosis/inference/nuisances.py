@@ -91,7 +91,7 @@ def nuisances_of(baseline: Baseline) -> tuple[Nuisance, ...]:
     tuple of Nuisance
     """
     return (
-        *_plant_nuisances(baseline), *_battery_nuisances(baseline), *_sensor_nuisances(), *_bend_nuisances(),
+        *_plant_nuisances(baseline), *_battery_nuisances(baseline), *_sensor_nuisances(baseline), *_bend_nuisances(),
         *_reversal_nuisances(),
     )  # fmt: skip
 
@@ -262,11 +262,12 @@ def _bend_nuisances() -> list[Nuisance]:
     ]  # fmt: skip
 
 
-def _sensor_nuisances() -> list[Nuisance]:
+def _sensor_nuisances(baseline: Baseline) -> list[Nuisance]:
     """Gains, offsets and the angle's zero.
 
     The gain of what an equation is solved for enters with what the equation says, not with the reading: with the
-    reading, a gain of -100 % would make every misfit vanish, and large misfits would be "explained" so.
+    reading, a gain of -100 % would make every misfit vanish, and large misfits would be "explained" so. The zero of a
+    current sensor is stated in shares of its range, which goes with the machine's currents.
     """
     signatures: dict[str, SignatureFunction] = {
         "motor_current_gain": _motor_current_gain,
@@ -280,9 +281,11 @@ def _sensor_nuisances() -> list[Nuisance]:
         "angle_zero_rad": angle_shift,
     }
     sensors = SETTINGS.sensors
+    zero_a = sensors.current_zero_share * baseline.usual_current_a
+    stds = {name: max(std, zero_a) if name.endswith("_offset_a") else std for name, std in sensors.std.items()}
     return [
         *(
-            Nuisance(name=name, nominal=0.0, std=sensors.std[name], is_plant=False, signature=signature)
+            Nuisance(name=name, nominal=0.0, std=stds[name], is_plant=False, signature=signature)
             for name, signature in signatures.items()
         ),
         *(

@@ -163,6 +163,8 @@ class Sensors:
     ----------
     std : mapping of str to float
         Of gains (relative), offsets and the angle's zero, in the unit of the name.
+    current_zero_share : float
+        Of the usual motor current: standard deviation of the zero of a current sensor, where that is more.
     battery_rel_std : mapping of str to float
         Of the battery's numbers, for which the configuration states none.
     floor : mapping of str to (float, float)
@@ -192,6 +194,9 @@ class Sensors:
             "battery_voltage_offset_v": 0.01, "angle_zero_rad": 0.005,
         }, "convention", CLASS,
     )  # fmt: skip
+    current_zero_share: float = marked(
+        0.01, "convention", "Hall sensors: 0.3 % of a range that is three times the usual current"
+    )
     battery_rel_std: Mapping[str, float] = marked(
         {"internal_resistance_ohm": 0.1, "nominal_voltage_v": 0.005, "capacity_ah": 0.05}, "convention",
         "spread of new packs of one type",

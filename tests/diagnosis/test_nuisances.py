@@ -153,6 +153,17 @@ BENT = {
 }
 
 
+def test_the_zero_of_a_current_sensor_goes_with_the_currents_of_the_machine():
+    """A sensor of 100 A whose zero is off by 0.2 A is no converter loss: it was called one on three benches."""
+    heavy = replace(BASELINE, load=replace(BASELINE.load, torque_n_m=4.0 * BASELINE.load.torque_n_m))
+    for name in ("motor_current_offset_a", "battery_current_offset_a"):
+        usual, large = (next(n.std for n in nuisances_of(b) if n.name == name) for b in (BASELINE, heavy))
+        assert usual == pytest.approx(0.01 * BASELINE.usual_current_a)
+        assert large == pytest.approx(4.0 * usual)
+    weak = replace(BASELINE, load=replace(BASELINE.load, torque_n_m=1e-3 * BASELINE.load.torque_n_m))
+    assert next(n.std for n in nuisances_of(weak) if n.name == "motor_current_offset_a") == 0.03
+
+
 @pytest.mark.parametrize("entry", nuisances_of(BASELINE), ids=lambda entry: entry.name)
 def test_every_nuisance_is_a_number_where_the_crank_angle_is_not_known(true, entry):
     blind = replace(true, angle_rad=np.full_like(true.angle_rad, np.nan))
