@@ -48,10 +48,10 @@ def wandering_lines(trials: Sequence[OffStroke]) -> list[WanderingLine]:
     """
     found = []
     for channel in sorted({name for t in trials for _, name in t.peaks}):
-        mains = [(t, _main(t, channel)) for t in trials if ("time", channel) in t.peaks]
-        shown = [(t, peak) for t, peak in mains if peak is not None]
-        in_air = [peak for t, peak in mains if t.is_idle]
-        enough = max(_NUMBERS.in_most * len(mains), SETTINGS.noise.least_trials)
+        firsts = [(t, _first(t, channel)) for t in trials if ("time", channel) in t.peaks]
+        shown = [(t, peak) for t, peak in firsts if peak is not None]
+        in_air = [peak for t, peak in firsts if t.is_idle]
+        enough = max(_NUMBERS.in_most * len(firsts), SETTINGS.noise.least_trials)
         if len(shown) < enough or not in_air or None in in_air or _has_a_place(shown, enough):
             continue
         places_hz = [peak.place for _, peak in shown]
@@ -74,7 +74,7 @@ def _has_a_place(shown: Sequence[tuple[OffStroke, Peak]], enough: float) -> bool
     return False
 
 
-def _main(trial: OffStroke, channel: str) -> Peak | None:
+def _first(trial: OffStroke, channel: str) -> Peak | None:
     """The strongest line, where it is beyond scatter and most of what does not follow the stroke."""
     peaks = trial.peaks["time", channel]
     first = max(peaks, key=lambda peak: peak.power, default=None)
