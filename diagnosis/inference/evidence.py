@@ -122,7 +122,7 @@ class Explanation:
         if self.mixture is not None:
             return self.mixture
         if self.effect.size_of is not None:
-            return self.amplitude, SETTINGS.forms.most_std * abs(self.amplitude)
+            return self.amplitude, self.strength_std / self.effect.strength.typical
         return self.amplitude, self.amplitude_std
 
     def _noise_and_form(self) -> tuple[float, float]:

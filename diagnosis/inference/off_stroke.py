@@ -334,13 +334,13 @@ def _common_lines(trials: Sequence[OffStroke]) -> Iterator[Finding]:
     for lock in locks:
         for name in sorted({name for t in trials for _, name in t.peaks}):
             for group in (trials, idle, loaded):
-                line = _line(group, lock, name)
+                line = common_line(group, lock, name)
                 if line and _is_not_the_wood(line, lock) and _is_no_pickup(group, lock, name, line):
                     yield _line_finding(group, lock, name, line)
                     break
 
 
-def _line(group: Sequence[OffStroke], lock: Lock, name: str) -> list[tuple[OffStroke, Peak]]:
+def common_line(group: Sequence[OffStroke], lock: Lock, name: str) -> list[tuple[OffStroke, Peak]]:
     """Peaks of one channel at the same place in most trials of a group, with their trials; else none."""
     best: list[tuple[OffStroke, Peak]] = []
     for candidate in (p for t in group for p in t.peaks.get((lock, name), ()) if p.power > _NUMBERS.least_power):
@@ -390,8 +390,7 @@ def _is_no_pickup(group: Sequence[OffStroke], lock: Lock, name: str, line: Seque
     At the mains' frequency it is hum in however many channels: no battery has that. Where all trials run at nearly one
     speed, a fixed frequency stands at nearly one order of the stroke as well.
     """
-    rates_hz = [1.0 if lock == "time" else trial.rate_hz for trial, _ in line]
-    if is_mains(float(np.median([peak.place * rate_hz for (_, peak), rate_hz in zip(line, rates_hz, strict=True)]))):
+    if is_mains(float(np.median([p.place if lock == "time" else p.place * trial.rate_hz for trial, p in line]))):
         return False
     if lock == "stroke":
         return True

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from sawbench.diagnosis.inference.off_stroke import OffStroke, Peak
+from sawbench.diagnosis.inference.off_stroke import OffStroke, Peak, common_line
 from sawbench.diagnosis.inference.settings import SETTINGS
 
 _NUMBERS = SETTINGS.off_stroke
@@ -49,29 +49,19 @@ def wandering_lines(trials: Sequence[OffStroke]) -> list[WanderingLine]:
     found = []
     for channel in sorted({name for t in trials for _, name in t.peaks}):
         firsts = [(t, _first(t, channel)) for t in trials if ("time", channel) in t.peaks]
-        shown = [(t, peak) for t, peak in firsts if peak is not None]
+        shown = [peak for _, peak in firsts if peak is not None]
         in_air = [peak for t, peak in firsts if t.is_idle]
         enough = max(_NUMBERS.in_most * len(firsts), SETTINGS.noise.least_trials)
-        if len(shown) < enough or not in_air or None in in_air or _has_a_place(shown, enough):
+        if len(shown) < enough or not in_air or None in in_air:
             continue
-        places_hz = [peak.place for _, peak in shown]
-        amplitude = float(np.median([peak.amplitude for _, peak in shown]))
+        if common_line(trials, "time", channel) or common_line(trials, "stroke", channel):
+            continue
+        places_hz = [peak.place for peak in shown]
+        amplitude = float(np.median([peak.amplitude for peak in shown]))
         found.append(
             WanderingLine(channel=channel, lowest_hz=min(places_hz), highest_hz=max(places_hz), amplitude=amplitude)
         )
     return found
-
-
-def _has_a_place(shown: Sequence[tuple[OffStroke, Peak]], enough: float) -> bool:
-    """Whether so many trials agree on the frequency, or on the cycles a stroke."""
-    hz = np.array([peak.place for _, peak in shown])
-    width_hz = np.array([peak.width for _, peak in shown])
-    stroke_hz = np.array([trial.rate_hz for trial, _ in shown])
-    for place, width in ((hz, width_hz), (hz / stroke_hz, width_hz / stroke_hz)):
-        middle = float(np.median(place))
-        if np.sum(np.abs(place - middle) < np.maximum(_NUMBERS.same_place * middle, 1.5 * width)) >= enough:
-            return True
-    return False
 
 
 def _first(trial: OffStroke, channel: str) -> Peak | None:

@@ -22,6 +22,8 @@ from sawbench.diagnosis.inference.weighing import weigh
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 from sawbench.modeling.state import State, TrialSetting
 
+from tests.rigs.remembering import remembering
+
 pytestmark = pytest.mark.unit
 
 WEAR, CHIP = "blade_wear", "chip_thickness"
@@ -32,14 +34,6 @@ TRIALS = (
     (0.44, 4, 8), (0.35, 4, 8), (0.55, 4, 8), (0.44, 6, 8), (0.35, 4, 8), (0.55, 4, 8), (0.44, 4, 8),
     (0.55, 4, 8), (0.44, 6, 8), (0.35, 4, 8), (0.44, 4, 30),
 )  # fmt: skip
-
-
-def remembering(rng, memory, n):
-    """Stationary process of unit variance that forgets from stroke to stroke."""
-    found = rng.standard_normal(n)
-    for k in range(1, n):
-        found[k] = memory * found[k - 1] + np.sqrt(1.0 - memory**2) * found[k]
-    return found
 
 
 def campaign(

@@ -23,6 +23,8 @@ from sawbench.diagnosis.screening import doubted_duties
 from sawbench.modeling.residuals import Baseline
 from sawbench.modeling.state import TWO_PI, State, TrialSetting
 
+from tests.rigs.remembering import remembering
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Principle:
@@ -69,10 +71,7 @@ def _baseline() -> Baseline:
 
 def _remembering_wood(n: int, memory: float, rng: np.random.Generator) -> np.ndarray:
     """Hardness of strokes about 1, each remembering the one before."""
-    hardness = rng.standard_normal(n)
-    for k in range(1, n):
-        hardness[k] = memory * hardness[k - 1] + np.sqrt(1.0 - memory**2) * hardness[k]
-    return 1.0 + 0.2 * hardness
+    return 1.0 + 0.2 * remembering(rng, memory, n)
 
 
 def _trial(index: int, hardness: np.ndarray, noise_n: float, rng: np.random.Generator) -> State:
