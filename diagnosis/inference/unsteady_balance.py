@@ -3,8 +3,8 @@
 However hard the wood is, the voltages of the motor and the battery and the currents of the converter balance in every
 stroke: the equations take what was measured. A number of the machine that is off, and any effect of the catalogue,
 leaves something that goes with the currents or changes slowly; a sensor leaves its noise, its steps, and a zero that
-may wander by as much as it is stated to be uncertain. What varies beyond is the machine's: a contact that is loose, a duty
-that is not the one stated.
+may wander by as much as it is stated to be uncertain. What varies beyond is the machine's: a contact that is loose, a
+duty that is not the one stated.
 """
 
 from __future__ import annotations
@@ -34,8 +34,10 @@ _WORDS: Final = MappingProxyType(
 _TREND: Final = 3
 _MEMORIES_S: Final = (1.0, 5.0, 30.0)
 _FEWEST_UNITS: Final = 8
-# Of a normal distribution's median absolute deviation; beyond so many a few strokes were not measured well.
-_STD_OVER_MEDIAN, _OUTLIER_STDS = 1.4826, 5.0
+# Standard deviation of a normal distribution over the median of its absolute values.
+_STD_OVER_MEDIAN: Final = 1.4826
+# Of least absolute values by least squares with weights; residuals below a share of their median weigh alike.
+_N_PASSES, _LEAST_SHARE = 10, 0.1
 _NUMBERS: Final = SETTINGS.off_stroke
 
 
@@ -86,12 +88,11 @@ def _weighed(problem: LinearProblem, equation: Equation, words: str, trials: lis
     if not trials:
         return
     currents = np.concatenate([t.currents for t in trials])
-    rest = np.concatenate([t.rest for t in trials])
-    usual = np.concatenate([np.abs(t.rest) < _OUTLIER_STDS * _spread(t.rest) for t in trials])
-    rest = rest - currents @ np.linalg.lstsq(currents[usual], rest[usual], rcond=None)[0]
+    rest = _without(np.concatenate([t.rest for t in trials])[:, None], currents)[:, 0]
     parts = np.split(rest, np.cumsum([len(t.rest) for t in trials])[:-1])
     free = np.array([len(part) - _TREND - currents.shape[1] / len(trials) for part in parts])
-    variance = np.array([_spread(part) ** 2 * len(part) for part in parts]) / np.maximum(free, 1.0)
+    spread = np.array([_STD_OVER_MEDIAN * float(np.median(np.abs(part))) for part in parts])
+    variance = spread**2 * np.array([len(part) for part in parts]) / np.maximum(free, 1.0)
     over = variance / np.array([t.allowed for t in trials])
     nats = 0.5 * free * np.where(over > 1.0, over - 1.0 - np.log(np.maximum(over, 1.0)), 0.0)
     shown, is_loaded = over > 1.0, np.array([not t.is_idle for t in trials])
@@ -129,9 +130,8 @@ def _trial(problem: LinearProblem, part: Part, equation: Equation, faults: Senso
         return None
     rounding = faults.variance(part.layout, state)[part.layout.slices[equation].start]
     allowed = _by_sensors(problem, state, equation) + float(rounding)
-    trend, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, n), _TREND))
     rows = np.column_stack([problem.campaign.plant.residuals(state)[equation].mean(axis=1), *_currents(state)])
-    rows -= trend @ (trend.T @ rows)
+    rows = _without(rows, np.vander(np.linspace(-1.0, 1.0, n), _TREND))
     if allowed <= 0.0:
         return None
     return _Trial(rest=rows[:, 0], currents=rows[:, 1:], allowed=allowed, is_idle=state.setting.is_idle)
@@ -170,9 +170,15 @@ def _currents(state: State) -> list[Floats]:
     return [mean_a, (motor_a**2).mean(axis=1), np.gradient(mean_a), drawn_a, *remembered]
 
 
-def _spread(values: Floats) -> float:
-    """Standard deviation about zero that a few outliers leave alone."""
-    return _STD_OVER_MEDIAN * float(np.median(np.abs(values)))
+def _without(rows: Floats, design: Floats) -> Floats:
+    """Take off rows, shape (n, q), what goes with a design, shape (n, p): least absolute values of the first column."""
+    weight = np.ones((len(rows), 1))
+    for _ in range(_N_PASSES):
+        left = rows - design @ np.linalg.lstsq(weight * design, weight * rows, rcond=None)[0]
+        size = np.abs(left[:, :1])
+        # Few strokes that were not measured well have no weight.
+        weight = 1.0 / np.sqrt(np.maximum(size, _LEAST_SHARE * np.median(size) + 1e-300))
+    return left
 
 
 def _remembered(values: Floats, steps_s: Floats, memory_s: float) -> Floats:
