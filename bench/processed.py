@@ -12,7 +12,7 @@ from sawbench.bench.folded import FoldedCycle
 from sawbench.bench.recording import Floats, Signal, Trial, loss_in_words
 
 Confidence = Literal["high", "moderate", "low"]
-PhaseKind = Literal["rest", "spin_up", "running", "spin_down", "stall"]
+PhaseKind = Literal["rest", "spin_up", "in_air", "running", "spin_down", "stall"]
 # Whose equations a machine moves by: those of a driven crank, or of a force on a mass.
 Frame = Literal["crank", "linear_axis"]
 TrialStatus = Literal["cutting", "no_cutting", "moving", "stalled", "no_stroke"]
@@ -112,7 +112,7 @@ class CrankAngle:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Phase:
-    """A stretch of the trial: at rest, spinning up, running, spinning down, stalled."""
+    """A stretch of the trial: at rest, spinning up, running, spinning down, stalled; in air, where it is to cut."""
 
     kind: PhaseKind
     start_s: float
@@ -120,8 +120,32 @@ class Phase:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class Cut:
+    """Part of a trial in which the blade cuts.
+
+    Attributes
+    ----------
+    start_s, end_s : float or None
+        The first stroke that is wholly in the wood begins, the last one ends; None where no stroke is in air before or
+        behind.
+    """
+
+    start_s: float | None
+    end_s: float | None
+
+    @property
+    def words(self) -> str:
+        """For the technician."""
+        if self.start_s is None:
+            return f"the blade leaves the wood after {self.end_s:.2f} s; the strokes in air behind are left out"
+        if self.end_s is None:
+            return f"the blade cuts from {self.start_s:.2f} s on; the strokes in air before are left out"
+        return f"the blade cuts from {self.start_s:.2f} s to {self.end_s:.2f} s; the strokes in air are left out"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class SteadyPart:
-    """The longest part of a trial in which the blade neither stands nor slows down.
+    """The longest part of a trial in which the blade neither stands nor slows down, and cuts where it is to cut.
 
     Attributes
     ----------
@@ -131,12 +155,15 @@ class SteadyPart:
         The first motion and the end of the trial where nothing interrupts it.
     settled_s : float
         From here on strokes are compared with a model of settled strokes; may lie behind `end_s`.
+    cut : Cut or None
+        In which part of a cutting trial the blade cuts; None where it does all along.
     """
 
     first_motion_s: float
     start_s: float
     settled_s: float
     end_s: float
+    cut: Cut | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

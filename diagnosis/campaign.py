@@ -20,7 +20,7 @@ from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.stroke_series import StrokeSeries, stroke_series
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.diagnosis.plants.plant import Plant
-from sawbench.diagnosis.reduction import CHANNEL_OF_STATE, lock_to_angle, running_state, start_up_state
+from sawbench.diagnosis.reduction import CHANNEL_OF_STATE, START_UP_S, lock_to_angle, running_state, start_up_state
 from sawbench.diagnosis.screening import NOT_A_SAW, is_stock_stated, screen, summary
 from sawbench.diagnosis.signal_health import ChannelHealth, channel_health
 from sawbench.diagnosis.slow_states import SlowTrack, slow_tracks
@@ -30,12 +30,15 @@ from sawbench.modeling.machines.saw_baseline import baseline_of
 from sawbench.modeling.parts.linear import coefficient
 from sawbench.modeling.residuals import Baseline, residuals
 from sawbench.modeling.state import TWO_PI, State, TrialSetting
+from sawbench.processing.settled import LOADED_S
 
 _NUMBERS = SETTINGS.screening
 # Known effects of the cut and the coefficient that they scale with: each time some per cent of the last change is left.
 _REGRESSIONS = 6
 # Of the largest force of a campaign: less is on no preload's edge.
 _FAR_BELOW = 0.7
+# What a blade in air cuts.
+_AIR = "air"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -203,10 +206,13 @@ def _states(
     name, angle, steady = trial.trial.trial_id, trial.angle, trial.steady
     assert angle is not None and steady is not None
     setting = _setting(trial, index, track)
-    if steady.start_s > steady.first_motion_s or steady.end_s < angle.time_s[-1]:
+    left_s = np.inf if steady.cut is None or steady.cut.end_s is None else steady.cut.end_s
+    if steady.start_s > steady.first_motion_s or steady.end_s < min(float(angle.time_s[-1]), left_s):
         warnings.append(
             f"{name}: the blade stops or runs down; only {steady.start_s:.2f} s to {steady.end_s:.2f} s is used"
         )
+    if steady.cut is not None:
+        warnings.append(f"{name}: {steady.cut.words}")
     running = running_state(trial, setting)
     if running is None:
         return [], [*warnings, f"{name} left out: it has less than two steady strokes"]
@@ -217,8 +223,18 @@ def _states(
     strokes = float(np.diff(turned)[0]) / TWO_PI
     if running.n_strokes.sum() < (1.0 - _NUMBERS.lost_strokes) * strokes - 2.0 * running.n_strokes[0]:
         warnings.append(f"{name}: dropouts leave {running.n_strokes.sum():.0f} of {strokes:.0f} strokes")
-    start_up = start_up_state(trial, setting)
+    start_up = _start_up(trial, setting)
     return [_with_history(baseline, state, track) for state in (running, start_up) if state is not None], warnings
+
+
+def _start_up(trial: TrackedTrial, setting: TrialSetting) -> State | None:
+    """Spin-up of a trial, in air where the blade goes into the wood later; None where it goes in meanwhile."""
+    steady = trial.steady
+    assert steady is not None
+    if steady.cut is None or steady.cut.start_s is None:
+        return start_up_state(trial, setting)
+    is_in_air = steady.cut.start_s > steady.first_motion_s + START_UP_S + LOADED_S
+    return start_up_state(trial, replace(setting, is_idle=True, stock=_AIR)) if is_in_air else None
 
 
 def _with_history(baseline: Baseline, state: State, track: SlowTrack) -> State:
@@ -337,7 +353,7 @@ def _motor_voltage(baseline: Baseline, state: State, charge_used_as: Floats) -> 
 def _stock(trial: Trial) -> str:
     """Trials of one stock share a cutting coefficient: only where it is stated what was cut."""
     if trial.is_idle:
-        return "air"
+        return _AIR
     if not is_stock_stated(trial):
         return f"what {trial.trial_id} cut"
     return f"{trial.material}, {trial.thickness_mm} mm"

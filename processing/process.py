@@ -11,6 +11,7 @@ from sawbench.bench.folded import FoldedCycle
 from sawbench.bench.processed import (
     ChannelQuality,
     CrankAngle,
+    Cut,
     PeriodEstimate,
     Phase,
     ProcessedTrial,
@@ -27,6 +28,7 @@ from sawbench.processing.averages import cycle_averages
 from sawbench.processing.crank_angle import track_crank_angle
 from sawbench.processing.demodulation import angle_from_line
 from sawbench.processing.folding import Cycles, find_cycles, fold_signals
+from sawbench.processing.in_cut import find_cut, with_air
 from sawbench.processing.peak_force import PeakForce, estimate_peak_force
 from sawbench.processing.period import StrokeLine, find_stroke_line, from_displacement, from_line, line_noise_power
 from sawbench.processing.phases import find_phases, stalled_from_start
@@ -148,7 +150,7 @@ def track_strokes(recording: Recording, config: BenchConfig) -> TrackedTrial:
     recording = with_true_values(recording, config)
     channels = _clean_channels(recording)
     displacement = _alive_displacement(channels)
-    tracked = None if displacement is None else _track(displacement, config)
+    tracked = None if displacement is None else _track(displacement, channels, config, recording.trial)
     return TrackedTrial(
         trial=recording.trial,
         angle=None if tracked is None else tracked[0],
@@ -179,7 +181,9 @@ def _alive_displacement(channels: Channels) -> CleanChannel | None:
     return displacement if displacement is not None and float(np.ptp(displacement.values)) > 0 else None
 
 
-def _track(displacement: CleanChannel, config: BenchConfig) -> tuple[CrankAngle, SteadyPart] | None:
+def _track(
+    displacement: CleanChannel, channels: Channels, config: BenchConfig, trial: Trial
+) -> tuple[CrankAngle, SteadyPart] | None:
     """Crank angle by the displacement, and its steady part; None without a complete stroke."""
     time_s, position_m = displacement.time_s, DISPLACEMENT.si_factor * displacement.values
     angle = track_crank_angle(
@@ -187,7 +191,9 @@ def _track(displacement: CleanChannel, config: BenchConfig) -> tuple[CrankAngle,
     )  # fmt: skip
     if angle is None:
         return None
-    steady = find_steady_part(angle)
+    force = None if trial.is_idle or config.linear_axis is not None else channels.get(_FORCE)
+    cut = None if force is None else find_cut(angle, force.time_s, force.values)
+    steady = find_steady_part(angle, cut)
     return restore_ripple(angle, steady, time_s, position_m), steady
 
 
@@ -195,7 +201,7 @@ def _find_motion(channels: Channels, config: BenchConfig, trial: Trial) -> _Moti
     """Angle from the displacement where it has any, else from the strongest line of another channel."""
     displacement = _alive_displacement(channels)
     if displacement is not None:
-        return _motion_from_displacement(displacement, channels, config)
+        return _motion_from_displacement(displacement, channels, config, trial)
     warnings = ("the displacement is constant; it is not used",) if _DISPLACEMENT in channels else ()
     band = config.stroke_rates_hz
     lines = {
@@ -256,15 +262,19 @@ def _fastest_cut_rad(config: BenchConfig) -> float:
     return 2.0 * np.pi - within_rad if config.cutting.cutting_half == "pi_to_2pi" else within_rad
 
 
-def _motion_from_displacement(displacement: CleanChannel, channels: Channels, config: BenchConfig) -> _Motion:
+def _motion_from_displacement(
+    displacement: CleanChannel, channels: Channels, config: BenchConfig, trial: Trial
+) -> _Motion:
     plant, time = config.plant, displacement.time_s
-    tracked = _track(displacement, config)
+    tracked = _track(displacement, channels, config, trial)
     if tracked is None:
         rest = Phase(kind="rest", start_s=float(time[0]), end_s=float(time[-1]))
         warning = "the displacement has no complete stroke"
         return _Motion(angle=None, phases=(rest,), cycles=None, period=None, warnings=(warning,))
     angle, steady = tracked
-    phases, stretches, cycles, warnings = _phases_and_cycles(angle, channels, displacement.holes)
+    phases, stretches, cycles, warnings = _phases_and_cycles(angle, channels, displacement.holes, steady.cut)
+    if steady.cut is not None:
+        warnings += (steady.cut.words,)
     band = config.stroke_rates_hz
     line = _stroke_line(_longest(displacement, stretches), band) if stretches else None
     is_clipped = displacement.quality.n_clipped > _CLIPPED_SHARE * displacement.quality.n_samples
@@ -306,7 +316,7 @@ def _stroke_line(channel: CleanChannel, band: tuple[float, float]) -> StrokeLine
 
 
 def _phases_and_cycles(
-    angle: CrankAngle, channels: Channels, holes: Stretches
+    angle: CrankAngle, channels: Channels, holes: Stretches, cut: Cut | None = None
 ) -> tuple[tuple[Phase, ...], Stretches, Cycles, tuple[str, ...]]:
     """Phases, the stretches whose strokes count, and the strokes in them from dead centre to dead centre."""
     current = channels.get(_CURRENT)
@@ -315,6 +325,7 @@ def _phases_and_cycles(
         current_time_s=None if current is None else current.time_s,
         current_a=None if current is None else current.values,
     )
+    phases = with_air(phases, cut)
     running = _without(tuple((p.start_s, p.end_s) for p in phases if p.kind == "running"), holes)
     cycles = find_cycles(angle.time_s, angle.angle_rad, running)
     if len(cycles.index):

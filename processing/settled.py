@@ -10,12 +10,14 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from sawbench.bench.processed import CrankAngle, SteadyPart
+from sawbench.bench.processed import CrankAngle, Cut, SteadyPart
 from sawbench.bench.recording import Floats
 
 TWO_PI = 2.0 * np.pi
 # From the first motion, or the last stop, to strokes that are settled.
 SETTLE_S: Final = 0.8
+# From the first stroke that is wholly in the wood to a speed that is that of the load.
+LOADED_S: Final = 0.4
 # A crank that is slower stands.
 MOVING_RAD_S: Final = 2.0
 # Turns this much longer than usual are no running strokes.
@@ -26,8 +28,8 @@ _RUN_DOWN = 4.0
 _STOPPING_TURNS = 2
 
 
-def find_steady_part(angle: CrankAngle) -> SteadyPart:
-    """Longest stretch in which the blade neither stands nor spins down.
+def find_steady_part(angle: CrankAngle, cut: Cut | None = None) -> SteadyPart:
+    """Longest stretch in which the blade neither stands nor spins down, and cuts where it is to cut.
 
     Examples
     --------
@@ -41,7 +43,11 @@ def find_steady_part(angle: CrankAngle) -> SteadyPart:
     """
     moving_s, last_s = float(angle.time_s[np.argmax(angle.speed_rad_s > MOVING_RAD_S)]), float(angle.time_s[-1])
     start_s, end_s = _longest_run(angle, moving_s, last_s)
-    return SteadyPart(first_motion_s=moving_s, start_s=start_s, settled_s=start_s + SETTLE_S, end_s=end_s)
+    settled_s = start_s + SETTLE_S
+    if cut is not None:
+        settled_s = settled_s if cut.start_s is None else max(settled_s, cut.start_s + LOADED_S)
+        end_s = end_s if cut.end_s is None else min(end_s, cut.end_s)
+    return SteadyPart(first_motion_s=moving_s, start_s=start_s, settled_s=settled_s, end_s=end_s, cut=cut)
 
 
 def _longest_run(angle: CrankAngle, moving_s: float, last_s: float) -> tuple[float, float]:

@@ -85,7 +85,13 @@ SAW: Final = MachineWords(
     zero="0° is the dead centre with the blade retracted",
     load="material",
     idle="blade in air",
-    not_running={"rest": "rest", "spin_up": "spin-up", "spin_down": "spin-down", "stall": "stall"},
+    not_running={
+        "rest": "rest",
+        "spin_up": "spin-up",
+        "in_air": "in air",
+        "spin_down": "spin-down",
+        "stall": "stall",
+    },
     labels={},
     settings=("thickness", "duty", "feed", "repetition", "blade", "battery"),
     statuses={
