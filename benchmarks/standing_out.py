@@ -15,7 +15,7 @@ from collections import Counter
 import numpy as np
 from sawbench.blindcheck.effects.table import CATALOGUE
 from sawbench.diagnosis.answer.standing_out import Cell, find_cells
-from sawbench.diagnosis.inference.evidence import little_of_each
+from sawbench.diagnosis.inference.evidence import catalogue_columns, little_of_each
 from sawbench.diagnosis.inference.linear_problem import build_problem
 
 from benchmarks.blind_campaigns import blind_campaign
@@ -27,7 +27,7 @@ def cells_of(seed: int, effect: str | None, length: float, benches: str) -> tupl
     """Cells of one simulated campaign."""
     made = blind_campaign(seed, {} if effect is None else {effect: 1.0}, length=length, benches=benches)
     problem = build_problem(made.reduced())
-    little = little_of_each(problem, problem.campaign.plant.effects)
+    little = little_of_each(problem, catalogue_columns(problem, problem.campaign.plant.effects))
     return find_cells(problem, np.hstack([np.zeros((len(problem.data), 0)), *little.values()]))
 
 

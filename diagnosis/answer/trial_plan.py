@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from sawbench.bench.recording import Floats, Trial
 from sawbench.diagnosis.answer.candidate_trials import Candidate, candidates
-from sawbench.diagnosis.inference.evidence import Column, Explanation, columns_in, little_of_each
+from sawbench.diagnosis.inference.evidence import Column, Explanation, catalogue_columns, columns_in, little_of_each
 from sawbench.diagnosis.inference.form_error import form_modes
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import (
@@ -233,7 +233,7 @@ def _inner_products(
     members = {(h.name, m.effect.name): m for h in answers for m in h.members}
     columns = _every_form(wide, list(members.values()))
     fitted = {key: _contribution(m, columns[m.effect.name], n) for key, m in members.items()}
-    small = little_of_each(wide, problem.campaign.plant.effects)
+    small = little_of_each(wide, catalogue_columns(wide, problem.campaign.plant.effects))
     nuisances = [wide.nuisance, *(share * found for found in small.values())]
     extra, truths, missed, alternatives = _answers(wide, answers, columns, fitted)
     stacked = share * np.hstack([*nuisances, *extra])

@@ -13,7 +13,7 @@ from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.inference.linear_problem import Beside, LinearProblem, Marginal, Widened
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.log_mean import log_mean_exp, log_mean_exp_rows
-from sawbench.modeling.effects.effect import Effect
+from sawbench.modeling.effects.effect import BACKGROUND_SHARE, Effect
 
 _N_AMPLITUDES = 40
 _SAME_VALUE = 1e-6
@@ -22,6 +22,8 @@ _NONE, _HARDLY = 0.0, 1e-6
 _SAME_AS_NONE = 1e-3
 # A cell of amplitudes that is narrower than this share of what the noise leaves is as good as its middle.
 _FLAT_CELL_STDS = 1e-2
+# Sum of squares of a whitened signature that noise hides.
+_HIDDEN = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -444,11 +446,32 @@ def _several(grid: Floats, grams: Floats, moments: Floats) -> tuple[Floats, Floa
     return log_mean_exp_rows(logs), solutions, stds, np.sum(moments * solutions, axis=1)
 
 
-def little_of_each(problem: LinearProblem, effects: Sequence[Effect]) -> dict[str, Floats]:
-    """Nuisance columns for small amounts of every effect, times their prior standard deviation, by its name."""
+def little_of_each(problem: LinearProblem, columns: Mapping[str, Sequence[Column]]) -> dict[str, Floats]:
+    """Nuisance columns for small amounts of every effect, times their prior standard deviation, by its name.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    columns : mapping of str to sequence of Column
+        Of `catalogue_columns`, of the same problem; effects that show nothing are left out.
+    """
     found = {}
-    for effect in effects:
-        sized = [(shape, share * effect.strength.typical) for shape, share in effect.little]
-        kept = [columns for columns in _signatures(problem, effect, sized) if columns is not None]
-        found[effect.name] = np.hstack([np.zeros((len(problem.data), 0)), *kept])
+    for name, entries in columns.items():
+        if not entries:
+            continue
+        effect = entries[0].effect
+        if effect.background is None:
+            found[name] = _little_of_any_form(entries)
+        else:
+            sized = [(shape, share * effect.strength.typical) for shape, share in effect.background]
+            kept = [little for little in _signatures(problem, effect, sized) if little is not None]
+            found[name] = np.hstack([np.zeros((len(problem.data), 0)), *kept])
     return found
+
+
+def _little_of_any_form(entries: Sequence[Column]) -> Floats:
+    """Principal axes of a little of an effect, whose form is any of some, but for what noise hides, shape (n, q)."""
+    share = BACKGROUND_SHARE / np.sqrt(len(entries))
+    each = share * _side_by_side([column.columns for column in entries], len(entries[0].columns))
+    energy, axes = np.linalg.eigh(each.T @ each)
+    return each @ axes[:, np.cumsum(energy) > _HIDDEN]

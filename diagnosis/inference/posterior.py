@@ -107,7 +107,7 @@ def judge(
     """
     columns = {name: entries for name, entries in columns.items() if entries}
     plant, settings = problem.campaign.plant, problem.settings
-    little = little_of_each(problem, [entries[0].effect for entries in columns.values()])
+    little = little_of_each(problem, columns)
     bench = _bench_of(problem, columns, little)
     singles, pairs = _singles_and_pairs(bench)
     campaign = problem.campaign

@@ -121,7 +121,7 @@ def _is_in_most(shown: np.ndarray) -> bool:
 def _trial(problem: LinearProblem, part: Part, equation: Equation, faults: SensorFaults) -> _Trial | None:
     """One trial; None where the balance was not measured, or for too short a time.
 
-    Where the model says the battery's voltage, the balance varies with what the model misses of it.
+    A battery voltage that was not measured is the model's, and the balance then varies with the error of that.
     """
     state = part.state
     n = state.angle_rad.shape[0]

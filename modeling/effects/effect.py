@@ -153,7 +153,7 @@ class Effect:
         What an experiment must vary to tell it from those.
     background : tuple of (shape, float), optional
         Shapes that stand for a little of it, each with its standard deviation as a multiple of the typical size;
-        without them 5 % of the first shape.
+        without them `BACKGROUND_SHARE` of it, in any of its shapes.
     combine : callable, optional
         (baseline, state, coefficients, **shape) -> the sum of the signatures times coefficients, where that is cheaper
         than signature by signature.
@@ -242,11 +242,6 @@ class Effect:
 
     def _is_silent(self, state: State) -> bool:
         return ("air" in self.silent_in and state.setting.is_idle) or state.kind in self.silent_in
-
-    @property
-    def little(self) -> tuple[tuple[dict[str, float], float], ...]:
-        """Shapes and sizes that are there unnoticed in any machine."""
-        return ((self.shapes[0], BACKGROUND_SHARE),) if self.background is None else self.background
 
     @property
     def bends_hardness(self) -> bool:
