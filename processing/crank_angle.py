@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -140,20 +141,21 @@ def _unfold(time: Floats, y: Floats, nominal: Mechanism | None) -> _Unfolded | N
         time, y = _block_means(time, y, block, step)
         noise, step = max(white_noise_std(y), noise / np.sqrt(block)), step * block
     width = max(int(half_turn_s / step / 24), 1)
-    turns = _turns_of(y, noise, width, drop_spikes=half_turn_s > 24 * step)
+    speed = np.pi / half_turn_s
+    edges = _edges(time, max(LONGEST_STEP * step, 0.5 / speed))
+    turns = _turns_of(y, noise, width, drop_spikes=half_turn_s > 24 * step, edges=edges)
     if turns is None:
         return None
     travel = estimate_travel(time, y, turns, None if nominal is None else float(nominal.radius_m))
     mechanism = Mechanism(radius_m=travel.radius_m, rod_length_m=None if nominal is None else nominal.rod_length_m)
     calm_width = max(int(half_turn_s / step / 8), 1)
     tolerance = max(8.0 * noise / np.sqrt(calm_width), 4e-3 * float(np.mean(travel.radius_m)))
-    angle = _angle_between_turns(y - travel.offset_m, turns, mechanism)
+    angle = _angle_between_turns(y - travel.offset_m, turns, mechanism, edges)
     is_rest = find_rest(moving_mean(y, calm_width), int(half_turn_s / step), tolerance)
-    speed = np.pi / half_turn_s
     return _Unfolded(
         time_s=time,
         displacement_m=y,
-        angle_rad=_bridge_gaps(time, angle, speed, step),
+        angle_rad=_bridge_gaps(time, angle, speed, edges),
         is_rest=is_rest,
         is_averaged=np.zeros(len(y), dtype=bool),
         travel=travel,
@@ -170,22 +172,30 @@ def _without_spikes(time: Floats, y: Floats, noise: float) -> tuple[Floats, Floa
     return time[good], y[good]
 
 
-def _turns_of(y: Floats, noise: float, width: int, *, drop_spikes: bool) -> Turns | None:
+def _turns_of(
+    y: Floats, noise: float, width: int, *, drop_spikes: bool, edges: Sequence[int] | None = None
+) -> Turns | None:
     """Find the turning points, or None where the plunger does not travel or never turns twice.
 
     Travel is 20 noise standard deviations; less where the turns come as regularly as noise never does,
-    because at few samples a stroke the noise is overestimated.
+    because at few samples a stroke the noise is overestimated. `edges` are those of the stretches between gaps.
     """
-    calm = moving_mean(median_of_five(y) if drop_spikes else y, width)
+    stretches = [y] if edges is None else [y[first:last] for first, last in pairwise(edges)]
+    calm = np.concatenate([moving_mean(median_of_five(one) if drop_spikes else one, width) for one in stretches])
     low, high = robust_range(calm, 1.0)
     if high - low <= 0:
         return None
-    turns = find_turns(calm, noise / np.sqrt(width))
+    turns = find_turns(calm, noise / np.sqrt(width), edges)
     if len(turns.index) < 2:
         return None
     strokes = (turns.index[2:] - turns.index[:-2])[1:-1]
     regular = len(strokes) > 4 and np.std(strokes) < 0.2 * np.mean(strokes) and np.mean(strokes) >= 4
     return turns if high - low > 20.0 * noise or regular else None
+
+
+def _edges(time: Floats, longest_s: float) -> list[int]:
+    """First sample of each stretch without a gap that is longer, and the number of samples."""
+    return [0, *(np.flatnonzero(np.diff(time) > longest_s) + 1).tolist(), len(time)]
 
 
 def _block_means(time: Floats, y: Floats, block: int, step: float) -> tuple[Floats, Floats]:
@@ -197,24 +207,30 @@ def _block_means(time: Floats, y: Floats, block: int, step: float) -> tuple[Floa
     return np.add.reduceat(time, starts) / counts, np.add.reduceat(y, starts) / counts
 
 
-def _angle_between_turns(above_m: Floats, turns: Turns, mechanism: Mechanism) -> Floats:
-    """Unwrapped angle by inverting the mechanism between neighbouring dead centres."""
+def _angle_between_turns(above_m: Floats, turns: Turns, mechanism: Mechanism, edges: Sequence[int]) -> Floats:
+    """Angle by inverting the mechanism between neighbouring dead centres, unwrapped within each stretch."""
     within = mechanism.half_turn(above_m)
-    passed = np.searchsorted(turns.index, np.arange(len(above_m)), side="right")
-    first_top = bool(turns.is_top[0])
-    half_turns = passed + (0 if first_top else 1)  # rising in even, falling in odd half turns
-    angle = np.where(half_turns % 2 == 0, within, 2 * np.pi - within) + 2 * np.pi * (half_turns // 2)
-    return np.asarray(angle, dtype=np.float64)
+    angle = np.empty_like(above_m)
+    for first, last in pairwise(edges):
+        of_stretch = slice(*np.searchsorted(turns.index, [first, last]))
+        index, is_top = turns.index[of_stretch], turns.is_top[of_stretch]
+        begins_rising = bool(is_top[0]) if len(index) else above_m[last - 1] >= above_m[first]
+        passed = np.searchsorted(index, np.arange(first, last), side="right")
+        half_turns = passed + (0 if begins_rising else 1)  # rising in even, falling in odd half turns
+        part = within[first:last]
+        angle[first:last] = np.where(half_turns % 2 == 0, part, 2 * np.pi - part) + 2 * np.pi * (half_turns // 2)
+    return angle
 
 
-def _bridge_gaps(time: Floats, angle: Floats, speed: float, step: float) -> Floats:
-    """Add the whole turns that went by unseen in gaps, from the typical speed."""
+def _bridge_gaps(time: Floats, angle: Floats, speed: float, edges: Sequence[int]) -> Floats:
+    """Add the whole turns that went by before each stretch and unseen in its gap, from the typical speed."""
     angle = angle.copy()
-    for k in np.flatnonzero(np.diff(time) > max(LONGEST_STEP * step, 0.5 / speed)):
+    for first in edges[1:-1]:
+        k = first - 1
         near = slice(max(k - 400, 0), k)
         local = np.median(np.diff(angle[near]) / np.diff(time[near])) if k > 20 else speed
-        unseen = (max(local, 0.0) * (time[k + 1] - time[k]) - (angle[k + 1] - angle[k])) / (2 * np.pi)
-        angle[k + 1 :] += 2 * np.pi * max(round(unseen), 0)
+        ahead = max(local, 0.0) * (time[first] - time[k]) - (angle[first] - angle[k])
+        angle[first:] += 2 * np.pi * round(float(ahead) / (2 * np.pi))
     return angle
 
 

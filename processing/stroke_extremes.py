@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numba import njit
@@ -30,7 +32,7 @@ class Turns:
     index : ndarray of int, shape (m,)
         Sample of each turn, increasing.
     is_top : ndarray of bool, shape (m,)
-        Largest displacement (crank angle pi) or smallest (0); they alternate.
+        Largest displacement (crank angle pi) or smallest (0); they alternate where no gap lies between.
     """
 
     index: NDArray[np.int64]
@@ -89,11 +91,11 @@ def moving_mean(values: Floats, width: int) -> Floats:
     return (total[last] - total[first]) / (last - first) + values[0]
 
 
-def find_turns(displacement_m: Floats, noise_std_m: float) -> Turns:
+def find_turns(displacement_m: Floats, noise_std_m: float, edges: Sequence[int] | None = None) -> Turns:
     """Find the dead centres the plunger passed.
 
-    A turn must differ by 30 % of the travel, except the first and the last one, where the crank may have
-    started or stopped just beside a dead centre: there 6 noise standard deviations suffice.
+    A turn must differ by 30 % of the travel, except the first and the last one of a stretch, where the crank may have
+    been beside a dead centre: there 6 noise standard deviations suffice.
 
     Parameters
     ----------
@@ -101,24 +103,45 @@ def find_turns(displacement_m: Floats, noise_std_m: float) -> Turns:
         Smoothed well below the stroke rate.
     noise_std_m : float
         Of the smoothed signal, m.
+    edges : sequence of int, optional
+        First sample of each stretch without a gap, and n: what a gap hides is no turn. Default: one stretch.
 
     Returns
     -------
     Turns
         Empty where the plunger does not travel.
     """
-    y = displacement_m
-    low, high = robust_range(y, 1.0)
+    low, high = robust_range(displacement_m, 1.0)
     travel = high - low
+    stretches = list(pairwise([0, len(displacement_m)] if edges is None else edges))
+    rough = [_rough_turns(displacement_m[first:last], travel) for first, last in stretches]
+    found = _joined(rough, stretches)
+    if len(np.unique(found.is_top)) < 2:
+        return found
+    level = {is_top: float(np.median(displacement_m[found.index[found.is_top == is_top]])) for is_top in (True, False)}
+    fine = max(6.0 * noise_std_m, 1e-4 * travel)
+    fitted = [
+        _with_ends(displacement_m[first:last], turns, level, travel, fine)
+        for turns, (first, last) in zip(rough, stretches, strict=True)
+    ]
+    return _joined(fitted, stretches)
+
+
+def _rough_turns(y: Floats, travel: float) -> Turns:
     index, is_top = np.empty(len(y) + 1, np.int64), np.empty(len(y) + 1, np.bool_)
     count = _zigzag(y, 0.3 * travel, index, is_top) if travel > 0 else 0
-    index, is_top = index[:count], is_top[:count]
-    if count < 2:
-        return Turns(index=index, is_top=is_top)
-    tops, bottoms = y[index[is_top]], y[index[~is_top]]
-    level = {True: float(np.median(tops)), False: float(np.median(bottoms))}
-    fine = max(6.0 * noise_std_m, 1e-4 * travel)
-    if not _passes(y[: index[0] + 1], level[bool(is_top[0])], bool(is_top[0]), travel, fine):
+    return Turns(index=index[:count], is_top=is_top[:count])
+
+
+def _joined(found: Sequence[Turns], stretches: Sequence[tuple[int, int]]) -> Turns:
+    index = [turns.index + first for turns, (first, _) in zip(found, stretches, strict=True)]
+    return Turns(index=np.concatenate(index), is_top=np.concatenate([turns.is_top for turns in found]))
+
+
+def _with_ends(y: Floats, turns: Turns, level: Mapping[bool, float], travel: float, fine: float) -> Turns:
+    """Turns of one stretch without a first one that was not passed, and with a last one that was."""
+    index, is_top = turns.index, turns.is_top
+    if len(index) and not _passes(y[: index[0] + 1], level[bool(is_top[0])], bool(is_top[0]), travel, fine):
         index, is_top = index[1:], is_top[1:]
     if not len(index):
         return Turns(index=index, is_top=is_top)

@@ -248,13 +248,13 @@ def _where(problem: LinearProblem, posterior: Posterior) -> list[dict[str, Any]]
         for spot in locate(problem, posterior)
     ]
     beside = posterior.off_stroke
-    if beside is None or not beside.lines_hz:
+    if beside is None or not (beside.lines_hz or beside.equation):
         return found
-    # Mean strokes, and so the shares, hold nothing of a line; where they hold no gap, it is all there is.
+    # Mean strokes, and so the shares, hold nothing of it; where they hold no gap, it is all there is.
     is_all = posterior.of("parameters").left_over < problem.quiet
     line = {
-        "equation": _EQUATION_OF_CHANNEL.get(beside.channel, "sensing"), "channel": beside.channel,
-        "share": 1.0 if is_all else 0.0, "crank_angle_rad": [], "frequency_hz": list(beside.lines_hz),
+        "equation": beside.equation or _EQUATION_OF_CHANNEL.get(beside.channel, "sensing"), "channel": beside.channel,
+        "share": 1.0 if is_all else 0.0, "crank_angle_rad": [], "frequency_hz": list(beside.lines_hz) or None,
         "grows_with": [],
     }  # fmt: skip
     return [line] if is_all else [*found, line]

@@ -49,6 +49,8 @@ class Nuisance:
         (baseline, state) -> change of the residuals for one unit.
     is_effect : bool
         Its error is an effect of the catalogue, and weighed as that: it is not re-tuned beyond its uncertainty.
+    is_zero : bool
+        Its error is that of a sensor's zero.
     """
 
     name: str
@@ -57,6 +59,7 @@ class Nuisance:
     is_plant: bool
     signature: SignatureFunction
     is_effect: bool = False
+    is_zero: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -269,29 +272,33 @@ def _sensor_nuisances(baseline: Baseline) -> list[Nuisance]:
     reading, a gain of -100 % would make every misfit vanish, and large misfits would be "explained" so. The zero of a
     current sensor is stated in shares of its range, which goes with the machine's currents.
     """
-    signatures: dict[str, SignatureFunction] = {
+    gains: dict[str, SignatureFunction] = {
         "motor_current_gain": _motor_current_gain,
-        "motor_current_offset_a": _motor_current_offset,
         "force_gain": _force_gain,
-        "force_offset_n": force_offset,
         "battery_current_gain": _battery_current_gain,
-        "battery_current_offset_a": _battery_current_offset,
         "battery_voltage_gain": _battery_voltage_gain,
+    }
+    zeros: dict[str, SignatureFunction] = {
+        "motor_current_offset_a": _motor_current_offset,
+        "force_offset_n": force_offset,
+        "battery_current_offset_a": _battery_current_offset,
         "battery_voltage_offset_v": _battery_voltage_offset,
-        "angle_zero_rad": angle_shift,
     }
     sensors = SETTINGS.sensors
     zero_a = sensors.current_zero_share * baseline.usual_current_a
     stds = {name: max(std, zero_a) if name.endswith("_offset_a") else std for name, std in sensors.std.items()}
+
+    def shared(name: str, signature: SignatureFunction) -> Nuisance:
+        return Nuisance(
+            name=name, nominal=0.0, std=stds[name], is_plant=False, signature=signature, is_zero=name in zeros
+        )
+
     return [
-        *(
-            Nuisance(name=name, nominal=0.0, std=stds[name], is_plant=False, signature=signature)
-            for name, signature in signatures.items()
-        ),
+        *(shared(name, signature) for name, signature in {**gains, **zeros, "angle_zero_rad": angle_shift}.items()),
         *(
             Nuisance(
                 name=warm_up_of(name, time_s), nominal=0.0, std=sensors.drift_share * sensors.std[name],
-                is_plant=False, signature=_warming(signatures[name], time_s),
+                is_plant=False, signature=_warming(gains[name], time_s),
             )
             for name in DRIFTING
             for time_s in sensors.drift_times_s

@@ -133,12 +133,15 @@ class Finding:
         That shows it most.
     lines_hz : tuple of float
         Frequencies of a line: one, or one for every stroke rate that it goes with; none of bursts.
+    equation : str
+        Of the report, where it is known in which it acts.
     """
 
     log_evidence: float
     text: str
     channel: str
     lines_hz: tuple[float, ...] = ()
+    equation: str = ""
 
 
 def off_stroke(trial: TrackedTrial) -> OffStroke | None:
@@ -312,7 +315,7 @@ def _is_narrow(power: Floats) -> np.ndarray:
     return (power >= near) & (np.maximum(left, right) < _NUMBERS.foot_share * power)
 
 
-def off_stroke_finding(trials: Sequence[OffStroke]) -> Finding | None:
+def off_stroke_findings(trials: Sequence[OffStroke]) -> list[Finding]:
     """Weigh what the trials have in common.
 
     Parameters
@@ -321,11 +324,10 @@ def off_stroke_finding(trials: Sequence[OffStroke]) -> Finding | None:
 
     Returns
     -------
-    Finding or None
-        The strongest; None where nothing holds in most of the trials.
+    list of Finding
+        Those that hold in most of the trials.
     """
-    found = [*_common_lines(trials), *_common_bursts(trials)]
-    return max(found, key=lambda f: f.log_evidence, default=None)
+    return [*_common_lines(trials), *_common_bursts(trials)]
 
 
 def _common_lines(trials: Sequence[OffStroke]) -> Iterator[Finding]:

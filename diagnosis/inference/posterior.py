@@ -22,11 +22,12 @@ from sawbench.diagnosis.inference.forming import Forming
 from sawbench.diagnosis.inference.hypothesis import Hypothesis, Verdict
 from sawbench.diagnosis.inference.left_over import left_by, left_over
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
-from sawbench.diagnosis.inference.off_stroke import Finding, off_stroke_finding
+from sawbench.diagnosis.inference.off_stroke import Finding, off_stroke_findings
 from sawbench.diagnosis.inference.retuning import evidence_of_retuning
 from sawbench.diagnosis.inference.size import together
 from sawbench.diagnosis.inference.stroke_evidence import StrokesSay, sized_by_strokes, strokes_say, with_strokes
 from sawbench.diagnosis.inference.unnamed import beyond_catalogue, unnamed
+from sawbench.diagnosis.inference.unsteady_balance import unsteady_balances
 from sawbench.diagnosis.inference.weighing import weigh
 
 
@@ -111,7 +112,8 @@ def judge(
     singles, pairs = _singles_and_pairs(bench)
     campaign = problem.campaign
     said, of_strokes = strokes_say(plant.effects, campaign.states, campaign.strokes, settings, plant.known)
-    beside = off_stroke_finding(problem.campaign.off_stroke)
+    asynchronous = [*off_stroke_findings(campaign.off_stroke), *unsteady_balances(problem)]
+    beside = max(asynchronous, key=lambda finding: finding.log_evidence, default=None)
     listed = {h.name: h.log_evidence for h in singles}
     beyond = beyond_catalogue(bench.forming, bench.nominal, bench.beyond, listed)
     nobodys = unnamed(bench.forming, beyond, of_strokes, beside)

@@ -14,7 +14,7 @@ from sawbench.bench.units import (
     FORCE,
     MOTOR_CURRENT,
 )
-from sawbench.diagnosis.inference.off_stroke import fixed_lines, off_stroke, off_stroke_finding
+from sawbench.diagnosis.inference.off_stroke import fixed_lines, off_stroke, off_stroke_findings
 from sawbench.diagnosis.inference.strikes import foreign_bursts, strikes
 from sawbench.diagnosis.inference.wandering_line import wandering_lines
 
@@ -74,7 +74,7 @@ def trials(disturb, seed=3, noise=NOISE, resolution=0.0, plan=TRIALS, rate_hz=RA
 
 
 def campaign(disturb, **numbers):
-    return off_stroke_finding(trials(disturb, **numbers))
+    return max(off_stroke_findings(trials(disturb, **numbers)), key=lambda f: f.log_evidence, default=None)
 
 
 def numbers(text):
@@ -279,7 +279,7 @@ def test_what_stands_in_a_gap_of_the_samples_is_no_burst():
         material = "none" if feed_mm_s is None else "oak"
         trial = Trial(trial_id=f"t{number}", duty=0.5, material=material, feed_mm_s=feed_mm_s)
         found.append(off_stroke(processed_trial(trial, signals, angle, 0.0, DURATION_S)))
-    assert off_stroke_finding(found) is None
+    assert off_stroke_findings(found) == []
     assert foreign_bursts(found) == {}
 
 

@@ -124,6 +124,22 @@ def test_a_gap_over_a_dead_centre_does_not_make_it_another_stroke(dead_centre_ra
     assert np.max(np.abs(found.speed_rad_s[whole_turns] / (2 * np.pi * 20.0) - 1.0)) < 0.02
 
 
+@pytest.mark.parametrize("strokes", [0.45, 0.6, 0.77, 0.95, 1.6, 4.1])
+@pytest.mark.parametrize("rate_hz", [1200.0, 4200.0])
+def test_a_gap_of_any_length_and_place_loses_no_stroke(strokes, rate_hz):
+    """A gap may hide one dead centre, two, or strokes; the speed varies within the stroke and slowly."""
+    time_s = np.arange(0.0, 3.0, 1 / rate_hz)
+    turned = 12.0 * time_s + 0.02 * np.sin(2 * np.pi * 1.3 * time_s)
+    angle = 2 * np.pi * turned + 0.02 * np.sin(2 * np.pi * 12.0 * time_s)
+    noise_m = 5e-6 * np.random.default_rng(5).standard_normal(len(time_s))
+    for begins_s in 1.5 + np.arange(0.0, 1.0, 1 / 12) / 12.0:
+        seen = (time_s < begins_s) | (time_s > begins_s + strokes / 12.0)
+        track = track_crank_angle(time_s[seen], (0.01 * (1.0 - np.cos(angle)) + noise_m)[seen])
+        away = np.abs(track.time_s - begins_s - 0.5 * strokes / 12.0) > 0.6 * strokes / 12.0
+        off = (track.angle_rad - np.interp(track.time_s, time_s, angle))[away]
+        assert np.abs(off - 2 * np.pi * np.round(np.median(off[:99]) / (2 * np.pi))).max() < 0.1
+
+
 def test_slider_crank_needs_its_rod():
     t = np.arange(0, 2, 1e-3)
     angle = 2 * np.pi * 11.3 * t + 0.4

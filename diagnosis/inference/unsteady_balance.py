@@ -1,0 +1,190 @@
+"""Balances of the electrical side that do not hold throughout a trial.
+
+However hard the wood is, the voltages of the motor and the battery and the currents of the converter balance in every
+stroke: the equations take what was measured. A number of the machine that is off, and any effect of the catalogue,
+leaves something that goes with the currents or changes slowly; a sensor leaves its noise, its steps, and a zero that
+may wander by as much as it is stated to be uncertain. What varies beyond is the machine's: a contact that is loose, a
+duty that is not the one stated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
+from sawbench.diagnosis.inference.off_stroke import Finding
+from sawbench.diagnosis.inference.sensor_faults import SensorFaults
+from sawbench.diagnosis.inference.settings import SETTINGS
+from sawbench.modeling.residuals import Equation
+from sawbench.modeling.state import TWO_PI, State
+
+_WORDS: Final = MappingProxyType(
+    {
+        "electrical": "the balance of voltages at the motor",
+        "supply": "the balance of voltages at the battery",
+        "converter": "the balance of currents at the converter",
+    }
+)
+# Mean, slope and bend of a trial: what warms up and discharges. Time constants of a battery's polarisation, s.
+_TREND: Final = 3
+_MEMORIES_S: Final = (1.0, 5.0, 30.0)
+_FEWEST_UNITS: Final = 8
+# Standard deviation of a normal distribution over the median of its absolute values.
+_STD_OVER_MEDIAN: Final = 1.4826
+# Of least absolute values by least squares with weights; residuals below a share of their median weigh alike.
+_N_PASSES, _LEAST_SHARE = 10, 0.1
+_NUMBERS: Final = SETTINGS.off_stroke
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Trial:
+    """One balance of one trial, a row for each few strokes, without the trial's trend.
+
+    Attributes
+    ----------
+    rest : ndarray, shape (n,)
+        Residual, in the unit of its equation.
+    currents : ndarray, shape (n, q)
+        What may leave a part of it.
+    allowed : float
+        Variance that the sensors explain.
+    is_idle : bool
+    """
+
+    rest: Floats
+    currents: Floats
+    allowed: float
+    is_idle: bool
+
+
+def unsteady_balances(problem: LinearProblem) -> list[Finding]:
+    """Weigh what varies within trials against all that the sensors may do.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+
+    Returns
+    -------
+    list of Finding
+        One for each balance that varies by more in most of the trials.
+    """
+    faults = SensorFaults(problem.campaign)
+    found = []
+    for equation, words in _WORDS.items():
+        if equation not in problem.campaign.plant.equations:
+            continue
+        trials = [t for part in problem.parts if (t := _trial(problem, part, equation, faults)) is not None]
+        found += list(_weighed(problem, equation, words, trials))
+    return found
+
+
+def _weighed(problem: LinearProblem, equation: Equation, words: str, trials: list[_Trial]) -> Iterator[Finding]:
+    if not trials:
+        return
+    currents = np.concatenate([t.currents for t in trials])
+    rest = _without(np.concatenate([t.rest for t in trials])[:, None], currents)[:, 0]
+    parts = np.split(rest, np.cumsum([len(t.rest) for t in trials])[:-1])
+    free = np.array([len(part) - _TREND - currents.shape[1] / len(trials) for part in parts])
+    spread = np.array([_STD_OVER_MEDIAN * float(np.median(np.abs(part))) for part in parts])
+    variance = spread**2 * np.array([len(part) for part in parts]) / np.maximum(free, 1.0)
+    over = variance / np.array([t.allowed for t in trials])
+    nats = 0.5 * free * np.where(over > 1.0, over - 1.0 - np.log(np.maximum(over, 1.0)), 0.0)
+    shown, is_loaded = over > 1.0, np.array([not t.is_idle for t in trials])
+    # In air hardly a current flows through a contact that is loose.
+    groups = [group for group in (np.ones_like(shown), is_loaded) if _is_in_most(shown[group])]
+    if not groups:
+        return
+    group = groups[0]
+    form = problem.campaign.plant.equations[equation]
+    yield Finding(
+        log_evidence=float(np.minimum(nats, _NUMBERS.most_per_trial)[group].sum()),
+        channel=form.channel,
+        equation=form.place,
+        text=(
+            f"{words} varies within a trial by {float(np.sqrt(np.median(variance[group & shown]))):.2g} {form.unit}, in"
+            f" {(group & shown).sum()} of {group.sum()} trials, more than currents and sensors explain: a loose contact"
+            " or a duty that is not as stated; no effect of the catalogue does this"
+        ),
+    )
+
+
+def _is_in_most(shown: np.ndarray) -> bool:
+    return bool(shown.sum() >= max(_NUMBERS.in_most * len(shown), SETTINGS.noise.least_trials))
+
+
+def _trial(problem: LinearProblem, part: Part, equation: Equation, faults: SensorFaults) -> _Trial | None:
+    """One trial; None where the balance was not measured, or for too short a time.
+
+    Where the model says the battery's voltage, the balance varies with what the model misses of it.
+    """
+    state = part.state
+    n = state.angle_rad.shape[0]
+    is_measured = equation in part.layout.slices and state.battery_voltage_v is not None
+    if state.kind != "running" or not is_measured or n < _FEWEST_UNITS:
+        return None
+    rounding = faults.variance(part.layout, state)[part.layout.slices[equation].start]
+    allowed = _by_sensors(problem, state, equation) + float(rounding)
+    rows = np.column_stack([problem.campaign.plant.residuals(state)[equation].mean(axis=1), *_currents(state)])
+    rows = _without(rows, np.vander(np.linspace(-1.0, 1.0, n), _TREND))
+    if allowed <= 0.0:
+        return None
+    return _Trial(rest=rows[:, 0], currents=rows[:, 1:], allowed=allowed, is_idle=state.setting.is_idle)
+
+
+def _by_sensors(problem: LinearProblem, state: State, equation: Equation) -> float:
+    """Variance of a few strokes' balance by zeros that wander by their standard uncertainty, and by white noise."""
+    plant = problem.campaign.plant
+    found = 0.0
+    for nuisance in plant.nuisances():
+        if nuisance.is_zero:
+            wave = nuisance.signature(plant.model, state).get(equation)
+            found += 0.0 if wave is None else (nuisance.std * float(np.mean(wave))) ** 2
+    unit_s = float(np.mean(state.n_strokes)) * TWO_PI / float(state.speed_rad_s.mean())
+    for channel, reading in plant.readings().items():
+        of_mean = [one.noise**2 / max(one.rate_hz * unit_s, 1.0) for one in problem.campaign.health
+                   if one.channel == channel]  # fmt: skip
+        wave = reading.signature(plant.model, state).get(equation) if of_mean else None
+        found += 0.0 if wave is None else max(of_mean) * float(np.mean(wave)) ** 2
+    return found
+
+
+def _currents(state: State) -> list[Floats]:
+    """Means over a few strokes of the currents, of the motor's square and change, and of what a battery remembers.
+
+    Shape (n,) each; zeros where a current was not measured.
+    """
+    motor_a, battery_a = (
+        np.zeros_like(state.speed_rad_s) if measured is None else measured
+        for measured in (state.current_a, state.battery_current_a)
+    )
+    drawn_a = battery_a.mean(axis=1)
+    steps_s = np.diff(state.time_s[:, 0], prepend=state.time_s[0, 0])
+    remembered = [_remembered(drawn_a, steps_s, memory_s) for memory_s in _MEMORIES_S]
+    mean_a = motor_a.mean(axis=1)
+    return [mean_a, (motor_a**2).mean(axis=1), np.gradient(mean_a), drawn_a, *remembered]
+
+
+def _without(rows: Floats, design: Floats) -> Floats:
+    """Take off rows, shape (n, q), what goes with a design, shape (n, p): least absolute values of the first column."""
+    weight = np.ones((len(rows), 1))
+    for _ in range(_N_PASSES):
+        left = rows - design @ np.linalg.lstsq(weight * design, weight * rows, rcond=None)[0]
+        size = np.abs(left[:, :1])
+        # Few strokes that were not measured well have no weight.
+        weight = 1.0 / np.sqrt(np.maximum(size, _LEAST_SHARE * np.median(size) + 1e-300))
+    return left
+
+
+def _remembered(values: Floats, steps_s: Floats, memory_s: float) -> Floats:
+    """First-order low-pass of values from one step in time to the next, shape (n,)."""
+    kept, found = float(values[0]), np.empty_like(values)
+    for k, (value, step_s) in enumerate(zip(values, steps_s, strict=True)):
+        kept += (float(value) - kept) * -np.expm1(-step_s / memory_s)
+        found[k] = kept
+    return found

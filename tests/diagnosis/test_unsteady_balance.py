@@ -1,0 +1,85 @@
+"""A balance of the electrical side that varies within a trial: what sensors, currents and slow changes may leave, and
+what they may not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sawbench.diagnosis.inference.posterior import judge
+from sawbench.diagnosis.inference.refining import effect_columns
+from sawbench.diagnosis.inference.unsteady_balance import unsteady_balances
+
+from tests.rigs.jigsaw_in_time import BASELINE
+from tests.rigs.scattered_strokes import N_UNITS, problem_of, strokes
+
+ZERO_A = 0.01 * BASELINE.usual_current_a
+# What the zeros of the sensors of current and voltage do to the balance at a duty of 0.44.
+BY_ZEROS_V = float(np.hypot(BASELINE.plant.resistance_ohm.nominal * ZERO_A, 0.44 * 0.01))
+
+
+def with_voltage(states, change_v):
+    """Motors whose voltage is off by `change_v(state, rng)`, one number a few strokes."""
+    rng = np.random.default_rng(3)
+    return [replace(s, motor_voltage_v=s.motor_voltage_v + change_v(s, rng)[:, None]) for s in states]
+
+
+def found_with(change_v, seed=21):
+    return unsteady_balances(problem_of(with_voltage(strokes(seed), change_v)))
+
+
+@pytest.mark.parametrize("seed", range(21, 29))
+def test_sensors_and_wood_leave_every_balance_steady(seed):
+    assert unsteady_balances(problem_of(strokes(seed))) == []
+
+
+def test_a_duty_that_wanders_is_found_where_it_acts():
+    (finding,) = found_with(lambda s, rng: 4.0 * BY_ZEROS_V * rng.standard_normal(N_UNITS))
+    assert finding.equation == "electrical"
+    assert finding.channel == "motor_current_a"
+    assert finding.log_evidence > 20.0
+    assert "in 5 of 5 trials" in finding.text
+
+
+def test_no_more_than_the_zeros_of_sensors_do_is_theirs():
+    assert found_with(lambda s, rng: 0.5 * BY_ZEROS_V * rng.standard_normal(N_UNITS)) == []
+
+
+def test_a_contact_that_is_loose_shows_under_load_alone():
+    """The battery's voltage falls by a resistance that changes; in air hardly a current flows."""
+    rng = np.random.default_rng(4)
+    states = []
+    in_air = [s for s in strokes() if s.setting.is_idle]
+    for state in [*strokes(), *in_air, *in_air]:
+        dropped_v = 0.02 * rng.uniform(0.0, 1.0, N_UNITS)[:, None] * state.battery_current_a
+        voltage_v = state.battery_voltage_v - (0.0 if state.setting.is_idle else dropped_v)
+        states.append(replace(state, battery_voltage_v=voltage_v, motor_voltage_v=state.setting.duty * voltage_v))
+    found = {finding.channel: finding for finding in unsteady_balances(problem_of(states))}
+    assert "in 4 of 4 trials" in found["battery_voltage_v"].text
+
+
+@pytest.mark.parametrize(
+    "change_v",
+    [
+        pytest.param(lambda s, rng: -0.5 * (s.current_a.mean(axis=1) - 10.0), id="series resistance"),
+        pytest.param(lambda s, rng: np.linspace(0.0, 1.0, N_UNITS), id="a winding that warms up"),
+        pytest.param(lambda s, rng: 3.0 * (np.arange(N_UNITS) == 5), id="a few strokes in a gap of the samples"),
+    ],
+)
+def test_what_goes_with_currents_or_slowly_or_once_is_none(change_v):
+    assert found_with(change_v) == []
+
+
+def test_in_a_minority_of_trials_it_is_none():
+    def change_v(state, rng):
+        return 4.0 * BY_ZEROS_V * rng.standard_normal(N_UNITS) * (state.setting.index < 2)
+
+    assert found_with(change_v) == []
+
+
+def test_it_makes_the_cause_unknown_and_says_so():
+    problem = problem_of(with_voltage(strokes(), lambda s, rng: 4.0 * BY_ZEROS_V * rng.standard_normal(N_UNITS)))
+    posterior = judge(problem, effect_columns(problem))
+    assert posterior.verdict == "unknown"
+    assert posterior.resembles.startswith("the balance of voltages at the motor varies within a trial")
