@@ -222,13 +222,16 @@ def measured_point(trial: AnalysedTrial, k_fc_n_s_per_m: float) -> OperatingPoin
 
 
 def doubted(fit: CuttingFit, processed: ProcessedTrial) -> CuttingFit:
-    """Mark a fit that rests on channels the processing found clipped, swapped, reversed or in another unit."""
+    """Mark a fit that rests on channels the processing found clipped, swapped, reversed or in another unit.
+
+    Where samples of them are missing the rest is fitted and keeps its status; the notes say so.
+    """
     used = {"force": ("displacement_mm", "force_n"), "current_and_force": (*_DRIVE_CHANNELS, "force_n")}
-    doubts = processed.doubts(*used.get(fit.method, _DRIVE_CHANNELS))
-    if not doubts:
-        return fit
-    status = "contradicted" if fit.status == "ok" else fit.status
-    return replace(fit, status=status, notes=(*doubts, *fit.notes))
+    channels = used.get(fit.method, _DRIVE_CHANNELS)
+    doubts = processed.doubts(*channels)
+    losses = tuple(text for text in processed.losses if text.partition(":")[0] in channels)
+    status = "contradicted" if doubts and fit.status == "ok" else fit.status
+    return replace(fit, status=status, notes=(*doubts, *losses, *fit.notes))
 
 
 def runtime_of(

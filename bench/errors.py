@@ -52,6 +52,28 @@ class WritingError(RecordingError):
 
     exit_code = 1
 
+    @classmethod
+    def of(cls, error: Exception, *, where: object, kept: str = "") -> WritingError:
+        """Say that a file cannot be written, why, and what to do.
+
+        Parameters
+        ----------
+        error : Exception
+            What the system or a library said.
+        where : str or Path
+            The file.
+        kept : str, optional
+            What becomes of the data written so far; by default nothing of them is left.
+
+        Examples
+        --------
+        >>> print(WritingError.of(OSError(28, "No space left on device"), where="oak-01.rrd"))
+        oak-01.rrd: cannot be written: No space left on device
+          -> free disk space, or give a file on another disk
+        """
+        remedy = "free disk space, or give a file on another disk" + (f"; {kept}" if kept else "")
+        return cls(f"cannot be written: {getattr(error, 'strerror', None) or error}", where=where, remedy=remedy)
+
 
 class DeviceError(SawbenchError):
     """An instrument is missing, silent or speaks something else (exit code 1)."""

@@ -38,7 +38,7 @@ GIVEN_UP_S = 120
 RATE_HZ, SECONDS = 1000, 4
 CHUNK, HEAD = 0x06, 9
 # Of what is said where samples may be others than those that were recorded.
-DOUBT = ("vouched", "cannot be read", "left out", "checksum", "damaged", "are not read", "claims", "lost")
+DOUBT = ("not verified", "cannot be read", "left out", "checksum", "damaged", "are not read", "claims", "lost")
 
 
 def write_base(path: Path, *, seed: int) -> None:

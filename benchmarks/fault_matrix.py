@@ -105,7 +105,8 @@ def run_link_fault(
     def sensor(channel: str) -> Callable[..., Any]:
         def read(time_s: Any, noise: Any) -> Any:
             values = sine_of(channel, time_s, noise)
-            is_wrong = (time_s > FAULT_AT_S) & (time_s < FAULT_AT_S + 0.012) & (channel == instrument.channel)
+            lasts_s = max(0.012, 2.0 / instrument.rate_hz)
+            is_wrong = (time_s > FAULT_AT_S) & (time_s < FAULT_AT_S + lasts_s) & (channel == instrument.channel)
             return values if wrong_value is None else np.where(is_wrong, wrong_value, values)
 
         return read

@@ -20,7 +20,7 @@ SILENT_ERROR_S = 0.0025
 # The switch of `edge_times` sees the same sine as displacement, and closes where it rises through 10 mm.
 EDGES = "stroke_rate_hz"
 EDGE_ANGLE = float(np.arccos((MEAN["displacement_mm"] - 10.0) / AMPLITUDE["displacement_mm"]))
-WITNESS = {"driver": "gsv8", "port": "x", "rate_hz": 2000}
+WITNESS = {"driver": "gsv8", "port": "witness", "rate_hz": 2000}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +65,7 @@ class Instrument:
     def _devices(self) -> dict[str, dict[str, Any]]:
         calibration = {"displacement_mm": {"scale": 2.5}, "force_n": {"scale": 250.0}}[self.witness]
         channels = {self.witness: {"input": 1, "raw_range": [-10.5, 10.5], "calibration": calibration}}
-        return {"victim": {"port": "x", **self.table}, "witness": {**WITNESS, "channels": channels}}
+        return {"victim": {"port": "victim", **self.table}, "witness": {**WITNESS, "channels": channels}}
 
 
 def _further(name: str, channel: str, rate_hz: float, n_bytes_12_ms: int, *, is_polled: bool = False) -> Instrument:

@@ -34,8 +34,8 @@ from benchmarks.fault_rig import SILENT_ERROR_S, Instrument, Row, sine_of, worst
 SECONDS, FAULT_AFTER_S = 5.0, 2.0
 NOBODY = 65534
 # A disk holds whole pages, and the names of the files.
-DISK_BYTES = 80_000
-SMALL_DISK = "size=96k"
+DISK_BYTES = 36_000
+SMALL_DISK = "size=40k"
 NO_FILE_S = 60.0
 
 

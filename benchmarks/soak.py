@@ -61,7 +61,7 @@ def config_text(n_amplifiers: int, ports: dict[str, str] | None = None) -> str:
     devices: dict[str, dict[str, Any]] = {}
     for k, (channel, scale) in enumerate(CHANNELS.items()):
         name = f"amplifier_{k % n_amplifiers + 1}"
-        table = devices.setdefault(name, {"driver": "gsv8", "port": (ports or {}).get(name, "x"), "rate_hz": RATE_HZ})
+        table = devices.setdefault(name, {"driver": "gsv8", "port": (ports or {}).get(name, name), "rate_hz": RATE_HZ})
         wired = table.setdefault("channels", {})
         wired[channel] = {"input": len(wired) + 1, "raw_range": [-20.0, 20.0], "calibration": {"scale": scale}}
     return tomli_w.dumps({"devices": devices})

@@ -12,7 +12,7 @@ import click
 from sawbench.bench.errors import InputError, UntrustedResult
 from sawbench.bench.units import CHANNEL_BY_NAME, FORCE
 from sawbench.commands.link import current_link
-from sawbench.commands.options import calibration_book_path, config_option, json_option
+from sawbench.commands.options import bench_config_option, calibration_book_path, json_option
 from sawbench.commands.tare import read_resting
 from sawbench.commands.terminal import emit, table
 from sawbench.inputs import config_for, default_config_path
@@ -77,7 +77,7 @@ class Session:
 )  # fmt: skip
 @click.option("--operator", default="", help="Name of the operator.")
 @click.option("--note", default="", help="Note stored with the calibration: weights, certificate, temperature.")
-@config_option
+@bench_config_option
 @click.option("--simulated", is_flag=True, help="Calibrate the simulated bench; the loads are applied automatically.")
 @click.option("--seed", default=0, show_default=True, help="Seed of the simulated bench.")
 @click.option(

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
-from sawbench.commands.options import calibration_book_path, config_option, json_option
+from sawbench.commands.options import bench_config_option, calibration_book_path, json_option
 from sawbench.commands.terminal import emit, stepper, table
 from sawbench.inputs import config_for, default_config_path
 
@@ -21,7 +21,7 @@ _AT_ONCE_S: Final = 0.1
 
 
 @click.command(name="check", epilog="Example: sawbench check --seconds 3 --simulated")
-@config_option
+@bench_config_option
 @click.option(
     "--seconds", type=click.FloatRange(0.5, 600.0), default=3.0, show_default=True, help="Observation time, s."
 )

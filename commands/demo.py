@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from sawbench.bench.errors import UntrustedResult
 from sawbench.bench.recording import Trial
-from sawbench.commands.options import config_option, force_option, json_option, refuse_unwritable
+from sawbench.commands.options import bench_config_option, force_option, json_option, refuse_unwritable
 from sawbench.commands.terminal import emit, has_display
 from sawbench.inputs import config_for, default_config_path
 from sawbench.plain import plain
@@ -54,7 +54,7 @@ class DemoFiles:
 @click.option("--seconds", type=click.FloatRange(2.0), default=8.0, show_default=True, help="Duration of the trial, s.")
 @click.option("--no-view", is_flag=True, help="Do not open the Rerun viewer.")
 @click.option("--seed", default=1, show_default=True, help="Seed of the simulated wood and sensor noise.")
-@config_option
+@bench_config_option
 @force_option
 @json_option
 def command(

@@ -14,12 +14,18 @@ from sawbench.storage.places import Place, StoreFile, find_file, place_of
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
-config_option: Decorator = click.option(
-    "--config",
-    "config_path",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Bench configuration; default: that of the recording, else ./bench_config.toml, else that of the package.",
-)
+_USUAL: Final = "./bench_config.toml, else that of the package"
+
+
+def config_option_of(default: str) -> Decorator:
+    """Add `--config`; `default` says which configuration holds without it."""
+    kind = click.Path(path_type=Path, dir_okay=False)
+    return click.option("--config", "config_path", type=kind, help=f"Bench configuration; default: {default}.")
+
+
+config_option: Decorator = config_option_of(f"that of the recording, else {_USUAL}")
+bench_config_option: Decorator = config_option_of(_USUAL)  # of commands that read no recording
+plan_config_option: Decorator = config_option_of(f"that of the plan, else {_USUAL}")
 
 
 class PlaceType(click.Path):

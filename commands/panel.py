@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import click
 from sawbench.bench.errors import InputError, SawbenchError
-from sawbench.commands.options import calibration_book_path, config_option, refuse_unwritable_folder
+from sawbench.commands.options import bench_config_option, calibration_book_path, refuse_unwritable_folder
 from sawbench.inputs import config_for, default_config_path
 
 _PORT: Final = 8765
@@ -16,7 +16,7 @@ _NEEDED: Final = ("starlette", "uvicorn")
 
 
 @click.command(name="panel", epilog="Example: sawbench panel --simulated")
-@config_option
+@bench_config_option
 @click.option(
     "--recordings", type=click.Path(path_type=Path, file_okay=False), help="Folder; default: the configuration's."
 )

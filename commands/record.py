@@ -14,8 +14,8 @@ from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Trial
 from sawbench.commands.link import current_link
 from sawbench.commands.options import (
+    bench_config_option,
     calibration_book_path,
-    config_option,
     force_option,
     json_option,
     refuse_unwritable,
@@ -67,7 +67,7 @@ _LONGEST_NAME_BYTES: Final = 200
 @click.option("--repetition", type=click.IntRange(1))
 @click.option("--note", "note_texts", multiple=True, help="Note stored with the trial; may be repeated.")
 @click.option("--out", "directory", type=click.Path(path_type=Path, file_okay=False), help="Folder for the file.")
-@config_option
+@bench_config_option
 @click.option("--live", is_flag=True, help="Show the signals in Rerun while recording.")
 @click.option(
     "--rrd", "rrd_path", type=click.Path(path_type=Path, dir_okay=False), help="Save the live view to this file."

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 from sawbench.bench.errors import InputError
-from sawbench.commands.options import calibration_book_path, config_option, force_option, json_option, refuse_unwritable
+from sawbench.commands.options import (
+    bench_config_option,
+    calibration_book_path,
+    force_option,
+    json_option,
+    plan_config_option,
+    refuse_unwritable,
+)
 from sawbench.commands.terminal import emit, table
 from sawbench.inputs import config_for, default_config_path
 
@@ -62,7 +69,7 @@ def command() -> None:
 )  # fmt: skip
 @click.option("--recordings", help="Folder of the recordings, relative to the plan; default: its name.")
 @click.option("--out", "out_path", required=True, type=click.Path(path_type=Path, dir_okay=False), help="The plan.")
-@config_option
+@bench_config_option
 @force_option
 @json_option
 def plan_command(out_path: Path, config_path: Path | None, force: bool, as_json: bool, **options: Any) -> int:
@@ -96,7 +103,7 @@ def plan_command(out_path: Path, config_path: Path | None, force: bool, as_json:
 @command.command(name="run", epilog="Example: sawbench series run wood.toml --operator Kim")
 @_plan_argument
 @click.option("--operator", help="Name of the operator; default: that of the plan.")
-@config_option
+@plan_config_option
 @click.option("--live", is_flag=True, help="Show the signals in Rerun while recording.")
 @click.option("--simulated", is_flag=True, help="Record from the simulated bench instead of real instruments.")
 @click.option("--yes", "is_unattended", is_flag=True, help="Ask no questions; with --simulated only.")
@@ -170,7 +177,7 @@ def status_command(plan_path: Path, as_json: bool) -> int:
 @_plan_argument
 @click.argument("trial_id", metavar="TRIAL")
 @click.option("--because", required=True, help="Reason, stored in the journal.")
-@config_option
+@plan_config_option
 def repeat_command(plan_path: Path, trial_id: str, because: str, config_path: Path | None) -> int:
     """Reject the recording of TRIAL, kept or not; `series run` records it again. The file is moved, not deleted."""
     from sawbench.acquisition.series.journal import Journal

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 from sawbench.bench.units import CHANNEL_BY_NAME, Channel
-from sawbench.commands.options import config_option, refuse_unwritable
+from sawbench.commands.options import bench_config_option, refuse_unwritable
 
 if TYPE_CHECKING:
     from sawbench.bench.config import LoadedConfig
@@ -33,7 +33,7 @@ _EMPTY_AT = 0.95
 
 
 @click.command(name="simbench", epilog="Example: sawbench simbench --material oak --seed 3")
-@config_option
+@bench_config_option
 @click.option("--material", default="oak", show_default=True, help="nylon, black_locust, oak, or none (air).")
 @click.option("--duty", type=click.FloatRange(0, 1, min_open=True), help="PWM duty; default: the configuration's.")
 @click.option("--seed", default=0, show_default=True, help="Seed of the true plant, the wood and the sensor noise.")

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from sawbench.commands.options import config_option, force_option, json_option, refuse_unwritable
+from sawbench.commands.options import bench_config_option, force_option, json_option, refuse_unwritable
 from sawbench.commands.terminal import emit
 from sawbench.inputs import config_for
 
@@ -19,7 +19,7 @@ _COMPILED_FROM_S, _COMPILED_FROM_SAMPLES, _COMPILED_FROM_K_FC = 20.0, 1e5, 1e4
 
 
 @click.command(name="simulate", epilog="Example: sawbench simulate --k-fc 240.29 --seconds 1 --out current.csv")
-@config_option
+@bench_config_option
 @click.option("--k-fc", "k_fc", type=click.FloatRange(0), default=240.29, show_default=True, help="N*s/m; 0: air.")
 @click.option("--duty", type=click.FloatRange(0, 1, min_open=True), help="Default: the configuration's.")
 @click.option("--seconds", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from sawbench.commands.options import calibration_book_path, config_option, json_option
+from sawbench.commands.options import bench_config_option, calibration_book_path, json_option
 from sawbench.commands.terminal import emit, stepper
 from sawbench.inputs import config_for, default_config_path
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 @click.option("--tolerance", type=click.FloatRange(0, min_open=True), help="Maximum allowed drift, channel's unit.")
 @click.option("--operator", default="", help="Name of the operator.")
 @click.option("--note", default="", help="Note stored with the tare.")
-@config_option
+@bench_config_option
 @click.option("--simulated", is_flag=True, help="Tare the simulated bench, which has its own calibration book.")
 @click.option("--seed", default=0, show_default=True, help="Seed of the simulated bench.")
 @click.option("--force", is_flag=True, help="Accept a reading that is too large for a zero.")

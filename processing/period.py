@@ -23,6 +23,7 @@ _MIN_PROMINENCE = 40.0
 _RIVAL_SHARE = 0.02
 _SERIOUS_SHARE = 0.25
 _MOST_REL_STD = 0.025  # what is doubted and known worse is of low confidence, so that moderate is right within 1 %
+_DOUBTED_OFF = 0.01  # of the spectrum's rate: what is doubted has to agree with it within what moderate promises
 _NARROW_SHARE = 0.5  # second harmonic over first; a half sine has 0.18
 _MAX_RIVALS = 8
 
@@ -275,9 +276,11 @@ def from_displacement(
     confidence: Confidence = "high"
     reason = f"{n} complete strokes of the displacement, one line per stroke"
     rivals = stroke.rivals if stroke is not None else ()
-    if stroke is not None and abs(stroke.rate_hz * period - 1) > max(0.03, 3 * spread / period):
+    allowed = _DOUBTED_OFF if doubt else max(0.03, 3 * spread / period)
+    if stroke is not None and abs(stroke.rate_hz * period - 1) > allowed:
         confidence = "low"
         reason = f"the stroke count differs from the spectrum, which gives {stroke.rate_hz:.4g} Hz"
+        reason = f"{doubt}; {reason}" if doubt else reason
         found = PeriodCandidate(
             period_s=1 / stroke.rate_hz, relative_power=1.0, reason="strongest line of the spectrum"
         )

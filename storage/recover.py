@@ -82,11 +82,7 @@ def recover_recording(path: str | Path, out: str | Path, overwrite: bool = False
         target.finish()
     except OSError as error:
         target.discard()
-        raise WritingError(
-            f"cannot be written: {error.strerror or error}",
-            where=out,
-            remedy="free disk space, or give a file on another disk with --out",
-        ) from error
+        raise WritingError.of(error, where=out) from error
     except BaseException:
         target.discard()
         raise

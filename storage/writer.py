@@ -269,11 +269,8 @@ class RecordingWriter:
             try:
                 yield self._output
             except OSError as error:
-                raise WritingError(
-                    f"writing failed: {error.strerror or error}",
-                    where=f"{self.path}.part",
-                    remedy="free disk space; the data written so far can be read with `sawbench recover`",
-                ) from error
+                kept = "the data written so far can be read with `sawbench recover`"
+                raise WritingError.of(error, where=f"{self.path}.part", kept=kept) from error
 
     def _stream_of(self, block: SampleBlock) -> _Stream:
         stream = self._streams.get(block.channel)

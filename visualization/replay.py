@@ -94,9 +94,7 @@ def view_recording(
         # Rerun's only word for a disk that refuses; half a file would be taken for a view.
         if Path(save_path).is_file():
             Path(save_path).unlink()
-        raise WritingError(
-            f"cannot be written: {error}", where=save_path, remedy="free disk space, or save it on another disk"
-        ) from error
+        raise WritingError.of(error, where=save_path) from error
     finally:
         stream.disconnect()
     return ViewerProcess([str(save_path)]) if spawn else None

@@ -12,6 +12,13 @@ import serial
 from sawbench.bench.errors import DeviceError, OtherInstrumentError
 from serial.tools import list_ports
 
+# Emptying or flushing a terminal that is gone raises an error that is not an OSError; Windows has no terminals.
+_GONE: tuple[type[Exception], ...] = (OSError,)
+if os.name == "posix":
+    import termios
+
+    _GONE = (OSError, termios.error)
+
 _WAIT_S: Final = 0.1
 # A socket cannot say how much is waiting, so it is read for a fixed short time instead.
 _SOCKET_WAIT_S: Final = 0.004
@@ -86,7 +93,7 @@ class SerialPort:
                 write_timeout=1.0,
                 **options,
             )
-        except (OSError, ValueError) as error:
+        except (*_GONE, ValueError) as error:
             raise self._open_error(error) from error
         if hasattr(self._port, "set_buffer_size"):
             # Windows keeps 4096 bytes unless it is told otherwise; samples gather for longer than that.
@@ -141,7 +148,7 @@ class SerialPort:
         port = self._opened()
         try:
             port.reset_input_buffer()
-        except OSError as error:
+        except _GONE as error:
             raise self._lost(error) from error
 
     def write(self, data: bytes) -> None:
@@ -150,7 +157,7 @@ class SerialPort:
         try:
             port.write(data)
             port.flush()
-        except OSError as error:
+        except _GONE as error:
             raise self._lost(error) from error
 
     def close(self) -> None:
@@ -159,7 +166,7 @@ class SerialPort:
         if port is not None:
             try:
                 port.close()
-            except OSError:
+            except _GONE:
                 # The instrument is gone, and so is everything that closing could tidy up.
                 return
 
@@ -169,8 +176,10 @@ class SerialPort:
         return self._port
 
     def _lost(self, error: Exception) -> DeviceError:
+        # A terminal's error has number and words, and no text of its own.
+        said = error.args[-1] if error.args and not isinstance(error, OSError) else error
         return DeviceError(
-            f"the connection was lost: {error}",
+            f"the connection was lost: {said}",
             where=f"{self._device} on {self.url}",
             remedy="check cable and power; the recorder keeps trying to reconnect",
         )

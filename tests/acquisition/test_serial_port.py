@@ -37,6 +37,22 @@ class OpenPort:
         self.is_open = False
 
 
+@pytest.mark.skipif(os.name != "posix", reason="a terminal is a thing of POSIX")
+@pytest.mark.parametrize("call", [SerialPort.drop_waiting, lambda port: port.write(b"?")])
+def test_a_terminal_that_is_gone_is_a_lost_link(call, monkeypatch):
+    """Its flush and its emptying raise termios.error, which would end the driver instead of the link."""
+    ours, theirs = os.openpty()
+    port = SerialPort(os.ttyname(theirs), device="cell")
+    port.open()
+    # Unplugged between the bytes and the wait for their end.
+    monkeypatch.setattr(port._port, "write", len)
+    os.close(theirs)
+    os.close(ours)
+    with pytest.raises(DeviceError, match=r"connection was lost: Input/output error"):
+        call(port)
+    port.close()
+
+
 @pytest.fixture
 def plugged(monkeypatch):
     """Let ports exist: name -> serial number of its adapter; gives what was opened."""

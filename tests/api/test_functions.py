@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 import sawbench
 from sawbench.bench.errors import InputError, UntrustedResult
+from sawbench.bench.recording import Gap
 from sawbench.commands.main import main
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -138,12 +140,25 @@ def test_air_has_no_runtime():
 
 
 def test_a_doubted_fit_gives_no_runtime(oak):
-    from dataclasses import replace
-
     doubted = replace(oak, cutting=replace(oak.cutting, status="contradicted", notes=("the gain is off",)))
     with pytest.raises(UntrustedResult, match=r"contradicted; the gain is off"):
         sawbench.runtime(doubted)
     assert "contradicts" in shown(doubted, n_pictures=1)
+
+
+def test_a_fit_says_which_of_its_channels_ended_early():
+    whole = sawbench.simulate(duration_s=3.0, rate_hz=2000.0).recording(material="oak")
+    recording, force = whole.recording, whole.recording.signals["force_n"]
+    half = len(force.time_s) // 2
+    n_missing = len(force.time_s) - half
+    gap = Gap(start_s=force.time_s[half - 1], end_s=force.time_s[-1], n_missing=n_missing, reason="link lost")
+    cut = replace(force, time_s=force.time_s[:half], values=force.values[:half], raw=None, gaps=(gap,))
+    ended = replace(whole, recording=replace(recording, signals={**recording.signals, "force_n": cut}))
+    said = f"force_n: {n_missing} of {half + n_missing} samples are missing"
+    assert said in sawbench.fit(ended).cutting.notes
+    # What is not used is not said, and what is left is a fit.
+    alone = sawbench.fit(ended, method="current").cutting
+    assert alone.status == "ok" and said not in alone.notes
 
 
 def test_wrong_input_is_one_clear_error(tmp_path):

@@ -16,6 +16,17 @@ def test_help_has_an_example(name, capsys):
     assert "Example" in shown
 
 
+@pytest.mark.parametrize(
+    ("command", "first"),
+    [("record", "./bench_config.toml"), ("tare", "./bench_config.toml"), ("series run", "that of the plan"),
+     ("fit", "that of the recording")],
+)  # fmt: skip
+def test_help_says_which_configuration_is_used_where_none_is_named(command, first, capsys):
+    assert main([*command.split(), "--help"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert f"Bench configuration; default: {first}" in shown and "else that of the package" in shown
+
+
 @pytest.mark.parametrize("name", SUBCOMMANDS)
 def test_unknown_option_is_wrong_usage(name, capsys):
     assert main([name, "--no-such-option"]) == 2

@@ -98,6 +98,17 @@ def test_alternating_strokes_in_the_displacement_lower_the_confidence():
     assert any(abs(rival.period_s * 7 - 1) < 0.01 for rival in period.rivals)
 
 
+@pytest.mark.parametrize("n_strokes", [8.3, 10.3, 22.1, 24.4, 40.0])
+def test_a_count_of_unequal_strokes_that_the_spectrum_contradicts_is_of_low_confidence(n_strokes):
+    """A crank angle of one radius counts a turn too many where every second stroke is a quarter shorter."""
+    t = np.arange(0, n_strokes / 10, 1 / 3000)
+    angle = 2 * np.pi * 10 * t + 1.0
+    period = process(displacement_mm=(t, 10 * (1 + 0.13 * np.sign(np.sin(0.5 * angle))) * (1 - np.cos(angle)))).period
+    is_right = abs(period.rate_hz / 10 - 1) < 0.01
+    assert period.confidence == ("moderate" if is_right else "low")
+    assert is_right or any(abs(rival.period_s * 10 - 1) < 0.001 for rival in period.rivals)
+
+
 def half_waves(angle, alternate=0.0):
     turn = np.floor(angle / (2 * np.pi))
     return np.maximum(-np.sin(angle), 0) * (1 + alternate * (-1) ** turn)
