@@ -29,7 +29,7 @@ from sawbench.blindcheck.dynamics import (
 )
 from sawbench.blindcheck.nuisances import NUISANCES, Moment
 from sawbench.blindcheck.plans import TrialPlan
-from sawbench.blindcheck.plant import MATERIALS, Floats, Plant, PlantSettings, parameter_record
+from sawbench.blindcheck.plant import GRID_S, MATERIALS, Floats, Plant, PlantSettings, parameter_record
 from sawbench.blindcheck.readings import Readings
 from sawbench.blindcheck.sensors import measure
 from sawbench.blindcheck.true_parameters import true_parameters
@@ -115,12 +115,17 @@ def measured_trials(draw: CampaignDraw) -> Iterator[tuple[TrialPlan, float, Read
 
 
 def _run(plant: Plant, plan: TrialPlan) -> Floats:
-    """Let the tool run, and coast where it is switched off before the recording ends."""
-    rows = plant.advance(plan.seconds - plan.off_s)
-    if plan.off_s == 0.0:
-        return rows
-    plant.switch_off()
-    return np.concatenate([rows[:-1], plant.advance(plan.off_s)])
+    """Let the tool run, in air before and behind the cut, and coast where it is switched off before the end."""
+    on_s = plan.seconds - plan.off_s
+    parts = []
+    for is_in, seconds in ((False, plan.in_air_s), (True, on_s - plan.in_air_s - plan.out_s), (False, plan.out_s)):
+        if seconds > 0.0:
+            plant.in_wood(is_in=is_in)
+            parts.append(plant.advance(np.round(seconds / GRID_S) * GRID_S))
+    if plan.off_s > 0.0:
+        plant.switch_off()
+        parts.append(plant.advance(plan.off_s))
+    return np.concatenate([*(part[:-1] for part in parts[:-1]), parts[-1]])
 
 
 def disturbed(draw: CampaignDraw, readings: Readings, session_s: float, index: int) -> Readings:

@@ -32,6 +32,8 @@ class TrialPlan:
         Time at rest that the operator lets pass beyond the usual fraction of a second.
     off_s : float
         Time before the end of the recording at which the tool is switched off.
+    in_air_s, out_s : float
+        Time that the tool runs before the blade goes into the wood, and after it has come out.
     battery : str
     """
 
@@ -43,6 +45,8 @@ class TrialPlan:
     rest_s: float
     late_s: float = 0.0
     off_s: float = 0.0
+    in_air_s: float = 0.0
+    out_s: float = 0.0
     battery: str = "P1"
 
 
@@ -134,19 +138,27 @@ def _trial(point: tuple[float, float, float, str], seconds: float, of_session: n
 
 
 def as_operated(plans: tuple[TrialPlan, ...], rng: np.random.Generator) -> tuple[TrialPlan, ...]:
-    """Let the operator start late, end a recording early, or switch off before its end, each now and then."""
-    habit = rng.uniform(0.0, 0.3, size=3)
+    """Let the operator start late, end a recording early, or switch off before its end, each now and then.
+
+    And start the tool in air and take it out of the wood before switching off.
+    """
+    of_wood = rng.spawn(1)[0]
+    habit, habit_of_wood = rng.uniform(0.0, 0.3, size=3), of_wood.uniform(0.0, 0.5, size=2)
     done = []
     for plan in plans:
         happens = rng.random(3) < habit
         late_s, cut, off_s = rng.uniform(0.2, 2.0), rng.uniform(0.4, 0.8), rng.uniform(0.2, 1.0)
         seconds = max(plan.seconds * cut, min(plan.seconds, _LEAST_TRIAL_S)) if happens[1] else plan.seconds
+        is_in_air = (of_wood.random(2) < habit_of_wood) & (plan.feed_mm_s > 0.0)
+        in_air_s, out_s = np.minimum(of_wood.uniform(0.3, 1.8, size=2), 0.2 * seconds) * is_in_air
         done.append(
             replace(
                 plan,
                 late_s=float(late_s) if happens[0] else 0.0,
                 seconds=float(seconds),
                 off_s=float(min(off_s, 0.2 * seconds)) if happens[2] else 0.0,
+                in_air_s=float(in_air_s),
+                out_s=float(out_s),
             )
         )
     return tuple(done)

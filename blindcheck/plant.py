@@ -215,6 +215,10 @@ class Plant:
         self.time_s, self._step_s = end_s, step_s
         return rows[: int(np.floor((end_s - start_s) / grid_s + 1e-6)) + 1]
 
+    def in_wood(self, *, is_in: bool) -> None:
+        """Push the blade into the workpiece, or take it out."""
+        self.record["cuts"] = float(is_in and self.settings.k_fc_n_s_per_m > 0)
+
     def switch_off(self) -> None:
         """Open the converter: the current dies out and the tool coasts to rest."""
         self.record["is_on"] = 0.0

@@ -49,14 +49,16 @@ def test_campaigns_hold_what_operators_do(draws):
     assert 6 <= min(counts) < 10 < 25 < max(counts) <= 40
     plans = [plan for draw in draws for plan in draw.trials]
     assert {plan.workpiece for plan in plans} == set(MATERIALS)
-    assert any(plan.late_s > 0.0 for plan in plans) and any(plan.off_s > 0.0 for plan in plans)
+    for habit in ("late_s", "off_s", "in_air_s", "out_s"):
+        assert any(getattr(plan, habit) > 0.0 for plan in plans)
+    assert all(plan.in_air_s == plan.out_s == 0.0 for plan in plans if plan.workpiece == "none")
     assert any(draw.trials[-1].battery != "P1" for draw in draws)
     idle = [any(plan.workpiece == "none" for plan in draw.trials) for draw in draws]
     assert 0 < idle.count(False) < idle.count(True)
     for draw in draws:
         rows = draw.bench.rate_hz * sum(plan.seconds for plan in draw.trials)
         assert rows < 3e6
-        assert all(plan.seconds > plan.off_s + 1.0 for plan in draw.trials)
+        assert all(plan.seconds > plan.off_s + plan.in_air_s + plan.out_s + 1.0 for plan in draw.trials)
 
 
 def test_the_same_seed_draws_the_same_bench_and_effects_change_nothing_of_it(draws):
@@ -79,7 +81,7 @@ def test_what_is_left_out_is_that_of_the_own_bench_and_nothing_else_changes(left
     if left_out == "campaign":
         assert len(bare.trials) == len(draw_campaign(seed).trials)
     if left_out == "operator":
-        assert all((plan.late_s, plan.off_s) == (0.0, 0.0) for plan in bare.trials)
+        assert all(plan.late_s == plan.off_s == plan.in_air_s == plan.out_s == 0.0 for plan in bare.trials)
     if left_out in NUISANCES:
         assert bare.trials == full.trials
 
@@ -167,6 +169,18 @@ def test_a_tool_that_is_switched_off_coasts_and_one_that_starts_late_rests():
     assert abs(np.mean(current_a[time_s < 1.0])) < 0.1
     assert np.mean(current_a[(time_s > 1.6) & (time_s < 1.9)]) > 0.4
     assert abs(np.mean(current_a[time_s > time_s[-1] - 0.2])) < 0.1
+
+
+def test_a_blade_that_is_out_of_the_wood_feels_no_force():
+    draw = draw_campaign(2)
+    plan = replace(next(plan for plan in draw.trials if plan.feed_mm_s > 0.0), seconds=3.0, in_air_s=1.0, out_s=0.5)
+    (_, _, readings), *_ = measured_trials(replace(draw, trials=(plan,)))
+    on_s = readings.time_s[-1] - plan.seconds
+    of_time = {name: (readings.time_s > on_s + a) & (readings.time_s < on_s + b)
+               for name, (a, b) in {"before": (0.1, 0.9), "in": (1.3, 2.4), "behind": (2.6, 2.9)}.items()}  # fmt: skip
+    swing_n = {name: float(np.std(readings.values["force_n"][inside])) for name, inside in of_time.items()}
+    assert swing_n["in"] > 20.0
+    assert max(swing_n["before"], swing_n["behind"]) < 0.1 * swing_n["in"]
 
 
 def test_foreign_sets_sort_effects_by_the_catalogue_at_hand():
