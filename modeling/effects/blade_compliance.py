@@ -1,6 +1,7 @@
 """The blade (with clamp and workpiece) gives way: F + (k / k_b) dF/dt = k v, k_b its stiffness along the cut.
 
-The force lags the velocity by k/k_b and decays after the reversal; stiffer stock lags longer. The reading
+The force lags the velocity by k/k_b and decays after the reversal. Stiffer stock lags longer, or all stock as long as
+one of 240 N*s/m (`by_stock` 0): where the force hardly grows with speed, its slope is not k. The reading
 is the true force, so current and speed feel the late force too and the mechanical residual stays 0: that
 tells it from a lag of the load cell. Second form: on the way back the retreating plunger unloads the
 spring, until the teeth are free (F >= 0). Axial steel alone would give 1e7 N/m; bending, clamp and carriage
@@ -14,6 +15,7 @@ from collections.abc import Callable
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.effect import Effect, Prepared, Strength, Words
+from sawbench.modeling.effects.stock import ALIKE, BY_COEFFICIENT, K_UNIT_N_S_PER_M
 from sawbench.modeling.effects.transfer import Spectrum, low_pass
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import TWO_PI, State
@@ -27,8 +29,9 @@ def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature
     spectrum = Spectrum(force, state)
     drive = state.k_guess_n_s_per_m * baseline.cutting_sign * baseline.blade_velocity(state)
 
-    def signature(stiffness_n_per_m: float, unloads: float) -> tuple[Signature, ...]:
-        tau_s = max(state.k_guess_n_s_per_m / stiffness_n_per_m, 1e-7)
+    def signature(stiffness_n_per_m: float, unloads: float, by_stock: float = BY_COEFFICIENT) -> tuple[Signature, ...]:
+        slope_n_s_per_m = K_UNIT_N_S_PER_M if by_stock == ALIKE else state.k_guess_n_s_per_m
+        tau_s = max(slope_n_s_per_m / stiffness_n_per_m, 1e-7)
         late = _unloading(drive, tau_s, state) if unloads else spectrum.through(low_pass(tau_s))
         return ({"cutting": late - force},)
 
@@ -66,7 +69,10 @@ EFFECT = Effect(
     silent_in=("air", "start_up"),
     strength=Strength(name="stiffness_n_per_m", unit="N/m", typical=1.0, low=0.7, high=1.4, source="assumed"),
     signature=Prepared(_prepared),
-    shapes=tuple({"stiffness_n_per_m": k, "unloads": u} for k in _STIFFNESS_N_PER_M for u in (0.0, 1.0)),
+    shapes=(
+        *({"stiffness_n_per_m": k, "unloads": u} for k in _STIFFNESS_N_PER_M for u in (0.0, 1.0)),
+        *({"stiffness_n_per_m": k, "unloads": u, "by_stock": ALIKE} for k in _STIFFNESS_N_PER_M for u in (0.0, 1.0)),
+    ),
     continuous=("stiffness_n_per_m",),
     shape_strength=lambda amplitude, shape: shape["stiffness_n_per_m"] / max(amplitude, 1e-9),
     carries=("stiffness_n_per_m",),

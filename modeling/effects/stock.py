@@ -8,7 +8,7 @@ import numpy as np
 from sawbench.modeling.state import State
 
 UNIT_M: Final = 0.02
-_K_UNIT_N_S_PER_M = 240.0
+K_UNIT_N_S_PER_M: Final = 240.0
 # The same in every stock; with its thickness, as more teeth cut; with its cutting coefficient, as harder wood resists.
 ALIKE, BY_THICKNESS, BY_COEFFICIENT = 0.0, 1.0, 2.0
 WAYS: Final = (ALIKE, BY_THICKNESS, BY_COEFFICIENT)
@@ -30,4 +30,4 @@ def stock_share(state: State, by_stock: float) -> float:
     thickness_m = state.setting.thickness_m
     if by_stock == BY_THICKNESS and np.isfinite(thickness_m) and thickness_m > 0.0:
         return thickness_m / UNIT_M
-    return state.k_guess_n_s_per_m / _K_UNIT_N_S_PER_M
+    return state.k_guess_n_s_per_m / K_UNIT_N_S_PER_M
