@@ -130,8 +130,8 @@ class Cut:
         behind.
     """
 
-    start_s: float | None
-    end_s: float | None
+    start_s: float | None = None
+    end_s: float | None = None
 
     @property
     def words(self) -> str:

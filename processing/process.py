@@ -273,13 +273,13 @@ def _motion_from_displacement(
         return _Motion(angle=None, phases=(rest,), cycles=None, period=None, warnings=(warning,))
     angle, steady = tracked
     phases, stretches, cycles, warnings = _phases_and_cycles(angle, channels, displacement.holes, steady.cut)
-    if steady.cut is not None:
-        warnings += (steady.cut.words,)
     band = config.stroke_rates_hz
     line = _stroke_line(_longest(displacement, stretches), band) if stretches else None
     is_clipped = displacement.quality.n_clipped > _CLIPPED_SHARE * displacement.quality.n_samples
     doubt = "the displacement is clipped" if is_clipped else (warnings[0] if warnings else "")
     period = from_displacement(angle, stretches, cycles, line, band, doubt)
+    if steady.cut is not None:
+        warnings += (steady.cut.words,)
     if plant is None and config.linear_axis is None:
         warnings += ("the configuration has no [plant]: the mechanism is taken as a Scotch yoke",)
     elif plant is not None:

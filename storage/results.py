@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,6 +15,7 @@ from sawbench.bench.folded import FoldedCycle
 from sawbench.bench.processed import (
     ChannelQuality,
     CrankAngle,
+    Cut,
     PeriodCandidate,
     PeriodEstimate,
     Phase,
@@ -78,7 +80,10 @@ def write_processed(processed: ProcessedTrial, path: str | Place, overwrite: boo
         _put_angle(store, processed.angle)
         _put_rows(store.create_group("phases"), processed.phases, ("kind", "start_s", "end_s"))
         if processed.steady is not None:
-            _put_rows(store.create_group("steady"), (processed.steady,), SteadyPart.__slots__)
+            steady = processed.steady
+            _put_rows(store.create_group("steady"), (steady,), [name for name in SteadyPart.__slots__ if name != "cut"])
+            if steady.cut is not None:
+                _put_rows(store.create_group("cut"), (steady.cut,), Cut.__slots__)
         for folded in processed.folded.values():
             _put_folded(store.require_group("folded").create_group(folded.channel), folded)
         if processed.cutting_force is not None:
@@ -181,6 +186,7 @@ def _read_trial(store: Any) -> ProcessedTrial:
     folded.sort(key=lambda cycle: order.get(cycle.channel, len(order)))
     removed = _get_rows(store["removed"], RemovedForce) if "removed" in store else ()
     steady = _get_rows(store["steady"], SteadyPart) if "steady" in store else ()
+    cut = _get_rows(store["cut"], Cut)[0] if "cut" in store else None
     return ProcessedTrial(
         trial=trial_from_metadata(_python(store["trial"].attrs)),
         status=attributes["status"],
@@ -190,7 +196,7 @@ def _read_trial(store: Any) -> ProcessedTrial:
         folded={cycle.channel: cycle for cycle in folded},
         cutting_force=_get_folded(store["cutting_force"]) if "cutting_force" in store else None,
         removed=removed[0] if removed else None,
-        steady=steady[0] if steady else None,
+        steady=replace(steady[0], cut=cut) if steady else None,
         peak_force_n=attributes.get("peak_force_n"),
         peak_force_std_n=attributes.get("peak_force_std_n"),
         mean_values=_python(store["mean_values"].attrs),

@@ -93,6 +93,7 @@ def test_a_trial_is_processed_by_its_strokes_in_the_wood():
     assert part.mean_values["motor_current_a"] == pytest.approx(whole.mean_values["motor_current_a"], rel=0.01)
     assert [p.kind for p in part.phases][-3:] == ["in_air", "running", "in_air"]
     assert any("the strokes in air are left out" in warning for warning in part.warnings)
+    assert part.period.confidence == whole.period.confidence == "high"
     assert part.steady.settled_s > 2.4
     assert part.steady.end_s < 6.5
     assert not any("in air" in warning for warning in whole.warnings)

@@ -14,11 +14,13 @@ from sawbench.bench.folded import FoldedCycle
 from sawbench.bench.processed import (
     ChannelQuality,
     CrankAngle,
+    Cut,
     PeriodCandidate,
     PeriodEstimate,
     Phase,
     ProcessedTrial,
     RemovedForce,
+    SteadyPart,
     StrokeOffset,
 )
 from sawbench.bench.recording import Trial
@@ -133,7 +135,19 @@ EMPTY = {
 }
 
 
-@pytest.mark.parametrize("changes", [{}, EMPTY])
+STEADY = SteadyPart(first_motion_s=0.25, start_s=0.25, settled_s=1.05, end_s=2.5)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        EMPTY,
+        {"steady": STEADY},
+        {"steady": dataclasses.replace(STEADY, cut=Cut(start_s=1.0, end_s=2.0))},
+        {"steady": dataclasses.replace(STEADY, cut=Cut(end_s=2.0))},
+    ],
+)
 def test_a_processed_trial_comes_back(tmp_path, changes):
     written = processed(**changes)
     path = write_processed(written, tmp_path / "T1.h5")
