@@ -80,7 +80,7 @@ def signals_picture(
     names = [words.label(channel) for channel in shown]
     marked = [p for p in phases if p.kind != "running" and p.start_s < last_s and p.end_s > first_s]
     kinds = sorted({words.not_running[p.kind] for p in marked})
-    grey = f" Grey: {' and '.join(kinds)}." if kinds else ""
+    grey = f" Grey: {', '.join(kinds)}." if kinds else ""
     svg = figure_to_svg(
         figure,
         name=name,
