@@ -9,7 +9,7 @@ duty that is not the one stated.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
@@ -23,7 +23,7 @@ from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.residuals import Equation
 from sawbench.modeling.state import TWO_PI, State
 
-_WORDS: Final = MappingProxyType(
+_WORDS: Final[Mapping[Equation, str]] = MappingProxyType(
     {
         "electrical": "the balance of voltages at the motor",
         "supply": "the balance of voltages at the battery",
@@ -74,17 +74,25 @@ def unsteady_balances(problem: LinearProblem) -> list[Finding]:
     list of Finding
         One for each balance that varies by more in most of the trials.
     """
+    plant = problem.campaign.plant
+    equations: list[Equation] = [equation for equation in _WORDS if equation in plant.equations]
+    if not equations:
+        return []
     faults = SensorFaults(problem.campaign)
+    running = [(part, plant.residuals(part.state)) for part in problem.parts if _is_long_enough(part.state)]
     found = []
-    for equation, words in _WORDS.items():
-        if equation not in problem.campaign.plant.equations:
-            continue
-        trials = [t for part in problem.parts if (t := _trial(problem, part, equation, faults)) is not None]
-        found += list(_weighed(problem, equation, words, trials))
+    for equation in equations:
+        each = [_trial(problem, part, equation, wave[equation], faults) for part, wave in running if equation in wave]
+        found += list(_weighed(problem, equation, [trial for trial in each if trial.allowed > 0.0]))
     return found
 
 
-def _weighed(problem: LinearProblem, equation: Equation, words: str, trials: list[_Trial]) -> Iterator[Finding]:
+def _is_long_enough(state: State) -> bool:
+    """And with a battery voltage that is measured: that of the model is off, and the balance varies with that."""
+    return state.kind == "running" and state.battery_voltage_v is not None and len(state.angle_rad) >= _FEWEST_UNITS
+
+
+def _weighed(problem: LinearProblem, equation: Equation, trials: Sequence[_Trial]) -> Iterator[Finding]:
     if not trials:
         return
     currents = np.concatenate([t.currents for t in trials])
@@ -100,16 +108,16 @@ def _weighed(problem: LinearProblem, equation: Equation, words: str, trials: lis
     groups = [group for group in (np.ones_like(shown), is_loaded) if _is_in_most(shown[group])]
     if not groups:
         return
-    group = groups[0]
-    form = problem.campaign.plant.equations[equation]
+    group, form = groups[0], problem.campaign.plant.equations[equation]
+    usual = float(np.sqrt(np.median(variance[group & shown])))
     yield Finding(
         log_evidence=float(np.minimum(nats, _NUMBERS.most_per_trial)[group].sum()),
         channel=form.channel,
         equation=form.place,
         text=(
-            f"{words} varies within a trial by {float(np.sqrt(np.median(variance[group & shown]))):.2g} {form.unit}, in"
-            f" {(group & shown).sum()} of {group.sum()} trials, more than currents and sensors explain: a loose contact"
-            " or a duty that is not as stated; no effect of the catalogue does this"
+            f"{_WORDS[equation]} varies within a trial by {usual:.2g} {form.unit}, in {(group & shown).sum()} of"
+            f" {group.sum()} trials, more than currents and sensors explain: a loose contact or a duty that is not as"
+            " stated; no effect of the catalogue does this"
         ),
     )
 
@@ -118,23 +126,16 @@ def _is_in_most(shown: np.ndarray) -> bool:
     return bool(shown.sum() >= max(_NUMBERS.in_most * len(shown), SETTINGS.noise.least_trials))
 
 
-def _trial(problem: LinearProblem, part: Part, equation: Equation, faults: SensorFaults) -> _Trial | None:
-    """One trial; None where the balance was not measured, or for too short a time.
-
-    A battery voltage that was not measured is the model's, and the balance then varies with the error of that.
-    """
+def _trial(problem: LinearProblem, part: Part, equation: Equation, wave: Floats, faults: SensorFaults) -> _Trial:
+    """One trial, by the residual of the equation, shape (n, n_points)."""
     state = part.state
-    n = state.angle_rad.shape[0]
-    is_measured = equation in part.layout.slices and state.battery_voltage_v is not None
-    if state.kind != "running" or not is_measured or n < _FEWEST_UNITS:
-        return None
     rounding = faults.variance(part.layout, state)[part.layout.slices[equation].start]
-    allowed = _by_sensors(problem, state, equation) + float(rounding)
-    rows = np.column_stack([problem.campaign.plant.residuals(state)[equation].mean(axis=1), *_currents(state)])
-    rows = _without(rows, np.vander(np.linspace(-1.0, 1.0, n), _TREND))
-    if allowed <= 0.0:
-        return None
-    return _Trial(rest=rows[:, 0], currents=rows[:, 1:], allowed=allowed, is_idle=state.setting.is_idle)
+    rows = np.column_stack([wave.mean(axis=1), *_currents(state)])
+    rows = _without(rows, np.vander(np.linspace(-1.0, 1.0, len(rows)), _TREND))
+    return _Trial(
+        rest=rows[:, 0], currents=rows[:, 1:], allowed=_by_sensors(problem, state, equation) + float(rounding),
+        is_idle=state.setting.is_idle,
+    )  # fmt: skip
 
 
 def _by_sensors(problem: LinearProblem, state: State, equation: Equation) -> float:
