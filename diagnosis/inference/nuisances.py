@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -25,6 +26,12 @@ from sawbench.modeling.state import TWO_PI, State, TrialSetting
 
 # Of the radius, for the derivative of a torque that is a smooth function of it.
 _RADIUS_STEP = 1e-4
+_AS_PER_AH: Final = 3600.0
+# What a full cell has in surplus is gone by this share of the charge (`benchmarks.battery_curve`).
+SURPLUS_GONE_BY: Final = 0.03
+_CURVE: Final[Mapping[str, Callable[[Floats], Floats]]] = MappingProxyType(
+    {"slope": lambda q: q, "bend": lambda q: q**2, "surplus": lambda q: np.exp(-q / SURPLUS_GONE_BY)}
+)
 # Gains of amplifiers that warm up; a voltage divider hardly does.
 DRIFTING: Final = ("motor_current_gain", "force_gain", "battery_current_gain")
 # (model of the plant: here a Baseline, State) -> Signature
@@ -204,7 +211,22 @@ def _battery_nuisances(baseline: Baseline) -> list[Nuisance]:
             is_plant=True,
             signature=by_capacity,
         ),
-    ]
+        *(
+            Nuisance(
+                name=f"open_circuit_voltage_{name}_v", nominal=0.0, is_plant=False,
+                std=share * battery.nominal_voltage_v,
+                signature=partial(_open_circuit_curve, of_used=_CURVE[name]),
+            )
+            for name, share in SETTINGS.sensors.battery_curve.items()
+        ),
+    ]  # fmt: skip
+
+
+def _open_circuit_curve(baseline: Baseline, state: State, of_used: Callable[[Floats], Floats]) -> Signature:
+    """Open-circuit voltage that goes with the charge used as no curve of two numbers does: V, for one volt."""
+    assert baseline.battery is not None
+    used = state.charge_used_as / (_AS_PER_AH * baseline.battery.capacity_ah)
+    return {"supply": np.broadcast_to(of_used(used), state.angle_rad.shape)}
 
 
 def further_batteries(baseline: Baseline, settings: Iterable[TrialSetting]) -> list[Nuisance]:

@@ -167,6 +167,9 @@ class Sensors:
         Of the usual motor current: standard deviation of the zero of a current sensor, where that is more.
     battery_rel_std : mapping of str to float
         Of the battery's numbers, for which the configuration states none.
+    battery_curve : mapping of str to float
+        Of the nominal voltage: by what the open-circuit voltage goes otherwise with the charge used, per charge and per
+        square of it, and what a full battery has in surplus.
     floor : mapping of str to (float, float)
         By equation: standard deviation of a feature in the unit of its equation, and its growth with each harmonic or,
         for the mechanical equation, with its square (the smoothing of the tracked speed costs the more of the
@@ -200,6 +203,10 @@ class Sensors:
     battery_rel_std: Mapping[str, float] = marked(
         {"internal_resistance_ohm": 0.1, "nominal_voltage_v": 0.005, "capacity_ah": 0.05}, "convention",
         "spread of new packs of one type",
+    )  # fmt: skip
+    battery_curve: Mapping[str, float] = marked(
+        {"slope": 0.13, "bend": 0.32, "surplus": 0.011}, "measured",
+        "python -m benchmarks.battery_curve: LG M50 cells at 0 to 45 degC, 0.1C to 2C",
     )  # fmt: skip
     floor: Mapping[str, tuple[float, float]] = marked(
         {
