@@ -50,6 +50,7 @@ FIELDS = (
     "brush_v", "diode_v", "diode_ohm", "switch_v", "switch_ohm", "idle_w", "limit_a", "extra_ohm",
     "extra_soc",
     "polar_fast_ohm", "polar_fast_s", "polar_slow_ohm", "polar_slow_s", "polar_kinetic_v",
+    "surplus_v", "surplus_share", "plateau_v",
     # outside the catalogue
     "sway_depth", "sway_hz", "alternate_depth", "ripple_v", "ripple_hz", "duty_wander",
     "grease_torque", "whip_kg", "whip_hz", "soft_start_s", "bounce_ohm",
@@ -165,6 +166,9 @@ def _supply(t, y, p, wander, out):
     i = y[0]
     charge = min(max(1.0 - y[3] / p.capacity_as, 1e-6), 1.0)
     v_open = p.v_nominal * charge / (1.0 - p.beta * (1.0 - charge)) - y[4] - y[5]
+    if p.surplus_v != 0.0:
+        used = 1.0 - charge
+        v_open += p.surplus_v / (1.0 + used / p.surplus_share) ** 2 - p.plateau_v * tanh(used / 0.25)
     if p.ripple_v != 0.0:
         v_open += p.ripple_v * (sin(2.0 * pi * p.ripple_hz * t) + 0.3 * sin(4.0 * pi * p.ripple_hz * t + 1.0))
     r_battery = p.r_battery + p.extra_ohm * (1.0 + p.extra_soc * (1.0 - charge))

@@ -1,4 +1,4 @@
-"""Ordinary faults of sensors, and wood that is uneven, which a foreign bench has in any mixture.
+"""Ordinary faults of sensors, uneven wood and batteries with a curve of their own: a foreign bench has any mixture.
 
 They are no effect: a diagnosis names them as faults of a signal, or leaves them alone. One row of `NUISANCES` is one
 kind: `draw` its numbers for a campaign, in the key as they are drawn; `disturb` the readings of a trial, before they
@@ -48,7 +48,7 @@ class Moment:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Nuisance:
-    """One kind of fault; see the module. Of the wood or of a sensor."""
+    """One kind of fault; see the module. Of a sensor, of the wood or of the battery."""
 
     draw: Callable[[np.random.Generator], dict[str, float]]
     disturb: Callable[[Readings, Numbers, Moment], Readings] = lambda readings, numbers, moment: readings
@@ -217,6 +217,23 @@ def _uneven(settings: PlantSettings, numbers: Numbers) -> PlantSettings:
     return replace(settings, uneven_rel_std=numbers["rel_std"], uneven_mm=numbers["mm"])
 
 
+def _draw_curve(rng: np.random.Generator) -> dict[str, float]:
+    return {
+        "surplus_share": between(rng, 0.002, 0.012), "gone_by": between(rng, 0.01, 0.05),
+        "plateau_share": float(rng.uniform(-0.02, 0.05)),
+    }  # fmt: skip
+
+
+def _other_curve(settings: PlantSettings, numbers: Numbers) -> PlantSettings:
+    """Let the battery have more voltage while it is full, and fall to a plateau, as cells do."""
+    volts = settings.nominal_voltage_v
+    curve = {
+        "surplus_v": numbers["surplus_share"] * volts, "surplus_share": numbers["gone_by"],
+        "plateau_v": numbers["plateau_share"] * volts,
+    }  # fmt: skip
+    return replace(settings, extras={**settings.extras, **curve})
+
+
 def _instants(time_s: Floats, per_s: float, rng: np.random.Generator) -> Floats:
     """Draw a Poisson process over a trial."""
     seconds = float(time_s[-1] - time_s[0])
@@ -237,6 +254,7 @@ NUISANCES: Mapping[str, Nuisance] = MappingProxyType(
         "missing_samples": Nuisance(draw=_draw_missing, disturb=_missing),
         "jitter": Nuisance(draw=_draw_jitter, disturb=_jitter),
         "uneven_wood": Nuisance(draw=_draw_uneven, change=_uneven, is_of_sensor=False),
+        "battery_curve": Nuisance(draw=_draw_curve, change=_other_curve, is_of_sensor=False),
     }
 )
 SENSOR_FAULTS = frozenset(name for name, nuisance in NUISANCES.items() if nuisance.is_of_sensor)

@@ -17,7 +17,8 @@ from sawbench.blindcheck.draws import stream_of
 from sawbench.blindcheck.effects.table import CATALOGUE, drawn_from
 from sawbench.blindcheck.nuisances import NUISANCES, SENSOR_FAULTS, Moment
 from sawbench.blindcheck.plans import with_batteries
-from sawbench.blindcheck.plant import MATERIALS, stroke_factors
+from sawbench.blindcheck.plant import MATERIALS, Plant, stroke_factors
+from sawbench.blindcheck.plant import column as output_of
 from sawbench.blindcheck.readings import Readings
 from sawbench.blindcheck.sealing import draw_cases, make
 
@@ -320,3 +321,13 @@ def test_uneven_wood_changes_what_is_cut_and_no_reading(draws):
         assert np.array_equal(hardness, stroke_factors(usual)) == (plan.feed_mm_s == 0.0)
     read = spoilt("uneven_wood", dict(numbers))
     assert all(np.array_equal(read.values[name], values) for name, values in still().values.items())
+
+
+def test_a_battery_with_a_curve_of_its_own_has_another_voltage_and_nothing_else(draws):
+    seed = next(k for k in SEEDS if "battery_curve" in draws[k].nuisances)
+    numbers = draws[seed].nuisances["battery_curve"]
+    without = draw_campaign(seed, benches="foreign", without=("battery_curve",))
+    of_its_own, usual = (trial_settings(draw, 0) for draw in (draws[seed], without))
+    assert replace(of_its_own, extras=usual.extras) == usual
+    full_v = [output_of(Plant(settings).advance(1e-3), "battery_v")[0] for settings in (of_its_own, usual)]
+    assert full_v[0] - full_v[1] == pytest.approx(numbers["surplus_share"] * usual.nominal_voltage_v, rel=0.01)
