@@ -141,18 +141,15 @@ def _trial(problem: LinearProblem, part: Part, equation: Equation, wave: Floats,
 def _by_sensors(problem: LinearProblem, state: State, equation: Equation) -> float:
     """Variance of a few strokes' balance by zeros that wander by their standard uncertainty, and by white noise."""
     plant = problem.campaign.plant
-    found = 0.0
-    for nuisance in plant.nuisances():
-        if nuisance.is_zero:
-            wave = nuisance.signature(plant.model, state).get(equation)
-            found += 0.0 if wave is None else (nuisance.std * float(np.mean(wave))) ** 2
     unit_s = float(np.mean(state.n_strokes)) * TWO_PI / float(state.speed_rad_s.mean())
+    sources = [(nuisance.std, nuisance.signature) for nuisance in plant.nuisances() if nuisance.is_zero]
     for channel, reading in plant.readings().items():
-        of_mean = [one.noise**2 / max(one.rate_hz * unit_s, 1.0) for one in problem.campaign.health
-                   if one.channel == channel]  # fmt: skip
-        wave = reading.signature(plant.model, state).get(equation) if of_mean else None
-        found += 0.0 if wave is None else max(of_mean) * float(np.mean(wave)) ** 2
-    return found
+        noise = [
+            h.noise / np.sqrt(max(h.rate_hz * unit_s, 1.0)) for h in problem.campaign.health if h.channel == channel
+        ]
+        sources.append((max(noise, default=0.0), reading.signature))
+    moved = [(std, signature(plant.model, state).get(equation)) for std, signature in sources]
+    return sum((std * float(np.mean(wave))) ** 2 for std, wave in moved if wave is not None)
 
 
 def _currents(state: State) -> list[Floats]:
