@@ -170,7 +170,7 @@ def _currents(state: State) -> list[Floats]:
 
 def _without(rows: Floats, design: Floats) -> Floats:
     """Take off rows, shape (n, q), what goes with a design, shape (n, p): least absolute values of the first column."""
-    weight = np.ones((len(rows), 1))
+    left, weight = rows, np.ones((len(rows), 1))
     for _ in range(_N_PASSES):
         left = rows - design @ np.linalg.lstsq(weight * design, weight * rows, rcond=None)[0]
         size = np.abs(left[:, :1])
