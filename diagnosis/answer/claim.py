@@ -116,7 +116,8 @@ def is_there(member: Explanation, said: StrokesSay | None = None) -> bool:
     """Whether the magnitude differs, in its 95 % interval, from the number that stands where there is no effect.
 
     Of a trend that single strokes carry all magnitudes weighed are above 0, and its forms state them differently: the
-    interval is without 0 also where 0 has less than 2.5 % against all of them.
+    interval is without 0 also where 0 has less than 2.5 % against all of them. A number of the form, a stiffness, says
+    nothing where hardly any of the form is there.
 
     Parameters
     ----------
@@ -126,7 +127,8 @@ def is_there(member: Explanation, said: StrokesSay | None = None) -> bool:
     """
     if said is not None and said.is_trend and said.beside_cutting > _LOG_ODDS95:
         return True
-    return abs(member.strength - member.absent) > Z95 * member.strength_std
+    is_form_there = not member.effect.carries or member.amplitude > Z95 * member.amplitude_std
+    return is_form_there and abs(member.strength - member.absent) > Z95 * member.strength_std
 
 
 def is_background(member: Explanation) -> bool:

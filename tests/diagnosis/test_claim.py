@@ -13,7 +13,7 @@ from sawbench.diagnosis.answer.ladder import HoldOut, Rungs
 from sawbench.diagnosis.answer.prediction import Predictions
 from sawbench.diagnosis.answer.where import locate
 from sawbench.diagnosis.inference.acts_in import equations_of
-from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
+from sawbench.diagnosis.inference.evidence import Column, Explanation, catalogue_columns, explain
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import Marginal
 from sawbench.diagnosis.inference.posterior import judge
@@ -109,6 +109,17 @@ def test_a_true_effect_of_typical_size_is_still_declared(problem, columns):
     assert agrees(data, columns, after, predictions)
 
 
+@pytest.mark.parametrize(("amplitude", "there"), [(1.0, True), (0.1, False), (-1.2, False)])
+def test_a_number_of_a_form_of_which_nothing_is_there_says_nothing(amplitude, there):
+    effect = EFFECT_BY_NAME["force_sensor_lag"]
+    column = Column(effect=effect, shape=effect.shapes[5], columns=np.ones((1, 1)))
+    member = Explanation(
+        effect=effect, log_evidence=9.0, column=column, amplitude=amplitude, amplitude_std=0.3, gain=9.0,
+        contribution=np.ones(1),
+    )  # fmt: skip
+    assert is_there(member) == there
+
+
 def test_a_zero_that_wanders_from_trial_to_trial_is_no_cause(problem, columns):
     """Steps between trials, either way: no trial says anything of the next one."""
     rng = np.random.default_rng(1)
@@ -143,7 +154,7 @@ def test_another_effect_takes_the_place_of_one_that_is_not_there(problem, column
     data = with_columns(with_columns(problem, columns, RUBBING, 1.0), columns, FRICTION, 1.0)
     found = judge(data, columns)
     pairs = [h for h in found.claims if len(h.effects) == 2 and RUBBING in h.effects and FRICTION not in h.effects]
-    wrong = pairs[-1]
+    wrong = next(h for h in reversed(pairs) if not all(map(is_there, sized_members(data, columns, found, h))))
     moved = [replace(h, probability=0.1 * h.probability + 0.9 * (h.name == wrong.name)) for h in found.hypotheses]
     declared = replace(found, hypotheses=tuple(sorted(moved, key=lambda h: -h.probability)))
     held = held_to_predictions(data, columns, declared, OfFeatures(data, columns, declared))
