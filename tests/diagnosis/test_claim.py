@@ -109,12 +109,12 @@ def test_a_true_effect_of_typical_size_is_still_declared(problem, columns):
     assert agrees(data, columns, after, predictions)
 
 
-@pytest.mark.parametrize(("amplitude", "there"), [(1.0, True), (0.1, False), (-1.2, False)])
+@pytest.mark.parametrize(("amplitude", "there"), [(1.0, True), (0.05, False), (-1.2, False)])
 def test_a_number_of_a_form_of_which_nothing_is_there_says_nothing(amplitude, there):
     effect = EFFECT_BY_NAME["force_sensor_lag"]
     column = Column(effect=effect, shape=effect.shapes[5], columns=np.ones((1, 1)))
     member = Explanation(
-        effect=effect, log_evidence=9.0, column=column, amplitude=amplitude, amplitude_std=0.3, gain=9.0,
+        effect=effect, log_evidence=9.0, column=column, amplitude=amplitude, amplitude_std=0.05, gain=9.0,
         contribution=np.ones(1),
     )  # fmt: skip
     assert is_there(member) == there
