@@ -22,6 +22,7 @@ from sawbench.diagnosis.answer.learned_term import LearnedAnswer
 from sawbench.diagnosis.inference.dispersion import noise_factor_beside, stacked_with_noise, with_noise
 from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.diagnosis.inference.nuisances import OPEN_CIRCUIT_CURVE
 from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.known import KnownEffect
@@ -148,6 +149,8 @@ def _closes(share: float, ends: Sequence[float]) -> str:
 def retuned_with(problem: LinearProblem, members: Sequence[Explanation], *, is_wide: bool) -> Solution:
     """Fit the parameters, and the sizes of the effects of a cause, to all trials.
 
+    Without the curve of a battery, which no simulated model has: its voltage and capacity are those that come nearest.
+
     Parameters
     ----------
     problem : LinearProblem
@@ -157,6 +160,7 @@ def retuned_with(problem: LinearProblem, members: Sequence[Explanation], *, is_w
         Whether the plant's numbers are free beyond what is stated of them.
     """
     columns = [m.column.columns * m.effect.strength.high for m in members]
+    problem = problem.only(lambda name: not name.startswith(OPEN_CIRCUIT_CURVE))
     return _solve(problem, np.hstack(columns) if columns else None, is_wide=is_wide)
 
 

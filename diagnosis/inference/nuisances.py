@@ -27,6 +27,8 @@ from sawbench.modeling.state import TWO_PI, State, TrialSetting
 # Of the radius, for the derivative of a torque that is a smooth function of it.
 _RADIUS_STEP = 1e-4
 _AS_PER_AH: Final = 3600.0
+# Before the name of what no simulated battery has.
+OPEN_CIRCUIT_CURVE: Final = "open_circuit_voltage_"
 # What a full cell has in surplus is gone by this share of the charge (`benchmarks.battery_curve`).
 SURPLUS_GONE_BY: Final = 0.03
 _CURVE: Final[Mapping[str, Callable[[Floats], Floats]]] = MappingProxyType(
@@ -213,7 +215,7 @@ def _battery_nuisances(baseline: Baseline) -> list[Nuisance]:
         ),
         *(
             Nuisance(
-                name=f"open_circuit_voltage_{name}_v", nominal=0.0, is_plant=False,
+                name=f"{OPEN_CIRCUIT_CURVE}{name}_v", nominal=0.0, is_plant=False,
                 std=share * battery.nominal_voltage_v,
                 signature=partial(_open_circuit_curve, of_used=_CURVE[name]),
             )
