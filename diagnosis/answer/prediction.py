@@ -58,8 +58,8 @@ class Predictions:
         self._hold_outs: dict[bool, HoldOut] = {}
         self._found: dict[tuple[tuple[str, ...], bool], Prediction] = {}
         self._channels: dict[tuple[str, ...], ChannelGap | None] = {}
-        # A model that is solved knows neither what the form of a known effect may miss nor the curve of a battery: there
-        # the rest is fitted alone.
+        # A model that is solved knows neither what the form of a known effect may miss nor the curve of a battery: the
+        # rest is fitted alone there.
         solved = problem.only(lambda name: not name.startswith((FORM_OF_KNOWN, OPEN_CIRCUIT_CURVE)))
         self._solved = self if len(solved.names) == len(problem.names) else Predictions(solved, columns, posterior)
 
