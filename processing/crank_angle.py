@@ -200,9 +200,8 @@ def _edges(time: Floats, longest_s: float) -> list[int]:
 
 def _block_means(time: Floats, y: Floats, block: int, step: float) -> tuple[Floats, Floats]:
     """Means of `block` samples each, never across a gap."""
-    breaks = np.flatnonzero(np.diff(time) > LONGEST_STEP * step) + 1
-    edges = np.r_[0, breaks, len(time)]
-    starts = np.concatenate([np.arange(a, b, block) for a, b in pairwise(edges)])
+    stretches = pairwise(_edges(time, LONGEST_STEP * step))
+    starts = np.concatenate([np.arange(first, last, block) for first, last in stretches])
     counts = np.diff(np.r_[starts, len(time)])
     return np.add.reduceat(time, starts) / counts, np.add.reduceat(y, starts) / counts
 

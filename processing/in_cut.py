@@ -9,9 +9,11 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from sawbench.bench.processed import CrankAngle, Cut, Phase
 from sawbench.bench.recording import Floats
 from sawbench.processing.binning import TWO_PI, AngleGrid
+from sawbench.processing.phases import runs
 
 # Of the strokes that cut most, a tenth of all: less is air. Fewer strokes in a row are a hole or a crack of the wood.
 _LEAST_SHARE, _STRONG_PERCENTILE, _FEWEST_STROKES = 0.25, 90.0, 3
@@ -65,12 +67,13 @@ def find_cut(angle: CrankAngle, time_s: Floats, force_n: Floats) -> Cut | None:
     return None if start_s is None and end_s is None else Cut(start_s=start_s, end_s=end_s)
 
 
-def _longest(cuts: np.ndarray) -> tuple[int, int]:
+def _longest(cuts: NDArray[np.bool_]) -> tuple[int, int]:
     """First stroke, and one past the last, of the longest run that no row of strokes in air interrupts."""
-    into, out_of = (np.flatnonzero(np.diff(np.r_[False, cuts, False].astype(int)) == sign) for sign in (1, -1))
-    is_split = np.r_[True, into[1:] - out_of[:-1] >= _FEWEST_STROKES, True]
-    runs = [(int(into[k]), int(out_of[j - 1])) for k, j in pairwise(np.flatnonzero(is_split))]
-    return max(runs, key=lambda run: run[1] - run[0])
+    bridged = cuts.copy()
+    for first, last in runs(~cuts):
+        if first > 0 and last < len(cuts) and last - first < _FEWEST_STROKES:
+            bridged[first:last] = True
+    return max(runs(bridged), key=lambda run: run[1] - run[0])
 
 
 def with_air(phases: tuple[Phase, ...], cut: Cut | None) -> tuple[Phase, ...]:
@@ -92,10 +95,10 @@ def with_air(phases: tuple[Phase, ...], cut: Cut | None) -> tuple[Phase, ...]:
     end_s = np.inf if cut.end_s is None else cut.end_s
     found = []
     for phase in phases:
-        edges = np.clip([phase.start_s, start_s, end_s, phase.end_s], phase.start_s, phase.end_s).tolist()
         if phase.kind != "running":
             found.append(phase)
             continue
+        edges = np.clip([phase.start_s, start_s, end_s, phase.end_s], phase.start_s, phase.end_s).tolist()
         parts = zip(("in_air", "running", "in_air"), pairwise(edges), strict=True)
         found += [Phase(kind=kind, start_s=a, end_s=b) for kind, (a, b) in parts if b > a]
     return tuple(found)

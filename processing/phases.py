@@ -65,7 +65,7 @@ def find_phases(
     phases: tuple[Phase, ...] = ()
     for tolerance in _SETTLED:
         kinds = np.full(len(time), "rest", dtype="<U9")
-        for first, last in _runs(is_moving):
+        for first, last in runs(is_moving):
             kinds[first:last] = _moving_kinds(time, speed, reference, first, last, tolerance)
         phases = _as_phases(time, kinds)
         running_s = sum(phase.end_s - phase.start_s for phase in phases if phase.kind == "running")
@@ -106,13 +106,20 @@ def _with_hysteresis(speed: Floats, off: float, on: float) -> NDArray[np.bool_]:
 def _without_short_stops(time: Floats, is_moving: NDArray[np.bool_], shortest_s: float) -> NDArray[np.bool_]:
     """Bridge stops between two moving stretches that are shorter than `shortest_s`."""
     bridged = is_moving.copy()
-    for first, last in _runs(~is_moving):
+    for first, last in runs(~is_moving):
         if first > 0 and last < len(time) and time[last] - time[first] < shortest_s:
             bridged[first:last] = True
     return bridged
 
 
-def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First element, and one past the last, of every stretch in which a mask holds.
+
+    Examples
+    --------
+    >>> runs(np.array([True, True, False, True]))
+    [(0, 2), (3, 4)]
+    """
     edges = np.flatnonzero(np.diff(np.r_[False, mask, False]))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 

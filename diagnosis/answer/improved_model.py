@@ -149,8 +149,6 @@ def _closes(share: float, ends: Sequence[float]) -> str:
 def retuned_with(problem: LinearProblem, members: Sequence[Explanation], *, is_wide: bool) -> Solution:
     """Fit the parameters, and the sizes of the effects of a cause, to all trials.
 
-    Without the curve of a battery, which no simulated model has: its voltage and capacity are those that come nearest.
-
     Parameters
     ----------
     problem : LinearProblem
@@ -160,12 +158,15 @@ def retuned_with(problem: LinearProblem, members: Sequence[Explanation], *, is_w
         Whether the plant's numbers are free beyond what is stated of them.
     """
     columns = [m.column.columns * m.effect.strength.high for m in members]
-    problem = problem.only(lambda name: not name.startswith(OPEN_CIRCUIT_CURVE))
     return _solve(problem, np.hstack(columns) if columns else None, is_wide=is_wide)
 
 
 def _solve(problem: LinearProblem, columns: Floats | None, *, is_wide: bool) -> Solution:
-    """Fit by the noise that this very fit leaves: by that of an ideal form, a strong cause overrides every prior."""
+    """Fit by the noise that this very fit leaves: by that of an ideal form, a strong cause overrides every prior.
+
+    Without the curve of a battery, which no simulated model has: its voltage and capacity are those that come nearest.
+    """
+    problem = problem.only(lambda name: not name.startswith(OPEN_CIRCUIT_CURVE))
     scale = problem.wide_scale if is_wide else np.ones(len(problem.names))
     given = np.zeros((len(problem.data), 0)) if columns is None else columns
     noise = noise_factor_beside(problem, given, scale=scale)
