@@ -126,6 +126,8 @@ def _gaps(
         and event.channel in ("", block.channel)
         and event.device in ("", block.device)
     ]
+    starts_s = np.array([event.time_s for event in told])
+    ends_s = np.array([event.time_s if event.end_s is None else event.end_s for event in told])
     gaps = []
     for position in sorted(jumps):
         if not 0 < position < len(time_s):
@@ -137,12 +139,16 @@ def _gaps(
             reason = "the device restarted its counter"
         if n_missing is None:
             n_missing = max(round((end_s - start_s) / nominal_s) - 1, 0)
+        # Of the events that overlap the gap, the one that is closest to its start.
+        over = np.flatnonzero((starts_s <= end_s) & (ends_s >= start_s))
+        if len(over):
+            reason = told[over[np.argmin(np.abs(starts_s[over] - start_s))]].text or reason
         gaps.append(
             Gap(
                 start_s=start_s,
                 end_s=end_s,
                 n_missing=n_missing,
-                reason=_told_reason(told, start_s, end_s) or reason,
+                reason=reason,
             )
         )
     return (*gaps, *_gap_at_end(block.channel, float(time_s[-1]), nominal_s, told))
@@ -157,9 +163,3 @@ def _gap_at_end(channel: str, last_s: float, nominal_s: float, told: Sequence[Ev
         for e in ends[-1:]
         if e.end_s is not None
     ]
-
-
-def _told_reason(told: Sequence[Event], start_s: float, end_s: float) -> str:
-    """Return the text of the event that overlaps the gap and is closest to its start."""
-    over = [e for e in told if e.time_s <= end_s and (e.time_s if e.end_s is None else e.end_s) >= start_s]
-    return min(over, key=lambda event: abs(event.time_s - start_s)).text if over else ""

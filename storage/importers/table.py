@@ -127,15 +127,15 @@ def _signal(name: str, unit: str, time_s: Floats, values: Floats, jumps: NDArray
     kept_s = time_s[rows]
     gaps: list[Gap] = []
     if len(rows) > 1:
-        # A slower channel fills every n-th row; only what is missing on top of that is a gap.
-        stride = float(np.median(np.diff(rows)))
-        period_s = float(np.median(np.diff(time_s))) * stride
+        # A slower channel fills every n-th row, and instruments with clocks of their own fill rows of their own: only
+        # what is missing on top of that is a gap.
+        stride, period_s = float(np.median(np.diff(rows))), float(np.median(np.diff(kept_s)))
         empty = np.rint(np.diff(rows) / stride).astype(np.int64) - 1
         # A jump of the time belongs to the interval between the filled rows around it.
         jumped = np.searchsorted(rows, jumps, side="left") - 1
         jumped = jumped[(jumped >= 0) & (jumped < len(empty))]
         for k in np.union1d(np.flatnonzero(empty > 0), jumped).tolist():
-            n_missing = max(round(float(kept_s[k + 1] - kept_s[k]) / period_s) - 1, int(empty[k]))
+            n_missing = round(float(kept_s[k + 1] - kept_s[k]) / period_s) - 1
             reason = "the time jumps" if k in jumped else "empty cells"
             if n_missing > 0:
                 gap = Gap(start_s=float(kept_s[k]), end_s=float(kept_s[k + 1]), n_missing=n_missing, reason=reason)

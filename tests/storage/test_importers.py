@@ -98,6 +98,18 @@ def test_a_slower_channel_has_no_gaps(tmp_path):
     assert [(gap.start_s, gap.end_s, gap.n_missing) for gap in slow.gaps] == [(0.095, 0.105, 1)]
 
 
+def test_instruments_with_rows_of_their_own_have_no_gaps_but_their_own(tmp_path):
+    """The rows of a converter and of a current lie between those of the force, which misses one sample."""
+    at = {0.00025 * k + 0.00014: ("force_n", k) for k in range(400) if k != 200}
+    at |= {0.0005 * k + 0.0003: ("displacement_mm", k % 20) for k in range(200)}
+    at |= {0.001 * k + 0.00035: ("motor_current_a", 3) for k in range(100)}
+    names = ("force_n", "displacement_mm", "motor_current_a")
+    rows = [(f"{t:.5f}", *(value if name == of else "" for name in names)) for t, (of, value) in sorted(at.items())]
+    recording, _ = imported(tmp_path, "t.csv", table(("time_s", *names), rows))
+    assert [(gap.start_s, gap.n_missing) for gap in recording.signal("force_n").gaps] == [(0.04989, 1)]
+    assert recording.signal("displacement_mm").gaps == recording.signal("motor_current_a").gaps == ()
+
+
 def test_unknown_and_empty_columns(tmp_path):
     rows = [(0.001 * k, k, 20 + k, "") for k in range(10)]
     columns = ("time_s", "Fforce_N", "temperature", "motor_current_a")
