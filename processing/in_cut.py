@@ -19,6 +19,9 @@ from sawbench.processing.phases import runs
 _LEAST_SHARE, _STRONG_PERCENTILE, _FEWEST_STROKES = 0.25, 90.0, 3
 # Of the usual stroke in the wood: the blade has gone in wholly.
 _WHOLLY_SHARE = 0.7
+# It comes out where more strokes than one at the end, at the usual rate, are less than that of those in the last part
+# of the cut: the recording may end before a stroke is in air.
+_LEAVING_STROKES, _LAST_PART, _SLOW = 2, 0.25, 1.4
 _LEAST_OVER_SCATTER = 10.0
 
 
@@ -51,7 +54,8 @@ def find_cut(angle: CrankAngle, time_s: Floats, force_n: Floats) -> Cut | None:
     begins_s = np.interp(TWO_PI * np.arange(first, last + 1), angle.angle_rad, angle.time_s)
     quarters = AngleGrid(first_turn=first, n_rows=last - first, n_bins=4)
     means = quarters.means(quarters.place(np.interp(time_s, angle.time_s, angle.angle_rad)), force_n)
-    hardness = np.hypot(means[:, 0] - means[:, 2], means[:, 1] - means[:, 3]) * np.diff(begins_s)
+    period_s = np.diff(begins_s)
+    hardness = np.hypot(means[:, 0] - means[:, 2], means[:, 1] - means[:, 3]) * period_s
     known = hardness[~np.isnan(hardness)]
     if len(known) < 4 * _FEWEST_STROKES:
         return None
@@ -63,7 +67,10 @@ def find_cut(angle: CrankAngle, time_s: Floats, force_n: Floats) -> Cut | None:
     if len(wholly) < 2 * _FEWEST_STROKES:
         return None
     start_s = float(begins_s[wholly[0] + 1]) if begin >= _FEWEST_STROKES else None
-    end_s = float(begins_s[wholly[-1]]) if len(hardness) - end >= _FEWEST_STROKES else None
+    late = hardness[end - max(int(_LAST_PART * (end - begin)), 1) : end]
+    is_weak = (hardness < _WHOLLY_SHARE * np.nanmedian(late)) & (period_s < _SLOW * np.median(period_s))
+    is_out = len(hardness) - end >= _FEWEST_STROKES or bool(is_weak[-_LEAVING_STROKES:].all())
+    end_s = float(begins_s[wholly[-1]]) if is_out else None
     return None if start_s is None and end_s is None else Cut(start_s=start_s, end_s=end_s)
 
 

@@ -164,7 +164,12 @@ def _failing(
 
 
 def has_a_gap(problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation) -> bool:
-    """Whether the model without one effect of the likeliest hypothesis leaves a gap where that acts."""
+    """Whether the model without one effect of the likeliest hypothesis leaves a gap where that acts.
+
+    Where it leaves one only because every machine has a little of everything, that is no gap.
+    """
+    if posterior.of("no_gap").left_over <= problem.quiet:
+        return False
     rest = posterior.best.without(member.effect.name)
     cause, rung = (_found(posterior, rest), "with_effect") if rest else (posterior.best, "retuned")
     ladder, weights = predictions.of(cause).ladder, problem.settings.weights

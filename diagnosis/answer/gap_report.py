@@ -247,7 +247,7 @@ def _where(problem: LinearProblem, posterior: Posterior) -> list[dict[str, Any]]
         }
         for spot in locate(problem, posterior)
     ]
-    beside = posterior.off_stroke
+    beside = posterior.finding
     if beside is None or not (beside.lines_hz or beside.equation):
         return found
     # Mean strokes, and so the shares, hold nothing of it; where they hold no gap, it is all there is.
@@ -306,7 +306,7 @@ def _warnings(
 ) -> list[str]:
     return [
         *campaign.warnings, *_weaknesses(campaign), *_hidden(shown, posterior.best.effects), *_of_strokes(posterior),
-        *([] if posterior.off_stroke is None else [posterior.off_stroke.text]),
+        *([] if posterior.finding is None else [posterior.finding.text]),
         *(() if channels is None else channels.warnings),
     ]  # fmt: skip
 

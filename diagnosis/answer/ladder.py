@@ -141,7 +141,7 @@ class HoldOut:
         numbers = {nuisance.name for nuisance in plant.nuisances() if nuisance.is_plant}
         self.is_plant = np.array([name in numbers for name in problem.names], dtype=bool)
         self.is_own = problem.is_of_trial
-        self._high = np.where(self.is_own, np.inf, np.where(self.is_plant, _NUMBERS.farthest, _NUMBERS.farthest_sensor))
+        self._high = np.where(self.is_own, np.inf, np.where(self.is_plant, _NUMBERS.farthest, _NUMBERS.farthest_stated))
         self.held_out: HeldOut
         self.held_out, self.group_of = _grouping(problem, by_trial=by_trial)
         self.groups = tuple(dict.fromkeys(self.group_of(part) for part in problem.parts))

@@ -62,11 +62,12 @@ class Ladder:
         Sum of squares over the noise by which one number that is fitted elsewhere makes a withheld group worse.
     least_blocks, least_groups : int
         Time blocks of a trial that give a scatter about a straight line; withheld groups that give an interval.
-    farthest, farthest_sensor : float
-        Numbers that are re-tuned freely stay within this many widened standard deviations: farther off it is not the
-        same machine.
+    farthest : float
+        Numbers of the machine that are re-tuned freely stay within this many widened standard deviations: farther off it
+        is not the same machine.
     farthest_stated : float
-        Numbers that are re-tuned beside a cause move no further than this many stated ones in the improved model.
+        Zeros and gains of sensors stay within this many stated ones, for nobody re-tunes them; in the improved model
+        numbers of the machine beside a cause do, too.
     solved_forms : int
         Forms of a cause that are solved with these bounds.
     most_autocorrelation : float
@@ -87,9 +88,6 @@ class Ladder:
     least_groups: int = marked(3, "convention", "a standard error from leaving out one in turn")
     farthest: float = marked(2.0, "convention", "95 %, as every interval")
     farthest_stated: float = marked(3.0, "convention", "one number in 400 is further off than it is stated to be")
-    farthest_sensor: float = marked(
-        5.0, "convention", "a sensor's zero and gain are known less than a motor's constants"
-    )
     solved_forms: int = marked(3, "convention", "time: each costs a bounded least-squares problem")
     most_autocorrelation: float = marked(0.9, "convention", "keeps the noise finite: a factor of 4.4")
     left_by_the_right: float = marked(0.1, "convention", "what a correct claim may leave of what can be closed")

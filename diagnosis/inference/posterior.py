@@ -43,8 +43,9 @@ class Posterior:
         Of every single effect, most evidence first.
     strokes : dict of str to StrokesSay
         What the single strokes say, by effect.
-    off_stroke : Finding or None
-        What is asynchronous with the stroke and no scatter: evidence for "unknown".
+    finding : Finding or None
+        The strongest that no effect of the catalogue can bring about: what is asynchronous with the stroke and no scatter,
+        a balance that varies within trials.
     resembles : str
         Strongest evidence for "unknown"; empty for a gap of no particular form.
     dispersion : ndarray, shape (n,)
@@ -57,7 +58,7 @@ class Posterior:
     hypotheses: tuple[Hypothesis, ...]
     explanations: tuple[Explanation, ...]
     strokes: dict[str, StrokesSay]
-    off_stroke: Finding | None
+    finding: Finding | None
     resembles: str
     dispersion: Floats
     little: dict[str, Floats]
@@ -136,7 +137,7 @@ def judge(
         hypotheses=tuple(stated.members(h, explanations) for h in weighed),
         explanations=tuple(explanations.values()),
         strokes=said,
-        off_stroke=beside,
+        finding=beside,
         resembles=resembles if nobodys[resembles] > 0.0 else "",
         dispersion=bench.dispersion,
         little=little,

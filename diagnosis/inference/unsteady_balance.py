@@ -30,9 +30,8 @@ _WORDS: Final[Mapping[Equation, str]] = MappingProxyType(
         "converter": "the balance of currents at the converter",
     }
 )
-# Mean, slope and bend of a trial: what warms up and discharges. Time constants of a battery's polarisation, s.
+# Mean, slope and bend of a trial: what warms up and discharges.
 _TREND: Final = 3
-_MEMORIES_S: Final = (1.0, 5.0, 30.0)
 _FEWEST_UNITS: Final = 8
 # Standard deviation of a normal distribution over the median of its absolute values.
 _STD_OVER_MEDIAN: Final = 1.4826
@@ -161,11 +160,9 @@ def _currents(state: State) -> list[Floats]:
         np.zeros_like(state.speed_rad_s) if measured is None else measured
         for measured in (state.current_a, state.battery_current_a)
     )
-    drawn_a = battery_a.mean(axis=1)
-    steps_s = np.diff(state.time_s[:, 0], prepend=state.time_s[0, 0])
-    remembered = [_remembered(drawn_a, steps_s, memory_s) for memory_s in _MEMORIES_S]
+    remembered = [track[:, 0] for memory, track in state.slow.items() if memory.drive == "battery_current_a"]
     mean_a = motor_a.mean(axis=1)
-    return [mean_a, (motor_a**2).mean(axis=1), np.gradient(mean_a), drawn_a, *remembered]
+    return [mean_a, (motor_a**2).mean(axis=1), np.gradient(mean_a), battery_a.mean(axis=1), *remembered]
 
 
 def _without(rows: Floats, design: Floats) -> Floats:
@@ -177,12 +174,3 @@ def _without(rows: Floats, design: Floats) -> Floats:
         # Few strokes that were not measured well have no weight.
         weight = 1.0 / np.sqrt(np.maximum(size, _LEAST_SHARE * np.median(size) + 1e-300))
     return left
-
-
-def _remembered(values: Floats, steps_s: Floats, memory_s: float) -> Floats:
-    """First-order low-pass of values from one step in time to the next, shape (n,)."""
-    kept, found = float(values[0]), np.empty_like(values)
-    for k, (value, step_s) in enumerate(zip(values, steps_s, strict=True)):
-        kept += (float(value) - kept) * -np.expm1(-step_s / memory_s)
-        found[k] = kept
-    return found

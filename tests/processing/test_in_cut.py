@@ -52,6 +52,15 @@ def test_only_one_end_is_in_air():
     assert 6.1 < early.end_s < 6.5
 
 
+@pytest.mark.parametrize("out_s", [SECONDS + 0.02, SECONDS + 0.1])
+def test_a_recording_that_ends_while_the_blade_comes_out(out_s):
+    """No stroke of it is wholly in air."""
+    angle = turning()
+    cut = find_cut(angle, T, force_of(angle, depth(-1.0, out_s, ramp_s=0.4)))
+    assert cut.start_s is None
+    assert out_s - 0.5 < cut.end_s < out_s - 0.1
+
+
 @pytest.mark.parametrize(
     "cuts",
     [
