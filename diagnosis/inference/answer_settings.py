@@ -63,8 +63,8 @@ class Ladder:
     least_blocks, least_groups : int
         Time blocks of a trial that give a scatter about a straight line; withheld groups that give an interval.
     farthest : float
-        Numbers of the machine that are re-tuned freely stay within this many widened standard deviations: farther off it
-        is not the same machine.
+        Numbers of the machine that are re-tuned freely stay within this many widened standard deviations: farther off
+        it is not the same machine.
     farthest_stated : float
         Zeros and gains of sensors stay within this many stated ones, for nobody re-tunes them; in the improved model
         numbers of the machine beside a cause do, too.

@@ -44,8 +44,8 @@ class Posterior:
     strokes : dict of str to StrokesSay
         What the single strokes say, by effect.
     finding : Finding or None
-        The strongest that no effect of the catalogue can bring about: what is asynchronous with the stroke and no scatter,
-        a balance that varies within trials.
+        The strongest that no effect of the catalogue can bring about: what is asynchronous with the stroke and no
+        scatter, or a balance that varies within trials.
     resembles : str
         Strongest evidence for "unknown"; empty for a gap of no particular form.
     dispersion : ndarray, shape (n,)
@@ -210,7 +210,8 @@ def _singles_and_pairs(bench: _Bench) -> tuple[list[Hypothesis], list[Hypothesis
         )
         for e in explanations
     ]  # fmt: skip
-    return singles, bench.forming.pairs(firsts, given, catalogue, half)
+    alone = {h.name: h.left_over for h in singles}
+    return singles, [_leaving_no_more(h, alone) for h in bench.forming.pairs(firsts, given, catalogue, half)]
 
 
 def _in_either_shape(explanation: Explanation, formed: Column) -> list[Floats]:
@@ -220,6 +221,13 @@ def _in_either_shape(explanation: Explanation, formed: Column) -> list[Floats]:
     """
     shapes = [explanation.column] if explanation.column is formed else [explanation.column, formed]
     return [column.columns * explanation.effect.strength.high for column in shapes]
+
+
+def _leaving_no_more(pair: Hypothesis, alone: Mapping[str, float]) -> Hypothesis:
+    """What a pair leaves is no more than what one of its effects leaves: noise that is scaled fits them otherwise."""
+    if not np.isfinite(pair.left_over):
+        return pair
+    return replace(pair, left_over=min(pair.left_over, *(alone[name] for name in pair.effects)))
 
 
 def _resting(bench: _Bench, hypothesis: Hypothesis, said: Mapping[str, StrokesSay]) -> Hypothesis:
