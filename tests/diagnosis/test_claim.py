@@ -425,3 +425,12 @@ def test_a_carriage_with_two_modes_states_the_first(problem, columns):
     found = explain(Marginal(data), columns["carriage_resonance"])
     assert found.strength == pytest.approx(164.6, rel=0.1)
     assert effect.amplitude(np.array([0.01, 0.7, 0.0, 0.2, 0.0])) == 0.01
+
+
+def test_two_effects_leave_no_more_than_one_of_them(problem, columns):
+    data = with_columns(with_columns(problem, columns, RUBBING, 30.0), columns, FRICTION, 10.0)
+    left = {h.effects: h.left_over for h in judge(data, columns).hypotheses}
+    pairs = {effects: value for effects, value in left.items() if len(effects) == 2 and np.isfinite(value)}
+    assert pairs
+    for (one, other), value in pairs.items():
+        assert value <= min(left[one,], left[other,])

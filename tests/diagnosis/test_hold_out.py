@@ -97,3 +97,14 @@ def test_squares_leave_out_what_the_other_groups_do_not_know_of_the_size(problem
     # The prediction itself misses all of it, and says so in the unit of the channel.
     current, _ = found.by_channel["motor_current_a"]
     assert current.with_effect > 2.0 * current.noise_floor
+
+
+def test_a_sensor_is_retuned_within_what_is_stated_of_it(problem):
+    """A converter that loses a tenth is no gain of a current that is off by ten times what it is stated to be.
+
+    The gains of both currents, and their change while an amplifier warms up, each take three times what is stated.
+    """
+    wave = problem.nuisance[:, problem.names.index("battery_current_gain")]
+    left = {n: HoldOut(replace(problem, data=n * wave)).climb([]).energy["retuned"].sum() for n in (2.0, 10.0)}
+    assert left[2.0] < 0.01 * len(wave)
+    assert left[10.0] > 0.1 * len(wave)
