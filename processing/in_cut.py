@@ -64,13 +64,17 @@ def find_cut(angle: CrankAngle, time_s: Floats, force_n: Floats) -> Cut | None:
         return None
     begin, end = _longest(np.isnan(hardness) | (hardness > _LEAST_SHARE * strong))
     wholly = begin + np.flatnonzero(hardness[begin:end] >= _WHOLLY_SHARE * np.nanmedian(hardness[begin:end]))
-    if len(wholly) < 2 * _FEWEST_STROKES:
+    if not len(wholly):
         return None
-    start_s = float(begins_s[wholly[0] + 1]) if begin >= _FEWEST_STROKES else None
     late = hardness[end - max(int(_LAST_PART * (end - begin)), 1) : end]
     is_weak = (hardness < _WHOLLY_SHARE * np.nanmedian(late)) & (period_s < _SLOW * np.median(period_s))
     is_out = len(hardness) - end >= _FEWEST_STROKES or bool(is_weak[-_LEAVING_STROKES:].all())
-    end_s = float(begins_s[wholly[-1]]) if is_out else None
+    # On its way in and out the blade takes as long from there to the usual force as it took before, about.
+    first, last = wholly[0] + 1 + (wholly[0] - begin), wholly[-1] - (end - 1 - wholly[-1])
+    if last - first < 2 * _FEWEST_STROKES:
+        return None
+    start_s = float(begins_s[first]) if begin >= _FEWEST_STROKES else None
+    end_s = float(begins_s[last]) if is_out else None
     return None if start_s is None and end_s is None else Cut(start_s=start_s, end_s=end_s)
 
 
