@@ -66,8 +66,8 @@ def find_cut(angle: CrankAngle, time_s: Floats, force_n: Floats) -> Cut | None:
     wholly = begin + np.flatnonzero(hardness[begin:end] >= _WHOLLY_SHARE * np.nanmedian(hardness[begin:end]))
     if not len(wholly):
         return None
-    late = hardness[end - max(int(_LAST_PART * (end - begin)), 1) : end]
-    is_weak = (hardness < _WHOLLY_SHARE * np.nanmedian(late)) & (period_s < _SLOW * np.median(period_s))
+    late = hardness[wholly[-max(int(_LAST_PART * len(wholly)), 1) :]]
+    is_weak = (hardness < _WHOLLY_SHARE * np.median(late)) & (period_s < _SLOW * np.median(period_s))
     is_out = len(hardness) - end >= _FEWEST_STROKES or bool(is_weak[-_LEAVING_STROKES:].all())
     # On its way in and out the blade takes as long from there to the usual force as it took before, about.
     first, last = wholly[0] + 1 + (wholly[0] - begin), wholly[-1] - (end - 1 - wholly[-1])
