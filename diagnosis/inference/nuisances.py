@@ -16,7 +16,6 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.beyond.bent_displacement import (
     N_BEND_HARMONICS,
-    ORDINARY_BEND_RAD,
     bend_of_displacement,
 )
 from sawbench.diagnosis.inference.settings import SETTINGS
@@ -279,10 +278,13 @@ def _missing_beside(*, is_start: bool) -> SignatureFunction:
 
 
 def _bend_nuisances() -> list[Nuisance]:
-    """A displacement that is not quite straight between its ends; what is far from straight is beyond the catalogue."""
+    """A displacement that is not quite straight between its ends; what is far from straight is beyond the catalogue.
+
+    Electronics that straighten a sensor leave a curve that crosses zero a few times: its harmonics fall as 1/k only.
+    """
     return [
         Nuisance(
-            name=f"displacement_bend_{order}_rad", nominal=0.0, std=ORDINARY_BEND_RAD, is_plant=False,
+            name=f"displacement_bend_{order}_rad", nominal=0.0, std=order * SETTINGS.sensors.bend_std_rad, is_plant=False,
             signature=lambda baseline, state, order=order: bend_of_displacement(baseline, state, order),
         )
         for order in range(1, N_BEND_HARMONICS + 1)

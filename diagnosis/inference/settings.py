@@ -116,7 +116,7 @@ class Forms:
     n_first: int = marked(5, "convention", "time: each costs a pass over the catalogue")
     n_pairs: int = marked(8, "convention", "time: each costs 0.2 s")
     worth_forming: float = marked(3.0, "convention", "time: below, none of thirty further effects is likely")
-    bent_displacement_rad: float = marked(0.03, "convention", "twenty times what an ordinary sensor's background is")
+    bent_displacement_rad: float = marked(0.03, "convention", "twelve times what an ordinary sensor may have")
     least_amplitude: float = marked(0.15, "convention", "three standard deviations of the background of 5 %")
     most_std: float = marked(0.5, "convention", "its 95 % interval reaches from just above 0 to nearly twice of it")
     size_temperature: float = marked(6.0, "convention", "two and a half standard errors of least squares: forms differ")
@@ -188,6 +188,8 @@ class Sensors:
         Time in which that halves.
     zero_std_n : float
         Of the force's zero where its wander is read, and of its drift in 1000 s.
+    bend_std_rad : float
+        Of each harmonic k, times k, of the angle that a displacement sensor reads between the ends of the stroke.
     """
 
     std: Mapping[str, float] = marked(
@@ -228,6 +230,9 @@ class Sensors:
     )
     start_up_decay_s: float = marked(0.006, "measured", INTACT)
     zero_std_n: float = marked(5.0, "convention", "free: far beyond the drift of a load cell")
+    bend_std_rad: float = marked(
+        0.0025, "convention", "inductive sensors are sold as straight to 0.25 % of their range: two standard deviations"
+    )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

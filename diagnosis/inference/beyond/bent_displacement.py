@@ -7,13 +7,11 @@ from dataclasses import replace
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.settings import SETTINGS
-from sawbench.modeling.effects.effect import BACKGROUND_SHARE, Effect, Strength
+from sawbench.modeling.effects.effect import Effect, Strength
 from sawbench.modeling.residuals import Baseline, Signature, is_angle_known, residuals
 from sawbench.modeling.state import State
 
 N_BEND_HARMONICS = 4
-# Standard deviation of each coefficient: an ordinary sensor is straight to about 0.15 % of its range, two of them.
-ORDINARY_BEND_RAD = BACKGROUND_SHARE * SETTINGS.forms.bent_displacement_rad
 _STEP_RAD = 1e-4
 
 
