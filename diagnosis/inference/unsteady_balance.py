@@ -33,6 +33,8 @@ _WORDS: Final[Mapping[Equation, str]] = MappingProxyType(
 # Mean, slope and bend of a trial: what warms up and discharges.
 _TREND: Final = 3
 _FEWEST_UNITS: Final = 8
+# Balances in which all that the machine may do grows with a current.
+_BY_CURRENT_ALONE: Final = ("supply",)
 # Standard deviation of a normal distribution over the median of its absolute values.
 _STD_OVER_MEDIAN: Final = 1.4826
 # Of least absolute values by least squares with weights; residuals below a share of their median weigh alike.
@@ -100,9 +102,13 @@ def _weighed(problem: LinearProblem, equation: Equation, trials: Sequence[_Trial
     free = np.array([len(part) - _TREND - currents.shape[1] / len(trials) for part in parts])
     spread = np.array([_STD_OVER_MEDIAN * float(np.median(np.abs(part))) for part in parts])
     variance = spread**2 * np.array([len(part) for part in parts]) / np.maximum(free, 1.0)
-    over = variance / np.array([t.allowed for t in trials])
+    allowed, is_loaded = np.array([t.allowed for t in trials]), np.array([not t.is_idle for t in trials])
+    if equation in _BY_CURRENT_ALONE and not is_loaded.all():
+        # In air hardly a current flows: what varies there is the reading, whose noise may be of lower frequencies too.
+        allowed = np.maximum(allowed, np.median(variance[~is_loaded]))
+    over = variance / allowed
     nats = 0.5 * free * np.where(over > 1.0, over - 1.0 - np.log(np.maximum(over, 1.0)), 0.0)
-    shown, is_loaded = over > 1.0, np.array([not t.is_idle for t in trials])
+    shown = over > 1.0
     # In air hardly a current flows through a contact that is loose.
     groups = [group for group in (np.ones_like(shown), is_loaded) if _is_in_most(shown[group])]
     if not groups:

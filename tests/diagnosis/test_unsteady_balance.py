@@ -59,6 +59,17 @@ def test_a_contact_that_is_loose_shows_under_load_alone():
     assert "in 4 of 4 trials" in found["battery_voltage_v"].text
 
 
+def test_a_voltage_sensor_whose_noise_is_slow_is_no_loose_contact():
+    """It varies in air as well, where hardly a current flows."""
+    rng = np.random.default_rng(6)
+    in_air = [s for s in strokes() if s.setting.is_idle]
+    states = []
+    for state in [*strokes(), *in_air, *in_air]:
+        read_v = state.battery_voltage_v + 0.2 * rng.standard_normal(N_UNITS)[:, None]
+        states.append(replace(state, battery_voltage_v=read_v))
+    assert not [found for found in unsteady_balances(problem_of(states)) if found.equation == "supply"]
+
+
 @pytest.mark.parametrize(
     "change_v",
     [
