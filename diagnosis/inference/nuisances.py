@@ -284,7 +284,8 @@ def _bend_nuisances() -> list[Nuisance]:
     """
     return [
         Nuisance(
-            name=f"displacement_bend_{order}_rad", nominal=0.0, std=order * SETTINGS.sensors.bend_std_rad, is_plant=False,
+            name=f"displacement_bend_{order}_rad", nominal=0.0, is_plant=False,
+            std=order * SETTINGS.sensors.bend_std_rad,
             signature=lambda baseline, state, order=order: bend_of_displacement(baseline, state, order),
         )
         for order in range(1, N_BEND_HARMONICS + 1)
