@@ -20,15 +20,7 @@ from sawbench.diagnosis.inference.beyond.bent_displacement import (
 )
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.known import KnownEffect
-from sawbench.modeling.effects.transfer import Spectrum, force_reading
-from sawbench.modeling.residuals import (
-    Baseline,
-    Signature,
-    inertia_torque,
-    is_angle_known,
-    plunger_swing,
-    residuals,
-)
+from sawbench.modeling.residuals import Baseline, Signature, inertia_torque, plunger_swing, residuals
 from sawbench.modeling.state import TWO_PI, State, TrialSetting
 
 # Of the radius, for the derivative of a torque that is a smooth function of it.
@@ -111,7 +103,6 @@ def nuisances_of(baseline: Baseline) -> tuple[Nuisance, ...]:
     """
     return (
         *_plant_nuisances(baseline), *_battery_nuisances(baseline), *_sensor_nuisances(baseline), *_bend_nuisances(),
-        _natural_frequency_of_the_load_cell(),
         *_reversal_nuisances(),
     )  # fmt: skip
 
@@ -299,24 +290,6 @@ def _bend_nuisances() -> list[Nuisance]:
         )
         for order in range(1, N_BEND_HARMONICS + 1)
     ]  # fmt: skip
-
-
-def _natural_frequency_of_the_load_cell() -> Nuisance:
-    """Far above the strokes' harmonics, a resonance raises them by the square of their frequency over its own."""
-    usual_hz = SETTINGS.sensors.load_cell_hz
-
-    def raised(frequency_hz: Floats) -> Floats:
-        square = (frequency_hz / usual_hz) ** 2
-        return 1.0 + square / (1.0 + square)
-
-    def signature(baseline: Baseline, state: State) -> Signature:
-        if state.force_n is None or not is_angle_known(state):
-            return {}
-        return force_reading(baseline, state, Spectrum(baseline.expected_force(state), state).through(raised))
-
-    return Nuisance(
-        name="natural_frequency_of_the_load_cell", nominal=0.0, std=1.0, is_plant=False, signature=signature
-    )
 
 
 def _sensor_nuisances(baseline: Baseline) -> list[Nuisance]:

@@ -188,8 +188,6 @@ class Sensors:
         Time in which that halves.
     zero_std_n : float
         Of the force's zero where its wander is read, and of its drift in 1000 s.
-    load_cell_hz : float
-        Natural frequency of an ordinary load cell with its mount.
     bend_std_rad : float
         Of each harmonic k, times k, of the angle that a displacement sensor reads between the ends of the stroke.
     """
@@ -232,7 +230,6 @@ class Sensors:
     )
     start_up_decay_s: float = marked(0.006, "measured", INTACT)
     zero_std_n: float = marked(5.0, "convention", "free: far beyond the drift of a load cell")
-    load_cell_hz: float = marked(1000.0, "convention", "cells of 0.5 to 2 kN and their mounts: 0.5 to 3 kHz")
     bend_std_rad: float = marked(
         0.0025, "convention", "inductive sensors are sold as straight to 0.25 % of their range: two standard deviations"
     )

@@ -121,20 +121,6 @@ def test_a_wrong_reading(true, name):
     compare(gap(BASELINE, read), {key: size * wave for key, wave in claimed.items()}, 0.03)
 
 
-def test_a_load_cell_of_two_kilohertz_raises_the_harmonics_of_the_force(true):
-    """By its amplification 1 / (1 - (f / f_n)^2), worked out order by order of a stroke at constant speed."""
-    steady = replace(true, speed_rad_s=np.full_like(true.speed_rad_s, true.speed_rad_s.mean()))
-    n = steady.force_n.shape[1]
-    frequency_hz = np.arange(n // 2 + 1) * steady.speed_rad_s[0, 0] / (2 * np.pi)
-    expected_n = BASELINE.expected_force(steady)
-    raised = np.fft.rfft(expected_n, axis=1) / (1.0 - (frequency_hz / 2000.0) ** 2)
-    shown = np.fft.irfft(raised, n, axis=1) - expected_n
-    claimed = nuisance("natural_frequency_of_the_load_cell").signature(BASELINE, steady)["cutting"]
-    left = shown - (1000.0 / 2000.0) ** 2 * claimed
-    # At the highest order, 450 Hz, a fifth of it is of higher powers of the frequency, which the nuisance bounds.
-    assert np.sqrt(np.mean(left**2)) < 0.25 * np.sqrt(np.mean(shown**2))
-
-
 def misread(true, bent):
     """The state as a displacement with a bent characteristic shows it: x -> x + bent(x), both over the radius."""
     (angle,) = true.angle_rad
