@@ -99,7 +99,7 @@ def improved_model(
     if learned is None:
         found = retuned_with(problem, members, is_wide=is_wide)
     else:
-        found = _solve(problem, learned.learned.columns, is_wide=is_wide)
+        found = _solve(_as_simulated(problem), learned.learned.columns, is_wide=is_wide)
     tables = tomllib.loads(loaded.text.removeprefix("\ufeff"))
     n_trials = len({part.setting.label for part in problem.parts})
     comments: dict[tuple[str, ...], tuple[str, ...]] = {
@@ -146,7 +146,9 @@ def _closes(share: float, ends: Sequence[float]) -> str:
     return f"closes {share:.0%} ({interval})"
 
 
-def retuned_with(problem: LinearProblem, members: Sequence[Explanation], *, is_wide: bool) -> Solution:
+def retuned_with(
+    problem: LinearProblem, members: Sequence[Explanation], *, is_wide: bool, for_simulation: bool = True
+) -> Solution:
     """Fit the parameters, and the sizes of the effects of a cause, to all trials.
 
     Parameters
@@ -156,17 +158,21 @@ def retuned_with(problem: LinearProblem, members: Sequence[Explanation], *, is_w
         Empty where there is no cause.
     is_wide : bool
         Whether the plant's numbers are free beyond what is stated of them.
+    for_simulation : bool
+        Without the curve of a battery, which no simulated model has: its voltage and capacity are those that come
+        nearest. Else they are what the curve leaves of them.
     """
     columns = [m.column.columns * m.effect.strength.high for m in members]
+    problem = _as_simulated(problem) if for_simulation else problem
     return _solve(problem, np.hstack(columns) if columns else None, is_wide=is_wide)
 
 
-def _solve(problem: LinearProblem, columns: Floats | None, *, is_wide: bool) -> Solution:
-    """Fit by the noise that this very fit leaves: by that of an ideal form, a strong cause overrides every prior.
+def _as_simulated(problem: LinearProblem) -> LinearProblem:
+    return problem.only(lambda name: not name.startswith(OPEN_CIRCUIT_CURVE))
 
-    Without the curve of a battery, which no simulated model has: its voltage and capacity are those that come nearest.
-    """
-    problem = problem.only(lambda name: not name.startswith(OPEN_CIRCUIT_CURVE))
+
+def _solve(problem: LinearProblem, columns: Floats | None, *, is_wide: bool) -> Solution:
+    """Fit by the noise that this very fit leaves: by that of an ideal form, a strong cause overrides every prior."""
     scale = problem.wide_scale if is_wide else np.ones(len(problem.names))
     given = np.zeros((len(problem.data), 0)) if columns is None else columns
     noise = noise_factor_beside(problem, given, scale=scale)

@@ -49,6 +49,10 @@ def test_a_battery_s_own_curve_takes_nothing_of_the_parameters():
     alone, beside = (retuned_with(each, [], is_wide=False) for each in (problem, with_curve))
     assert beside.names == alone.names
     assert beside.values == pytest.approx(alone.values)
+    # What the report states of the machine is what the curve leaves: here both explain the same, and share it.
+    stated = retuned_with(with_curve, [], is_wide=False, for_simulation=False)
+    assert stated.names == names
+    assert stated.values[0] == pytest.approx(0.5 * alone.values[0], rel=0.05)
 
 
 def test_a_strong_cause_of_another_form_leaves_the_parameters_within_their_uncertainty():
