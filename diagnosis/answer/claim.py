@@ -166,7 +166,7 @@ def _failing(
 def has_a_gap(problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation) -> bool:
     """Whether the model without one effect of the likeliest hypothesis leaves a gap where that acts.
 
-    Where it leaves one only because every machine has a little of everything, that is no gap.
+    What background effects explain is no gap.
     """
     if posterior.of("no_gap").left_over <= problem.quiet:
         return False
