@@ -70,11 +70,11 @@ def find_cut(angle: CrankAngle, time_s: Floats, force_n: Floats) -> Cut | None:
     is_weak = (hardness < _WHOLLY_SHARE * np.median(late)) & (period_s < _SLOW * np.median(period_s))
     is_out = len(hardness) - end >= _FEWEST_STROKES or bool(is_weak[-_LEAVING_STROKES:].all())
     # On its way in and out the blade takes as long from there to the usual force as it took before, about.
-    first, last = wholly[0] + 1 + (wholly[0] - begin), wholly[-1] - (end - 1 - wholly[-1])
-    if last - first < 2 * _FEWEST_STROKES:
+    inside, leaving = wholly[0] + 1 + (wholly[0] - begin), wholly[-1] - (end - 1 - wholly[-1])
+    if leaving - inside < 2 * _FEWEST_STROKES:
         return None
-    start_s = float(begins_s[first]) if begin >= _FEWEST_STROKES else None
-    end_s = float(begins_s[last]) if is_out else None
+    start_s = float(begins_s[inside]) if begin >= _FEWEST_STROKES else None
+    end_s = float(begins_s[leaving]) if is_out else None
     return None if start_s is None and end_s is None else Cut(start_s=start_s, end_s=end_s)
 
 
