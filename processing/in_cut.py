@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sawbench.bench.processed import CrankAngle, Cut, Phase
 from sawbench.bench.recording import Floats
 from sawbench.processing.binning import TWO_PI, AngleGrid
-from sawbench.processing.phases import runs
+from sawbench.processing.phases import runs, without_short_breaks
 
 # Of the strokes that cut most, a tenth of all: less is air. Fewer strokes in a row are a hole or a crack of the wood.
 _LEAST_SHARE, _STRONG_PERCENTILE, _FEWEST_STROKES = 0.25, 90.0, 3
@@ -80,10 +80,7 @@ def find_cut(angle: CrankAngle, time_s: Floats, force_n: Floats) -> Cut | None:
 
 def _longest(cuts: NDArray[np.bool_]) -> tuple[int, int]:
     """First stroke, and one past the last, of the longest run that no row of strokes in air interrupts."""
-    bridged = cuts.copy()
-    for first, last in runs(~cuts):
-        if first > 0 and last < len(cuts) and last - first < _FEWEST_STROKES:
-            bridged[first:last] = True
+    bridged = without_short_breaks(np.arange(len(cuts), dtype=np.float64), cuts, _FEWEST_STROKES)
     return max(runs(bridged), key=lambda run: run[1] - run[0])
 
 

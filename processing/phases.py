@@ -60,7 +60,7 @@ def find_phases(
         return (Phase(kind="rest", start_s=float(time[0]), end_s=float(time[-1])),)
     knows = angle.angle_std_rad < _MAX_STD_RAD
     is_moving = _with_hysteresis(angle.speed_rad_s, _STILL_SHARE * reference, _MOVES_SHARE * reference)
-    is_moving = _without_short_stops(time, is_moving, np.pi / reference)
+    is_moving = without_short_breaks(time, is_moving, np.pi / reference)
     speed = np.where(knows, mean_speed, 0.0)
     phases: tuple[Phase, ...] = ()
     for tolerance in _SETTLED:
@@ -103,11 +103,11 @@ def _with_hysteresis(speed: Floats, off: float, on: float) -> NDArray[np.bool_]:
     return state[latest] == 1
 
 
-def _without_short_stops(time: Floats, is_moving: NDArray[np.bool_], shortest_s: float) -> NDArray[np.bool_]:
-    """Bridge stops between two moving stretches that are shorter than `shortest_s`."""
-    bridged = is_moving.copy()
-    for first, last in runs(~is_moving):
-        if first > 0 and last < len(time) and time[last] - time[first] < shortest_s:
+def without_short_breaks(at: Floats, mask: NDArray[np.bool_], shortest: float) -> NDArray[np.bool_]:
+    """Bridge what lies between two stretches of a mask and is shorter than `shortest`, in the unit of `at`."""
+    bridged = mask.copy()
+    for first, last in runs(~mask):
+        if first > 0 and last < len(at) and at[last] - at[first] < shortest:
             bridged[first:last] = True
     return bridged
 

@@ -14,10 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.diagnosis.inference.beyond.bent_displacement import (
-    N_BEND_HARMONICS,
-    bend_of_displacement,
-)
+from sawbench.diagnosis.inference.beyond.bent_displacement import N_BEND_HARMONICS, bend_of_displacement
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.residuals import Baseline, Signature, inertia_torque, plunger_swing, residuals
