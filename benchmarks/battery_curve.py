@@ -2,6 +2,8 @@
 
 V / V_full = 1 + slope q + bend q^2 + surplus exp(-q / 0.03), q the charge used over the capacity, at constant current.
 `SETTINGS.sensors.battery_curve` lets the curve of a configured battery be off by that, as Eq. 16 is nearly flat there.
+Then, how far the voltage later in the discharge is missed by a flat curve, by one that was fitted to the first part and
+held from there (`SeenCurve`), and by that fit continued.
 
 python -m benchmarks.battery_curve --cells DIR
 """
@@ -12,7 +14,8 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from sawbench.diagnosis.inference.nuisances import SURPLUS_GONE_BY
+from sawbench.diagnosis.inference.battery_curve import SHAPES
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.measured_discharge import MeasuredDischarge
 
 from benchmarks.battery_cells import read_cells
@@ -20,31 +23,66 @@ from benchmarks.battery_cells import read_cells
 CAPACITY_AS = 5.0 * 3600.0
 # The current settles, and the battery of a campaign is hardly used beyond.
 FIRST, LAST = 0.002, 0.35
+# Of the voltage: a battery's within a campaign; and points that a fit of three shapes needs no more of.
+NOISE, N_FITTED = 1e-3, 60
+
+
+def used_of(discharge: MeasuredDischarge) -> np.ndarray:
+    """Charge used over the capacity, at every sample."""
+    step_as = 0.5 * np.diff(discharge.time_s) * np.abs(discharge.current_a[1:] + discharge.current_a[:-1])
+    return np.concatenate([[0.0], np.cumsum(step_as)]) / CAPACITY_AS
+
+
+def shapes_of(used: np.ndarray) -> np.ndarray:
+    """Level, slope, bend and surplus, shape (n, 4)."""
+    return np.column_stack([np.ones_like(used), *(shape(used) for shape in SHAPES.values())])
 
 
 def curve_of(discharge: MeasuredDischarge) -> np.ndarray:
     """Slope, bend and surplus of one discharge, relative to the voltage of the full cell."""
-    step_as = 0.5 * np.diff(discharge.time_s) * np.abs(discharge.current_a[1:] + discharge.current_a[:-1])
-    used = np.concatenate([[0.0], np.cumsum(step_as)]) / CAPACITY_AS
+    used = used_of(discharge)
     inside = (used > FIRST) & (used < LAST)
     q = used[inside]
-    design = np.column_stack([np.ones_like(q), q, q**2, np.exp(-q / SURPLUS_GONE_BY)])
-    level, *shape = np.linalg.lstsq(design, discharge.voltage_v[inside], rcond=None)[0]
+    level, *shape = np.linalg.lstsq(shapes_of(q), discharge.voltage_v[inside], rcond=None)[0]
     return np.array(shape) / level
 
 
+def missed(discharge: MeasuredDischarge, seen: float, later: float) -> np.ndarray:
+    """Relative miss of the voltage at `later` of the charge: flat, held, continued; fitted up to `seen` of it."""
+    used = used_of(discharge)
+    inside = np.flatnonzero((used > FIRST) & (used < seen))
+    inside = inside[:: max(len(inside) // N_FITTED, 1)]
+    volts = discharge.voltage_v / discharge.voltage_v[inside[0]]
+    prior = np.array([1.0, *SETTINGS.sensors.battery_curve.values()])
+    design = shapes_of(used[inside]) * prior
+    normal = design.T @ design / NOISE**2 + np.eye(len(prior))
+    found = prior * np.linalg.solve(normal, design.T @ (volts[inside] - 1.0) / NOISE**2)
+    held, continued = 1.0 + shapes_of(np.array([seen, later * used[-1]])) @ found
+    return np.array([volts[inside].mean(), held, continued]) - np.interp(later * used[-1], used, volts)
+
+
 def main() -> None:
-    """Print the curve of every discharge, and the root mean square of each number."""
+    """Print the curve of every discharge, the root mean square of each number, and that of what is missed later."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cells", type=Path, required=True, help="folder of the LG M50 rate tests")
     found = []
-    for temperature, rates in read_cells(parser.parse_args().cells).items():
+    cells = read_cells(parser.parse_args().cells)
+    for temperature, rates in cells.items():
         for rate, discharge in rates.items():
             found.append(curve_of(discharge))
             slope, bend, surplus = found[-1]
             print(f"{temperature} degC, {rate}: slope {slope:.3f}, bend {bend:.3f}, surplus {surplus:.4f}")
     slope, bend, surplus = np.sqrt(np.mean(np.square(found), axis=0))
     print(f"root mean square: slope {slope:.2f}, bend {bend:.2f}, surplus {surplus:.3f}")
+    discharges = [discharge for rates in cells.values() for discharge in rates.values()]
+    for seen in (0.03, 0.06, 0.12, 0.25):
+        for later in (0.3, 0.5, 0.75):
+            errors = [missed(d, seen, later) for d in discharges if later * used_of(d)[-1] > seen]
+            flat, held, continued = 100.0 * np.sqrt(np.mean(np.square(errors), axis=0))
+            print(
+                f"fitted to {seen:.0%} of the charge, at {later:.0%} of the discharge:"
+                f" flat {flat:.1f} %, held {held:.1f} %, continued {continued:.1f} %"
+            )
 
 
 if __name__ == "__main__":

@@ -10,10 +10,12 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.answer.ladder import RUNGS, Fit, HoldOut, Ladder, Rungs
+from sawbench.diagnosis.inference.battery_curve import SeenCurve
 from sawbench.diagnosis.inference.evidence import Column
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
+from sawbench.diagnosis.inference.linear_problem import Part
+from sawbench.diagnosis.inference.nuisances import Nuisance, further_batteries
 from sawbench.diagnosis.inference.settings import SETTINGS
-from sawbench.modeling.residuals import Baseline
+from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 from sawbench.modeling.stroke import Prediction, Term, mean_stroke, predict
 
@@ -148,7 +150,7 @@ def forecast(hold_out: HoldOut, ladder: Ladder, forms: Sequence[Sequence[Column]
     running = [part for part in problem.parts if part.state.kind == "running"]
 
     def models(part: Part) -> dict[str, list[Term]]:
-        return _models(problem, ladder.fits[hold_out.group_of(part)], forms)
+        return _models(hold_out, ladder.fits[hold_out.group_of(part)], forms)
 
     def strokes(part: Part) -> _Strokes:
         stroke = mean_stroke(part.state)
@@ -168,11 +170,13 @@ def forecast(hold_out: HoldOut, ladder: Ladder, forms: Sequence[Sequence[Column]
     )  # fmt: skip
 
 
-def _models(problem: LinearProblem, fit: Fit, forms: Sequence[Sequence[Column]]) -> dict[str, list[Term]]:
+def _models(hold_out: HoldOut, fit: Fit, forms: Sequence[Sequence[Column]]) -> dict[str, list[Term]]:
     """Terms of the three models, from what was fitted."""
+    problem = hold_out.problem
     baseline = problem.campaign.baseline
-    known = {n.name: n for n in problem.campaign.plant.nuisances()}
-    width = problem.wide_scale * problem.prior_std
+    of_batteries = further_batteries(baseline, [part.setting for part in problem.parts])
+    known = {n.name: n for n in (*problem.campaign.plant.nuisances(), *of_batteries)}
+    width = hold_out.scale * problem.prior_std
     effects: list[Term] = []
     amplitudes = list(fit.amplitudes)
     for column in forms[fit.alternative] if forms else ():
@@ -183,12 +187,16 @@ def _models(problem: LinearProblem, fit: Fit, forms: Sequence[Sequence[Column]])
             Term(amplitude=1.0, signature=lambda s, c=column, a=taken: c.effect.combined(baseline, s, c.shape, a))
         )
 
+    seen = SeenCurve.of([part.state for part in problem.parts])
+
+    def signature(nuisance: Nuisance) -> Callable[[State], Signature]:
+        if nuisance.is_curve:
+            return lambda state: nuisance.signature(baseline, seen.within(state))
+        return lambda state: nuisance.signature(baseline, state)
+
     def nuisances(values: Floats) -> list[Term]:
         return [
-            Term(
-                amplitude=float(value * unit),
-                signature=lambda s, n=known[name]: n.signature(baseline, s),
-            )
+            Term(amplitude=float(value * unit), signature=signature(known[name]))
             for name, value, unit in zip(problem.names, values, width, strict=True)
             if name in known
         ]

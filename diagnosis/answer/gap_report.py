@@ -265,7 +265,7 @@ def _shifts(problem: LinearProblem, members: Sequence[Explanation]) -> dict[str,
 
     A model that lacks the cause bends its parameters towards it; beside the cause they are those of the machine.
     """
-    found = retuned_with(problem, members, is_wide=not members, for_simulation=False)
+    found = retuned_with(problem, members, is_wide=not members)
     place = {name: k for k, name in enumerate(found.names)}
     shifts = {}
     for nuisance in problem.campaign.plant.nuisances():

@@ -19,11 +19,12 @@ from sawbench.bench.config import MOST_REL_STD, BatteryConfig, LoadedConfig, Sen
 from sawbench.bench.recording import Floats
 from sawbench.bench.toml_writing import toml_text
 from sawbench.diagnosis.answer.learned_term import LearnedAnswer
+from sawbench.diagnosis.inference.battery_curve import SeenCurve
 from sawbench.diagnosis.inference.dispersion import noise_factor_beside, stacked_with_noise, with_noise
 from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
-from sawbench.diagnosis.inference.nuisances import OPEN_CIRCUIT_CURVE
 from sawbench.diagnosis.inference.posterior import Posterior
+from sawbench.diagnosis.inference.retuning import fitting_scale
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.effects.learned import NAME
@@ -99,7 +100,7 @@ def improved_model(
     if learned is None:
         found = retuned_with(problem, members, is_wide=is_wide)
     else:
-        found = _solve(_as_simulated(problem), learned.learned.columns, is_wide=is_wide)
+        found = _solve(problem, learned.learned.columns, is_wide=is_wide)
     tables = tomllib.loads(loaded.text.removeprefix("\ufeff"))
     n_trials = len({part.setting.label for part in problem.parts})
     comments: dict[tuple[str, ...], tuple[str, ...]] = {
@@ -146,9 +147,7 @@ def _closes(share: float, ends: Sequence[float]) -> str:
     return f"closes {share:.0%} ({interval})"
 
 
-def retuned_with(
-    problem: LinearProblem, members: Sequence[Explanation], *, is_wide: bool, for_simulation: bool = True
-) -> Solution:
+def retuned_with(problem: LinearProblem, members: Sequence[Explanation], *, is_wide: bool) -> Solution:
     """Fit the parameters, and the sizes of the effects of a cause, to all trials.
 
     Parameters
@@ -158,22 +157,14 @@ def retuned_with(
         Empty where there is no cause.
     is_wide : bool
         Whether the plant's numbers are free beyond what is stated of them.
-    for_simulation : bool
-        Without the curve of a battery, which no simulated model has: its voltage and capacity are those that come
-        nearest. Else they are what the curve leaves of them.
     """
     columns = [m.column.columns * m.effect.strength.high for m in members]
-    problem = _as_simulated(problem) if for_simulation else problem
     return _solve(problem, np.hstack(columns) if columns else None, is_wide=is_wide)
-
-
-def _as_simulated(problem: LinearProblem) -> LinearProblem:
-    return problem.only(lambda name: not name.startswith(OPEN_CIRCUIT_CURVE))
 
 
 def _solve(problem: LinearProblem, columns: Floats | None, *, is_wide: bool) -> Solution:
     """Fit by the noise that this very fit leaves: by that of an ideal form, a strong cause overrides every prior."""
-    scale = problem.wide_scale if is_wide else np.ones(len(problem.names))
+    scale = fitting_scale(problem) if is_wide else np.ones(len(problem.names))
     given = np.zeros((len(problem.data), 0)) if columns is None else columns
     noise = noise_factor_beside(problem, given, scale=scale)
     extra = stacked_with_noise(problem, [given], noise)
@@ -188,7 +179,7 @@ def _solve(problem: LinearProblem, columns: Floats | None, *, is_wide: bool) -> 
 
 
 def _retuned(tables: Mapping[str, Any], problem: LinearProblem, found: Solution) -> dict[str, Any]:
-    """Tables with the parameters that moved; their absolute standard uncertainty stays."""
+    """Tables with the parameters that moved, and the battery's curve; their absolute standard uncertainty stays."""
     out = {name: dict(table) if isinstance(table, Mapping) else table for name, table in tables.items()}
     for nuisance in problem.campaign.plant.nuisances():
         if not nuisance.is_plant or nuisance.name not in found.names:
@@ -208,6 +199,11 @@ def _retuned(tables: Mapping[str, Any], problem: LinearProblem, found: Solution)
         value = max(value, float(f"{std / MOST_REL_STD:.6g}"))
         if value > 0.0:
             out[table][nuisance.name] = {"nominal": value, "rel_std": float(f"{std / value:.4g}")}
+    shapes = [n for n in problem.campaign.plant.nuisances() if n.is_curve]
+    if any(abs(found.shift(n.name)) >= SETTINGS.report.least_move * n.std for n in shapes):
+        seen = SeenCurve.of([part.state for part in problem.parts])
+        deviations_v = {n.name: found.shift(n.name) for n in shapes}
+        out["battery"] = seen.table(problem.campaign.baseline.battery, out["battery"], deviations_v)
     return out
 
 

@@ -12,6 +12,7 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.closed_share import closed_share
 from sawbench.diagnosis.answer.withheld_group import WithheldGroup
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
+from sawbench.diagnosis.inference.retuning import fitting_scale
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.residuals import Equation
 
@@ -136,7 +137,8 @@ class HoldOut:
 
     def __init__(self, problem: LinearProblem, best: Floats | None = None, *, by_trial: bool = False) -> None:
         self.problem = problem
-        self.base = problem.nuisance * problem.wide_scale
+        self.scale = fitting_scale(problem)
+        self.base = problem.nuisance * self.scale
         plant = problem.campaign.plant
         numbers = {nuisance.name for nuisance in plant.nuisances() if nuisance.is_plant}
         self.is_plant = np.array([name in numbers for name in problem.names], dtype=bool)
@@ -410,10 +412,14 @@ def climb(problem: LinearProblem, columns: Floats | None) -> Ladder:
 
 
 def _grouping(problem: LinearProblem, *, by_trial: bool) -> tuple[HeldOut, Callable[[Part], str]]:
-    """Name what is withheld, and say which group a part belongs to: trials where there are few operating points."""
+    """Name what is withheld, and say which group a part belongs to: trials where there are few operating points.
+
+    Or where one of them alone cuts: without it, a model is fitted to a saw that never cuts.
+    """
     n_points = len({part.setting.operating_point for part in problem.parts})
+    n_cutting = len({part.setting.operating_point for part in problem.parts if not part.setting.is_idle})
     n_trials = len({part.setting.label for part in problem.parts})
-    if n_points >= min(_NUMBERS.least_groups, n_trials) > 1 and not by_trial:
+    if n_points >= min(_NUMBERS.least_groups, n_trials) > 1 and n_cutting != 1 and not by_trial:
         return "operating points", lambda part: part.setting.operating_point
     return "trials" if n_trials > 1 else "nothing", lambda part: part.setting.label
 

@@ -15,7 +15,6 @@ from sawbench.diagnosis.inference.dispersion import with_noise
 from sawbench.diagnosis.inference.evidence import Column, Explanation, explain
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import FORM_OF_KNOWN, LinearProblem, Marginal
-from sawbench.diagnosis.inference.nuisances import OPEN_CIRCUIT_CURVE
 from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.settings import Z95
 
@@ -58,9 +57,8 @@ class Predictions:
         self._hold_outs: dict[bool, HoldOut] = {}
         self._found: dict[tuple[tuple[str, ...], bool], Prediction] = {}
         self._channels: dict[tuple[str, ...], ChannelGap | None] = {}
-        # A model that is solved knows neither what the form of a known effect may miss nor the curve of a battery: the
-        # rest is fitted alone there.
-        solved = problem.only(lambda name: not name.startswith((FORM_OF_KNOWN, OPEN_CIRCUIT_CURVE)))
+        # A model that is solved does not know what the form of a known effect may miss: the rest is fitted alone there.
+        solved = problem.only(lambda name: not name.startswith(FORM_OF_KNOWN))
         self._solved = self if len(solved.names) == len(problem.names) else Predictions(solved, columns, posterior)
 
     def of(self, hypothesis: Hypothesis, *, by_trial: bool | None = None) -> Prediction:

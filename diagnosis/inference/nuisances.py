@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.battery_curve import deviation
 from sawbench.diagnosis.inference.beyond.bent_displacement import N_BEND_HARMONICS, bend_of_displacement
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.known import KnownEffect
@@ -22,14 +23,6 @@ from sawbench.modeling.state import TWO_PI, State, TrialSetting
 
 # Of the radius, for the derivative of a torque that is a smooth function of it.
 _RADIUS_STEP = 1e-4
-_AS_PER_AH: Final = 3600.0
-# Before the name of what no simulated battery has.
-OPEN_CIRCUIT_CURVE: Final = "open_circuit_voltage_"
-# What a full cell has in surplus is gone by this share of the charge (`benchmarks.battery_curve`).
-SURPLUS_GONE_BY: Final = 0.03
-_CURVE: Final[Mapping[str, Callable[[Floats], Floats]]] = MappingProxyType(
-    {"slope": lambda q: q, "bend": lambda q: q**2, "surplus": lambda q: np.exp(-q / SURPLUS_GONE_BY)}
-)
 # Gains of amplifiers that warm up; a voltage divider hardly does.
 DRIFTING: Final = ("motor_current_gain", "force_gain", "battery_current_gain")
 # (model of the plant: here a Baseline, State) -> Signature
@@ -65,6 +58,7 @@ class Nuisance:
     signature: SignatureFunction
     is_effect: bool = False
     is_zero: bool = False
+    is_curve: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -211,20 +205,19 @@ def _battery_nuisances(baseline: Baseline) -> list[Nuisance]:
         ),
         *(
             Nuisance(
-                name=f"{OPEN_CIRCUIT_CURVE}{name}_v", nominal=0.0, is_plant=False,
-                std=share * battery.nominal_voltage_v,
-                signature=partial(_open_circuit_curve, of_used=_CURVE[name]),
+                name=name, nominal=0.0, std=share * battery.nominal_voltage_v, is_plant=False,
+                signature=partial(_open_circuit_curve, name=name), is_curve=True,
             )
             for name, share in SETTINGS.sensors.battery_curve.items()
         ),
     ]  # fmt: skip
 
 
-def _open_circuit_curve(baseline: Baseline, state: State, of_used: Callable[[Floats], Floats]) -> Signature:
-    """Open-circuit voltage that goes with the charge used as no curve of two numbers does: V, for one volt."""
+def _open_circuit_curve(baseline: Baseline, state: State, name: str) -> Signature:
+    """Open-circuit voltage that goes with the charge used as no curve of two numbers does."""
     assert baseline.battery is not None
-    used = state.charge_used_as / (_AS_PER_AH * baseline.battery.capacity_ah)
-    return {"supply": np.broadcast_to(of_used(used), state.angle_rad.shape)}
+    volts = deviation(name, baseline.battery, state.charge_used_as)
+    return {"supply": np.broadcast_to(volts, state.angle_rad.shape)}
 
 
 def further_batteries(baseline: Baseline, settings: Iterable[TrialSetting]) -> list[Nuisance]:
@@ -244,9 +237,9 @@ def _of_battery(nuisance: Nuisance, number: int) -> Nuisance:
     def signature(baseline: Baseline, state: State) -> Signature:
         return nuisance.signature(baseline, state) if state.setting.battery == number else {}
 
-    return Nuisance(
-        name=f"{nuisance.name} of battery {number + 1}", nominal=0.0, std=float(np.sqrt(2.0)) * nuisance.std,
-        is_plant=False, signature=signature,
+    return replace(
+        nuisance, name=f"{nuisance.name} of battery {number + 1}", nominal=0.0, std=float(np.sqrt(2.0)) * nuisance.std,
+        is_plant=False, is_effect=False, signature=signature,
     )  # fmt: skip
 
 

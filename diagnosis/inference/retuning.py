@@ -8,11 +8,14 @@ that a resistance four standard deviations off was no finding.
 from __future__ import annotations
 
 from itertools import combinations
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 # Sets of up to so many are weighed one by one; what more would say, that of all at once does.
 _MOST_SINGLED_OUT: Final = 3
@@ -33,20 +36,62 @@ def evidence_of_retuning(problem: LinearProblem, nominal: Marginal, all_at_once:
     -------
     float
     """
-    is_wide = problem.wide_scale > 1.0
-    # What widening adds to a prior variance of one.
-    added = problem.wide_scale[is_wide] ** 2 - 1.0
-    own, moment = nominal.gram(problem.nuisance[:, is_wide] * np.sqrt(added))
-    most = min(_MOST_SINGLED_OUT, len(added))
+    own, moment = _widened(problem, nominal)
+    most = min(_MOST_SINGLED_OUT, len(moment))
     by_number = [_mean_evidence(own, moment, size) - size * np.log(2.0) for size in range(1, most + 1)]
     return float(np.logaddexp.reduce([*by_number, all_at_once - most * np.log(2.0)]))
+
+
+def fitting_scale(problem: LinearProblem) -> Floats:
+    """Factor on the prior of each nuisance, (p,), where numbers are fitted freely: those alone whose widening pays.
+
+    One number after the other, each the one that makes the data likeliest, until none gains what a further one costs.
+    A number that the campaign does not tell, as the capacity of a battery that is hardly used, keeps its stated
+    uncertainty: free, it would follow whatever the model misses, and mislead all that is predicted beyond.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+
+    Returns
+    -------
+    ndarray
+    """
+    wide = problem.wide_scale
+    own, moment = _widened(problem, Marginal(problem))
+    chosen: list[int] = []
+    reached = 0.0
+    while len(chosen) < len(moment):
+        rest = [k for k in range(len(moment)) if k not in chosen]
+        sets = np.array([[*chosen, k] for k in rest])
+        found = _evidence(own, moment, sets) - sets.shape[1] * np.log(2.0)
+        if found.max() <= reached:
+            break
+        reached = float(found.max())
+        chosen.append(rest[int(np.argmax(found))])
+    scale = np.ones(len(wide))
+    free = np.flatnonzero(wide > 1.0)[chosen]
+    scale[free] = wide[free]
+    return scale
+
+
+def _widened(problem: LinearProblem, nominal: Marginal) -> tuple[Floats, Floats]:
+    """Inner products of what widening adds to each number of the plant, of unit prior, and with the data."""
+    is_wide = problem.wide_scale > 1.0
+    added = problem.wide_scale[is_wide] ** 2 - 1.0
+    return nominal.gram(problem.nuisance[:, is_wide] * np.sqrt(added))
 
 
 def _mean_evidence(own: Floats, moment: Floats, size: int) -> float:
     """Log of the mean Bayes factor over all sets of `size` columns of unit prior."""
     sets = np.array(list(combinations(range(len(moment)), size)))
+    return float(np.logaddexp.reduce(_evidence(own, moment, sets)) - np.log(len(sets)))
+
+
+def _evidence(own: Floats, moment: Floats, sets: NDArray[np.int_]) -> Floats:
+    """Log Bayes factor of each set of columns of unit prior, shape (n_sets,); `sets`: (n_sets, size)."""
+    size = sets.shape[1]
     inner = np.eye(size) + own[sets[:, :, None], sets[:, None, :]]
     seen = moment[sets]
     gain = np.einsum("ij,ij->i", seen, np.linalg.solve(inner, seen[:, :, None])[:, :, 0])
-    found = 0.5 * (gain - np.linalg.slogdet(inner)[1])
-    return float(np.logaddexp.reduce(found) - np.log(len(sets)))
+    return 0.5 * (gain - np.linalg.slogdet(inner)[1])

@@ -207,7 +207,10 @@ class Sensors:
         "spread of new packs of one type",
     )  # fmt: skip
     battery_curve: Mapping[str, float] = marked(
-        {"slope": 0.13, "bend": 0.32, "surplus": 0.011}, "measured",
+        {
+            "open_circuit_voltage_slope_v": 0.13, "open_circuit_voltage_bend_v": 0.32,
+            "open_circuit_voltage_surplus_v": 0.011,
+        }, "measured",
         "python -m benchmarks.battery_curve: LG M50 cells at 0 to 45 degC, 0.1C to 2C",
     )  # fmt: skip
     floor: Mapping[str, tuple[float, float]] = marked(

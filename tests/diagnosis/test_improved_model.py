@@ -10,7 +10,6 @@ import pytest
 from sawbench.bench.config import parse_config
 from sawbench.diagnosis.answer.improved_model import Solution, retuned_with, sensors_of, with_true_scales
 from sawbench.diagnosis.inference.linear_problem import Marginal
-from sawbench.diagnosis.inference.nuisances import OPEN_CIRCUIT_CURVE
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 from sawbench.modeling.effects.known import KnownEffect
 
@@ -38,21 +37,6 @@ def gain_beside_the_cause(problem):
     )
     found = retuned_with(problem, [member], is_wide=False)
     return float(found.values[0]), float(found.stds[0]), float(found.amplitudes[0]) * strength.high
-
-
-def test_a_battery_s_own_curve_takes_nothing_of_the_parameters():
-    """No simulated battery has one: a capacity that comes nearest predicts its runtime."""
-    problem = problem_with(2.0 * GAIN)
-    both = np.hstack([problem.nuisance, problem.nuisance])
-    names = ("gain", f"{OPEN_CIRCUIT_CURVE}slope_v")
-    with_curve = replace(problem, nuisance=both, names=names, prior_std=np.ones(2))
-    alone, beside = (retuned_with(each, [], is_wide=False) for each in (problem, with_curve))
-    assert beside.names == alone.names
-    assert beside.values == pytest.approx(alone.values)
-    # What the report states of the machine is what the curve leaves: here both explain the same, and share it.
-    stated = retuned_with(with_curve, [], is_wide=False, for_simulation=False)
-    assert stated.names == names
-    assert stated.values[0] == pytest.approx(0.5 * alone.values[0], rel=0.05)
 
 
 def test_a_strong_cause_of_another_form_leaves_the_parameters_within_their_uncertainty():

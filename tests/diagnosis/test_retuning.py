@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from sawbench.diagnosis.inference.linear_problem import Marginal
-from sawbench.diagnosis.inference.retuning import evidence_of_retuning
+from sawbench.diagnosis.inference.retuning import evidence_of_retuning, fitting_scale
 from sawbench.diagnosis.inference.settings import SETTINGS
 from scipy.stats import multivariate_normal
 
@@ -67,3 +67,22 @@ def test_numbers_within_their_uncertainty_are_no_finding():
 
 def test_without_a_number_of_the_plant_there_is_nothing_to_retune():
     assert found(bench(1, 0)) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("off_std", [(), (5.0,), (5.0, -4.5)])
+def test_numbers_that_are_off_are_fitted_freely_and_no_others(off_std):
+    problem = bench(4, 12, off_std)
+    is_off = np.arange(13) < len(off_std)
+    assert fitting_scale(problem).tolist() == np.where(is_off, WIDE, 1.0).tolist()
+
+
+def test_a_number_that_the_data_do_not_tell_stays_as_it_is_stated_whatever_is_missed():
+    """Its column is a tenth of the noise, and the data miss something of twice the noise that looks like it."""
+    problem = bench(5, 4, (5.0,))
+    along = problem.nuisance[:, 3] / np.linalg.norm(problem.nuisance[:, 3])
+    problem.nuisance[:, 3] = 0.1 * along
+    problem.data += (2.0 - along @ problem.data) * along
+    scale = fitting_scale(problem)
+    assert scale[0] == WIDE
+    left, misled = (Marginal(problem, scale=s).estimate()[0][3] * s[3] for s in (scale, problem.wide_scale))
+    assert abs(left) < 0.5 * abs(misled)
