@@ -1,6 +1,6 @@
 """How the voltage of real cells goes with the charge used, in the first third of it.
 
-V / V_full = 1 + slope q + bend q^2 + surplus exp(-q / 0.03), q the charge used over the capacity, at constant current.
+V / V_full = 1 + the shapes of `SHAPES`, each with its coefficient, over the charge used, at constant current.
 `SETTINGS.sensors.battery_curve` lets the curve of a configured battery be off by that, as Eq. 16 is nearly flat there.
 Then, how far the voltage later in the discharge is missed by a flat curve, by one that was fitted to the first part and
 held from there (`SeenCurve`), and by that fit continued.
@@ -24,7 +24,7 @@ CAPACITY_AS = 5.0 * 3600.0
 # The current settles, and the battery of a campaign is hardly used beyond.
 FIRST, LAST = 0.002, 0.35
 # Of the voltage: a battery's within a campaign; and points that a fit of three shapes needs no more of.
-NOISE, N_FITTED = 1e-3, 60
+NOISE, N_FITTED, N_EVEN = 1e-3, 60, 200
 
 
 def used_of(discharge: MeasuredDischarge) -> np.ndarray:
@@ -39,12 +39,16 @@ def shapes_of(used: np.ndarray) -> np.ndarray:
 
 
 def curve_of(discharge: MeasuredDischarge) -> np.ndarray:
-    """Slope, bend and surplus of one discharge, relative to the voltage of the full cell."""
+    """Coefficients of one discharge, relative to the voltage of the full cell, and what they leave of it."""
     used = used_of(discharge)
     inside = (used > FIRST) & (used < LAST)
     q = used[inside]
-    level, *shape = np.linalg.lstsq(shapes_of(q), discharge.voltage_v[inside], rcond=None)[0]
-    return np.array(shape) / level
+    even = np.linspace(q[0], q[-1], N_EVEN)
+    volts = np.interp(even, q, discharge.voltage_v[inside])
+    volts /= volts[0]
+    design = shapes_of(even)
+    level, *shape = np.linalg.lstsq(design, volts, rcond=None)[0]
+    return np.array([*shape, np.std(volts - design @ np.array([level, *shape]))]) / level
 
 
 def missed(discharge: MeasuredDischarge, seen: float, later: float) -> np.ndarray:
@@ -61,6 +65,15 @@ def missed(discharge: MeasuredDischarge, seen: float, later: float) -> np.ndarra
     return np.array([volts[inside].mean(), held, continued]) - np.interp(later * used[-1], used, volts)
 
 
+def words(numbers: np.ndarray) -> str:
+    """Coefficients by shape; last what the shapes leave of the voltage."""
+    names = [name.removeprefix("open_circuit_voltage_").removesuffix("_v") for name in SHAPES]
+    return (
+        ", ".join(f"{name} {number:.3f}" for name, number in zip(names, numbers, strict=False))
+        + f"; left {numbers[-1]:.2%}"
+    )
+
+
 def main() -> None:
     """Print the curve of every discharge, the root mean square of each number, and that of what is missed later."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -70,10 +83,8 @@ def main() -> None:
     for temperature, rates in cells.items():
         for rate, discharge in rates.items():
             found.append(curve_of(discharge))
-            slope, bend, surplus = found[-1]
-            print(f"{temperature} degC, {rate}: slope {slope:.3f}, bend {bend:.3f}, surplus {surplus:.4f}")
-    slope, bend, surplus = np.sqrt(np.mean(np.square(found), axis=0))
-    print(f"root mean square: slope {slope:.2f}, bend {bend:.2f}, surplus {surplus:.3f}")
+            print(f"{temperature} degC, {rate}: {words(found[-1])}")
+    print(f"root mean square: {words(np.sqrt(np.mean(np.square(found), axis=0)))}")
     discharges = [discharge for rates in cells.values() for discharge in rates.values()]
     for seen in (0.03, 0.06, 0.12, 0.25):
         for later in (0.3, 0.5, 0.75):

@@ -1,8 +1,7 @@
 """The open-circuit curve that a battery has of its own, beside that of the configuration.
 
 Eq. 16 is nearly flat where the voltage of real cells falls. Where a campaign used the charge, its voltage tells the
-curve; nothing tells it beyond, and shapes that were fitted to the first part of a discharge are wrong in the rest by
-more than a curve that runs parallel to the configured one (`benchmarks.battery_curve`, measured).
+curve. Nothing tells it beyond: there it runs parallel to the configured one.
 """
 
 from __future__ import annotations
@@ -19,14 +18,16 @@ from sawbench.modeling.configured_battery import open_circuit_voltage
 from sawbench.modeling.state import State
 
 _AS_PER_AH: Final = 3600.0
-# What a full cell has in surplus is gone by this share of the charge (`benchmarks.battery_curve`).
-SURPLUS_GONE_BY: Final = 0.03
+# What a full cell has in surplus is gone by one to ten per cent of the charge: two exponentials leave 0.01 % of the
+# voltage where one leaves 0.03 % (`benchmarks.battery_curve`).
+_GONE_BY: Final = (0.01, 0.1)
 # Deviation of the open-circuit voltage over the share of the charge that was used, 1 for one volt of each.
 SHAPES: Final[Mapping[str, Callable[[Floats], Floats]]] = MappingProxyType(
     {
         "open_circuit_voltage_slope_v": lambda q: q,
         "open_circuit_voltage_bend_v": lambda q: q**2,
-        "open_circuit_voltage_surplus_v": lambda q: np.exp(-q / SURPLUS_GONE_BY),
+        "open_circuit_voltage_early_surplus_v": lambda q: np.exp(-q / _GONE_BY[0]),
+        "open_circuit_voltage_surplus_v": lambda q: np.exp(-q / _GONE_BY[1]),
     }
 )
 # Charge used at which the curve is written down: close together where it bends, full and empty.

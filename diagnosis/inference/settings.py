@@ -208,8 +208,8 @@ class Sensors:
     )  # fmt: skip
     battery_curve: Mapping[str, float] = marked(
         {
-            "open_circuit_voltage_slope_v": 0.13, "open_circuit_voltage_bend_v": 0.32,
-            "open_circuit_voltage_surplus_v": 0.011,
+            "open_circuit_voltage_slope_v": 0.38, "open_circuit_voltage_bend_v": 0.24,
+            "open_circuit_voltage_early_surplus_v": 0.024, "open_circuit_voltage_surplus_v": 0.047,
         }, "measured",
         "python -m benchmarks.battery_curve: LG M50 cells at 0 to 45 degC, 0.1C to 2C",
     )  # fmt: skip

@@ -22,12 +22,12 @@ TABLE = BatteryConfig.model_validate(
     }
 )  # fmt: skip
 # V per charge used, and what a full battery has in surplus.
-OWN = {"open_circuit_voltage_slope_v": -1.5, "open_circuit_voltage_surplus_v": 0.2}
+OWN = {"open_circuit_voltage_slope_v": -1.5, "open_circuit_voltage_early_surplus_v": 0.1}
 SEEN = 0.1
 
 
 def own_v(used):
-    return -1.5 * used + 0.2 * np.exp(-used / 0.03)
+    return -1.5 * used + 0.1 * np.exp(-used / 0.01)
 
 
 def written(battery, own):
