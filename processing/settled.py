@@ -20,6 +20,11 @@ SETTLE_S: Final = 0.8
 LOADED_S: Final = 0.4
 # A crank that is slower stands.
 MOVING_RAD_S: Final = 2.0
+# Before the first quarter turn is done for longer than that it stands; its speed is noise then, and motion is so many
+# standard deviations of it (1.48 medians of normal noise).
+_QUARTER_TURN_S: Final = 0.1
+_SURELY: Final = 4.0
+_STD_OF_MEDIAN: Final = 1.48
 # Turns this much longer than usual are no running strokes.
 _SLOW_TURN = 1.5
 # Nor are the last turns of a record or before a stop where each is longer than the one before, and all of them together
@@ -41,13 +46,23 @@ def find_steady_part(angle: CrankAngle, cut: Cut | None = None) -> SteadyPart:
     >>> part.first_motion_s, round(part.settled_s, 3), part.end_s
     (0.5, 1.3, 3.999)
     """
-    moving_s, last_s = float(angle.time_s[np.argmax(angle.speed_rad_s > MOVING_RAD_S)]), float(angle.time_s[-1])
+    moving_s, last_s = _first_motion_s(angle), float(angle.time_s[-1])
     start_s, end_s = _longest_run(angle, moving_s, last_s)
     settled_s = start_s + SETTLE_S
     if cut is not None:
         settled_s = settled_s if cut.start_s is None else max(settled_s, cut.start_s + LOADED_S)
         end_s = end_s if cut.end_s is None else min(end_s, cut.end_s)
     return SteadyPart(first_motion_s=moving_s, start_s=start_s, settled_s=settled_s, end_s=end_s, cut=cut)
+
+
+def _first_motion_s(angle: CrankAngle) -> float:
+    """When the crank last stood before its first quarter turn; the noise of a crank at rest turns nothing."""
+    turned = int(np.argmax(angle.angle_rad > angle.angle_rad[0] + 0.25 * TWO_PI))
+    at_rest = np.abs(angle.speed_rad_s[: np.searchsorted(angle.time_s, angle.time_s[turned] - _QUARTER_TURN_S)])
+    noise_rad_s = _STD_OF_MEDIAN * float(np.median(at_rest)) if len(at_rest) else 0.0
+    moving_rad_s = max(MOVING_RAD_S, _SURELY * noise_rad_s)
+    standing = np.flatnonzero(angle.speed_rad_s[:turned] <= moving_rad_s)
+    return float(angle.time_s[standing[-1] + 1 if len(standing) else 0])
 
 
 def _longest_run(angle: CrankAngle, moving_s: float, last_s: float) -> tuple[float, float]:

@@ -151,7 +151,7 @@ def _report(
     weighed: list[Callable[[], Any]] = [where, detectable, lambda: detail(problem, posterior, channels)]
     places, odds, details = on_two_cores(operator.call, weighed)
     members = sized_members(problem, columns, posterior, posterior.best)
-    shifts = _shifts(problem, members)
+    shifts = _shifts(problem, posterior, members)
     retuned = {name: shift["value"] for name, shift in shifts.items()}
     by_direction, asymmetry = campaign.plant.asymmetry(campaign.states, posterior.best.effects, retuned)
     if by_direction:
@@ -260,12 +260,12 @@ def _where(problem: LinearProblem, posterior: Posterior) -> list[dict[str, Any]]
     return [line] if is_all else [*found, line]
 
 
-def _shifts(problem: LinearProblem, members: Sequence[Explanation]) -> dict[str, Any]:
-    """Re-tuned parameters: beside a declared cause within what is stated of them, else with priors five times as wide.
+def _shifts(problem: LinearProblem, posterior: Posterior, members: Sequence[Explanation]) -> dict[str, Any]:
+    """Re-tuned parameters: beside a declared cause within what is stated of them, else those free that pay for it.
 
     A model that lacks the cause bends its parameters towards it; beside the cause they are those of the machine.
     """
-    found = retuned_with(problem, members, is_wide=not members)
+    found = retuned_with(problem, members, freed=() if members else posterior.freed)
     place = {name: k for k, name in enumerate(found.names)}
     shifts = {}
     for nuisance in problem.campaign.plant.nuisances():

@@ -8,7 +8,7 @@ the current beside that sensor only. An uncertainty of a parameter stays what th
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -24,7 +24,6 @@ from sawbench.diagnosis.inference.dispersion import noise_factor_beside, stacked
 from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
-from sawbench.diagnosis.inference.retuning import fitting_scale
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.effects.learned import NAME
@@ -96,11 +95,10 @@ def improved_model(
     """
     if posterior.verdict == "unknown" and learned is None:
         return None
-    is_wide = posterior.verdict == "parameters"
     if learned is None:
-        found = retuned_with(problem, members, is_wide=is_wide)
+        found = retuned_with(problem, members, freed=posterior.freed if posterior.verdict == "parameters" else ())
     else:
-        found = _solve(problem, learned.learned.columns, is_wide=is_wide)
+        found = _solve(problem, learned.learned.columns, ())
     tables = tomllib.loads(loaded.text.removeprefix("\ufeff"))
     n_trials = len({part.setting.label for part in problem.parts})
     comments: dict[tuple[str, ...], tuple[str, ...]] = {
@@ -147,7 +145,7 @@ def _closes(share: float, ends: Sequence[float]) -> str:
     return f"closes {share:.0%} ({interval})"
 
 
-def retuned_with(problem: LinearProblem, members: Sequence[Explanation], *, is_wide: bool) -> Solution:
+def retuned_with(problem: LinearProblem, members: Sequence[Explanation], *, freed: Collection[str] = ()) -> Solution:
     """Fit the parameters, and the sizes of the effects of a cause, to all trials.
 
     Parameters
@@ -155,23 +153,23 @@ def retuned_with(problem: LinearProblem, members: Sequence[Explanation], *, is_w
     problem : LinearProblem
     members : sequence of Explanation
         Empty where there is no cause.
-    is_wide : bool
-        Whether the plant's numbers are free beyond what is stated of them.
+    freed : collection of str
+        Numbers of the plant that may move beyond what is stated of them.
     """
     columns = [m.column.columns * m.effect.strength.high for m in members]
-    return _solve(problem, np.hstack(columns) if columns else None, is_wide=is_wide)
+    return _solve(problem, np.hstack(columns) if columns else None, freed)
 
 
-def _solve(problem: LinearProblem, columns: Floats | None, *, is_wide: bool) -> Solution:
+def _solve(problem: LinearProblem, columns: Floats | None, freed: Collection[str]) -> Solution:
     """Fit by the noise that this very fit leaves: by that of an ideal form, a strong cause overrides every prior."""
-    scale = fitting_scale(problem) if is_wide else np.ones(len(problem.names))
+    scale = problem.scale_of(freed)
     given = np.zeros((len(problem.data), 0)) if columns is None else columns
     noise = noise_factor_beside(problem, given, scale=scale)
     extra = stacked_with_noise(problem, [given], noise)
     values, stds = Marginal(with_noise(problem, noise), scale=scale, extra=extra).estimate()
     n = len(problem.names)
     width = scale * problem.prior_std
-    farthest = SETTINGS.ladder.farthest if is_wide else SETTINGS.ladder.farthest_stated
+    farthest = np.where(scale > 1.0, SETTINGS.ladder.farthest, SETTINGS.ladder.farthest_stated)
     return Solution(
         names=problem.names, values=values[:n], stds=stds[:n], width=width, reach=farthest * width,
         amplitudes=values[n:],
@@ -252,7 +250,7 @@ def found_effects(problem: LinearProblem, posterior: Posterior, members: Sequenc
     members : sequence of Explanation
         With the magnitudes that the report states.
     """
-    return _found_effects(problem, posterior, members, retuned_with(problem, members, is_wide=False))
+    return _found_effects(problem, posterior, members, retuned_with(problem, members))
 
 
 def _found_effects(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -11,8 +11,8 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.closed_share import closed_share
 from sawbench.diagnosis.answer.withheld_group import WithheldGroup
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
-from sawbench.diagnosis.inference.retuning import fitting_scale
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, Part
+from sawbench.diagnosis.inference.retuning import freed_numbers
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.residuals import Equation
 
@@ -133,17 +133,25 @@ class HoldOut:
         without any repetition is taken for their noise.
     by_trial : bool
         Hold out trials although there are operating points enough: for an effect that one of them alone shows.
+    freed : collection of str, optional
+        Numbers of the plant that may move beyond what is stated of them; default: those that pay for it here.
     """
 
-    def __init__(self, problem: LinearProblem, best: Floats | None = None, *, by_trial: bool = False) -> None:
+    def __init__(
+        self,
+        problem: LinearProblem,
+        best: Floats | None = None,
+        *,
+        by_trial: bool = False,
+        freed: Collection[str] | None = None,
+    ) -> None:
         self.problem = problem
-        self.scale = fitting_scale(problem)
+        self.scale = problem.scale_of(freed_numbers(problem, Marginal(problem)) if freed is None else freed)
         self.base = problem.nuisance * self.scale
-        plant = problem.campaign.plant
-        numbers = {nuisance.name for nuisance in plant.nuisances() if nuisance.is_plant}
-        self.is_plant = np.array([name in numbers for name in problem.names], dtype=bool)
         self.is_own = problem.is_of_trial
-        self._high = np.where(self.is_own, np.inf, np.where(self.is_plant, _NUMBERS.farthest, _NUMBERS.farthest_stated))
+        self._high = np.where(
+            self.is_own, np.inf, np.where(self.scale > 1.0, _NUMBERS.farthest, _NUMBERS.farthest_stated)
+        )
         self.held_out: HeldOut
         self.held_out, self.group_of = _grouping(problem, by_trial=by_trial)
         self.groups = tuple(dict.fromkeys(self.group_of(part) for part in problem.parts))
@@ -346,7 +354,7 @@ class HoldOut:
         """Solve for all coefficients with plant parameters within their bounds, a single amplitude not below 0."""
         from scipy.optimize import lsq_linear
 
-        n, size = len(self.is_plant), len(moment)
+        n, size = len(self.scale), len(moment)
         high = np.full(size, np.inf)
         high[:n] = self._high
         low = -high

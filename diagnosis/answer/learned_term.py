@@ -132,13 +132,13 @@ def learned_answer(
     """
     if posterior.verdict != "unknown" or not _can_learn(problem):
         return None
-    hold_out = HoldOut(problem)
+    hold_out = HoldOut(problem, freed=posterior.freed)
     if hold_out.held_out == "nothing":
         return None
     found = learn(problem, hold_out.free_errors)
     if found is None:
         return None
-    ladder = HoldOut(problem, found.columns).climb([found.columns])
+    ladder = HoldOut(problem, found.columns, freed=posterior.freed).climb([found.columns])
     taken = 1.0 - (ladder.whitened.with_effect / ladder.whitened.retuned) ** 2
     if taken < _NUMBERS.least_taken or ladder.gap_closed_ci95[0] <= 0.0:
         return None

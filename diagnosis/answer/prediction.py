@@ -114,7 +114,9 @@ class Predictions:
 
     def _hold_out(self, *, by_trial: bool) -> HoldOut:
         if by_trial not in self._hold_outs:
-            self._hold_outs[by_trial] = HoldOut(self._problem, self._best, by_trial=by_trial)
+            self._hold_outs[by_trial] = HoldOut(
+                self._problem, self._best, by_trial=by_trial, freed=self._posterior.freed
+            )
         return self._hold_outs[by_trial]
 
     def _forms(self, members: Sequence[Explanation]) -> list[tuple[Column, ...]]:

@@ -7,7 +7,7 @@ everything is kept whitened by C (a Cholesky factor per block), and M is never f
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -160,6 +160,10 @@ class LinearProblem:
         """Factor on the prior of each nuisance where the plant is re-tuned freely: that of its numbers alone, (p,)."""
         plant = {n.name for n in self.campaign.plant.nuisances() if n.is_plant and not n.is_effect}
         return np.array([self.settings.noise.wide if name in plant else 1.0 for name in self.names])
+
+    def scale_of(self, freed: Collection[str]) -> Floats:
+        """`wide_scale` of the numbers of those names alone, shape (p,)."""
+        return np.where(np.isin(self.names, list(freed)), self.wide_scale, 1.0)
 
     def rows_by_equation(self) -> dict[tuple[Equation, str], np.ndarray]:
         """Indices of the features of each equation, running and starting apart."""

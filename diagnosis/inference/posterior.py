@@ -23,7 +23,7 @@ from sawbench.diagnosis.inference.hypothesis import Hypothesis, Verdict
 from sawbench.diagnosis.inference.left_over import left_by, left_over
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
 from sawbench.diagnosis.inference.off_stroke import Finding, off_stroke_findings
-from sawbench.diagnosis.inference.retuning import evidence_of_retuning
+from sawbench.diagnosis.inference.retuning import evidence_of_retuning, freed_numbers
 from sawbench.diagnosis.inference.size import together
 from sawbench.diagnosis.inference.stroke_evidence import StrokesSay, sized_by_strokes, strokes_say, with_strokes
 from sawbench.diagnosis.inference.unnamed import beyond_catalogue, unnamed
@@ -53,6 +53,8 @@ class Posterior:
         is explained.
     little : dict of str to ndarray, shape (n, q)
         Nuisance columns of the background effects, times their prior standard deviation.
+    freed : tuple of str
+        Numbers of the plant that a fit may move beyond what is stated of them; see `retuning.freed_numbers`.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -62,6 +64,7 @@ class Posterior:
     resembles: str
     dispersion: Floats
     little: dict[str, Floats]
+    freed: tuple[str, ...]
 
     @property
     def best(self) -> Hypothesis:
@@ -141,6 +144,7 @@ def judge(
         resembles=resembles if nobodys[resembles] > 0.0 else "",
         dispersion=bench.dispersion,
         little=little,
+        freed=freed_numbers(bench.problem, bench.nominal),
     )
 
 

@@ -42,8 +42,8 @@ def evidence_of_retuning(problem: LinearProblem, nominal: Marginal, all_at_once:
     return float(np.logaddexp.reduce([*by_number, all_at_once - most * np.log(2.0)]))
 
 
-def fitting_scale(problem: LinearProblem) -> Floats:
-    """Factor on the prior of each nuisance, (p,), where numbers are fitted freely: those alone whose widening pays.
+def freed_numbers(problem: LinearProblem, nominal: Marginal) -> tuple[str, ...]:
+    """Name the plant's numbers whose widening pays: a fit may move them beyond what is stated of them.
 
     One number after the other, each the one that makes the data likeliest, until none gains what a further one costs.
     A number that the campaign does not tell, as the capacity of a battery that is hardly used, keeps its stated
@@ -52,13 +52,15 @@ def fitting_scale(problem: LinearProblem) -> Floats:
     Parameters
     ----------
     problem : LinearProblem
+    nominal : Marginal
+        As in `evidence_of_retuning`.
 
     Returns
     -------
-    ndarray
+    tuple of str
     """
-    wide = problem.wide_scale
-    own, moment = _widened(problem, Marginal(problem))
+    own, moment = _widened(problem, nominal)
+    names = [name for name, scale in zip(problem.names, problem.wide_scale, strict=True) if scale > 1.0]
     chosen: list[int] = []
     reached = 0.0
     while len(chosen) < len(moment):
@@ -69,10 +71,7 @@ def fitting_scale(problem: LinearProblem) -> Floats:
             break
         reached = float(found.max())
         chosen.append(rest[int(np.argmax(found))])
-    scale = np.ones(len(wide))
-    free = np.flatnonzero(wide > 1.0)[chosen]
-    scale[free] = wide[free]
-    return scale
+    return tuple(names[k] for k in chosen)
 
 
 def _widened(problem: LinearProblem, nominal: Marginal) -> tuple[Floats, Floats]:

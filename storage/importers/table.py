@@ -127,10 +127,13 @@ def _signal(name: str, unit: str, time_s: Floats, values: Floats, jumps: NDArray
     kept_s = time_s[rows]
     gaps: list[Gap] = []
     if len(rows) > 1:
-        # A slower channel fills every n-th row, and instruments with clocks of their own fill rows of their own: only
-        # what is missing on top of that is a gap.
+        # A slower channel fills every n-th row: a gap is where it fills none. Instruments with clocks of their own fill
+        # rows of their own, as many as there are between two of another: there the times tell.
         stride, period_s = float(np.median(np.diff(rows))), float(np.median(np.diff(kept_s)))
         empty = np.rint(np.diff(rows) / stride).astype(np.int64) - 1
+        if np.any(np.diff(rows) % stride):
+            empty = np.zeros_like(empty)
+            empty[find_time_jumps(kept_s) - 1] = 1
         # A jump of the time belongs to the interval between the filled rows around it.
         jumped = np.searchsorted(rows, jumps, side="left") - 1
         jumped = jumped[(jumped >= 0) & (jumped < len(empty))]

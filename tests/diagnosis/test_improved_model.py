@@ -35,7 +35,7 @@ def gain_beside_the_cause(problem):
     member = SimpleNamespace(
         column=SimpleNamespace(columns=in_cutting(CAUSE)), effect=SimpleNamespace(strength=strength)
     )
-    found = retuned_with(problem, [member], is_wide=False)
+    found = retuned_with(problem, [member])
     return float(found.values[0]), float(found.stds[0]), float(found.amplitudes[0]) * strength.high
 
 

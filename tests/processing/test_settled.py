@@ -1,5 +1,7 @@
 """Settled strokes end where the drive is switched off, and nowhere else."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sawbench.bench.processed import CrankAngle
@@ -65,3 +67,22 @@ def test_a_cut_after_an_idle_run_is_no_run_down():
     speed[int(3.0 / _STEP_S) :] *= 0.85
     crank = turning(speed)
     assert find_steady_part(crank).end_s == crank.time_s[-1]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_crank_whose_noise_at_rest_looks_like_motion_starts_when_it_turns(seed):
+    """Noise of the displacement near a dead centre, at rest: 4 rad/s of speed, a hundredth of a turn."""
+    rest, at_s = 0.5, np.arange(0.0, 3.0, _STEP_S)
+    speed = np.where(at_s < rest, 0.0, np.minimum((at_s - rest) / 0.1, 1.0))
+    crank = turning(speed)
+    noise = np.where(at_s < rest, np.random.default_rng(seed).normal(0.0, 4.0, len(at_s)), 0.0)
+    part = find_steady_part(
+        replace(crank, speed_rad_s=crank.speed_rad_s + noise, angle_rad=crank.angle_rad + 0.01 * noise)
+    )
+    # Four standard deviations of that noise are reached 10 ms after the start.
+    assert rest <= part.first_motion_s <= rest + 0.012
+
+
+def test_a_record_that_starts_while_the_crank_turns_has_no_rest_before():
+    part = find_steady_part(turning(wandering(3.0, 3, 0.002)))
+    assert part.first_motion_s == pytest.approx(0.0)

@@ -110,6 +110,20 @@ def test_instruments_with_rows_of_their_own_have_no_gaps_but_their_own(tmp_path)
     assert recording.signal("displacement_mm").gaps == recording.signal("motor_current_a").gaps == ()
 
 
+def test_rows_of_their_own_with_jitter_are_no_gaps(tmp_path):
+    """A quarter of the sample period: an interval of one and a half periods is no missing sample."""
+    rng = np.random.default_rng(5)
+    at = {0.00025 * (k + 0.24 * rng.standard_normal()): ("force_n", k) for k in range(4000)}
+    at |= {0.001 * k + 0.00035: ("motor_current_a", 3) for k in range(1000)}
+    rows = [
+        (f"{t:.7f}", value if of == "force_n" else "", value if of == "motor_current_a" else "")
+        for t, (of, value) in sorted(at.items())
+    ]
+    recording, warnings = imported(tmp_path, "t.csv", table(("time_s", "force_n", "motor_current_a"), rows))
+    assert recording.signal("force_n").gaps == recording.signal("motor_current_a").gaps == ()
+    assert not any("missing" in warning for warning in warnings)
+
+
 def test_unknown_and_empty_columns(tmp_path):
     rows = [(0.001 * k, k, 20 + k, "") for k in range(10)]
     columns = ("time_s", "Fforce_N", "temperature", "motor_current_a")
