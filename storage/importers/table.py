@@ -19,6 +19,8 @@ from sawbench.storage.importers.unit_conversion import stored_unit
 # Slower than this no stroke of a jigsaw can be seen: the times are probably not in seconds.
 _SLOWEST_INTERVAL_S: Final = 0.05
 _LARGEST_SHARE_OUTSIDE: Final = 0.01
+# Where that many samples of a channel have another number of rows between them, the rows are not its own.
+_SHARE_OF_OWN_ROWS: Final = 0.02
 
 
 class FramesNeedDbc(InputError):
@@ -131,7 +133,7 @@ def _signal(name: str, unit: str, time_s: Floats, values: Floats, jumps: NDArray
         # rows of their own, as many as there are between two of another: there the times tell.
         stride, period_s = float(np.median(np.diff(rows))), float(np.median(np.diff(kept_s)))
         empty = np.rint(np.diff(rows) / stride).astype(np.int64) - 1
-        if np.any(np.diff(rows) % stride):
+        if np.mean(np.diff(rows) != stride) > _SHARE_OF_OWN_ROWS:
             empty = np.zeros_like(empty)
             empty[find_time_jumps(kept_s) - 1] = 1
         # A jump of the time belongs to the interval between the filled rows around it.
