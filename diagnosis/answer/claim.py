@@ -137,12 +137,6 @@ def is_background(member: Explanation) -> bool:
     return abs(size) + Z95 * std < SETTINGS.forms.least_amplitude
 
 
-def is_more_than_background(member: Explanation) -> bool:
-    """Whether the interval begins above it."""
-    size, std = member.in_typical_sizes
-    return abs(size) - Z95 * std > SETTINGS.forms.least_amplitude
-
-
 def _failing(
     problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior, predictions: Predictions
 ) -> str | None:
@@ -160,12 +154,10 @@ def _failing(
         added, left = _added(problem, posterior, predictions, member)
         is_worth = _is_sure(added) and added.sum() > SETTINGS.ladder.least_added * left
         predicts = name in carried or (closes and (len(best.effects) == 1 or is_worth))
-        if name in carried or member.effect.size_of is not None:
-            # A wave of any form explains all that is fixed in angle, single strokes what differs between them: of
-            # background size, that is something else.
-            is_cause = not is_background(member)
-        else:
-            is_cause = is_more_than_background(member) or has_a_gap(problem, posterior, predictions, member)
+        # A wave of any form explains all that is fixed in angle, single strokes what differs between them: of
+        # background size, that is something else.
+        has_a_form = member.effect.size_of is None and name not in carried
+        is_cause = not is_background(member) or (has_a_form and has_a_gap(problem, posterior, predictions, member))
         said = posterior.strokes.get(name) if name in carried else None
         if not (predicts and is_cause and is_there(member, said)):
             failing[name] = float(added.sum())

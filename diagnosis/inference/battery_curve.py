@@ -18,8 +18,7 @@ from sawbench.modeling.configured_battery import open_circuit_voltage
 from sawbench.modeling.state import State
 
 _AS_PER_AH: Final = 3600.0
-# What a full cell has in surplus is gone by one to ten per cent of the charge: two exponentials leave 0.01 % of the
-# voltage where one leaves 0.03 % (`benchmarks.battery_curve`).
+# What a full cell has in surplus is gone by one to ten per cent of the charge (`benchmarks.battery_curve`).
 _GONE_BY: Final = (0.01, 0.1)
 # Deviation of the open-circuit voltage over the share of the charge that was used, 1 for one volt of each.
 SHAPES: Final[Mapping[str, Callable[[Floats], Floats]]] = MappingProxyType(

@@ -49,6 +49,8 @@ class Nuisance:
         Its error is an effect of the catalogue, and weighed as that: it is not re-tuned beyond its uncertainty.
     is_zero : bool
         Its error is that of a sensor's zero.
+    is_curve : bool
+        It is a shape of the battery's open-circuit curve: known as far as the charge was used.
     """
 
     name: str

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.unit
 
 LAYOUT = Layout(kind="running", equations=("mechanical", "cutting"), n_harmonics={"mechanical": 8, "cutting": 12})
 NOISE = np.repeat([1e-4, 0.05], [17, 25])  # N*m and N
-UNKNOWN = SimpleNamespace(verdict="unknown")
+UNKNOWN = SimpleNamespace(verdict="unknown", freed=())
 GEAR = 9.333333333333334
 
 
@@ -156,7 +156,7 @@ def test_a_gap_of_the_run_up_is_not_put_into_running_strokes():
 
 @pytest.mark.parametrize("verdict", ["no_gap", "parameters", "effect", "effects"])
 def test_other_answers_learn_nothing(verdict):
-    posterior = SimpleNamespace(verdict=verdict)
+    posterior = SimpleNamespace(verdict=verdict, freed=())
     assert learned_answer(problem(drag), {}, posterior) is None
     assert learned_warnings(problem(drag), posterior, None) == []
 
