@@ -154,14 +154,24 @@ def _failing(
         added, left = _added(problem, posterior, predictions, member)
         is_worth = _is_sure(added) and added.sum() > SETTINGS.ladder.least_added * left
         predicts = name in carried or (closes and (len(best.effects) == 1 or is_worth))
-        # A wave of any form explains all that is fixed in angle, single strokes what differs between them: of
-        # background size, that is something else.
-        has_a_form = member.effect.size_of is None and name not in carried
-        is_cause = not is_background(member) or (has_a_form and has_a_gap(problem, posterior, predictions, member))
+        is_enough = is_cause(problem, posterior, predictions, member, by_strokes=name in carried)
         said = posterior.strokes.get(name) if name in carried else None
-        if not (predicts and is_cause and is_there(member, said)):
+        if not (predicts and is_enough and is_there(member, said)):
             failing[name] = float(added.sum())
     return min(failing, key=lambda name: failing[name], default=None)
+
+
+def is_cause(
+    problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation, *, by_strokes: bool
+) -> bool:
+    """Whether an effect is more than what every machine has, or alone explains a gap.
+
+    A wave of any form explains all that is fixed in angle, and a trend of single strokes all that goes on with time: of
+    background size, that is something else.
+    """
+    is_of_any_form = by_strokes or member.effect.size_of is not None
+    is_small = is_background(member)
+    return not is_small or (not is_of_any_form and has_a_gap(problem, posterior, predictions, member))
 
 
 def has_a_gap(problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation) -> bool:
