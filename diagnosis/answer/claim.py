@@ -166,7 +166,7 @@ def is_cause(
 ) -> bool:
     """Whether an effect is more than what every machine has, or alone explains a gap.
 
-    A wave of any form explains all that is fixed in angle, and a trend of single strokes all that goes on with time: of
+    A wave of any form explains all that is fixed in angle, and a trend of single strokes all that drifts: of
     background size, that is something else.
     """
     is_of_any_form = by_strokes or member.effect.size_of is not None

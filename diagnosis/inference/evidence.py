@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from sawbench.bench.recording import Floats
@@ -329,7 +329,13 @@ def _relative_spread(values: Floats, logs: Floats, temperature: float) -> float:
 
 
 def explain_formed(
-    problem: LinearProblem, fixed: Floats, modes: Floats, columns: Sequence[Column], shares: Sequence[float]
+    problem: LinearProblem,
+    fixed: Floats,
+    modes: Floats,
+    columns: Sequence[Column],
+    shares: Sequence[float],
+    *,
+    beside: Floats | None = None,
 ) -> tuple[float, Explanation]:
     """Integrate amplitude and shape out as `explain` does, and how far nature's form may be from the catalogue's.
 
@@ -344,6 +350,8 @@ def explain_formed(
         Shapes of one effect.
     shares : sequence of float
         Standard deviations of the form's error to try, equally likely.
+    beside : ndarray, shape (n, r), optional
+        `form_modes` of another effect, whose error is tried likewise: one form may be right where the other is not.
 
     Returns
     -------
@@ -352,14 +360,16 @@ def explain_formed(
     explanation : Explanation
         For the best share; its `log_evidence` is against the same nuisances and modes without the effect.
     """
-    widened = Widened(problem, fixed, modes)
+    others = np.zeros((len(problem.data), 0)) if beside is None else beside
+    widened = Widened(problem, fixed, np.hstack([others, modes]))
     stacked = _side_by_side([c.columns for c in columns], len(problem.data))
     cross, own = widened.cross(stacked), stacked.T @ problem.data
     ends = np.cumsum([0, *(c.columns.shape[1] for c in columns)])
     squares = [c.columns.T @ c.columns for c in columns]
     found = []
-    for share in shares:
-        log_z, data_half, half = widened.at(share, cross)
+    for share, other in product(shares, shares if others.size else (0.0,)):
+        of_modes = np.repeat([other, share], [others.shape[1], modes.shape[1]])
+        log_z, data_half, half = widened.at(of_modes, cross)
         inner = [
             (squares[k] - half[:, a:b].T @ half[:, a:b], own[a:b] - half[:, a:b].T @ data_half)
             for k, (a, b) in enumerate(pairwise(ends))

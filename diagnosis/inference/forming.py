@@ -12,7 +12,8 @@ from sawbench.diagnosis.inference.evidence import Catalogue, Column, Explanation
 from sawbench.diagnosis.inference.form_error import form_modes
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.left_over import left_by
-from sawbench.diagnosis.inference.linear_problem import Beside, LinearProblem, Marginal
+from sawbench.diagnosis.inference.linear_problem import Beside, LinearProblem, Marginal, Widened
+from sawbench.diagnosis.log_mean import log_mean_exp
 
 
 class Forming:
@@ -34,6 +35,7 @@ class Forming:
         self.reference, self._nominal = nominal.log_evidence, nominal
         self._settings = problem.settings.forms
         self._modes: dict[str, Floats] = {}
+        self._given: dict[str, float] = {}
 
     def modes(self, explanation: Explanation) -> Floats:
         """What the form of an effect that comes first may leave, shape (n, q); of its size alone."""
@@ -91,13 +93,13 @@ class Forming:
     def _seconds(
         self, first: Explanation, given: Sequence[Floats], catalogue: Catalogue, half: Floats
     ) -> list[tuple[float, Explanation]]:
-        """Every effect beside the first as `given` and with its form's discrepancy, after its absolute log evidence."""
+        """Every effect beside the first as `given` and with its form's discrepancy, after the log evidence of both."""
         missed = self._settings.screen_share * self.modes(first)
         marginal = Beside(self._nominal, np.hstack([*given, missed]))
         seconds = []
         for name, found in catalogue.explain_beside(marginal, half).items():
             if name != first.effect.name:
-                seconds.append((found.log_evidence + marginal.log_evidence, found))
+                seconds.append((first.log_evidence + found.log_evidence, found))
         return seconds
 
     def _pair(
@@ -107,18 +109,34 @@ class Forming:
         if second.log_evidence < self._settings.worth_forming:
             return _together(first, second, first.log_evidence + second.log_evidence)
         # Of the second's own size beside the first: alone it may stand for all that the first explains.
-        both = np.hstack([self.modes(first), form_modes(self.problem, second.contribution)])
+        modes = form_modes(self.problem, second.contribution)
         found_in_each = [
             explain_formed(
-                self.problem, np.hstack([self.small, shape]), both, columns[second.effect.name], self._settings.shares
+                self.problem,
+                np.hstack([self.small, shape]),
+                modes,
+                columns[second.effect.name],
+                self._settings.shares,
+                beside=self.modes(first),
             )
             for shape in given
         ]
         log_z, found = max(found_in_each, key=lambda each: each[0])
-        gained = _carried(second.log_evidence, log_z - self.reference - first.log_evidence)
+        gained = _carried(second.log_evidence, log_z - self._alone(first, given))
         shared = shared_energy(self.problem, first.contribution, found.contribution)
         left = left_by(self.problem, self.dispersion, self.small, (first, found))
         return replace(_together(first, found, first.log_evidence + gained), shared=shared, left_over=left)
+
+    def _alone(self, first: Explanation, given: Sequence[Floats]) -> float:
+        """Log evidence of a first effect as `_pair` has it: of any size, which costs a wave of many columns much."""
+        name = first.effect.name
+        if name not in self._given:
+            found = []
+            for shape in given:
+                widened = Widened(self.problem, np.hstack([self.small, shape]), self.modes(first))
+                found.append(log_mean_exp([widened.at(share)[0] for share in self._settings.shares]))
+            self._given[name] = max(found)
+        return self._given[name]
 
 
 def _together(first: Explanation, second: Explanation, log_evidence: float) -> Hypothesis:

@@ -350,8 +350,11 @@ class Widened:
         """Inner products with other columns, shape (p + q, columns)."""
         return self._design.T @ columns
 
-    def at(self, size: float, cross: Floats | None = None) -> tuple[float, Floats, Floats]:
-        """Log evidence, and what is taken up of the data, (r,), and of the columns of `cross`, (r, columns)."""
+    def at(self, size: float | Floats, cross: Floats | None = None) -> tuple[float, Floats, Floats]:
+        """Log evidence, and what is taken up of the data, (r,), and of the columns of `cross`, (r, columns).
+
+        `size` is that of all columns to be scaled, or of each.
+        """
         from scipy.linalg import solve_triangular
 
         scale = np.ones(len(self._moment))
