@@ -18,20 +18,21 @@ from sawbench.modeling.configured_battery import open_circuit_voltage
 from sawbench.modeling.state import State
 
 _AS_PER_AH: Final = 3600.0
-# What a full cell has in surplus is gone by one to ten per cent of the charge (`benchmarks.battery_curve`).
-_GONE_BY: Final = (0.01, 0.1)
-# Deviation of the open-circuit voltage over the share of the charge that was used, 1 for one volt of each.
+# Deviation of the open-circuit voltage over the share of the charge that was used, 1 for one volt of each. What a full
+# cell has in surplus is gone by anything up to a tenth of the charge: scales a factor of three apart.
 SHAPES: Final[Mapping[str, Callable[[Floats], Floats]]] = MappingProxyType(
     {
         "open_circuit_voltage_slope_v": lambda q: q,
         "open_circuit_voltage_bend_v": lambda q: q**2,
-        "open_circuit_voltage_early_surplus_v": lambda q: np.exp(-q / _GONE_BY[0]),
-        "open_circuit_voltage_surplus_v": lambda q: np.exp(-q / _GONE_BY[1]),
+        "open_circuit_voltage_surplus_1_v": lambda q: np.exp(-q / 0.003),
+        "open_circuit_voltage_surplus_2_v": lambda q: np.exp(-q / 0.01),
+        "open_circuit_voltage_surplus_3_v": lambda q: np.exp(-q / 0.03),
+        "open_circuit_voltage_surplus_4_v": lambda q: np.exp(-q / 0.1),
     }
 )
 # Charge used at which the curve is written down: close together where it bends, full and empty.
 _USED: Final = np.concatenate(
-    [[0.0, 0.005, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08], np.arange(0.1, 0.91, 0.05), [0.95, 0.98, 0.99, 1.0]]
+    [[0.0, 0.002, 0.005, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08], np.arange(0.1, 0.91, 0.05), [0.95, 0.98, 0.99, 1.0]]
 )
 _LEAST_RISE: Final = 1e-6
 

@@ -208,8 +208,9 @@ class Sensors:
     )  # fmt: skip
     battery_curve: Mapping[str, float] = marked(
         {
-            "open_circuit_voltage_slope_v": 0.38, "open_circuit_voltage_bend_v": 0.24,
-            "open_circuit_voltage_early_surplus_v": 0.024, "open_circuit_voltage_surplus_v": 0.047,
+            "open_circuit_voltage_slope_v": 0.65, "open_circuit_voltage_bend_v": 0.64,
+            "open_circuit_voltage_surplus_1_v": 0.008, "open_circuit_voltage_surplus_2_v": 0.012,
+            "open_circuit_voltage_surplus_3_v": 0.043, "open_circuit_voltage_surplus_4_v": 0.12,
         }, "measured",
         "python -m benchmarks.battery_curve: LG M50 cells at 0 to 45 degC, 0.1C to 2C",
     )  # fmt: skip

@@ -22,7 +22,7 @@ TABLE = BatteryConfig.model_validate(
     }
 )  # fmt: skip
 # V per charge used, and what a full battery has in surplus.
-OWN = {"open_circuit_voltage_slope_v": -1.5, "open_circuit_voltage_early_surplus_v": 0.1}
+OWN = {"open_circuit_voltage_slope_v": -1.5, "open_circuit_voltage_surplus_2_v": 0.1}
 SEEN = 0.1
 
 
