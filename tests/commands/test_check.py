@@ -200,7 +200,7 @@ def test_a_running_tool_is_said_once_and_not_as_shield_and_ground():
     with resting_bench(turning) as rig:
         devices = build_devices(load_config(CONFIG).config, rig.ports, clock=rig.clock)
         found = judge(probe_devices(devices, seconds=1.2, clock=rig.clock))
-    (fault,) = [f for f in found.findings if f.severity == "fault"]
-    assert fault.code == "tool_running"
+    (fault,) = [f for f in found.findings if f.code == "tool_running"]
+    assert fault.severity == "fault"
     assert "switch the tool off" in fault.remedy
     assert not [f for f in found.findings if "shield" in f.remedy]
