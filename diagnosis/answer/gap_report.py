@@ -48,7 +48,7 @@ _METRIC = (
 _FITTED = "; k_Fc of a workpiece is always fitted to its own trial"
 _HELD_OUT = {
     "operating points": "withheld operating points",
-    "trials": "withheld trials (few operating points, or only one shows the effect)",
+    "trials": "withheld trials (few operating points, or only one cuts or shows the effect)",
     "nothing": "the only trial, which was used in the fit (no withheld data)",
 }
 # Where the parts of the work stand on the progress bar, of 100.
