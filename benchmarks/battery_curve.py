@@ -23,7 +23,7 @@ from benchmarks.battery_cells import read_cells
 CAPACITY_AS = 5.0 * 3600.0
 # The current settles, and the battery of a campaign is hardly used beyond.
 FIRST, LAST = 0.002, 0.35
-# Of the voltage: a battery's within a campaign; and points that a fit of three shapes needs no more of.
+# Of the voltage: a battery's within a campaign; and points that a fit of the shapes needs no more of.
 NOISE, N_FITTED, N_EVEN = 1e-3, 60, 200
 
 
@@ -34,7 +34,7 @@ def used_of(discharge: MeasuredDischarge) -> np.ndarray:
 
 
 def shapes_of(used: np.ndarray) -> np.ndarray:
-    """Level, slope, bend and surplus, shape (n, 4)."""
+    """The level, and every shape of `SHAPES`, shape (n, 1 + len(SHAPES))."""
     return np.column_stack([np.ones_like(used), *(shape(used) for shape in SHAPES.values())])
 
 

@@ -131,15 +131,16 @@ def _signal(name: str, unit: str, time_s: Floats, values: Floats, jumps: NDArray
     if len(rows) > 1:
         # A slower channel fills every n-th row: a gap is where it fills none. Instruments with clocks of their own fill
         # rows of their own, as many as there are between two of another: there the times tell.
-        stride, period_s = float(np.median(np.diff(rows))), float(np.median(np.diff(kept_s)))
-        empty = np.rint(np.diff(rows) / stride).astype(np.int64) - 1
-        if np.mean(np.diff(rows) != stride) > _SHARE_OF_OWN_ROWS:
-            empty = np.zeros_like(empty)
-            empty[find_time_jumps(kept_s) - 1] = 1
+        steps = np.diff(rows)
+        stride, period_s = float(np.median(steps)), float(np.median(np.diff(kept_s)))
+        if np.mean(steps != stride) > _SHARE_OF_OWN_ROWS:
+            empty = find_time_jumps(kept_s) - 1
+        else:
+            empty = np.flatnonzero(np.rint(steps / stride) > 1)
         # A jump of the time belongs to the interval between the filled rows around it.
         jumped = np.searchsorted(rows, jumps, side="left") - 1
-        jumped = jumped[(jumped >= 0) & (jumped < len(empty))]
-        for k in np.union1d(np.flatnonzero(empty > 0), jumped).tolist():
+        jumped = jumped[(jumped >= 0) & (jumped < len(steps))]
+        for k in np.union1d(empty, jumped).tolist():
             n_missing = round(float(kept_s[k + 1] - kept_s[k]) / period_s) - 1
             reason = "the time jumps" if k in jumped else "empty cells"
             if n_missing > 0:
