@@ -195,7 +195,7 @@ def _piece(request: DiagnosisRequest, path: Path) -> Piece:
 
 
 def _as_text(report: dict[str, Any]) -> str:
-    from sawbench.reporting.cause_words import in_words_of
+    from sawbench.reporting.cause_words import in_words_of, withheld_words
     from sawbench.reporting.gap_page import closest_description, known_effects, resembled, verdict_sentence
     from sawbench.reporting.quantities import format_number
 
@@ -210,7 +210,7 @@ def _as_text(report: dict[str, Any]) -> str:
         for name, row in gap["by_channel"].items()
     ]
     rows.append(("all / noise", *(format_number(gap[key], digits=3) for key in rungs)))
-    lines += ["", "RMSE at withheld operating points", table(("", *(r.replace("_", " ") for r in rungs)), rows)]
+    lines += ["", f"RMSE {withheld_words(report)}", table(("", *(r.replace("_", " ") for r in rungs)), rows)]
     if "runtime_s" in gap:
         times = ", ".join(f"{name.replace('_', ' ')} {seconds:.0f} s" for name, seconds in gap["runtime_s"].items())
         lines += ["", f"battery runtime: {times}"]

@@ -70,6 +70,12 @@ def interval_words(ends: Sequence[float]) -> str:
     return "not determined" if is_undetermined(ends) else f"{low} to {high} %"
 
 
+def withheld_words(report: Mapping[str, Any]) -> str:
+    """What the errors of a gap report, or of its learned term, were measured at; older reports do not say it."""
+    held_out = report.get("held_out", report.get("detail", {}).get("held_out", "operating points"))
+    return "at the trial of the fit" if held_out == "nothing" else f"at withheld {held_out}"
+
+
 def improved_command(report: Mapping[str, Any], path: str) -> str:
     """Command line that takes the improved model of a gap report: a saw has a runtime, another machine has none.
 

@@ -95,7 +95,7 @@ def strokes_picture(strokes: Sequence[Mapping[str, Any]], after: str, after_word
         )
     return Picture(
         svg=svg,
-        caption="Mean stroke of a trial, measured and simulated. The model was fitted to other operating points only;"
+        caption="Mean stroke of a trial, measured and simulated. The model was fitted to other trials only;"
         " k_Fc of the workpiece was fitted to the force of this trial. RMSE in each panel: model as configured →"
         f" re-tuned{' → with the cause' if after == 'with_effect' else ''}.",
     )
@@ -172,8 +172,7 @@ def ladder_picture(by_channel: Mapping[str, Mapping[str, Any]], rungs: Sequence[
         )
     return Picture(
         svg=svg,
-        caption="RMSE of the simulated stroke at withheld operating points. The last bar is the scatter of the"
-        " measurement, the lower limit for any model.",
+        caption="RMSE of the simulated stroke. The last bar is the scatter of the measurement, the lower limit for any model.",
     )
 
 

@@ -18,6 +18,7 @@ from sawbench.reporting.cause_words import (
     name_of,
     what_happens,
     what_to_do,
+    withheld_words,
 )
 from sawbench.reporting.closing import closing_picture, closing_rows, closing_sentences
 from sawbench.reporting.gap_figures import (
@@ -163,7 +164,9 @@ def verdict_sentence(report: Mapping[str, Any]) -> str:
     names = f"{' and '.join(name_of(name) for name in cause['effects'])} ({_percent(cause['probability'])})"
     start = "Most probable cause" if cause["probability"] >= _SURE else "Most probable cause, not certain"
     magnitudes = [magnitude_words(name, p) for name, p in cause["parameters"].items()] + cause.get("form", [])
-    return in_words_of(report, f"{start}: {', '.join([names, *magnitudes])}. {_explained(cause)}")
+    return in_words_of(
+        report, f"{start}: {', '.join([names, *magnitudes])}. {_explained(cause, withheld_words(report))}"
+    )
 
 
 def _contradiction(report: Mapping[str, Any]) -> str:
@@ -268,7 +271,7 @@ def _where_it_acts(report: Mapping[str, Any], cause: Mapping[str, Any]) -> list[
     ]
 
 
-def _explained(cause: Mapping[str, Any]) -> str:
+def _explained(cause: Mapping[str, Any], withheld: str) -> str:
     ends = cause["gap_closed_ci95"]
     if is_undetermined(ends) and cause["gap_closed"] == 0.0:
         return "With re-tuned parameters the remaining error is too small to tell how much of it the cause explains."
@@ -278,7 +281,7 @@ def _explained(cause: Mapping[str, Any]) -> str:
             f"{closed} of the remaining error where it acts; its 95 % interval is not determined: that error is"
             " too near to the noise, or too few trials could be withheld."
         )
-    return f"{closed} ({interval_words(ends)}) of the remaining error where it acts, at withheld operating points."
+    return f"{closed} ({interval_words(ends)}) of the remaining error where it acts, {withheld}."
 
 
 def _runtime_sentence(report: Mapping[str, Any]) -> list[str]:

@@ -9,6 +9,7 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.learned import LearnedTerm
 from sawbench.modeling.state import TWO_PI
+from sawbench.reporting.cause_words import withheld_words
 from sawbench.reporting.figures import SERIES_COLOURS, SERIES_DASHES, WIDTH_IN, figure_style
 from sawbench.reporting.html import Picture, figure_to_svg
 
@@ -28,8 +29,7 @@ def learned_sentences(learned: Mapping[str, Any]) -> list[str]:
     said = [
         f"A term was learned from the residuals:  {learned['words']}.",
         f"It explains {round(100 * learned['gap_closed'])} % ({round(100 * low)} to {round(100 * high)} %) of the"
-        " remaining"
-        " error at withheld operating points.",
+        f" remaining error {withheld_words(learned)}.",
     ]
     if ranges:
         said.append(f"Valid range: {' and '.join(ranges)}. It must not be used outside.")

@@ -187,7 +187,7 @@ def _notes(layout: TextLayout, encoding: str, decimal: str) -> tuple[str, ...]:
     if encoding not in ("utf-8", "utf-8-sig"):
         said.append(f"read as {encoding}")
     if decimal == ",":
-        said.append("decimal commas")
+        said.append("decimal commas read as points")
     if layout.n_remarks:
         said.append(f"{layout.n_remarks} lines before the header left out")
     if any(layout.units):

@@ -57,7 +57,7 @@ def test_table_with_a_map_and_settings(tmp_path, capsys):
     assert code == 0
     assert "force_n <- column 'Fz' in kN, times -1000" in out
     assert "time_s <- column 't' in ms, times 0.001" in out
-    assert "decimal commas" in out
+    assert "decimal commas read as points" in out
     recording = read_recording(tmp_path / "out" / "run7.mcap")
     assert recording.signal("force_n").values.tolist() == [-500.0, 250.0, -125.0]
     trial = recording.trial

@@ -64,6 +64,16 @@ def test_cause_is_named_with_its_size_and_the_runner_up_beside_it(tmp_path):
     assert "-0 %" not in text
 
 
+@pytest.mark.parametrize(
+    ("held_out", "said"),
+    [("operating points", "at withheld operating points."), ("trials", "at withheld trials."),
+     ("nothing", "at the trial of the fit.")],
+)  # fmt: skip
+def test_the_page_says_what_was_withheld(tmp_path, held_out, said):
+    text = page(tmp_path, detail={**REPORT["detail"], "held_out": held_out})
+    assert f"of the remaining error where it acts, {said}" in text
+
+
 def test_the_form_of_a_cause_is_stated_beside_its_size(tmp_path):
     felt = "felt through 3.1 mm of play"
     text = page(tmp_path, causes=[{**CAUSE, "form": [felt]}, RUNNER_UP])
