@@ -172,7 +172,8 @@ def ladder_picture(by_channel: Mapping[str, Mapping[str, Any]], rungs: Sequence[
         )
     return Picture(
         svg=svg,
-        caption="RMSE of the simulated stroke. The last bar is the scatter of the measurement, the lower limit for any model.",
+        caption="RMSE of the simulated stroke. The last bar is the scatter of the measurement, the"
+        " lower limit for any model.",
     )
 
 

@@ -177,7 +177,8 @@ def _report(
         ],
         **further,
         "detail": {
-            **details, "held_out": predictions.of(first).ladder.held_out, "contradiction": contradicted, "log_odds_at_typical_size": odds,
+            **details, "held_out": predictions.of(first).ladder.held_out, "contradiction": contradicted,
+            "log_odds_at_typical_size": odds,
             "detection_limit_log_odds": SETTINGS.report.shown_log_odds,
         },
         "provenance": dict(provenance),
