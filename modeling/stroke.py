@@ -136,11 +136,10 @@ def predict(
     z = problem.first_guess(measured if start is None else start.state)
     if start is not None and problem.fits_wood:
         z[-1] = start.wood_n_s_per_m - problem.wood_guess
-    z, is_settled = _newton(problem, z)
-    state, _, wood = problem.close(z[None, :])
+    z, state, is_settled = _newton(problem, z)
     speed = state.speed_rad_s
     is_settled = is_settled and float(speed.min()) > _SLOWEST_SHARE * float(speed.mean())
-    return Prediction(state=state, wood_n_s_per_m=float(wood[0, 0]), is_settled=is_settled)
+    return Prediction(state=state, wood_n_s_per_m=problem.wood(z), is_settled=is_settled)
 
 
 class _Stroke:
@@ -177,8 +176,12 @@ class _Stroke:
         parts = [near.speed_rad_s[0] @ self.projection, current[0] @ self.projection]
         return np.concatenate([*parts, [0.0]] if self.fits_wood else parts)
 
-    def close(self, z: Floats, frozen: Signature | None = None) -> tuple[State, Floats, Floats]:
-        """Put force, battery current and voltage in; return state, what does not cancel, and the wood, by row.
+    def wood(self, z: Floats) -> float:
+        """Cutting coefficient, N s/m."""
+        return float(self.wood_guess + (z[-1] if self.fits_wood else 0.0))
+
+    def close(self, z: Floats, frozen: Signature | None = None) -> tuple[State, Floats]:
+        """Put force, battery current and voltage in; return state and what does not cancel, by row.
 
         With `frozen`, the terms are not evaluated: they are that signature, of shape (1, n_points).
         """
@@ -214,15 +217,16 @@ class _Stroke:
         rows = [rest["mechanical"] @ self.projection, rest["electrical"] @ self.projection]
         if self.fits_wood:
             rows.append(self._wood_misfit(state))
-        return state, np.concatenate(rows, axis=1), wood
+        return state, np.concatenate(rows, axis=1)
 
     def linearise(self, z: Floats) -> State:
         """Find, near a solution, how the force answers to what does not cancel in the cutting equation.
 
         It answers one to one where no term holds the force. A lag or a resonance that is undone on the reading holds
-        its derivatives: there plain substitution would raise the high harmonics with every step. Return the state.
+        its derivatives: there plain substitution would raise the high harmonics with every step. Return the state of
+        the baseline.
         """
-        state = self.close(z[None, :])[0]
+        state = self.close(z[None, :], {})[0]
         force = state.force_n
         assert force is not None
         rows = np.eye(force.shape[1])
@@ -236,12 +240,11 @@ class _Stroke:
             return self._rest(tried, np.zeros(1), None)["cutting"]
 
         before = left(force)
-        if np.allclose(left(force + rows[:1]) - before, rows[:1], rtol=0.0, atol=1e-6):
-            return state
-        answer = left(force + rows) - before
-        # A term that holds all of some harmonic, as one fitted far off may, leaves no force that answers there.
-        self._answer = np.asarray(np.linalg.pinv(answer, rcond=_LEAST_ANSWER), dtype=np.float64)
-        return self.close(z[None, :])[0]
+        if not np.allclose(left(force + rows[:1]) - before, rows[:1], rtol=0.0, atol=1e-6):
+            answer = left(force + rows) - before
+            # A term that holds all of some harmonic, as one fitted far off may, leaves no force that answers there.
+            self._answer = np.asarray(np.linalg.pinv(answer, rcond=_LEAST_ANSWER), dtype=np.float64)
+        return state
 
     def _with(self, state: State, force: Floats, voltage: Floats, battery_current: Floats) -> State:
         return replace(
@@ -290,8 +293,8 @@ def _basis(n_points: int) -> tuple[Floats, Floats]:
     return waves, waves.T * np.repeat([1.0, 2.0], [1, _N - 1]) / n_points
 
 
-def _newton(problem: _Stroke, z: Floats) -> tuple[Floats, bool]:
-    """Newton's method with a Jacobian by differences that is kept as long as it serves.
+def _newton(problem: _Stroke, z: Floats) -> tuple[Floats, State, bool]:
+    """Newton's method with a Jacobian by differences that is kept as long as it serves; also return the state.
 
     What the terms add hardly changes with the state, and some are dear: they are evaluated once a step, and the first
     Jacobian is that of the baseline. Where that gains too little, and to end with, they follow every state.
@@ -303,31 +306,35 @@ def _newton(problem: _Stroke, z: Floats) -> tuple[Floats, bool]:
         return ((values[1:] - values[0]) / _DIFFERENCE).T
 
     def misfit(at: Floats, frozen: Signature | None) -> tuple[State, Floats]:
-        state, rest, _ = problem.close(at[None, :], frozen)
+        state, rest = problem.close(at[None, :], frozen)
         return state, rest[0] / problem.row_scale
 
     frozen: Signature | None = problem.added(problem.linearise(z))
     slope, n_slopes = jacobian(z, frozen), 1
-    value = misfit(z, frozen)[1]
+    state, value = misfit(z, frozen)
     for _ in range(_MAX_STEPS):
         if frozen is not None and np.abs(value).max() < _TOLERANCE:
-            frozen, value = None, misfit(z, None)[1]
+            frozen = None
+            state, value = misfit(z, frozen)
         size = float(np.abs(value).max())
         if not np.isfinite(size) or size < _TOLERANCE:
             break
         step = problem.column_scale * np.linalg.lstsq(slope, value, rcond=None)[0]
         for shorter in (1.0, 0.5, 0.2, 0.05):
-            state, tried = misfit(z - shorter * step, frozen)
-            if np.abs(tried).max() < size:
-                z, value = z - shorter * step, tried
+            tried = misfit(z - shorter * step, frozen)
+            if np.abs(tried[1]).max() < size:
+                z, (state, value) = z - shorter * step, tried
                 if frozen is not None:
                     frozen = problem.added(state)
-                    value = misfit(z, frozen)[1]
+                    state, value = misfit(z, frozen)
                 break
         if not np.abs(value).max() < _GOOD_GAIN * size:
             if n_slopes == _MAX_JACOBIANS:
                 break
-            frozen, value = None, misfit(z, None)[1]
-            slope, n_slopes = jacobian(z, None), n_slopes + 1
+            frozen = None
+            state, value = misfit(z, frozen)
+            slope, n_slopes = jacobian(z, frozen), n_slopes + 1
+    if frozen is not None:
+        state = misfit(z, None)[0]
     # A signature with corners may keep Newton's method from the last digits, which do not matter.
-    return z, bool(np.abs(value).max() < 1e3 * _TOLERANCE)
+    return z, state, bool(np.abs(value).max() < 1e3 * _TOLERANCE)
