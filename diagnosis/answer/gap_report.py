@@ -336,7 +336,7 @@ def _weaknesses(campaign: Campaign) -> list[str]:
     if len(set(points)) == len(points):
         said.append("no operating point was repeated: the repeatability is unknown, so no gap beyond it can be claimed")
     if len({s.setting.label for s in running}) == 1:
-        said.append('only one trial: none was withheld, so errors "at withheld operating points" are those of the fit')
+        said.append("only one trial: none was withheld, so every error stated is that of the fit")
     if len(set(points)) == 1:
         said.append("only one operating point: re-tuned parameters can hide most effects")
     return said
