@@ -13,6 +13,7 @@ from sawbench.acquisition.devices.device import Stream, StreamChannel
 from sawbench.acquisition.preflight_values import PreflightLimits, saturation
 from sawbench.acquisition.stream_recorder import OUTSIDE
 from sawbench.bench.recording import Event, SampleBlock
+from sawbench.bench.spread import robust_std
 from sawbench.bench.units import DISPLACEMENT, FORCE, MOTOR_CURRENT
 
 Floats = NDArray[np.float64]
@@ -60,7 +61,7 @@ class LiveWarnings:
 
     - saturated: `preflight_values.saturation`, and samples beyond what the instrument can mean.
     - flat: all values of a second are equal while the tool runs.
-    - noise: the standard deviation of white noise that the third differences show (1.4826 MAD / sqrt 20) is over three
+    - noise: the standard deviation of white noise that the third differences show (robust, over sqrt 20) is over three
       times its median of the first three seconds of the running tool, twice in a row.
     - preload: the force exceeds 90 % of `preload_n`.
     - rate: samples come more than 3 % faster or slower than configured.
@@ -216,7 +217,7 @@ class LiveWarnings:
 
     def _noisy(self, channel: StreamChannel, values: Floats) -> Iterator[tuple[str, str]]:
         differences = _enough_of(np.diff(values, 3))
-        noise = 1.4826 * float(np.median(np.abs(differences - np.median(differences)))) / np.sqrt(20.0)
+        noise = robust_std(differences - np.median(differences)) / np.sqrt(20.0)
         base = self._noise.setdefault(channel.name, [])
         if len(base) < _BASE_WINDOWS:
             base.append(noise)

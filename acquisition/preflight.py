@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sawbench.acquisition.device_probe import DeviceProbe, StreamProbe
 from sawbench.acquisition.devices.device import StreamChannel
-from sawbench.acquisition.preflight_values import Finding, PreflightLimits, channel_findings, robust_std
+from sawbench.acquisition.preflight_values import Finding, PreflightLimits, channel_findings, std_about_line
 from sawbench.bench.errors import NoAnswerError, OtherInstrumentError
 from sawbench.bench.units import CHANNELS
 
@@ -233,7 +233,7 @@ def _channel_check(device: str, stream: StreamProbe, channel: StreamChannel, val
         unit=channel.unit,
         latest=float(values[-1]) if has_values else None,
         mean=float(values.mean()) if has_values else None,
-        noise_std=robust_std(stream.time_s, values) if len(values) >= 3 else None,
+        noise_std=std_about_line(stream.time_s, values) if len(values) >= 3 else None,
         rate_hz=received_rate_hz(stream.arrival_s, stream.n_arrived)[0],
         nominal_rate_hz=stream.stream.rate_hz,
         n_samples=len(values),

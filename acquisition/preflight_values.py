@@ -8,6 +8,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 from sawbench.acquisition.devices.device import StreamChannel
+from sawbench.bench.spread import robust_std
 from sawbench.bench.units import FORCE
 
 Floats = NDArray[np.float64]
@@ -81,7 +82,7 @@ class Finding:
     remedy: str
 
 
-def robust_std(time_s: Floats, values: Floats) -> float:
+def std_about_line(time_s: Floats, values: Floats) -> float:
     """Robust standard deviation about a straight line.
 
     Parameters
@@ -98,8 +99,7 @@ def robust_std(time_s: Floats, values: Floats) -> float:
     if len(values) < 3:
         return 0.0
     residual = _without_line(time_s, values)
-    deviation = np.abs(residual - np.median(residual))
-    spread = 1.4826 * float(np.median(deviation))
+    spread = robust_std(residual - np.median(residual))
     most_equal = np.unique(values, return_counts=True)[1].max() > len(values) / 2
     return float(residual.std()) if most_equal else spread
 
@@ -195,7 +195,7 @@ def _frozen(channel: StreamChannel, values: Floats, is_running: bool) -> Finding
 
 
 def _noise(channel: StreamChannel, time_s: Floats, values: Floats, limits: PreflightLimits) -> list[Finding]:
-    noise = robust_std(time_s, values)
+    noise = std_about_line(time_s, values)
     half = 0.5 * (channel.valid_range[1] - channel.valid_range[0])
     if channel.noise_std is not None:
         allowed = limits.noise_factor * channel.noise_std

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.processed import CrankAngle
 from sawbench.bench.recording import Floats
+from sawbench.bench.spread import robust_std
 from sawbench.modeling.parts.mechanism import Mechanism
 from sawbench.processing.angle_smoother import linearise, smooth
 from sawbench.processing.noise import robust_range, white_noise_std
@@ -248,7 +249,7 @@ def _choose_settings(u: _Unfolded) -> tuple[float, _Unfolded]:
         best = max(scored)[1]
         out, _ = _run(sample, best, n_passes=4)
         residual = _residual(sample, out[:, 0])[~sample.is_rest]
-        noise = max(u.noise_std_m, 1.4826 * float(np.median(np.abs(residual)))) if len(residual) > 32 else noise
+        noise = max(u.noise_std_m, robust_std(residual)) if len(residual) > 32 else noise
     return best, replace(u, noise_std_m=noise)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.processed import CrankAngle, Phase, PhaseKind
 from sawbench.bench.recording import Floats
+from sawbench.bench.spread import robust_std
 
 _STILL_SHARE = 0.05
 _MOVES_SHARE = 0.12
@@ -177,7 +178,7 @@ def _is_settled(time: Floats, mean_speed: Floats, k: int, direction: int, refere
     if len(beyond) < 4:
         return abs(here / reference - 1) < _SETTLED[1]
     level = float(np.median(beyond))
-    scatter = 1.4826 * float(np.median(np.abs(beyond - level))) / level
+    scatter = robust_std(beyond - level) / level
     return abs(here / level - 1) < min(max(3 * scatter, tolerance), _SETTLED[1])
 
 

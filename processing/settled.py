@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from sawbench.bench.processed import CrankAngle, Cut, SteadyPart
 from sawbench.bench.recording import Floats
+from sawbench.bench.spread import robust_std
 
 TWO_PI = 2.0 * np.pi
 # From the first motion, or the last stop, to strokes that are settled.
@@ -21,10 +22,9 @@ LOADED_S: Final = 0.4
 # A crank that is slower stands.
 MOVING_RAD_S: Final = 2.0
 # Before the first quarter turn is done for longer than that it stands; its speed is noise then, and motion is so many
-# standard deviations of it (1.48 medians of normal noise).
+# standard deviations of it.
 _QUARTER_TURN_S: Final = 0.1
 _SURELY: Final = 4.0
-_STD_OF_MEDIAN: Final = 1.48
 # Turns this much longer than usual are no running strokes.
 _SLOW_TURN = 1.5
 # Nor are the last turns of a record or before a stop where each is longer than the one before, and all of them together
@@ -59,7 +59,7 @@ def _first_motion_s(angle: CrankAngle) -> float:
     """When the crank last stood before its first quarter turn; the noise of a crank at rest turns nothing."""
     turned = int(np.argmax(angle.angle_rad > angle.angle_rad[0] + 0.25 * TWO_PI))
     at_rest = np.abs(angle.speed_rad_s[: np.searchsorted(angle.time_s, angle.time_s[turned] - _QUARTER_TURN_S)])
-    noise_rad_s = _STD_OF_MEDIAN * float(np.median(at_rest)) if len(at_rest) else 0.0
+    noise_rad_s = robust_std(at_rest) if len(at_rest) else 0.0
     moving_rad_s = max(MOVING_RAD_S, _SURELY * noise_rad_s)
     standing = np.flatnonzero(angle.speed_rad_s[:turned] <= moving_rad_s)
     return float(angle.time_s[standing[-1] + 1 if len(standing) else 0])

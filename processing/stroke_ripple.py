@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.processed import CrankAngle, SteadyPart
 from sawbench.bench.recording import Floats
+from sawbench.bench.spread import robust_std
 from sawbench.modeling.parts.mechanism import Mechanism
 from sawbench.processing.binning import AngleGrid
 from sawbench.processing.settled import SETTLE_S, TWO_PI
@@ -33,7 +34,6 @@ _LEAST_TURNS = 4.0
 # Prior standard deviation of offset and gain, as a share of the radius, and of the angle's zero, rad.
 _OFF_SHARE = 0.1
 _OUTLIER = 6.0
-_MAD = 1.4826
 _LEAST_NOISE_M = 1e-9
 
 
@@ -104,7 +104,7 @@ def _regress(crank: Mechanism, turned_rad: Floats, left_m: Floats) -> tuple[Floa
 
 
 def _spread(off_m: Floats) -> float:
-    return max(_MAD * float(np.median(np.abs(off_m))), _LEAST_NOISE_M)
+    return max(robust_std(off_m), _LEAST_NOISE_M)
 
 
 def _columns(crank: Mechanism, at_rad: Floats) -> Floats:

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.recording import Alignment, Event, Floats, Gap, SampleBlock, Signal
+from sawbench.bench.spread import robust_std
 
 # An interval is a jump where it exceeds the usual ones, their spread, and its neighbours by these factors.
 _JUMP_FACTOR: Final = 1.6
@@ -40,7 +41,7 @@ def find_time_jumps(time_s: Floats) -> NDArray[np.int64]:
         return np.zeros(0, dtype=np.int64)
     step = np.diff(time_s)
     nominal = float(np.median(step))
-    spread = 1.4826 * float(np.median(np.abs(step - nominal)))
+    spread = robust_std(step - nominal)
     candidates = np.flatnonzero(step > _JUMP_FACTOR * nominal + _JUMP_SPREADS * spread)
     padded = np.concatenate(([np.inf], step, [np.inf]))
     neighbour = np.minimum(padded[candidates], padded[candidates + 2])

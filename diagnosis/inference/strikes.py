@@ -12,6 +12,7 @@ from typing import Final, Protocol
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.bench.spread import STD_OVER_MEDIAN
 from sawbench.bench.units import FORCE, MOTOR_CURRENT
 from sawbench.diagnosis.inference.settings import SETTINGS
 
@@ -77,7 +78,7 @@ def _runs(left: Floats, resolution: float) -> tuple[np.ndarray, np.ndarray]:
     measured = left[_is_measured(left)]
     if not len(measured):
         return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
-    spread = np.maximum(1.4826 * np.median(np.abs(measured), axis=0), resolution)
+    spread = np.maximum(STD_OVER_MEDIAN * np.median(np.abs(measured), axis=0), resolution)
     far = (np.abs(left) > _NUMBERS.strike * spread).ravel()
     beside = np.zeros_like(far)
     beside[1:] = far[:-1]

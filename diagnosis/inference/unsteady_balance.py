@@ -16,6 +16,7 @@ from typing import Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.bench.spread import robust_std
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
 from sawbench.diagnosis.inference.off_stroke import Finding
 from sawbench.diagnosis.inference.sensor_faults import SensorFaults
@@ -35,8 +36,6 @@ _TREND: Final = 3
 _FEWEST_UNITS: Final = 8
 # Balances in which all that the machine may do grows with a current.
 _BY_CURRENT_ALONE: Final = ("supply",)
-# Standard deviation of a normal distribution over the median of its absolute values.
-_STD_OVER_MEDIAN: Final = 1.4826
 # Of least absolute values by least squares with weights; residuals below a share of their median weigh alike.
 _N_PASSES, _LEAST_SHARE = 10, 0.1
 _NUMBERS: Final = SETTINGS.off_stroke
@@ -100,7 +99,7 @@ def _weighed(problem: LinearProblem, equation: Equation, trials: Sequence[_Trial
     rest = _without(np.concatenate([t.rest for t in trials])[:, None], currents)[:, 0]
     parts = np.split(rest, np.cumsum([len(t.rest) for t in trials])[:-1])
     free = np.array([len(part) - _TREND - currents.shape[1] / len(trials) for part in parts])
-    spread = np.array([_STD_OVER_MEDIAN * float(np.median(np.abs(part))) for part in parts])
+    spread = np.array([robust_std(part) for part in parts])
     variance = spread**2 * np.array([len(part) for part in parts]) / np.maximum(free, 1.0)
     allowed, is_loaded = np.array([t.allowed for t in trials]), np.array([not t.is_idle for t in trials])
     if equation in _BY_CURRENT_ALONE and not is_loaded.all():

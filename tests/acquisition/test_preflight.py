@@ -7,7 +7,7 @@ import pytest
 from sawbench.acquisition.calibration import Calibration
 from sawbench.acquisition.devices.device import StreamChannel
 from sawbench.acquisition.preflight import received_rate_hz
-from sawbench.acquisition.preflight_values import channel_findings, robust_std
+from sawbench.acquisition.preflight_values import channel_findings, std_about_line
 
 pytestmark = pytest.mark.unit
 
@@ -74,10 +74,10 @@ def test_a_zero_that_is_off_is_a_note(noise):
     assert codes(12.0 + 0.3 * noise, name="displacement_mm", unit="mm") == []
 
 
-def test_robust_std_ignores_drift_and_spikes(noise):
+def test_std_about_line_ignores_drift_and_spikes(noise):
     values = 0.5 * noise + 3.0 * TIME_S
     values[::500] += 40.0
-    assert robust_std(TIME_S, values) == pytest.approx(0.5, rel=0.1)
+    assert std_about_line(TIME_S, values) == pytest.approx(0.5, rel=0.1)
 
 
 def test_a_gap_moves_the_overall_rate_only():
