@@ -92,13 +92,22 @@ def signals_of(
             warnings.append(_unknown_column(name))
         unit = channel.unit if channel else table.units.get(name) or (stored_unit(name) if name in expected else "")
         signal = _signal(name, unit, table.time_s, values, jumps)
-        if signal.gaps:
-            missing = sum(gap.n_missing for gap in signal.gaps)
-            warnings.append(f"{name} has {len(signal.gaps)} gaps, {missing} samples missing")
         if channel is not None and is_saw:
             warnings += _value_warnings(channel, signal.values, is_idle=is_idle)
         signals[name] = signal
-    return signals, warnings
+    return signals, [*warnings, *_gap_warning(signals)]
+
+
+def _gap_warning(signals: Mapping[str, Signal]) -> list[str]:
+    """Say in one line what is missing: whole rows mostly, of channels that have as many samples or fewer."""
+    channels: dict[str, list[str]] = {}
+    for name, signal in signals.items():
+        if signal.gaps:
+            n_missing = sum(gap.n_missing for gap in signal.gaps)
+            many = "gap" if len(signal.gaps) == 1 else "gaps"
+            channels.setdefault(f"{n_missing} in {len(signal.gaps)} {many}", []).append(name)
+    said = "; ".join(f"{missing} ({', '.join(names)})" for missing, names in channels.items())
+    return [f"samples are missing: {said}"] if said else []
 
 
 def _check_time(table: Table) -> None:
