@@ -85,7 +85,8 @@ def test_empty_cells_are_gaps_of_that_channel_alone(tmp_path):
 def test_missing_rows_are_gaps_of_every_channel(tmp_path):
     rows = [(f"{0.001 * k:.3f}", k, k) for k in range(50) if k not in (20, 21, 22)]
     recording, warnings = imported(tmp_path, "t.csv", table(("time_s", "force_n", "motor_current_a"), rows))
-    assert [w for w in warnings if "missing" in w] == ["t.csv: samples are missing: 3 in 1 gap (force_n, motor_current_a)"]
+    said = "t.csv: samples are missing: 3 in 1 gap (force_n, motor_current_a)"
+    assert [w for w in warnings if "missing" in w] == [said]
     for name in ("force_n", "motor_current_a"):
         (gap,) = recording.signal(name).gaps
         assert (gap.start_s, gap.end_s, gap.n_missing) == (0.019, 0.023, 3)
