@@ -6,7 +6,8 @@ interval, the cause closes a tenth at least of the withheld gap where it acts, a
 what the others leave where it acts: where a hundredth is added and the rest stays unexplained,
 what explains the rest may well explain the hundredth. Nor may the simulated model with the cause miss the withheld
 channels by more than the re-tuned one does: two effects of one sensor that cancel in the harmonics compared need not
-cancel in the signal that they predict. What a claim leaves where it acts goes to "unknown" (`unlisted.py`).
+cancel in the signal that they predict. What a claim leaves where it acts goes to "unknown" (`unlisted.py`). Where the
+answer is "unknown" for a law that is not in the catalogue, that law must close a tenth too.
 Where the single strokes carry an effect, mean strokes hold little of what it closes: the report says so instead.
 """
 
@@ -66,12 +67,16 @@ def held_to_predictions(
 def _those_that_hold(
     problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior, predictions: Predictions
 ) -> Posterior:
-    while posterior.best.effects:
-        failing = _failing(problem, columns, posterior, predictions)
-        if failing is None:
-            break
-        posterior = _without(problem, posterior, failing)
-    return posterior
+    while True:
+        if posterior.best.effects:
+            failing = _failing(problem, columns, posterior, predictions)
+            if failing is None:
+                return posterior
+            posterior = _without(problem, posterior, failing)
+        else:
+            if not _rests_on_a_law_that_fails(problem, posterior, predictions):
+                return posterior
+            posterior = _without_law(problem, posterior)
 
 
 def _shared_with_unlisted(problem: LinearProblem, posterior: Posterior, predictions: Predictions) -> Posterior:
@@ -244,6 +249,31 @@ def _is_sure(gains: Floats) -> bool:
     Groups differ by orders of magnitude in what they say of an effect, too much for an interval.
     """
     return len(gains) < 2 or exceeds_its_error(gains)
+
+
+def _rests_on_a_law_that_fails(problem: LinearProblem, posterior: Posterior, predictions: Predictions) -> bool:
+    """Whether the answer is "unknown" for a law beyond the catalogue that does not close the withheld gap."""
+    laws = {law.name: law for law in problem.campaign.plant.beyond_catalogue}
+    if posterior.best.other != "unknown" or posterior.resembles not in laws:
+        return False
+    found = predictions.of_law(laws[posterior.resembles])
+    return found is None or not _closes(*found)
+
+
+def _without_law(problem: LinearProblem, posterior: Posterior) -> Posterior:
+    """Take the law that "unknown" rests on out: it has the evidence of what else it looks like."""
+    unlisted = {text: value for text, value in posterior.unlisted.items() if text != posterior.resembles}
+    unknown = replace(posterior.of("unknown"), log_evidence=max(unlisted.values()))
+    others = [posterior.of("no_gap"), posterior.of("parameters"), unknown]
+    weighed = weigh(others, n_effects=1, quiet=problem.quiet, weights=problem.settings.weights)
+    to = {h.name: h.probability for h in weighed}
+    rest = posterior.of("no_gap").probability * to["unknown"] / to["no_gap"]
+    found = {h.name: rest if h.name == "unknown" else h.probability for h in posterior.hypotheses}
+    total = sum(found.values())
+    hypotheses = tuple(unknown if h.name == "unknown" else h for h in posterior.hypotheses)
+    return _with_probabilities(
+        replace(posterior, unlisted=unlisted, hypotheses=hypotheses), {name: p / total for name, p in found.items()}
+    )
 
 
 def _found(posterior: Posterior, effects: tuple[str, ...]) -> Hypothesis:

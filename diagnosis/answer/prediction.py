@@ -11,12 +11,15 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.channel_gap import ChannelGap, forecast
 from sawbench.diagnosis.answer.ladder import HoldOut, Ladder
+from sawbench.diagnosis.inference.acts_in import acts_in
 from sawbench.diagnosis.inference.dispersion import with_noise
-from sawbench.diagnosis.inference.evidence import Column, Explanation, explain
+from sawbench.diagnosis.inference.evidence import Column, Explanation, columns_in, explain
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import FORM_OF_KNOWN, LinearProblem, Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.settings import Z95
+from sawbench.modeling.effects.effect import Effect
+from sawbench.modeling.residuals import Equation
 
 _MOST_SWEEPS: Final = 4
 
@@ -79,6 +82,16 @@ class Predictions:
             ladder = hold_out.climb([stacked(form) for form in forms])
             self._found[key] = Prediction(hold_out=hold_out, ladder=ladder, forms=forms)
         return self._found[key]
+
+    def of_law(self, law: Effect) -> tuple[Ladder, list[Equation]] | None:
+        """Climb the ladder of a law beyond the catalogue; return it and where that acts; None where it is not seen."""
+        columns = columns_in(self._problem, law, law.shapes)
+        found = explain(Marginal(self._problem), columns)
+        if found is None:
+            return None
+        hold_out = self._hold_out(by_trial=self.is_local(found))
+        forms = [c.columns for c in columns if c.columns.shape == found.column.columns.shape]
+        return hold_out.climb(forms), acts_in(self._problem, found)
 
     def channels_of(self, hypothesis: Hypothesis) -> ChannelGap | None:
         """Predict the channels of withheld trials with one hypothesis; see `channel_gap.forecast`."""

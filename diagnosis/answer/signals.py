@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
-from sawbench.bench.units import BATTERY_CURRENT, CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
+from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.gain_drift import GainDrift
 from sawbench.diagnosis.inference.off_stroke import OffStroke, fixed_lines, is_mains
@@ -21,6 +21,7 @@ _LEAST: Final = SETTINGS.report.least_fault
 
 _CHANNEL_OF_GAIN: Final = {
     "force_gain": FORCE.name, "motor_current_gain": MOTOR_CURRENT.name, "battery_current_gain": BATTERY_CURRENT.name,
+    "battery_voltage_gain": BATTERY_VOLTAGE.name,
 }  # fmt: skip
 
 Entry = dict[str, Any]

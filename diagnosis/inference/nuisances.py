@@ -23,8 +23,8 @@ from sawbench.modeling.state import TWO_PI, State, TrialSetting
 
 # Of the radius, for the derivative of a torque that is a smooth function of it.
 _RADIUS_STEP = 1e-4
-# Gains of amplifiers that warm up; a voltage divider hardly does.
-DRIFTING: Final = ("motor_current_gain", "force_gain", "battery_current_gain")
+# Gains of amplifiers and of the reference of a converter, which warm up.
+DRIFTING: Final = ("motor_current_gain", "force_gain", "battery_current_gain", "battery_voltage_gain")
 # (model of the plant: here a Baseline, State) -> Signature
 SignatureFunction = Callable[[Any, State], Signature]
 

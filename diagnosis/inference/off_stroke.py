@@ -25,21 +25,14 @@ from sawbench.bench.units import (
     MOTOR_CURRENT,
 )
 from sawbench.diagnosis.inference.settings import SETTINGS
-from sawbench.diagnosis.inference.strikes import (
-    Answer,
-    Strikes,
-    answer_of,
-    foreign_bursts,
-    resolution_of,
-    strikes,
-)
+from sawbench.diagnosis.inference.strikes import Answer, Strikes, answer_of, foreign_bursts, resolution_of, strikes
 from sawbench.modeling.state import TWO_PI
 from sawbench.processing.binning import AngleGrid
 
 _CELLS, _FEWEST_CELLS, _SAMPLES_A_CELL = 64, 16, 1.5
 _MOST_EMPTY = 0.02
-# Bins of a spectrum: of its floor, of a line, and beside a line.
-_FLOOR_BINS, _LINE_BINS, _FOOT_BINS = 40, 3, (5, 8)
+# Bins of a spectrum: of its floor, of a line, beside a line, and from the middle of a line to where its window ends.
+_FLOOR_BINS, _LINE_BINS, _FOOT_BINS, _WINDOW_BINS = 40, 3, (5, 8), 2
 _PEAKS = 4
 _MAINS_HZ, _HIGHEST_MULTIPLE = (50.0, 60.0), 7
 _NUMBERS: Final = SETTINGS.off_stroke
@@ -84,6 +77,8 @@ class OffStroke:
     is_idle : bool
     rate_hz : float
         Strokes a second.
+    near_harmonic : float
+        Cycles a stroke: nearer to a harmonic no line can be seen.
     feed_a_stroke_m : float
         NaN in air and where no feed is stated.
     peaks : dict of (str, str) to tuple of Peak
@@ -97,6 +92,7 @@ class OffStroke:
     label: str
     is_idle: bool
     rate_hz: float
+    near_harmonic: float
     feed_a_stroke_m: float
     peaks: dict[tuple[str, str], tuple[Peak, ...]]
     struck: dict[str, Strikes]
@@ -201,6 +197,7 @@ def off_stroke(trial: TrackedTrial) -> OffStroke | None:
         label=trial.trial.trial_id,
         is_idle=trial.trial.is_idle,
         rate_hz=rate_hz,
+        near_harmonic=_near_harmonic(n_strokes),
         feed_a_stroke_m=1e-3 * feed_mm_s / rate_hz if is_fed and feed_mm_s is not None else float("nan"),
         peaks=peaks,
         struck=struck,
@@ -270,6 +267,11 @@ def _without_lines(left: Floats, at_s: Floats, lines: Sequence[Peak]) -> Floats:
     return left - (waves @ np.linalg.lstsq(waves, left.ravel())[0]).reshape(left.shape)
 
 
+def _near_harmonic(n_strokes: float) -> float:
+    """Cycles a stroke that a harmonic takes: as it scatters, or as the window spreads it over so many strokes."""
+    return max(_NUMBERS.near_harmonic, _WINDOW_BINS / n_strokes)
+
+
 def _peaks(values: Floats, step: float, per_stroke: float) -> tuple[Peak, ...]:
     """Largest lines of a series, away from the harmonics of the stroke; `per_stroke` is a stroke's own place."""
     from scipy.ndimage import median_filter
@@ -283,7 +285,7 @@ def _peaks(values: Floats, step: float, per_stroke: float) -> tuple[Peak, ...]:
     if total <= 0:
         return ()
     ratio = power / np.maximum(floor, 1e-12 * total)
-    is_locked = np.abs(order - np.round(order)) < _NUMBERS.near_harmonic
+    is_locked = np.abs(order - np.round(order)) < _near_harmonic(1.0 / order[1])
     ratio[(order < _NUMBERS.lowest_order) | is_locked | ~_is_narrow(power)] = 0.0
     found: list[Peak] = []
     while len(found) < _PEAKS:
@@ -356,7 +358,7 @@ def common_line(group: Sequence[OffStroke], lock: Lock, name: str) -> list[tuple
 def _enough(group: Sequence[OffStroke], lock: Lock, line: Peak) -> float:
     """Most of the trials in which the line does not fall on a harmonic of the stroke."""
     orders = [line.place / t.rate_hz if lock == "time" else line.place for t in group]
-    open_to_it = sum(abs(order - round(order)) > 1.5 * _NUMBERS.near_harmonic for order in orders)
+    open_to_it = sum(abs(x - round(x)) > 1.5 * t.near_harmonic for x, t in zip(orders, group, strict=True))
     return max(_NUMBERS.in_most * open_to_it, SETTINGS.noise.least_trials)
 
 

@@ -46,8 +46,8 @@ class Posterior:
     finding : Finding or None
         The strongest that no effect of the catalogue can bring about: what is asynchronous with the stroke and no
         scatter, or a balance that varies within trials.
-    resembles : str
-        Strongest evidence for "unknown"; empty for a gap of no particular form.
+    unlisted : dict of str to float
+        Log evidence for "unknown", by what it looks like; "" for a gap of no particular form.
     dispersion : ndarray, shape (n,)
         Factor on the noise's variance of every feature: 1 where the best effect explains the gap as an intact machine
         is explained.
@@ -61,7 +61,7 @@ class Posterior:
     explanations: tuple[Explanation, ...]
     strokes: dict[str, StrokesSay]
     finding: Finding | None
-    resembles: str
+    unlisted: dict[str, float]
     dispersion: Floats
     little: dict[str, Floats]
     freed: tuple[str, ...]
@@ -75,6 +75,12 @@ class Posterior:
     def verdict(self) -> Verdict:
         """Of the most likely one."""
         return self.best.verdict
+
+    @property
+    def resembles(self) -> str:
+        """Strongest evidence for "unknown"; empty for a gap of no particular form, and where there is no evidence."""
+        text = max(self.unlisted, key=lambda text: self.unlisted[text])
+        return text if self.unlisted[text] > 0.0 else ""
 
     @property
     def claims(self) -> tuple[Hypothesis, ...]:
@@ -121,9 +127,8 @@ def judge(
     listed = {h.name: h.log_evidence for h in singles}
     beyond = beyond_catalogue(bench.forming, bench.nominal, bench.beyond, listed)
     nobodys = unnamed(bench.forming, beyond, of_strokes, beside)
-    resembles = max(nobodys, key=lambda text: nobodys[text])
     hypotheses = [*_without_effects(bench), *singles, *pairs]
-    hypotheses.append(Hypothesis(other="unknown", log_evidence=nobodys[resembles]))
+    hypotheses.append(Hypothesis(other="unknown", log_evidence=max(nobodys.values())))
     known = {e.name: e for e in plant.effects}
     for one in said.values():
         hypotheses = with_strokes(hypotheses, one, known, settings)
@@ -141,7 +146,7 @@ def judge(
         explanations=tuple(explanations.values()),
         strokes=said,
         finding=beside,
-        resembles=resembles if nobodys[resembles] > 0.0 else "",
+        unlisted=nobodys,
         dispersion=bench.dispersion,
         little=little,
         freed=freed_numbers(bench.problem, bench.nominal),

@@ -157,7 +157,7 @@ class OffStroke:
         Significance of the motor's answer to blows.
     """
 
-    least_strokes: int = marked(32, "convention", "the spectrum's lines are half of near_harmonic apart")
+    least_strokes: int = marked(12, "convention", "two thirds of a spectrum are then beside its harmonics")
     lowest_order: float = marked(0.25, "convention", "four strokes a wave")
     near_harmonic: float = marked(
         0.06, "convention", "half width, 1/(6 pi), of a harmonic that remembers three strokes"

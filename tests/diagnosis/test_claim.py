@@ -20,7 +20,7 @@ from sawbench.diagnosis.answer.ladder import HoldOut, Rungs
 from sawbench.diagnosis.answer.prediction import Predictions
 from sawbench.diagnosis.answer.where import locate
 from sawbench.diagnosis.inference.acts_in import equations_of
-from sawbench.diagnosis.inference.evidence import Column, Explanation, catalogue_columns, explain
+from sawbench.diagnosis.inference.evidence import Column, Explanation, catalogue_columns, columns_in, explain
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import Marginal
 from sawbench.diagnosis.inference.posterior import judge
@@ -95,9 +95,10 @@ def answered(problem, columns):
     return posterior, held, predictions
 
 
-def certain_of(posterior, name):
-    """The posterior with one of its hypotheses held for sure."""
-    sure = [replace(h, probability=float(h.name == name)) for h in posterior.hypotheses]
+def certain_of(posterior, name, sure_by=1.0):
+    """The posterior with one of its hypotheses held for sure, or nearly."""
+    others = 1.0 - sure_by
+    sure = [replace(h, probability=others * h.probability + sure_by * (h.name == name)) for h in posterior.hypotheses]
     return replace(posterior, hypotheses=tuple(sorted(sure, key=lambda h: -h.probability)))
 
 
@@ -156,14 +157,31 @@ def test_what_predicts_nothing_hands_its_probability_to_what_is_left_without_it(
     assert sum(held.of(name).probability for name in ("no_gap", "parameters", "unknown")) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("is_in_every_trial", [True, False])
+def test_unknown_that_rests_on_a_law_must_predict_too(problem, columns, is_in_every_trial):
+    """A law beyond the catalogue in every trial, or in one alone."""
+    law = next(e for e in problem.campaign.plant.beyond_catalogue if e.name.startswith("spring, stop"))
+    wave = columns_in(problem, law, [law.shapes[0]])[0].columns[:, 0].copy()
+    for number, part in enumerate(problem.parts):
+        wave[part.place] *= 3.0 * (is_in_every_trial or number == 2)
+    data = replace(problem, data=problem.data + wave)
+    found = judge(data, columns)
+    declared = certain_of(replace(found, unlisted={law.name: 50.0, "": -2.0}), "unknown", sure_by=0.9)
+    held = held_to_predictions(data, columns, declared, OfFeatures(data, columns, declared))
+    assert sum(h.probability for h in held.hypotheses) == pytest.approx(1.0)
+    if is_in_every_trial:
+        assert (held.best.name, held.resembles) == ("unknown", law.name)
+    else:
+        assert (held.of("unknown").log_evidence, held.resembles) == (-2.0, "")
+
+
 def test_another_effect_takes_the_place_of_one_that_is_not_there(problem, columns):
     """Rubbing and friction are hidden; rubbing is held for nearly sure beside what nothing shows."""
     data = with_columns(with_columns(problem, columns, RUBBING, 1.0), columns, FRICTION, 1.0)
     found = judge(data, columns)
     pairs = [h for h in found.claims if len(h.effects) == 2 and RUBBING in h.effects and FRICTION not in h.effects]
     wrong = next(h for h in reversed(pairs) if not all(map(is_there, sized_members(data, columns, found, h))))
-    moved = [replace(h, probability=0.1 * h.probability + 0.9 * (h.name == wrong.name)) for h in found.hypotheses]
-    declared = replace(found, hypotheses=tuple(sorted(moved, key=lambda h: -h.probability)))
+    declared = certain_of(found, wrong.name, sure_by=0.9)
     held = held_to_predictions(data, columns, declared, OfFeatures(data, columns, declared))
     assert held.of(wrong.name).probability == 0.0
     assert held.best.effects == (FRICTION, RUBBING)

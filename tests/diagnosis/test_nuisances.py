@@ -183,7 +183,7 @@ def test_a_displacement_that_is_not_linear(true, name):
         assert np.linalg.norm(seen - said) < 0.05 * np.linalg.norm(said)
 
 
-@pytest.mark.parametrize("name", ["force_gain", "motor_current_gain", "battery_current_gain"])
+@pytest.mark.parametrize("name", ["force_gain", "motor_current_gain", "battery_current_gain", "battery_voltage_gain"])
 def test_a_gain_that_changes_while_the_amplifier_warms_up(true, name):
     late = replace(true, setting=replace(true.setting, session_s=450.0))
     read = replace(late, **READINGS[name](late, SHARE * np.exp(-(450.0 + late.time_s) / 600.0)))

@@ -39,12 +39,14 @@ def rounded(exact, resolution):
     return signal(exact.channel.name, exact.time_s, values)
 
 
-def trials(disturb, seed=3, noise=NOISE, resolution=0.0, plan=TRIALS, rate_hz=RATE_HZ, wander=0.003):
+def trials(
+    disturb, seed=3, noise=NOISE, resolution=0.0, plan=TRIALS, rate_hz=RATE_HZ, wander=0.003, duration_s=DURATION_S
+):
     """Trials whose channels are a stroke's wave, noise and `disturb(rng, time_s, turns, feed) -> {channel: values}`."""
     rng = np.random.default_rng(seed)
     found = []
     for number, (strokes_hz, feed_mm_s) in enumerate(plan):
-        time_s = np.arange(0.0, DURATION_S, 1.0 / rate_hz)
+        time_s = np.arange(0.0, duration_s, 1.0 / rate_hz)
         turns = strokes_hz * time_s + wander * np.cumsum(rng.standard_normal(len(time_s))) / np.sqrt(rate_hz)
         added = disturb(rng, time_s, turns, feed_mm_s)
         wave = np.sin(2.0 * np.pi * turns) + 0.3 * np.cos(6.0 * np.pi * turns)
@@ -68,9 +70,22 @@ def trials(disturb, seed=3, noise=NOISE, resolution=0.0, plan=TRIALS, rate_hz=RA
         trial = Trial(
             trial_id=f"t{number}", duty=0.5, material="none" if feed_mm_s is None else "oak", feed_mm_s=feed_mm_s
         )
-        found.append(off_stroke(processed_trial(trial, signals, angle, 0.0, DURATION_S)))
+        found.append(off_stroke(processed_trial(trial, signals, angle, 0.0, duration_s)))
     assert all(f is not None for f in found)
     return found
+
+
+@pytest.mark.parametrize("seconds", [1.2, 6.0])
+def test_hum_of_one_sensor_is_found_in_trials_of_a_second_too(seconds):
+    def hum(rng, time_s, turns, feed_mm_s):
+        return {FORCE.name: 3.0 * np.sin(2.0 * np.pi * 50.0 * time_s + rng.uniform(0.0, 6.0))}
+
+    (line,) = fixed_lines(trials(hum, duration_s=seconds))
+    assert line.channel == FORCE.name
+    assert line.frequency_hz == pytest.approx(50.0, abs=0.25)
+    assert line.amplitude == pytest.approx(3.0, rel=0.25)
+    quiet = trials(lambda *_: {}, duration_s=seconds)
+    assert fixed_lines(quiet) == off_stroke_findings(quiet) == []
 
 
 def campaign(disturb, **numbers):
