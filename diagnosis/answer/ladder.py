@@ -12,7 +12,7 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.closed_share import closed_share
 from sawbench.diagnosis.answer.withheld_group import WithheldGroup
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, Part
-from sawbench.diagnosis.inference.retuning import freed_numbers
+from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.residuals import Equation
 
@@ -146,7 +146,7 @@ class HoldOut:
         freed: Collection[str] | None = None,
     ) -> None:
         self.problem = problem
-        self.scale = problem.scale_of(freed_numbers(problem, Marginal(problem)) if freed is None else freed)
+        self.scale = problem.scale_of(Retuning(problem, Marginal(problem)).freed if freed is None else freed)
         self.base = problem.nuisance * self.scale
         self.is_own = problem.is_of_trial
         self._high = np.where(

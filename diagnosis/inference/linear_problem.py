@@ -384,9 +384,6 @@ class Beside:
         self._taken = alone.half(extra)
         self._root = np.linalg.cholesky(np.eye(extra.shape[1]) + extra.T @ extra - self._taken.T @ self._taken)
         self.data_half = self.half(alone.data[:, None], alone.data_half[:, None])[:, 0]
-        misfit = float(alone.data @ alone.data - self.data_half @ self.data_half)
-        log_determinant = alone.log_determinant + 2.0 * float(np.log(np.diag(self._root)).sum())
-        self.log_evidence = -0.5 * (misfit + log_determinant)
 
     def half(self, columns: Floats, half_alone: Floats) -> Floats:
         """`Marginal.half` of columns, shape (n, q), from what it is without the further nuisances."""

@@ -23,7 +23,7 @@ from sawbench.diagnosis.inference.hypothesis import Hypothesis, Verdict
 from sawbench.diagnosis.inference.left_over import left_by, left_over
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
 from sawbench.diagnosis.inference.off_stroke import Finding, off_stroke_findings
-from sawbench.diagnosis.inference.retuning import evidence_of_retuning, freed_numbers
+from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.size import together
 from sawbench.diagnosis.inference.stroke_evidence import StrokesSay, sized_by_strokes, strokes_say, with_strokes
 from sawbench.diagnosis.inference.unnamed import beyond_catalogue, unnamed
@@ -54,7 +54,7 @@ class Posterior:
     little : dict of str to ndarray, shape (n, q)
         Nuisance columns of the background effects, times their prior standard deviation.
     freed : tuple of str
-        Numbers of the plant that a fit may move beyond what is stated of them; see `retuning.freed_numbers`.
+        Numbers of the plant that a fit may move beyond what is stated of them; see `Retuning`.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -127,7 +127,8 @@ def judge(
     listed = {h.name: h.log_evidence for h in singles}
     beyond = beyond_catalogue(bench.forming, bench.nominal, bench.beyond, listed)
     nobodys = unnamed(bench.forming, beyond, of_strokes, beside)
-    hypotheses = [*_without_effects(bench), *singles, *pairs]
+    retuning = Retuning(bench.problem, bench.nominal)
+    hypotheses = [*_without_effects(bench, retuning), *singles, *pairs]
     hypotheses.append(Hypothesis(other="unknown", log_evidence=max(nobodys.values())))
     known = {e.name: e for e in plant.effects}
     for one in said.values():
@@ -149,7 +150,7 @@ def judge(
         unlisted=nobodys,
         dispersion=bench.dispersion,
         little=little,
-        freed=freed_numbers(bench.problem, bench.nominal),
+        freed=retuning.freed,
     )
 
 
@@ -183,18 +184,18 @@ def _bench_of(problem: LinearProblem, columns: dict[str, list[Column]], little: 
     )
 
 
-def _without_effects(bench: _Bench) -> list[Hypothesis]:
+def _without_effects(bench: _Bench, retuning: Retuning) -> list[Hypothesis]:
     """Build "no_gap" and "parameters"."""
     problem, forming = bench.problem, bench.forming
-    retuned = Marginal(problem, scale=problem.wide_scale, extra=forming.small)
-    all_at_once = retuned.log_evidence - forming.reference
+    wide = Marginal(problem, scale=problem.wide_scale, extra=forming.small)
+    all_at_once = wide.log_evidence - forming.reference
     return [
         Hypothesis(
             other="no_gap", log_evidence=0.0, left_over=left_over(problem, bench.dispersion, bench.nominal)
         ),
         Hypothesis(
-            other="parameters", log_evidence=evidence_of_retuning(problem, bench.nominal, all_at_once),
-            left_over=left_over(problem, bench.dispersion, retuned),
+            other="parameters", log_evidence=retuning.log_evidence(all_at_once),
+            left_over=left_over(problem, bench.dispersion, wide),
         ),
     ]  # fmt: skip
 

@@ -21,76 +21,64 @@ if TYPE_CHECKING:
 _MOST_SINGLED_OUT: Final = 3
 
 
-def evidence_of_retuning(problem: LinearProblem, nominal: Marginal, all_at_once: float) -> float:
-    """Log Bayes factor of wrong numbers of the plant against the stated ones.
+class Retuning:
+    """Which of the plant's numbers are off by more than they are stated to be.
 
     Parameters
     ----------
     problem : LinearProblem
     nominal : Marginal
         With the numbers within their stated uncertainty, and all that else may be there.
-    all_at_once : float
-        The same factor where every number is widened.
-
-    Returns
-    -------
-    float
     """
-    own, moment = _widened(problem, nominal)
-    most = min(_MOST_SINGLED_OUT, len(moment))
-    by_number = [_mean_evidence(own, moment, size) - size * np.log(2.0) for size in range(1, most + 1)]
-    return float(np.logaddexp.reduce([*by_number, all_at_once - most * np.log(2.0)]))
 
+    def __init__(self, problem: LinearProblem, nominal: Marginal) -> None:
+        is_wide = problem.wide_scale > 1.0
+        added = problem.wide_scale[is_wide] ** 2 - 1.0
+        self._names = [name for name, wide in zip(problem.names, is_wide, strict=True) if wide]
+        # Inner products of what widening adds to each number, of unit prior, and with the data.
+        self._own, self._moment = nominal.gram(problem.nuisance[:, is_wide] * np.sqrt(added))
 
-def freed_numbers(problem: LinearProblem, nominal: Marginal) -> tuple[str, ...]:
-    """Name the plant's numbers whose widening pays: a fit may move them beyond what is stated of them.
+    def log_evidence(self, all_at_once: float) -> float:
+        """Log Bayes factor of wrong numbers against the stated ones.
 
-    One number after the other, each the one that makes the data likeliest, until none gains what a further one costs.
-    A number that the campaign does not tell, as the capacity of a battery that is hardly used, keeps its stated
-    uncertainty: free, it would follow whatever the model misses, and mislead all that is predicted beyond.
+        Parameters
+        ----------
+        all_at_once : float
+            The same factor where every number is widened.
+        """
+        most = min(_MOST_SINGLED_OUT, len(self._names))
+        by_number = [self._mean_evidence(size) - size * np.log(2.0) for size in range(1, most + 1)]
+        return float(np.logaddexp.reduce([*by_number, all_at_once - most * np.log(2.0)]))
 
-    Parameters
-    ----------
-    problem : LinearProblem
-    nominal : Marginal
-        As in `evidence_of_retuning`.
+    @property
+    def freed(self) -> tuple[str, ...]:
+        """Names of the numbers whose widening pays: a fit may move them beyond what is stated of them.
 
-    Returns
-    -------
-    tuple of str
-    """
-    own, moment = _widened(problem, nominal)
-    names = [name for name, scale in zip(problem.names, problem.wide_scale, strict=True) if scale > 1.0]
-    chosen: list[int] = []
-    reached = 0.0
-    while len(chosen) < len(moment):
-        rest = [k for k in range(len(moment)) if k not in chosen]
-        sets = np.array([[*chosen, k] for k in rest])
-        found = _evidence(own, moment, sets) - sets.shape[1] * np.log(2.0)
-        if found.max() <= reached:
-            break
-        reached = float(found.max())
-        chosen.append(rest[int(np.argmax(found))])
-    return tuple(names[k] for k in chosen)
+        One number after the other, each the one that makes the data likeliest, until none gains what a further one
+        costs. A number that the campaign does not tell, as the capacity of a battery that is hardly used, keeps its
+        stated uncertainty: free, it would follow whatever the model misses, and mislead all that is predicted beyond.
+        """
+        chosen: list[int] = []
+        reached = 0.0
+        while len(chosen) < len(self._names):
+            rest = [k for k in range(len(self._names)) if k not in chosen]
+            sets = np.array([[*chosen, k] for k in rest])
+            found = self._evidence(sets) - sets.shape[1] * np.log(2.0)
+            if found.max() <= reached:
+                break
+            reached = float(found.max())
+            chosen.append(rest[int(np.argmax(found))])
+        return tuple(self._names[k] for k in chosen)
 
+    def _mean_evidence(self, size: int) -> float:
+        """Log of the mean Bayes factor over all sets of so many numbers."""
+        sets = np.array(list(combinations(range(len(self._names)), size)))
+        return float(np.logaddexp.reduce(self._evidence(sets)) - np.log(len(sets)))
 
-def _widened(problem: LinearProblem, nominal: Marginal) -> tuple[Floats, Floats]:
-    """Inner products of what widening adds to each number of the plant, of unit prior, and with the data."""
-    is_wide = problem.wide_scale > 1.0
-    added = problem.wide_scale[is_wide] ** 2 - 1.0
-    return nominal.gram(problem.nuisance[:, is_wide] * np.sqrt(added))
-
-
-def _mean_evidence(own: Floats, moment: Floats, size: int) -> float:
-    """Log of the mean Bayes factor over all sets of `size` columns of unit prior."""
-    sets = np.array(list(combinations(range(len(moment)), size)))
-    return float(np.logaddexp.reduce(_evidence(own, moment, sets)) - np.log(len(sets)))
-
-
-def _evidence(own: Floats, moment: Floats, sets: NDArray[np.int_]) -> Floats:
-    """Log Bayes factor of each set of columns of unit prior, shape (n_sets,); `sets`: (n_sets, size)."""
-    size = sets.shape[1]
-    inner = np.eye(size) + own[sets[:, :, None], sets[:, None, :]]
-    seen = moment[sets]
-    gain = np.einsum("ij,ij->i", seen, np.linalg.solve(inner, seen[:, :, None])[:, :, 0])
-    return 0.5 * (gain - np.linalg.slogdet(inner)[1])
+    def _evidence(self, sets: NDArray[np.int_]) -> Floats:
+        """Log Bayes factor of each set of numbers, shape (n_sets,); `sets`: (n_sets, size)."""
+        size = sets.shape[1]
+        inner = np.eye(size) + self._own[sets[:, :, None], sets[:, None, :]]
+        seen = self._moment[sets]
+        gain = np.einsum("ij,ij->i", seen, np.linalg.solve(inner, seen[:, :, None])[:, :, 0])
+        return 0.5 * (gain - np.linalg.slogdet(inner)[1])

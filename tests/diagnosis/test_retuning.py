@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from sawbench.diagnosis.inference.linear_problem import Marginal
-from sawbench.diagnosis.inference.retuning import evidence_of_retuning, freed_numbers
+from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.settings import SETTINGS
 from scipy.stats import multivariate_normal
 
@@ -35,7 +35,7 @@ def all_at_once(problem):
 
 
 def found(problem):
-    return evidence_of_retuning(problem, Marginal(problem), all_at_once(problem))
+    return Retuning(problem, Marginal(problem)).log_evidence(all_at_once(problem))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -73,7 +73,7 @@ def test_without_a_number_of_the_plant_there_is_nothing_to_retune():
 @pytest.mark.parametrize("off_std", [(), (5.0,), (5.0, -4.5)])
 def test_numbers_that_are_off_are_freed_and_no_others(off_std):
     problem = bench(4, 12, off_std)
-    assert set(freed_numbers(problem, Marginal(problem))) == set(problem.names[: len(off_std)])
+    assert set(Retuning(problem, Marginal(problem)).freed) == set(problem.names[: len(off_std)])
 
 
 def test_a_number_that_the_data_do_not_tell_stays_as_it_is_stated_whatever_is_missed():
@@ -82,7 +82,7 @@ def test_a_number_that_the_data_do_not_tell_stays_as_it_is_stated_whatever_is_mi
     along = problem.nuisance[:, 3] / np.linalg.norm(problem.nuisance[:, 3])
     problem.nuisance[:, 3] = 0.1 * along
     problem.data += (2.0 - along @ problem.data) * along
-    assert freed_numbers(problem, Marginal(problem)) == ("number 0",)
+    assert Retuning(problem, Marginal(problem)).freed == ("number 0",)
 
 
 def test_a_background_effect_that_explains_a_misfit_frees_no_number():
@@ -92,5 +92,5 @@ def test_a_background_effect_that_explains_a_misfit_frees_no_number():
     own = problem.nuisance[:, 1] / np.linalg.norm(problem.nuisance[:, 1])
     problem.data += 1.5 * background[:, 0] - own * (own @ problem.data)
     problem.nuisance[:, 1] = 0.3 * background[:, 0] + 0.5 * own
-    assert freed_numbers(problem, Marginal(problem)) == ("number 1",)
-    assert freed_numbers(problem, Marginal(problem, extra=background)) == ()
+    assert Retuning(problem, Marginal(problem)).freed == ("number 1",)
+    assert Retuning(problem, Marginal(problem, extra=background)).freed == ()

@@ -63,7 +63,6 @@ def test_further_nuisances_beside_known_ones_are_all_of_them_together(problem):
     extra, columns = rng.standard_normal((n, 4)), rng.standard_normal((n, 6))
     alone, together = Marginal(problem), Marginal(problem, extra=extra)
     beside = Beside(alone, extra)
-    assert beside.log_evidence == pytest.approx(together.log_evidence, rel=1e-10)
     assert beside.data_half == pytest.approx(together.data_half, rel=1e-8, abs=1e-9)
     half = beside.half(columns, alone.half(columns))
     assert half == pytest.approx(together.half(columns), rel=1e-8, abs=1e-9)
