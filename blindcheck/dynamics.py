@@ -56,7 +56,9 @@ FIELDS = (
     "grease_torque", "whip_kg", "whip_hz", "soft_start_s", "bounce_ohm",
     "cogging_torque", "cogging_slots", "cogging_phase", "cogging_second",
 )  # fmt: skip
-RECORD = np.dtype([(name, np.float64) for name in FIELDS])
+# Open-circuit voltage at evenly spaced states of charge from 0 to 1; zeros where Eq. 16 holds.
+N_OPEN_CIRCUIT = 401
+RECORD = np.dtype([*((name, np.float64) for name in FIELDS), ("open_circuit_v", np.float64, (N_OPEN_CIRCUIT,))])
 TABLE_STEP_MM = 0.05
 WANDER_STEP_S = 0.004
 
@@ -165,7 +167,13 @@ def _supply(t, y, p, wander, out):
     """Motor voltage, V; writes the battery's voltage and current to `out`, its rates are the caller's."""
     i = y[0]
     charge = min(max(1.0 - y[3] / p.capacity_as, 1e-6), 1.0)
-    v_open = p.v_nominal * charge / (1.0 - p.beta * (1.0 - charge)) - y[4] - y[5]
+    if p.open_circuit_v[N_OPEN_CIRCUIT - 1] > 0.0:
+        place = charge * (N_OPEN_CIRCUIT - 1)
+        cell = min(int(place), N_OPEN_CIRCUIT - 2)
+        low, high = p.open_circuit_v[cell], p.open_circuit_v[cell + 1]
+        v_open = low + (place - cell) * (high - low) - y[4] - y[5]
+    else:
+        v_open = p.v_nominal * charge / (1.0 - p.beta * (1.0 - charge)) - y[4] - y[5]
     if p.surplus_v != 0.0:
         used = 1.0 - charge
         v_open += p.surplus_v / (1.0 + used / p.surplus_share) ** 2 - p.plateau_v * tanh(used / 0.25)

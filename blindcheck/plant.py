@@ -98,6 +98,8 @@ def parameter_record(settings: PlantSettings) -> np.ndarray:
         "cuts": 1.0 if settings.k_fc_n_s_per_m > 0 else 0.0,
         "feed_mm_s": settings.feed_mm_s,
     }
+    if settings.open_circuit_v is not None:
+        values["open_circuit_v"] = settings.open_circuit_v
     for name, value in (values | dict(settings.extras)).items():
         record[name] = value
     return record

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 from sawbench.bench.errors import InputError
-from sawbench.blindcheck.dynamics import FIELDS
+from sawbench.blindcheck.dynamics import FIELDS, N_OPEN_CIRCUIT
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -70,6 +70,8 @@ class PlantSettings:
         Connecting rod of an in-line slider crank; a Scotch yoke without one.
     nominal_voltage_v, capacity_ah, beta, internal_resistance_ohm : float
         The battery of Eq. 16 of the paper.
+    open_circuit_v : tuple of float, optional
+        Instead of Eq. 16: open-circuit voltage at `dynamics.N_OPEN_CIRCUIT` evenly spaced states of charge from 0 to 1.
     duty : float
         PWM duty, 0..1.
     held_voltage_v : float, optional
@@ -105,6 +107,7 @@ class PlantSettings:
     capacity_ah: float = 1.5
     beta: float = 0.99
     internal_resistance_ohm: float = 0.02
+    open_circuit_v: tuple[float, ...] | None = None
     duty: float = 0.4375
     held_voltage_v: float | None = None
     cutting_half: Literal["pi_to_2pi", "zero_to_pi"] = "pi_to_2pi"
@@ -129,6 +132,8 @@ class PlantSettings:
         unknown = sorted(set(self.extras) - set(FIELDS))
         if unknown:
             raise InputError(f"the plant has no extra called {', '.join(unknown)}")
+        if self.open_circuit_v is not None and len(self.open_circuit_v) != N_OPEN_CIRCUIT:
+            raise InputError(f"open_circuit_v has {len(self.open_circuit_v)} values, {N_OPEN_CIRCUIT} are needed")
         if not 0.0 < self.duty <= 1.0:
             raise InputError(f"duty is {self.duty!r}, allowed is above 0 up to 1")
         if self.rod_length_m is not None and not self.rod_length_m > self.crank_radius_m:

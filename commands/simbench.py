@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from sawbench.bench.units import CHANNEL_BY_NAME, Channel
 from sawbench.commands.options import bench_config_option, refuse_unwritable
 
 if TYPE_CHECKING:
-    from sawbench.bench.config import LoadedConfig
+    from sawbench.bench.config import BatteryConfig, LoadedConfig
     from sawbench.blindcheck.settings import PlantSettings
 
 # Which [plant] key of the configuration is which setting of the simulated plant: the same names.
@@ -26,7 +26,7 @@ _PLANT_KEYS = (
     "crank_radius_m",
     "motor_damping_n_m_s_per_rad",
 )
-_BATTERY_KEYS = ("nominal_voltage_v", "capacity_ah", "beta", "internal_resistance_ohm")
+_BATTERY_KEYS = ("nominal_voltage_v", "capacity_ah", "internal_resistance_ohm")
 _LARGEST_DEVIATION = 2.0
 # The battery management switches off.
 _EMPTY_AT = 0.95
@@ -148,13 +148,6 @@ def true_settings(
             remedy=f"choose one of {', '.join(MATERIALS)}",
         )
     plant, battery = loaded.plant(), loaded.battery()
-    if battery.open_circuit is not None or battery.shape_ratio != 1.0:
-        raise InputError(
-            "the simulated bench supports only the battery model of Eq. 16 of the paper, without open_circuit and"
-            " shape_ratio",
-            where=loaded.path,
-            remedy="use a configuration whose [battery] has neither",
-        )
     if drawn_ah >= _EMPTY_AT * battery.capacity_ah:
         raise InputError(
             f"the simulated battery is empty: {drawn_ah:.2f} Ah drawn of {battery.capacity_ah:g} Ah",
@@ -171,6 +164,7 @@ def true_settings(
         material,
         **drawn,
         **{key: getattr(battery, key) for key in _BATTERY_KEYS},
+        **_open_circuit(battery),
         gear_ratio=plant.gear_ratio,
         rod_length_m=plant.rod_length_m if plant.mechanism == "slider_crank" else None,
         cutting_half=loaded.config.cutting.cutting_half,
@@ -178,6 +172,18 @@ def true_settings(
         initial_soc=1.0 - drawn_ah / battery.capacity_ah,
         seed=seed,
     )
+
+
+def _open_circuit(battery: BatteryConfig) -> dict[str, Any]:
+    """Eq. 16 as the paper has it, else the curve at even states of charge."""
+    import numpy as np
+    from sawbench.blindcheck.dynamics import N_OPEN_CIRCUIT
+    from sawbench.modeling.configured_battery import open_circuit_voltage
+
+    if battery.open_circuit is None and battery.shape_ratio == 1.0:
+        return {"beta": battery.beta}
+    curve = open_circuit_voltage(battery, np.linspace(0.0, 1.0, N_OPEN_CIRCUIT))
+    return {"open_circuit_v": tuple(curve.tolist())}
 
 
 def truth_of(settings: PlantSettings) -> dict[str, float | str]:

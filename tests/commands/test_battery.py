@@ -116,10 +116,3 @@ def test_without_a_configuration_the_table_stands_alone(tmp_path, capsys):
     assert list(written) == ["battery"]
     assert written == {"battery": shown["battery"]}
     assert [model["model"] for model in shown["models"]] == ["eq16_end"]
-
-
-def test_the_simulated_bench_refuses_a_battery_it_does_not_know(tmp_path, capsys):
-    config = tmp_path / "bench.toml"
-    config.write_text(SHIPPED.read_text(encoding="utf-8").replace("beta = 0.99", "beta = 0.9\nshape_ratio = 1.2"))
-    assert main(["record", "--simulated", "--material", "oak", "--seconds", "1", "--config", str(config)]) == 2
-    assert "shape_ratio" in capsys.readouterr().err

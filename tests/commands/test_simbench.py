@@ -60,14 +60,18 @@ def test_what_the_recordings_of_a_folder_drew_is_gone_from_the_battery_of_that_n
     assert drawn_ah(tmp_path, "P3") == drawn_ah(tmp_path / "new", "P1") == 0.0
 
 
-def test_a_used_battery_gives_less_voltage():
-    loaded = parse_config(SHIPPED)
+TABLE = "open_circuit = { soc = [0.0, 0.1, 0.7, 1.0], share = [0.75, 0.86, 0.92, 1.0] }"
+
+
+@pytest.mark.parametrize("curve", ["beta = 0.99", "beta = 0.9\nshape_ratio = 1.2", TABLE])
+def test_a_used_battery_gives_less_voltage_along_its_configured_curve(curve):
+    loaded = parse_config(SHIPPED.replace("beta = 0.99", curve))
     resting_v = []
     for drawn in (0.0, 0.6):
         stream = StreamingPlant(true_settings(loaded, material="none", duty=0.4, seed=1, drawn_ah=drawn))
         resting_v.append(float(stream.read("battery_voltage_v", np.linspace(0.0, 0.5, 4000)).mean()))
     full, used = open_circuit_voltage(loaded.battery(), np.array([1.0, 1.0 - 0.6 / 1.5]))
-    assert resting_v[0] - resting_v[1] == pytest.approx(full - used, abs=0.01)
+    assert resting_v == pytest.approx([full, used], abs=0.01)
     assert full - used > 0.1
 
 
