@@ -66,7 +66,8 @@ def _as_table(infos: list[RecordingInfo]) -> str:
         corrected = () if info.trial is None else (f"corrected: {words}" for words in info.trial.amendments)
         lines += [f"{info.path}: {words}" for words in (*_losses(info), *info.problems, *corrected)]
     n_sound = sum(_state(info) == "complete" for info in infos)
-    lines.append(f"{len(infos)} recordings, {n_sound} complete without a loss above {HEAVY_LOSS_SHARE:.0%}")
+    counted = "1 recording" if len(infos) == 1 else f"{len(infos)} recordings"
+    lines.append(f"{counted}, {n_sound} complete without a loss above {HEAVY_LOSS_SHARE:.0%}")
     return "\n".join(lines)
 
 
