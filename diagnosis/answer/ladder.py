@@ -156,14 +156,14 @@ class HoldOut:
         self.held_out, self.group_of = _grouping(problem, by_trial=by_trial)
         self.groups = tuple(dict.fromkeys(self.group_of(part) for part in problem.parts))
         self.rows = {group: self._rows(group) for group in self.groups}
-        self._normal = self.base.T @ self.base
         self._kept = {group: self._kept_without(rows) for group, rows in self.rows.items()}
-        covariances: dict[str, Floats] = {
-            group: np.asarray(np.linalg.inv(kept), dtype=np.float64) for group, kept in self._kept.items()
-        }
-        self._own = {group: self._uncertain(group, covariances[group], self.is_own) for group in self.groups}
-        everything = np.ones_like(self.is_own)
-        self._open = {group: self._uncertain(group, covariances[group], everything) for group in self.groups}
+        self._own, self._open = {}, {}
+        for group in self.groups:
+            root = _root_of_inverse(self._kept[group])
+            withheld = self.base[self.rows[group]]
+            # Of some of the nuisances alone, as few columns have the same squares.
+            own = np.linalg.qr(root[self.is_own].T, mode="r").T
+            self._own[group], self._open[group] = withheld[:, self.is_own] @ own, withheld @ root
         self._to_features: list[Floats] = [
             np.asarray(np.linalg.inv(part.whitener), dtype=np.float64).T for part in problem.parts
         ]
@@ -177,13 +177,8 @@ class HoldOut:
 
     def _kept_without(self, rows: np.ndarray) -> Floats:
         """Normal matrix of the nuisances by the trials that are kept, their priors included, shape (p, p)."""
-        least = np.eye(self.base.shape[1]) + self._normal
-        held = self.base[rows]
-        return least if self.held_out == "nothing" else least - held.T @ held
-
-    def _uncertain(self, group: str, covariance: Floats, chosen: np.ndarray) -> Floats:
-        """What the kept trials leave open of chosen nuisances, on withheld rows: a standard deviation a column."""
-        return self.base[self.rows[group]][:, chosen] @ np.linalg.cholesky(covariance[np.ix_(chosen, chosen)])
+        kept = self.base if self.held_out == "nothing" else self.base[~rows]
+        return np.eye(kept.shape[1]) + kept.T @ kept
 
     def _noise_of(self, design: Floats) -> Floats:
         """Whitened noise: the scatter of time blocks, that of strokes, or what a fit to the group itself leaves."""
@@ -365,6 +360,16 @@ class HoldOut:
             return solution
         root = np.linalg.cholesky(normal)
         return lsq_linear(root.T, np.linalg.solve(root, moment), bounds=(low, high), method="bvls").x
+
+
+def _root_of_inverse(normal: Floats) -> Floats:
+    """Matrix that times its transpose is the inverse of a normal matrix, shape (p, p).
+
+    Without inverting it: gains, their drifts and the curve of a battery may be alike to a part in 10^7.
+    """
+    from scipy.linalg import solve_triangular
+
+    return solve_triangular(np.linalg.cholesky(normal), np.eye(len(normal)), lower=True).T
 
 
 def _weighed(rest: Floats, common: Floats, uncertain: Floats, *, noise: float) -> tuple[Floats, float]:

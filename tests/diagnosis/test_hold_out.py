@@ -108,3 +108,14 @@ def test_a_sensor_is_retuned_within_what_is_stated_of_it(problem):
     left = {n: HoldOut(replace(problem, data=n * wave)).climb([]).energy["retuned"].sum() for n in (2.0, 10.0)}
     assert left[2.0] < 0.01 * len(wave)
     assert left[10.0] > 0.1 * len(wave)
+
+
+def test_two_nuisances_may_be_alike_and_known_far_better_than_stated(problem, waves):
+    """The gain of a voltage and its drift over an hour: their common part is known to a part in 10^6 of the prior."""
+    rng, nuisance = np.random.default_rng(5), problem.nuisance.copy()
+    gain, drift = (problem.names.index(f"motor_current_gain{of}") for of in ("", ", warm-up over 3600 s"))
+    nuisance[:, gain] = 1e4 * rng.standard_normal(len(nuisance))
+    nuisance[:, drift] = nuisance[:, gain] * (1.0 + 1e-4 * rng.standard_normal(len(nuisance)))
+    _, ladder = climbed(replace(problem, nuisance=nuisance), SIZE * waves[0], [waves[0]])
+    assert all(np.isfinite(energy).all() for energy in ladder.energy.values())
+    assert ladder.gap_closed > 0.9
