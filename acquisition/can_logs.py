@@ -78,9 +78,9 @@ def decode_can_log(
     Returns
     -------
     Recording
-        Time 0 is the first frame of the log. Frames of J1939 are matched by parameter group, whatever their
-        priority and source; where several sources send a group, the most frequent one is taken and an event
-        says so.
+        Time 0 is the first frame of the log. A log that is cut off gives the frames before, and is not complete. Frames
+        of J1939 are matched by parameter group, whatever their priority and source; where several sources send a group,
+        the most frequent one is taken and an event says so.
 
     Raises
     ------
@@ -92,12 +92,12 @@ def decode_can_log(
     path = Path(path)
     database = load_dbc(dbc_path)
     wanted = _wanted(database, signals, str(dbc_path))
-    frames, start_s = _read_frames(path)
+    frames, start_s, damage = _read_frames(path)
     if bus is not None:
         if bus not in frames.bus:
             raise InputError(f"has no bus {bus!r}; it has {', '.join(np.unique(frames.bus))}", where=path)
         frames = frames.where(frames.bus == bus)
-    events: list[Event] = []
+    events: list[Event] = list(damage)
     found: dict[str, Signal] = {}
     for item in wanted:
         signal = _decode(item, frames, events)
@@ -120,6 +120,7 @@ def decode_can_log(
             "dbc": Path(dbc_path).name,
             "clock": "time stamps of the log, 0 at its first frame; channels are aligned as the logger did",
         },
+        is_complete=not damage,
         path=str(path),
     )
 
@@ -130,7 +131,8 @@ def _wanted(database: Database, signals: Mapping[str, str] | None, where: str) -
     return [_Wanted(f"{m.name}.{s.name}", m, s) for m in database.messages for s in m.signals]
 
 
-def _read_frames(path: Path) -> tuple[_Frames, float]:
+def _read_frames(path: Path) -> tuple[_Frames, float, list[Event]]:
+    """Frames, the time of the first one, and where the log is damaged."""
     if not path.exists():
         raise InputError("no such file", where=path)
     if not is_can_log(path):
@@ -138,6 +140,7 @@ def _read_frames(path: Path) -> tuple[_Frames, float]:
             f"is not a CAN log; suffixes are {', '.join(SUFFIXES)}", where=path, remedy="use the suffix of its format"
         )
     rows: list[tuple[float, int, int, bytes, str]] = []
+    damage: list[Event] = []
     try:
         with _open_log(path) as reader:
             for m in reader:
@@ -148,12 +151,13 @@ def _read_frames(path: Path) -> tuple[_Frames, float]:
     except Exception as error:
         # The readers raise whatever their parsing runs into: ValueError, IndexError, struct.error, their own
         # classes.
-        where = f"after {len(rows)} frames" if rows else "at its beginning"
-        raise InputError(
-            f"cannot be read as a CAN log, {where}: {error}",
-            where=path,
-            remedy="check that the suffix fits the content",
-        ) from error
+        if not rows:
+            raise InputError(
+                f"cannot be read as a CAN log: {error}", where=path, remedy="check that the suffix fits the content"
+            ) from error
+        last_s = rows[-1][0] - min(row[0] for row in rows)
+        text = f"the log is cut off or damaged after {len(rows)} frames"
+        damage.append(Event(kind="interrupted", time_s=last_s, text=text))
     if not rows:
         raise InputError("contains no CAN frames", where=path)
     time_s, identifiers, lengths, payloads, buses = zip(*rows, strict=True)
@@ -166,7 +170,7 @@ def _read_frames(path: Path) -> tuple[_Frames, float]:
         payload=np.frombuffer(b"".join(payloads), dtype=np.uint8).reshape(-1, 8),
         bus=np.array(buses),
     )
-    return frames, start_s
+    return frames, start_s, damage
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from sawbench.analysed_trial import AnalysedTrial, OpenedTrial
 from sawbench.bench.errors import InputError, SawbenchError
+from sawbench.bench.recording import INCOMPLETE
 from sawbench.inputs import config_for
 
 if TYPE_CHECKING:
@@ -230,8 +231,14 @@ def doubted(fit: CuttingFit, processed: ProcessedTrial) -> CuttingFit:
     channels = used.get(fit.method, _DRIVE_CHANNELS)
     doubts = processed.doubts(*channels)
     losses = tuple(text for text in processed.losses if text.partition(":")[0] in channels)
+    losses += tuple(text for text in processed.warnings if text.startswith(INCOMPLETE))
     status = "contradicted" if doubts and fit.status == "ok" else fit.status
     return replace(fit, status=status, notes=(*doubts, *losses, *fit.notes))
+
+
+def knows_drive(trial: AnalysedTrial) -> bool:
+    """Whether anything says what share of the battery's voltage the motor gets."""
+    return trial.recording.trial.duty is not None or trial.loaded.config.converter.mode != "fixed_duty"
 
 
 def runtime_of(
@@ -242,7 +249,19 @@ def runtime_of(
     *,
     compiles: bool = False,
 ) -> RuntimePrediction:
-    """Predict the battery runtime of a tool that goes on cutting like this trial."""
+    """Predict the battery runtime of a tool that goes on cutting like this trial.
+
+    Raises
+    ------
+    InputError
+        If the duty of the trial is unknown, and with it how fast the battery empties.
+    """
+    if not knows_drive(trial):
+        raise InputError(
+            "the duty of the trial is unknown, so its battery runtime is unknown too",
+            where=trial.where,
+            remedy=f"state it with `sawbench amend {trial.where} --duty 0.5`, or predict with `--k-fc` and `--duty`",
+        )
     feed_mm_s = trial.processed.trial.feed_mm_s
     return predict(
         trial.loaded,

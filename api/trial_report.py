@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sawbench.analysis import AnalysedTrial, Evaluation, evaluate
+from sawbench.analysis import AnalysedTrial, Evaluation, evaluate, knows_drive
 
 if TYPE_CHECKING:
     from sawbench.reporting.trial_page import TrialReport
@@ -27,7 +27,7 @@ def trial_report(trial: AnalysedTrial, found: Evaluation | None = None) -> Trial
     found, processed = found or evaluate(trial), trial.processed
     fit, runtime = found.fit, found.runtime
     model, discharges = {}, {}
-    if fit is not None and fit.status == "ok":
+    if fit is not None and fit.status == "ok" and knows_drive(trial):
         model[LINEAR] = fitted_cycle(trial, fit)
         replayed = measured_force_cycle(trial, fit)
         if replayed is not None:

@@ -46,6 +46,8 @@ def read_only(values: Any, *, name: str, allow_nan: bool = False) -> Floats:
     return array
 
 
+# How what is said of a recording that was cut off begins.
+INCOMPLETE: Final = "the recording is incomplete"
 # A channel that misses more than this share of its samples makes a trial that is not reliable.
 HEAVY_LOSS_SHARE: Final = 0.01
 
@@ -332,6 +334,14 @@ class Recording:
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
+
+    @property
+    def interruptions(self) -> tuple[str, ...]:
+        """Where an incomplete recording is cut off, in words; empty for a complete one."""
+        if self.is_complete:
+            return ()
+        lost = [f"{event.text}, at {event.time_s:.2f} s" for event in self.events if event.kind == "interrupted"]
+        return (f"{INCOMPLETE}{': ' if lost else ''}{'; '.join(lost)}",)
 
     def signal(self, channel: str) -> Signal:
         """Return the signal of `channel`.

@@ -51,6 +51,10 @@ def command(
 
     if bool(paths) == (k_fc is not None):
         raise click.UsageError("give either recordings or --k-fc")
+    if paths and (duty is not None or k_fc_std):
+        raise click.UsageError(
+            "--duty and --k-fc-std go with --k-fc; a recording has its own, and `sawbench amend` corrects its duty"
+        )
     use = BatteryUse(temperature_c=temperature_c, cycle=cycle)
     results: list[tuple[str, RuntimePrediction]] = []
     if k_fc is not None:

@@ -109,7 +109,7 @@ def _fitted(trial: AnalysedTrial, planned: PlannedTrial) -> tuple[dict[str, floa
 
 def _cut_short(recording: Recording, seconds: float) -> list[str]:
     """Say what is missing of a recording."""
-    found = [] if recording.is_complete else ["the recording is incomplete"]
+    found = list(recording.interruptions)
     for channel, signal in recording.signals.items():
         end_s = float(signal.time_s[-1]) if len(signal.time_s) else 0.0
         if end_s < _LEAST_SHARE * seconds:

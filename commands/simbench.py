@@ -34,7 +34,7 @@ _EMPTY_AT = 0.95
 
 @click.command(name="simbench", epilog="Example: sawbench simbench --material oak --seed 3")
 @bench_config_option
-@click.option("--material", default="oak", show_default=True, help="nylon, black_locust, oak, or none (air).")
+@click.option("--material", default="oak", show_default=True, help="A material of the simulated bench, or none (air).")
 @click.option("--duty", type=click.FloatRange(0, 1, min_open=True), help="PWM duty; default: the configuration's.")
 @click.option("--seed", default=0, show_default=True, help="Seed of the true plant, the wood and the sensor noise.")
 @click.option(

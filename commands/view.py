@@ -31,6 +31,8 @@ def command(
 
     if no_view and rrd_path is None:
         raise click.UsageError("--no-view needs --rrd FILE")
+    if not path.exists():
+        raise InputError("no such file", where=path, remedy="check the path")
     shows = not no_view
     if shows and not has_display():
         if rrd_path is None:

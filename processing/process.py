@@ -111,7 +111,7 @@ def process_recording(recording: Recording, config: BenchConfig, *, source_sha25
         peak_force_n=None,
         peak_force_std_n=None,
         quality=quality,
-        warnings=(*motion.warnings, *_quality_warnings(quality)),
+        warnings=(*recording.interruptions, *motion.warnings, *_quality_warnings(quality)),
         source_path=recording.path,
         source_sha256=source_sha256,
         frame=config.frame,

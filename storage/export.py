@@ -143,7 +143,7 @@ def export_recording(
     return ExportReport(
         paths=(*paths, about_path),
         n_samples=sum(one.n_samples for one in outlines),
-        losses=(*filter(None, lost), *(() if recording.is_complete else ("the recording is incomplete",))),
+        losses=(*filter(None, lost), *recording.interruptions),
     )
 
 

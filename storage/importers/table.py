@@ -21,6 +21,8 @@ _SLOWEST_INTERVAL_S: Final = 0.05
 _LARGEST_SHARE_OUTSIDE: Final = 0.01
 # Where that many samples of a channel have another number of rows between them, the rows are not its own.
 _SHARE_OF_OWN_ROWS: Final = 0.02
+# Likeness of a name that is written wrong to the right one; 'force_2_n' is another channel than 'force_n'.
+_MISSPELT: Final = 0.9
 
 
 class FramesNeedDbc(InputError):
@@ -88,8 +90,8 @@ def signals_of(
             warnings.append(f"column {name} is empty and left out")
             continue
         channel = CHANNEL_BY_NAME.get(name)
-        if channel is None and name not in expected:
-            warnings.append(_unknown_column(name))
+        if channel is None:
+            warnings += _unknown_column(name, is_asked_for=name in expected)
         unit = channel.unit if channel else table.units.get(name) or (stored_unit(name) if name in expected else "")
         signal = _signal(name, unit, table.time_s, values, jumps)
         if channel is not None and is_saw:
@@ -158,10 +160,13 @@ def _signal(name: str, unit: str, time_s: Floats, values: Floats, jumps: NDArray
     return Signal(channel=name, unit=unit, time_s=kept_s, values=values[rows], gaps=tuple(gaps))
 
 
-def _unknown_column(name: str) -> str:
-    close = difflib.get_close_matches(name.lower(), CHANNEL_BY_NAME, n=1, cutoff=0.6)
+def _unknown_column(name: str, *, is_asked_for: bool) -> list[str]:
+    """Say so of a name that nobody asked for, and of one that a map or configuration has nearly right."""
+    close = difflib.get_close_matches(name.lower(), CHANNEL_BY_NAME, n=1, cutoff=_MISSPELT if is_asked_for else 0.6)
+    if is_asked_for and not close:
+        return []
     hint = f"; did you mean {close[0]!r}?" if close else ""
-    return f"column {name} is not a known channel; it is kept under its own name{hint}"
+    return [f"column {name} is not a known channel; it is kept under its own name{hint}"]
 
 
 def _time_warnings(time_s: Floats) -> list[str]:

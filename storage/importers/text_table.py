@@ -27,6 +27,8 @@ _HALF_DAY_S: Final = 43200.0
 _N_PROBED_LINES: Final = 1000
 _N_PROBED_CHARACTERS: Final = 1_000_000
 _MOST_BYTES: Final = 4_000_000_000
+# A last line is compared with those before it, in so many characters.
+_LAST_CHARACTERS, _LEAST_LINES = 10_000, 10
 
 
 def read_text_table(path: Path, rules: ReadingRules | None = None) -> RawTable:
@@ -63,8 +65,8 @@ def read_text_table(path: Path, rules: ReadingRules | None = None) -> RawTable:
     for position, (name, unit, (_, cells)) in enumerate(named, start=1):
         if name or not bool(cells.isna().to_numpy().all()):
             column = name or str(position)
-            columns[column] = _column(path, column, unit or split_unit(name)[1], cells)
-    return RawTable(path=path, columns=columns, notes=_notes(layout, encoding, decimal))
+            columns[column] = _column(path, column, unit or split_unit(name)[1], cells, decimal)
+    return RawTable(path=path, columns=columns, notes=_notes(layout, encoding, decimal, text))
 
 
 def _first_lines(text: str) -> list[str]:
@@ -143,15 +145,16 @@ def _frame(path: Path, text: str, layout: TextLayout, decimal: str, rules: Readi
     return frame
 
 
-def _column(path: Path, name: str, unit: str, cells: pd.Series) -> RawColumn:
+def _column(path: Path, name: str, unit: str, cells: pd.Series, decimal: str) -> RawColumn:
     if cells.dtype.kind in "fiu":
         return RawColumn(values=cells.to_numpy(dtype=np.float64), unit=unit)
     seconds = _seconds_of_clock(cells)
     if seconds is not None:
         return RawColumn(values=seconds, unit="s")
     problem = InputError(f"column {name} does not contain numbers", where=path)
+    # One cell that is no number leaves all of its column as text.
     for row, cell in enumerate(cells.tolist(), start=1):
-        if isinstance(cell, str) and not _is_plain_number(cell):
+        if isinstance(cell, str) and not _is_number(cell, decimal):
             remedy = "use a point as decimal sign, or semicolons between the cells" if "," in cell else None
             problem = InputError(
                 f"column {name} has {cell!r} in data row {row}, not a number",
@@ -173,15 +176,25 @@ def _seconds_of_clock(cells: pd.Series) -> Floats | None:
     return of_day_s - of_day_s[0] + 2.0 * _HALF_DAY_S * n_midnights
 
 
-def _is_plain_number(cell: str) -> bool:
+def _is_number(cell: str, decimal: str) -> bool:
     try:
-        float(cell)
+        float(cell if decimal == "." else cell.replace(".", " ").replace(decimal, "."))
     except ValueError:
         return False
     return True
 
 
-def _notes(layout: TextLayout, encoding: str, decimal: str) -> tuple[str, ...]:
+def _looks_cut(text: str, separator: str) -> bool:
+    """Whether the last line has no end, and its last cell is missing or shorter than in each of the lines before."""
+    lines = text[-_LAST_CHARACTERS:].splitlines()[1:]
+    if text.endswith(("\n", "\r")) or len(lines) < _LEAST_LINES:
+        return False
+    cells = [line.split() if separator == " " else line.split(separator) for line in lines]
+    *before, last = [(len(row), len(row[-1])) for row in cells if row]
+    return last[0] < min(count for count, _ in before) or last[1] < min(length for _, length in before)
+
+
+def _notes(layout: TextLayout, encoding: str, decimal: str, text: str) -> tuple[str, ...]:
     """Say how the text was read where that is not what every program writes."""
     said = []
     if encoding not in ("utf-8", "utf-8-sig"):
@@ -192,4 +205,6 @@ def _notes(layout: TextLayout, encoding: str, decimal: str) -> tuple[str, ...]:
         said.append(f"{layout.n_remarks} lines before the header left out")
     if any(layout.units):
         said.append("a row of units under the header")
+    if _looks_cut(text, layout.separator):
+        said.append(f"the last line looks cut off: {text.splitlines()[-1]!r}; compare it with the original")
     return tuple(said)

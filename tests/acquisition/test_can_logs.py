@@ -57,6 +57,17 @@ def test_two_senders_are_not_mixed(tmp_path):
     assert set(other.signal("motor_current_a").values) == {-0.5}
 
 
+def test_a_log_that_is_cut_off_gives_the_frames_before(tmp_path):
+    path = tmp_path / "cut.log"
+    lines = [f"({k / 100:.6f}) can0 100#{struct.pack('<Hh', k, 100).hex()}" for k in range(200)]
+    path.write_text("\n".join(lines)[:-20])
+    recording = decode_can_log(path, "jigsaw_bench.dbc", SIGNALS)
+    assert len(recording.signal("motor_current_a").values) == 199
+    assert not recording.is_complete
+    (text,) = recording.interruptions
+    assert text == "the recording is incomplete: the log is cut off or damaged after 199 frames, at 1.98 s"
+
+
 def test_wrong_input_is_said(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         decode_can_log(tmp_path / "none.log", "jigsaw_bench.dbc")

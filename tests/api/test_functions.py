@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 import sawbench
 from sawbench.bench.errors import InputError, UntrustedResult
-from sawbench.bench.recording import Gap
+from sawbench.bench.recording import Event, Gap
 from sawbench.commands.main import main
+from sawbench.trial_report import trial_report
 from threadpoolctl import threadpool_info, threadpool_limits
 
 pytestmark = pytest.mark.pipeline
@@ -137,6 +138,27 @@ def test_a_simulated_bench_reads_as_its_sensors_are_stated_to(tmp_path):
 def test_air_has_no_runtime():
     with pytest.raises(InputError, match="not a cutting trial"):
         sawbench.runtime(sawbench.simulate(k_fc_n_s_per_m=0.0).recording())
+
+
+def test_a_trial_of_unknown_duty_has_no_runtime_but_a_page(tmp_path):
+    known = sawbench.simulate(duration_s=2.0, rate_hz=2000.0).recording(material="oak")
+    signals = {name: known.recording.signal(name) for name in ("force_n", "displacement_mm")}
+    trial = replace(known.recording.trial, duty=None)
+    unknown = replace(known, recording=replace(known.recording, trial=trial, signals=signals))
+    with pytest.raises(InputError, match="the duty of the trial is unknown, so its battery runtime is unknown too"):
+        sawbench.runtime(unknown)
+    page = trial_report(sawbench.process(unknown))
+    assert page.fit.status == "ok" and page.runtime is None and "duty" in page.note
+
+
+def test_what_is_left_of_an_interrupted_recording_is_fitted_and_said():
+    whole = sawbench.simulate(duration_s=2.0, rate_hz=2000.0).recording(material="oak")
+    cut = Event(kind="interrupted", time_s=1.9, text="the file is cut off")
+    left = replace(whole, recording=replace(whole.recording, is_complete=False, events=(cut,)))
+    found = sawbench.fit(left).cutting
+    assert found.status == "ok"
+    assert "the recording is incomplete: the file is cut off, at 1.90 s" in found.notes
+    assert not any("incomplete" in note for note in sawbench.fit(whole).cutting.notes)
 
 
 def test_a_doubted_fit_gives_no_runtime(oak):

@@ -36,3 +36,9 @@ def test_unknown_option_is_wrong_usage(name, capsys):
 def test_unknown_command_is_wrong_usage(capsys):
     assert main(["saw"]) == 2
     assert "saw" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", ["--duty", "--k-fc-std"])
+def test_what_a_recording_states_itself_is_no_option_beside_it(option, capsys):
+    assert main(["runtime", "recordings/oak-01.mcap", option, "0.5"]) == 2
+    assert "go with --k-fc" in capsys.readouterr().err

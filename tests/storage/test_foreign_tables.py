@@ -318,6 +318,29 @@ def test_what_is_wrong_is_said_where_it_stands(text, message, tmp_path):
         taken_in(tmp_path, "t.csv", text)
 
 
+def test_one_word_among_decimal_commas_is_said_where_it_stands(tmp_path):
+    lines = [f"0,{k:03d};1,5" for k in range(20)]
+    lines[12] = "0,012;OVL"
+    with pytest.raises(InputError, match="column force_n has 'OVL' in data row 13"):
+        taken_in(tmp_path, "t.csv", "time_s;force_n\n" + "\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize(
+    ("end", "is_said"), [("0.020,-200.12", True), ("0.020", True), ("0.020,-200.123", False), ("0.020,-2\n", False)]
+)
+def test_a_last_line_that_looks_cut_off_is_said(end, is_said, tmp_path):
+    lines = [f"0.{k:03d},-100.{k:03d}" for k in range(20)]
+    _, report = taken_in(tmp_path, "t.csv", "time_s,force_n\n" + "\n".join([*lines, end]))
+    assert any("last line looks cut off" in text for text in report.notes) == is_said
+
+
+def test_a_channel_of_the_map_that_is_nearly_one_of_the_bench_is_said(tmp_path):
+    mapped = table_map(tmp_path, '[columns]\ntime_s = "t"\nforce_n = "F"\ndisplacment_mm = "x"\nforce_2_n = "G"\n')
+    _, report = taken_in(tmp_path, "t.csv", "t,F,x,G\n0,1,2,3\n0.001,1,2,3\n", mapped)
+    (said,) = [text for text in report.warnings if "did you mean" in text]
+    assert "displacment_mm" in said and "'displacement_mm'" in said
+
+
 def test_row_that_was_cut_off_is_a_missing_sample(tmp_path):
     recording, _ = taken_in(tmp_path, "t.csv", "time_s,force_n\r\n0,1\r\n0.001,2\r\n0.002")
     assert recording.signal("force_n").values.tolist() == [1.0, 2.0]
