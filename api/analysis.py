@@ -227,13 +227,17 @@ def doubted(fit: CuttingFit, processed: ProcessedTrial) -> CuttingFit:
 
     Where samples of them are missing the rest is fitted and keeps its status; the notes say so.
     """
+    from sawbench.reporting.rejections import wrong_duty
+
     used = {"force": ("displacement_mm", "force_n"), "current_and_force": (*_DRIVE_CHANNELS, "force_n")}
     channels = used.get(fit.method, _DRIVE_CHANNELS)
     doubts = processed.doubts(*channels)
     losses = tuple(text for text in processed.losses if text.partition(":")[0] in channels)
     losses += tuple(text for text in processed.warnings if text.startswith(INCOMPLETE))
     status = "contradicted" if doubts and fit.status == "ok" else fit.status
-    return replace(fit, status=status, notes=(*doubts, *losses, *fit.notes))
+    duty = None if status == "ok" else wrong_duty(processed)
+    cause = () if duty is None else (f"likely cause: {'; '.join(duty)}",)
+    return replace(fit, status=status, notes=(*cause, *doubts, *losses, *fit.notes))
 
 
 def knows_drive(trial: AnalysedTrial) -> bool:

@@ -7,6 +7,9 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+# What the command line calls otherwise.
+_SYNONYMS = {"material": "workpiece", "thickness": "thickness_mm", "feed": "feed_mm_s"}
+
 
 def describe_validation(error: ValidationError, model: type[BaseModel]) -> str:
     """Turn a pydantic error into one line per offending key, with the nearest allowed key.
@@ -23,7 +26,8 @@ def describe_validation(error: ValidationError, model: type[BaseModel]) -> str:
         got = item.get("input")
         if item["type"] == "extra_forbidden":
             allowed = _allowed_keys(model, item["loc"][:-1])
-            close = difflib.get_close_matches(str(item["loc"][-1]), allowed, n=1, cutoff=0.5)
+            last = str(item["loc"][-1])
+            close = difflib.get_close_matches(_SYNONYMS.get(last, last), allowed, n=1, cutoff=0.5)
             hint = f"did you mean {close[0]!r}?" if close else f"allowed here: {', '.join(allowed) or 'nothing'}"
             lines.append(f"unknown key {key!r}; {hint}")
         elif item["type"] == "missing":

@@ -87,7 +87,6 @@ def _fitted(trial: AnalysedTrial, planned: PlannedTrial) -> tuple[dict[str, floa
     """Return k_Fc as keywords of `TrialMeasures`, and why there is none."""
     from sawbench.analysis import fit_trial
     from sawbench.reporting.compared import FIT_STATUS_WORDS
-    from sawbench.reporting.rejections import wrong_duty
 
     if planned.is_idle or trial.processed.status != "cutting":
         return {}, []
@@ -102,9 +101,7 @@ def _fitted(trial: AnalysedTrial, planned: PlannedTrial) -> tuple[dict[str, floa
     }
     if fit.status == "ok":
         return found, []
-    duty = wrong_duty(trial.processed)
-    cause = [] if duty is None else [f"likely cause: {'; '.join(duty)}"]
-    return {}, [f"no k_Fc: {'; '.join((FIT_STATUS_WORDS[fit.status], *fit.notes))}", *cause]
+    return {}, [f"no k_Fc: {'; '.join((FIT_STATUS_WORDS[fit.status], *fit.notes))}"]
 
 
 def _cut_short(recording: Recording, seconds: float) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 import warnings
 import zlib
 from io import BytesIO, StringIO
@@ -27,6 +28,8 @@ _HALF_DAY_S: Final = 43200.0
 _N_PROBED_LINES: Final = 1000
 _N_PROBED_CHARACTERS: Final = 1_000_000
 _MOST_BYTES: Final = 4_000_000_000
+# As pandas says it.
+_TOO_LONG: Final = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 # A last line is compared with those before it, in so many characters.
 _LAST_CHARACTERS, _LEAST_LINES = 10_000, 10
 
@@ -139,6 +142,13 @@ def _frame(path: Path, text: str, layout: TextLayout, decimal: str, rules: Readi
     except (pd.errors.ParserError, pd.errors.ParserWarning, pd.errors.EmptyDataError) as error:
         if isinstance(error, pd.errors.EmptyDataError):
             raise InputError("has a header but no data rows", where=path) from error
+        long = _TOO_LONG.search(str(error))
+        if long is not None:
+            needed, line, got = long.groups()
+            raise InputError(
+                f"the row has {got} cells, the header has {needed}", where=f"{path}, line {line}",
+                remedy="check the row, and that every column has a name",
+            ) from error  # fmt: skip
         raise InputError(f"cannot be read as a table: {error}".rstrip("\n"), where=path) from error
     if frame.empty:
         raise InputError("has a header but no data rows", where=path)

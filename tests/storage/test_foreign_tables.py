@@ -310,8 +310,16 @@ def test_json_rows_without_names(tmp_path):
         ("time_s," + 200_000 * "a" + "\n0,1\n", "cannot be read as a table: field larger than"),
         ("time_s,force_n\n0,\n1,\n", "has no channel with values; column force_n is empty"),
         ("Fz\n0,5\n1,5\n", "has no column time_s; its columns are Fz"),
+        ("time_s,force_n\n0,1\n0.001,2,3\n", "line 3 has 3 cells instead of 2"),
     ],
-    ids=["line at the end", "line at the end of two", "a cell without end", "empty", "one column of decimal commas"],
+    ids=[
+        "line at the end",
+        "line at the end of two",
+        "a cell without end",
+        "empty",
+        "one column of decimal commas",
+        "too long",
+    ],
 )
 def test_what_is_wrong_is_said_where_it_stands(text, message, tmp_path):
     with pytest.raises(InputError, match=message):

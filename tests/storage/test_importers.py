@@ -275,6 +275,7 @@ def test_a_campaign_becomes_one_recording_a_trial(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
+        ({"material": "oak"}, "trial 1: unknown key 'material'; did you mean 'workpiece'"),
         ({"workpice": "oak"}, "trial 1: unknown key 'workpice'; did you mean 'workpiece'"),
         ({"duty": 43.75}, "trial 1: duty: must be a fraction"),
         ({"duty": True}, "trial 1: duty: .*number.*True"),
