@@ -310,7 +310,11 @@ def test_json_rows_without_names(tmp_path):
         ("time_s," + 200_000 * "a" + "\n0,1\n", "cannot be read as a table: field larger than"),
         ("time_s,force_n\n0,\n1,\n", "has no channel with values; column force_n is empty"),
         ("Fz\n0,5\n1,5\n", "has no column time_s; its columns are Fz"),
-        ("time_s,force_n\n0,1\n0.001,2,3\n", "line 3 has 3 cells instead of 2"),
+        ("time_s,force_n\n0,1\n0.001,2,3\n", "t.csv, line 3: data row 2 has 3 cells, the header has 2"),
+        (
+            "made by x\ntime_s,force_n\n" + "".join(f"{k},1.5\n" for k in range(4000)) + "4000,2.0,3\n",
+            "t.csv, line 4003: the row has 3 cells, the header has 2",
+        ),
     ],
     ids=[
         "line at the end",
@@ -319,6 +323,7 @@ def test_json_rows_without_names(tmp_path):
         "empty",
         "one column of decimal commas",
         "too long",
+        "far down",
     ],
 )
 def test_what_is_wrong_is_said_where_it_stands(text, message, tmp_path):
