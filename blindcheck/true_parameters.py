@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from sawbench.blindcheck.drawing import CampaignDraw
+from sawbench.blindcheck.dynamics import FIELDS
 from sawbench.blindcheck.plant import Floats, PlantSettings, parameter_record
 from sawbench.blindcheck.sensors import zero_drift
 
@@ -59,7 +60,7 @@ def true_parameters(draw: CampaignDraw) -> dict[str, dict[str, Any]]:
     extras = dict(draw.change.shape) | dict(draw.change.plant)
     settings = PlantSettings(**dict(draw.parameters), extras=extras)  # type: ignore[arg-type]
     record = parameter_record(settings)[0]
-    fields = {name: float(record[name]) for name in record.dtype.names}
+    fields = {name: float(record[name]) for name in FIELDS}
     return {
         effect: {"name": one.name, "value": float(one.value(fields, draw)), "unit": one.unit}
         for effect in draw.effects

@@ -180,7 +180,7 @@ def test_what_looks_like_another_unit_is_said_and_not_changed(tmp_path, columns,
         ("time_s,force_n\n0,1\n0.1,abc\n", "column force_n has 'abc' in data row 2"),
         ("time_s,force_n\n0,1\n0.1,inf\n", "force_n is infinite in data row 2"),
         ("time_s,force_n\n0,1\n0.1,2,3\n", "data row 2 has 3 cells"),
-        ("time_s,force_n\n" + "0,1\n" * 1500 + "0,1,2\n", "cannot be read as a table"),
+        ("time_s,force_n\n" + "0,1\n" * 1500 + "0,1,2\n", "line 1502: the row has 3 cells"),
     ],
 )
 def test_wrong_tables_are_refused(tmp_path, text, message):
