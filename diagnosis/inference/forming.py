@@ -123,9 +123,19 @@ class Forming:
         ]
         log_z, found = max(found_in_each, key=lambda each: each[0])
         gained = _carried(second.log_evidence, log_z - self._alone(first, given))
-        shared = shared_energy(self.problem, first.contribution, found.contribution)
+        shared = shared_energy(self.problem, self._acting(first), self._acting(found))
         left = left_by(self.problem, self.dispersion, self.small, (first, found))
         return replace(_together(first, found, first.log_evidence + gained), shared=shared, left_over=left)
+
+    def _acting(self, explanation: Explanation) -> Floats:
+        """What an effect changes of the features: where it moves the blade, also the force of that motion.
+
+        The cutting law is compared with the blade's measured velocity, so that the motion is in no signature; what is
+        misread of it, a derivative of a displacement, is there all the same.
+        """
+        if not explanation.effect.moves_blade:
+            return explanation.contribution
+        return explanation.contribution + self.problem.project(self.problem.campaign.plant.force_beyond_crank)
 
     def _alone(self, first: Explanation, given: Sequence[Floats]) -> float:
         """Log evidence of a first effect as `_pair` has it: of any size, which costs a wave of many columns much."""

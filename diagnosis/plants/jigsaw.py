@@ -207,6 +207,13 @@ class Jigsaw:
         """The same at all angles, and in the load torque."""
         return force_offset(self.baseline, state)
 
+    def force_beyond_crank(self, state: State) -> Signature:
+        """By the linear cutting law; nothing in air, at a start, and where the displacement shows no such motion."""
+        if state.blade_excess_m_s is None or state.force_n is None or state.setting.is_idle:
+            return {}
+        of_crank = self.baseline.expected_force(replace(state, blade_excess_m_s=None))
+        return {"cutting": self.baseline.expected_force(state) - of_crank}
+
     def measured_rms(self, states: Sequence[State]) -> Mapping[str, float]:
         """Nothing: `diagnosis.screening` judges the channels of a saw."""
         del states

@@ -170,6 +170,11 @@ class LinearAxis:
         del state
         return {}
 
+    def force_beyond_crank(self, state: State) -> Signature:
+        """Nothing: an axis has no crank."""
+        del state
+        return {}
+
     def measured_rms(self, states: Sequence[State]) -> Mapping[str, float]:
         """Root mean square of the drive about its mean; see `Plant.measured_rms`."""
         form = self.equations["mechanical"]

@@ -159,6 +159,10 @@ class Plant(Protocol):
         """Change of the residuals for one newton more on the zero of the force."""
         ...
 
+    def force_beyond_crank(self, state: State) -> Signature:
+        """What the motion of the blade beyond that of the crank adds to the expected force."""
+        ...
+
     def measured_rms(self, states: Sequence[State]) -> Mapping[str, float]:
         """How much channels of `equations` vary by themselves, in their unit, over the harmonics that are compared.
 

@@ -134,6 +134,9 @@ class Effect:
         (amplitude, shape) -> value of the reported parameter, where it is not the amplitude itself.
     carries : tuple of str
         Numbers of a form that are the strength itself; the amplitude is then 1 or near it.
+    moves_blade : bool
+        The blade does not follow the crank: what it does beyond is measured and stands in the cutting law, not in the
+        signature.
     form_names : mapping of str to dict
         Names that the field has for some of the forms.
     scales : tuple of str
@@ -193,6 +196,7 @@ class Effect:
     scales: tuple[str, ...] = ()
     form_words: Callable[[dict[str, float]], str] = lambda shape: ""
     is_pointwise: bool = True
+    moves_blade: bool = False
     memories: tuple[Memory, ...] = ()
     needs: tuple[str, ...] = ()
     grows_with: tuple[GrowsWith, ...] = ()

@@ -187,6 +187,7 @@ EFFECT = Effect(
     n_signatures=lambda shape: 2 * _N_HARMONICS * int(shape["waves"]),
     shapes=({"waves": 2.0}, {"waves": 5.0}),
     is_pointwise=False,
+    moves_blade=True,
     needs=("motor_current_a",),
     grows_with=("position",),
     confused_with=("gear_eccentricity", "engagement_delay", "guide_friction"),

@@ -68,6 +68,21 @@ def test_further_nuisances_beside_known_ones_are_all_of_them_together(problem):
     assert half == pytest.approx(together.half(columns), rel=1e-8, abs=1e-9)
 
 
+def test_play_acts_in_the_cut_by_the_motion_of_the_blade_that_it_lets_loose():
+    """It stands in the measured velocity, not in the signature: a lag of the force was claimed beside play for it."""
+    states = [replace(s, blade_excess_m_s=0.05 * np.sin(7.0 * s.angle_rad)) for s in strokes()]
+    loose = problem_of(states)
+    marginal, n = Marginal(loose), len(loose.data)
+    forming = Forming(loose, np.zeros((n, 0)), marginal, np.ones(n))
+    columns = catalogue_columns(loose, loose.campaign.plant.effects)
+    play, friction = (explain(marginal, columns[name]) for name in ("yoke_backlash", "motor_coulomb_friction"))
+    beyond = loose.sums_by_equation((forming._acting(play) - play.contribution) ** 2)
+    assert {equation for equation, energy in beyond.items() if energy > 0.0} == {"cutting"}
+    assert np.array_equal(forming._acting(friction), friction.contribution)
+    in_air = next(s for s in states if s.setting.is_idle)
+    assert loose.campaign.plant.force_beyond_crank(in_air) == {}
+
+
 def test_what_a_form_misses_adds_to_a_real_effect(problem):
     rough, found = formed(with_gap(problem, bent_friction), "motor_coulomb_friction")
     assert rough.log_evidence > 10.0
