@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from sawbench.analysed_trial import AnalysedTrial, OpenedTrial
 from sawbench.bench.errors import InputError, SawbenchError
-from sawbench.bench.recording import INCOMPLETE
 from sawbench.inputs import config_for
 
 if TYPE_CHECKING:
     from sawbench.bench.config import LoadedConfig
-    from sawbench.bench.processed import ProcessedTrial
     from sawbench.modeling.battery_range import BatteryUse
     from sawbench.modeling.cycle_observation import FitMethod
     from sawbench.modeling.measured_cycles import MeasuredCycles
@@ -122,7 +120,7 @@ def fit_trial(trial: AnalysedTrial, method: FitMethod | None = None) -> tuple[Cu
     cycles = measured_cycles(processed) if trial.strokes is None else trial.strokes
     method = method or available_method(cycles)
     config = loaded.config
-    if method != "force" and cycles.duty is None and config.converter.mode == "fixed_duty":
+    if method != "force" and not knows_drive(trial):
         raise InputError(
             "the duty of the trial is unknown, so the motor voltage is unknown too",
             where=trial.where,
@@ -156,7 +154,7 @@ def fit_trial(trial: AnalysedTrial, method: FitMethod | None = None) -> tuple[Cu
 
         k_fc = first_guess(cycles, baseline.plant, method)
         fit, estimates = fit_with_effects(cycles, fitted, baseline, measured_point(trial, k_fc))
-    fit = doubted(fit, processed)
+    fit = doubted(fit, trial)
     return fit, estimates if fit.status == "ok" else None
 
 
@@ -222,22 +220,23 @@ def measured_point(trial: AnalysedTrial, k_fc_n_s_per_m: float) -> OperatingPoin
     )
 
 
-def doubted(fit: CuttingFit, processed: ProcessedTrial) -> CuttingFit:
+def doubted(fit: CuttingFit, trial: AnalysedTrial) -> CuttingFit:
     """Mark a fit that rests on channels the processing found clipped, swapped, reversed or in another unit.
 
-    Where samples of them are missing the rest is fitted and keeps its status; the notes say so.
+    Where samples of them are missing, or the recording is cut off, the rest is fitted and keeps its status; the notes
+    say so.
     """
     from sawbench.reporting.rejections import wrong_duty
 
+    processed = trial.processed
     used = {"force": ("displacement_mm", "force_n"), "current_and_force": (*_DRIVE_CHANNELS, "force_n")}
     channels = used.get(fit.method, _DRIVE_CHANNELS)
     doubts = processed.doubts(*channels)
     losses = tuple(text for text in processed.losses if text.partition(":")[0] in channels)
-    losses += tuple(text for text in processed.warnings if text.startswith(INCOMPLETE))
     status = "contradicted" if doubts and fit.status == "ok" else fit.status
     duty = None if status == "ok" else wrong_duty(processed)
     cause = () if duty is None else (f"likely cause: {'; '.join(duty)}",)
-    return replace(fit, status=status, notes=(*cause, *doubts, *losses, *fit.notes))
+    return replace(fit, status=status, notes=(*cause, *doubts, *losses, *trial.recording.interruptions, *fit.notes))
 
 
 def knows_drive(trial: AnalysedTrial) -> bool:

@@ -46,8 +46,6 @@ def read_only(values: Any, *, name: str, allow_nan: bool = False) -> Floats:
     return array
 
 
-# How what is said of a recording that was cut off begins.
-INCOMPLETE: Final = "the recording is incomplete"
 # A channel that misses more than this share of its samples makes a trial that is not reliable.
 HEAVY_LOSS_SHARE: Final = 0.01
 
@@ -341,7 +339,7 @@ class Recording:
         if self.is_complete:
             return ()
         lost = [f"{event.text}, at {event.time_s:.2f} s" for event in self.events if event.kind == "interrupted"]
-        return (f"{INCOMPLETE}{': ' if lost else ''}{'; '.join(lost)}",)
+        return (f"the recording is incomplete{': ' if lost else ''}{'; '.join(lost)}",)
 
     def signal(self, channel: str) -> Signal:
         """Return the signal of `channel`.

@@ -68,15 +68,13 @@ def _those_that_hold(
     problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior, predictions: Predictions
 ) -> Posterior:
     while True:
-        if posterior.best.effects:
-            failing = _failing(problem, columns, posterior, predictions)
-            if failing is None:
-                return posterior
+        failing = _failing(problem, columns, posterior, predictions) if posterior.best.effects else None
+        if failing is not None:
             posterior = _without(problem, posterior, failing)
-        else:
-            if not _rests_on_a_law_that_fails(problem, posterior, predictions):
-                return posterior
+        elif _rests_on_a_law_that_fails(problem, posterior, predictions):
             posterior = _without_law(problem, posterior)
+        else:
+            return posterior
 
 
 def _shared_with_unlisted(problem: LinearProblem, posterior: Posterior, predictions: Predictions) -> Posterior:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from sawbench.bench.recording import Floats
@@ -133,9 +134,12 @@ class Forming:
         The cutting law is compared with the blade's measured velocity, so that the motion is in no signature; what is
         misread of it, a derivative of a displacement, is there all the same.
         """
-        if not explanation.effect.moves_blade:
-            return explanation.contribution
-        return explanation.contribution + self.problem.project(self.problem.campaign.plant.force_beyond_crank)
+        moved = explanation.effect.moves_blade
+        return explanation.contribution + self._beyond_crank if moved else explanation.contribution
+
+    @cached_property
+    def _beyond_crank(self) -> Floats:
+        return self.problem.project(self.problem.campaign.plant.force_beyond_crank)
 
     def _alone(self, first: Explanation, given: Sequence[Floats]) -> float:
         """Log evidence of a first effect as `_pair` has it: of any size, which costs a wave of many columns much."""

@@ -194,14 +194,15 @@ def _is_number(cell: str, decimal: str) -> bool:
     return True
 
 
-def _looks_cut(text: str, separator: str) -> bool:
-    """Whether the last line has no end, and its last cell is missing or shorter than in each of the lines before."""
+def _cut_line(text: str, separator: str) -> str:
+    """Last line, if it has no end and its last cell is missing or shorter than in each of the lines before."""
     lines = text[-_LAST_CHARACTERS:].splitlines()[1:]
     if text.endswith(("\n", "\r")) or len(lines) < _LEAST_LINES:
-        return False
+        return ""
     cells = [line.split() if separator == " " else line.split(separator) for line in lines]
     *before, last = [(len(row), len(row[-1])) for row in cells if row]
-    return last[0] < min(count for count, _ in before) or last[1] < min(length for _, length in before)
+    is_cut = last[0] < min(count for count, _ in before) or last[1] < min(length for _, length in before)
+    return lines[-1] if is_cut else ""
 
 
 def _notes(layout: TextLayout, encoding: str, decimal: str, text: str) -> tuple[str, ...]:
@@ -215,6 +216,6 @@ def _notes(layout: TextLayout, encoding: str, decimal: str, text: str) -> tuple[
         said.append(f"{layout.n_remarks} lines before the header left out")
     if any(layout.units):
         said.append("a row of units under the header")
-    if _looks_cut(text, layout.separator):
-        said.append(f"the last line looks cut off: {text.splitlines()[-1]!r}; compare it with the original")
+    if cut := _cut_line(text, layout.separator):
+        said.append(f"the last line looks cut off: {cut!r}; compare it with the original")
     return tuple(said)
