@@ -65,7 +65,7 @@ def collect_one(seed: int, effect: str, repetition: int, out_dir: Path) -> Path:
 def ladder_of(campaign_dir: Path, recordings_dir: Path, effect: str) -> dict[str, Any]:
     """`gap_closed` of a known effect with its interval; None where the campaign shows nothing of it."""
     from sawbench.bench.config import load_config
-    from sawbench.diagnosis.answer.ladder import HoldOut
+    from sawbench.diagnosis.answer.hold_out import HoldOut
     from sawbench.diagnosis.inference.acts_in import acts_in
     from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
     from sawbench.diagnosis.inference.linear_problem import Marginal, build_problem

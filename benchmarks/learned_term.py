@@ -72,7 +72,7 @@ def case(seed: int, effect: str | None, length: float) -> dict[str, Any]:
     if answer is None:
         return found | {"is_right": False}
     return found | {
-        "words": answer.words(), "closed": answer.ladder.gap_closed, "interval": answer.ladder.gap_closed_ci95,
+        "words": answer.words(), "closed": answer.ladder.closed[0], "interval": answer.ladder.closed[1],
         "is_right": effect is not None and is_right(effect, answer),
     }  # fmt: skip
 

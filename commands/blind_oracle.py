@@ -96,7 +96,7 @@ def ask(case_dir: Path, truth: Mapping[str, Any]) -> dict[str, float | None] | N
         diagnosed or shows nothing of one of them.
     """
     import numpy as np
-    from sawbench.diagnosis.answer.ladder import climb
+    from sawbench.diagnosis.answer.hold_out import climb
     from sawbench.diagnosis.inference.acts_in import equations_of
     from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
     from sawbench.diagnosis.inference.linear_problem import Marginal

@@ -64,7 +64,7 @@ def command(
     as_json: bool,
     **settings: Any,
 ) -> int:
-    """Turn campaign.toml (every trial), or one table or CAN log, into one recording per trial.
+    """Turn campaign.toml (every trial) or the folder it lies in, one table or one CAN log into one recording per trial.
 
     Tables: text (CSV and what instruments write), HDF5, MATLAB, JSON, MF4. CAN logs (candump .log, .asc, .blf, MF4
     frames) need a DBC: --dbc, or that of --config.
@@ -76,6 +76,7 @@ def command(
     from sawbench.storage.importers import load_map
 
     refuse_unwritable_folder(out_dir)
+    paths = tuple(path / "campaign.toml" if path.is_dir() else path for path in paths)
     request = ImportRequest(
         path=paths[0],
         out_dir=out_dir,

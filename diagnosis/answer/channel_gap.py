@@ -9,7 +9,8 @@ from typing import Final
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.bench.second_core import on_two_cores
-from sawbench.diagnosis.answer.ladder import RUNGS, Fit, HoldOut, Ladder, Rungs
+from sawbench.diagnosis.answer.hold_out import HoldOut
+from sawbench.diagnosis.answer.ladder import RUNGS, Fit, Ladder, Rungs
 from sawbench.diagnosis.inference.battery_curve import SeenCurve
 from sawbench.diagnosis.inference.evidence import Column
 from sawbench.diagnosis.inference.linear_problem import Part

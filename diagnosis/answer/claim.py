@@ -213,7 +213,8 @@ def _closes(ladder: Ladder, equations: Sequence[Equation]) -> bool:
     """
     if ladder.held_out == "nothing":
         return True  # the report says that nothing could be withheld
-    energy, numbers = ladder.energy_in(equations), SETTINGS.ladder
+    energy = {name: ladder.by_group(values) for name, values in ladder.energy_in(equations).items()}
+    numbers = SETTINGS.ladder
     worse = energy["with_effect"] - energy["retuned"]
     allowed = np.maximum(numbers.least_rest * energy["noise_floor"], numbers.by_chance)
     lost, gained = float(worse[worse > allowed].sum()), -float(worse[worse < 0.0].sum())

@@ -129,7 +129,7 @@ def improved_model(
         )
     if learned is not None:
         effects[NAME] = learned_entry(learned.known)
-        closes = _closes(learned.ladder.gap_closed, learned.ladder.gap_closed_ci95)
+        closes = _closes(*learned.ladder.closed)
         comments["effects", NAME] = (
             f"a learned term, {learned.words()}",
             f"{closes} of the gap after re-tuning at withheld operating points; it must not be used outside the range"

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.closed_share import closed_share
-from sawbench.diagnosis.answer.withheld_group import WithheldGroup
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, Part
-from sawbench.diagnosis.inference.retuning import Retuning
-from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.residuals import Equation
 
 HeldOut = Literal["operating points", "trials", "nothing"]
 RUNGS = ("nominal", "retuned", "with_effect", "noise_floor")
-_NUMBERS = SETTINGS.ladder
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -70,421 +64,68 @@ class Ladder:
         Root mean square of the residual over its noise.
     by_channel : dict of str to (Rungs, unit)
         Of the equations that are a channel's misprediction, in its unit.
-    gap_closed : float
-        Share of the mean square that re-tuning leaves above the noise and the cause takes away, -1 to 1; 0 where
-        there is nothing to close.
-    gap_closed_ci95 : tuple of float
-        95 % interval; (-1, 1) where there is nothing to close, or nothing to hold out.
     fits : dict of str to Fit
         The likeliest by the kept trials, by the group of trials that was withheld.
     held_out : HeldOut
         What was withheld, each in turn.
     energy : dict of str to ndarray, shape (n_groups,)
         Sum of squares in each group, by rung, of the whitened residual in standard deviations of the prediction.
-    squares : dict of str to dict of str to ndarray, shape (n_groups,)
-        Sum of squares in each group, by rung and equation, of the residual in standard deviations of the prediction:
+    squares : dict of str to dict of str to ndarray, shape (n_trials,)
+        Sum of squares in each trial, by rung and equation, of the residual in standard deviations of the prediction:
         what the kept trials leave open of the parameters and of the cause is no error of it.
+    group_of : ndarray, shape (n_trials,)
+        Number of the group that each trial is withheld with.
     n_features : dict of str to ndarray, shape (n_groups,)
         By equation: how many squares these are.
     """
 
     whitened: Rungs
     by_channel: dict[str, tuple[Rungs, str]]
-    gap_closed: float
-    gap_closed_ci95: tuple[float, float]
     fits: dict[str, Fit]
     held_out: HeldOut
     energy: dict[str, Floats]
     squares: dict[str, dict[Equation, Floats]]
+    group_of: np.ndarray
     n_features: dict[Equation, Floats]
 
     def squares_in(self, equations: Sequence[Equation]) -> dict[str, Floats]:
         """Sum of squares in each group over some equations, by rung, shape (n_groups,)."""
+        return {name: self.by_group(values) for name, values in self._of_trials(equations).items()}
+
+    def energy_in(self, equations: Sequence[Equation]) -> dict[str, Floats]:
+        """`energy` in each trial over some equations, shape (n_trials,): those where the cause acts.
+
+        What the cause spreads the prediction of a group by is shared out to its trials.
+        """
+        found = self._of_trials(equations)
+        spread = self.energy["with_effect"] - self.by_group(np.sum(list(self.squares["with_effect"].values()), axis=0))
+        of_trial = (spread / self.by_group(np.ones(len(self.group_of))))[self.group_of]
+        return found | {"with_effect": found["with_effect"] + of_trial}
+
+    def closed_in(self, equations: Sequence[Equation]) -> tuple[float, tuple[float, float]]:
+        """`gap_closed` over some equations, those where the cause acts, and its 95 % interval; see `closed_share`.
+
+        The interval is (-1, 1) where there is nothing to close, or nothing to hold out.
+        """
+        closed, interval = closed_share(self.energy_in(equations))
+        return closed, interval if self.held_out != "nothing" else (-1.0, 1.0)
+
+    @property
+    def closed(self) -> tuple[float, tuple[float, float]]:
+        """`closed_in` over all equations."""
+        return self.closed_in(list(self.n_features))
+
+    def by_group(self, values: Floats) -> Floats:
+        """Sums over the trials of each group, shape (n_groups,), of one value per trial, shape (n_trials,)."""
+        return np.bincount(self.group_of, values)
+
+    def _of_trials(self, equations: Sequence[Equation]) -> dict[str, Floats]:
         return {
             name: np.sum([found[equation] for equation in equations if equation in found], axis=0)
             for name, found in self.squares.items()
         }
 
-    def energy_in(self, equations: Sequence[Equation]) -> dict[str, Floats]:
-        """`energy` over some equations, shape (n_groups,): those where the cause acts, and spreads the prediction."""
-        found = self.squares_in(equations)
-        spread = self.energy["with_effect"] - np.sum(list(self.squares["with_effect"].values()), axis=0)
-        return found | {"with_effect": found["with_effect"] + spread}
-
-    def closed_in(self, equations: Sequence[Equation]) -> tuple[float, tuple[float, float]]:
-        """`gap_closed` and its interval over some equations: those where the cause acts."""
-        closed, interval = closed_share(self.energy_in(equations))
-        return closed, interval if self.held_out != "nothing" else (-1.0, 1.0)
-
     def left_in(self, equations: Sequence[Equation]) -> float:
         """Sum of squares above the noise that the cause leaves in some equations, each at least 0."""
         effect, floor = (self.squares[name] for name in ("with_effect", "noise_floor"))
         return sum(max(float(np.sum(effect[e] - floor[e])), 0.0) for e in equations)
-
-
-class HoldOut:
-    """A problem divided into groups of trials, each of which can be withheld from a fit.
-
-    Parameters
-    ----------
-    problem : LinearProblem
-    best : ndarray, shape (n, q), optional
-        Whitened signatures of the most likely cause, times a generous amplitude: what a fit with them leaves of trials
-        without any repetition is taken for their noise.
-    by_trial : bool
-        Hold out trials although there are operating points enough: for an effect that one of them alone shows.
-    freed : collection of str, optional
-        Numbers of the plant that may move beyond what is stated of them; default: those that pay for it here.
-    """
-
-    def __init__(
-        self,
-        problem: LinearProblem,
-        best: Floats | None = None,
-        *,
-        by_trial: bool = False,
-        freed: Collection[str] | None = None,
-    ) -> None:
-        self.problem = problem
-        self.scale = problem.scale_of(Retuning(problem, Marginal(problem)).freed if freed is None else freed)
-        self.base = problem.nuisance * self.scale
-        self.is_own = problem.is_of_trial
-        self._high = np.where(
-            self.is_own, np.inf, np.where(self.scale > 1.0, _NUMBERS.farthest, _NUMBERS.farthest_stated)
-        )
-        self.held_out: HeldOut
-        self.held_out, self.group_of = _grouping(problem, by_trial=by_trial)
-        self.groups = tuple(dict.fromkeys(self.group_of(part) for part in problem.parts))
-        self.rows = {group: self._rows(group) for group in self.groups}
-        self._kept = {group: self._kept_without(rows) for group, rows in self.rows.items()}
-        self._own, self._open = {}, {}
-        for group in self.groups:
-            root = _root_of_inverse(self._kept[group])
-            withheld = self.base[self.rows[group]]
-            # Of some of the nuisances alone, as few columns have the same squares.
-            own = np.linalg.qr(root[self.is_own].T, mode="r").T
-            self._own[group], self._open[group] = withheld[:, self.is_own] @ own, withheld @ root
-        self._to_features: list[Floats] = [
-            np.asarray(np.linalg.inv(part.whitener), dtype=np.float64).T for part in problem.parts
-        ]
-        self._noise = self._noise_of(self.base if best is None else np.hstack([self.base, best]))
-
-    def _rows(self, group: str) -> np.ndarray:
-        rows = np.zeros(len(self.problem.data), dtype=bool)
-        for part in self.problem.parts:
-            rows[part.place] = self.group_of(part) == group
-        return rows
-
-    def _kept_without(self, rows: np.ndarray) -> Floats:
-        """Normal matrix of the nuisances by the trials that are kept, their priors included, shape (p, p)."""
-        kept = self.base if self.held_out == "nothing" else self.base[~rows]
-        return np.eye(kept.shape[1]) + kept.T @ kept
-
-    def _noise_of(self, design: Floats) -> Floats:
-        """Whitened noise: the scatter of time blocks, that of strokes, or what a fit to the group itself leaves."""
-        noise = _scatter(self.problem)
-        for rows in self.rows.values():
-            without = rows & np.isnan(noise)
-            inside, data = design[without], self.problem.data[without]
-            noise[without] = data - inside @ _ridge(inside, data)
-        return noise
-
-    def climb(self, alternatives: Sequence[Floats]) -> Ladder:
-        """Hold out each group in turn and predict it from the others.
-
-        Parameters
-        ----------
-        alternatives : sequence of ndarray, shape (n, q)
-            Whitened signatures of the cause, times a generous amplitude, one for each form it may have. Empty where
-            there is no cause. A group is predicted by every likely form, as likely as the kept trials make it: what
-            these leave open of the form is no error of the prediction, as of the amplitude.
-
-        Returns
-        -------
-        Ladder
-        """
-        data = self.problem.data
-        columns = list(alternatives) or [np.zeros((len(data), 0))]
-        forms = np.hstack(columns)
-        whole = self._products(np.ones(len(data), dtype=bool), forms, columns[0].shape[1])
-        residuals = {name: np.array(data) for name in RUNGS}
-        residuals["noise_floor"] = self._noise
-        beyond = {name: np.array(rest) for name, rest in residuals.items()}
-        energy = {name: np.zeros(len(self.groups)) for name in RUNGS}
-        fits = {}
-        for k, group in enumerate(self.groups):
-            likely = self._fits(group, forms, whole)
-            fits[group] = likely[0]
-            held, own = self.rows[group], self._own[group]
-            retuned = self.base[held] @ likely[0].retuned
-            for name, known, uncertain in (("nominal", 0.0, own), ("retuned", retuned, self._open[group])):
-                rest = data[held] - known
-                beyond[name][held], energy[name][k] = _weighed(rest, uncertain, own[:, :0], noise=1.0)
-                residuals[name][held] = rest
-            residuals["with_effect"][held], beyond["with_effect"][held], energy["with_effect"][k] = self._predicted(
-                group, likely, columns
-            )
-            for name in ("nominal", "retuned", "with_effect"):
-                # The hardness of a workpiece cannot be predicted: it is fitted to the withheld trials, for all rungs,
-                # at the price that the others say it has: the energy is that of the whole prediction.
-                residuals[name][held] -= own @ _ridge(own, residuals[name][held])
-            energy["noise_floor"][k] = float(np.sum(self._noise[held] ** 2))
-        closed, interval = closed_share(energy)
-        return Ladder(
-            whitened=Rungs(**{name: float(np.sqrt(values.sum() / len(data))) for name, values in energy.items()}),
-            by_channel=_by_channel(self.problem, residuals, self._to_features),
-            gap_closed=closed,
-            gap_closed_ci95=interval if self.held_out != "nothing" else (-1.0, 1.0),
-            fits=fits,
-            held_out=self.held_out,
-            energy=energy,
-            squares={name: self._squares(rest) for name, rest in beyond.items()},
-            n_features=self._squares(np.ones(len(data))),
-        )
-
-    def _predicted(self, group: str, likely: Sequence[Fit], columns: Sequence[Floats]) -> tuple[Floats, Floats, float]:
-        """Residual of the likeliest form, that of the best one in standard deviations, and the energy of them all."""
-        held, uncertain = self.rows[group], self._open[group]
-        noise = float(np.mean(self._noise[held] ** 2))
-        rests, beyond, energies = [], [], []
-        for fit in likely:
-            chosen = columns[fit.alternative][held]
-            rests.append(self.problem.data[held] - self.base[held] @ fit.nuisances - chosen @ fit.amplitudes)
-            beside = chosen - self.base[held] @ fit.following
-            left, energy = _weighed(rests[-1], uncertain, beside @ fit.root, noise=noise)
-            beyond.append(left)
-            energies.append(energy + fit.behind)
-        # Of kept and withheld trials together, less that of the kept ones.
-        kept = _soft_minimum([fit.behind for fit in likely], 2.0 * noise)
-        return rests[0], beyond[int(np.argmin(energies))], _soft_minimum(energies, 2.0 * noise) - kept
-
-    def _squares(self, rest: Floats) -> dict[Equation, Floats]:
-        """Sum of squares of a residual, shape (n,), in each group by equation."""
-        by_group = [self.problem.sums_by_equation(np.where(rows, rest**2, 0.0)) for rows in self.rows.values()]
-        return {equation: np.array([found[equation] for found in by_group]) for equation in by_group[0]}
-
-    def _products(self, rows: np.ndarray, forms: Floats, width: int) -> tuple[Floats, Floats, Floats, Floats]:
-        """Inner products over some trials: of nuisances with forms, of each form, and of both with the data."""
-        base, data, stacked = self.base[rows], self.problem.data[rows], forms[rows]
-        parts = stacked.reshape(len(stacked), forms.shape[1] // max(width, 1), width)
-        return base.T @ stacked, np.einsum("nki,nkj->kij", parts, parts), base.T @ data, stacked.T @ data
-
-    def _fits(self, group: str, forms: Floats, whole: tuple[Floats, Floats, Floats, Floats]) -> list[Fit]:
-        """Nuisances and cause from the trials that are kept, in the forms likeliest by their evidence there.
-
-        With bounds on the nuisances the best form may be another one than without, and not every form can be solved
-        with bounds: the best few are, as ranked with all nuisances free and with those held that re-tuning alone
-        drives to a bound.
-        """
-        held = self.rows[group] if self.held_out != "nothing" else np.zeros(len(self.problem.data), dtype=bool)
-        n, width = self.base.shape[1], whole[1].shape[1]
-        # What all trials say, less what the withheld ones say.
-        cross, own, pull_base, pull_forms = (
-            a - b for a, b in zip(whole, self._products(held, forms, width), strict=True)
-        )
-        least = self._kept[group]
-        retuned = self._bounded(least, pull_base)
-        if not width:
-            return [
-                Fit(
-                    retuned=retuned, nuisances=retuned, amplitudes=np.zeros(0), alternative=0, root=np.zeros((0, 0)),
-                    following=np.zeros((n, 0)),
-                )
-            ]  # fmt: skip
-        is_stuck = np.abs(retuned) >= self._high * (1.0 - 1e-9)
-        problems, free, stuck = [], [], []
-        for k, gram in enumerate(own):
-            place = slice(k * width, (k + 1) * width)
-            normal = np.block([[least, cross[:, place]], [cross[:, place].T, np.eye(width) + gram]])
-            pull = np.concatenate([pull_base, pull_forms[place]])
-            problems.append((normal, pull))
-            free.append(_gain(normal, pull, np.zeros(0), np.zeros(n, dtype=bool)))
-            stuck.append(_gain(normal, pull, retuned[is_stuck], is_stuck))
-        chosen = {int(k) for scores in (free, stuck) for k in np.argsort(scores)[-_NUMBERS.solved_forms :]}
-        kept = ~held
-        noise, square = (float(np.sum(x[kept] ** 2)) for x in (self._noise, self.problem.data))
-        found = []
-        for k in chosen:
-            normal, pull = problems[k]
-            solution = self._bounded(normal, pull)
-            gain = float((2.0 * pull - normal @ solution) @ solution)
-            found.append((gain - float(np.linalg.slogdet(normal)[1]), square - gain, k, solution))
-        found.sort(key=lambda one: -one[0])
-        best, left, *_ = found[0]
-        raised = max(left / noise, 1.0) if noise > 0.0 else 1.0
-        return [
-            Fit(
-                retuned=retuned, nuisances=solution[:n], amplitudes=solution[n:], alternative=k, behind=best - score,
-                root=np.sqrt(raised) * np.linalg.cholesky(np.linalg.inv(problems[k][0])[n:, n:]),
-                following=np.linalg.solve(least, problems[k][0][:n, n:]),
-            )
-            for score, _, k, solution in found
-        ]  # fmt: skip
-
-    def free_errors(self, columns: Floats) -> Floats:
-        """Predict each group from the others without any bounds: quick, for many causes that are compared.
-
-        Parameters
-        ----------
-        columns : ndarray, shape (n, m)
-            Whitened, for one standard deviation each.
-
-        Returns
-        -------
-        ndarray, shape (n_groups,)
-            Sum of squares of the whitened residual in each group.
-        """
-        cross, gram, moment = self.base.T @ columns, columns.T @ columns, columns.T @ self.problem.data
-        return np.array([one.error(columns[one.rows], cross, gram, moment) for one in self._withheld])
-
-    @cached_property
-    def _withheld(self) -> list[WithheldGroup]:
-        moment = self.base.T @ self.problem.data
-        return [
-            WithheldGroup.of(rows, self.base[rows], self.problem.data[rows], self._kept[group], moment, self.is_own)
-            for group, rows in self.rows.items()
-        ]
-
-    def _bounded(self, normal: Floats, moment: Floats) -> Floats:
-        """Solve for all coefficients with plant parameters within their bounds, a single amplitude not below 0."""
-        from scipy.optimize import lsq_linear
-
-        n, size = len(self.scale), len(moment)
-        high = np.full(size, np.inf)
-        high[:n] = self._high
-        low = -high
-        if size == n + 1:
-            low[n] = 0.0  # an effect has a sign
-        solution = np.asarray(np.linalg.solve(normal, moment), dtype=np.float64)
-        if np.all((solution >= low) & (solution <= high)):
-            return solution
-        root = np.linalg.cholesky(normal)
-        return lsq_linear(root.T, np.linalg.solve(root, moment), bounds=(low, high), method="bvls").x
-
-
-def _root_of_inverse(normal: Floats) -> Floats:
-    """Matrix that times its transpose is the inverse of a normal matrix, shape (p, p).
-
-    Without inverting it: gains, their drifts and the curve of a battery may be alike to a part in 10^7.
-    """
-    from scipy.linalg import solve_triangular
-
-    return solve_triangular(np.linalg.cholesky(normal), np.eye(len(normal)), lower=True).T
-
-
-def _weighed(rest: Floats, common: Floats, uncertain: Floats, *, noise: float) -> tuple[Floats, float]:
-    """What a prediction leaves in standard deviations of what it knows, and its energy.
-
-    The energy is minus twice the log probability of what is left, less that of nothing left, times the noise. Of
-    `common` and `uncertain` every column is a standard deviation of what the prediction does not know. `common` is the
-    same for all that is compared; how far the probability is spread by `uncertain` counts. `noise` is the mean square
-    of the whitened noise: 1 where that is what it is stated to be.
-    """
-    unknown = np.hstack([common, uncertain])
-    gram = unknown.T @ unknown
-    variances, waves = np.linalg.eigh(gram)
-    stds = np.sqrt(1.0 + np.maximum(variances, 0.0))
-    # The root of the inverse covariance, 1 plus the squares of the columns, is symmetric: no equation takes another's.
-    beyond = rest - unknown @ (waves @ ((waves.T @ (unknown.T @ rest)) / (stds * (1.0 + stds))))
-    n = common.shape[1]
-    spread = noise * (2.0 * float(np.log(stds).sum()) - _log_spread(gram[:n, :n])) if uncertain.size else 0.0
-    return beyond, float(beyond @ beyond) + spread
-
-
-def _soft_minimum(values: Sequence[float], scale: float) -> float:
-    """Minus `scale` times the logarithm of the sum of exp(-values / scale)."""
-    least = min(values)
-    return least if scale <= 0.0 else least - scale * float(np.log(np.sum(np.exp((least - np.array(values)) / scale))))
-
-
-def _log_spread(gram: Floats) -> float:
-    return float(np.linalg.slogdet(np.eye(len(gram)) + gram)[1])
-
-
-def _gain(normal: Floats, pull: Floats, held: Floats, is_held: np.ndarray) -> float:
-    """Twice the log evidence of a form, less a constant, with some nuisances held at given values.
-
-    A single amplitude is not below 0: a form that explains most with the other sign explains nothing.
-    """
-    is_free = np.ones(len(pull), dtype=bool)
-    is_free[: len(is_held)] = ~is_held
-    part = normal[np.ix_(is_free, is_free)]
-    left = pull[is_free]
-    if held.size:
-        left = left - normal[np.ix_(is_free, ~is_free)] @ held
-    solution = np.linalg.solve(part, left)
-    gain = left @ solution
-    if len(pull) == len(is_held) + 1 and solution[-1] < 0.0:
-        gain = left[:-1] @ np.linalg.solve(part[:-1, :-1], left[:-1])
-    return float(gain - np.linalg.slogdet(part)[1])
-
-
-def climb(problem: LinearProblem, columns: Floats | None) -> Ladder:
-    """Climb the ladder once, with one form of the cause; see `HoldOut`."""
-    return HoldOut(problem, columns).climb([] if columns is None else [columns])
-
-
-def _grouping(problem: LinearProblem, *, by_trial: bool) -> tuple[HeldOut, Callable[[Part], str]]:
-    """Name what is withheld, and say which group a part belongs to: trials where there are few operating points.
-
-    Or where one of them alone cuts: without it, a model is fitted to a saw that never cuts.
-    """
-    n_points = len({part.setting.operating_point for part in problem.parts})
-    n_cutting = len({part.setting.operating_point for part in problem.parts if not part.setting.is_idle})
-    n_trials = len({part.setting.label for part in problem.parts})
-    if n_points >= min(_NUMBERS.least_groups, n_trials) > 1 and n_cutting != 1 and not by_trial:
-        return "operating points", lambda part: part.setting.operating_point
-    return "trials" if n_trials > 1 else "nothing", lambda part: part.setting.label
-
-
-def _scatter(problem: LinearProblem) -> Floats:
-    """Whitened deviation of the time blocks of a trial from a straight line, unbiased.
-
-    Where there are too few blocks (a start-up is one) what single strokes scatter; NaN where there are too few of them.
-    """
-    out = np.full(len(problem.data), np.nan)
-    for part in problem.parts:
-        blocks = problem.data[part.place].reshape(-1, part.layout.size)
-        n = len(blocks)
-        if n >= _NUMBERS.least_blocks:
-            time = np.arange(n) - 0.5 * (n - 1)
-            rest = blocks - blocks.mean(axis=0) - np.outer(time, time @ blocks) / (time @ time)
-            out[part.place] = (rest * np.sqrt(n / (n - 2.0))).ravel()
-        elif part.scatter.any():
-            out[part.place] = np.tile(part.scatter, n)
-    return out
-
-
-def _ridge(design: Floats, data: Floats) -> Floats:
-    """Posterior mean of coefficients with unit normal priors."""
-    if design.shape[1] == 0:
-        return np.zeros(0)
-    normal = np.eye(design.shape[1]) + design.T @ design
-    return np.asarray(np.linalg.solve(normal, design.T @ data), dtype=np.float64)
-
-
-def _by_channel(
-    problem: LinearProblem, residuals: dict[str, Floats], to_features: Sequence[Floats]
-) -> dict[str, tuple[Rungs, str]]:
-    forms = problem.campaign.plant.equations
-    squares: dict[Equation, dict[str, list[float]]] = {}
-    for part, back in zip(problem.parts, to_features, strict=True):
-        if part.state.kind != "running":
-            continue
-        for name, whole in residuals.items():
-            features = whole[part.place].reshape(-1, part.layout.size) @ back
-            for equation, place in part.layout.slices.items():
-                factor = forms[equation].to_channel
-                if factor is None:
-                    continue
-                block = factor * features[:, place]
-                # Mean square over the turn of a Fourier series: c0^2 + half the squares of the others.
-                square = float(np.mean(block[:, 0] ** 2 + 0.5 * np.sum(block[:, 1:] ** 2, axis=1)))
-                squares.setdefault(equation, {}).setdefault(name, []).append(square)
-    return {
-        forms[equation].channel: (
-            Rungs(**{name: float(np.sqrt(np.mean(values))) for name, values in found.items()}),
-            forms[equation].channel_unit,
-        )
-        for equation, found in squares.items()
-    }

@@ -8,7 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.diagnosis.answer.ladder import HoldOut, Ladder
+from sawbench.diagnosis.answer.hold_out import HoldOut
+from sawbench.diagnosis.answer.ladder import Ladder
 from sawbench.diagnosis.inference.evidence import Column
 from sawbench.diagnosis.inference.learning import Learned, learn
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
@@ -69,6 +70,7 @@ class LearnedAnswer:
         """`learned_term` of the gap report."""
         term, ladder = self.learned.term, self.ladder
         place, unit, channel = SITES[term.site]
+        closed, interval = ladder.closed
         return {
             "equation": place,
             "channel": channel,
@@ -93,8 +95,8 @@ class LearnedAnswer:
                 "typical": [float(np.median(values)) for values in self.learned.visited],
             },
             "rel_std": self.learned.rel_std,
-            "gap_closed": ladder.gap_closed,
-            "gap_closed_ci95": list(ladder.gap_closed_ci95),
+            "gap_closed": closed,
+            "gap_closed_ci95": list(interval),
             "held_out": ladder.held_out,
             "resembles": [{"effect": name, "correlation": value} for name, value in self.resembles],
             "words": self.words(),
@@ -140,7 +142,7 @@ def learned_answer(
         return None
     ladder = HoldOut(problem, found.columns, freed=posterior.freed).climb([found.columns])
     taken = 1.0 - (ladder.whitened.with_effect / ladder.whitened.retuned) ** 2
-    if taken < _NUMBERS.least_taken or ladder.gap_closed_ci95[0] <= 0.0:
+    if taken < _NUMBERS.least_taken or ladder.closed[1][0] <= 0.0:
         return None
     return LearnedAnswer(learned=found, ladder=ladder, resembles=_resembles(problem, columns, found.contribution))
 

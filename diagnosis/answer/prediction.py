@@ -10,7 +10,8 @@ from typing import Final
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.channel_gap import ChannelGap, forecast
-from sawbench.diagnosis.answer.ladder import HoldOut, Ladder
+from sawbench.diagnosis.answer.hold_out import HoldOut
+from sawbench.diagnosis.answer.ladder import Ladder
 from sawbench.diagnosis.inference.acts_in import acts_in
 from sawbench.diagnosis.inference.dispersion import with_noise
 from sawbench.diagnosis.inference.evidence import Column, Explanation, columns_in, explain

@@ -65,7 +65,7 @@ def leaves_a_gap(
     weights : Weights
     """
     return any(
-        np.any(ladder.squares[rung][equation] > _left_by_an_intact(ladder, equation, quiet, weights))
+        np.any(ladder.squares_in([equation])[rung] > _left_by_an_intact(ladder, equation, quiet, weights))
         for equation in equations
         if equation in ladder.n_features
     )
@@ -112,5 +112,5 @@ def left_share(
 
 def _left_by_an_intact(ladder: Ladder, equation: Equation, quiet: float, weights: Weights) -> Floats:
     """Sum of squares in each group of one equation, shape (n_groups,)."""
-    noise = (1.0 + SETTINGS.ladder.left_by_an_intact) * ladder.squares["noise_floor"][equation]
+    noise = (1.0 + SETTINGS.ladder.left_by_an_intact) * ladder.squares_in([equation])["noise_floor"]
     return np.maximum(noise, quiet * ladder.n_features[equation])

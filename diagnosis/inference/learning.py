@@ -144,7 +144,7 @@ def learn(problem: LinearProblem, withheld: Callable[[Floats], Floats]) -> Learn
         Of a saw.
     withheld : callable
         Whitened columns, shape (n, m) -> sum of squares that re-tuned parameters and they leave of each group of trials
-        that is withheld in turn, shape (n_groups,), of at least two groups: `answer.ladder.HoldOut.free_errors`.
+        that is withheld in turn, shape (n_groups,), of at least two groups: `answer.hold_out.HoldOut.free_errors`.
 
     Returns
     -------

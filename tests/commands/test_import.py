@@ -137,7 +137,7 @@ def test_many_campaigns_and_tables_are_imported_once_and_a_bad_one_is_named(tmp_
         (tmp_path / name / "campaign.toml").write_text('[[trial]]\nfile = "t1.csv"\n')
     (tmp_path / "single.csv").write_text(f"time_s,motor_current_a\n{rows}\n")
     (tmp_path / "bad.csv").write_text("nothing")
-    given = [tmp_path / "monday/campaign.toml", tmp_path / "tuesday/campaign.toml"]
+    given = [tmp_path / "monday/campaign.toml", tmp_path / "tuesday"]
     given += [tmp_path / "single.csv", tmp_path / "bad.csv"]
     code, out, err = run(capsys, *given, "--out", tmp_path / "out", "--jobs", "2")
     assert code == 2

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from sawbench.bench.config import BatteryConfig
 from sawbench.diagnosis.answer.channel_gap import forecast
-from sawbench.diagnosis.answer.ladder import HoldOut
+from sawbench.diagnosis.answer.hold_out import HoldOut
 from sawbench.diagnosis.inference.battery_curve import SeenCurve
 from sawbench.modeling.configured_battery import open_circuit_voltage
 

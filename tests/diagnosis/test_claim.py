@@ -15,8 +15,8 @@ from sawbench.diagnosis.answer.claim import (
     is_there,
     sized_members,
 )
-from sawbench.diagnosis.answer.closed_share import closed_share
-from sawbench.diagnosis.answer.ladder import HoldOut, Rungs
+from sawbench.diagnosis.answer.hold_out import HoldOut
+from sawbench.diagnosis.answer.ladder import Rungs
 from sawbench.diagnosis.answer.prediction import Predictions
 from sawbench.diagnosis.answer.where import locate
 from sawbench.diagnosis.inference.acts_in import equations_of
@@ -243,11 +243,10 @@ def test_a_cause_is_named_by_what_it_closes(problem, columns, retuned, with_effe
 
     class Predicted(OfFeatures):
         def of(self, hypothesis, *, by_trial=None):
-            closed, interval = closed_share(energy)
             found = super().of(hypothesis, by_trial=by_trial)
             squares = {name: {"mechanical": values} for name, values in energy.items()}
             ladder = replace(
-                found.ladder, energy=energy, squares=squares, gap_closed=closed, gap_closed_ci95=interval,
+                found.ladder, energy=energy, squares=squares, group_of=np.arange(len(retuned)),
                 n_features={"mechanical": energy["noise_floor"]},
             )  # fmt: skip
             return replace(found, ladder=ladder)
@@ -321,7 +320,7 @@ def test_what_a_prediction_does_not_know_is_no_error_of_it(problem, columns):
 def test_a_campaign_that_the_model_predicts_to_the_last_digit_has_nothing_to_close(problem, columns):
     ladder = HoldOut(replace(problem, data=np.zeros_like(problem.data))).climb([columns[FRICTION][0].columns[:, :1]])
     assert np.all(np.isfinite(ladder.energy["with_effect"]))
-    assert (ladder.gap_closed, ladder.gap_closed_ci95) == (0.0, (-1.0, 1.0))
+    assert ladder.closed == (0.0, (-1.0, 1.0))
 
 
 def test_a_little_of_an_effect_is_no_cause(problem, columns, judged):

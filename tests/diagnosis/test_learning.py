@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sawbench.diagnosis.answer.ladder import HoldOut
+from sawbench.diagnosis.answer.hold_out import HoldOut
 from sawbench.diagnosis.answer.learned_term import NOTHING, learned_answer, learned_warnings
 from sawbench.diagnosis.inference.evidence import catalogue_columns
 from sawbench.diagnosis.inference.features import Layout
@@ -109,7 +109,8 @@ def test_place_dependence_and_values_are_found(hidden, site, quantities):
     assert answer is not None
     term = answer.learned.term
     assert (term.site, term.quantities) == (site, quantities)
-    assert answer.ladder.gap_closed > 0.9 and answer.ladder.gap_closed_ci95[0] > 0.8
+    closed, (low, _) = answer.ladder.closed
+    assert closed > 0.9 and low > 0.8
     state = strokes(1, 0)
     (found,) = term(BASELINE, state)
     expected = hidden(state)[site]

@@ -25,8 +25,8 @@ def ladder(retuned, with_effect, floor, *, elsewhere=0.0, n_features=1.0):
         for name, values in rungs.items()
     }
     return Ladder(
-        whitened=RUNGS, by_channel={}, gap_closed=0.0, gap_closed_ci95=(-1.0, 1.0), fits={},
-        held_out="operating points", energy={}, squares=squares,
+        whitened=RUNGS, by_channel={}, fits={},
+        held_out="operating points", energy={}, squares=squares, group_of=np.arange(len(retuned)),
         n_features={equation: np.full(len(retuned), n_features) for equation in ("mechanical", "cutting")},
     )  # fmt: skip
 
