@@ -14,8 +14,8 @@ def closed_share(energy: dict[str, Floats]) -> tuple[float, tuple[float, float]]
     """Share of the gap that is closed, and its 95 % interval, from sums of squares by withheld trial.
 
     The interval is Student's t on the square root of what is left, its standard error from leaving out one trial at a
-    time: what repetitions of these trials would say. A root mean square scatters alike however little is left, where the
-    logarithm of nearly nothing scatters without bound; what noise takes below nothing keeps its sign
+    time: what repetitions of these trials would say. A root mean square scatters alike however little is left, where
+    the logarithm of nearly nothing scatters without bound; what noise takes below nothing keeps its sign
     (docs/decisions/0006-channel-prediction.md). Where the trials' gains are surely positive together, so is the share:
     it is no less than the least gain of the largest room.
 
