@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from types import MappingProxyType
 from typing import Any, Final, Literal
@@ -240,6 +240,19 @@ class Signal:
     def duration_s(self) -> float:
         """Time between the first and the last sample, s."""
         return float(self.time_s[-1] - self.time_s[0]) if len(self.time_s) else 0.0
+
+    def later(self, by_s: float) -> Signal:
+        """Return the signal with `by_s` seconds added to its times.
+
+        Examples
+        --------
+        >>> Signal(channel="force_n", unit="N", time_s=[0.0, 0.5], values=[1.0, 2.0]).later(2.0).time_s
+        array([2. , 2.5])
+        """
+        if by_s == 0.0:
+            return self
+        gaps = tuple(replace(gap, start_s=gap.start_s + by_s, end_s=gap.end_s + by_s) for gap in self.gaps)
+        return replace(self, time_s=self.time_s + by_s, gaps=gaps)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

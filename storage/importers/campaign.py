@@ -33,6 +33,15 @@ def _as_text(value: Any) -> Any:
 Identity = Annotated[str, BeforeValidator(_as_text)]
 
 
+class FurtherTable(BaseModel):
+    """Another table of a trial, of an instrument that writes a file of its own."""
+
+    model_config = _STRICT
+    file: str = Field(min_length=1)
+    map: str | None = None
+    time_shift_s: float = 0.0
+
+
 class TrialEntry(BaseModel):
     """One `[[trial]]`: the table and what was done; everything but the file may be left out."""
 
@@ -49,6 +58,7 @@ class TrialEntry(BaseModel):
     notes: str = ""
     repetition: int | None = Field(default=None, ge=1)
     map: str | None = None
+    further: tuple[FurtherTable, ...] = Field(default=(), strict=False)
 
     @field_validator("duty")
     @classmethod
@@ -150,7 +160,8 @@ def _validate(path: Path, tables: dict[str, Any]) -> Campaign:
 
 
 def _check_files(path: Path, campaign: Campaign) -> None:
-    missing = [entry.file for entry in campaign.trial if not (path.parent / entry.file).is_file()]
+    tables = [table for entry in campaign.trial for table in (entry, *entry.further)]
+    missing = [table.file for table in tables if not (path.parent / table.file).is_file()]
     if missing:
         raise ConfigError(
             f"refers to {len(missing)} files that do not exist: {', '.join(missing[:5])}",
@@ -158,9 +169,9 @@ def _check_files(path: Path, campaign: Campaign) -> None:
             remedy=f"files are looked for in {path.parent.resolve()}",
         )
     folder = path.parent.resolve()
-    for entry in campaign.trial:
-        named, target = path.parent / entry.file, (path.parent / entry.file).resolve()
-        is_named_inside = Path(os.path.normpath(folder / entry.file)).is_relative_to(folder)
+    for table in tables:
+        named, target = path.parent / table.file, (path.parent / table.file).resolve()
+        is_named_inside = Path(os.path.normpath(folder / table.file)).is_relative_to(folder)
         if is_named_inside and not target.is_relative_to(folder):
             raise ConfigError(
                 f"is a link to a file outside the folder of the campaign: {target}",

@@ -35,6 +35,8 @@ class Choice:
     warnings, notes : tuple of str
     mapped : frozenset of str
         Channels that the map asked for.
+    first_of_day_s : float or None
+        Time of day from which the times count, where the table states one.
     """
 
     tables: tuple[Table, ...]
@@ -42,6 +44,7 @@ class Choice:
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
     mapped: frozenset[str]
+    first_of_day_s: float | None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -104,6 +107,7 @@ def choose_columns(raw: RawTable, table_map: TableMap | None = None) -> Choice:
         warnings=tuple(warnings),
         notes=(f"left out, not in the map: {names_shown(left_out)}",) if left_out else (),
         mapped=frozenset(table_map.columns),
+        first_of_day_s=taken[TIME_COLUMN].raw.first_of_day_s if TIME_COLUMN in taken else None,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -24,6 +24,7 @@ MAT_SUFFIXES: Final = (".mat",)
 JSON_SUFFIXES: Final = (".json",)
 MF4_SUFFIXES: Final = (".mf4", ".mdf")
 LOG_SUFFIXES: Final = (".log", ".asc", ".blf")
+_DAY_S: Final = 86400.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -63,19 +64,30 @@ class TableContent:
         Channel -> the column it was taken from, in words.
     notes : tuple of str
         How the file was read, where that was not plain.
+    first_of_day_s : float or None
+        Time of day from which the times count, where the file states one.
     """
 
     signals: Mapping[str, Signal]
     warnings: tuple[str, ...]
     taken: Mapping[str, str]
     notes: tuple[str, ...]
+    first_of_day_s: float | None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Source:
+    """A table of a trial, and what is added to its times."""
+
+    path: Path
+    table_map: TableMap | None
+    time_shift_s: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Job:
-    table: Path
+    sources: tuple[_Source, ...]
     trial: Trial
-    table_map: TableMap | None
     config_toml: str
     provenance: Mapping[str, str]
 
@@ -128,13 +140,17 @@ def import_path(
         if on_trial is not None:
             on_trial(number, len(jobs), job.trial.trial_id)
         is_saw, expected = _machine(job.config_toml)
-        content = read_table(job.table, job.table_map, is_idle=job.trial.is_idle, is_saw=is_saw, expected=expected)
-        recording = _recording(job, content)
+        contents = [
+            read_table(source.path, source.table_map, is_idle=job.trial.is_idle, is_saw=is_saw, expected=expected)
+            for source in job.sources
+        ]
+        recording = _recording(job, contents)
         target = write_recording(recording, out_dir / f"{job.trial.trial_id}.mcap", overwrite)
         paths.append(target)
-        taken[target.name] = content.taken
-        warnings += [f"{job.table.name}: {text}" for text in content.warnings]
-        notes += [f"{job.table.name}: {text}" for text in content.notes]
+        taken[target.name] = {channel: words for content in contents for channel, words in content.taken.items()}
+        for source, content in zip(job.sources, contents, strict=True):
+            warnings += [f"{source.path.name}: {text}" for text in content.warnings]
+            notes += [f"{source.path.name}: {text}" for text in content.notes]
         n_samples += sum(len(signal.values) for signal in recording.signals.values())
     return ImportReport(
         paths=tuple(paths), warnings=tuple(warnings), notes=tuple(notes), n_samples=n_samples, taken=taken
@@ -154,19 +170,30 @@ def stem_of(path: Path) -> str:
 
 def _job_of_table(path: Path, table_map: TableMap | None, trial: Trial | None, config_toml: str) -> _Job:
     settings = trial or Trial(trial_id=stem_of(path), source=f"import of {path.name}")
-    return _Job(table=path, trial=settings, table_map=table_map, config_toml=config_toml, provenance={})
+    source = _Source(path=path, table_map=table_map)
+    return _Job(sources=(source,), trial=settings, config_toml=config_toml, provenance={})
 
 
 def _jobs_of_campaign(path: Path, table_map: TableMap | None) -> list[_Job]:
     from sawbench.storage.importers.campaign import load_campaign, map_of
+    from sawbench.storage.importers.table_map import load_map
 
     campaign, config = load_campaign(path)
     about = {"campaign": path.name, "campaign_sha256": sha256_of(path)}
     return [
         _Job(
-            table=path.parent / entry.file,
+            sources=(
+                _Source(path=path.parent / entry.file, table_map=map_of(path, campaign, entry) or table_map),
+                *(
+                    _Source(
+                        path=path.parent / table.file,
+                        table_map=None if table.map is None else load_map(path.parent / table.map),
+                        time_shift_s=table.time_shift_s,
+                    )
+                    for table in entry.further
+                ),
+            ),
             trial=entry.trial(),
-            table_map=map_of(path, campaign, entry) or table_map,
             config_toml=config.text if config else "",
             provenance={**about, "trial_number": str(number)},
         )
@@ -184,26 +211,47 @@ def _refuse_existing(paths: list[Path], *, overwrite: bool) -> None:
         )
 
 
-def _recording(job: _Job, content: TableContent) -> Recording:
-    start_s = min((float(signal.time_s[0]) for signal in content.signals.values()), default=0.0)
-    provenance = {
-        "imported_by": software_version(),
-        "source_file": job.table.name,
-        "source_sha256": sha256_of(job.table),
-        **job.provenance,
-        **{f"column of {channel}": words for channel, words in content.taken.items()},
-    }
-    if job.table_map is not None:
-        provenance["map"] = job.table_map.as_toml()
-    if content.notes:
-        provenance["table"] = "; ".join(content.notes)
+def _recording(job: _Job, contents: Sequence[TableContent]) -> Recording:
+    provenance = {"imported_by": software_version(), **job.provenance}
+    for number, (source, content) in enumerate(zip(job.sources, contents, strict=True), start=1):
+        which = "" if number == 1 else f" {number}"
+        provenance |= {f"source_file{which}": source.path.name, f"source_sha256{which}": sha256_of(source.path)}
+        provenance |= {f"column of {channel}": words for channel, words in content.taken.items()}
+        if source.table_map is not None:
+            provenance[f"map{which}"] = source.table_map.as_toml()
+        if content.notes:
+            provenance[f"table{which}"] = "; ".join(content.notes)
+    signals = _of_one_clock(job.sources, contents)
+    start_s = min((float(signal.time_s[0]) for signal in signals.values()), default=0.0)
     return Recording(
         trial=job.trial,
-        signals=content.signals,
-        events=tuple(Event(kind="warning", time_s=start_s, text=text) for text in content.warnings),
+        signals=signals,
+        events=tuple(
+            Event(kind="warning", time_s=start_s, text=text) for content in contents for text in content.warnings
+        ),
         config_toml=job.config_toml,
         provenance=provenance,
     )
+
+
+def _of_one_clock(sources: Sequence[_Source], contents: Sequence[TableContent]) -> dict[str, Signal]:
+    """Signals of all tables on the times of the first one; times of day say by themselves how far tables are apart."""
+    first = contents[0].first_of_day_s
+    signals: dict[str, Signal] = {}
+    for source, content in zip(sources, contents, strict=True):
+        shift_s = source.time_shift_s
+        if first is not None and content.first_of_day_s is not None:
+            # Midnight may lie between them.
+            shift_s += (content.first_of_day_s - first + 0.5 * _DAY_S) % _DAY_S - 0.5 * _DAY_S
+        repeated = sorted(signals.keys() & content.signals.keys())
+        if repeated:
+            raise InputError(
+                f"has {repeated[0]}, which another table of the trial has too",
+                where=source.path,
+                remedy="give this table a map that names the channels to take, with the other one under its own name",
+            )
+        signals |= {name: signal.later(shift_s) for name, signal in content.signals.items()}
+    return signals
 
 
 @lru_cache(maxsize=1)  # a campaign has one
@@ -258,6 +306,7 @@ def read_table(
         warnings=tuple(dict.fromkeys(warnings)),
         taken=choice.words,
         notes=(*raw.notes, *choice.notes),
+        first_of_day_s=choice.first_of_day_s,
     )
 
 

@@ -28,6 +28,8 @@ class RawColumn:
         Unit the file states; "" if it states none.
     time_s : ndarray, shape (n,), s, optional
         Of formats in which every channel has times of its own.
+    first_of_day_s : float, optional
+        Time of day of the first value, of times that count from it.
     problem : InputError, optional
         Why the values cannot be used; raised when somebody asks for the column.
     """
@@ -35,6 +37,7 @@ class RawColumn:
     values: Floats
     unit: str = ""
     time_s: Floats | None = None
+    first_of_day_s: float | None = None
     problem: InputError | None = None
 
 

@@ -158,9 +158,9 @@ def _frame(path: Path, text: str, layout: TextLayout, decimal: str, rules: Readi
 def _column(path: Path, name: str, unit: str, cells: pd.Series, decimal: str) -> RawColumn:
     if cells.dtype.kind in "fiu":
         return RawColumn(values=cells.to_numpy(dtype=np.float64), unit=unit)
-    seconds = _seconds_of_clock(cells)
-    if seconds is not None:
-        return RawColumn(values=seconds, unit="s")
+    of_day_s = _seconds_of_day(cells)
+    if of_day_s is not None:
+        return RawColumn(values=of_day_s - of_day_s[0], unit="s", first_of_day_s=float(of_day_s[0]))
     problem = InputError(f"column {name} does not contain numbers", where=path)
     # One cell that is no number leaves all of its column as text.
     for row, cell in enumerate(cells.tolist(), start=1):
@@ -175,15 +175,15 @@ def _column(path: Path, name: str, unit: str, cells: pd.Series, decimal: str) ->
     return RawColumn(values=np.full(len(cells), np.nan), unit=unit, problem=problem)
 
 
-def _seconds_of_clock(cells: pd.Series) -> Floats | None:
-    """Seconds since the first of cells like "09:00:00.001", also behind a date; None where they are no times of day."""
+def _seconds_of_day(cells: pd.Series) -> Floats | None:
+    """Seconds since the midnight before cells like "09:00:00.001", also behind a date; None for other cells."""
     parts = cells.astype(str).str.extract(_TIME_OF_DAY)
     if bool(parts.isna().to_numpy().any()):
         return None
     hours, minutes, seconds = (parts[k].str.replace(",", ".").to_numpy(dtype=np.float64) for k in range(3))
     of_day_s = 3600.0 * hours + 60.0 * minutes + seconds
     n_midnights = np.cumsum(np.diff(of_day_s, prepend=of_day_s[0]) < -_HALF_DAY_S)
-    return of_day_s - of_day_s[0] + 2.0 * _HALF_DAY_S * n_midnights
+    return of_day_s + 2.0 * _HALF_DAY_S * n_midnights
 
 
 def _is_number(cell: str, decimal: str) -> bool:

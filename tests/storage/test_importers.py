@@ -293,6 +293,57 @@ def test_wrong_campaigns_are_refused(tmp_path, change, message):
     assert not (tmp_path / "out").exists()
 
 
+TWO_TABLES = """
+[[trial]]
+file = "daq.csv"
+[[trial.further]]
+file = "logger.csv"
+map = "logger.toml"
+"""
+
+
+def two_tables(folder, daq_times, logger_times, extra=""):
+    """One trial of two instruments; the logger calls its current I and counts it negative."""
+    (folder / "daq.csv").write_text(table(("time_s", "force_n"), [(t, 5.0) for t in daq_times]))
+    (folder / "logger.csv").write_text(table(("clock", "I"), [(t, -k) for k, t in enumerate(logger_times)]))
+    (folder / "logger.toml").write_text('[columns]\ntime_s = "clock"\nmotor_current_a = { column = "I", sign = -1 }\n')
+    (folder / "campaign.toml").write_text(TWO_TABLES + extra)
+    return import_path(folder / "campaign.toml", folder / "out")
+
+
+def test_a_trial_may_have_tables_of_several_instruments(tmp_path):
+    report = two_tables(tmp_path, [0.0, 0.1, 0.2], [0.0, 0.5, 1.0, 1.5], "time_shift_s = 0.25\n")
+    (recording,) = map(read_recording, report.paths)
+    assert (recording.trial.trial_id, report.n_samples) == ("daq", 7)
+    assert recording.signals["force_n"].time_s.tolist() == [0.0, 0.1, 0.2]
+    current = recording.signals["motor_current_a"]
+    assert current.time_s.tolist() == [0.25, 0.75, 1.25, 1.75] and current.values.tolist() == [0.0, 1.0, 2.0, 3.0]
+    assert recording.provenance["source_file"] == "daq.csv" and recording.provenance["source_file 2"] == "logger.csv"
+    assert "sign = -1" in recording.provenance["map 2"] and "map" not in recording.provenance
+
+
+@pytest.mark.parametrize(
+    ("daq_start", "logger_start", "apart_s"), [("09:00:01", "09:00:00", -1.0), ("23:59:59", "00:00:01", 2.0)]
+)
+def test_tables_with_times_of_day_are_placed_by_these(tmp_path, daq_start, logger_start, apart_s):
+    times = [[f"{start}.{k}00" for k in range(3)] for start in (daq_start, logger_start)]
+    report = two_tables(tmp_path, *times)
+    (recording,) = map(read_recording, report.paths)
+    assert recording.signals["force_n"].time_s[0] == 0.0
+    assert recording.signals["motor_current_a"].time_s == pytest.approx([apart_s, apart_s + 0.1, apart_s + 0.2])
+
+
+def test_two_tables_of_a_trial_with_the_same_channel_are_refused(tmp_path):
+    campaign(tmp_path)
+    path = tmp_path / "campaign.toml"
+    path.write_text(path.read_text() + '[[trial.further]]\nfile = "trial-01.csv"\n')
+    with pytest.raises(InputError, match="has force_n, which another table of the trial has too"):
+        import_path(path, tmp_path / "out")
+    path.write_text(path.read_text().replace('further]]\nfile = "trial-01.csv"', 'further]]\nfile = "nowhere.csv"'))
+    with pytest.raises(ConfigError, match=r"do not exist: nowhere\.csv"):
+        import_path(path, tmp_path / "out")
+
+
 def test_a_campaign_with_a_byte_order_mark_is_read(tmp_path):
     path = campaign(tmp_path)
     path.write_text("\ufeff" + path.read_text(encoding="utf-8"), encoding="utf-8")
