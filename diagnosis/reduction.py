@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sawbench.bench.converter import rounding_variance
 from sawbench.bench.processed import CrankAngle, TrackedTrial
 from sawbench.bench.recording import Floats, Signal
-from sawbench.bench.units import CHANNEL_BY_NAME, DISPLACEMENT
+from sawbench.bench.units import CHANNEL_BY_NAME, DISPLACEMENT, MOTOR_CURRENT
 from sawbench.diagnosis.inference.off_stroke import is_mains
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.signal_health import coarse_step
@@ -45,6 +45,7 @@ CHANNEL_OF_STATE: Final = MappingProxyType(
     }
 )
 _MIN_ROWS_TO_SHRINK = 4
+_NONE: Final = np.zeros(1)
 
 
 def lay_grid(
@@ -128,7 +129,11 @@ def smooth_state(state: State, blocks: Floats, *, mechanism: Mechanism, n_harmon
 
     speed = mean(state.speed_rad_s, n_harmonics, shrunk=False)
     assert speed is not None
-    changes: dict[str, Any] = {"speed_rad_s": speed, "acceleration_rad_s2": speed * angle_derivative(speed)}
+    gained = np.full(1, TWO_PI * state.acceleration_rad_s2.mean() / speed.mean())
+    # A machine that settles, or that another load slows, accelerates in one block more than in the next.
+    slow = blocks @ state.acceleration_rad_s2.mean(axis=1, keepdims=True)
+    acceleration = speed * derivative_over_turns(speed, gained, n_harmonics) + slow - slow.mean()
+    changes: dict[str, Any] = {"speed_rad_s": speed, "acceleration_rad_s2": acceleration}
     if state.blade_excess_m_s is not None and len(state.speed_rad_s) < _MIN_ROWS_TO_SHRINK:
         changes["blade_excess_m_s"] = None
     elif state.blade_excess_m_s is not None:
@@ -145,6 +150,39 @@ def smooth_state(state: State, blocks: Floats, *, mechanism: Mechanism, n_harmon
     changes["slow"] = {name: blocks @ track for name, track in state.slow.items()}
     changes["n_strokes"] = (blocks > 0) @ state.n_strokes
     return replace(state, **changes)
+
+
+def _gained_a_turn(waves: Floats, turns: Floats) -> Floats:
+    """How far the mean of rows goes up from one turn to the next, shape (n_rows,); `turns` counts them."""
+    n = len(waves)
+    return _NONE if n < 2 else np.gradient(waves.mean(axis=1), turns, edge_order=1 if n == 2 else 2)
+
+
+def derivative_over_turns(waves: Floats, gained: Floats, n_harmonics: int = N_HARMONICS) -> Floats:
+    """Derivative with respect to the crank angle of rows that begin each turn where the one before has left off.
+
+    A row that is taken for periodic falls back at its end by what a turn gains; that is no part of the derivative.
+
+    Parameters
+    ----------
+    waves : ndarray, shape (n_rows, n_points)
+        At the middles of equal parts of the turn, with `n_harmonics` harmonics.
+    gained : ndarray, shape (n_rows,) or (1,)
+        From one turn to the next.
+    n_harmonics : int
+
+    Examples
+    --------
+    >>> angle = (np.arange(64) + 0.5) / 64 * TWO_PI
+    >>> ramp = 0.5 - sum(np.sin(k * angle) / (np.pi * k) for k in range(1, 9))  # 0 to 1 in a turn, of 8 harmonics
+    >>> rate = derivative_over_turns((np.sin(angle) + 0.3 * ramp)[None], np.array([0.3]), 8)
+    >>> bool(np.allclose(rate, np.cos(angle) + 0.3 / TWO_PI))
+    True
+    """
+    n_points = waves.shape[-1]
+    fall = np.zeros(n_points // 2 + 1, dtype=np.complex128)
+    fall[: n_harmonics + 1] = n_points / TWO_PI * np.exp(1j * np.pi / n_points * np.arange(n_harmonics + 1))
+    return angle_derivative(waves) + gained[:, None] * np.fft.irfft(fall, n_points)
 
 
 def power_by_chance(n_rows: int, n_harmonics: int) -> float:
@@ -268,10 +306,14 @@ def running_state(trial: TrackedTrial, setting: TrialSetting) -> State | None:
     }
     turns = grid.first_turn + (np.flatnonzero(is_covered) + 0.5) * grid.turns_per_row
     middle_s = np.interp(turns * TWO_PI, angle.angle_rad, angle.time_s)[:, None]
-    state = _assemble(
-        "running", setting, (np.broadcast_to(grid.middles_rad, speed.shape), speed, speed * angle_derivative(speed)),
-        waves, {name: speed * angle_derivative(wave) for name, wave in waves.items()}, middle_s,
-    )  # fmt: skip
+    acceleration = speed * derivative_over_turns(speed, _gained_a_turn(speed, turns))
+    # Speed and current settle; the force is the same at its dead centres, whatever the stroke.
+    rates = {
+        name: speed * derivative_over_turns(wave, _gained_a_turn(wave, turns) if name == MOTOR_CURRENT.name else _NONE)
+        for name, wave in waves.items()
+    }
+    motion = (np.broadcast_to(grid.middles_rad, speed.shape), speed, acceleration)
+    state = _assemble("running", setting, motion, waves, rates, middle_s)
     missed = _missed_stroke(trial, angle, grid)
     return replace(
         state,

@@ -136,6 +136,37 @@ def test_a_displacement_whose_samples_lie_at_the_same_angles_in_every_stroke_cos
     assert np.abs(state.speed_rad_s / expected - 1.0).max() < 0.003
 
 
+def test_a_machine_that_still_settles_accelerates():
+    """Slow, as weak magnets make it: 4 % of the speed and 2 A are left when the strokes count as settled."""
+    time_s, fading_s, rate = np.arange(0.0, 2.0, 2e-5), 0.25, TWO_PI * STROKES_HZ
+    left = np.exp(-(time_s - SETTLED_S) / fading_s)
+    turned = rate * (time_s + 0.04 * fading_s * left)
+    angle_rad = turned + 0.01 * np.sin(2.0 * turned)
+    speed = np.gradient(angle_rad, time_s)
+    angle = CrankAngle(
+        time_s=time_s, angle_rad=angle_rad, speed_rad_s=speed, angle_std_rad=np.zeros(len(time_s)), radius_m=0.01,
+        source="test", is_absolute=True,
+    )  # fmt: skip
+    values = wave(angle_rad) + 2.0 * left
+    signal = Signal(channel="motor_current_a", unit="A", time_s=time_s, values=values)
+    trial = processed_trial(
+        Trial(trial_id="t", duty=0.5, material="oak"), {signal.channel: signal}, angle, SETTLED_S, 1.95
+    )
+    state = running_state(trial, setting_of(is_idle=False))
+    assert state is not None
+    true = {"acceleration_rad_s2": np.gradient(speed, time_s), "current_rate_a_s": np.gradient(values, time_s)}
+    first = state.n_strokes[0] * TWO_PI
+    begins = TWO_PI * np.ceil(np.interp(SETTLED_S, time_s, angle_rad) / TWO_PI)
+    inside = (angle_rad >= begins) & (angle_rad < begins + first)
+    cell = np.floor(angle_rad[inside] % TWO_PI / TWO_PI * 128).astype(int)
+    for name, rates in true.items():
+        mean = np.bincount(cell, rates[inside], 128) / np.bincount(cell, minlength=128)
+        exact, found = harmonics(mean[None], 8)[0], harmonics(getattr(state, name)[:1], 8)[0]
+        assert abs(exact[0]) > 1.0
+        assert np.abs(found - exact).max() < 0.2 * abs(exact[0])
+        assert abs(harmonics(getattr(state, name)[-1:], 8)[0, 0]) < 0.1 * abs(found[0])
+
+
 def spin_up(*, missing_s=(), of="motor_current_a", slow_hz=None):
     """A spin-up from rest within 50 ms at 1.3 kHz; samples missing from one time to another, or a slow current."""
     time_s = np.arange(0.0, SECONDS, 1.0 / 1300.0)
