@@ -25,7 +25,9 @@ _LIKELY = np.exp(-0.5 * _DEVIATES**2) / np.exp(-0.5 * _DEVIATES**2).sum()
 def odds_of_unlisted(
     ladder: Ladder, equations: Sequence[Equation], *, quiet: float, weights: Weights = SETTINGS.weights
 ) -> float:
-    """Odds of a cause outside the catalogue against a claim.
+    """Odds of a cause outside the catalogue against a claim, by the equation that the claim explains worst.
+
+    A cause that is not listed acts in one equation as a rule: what the claim closes elsewhere says nothing against it.
 
     Parameters
     ----------
@@ -43,12 +45,20 @@ def odds_of_unlisted(
         Prior odds times the likelihood of the share that is left: exponential for the right cause, even for a wrong
         one.
     """
-    share, std = left_share(ladder, equations, quiet=quiet, weights=weights)
+    named = 1.0 - weights.prior_no_gap - weights.prior_parameters - weights.prior_unknown
+    likelihoods = [
+        _likelihood_of_the_right(*left_share(ladder, [equation], quiet=quiet, weights=weights))
+        for equation in equations
+        if equation in ladder.n_features
+    ]
+    return weights.prior_unknown / (named * max(min(likelihoods, default=1.0), 1e-12))
+
+
+def _likelihood_of_the_right(share: float, std: float) -> float:
+    """Density of the share that a correct claim leaves, averaged over what is not known of it."""
     shares = np.clip(share * np.exp(std * _DEVIATES), _LEAST_SHARE, 1.0)
     mean = SETTINGS.ladder.left_by_the_right / np.log(10.0)
-    likelihood = float(_LIKELY @ np.exp(-shares / mean)) / mean
-    named = 1.0 - weights.prior_no_gap - weights.prior_parameters - weights.prior_unknown
-    return weights.prior_unknown / (named * max(likelihood, 1e-12))
+    return float(_LIKELY @ np.exp(-shares / mean)) / mean
 
 
 def leaves_a_gap(

@@ -82,7 +82,7 @@ EFFECT = Effect(
     strength=Strength(name="voltage_share_pulled_back", unit="1", typical=1.0, low=0.1, high=1.5, source="assumed"),
     signature=_signature,
     shapes=(
-        *({"share": s, "soft": 0.0} for s in (0.98, 0.92, 0.85, 0.7, 0.55, 0.4, 0.25, 0.1)),
+        *({"share": s, "soft": 0.0} for s in (0.98, 0.92, 0.85, 0.7, 0.55)),
         *({"share": s, "soft": 1.0} for s in (0.5, 0.7, 0.85)),
         *({"share": s, "release_s": tau} for s in _LIMITS for tau in _RELEASES_S),
     ),

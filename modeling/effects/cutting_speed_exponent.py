@@ -3,10 +3,11 @@
     power law    F = k v_ref (v / v_ref)^p,             p = 0.1 to 1.6
     saturating   F = k v (1 + v_ref/v_k) / (1 + v/v_k)
 
-v_ref = 0.7 m/s, where a straight line fitted to a stroke of usual speed meets the curve. p < 1 flattens the
-top of the force; the peak then does not follow the stroke rate. Told from an edge force (a step plus a
-line) by a speed sweep. Tooth forces in wood barely depend on cutting speed from 2.5 to 15 m/s (p near 0);
-viscous polymers exceed 1. Range assumed; reported is p, for the saturating form its slope at v_ref.
+v_ref is 0.81 of the usual top speed of the blade (0.7 m/s on the paper's saw), where a straight line fitted to a stroke
+meets the curve; how it scales the force is the cutting coefficient's. p < 1 flattens the top of the force; the peak
+then does not follow the stroke rate. Told from an edge force (a step plus a line) by a speed sweep. Tooth forces in
+wood barely depend on cutting speed from 2.5 to 15 m/s (p near 0); viscous polymers exceed 1. Range assumed; reported
+is p, for the saturating form its slope at 0.7 m/s.
 """
 
 from __future__ import annotations
@@ -16,23 +17,23 @@ from sawbench.modeling.effects.effect import Effect, Strength, Words
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
-_V_REF_M_S = 0.7
+_V_REF_SHARE, _STATED_AT_M_S = 0.81, 0.7
 
 
 def _signature(
     baseline: Baseline, state: State, exponent: float = 1.0, knee_m_s: float = 0.0, saturates: float = 0.0
 ) -> tuple[Signature, ...]:
     del saturates  # says which form it is where the exponent alone is stated
-    speed = baseline.cutting_speed(state)
+    speed, v_ref = baseline.cutting_speed(state), _V_REF_SHARE * baseline.load.blade_speed_m_s
     if knee_m_s > 0.0:
-        curve = speed * (1.0 + _V_REF_M_S / knee_m_s) / (1.0 + speed / knee_m_s)
+        curve = speed * (1.0 + v_ref / knee_m_s) / (1.0 + speed / knee_m_s)
     else:
-        curve = np.where(speed > 0.0, _V_REF_M_S * (np.maximum(speed, 1e-9) / _V_REF_M_S) ** exponent, 0.0)
+        curve = np.where(speed > 0.0, v_ref * (np.maximum(speed, 1e-9) / v_ref) ** exponent, 0.0)
     return ({"cutting": state.k_guess_n_s_per_m * (curve - speed)},)
 
 
 def _exponent(amplitude: float, shape: dict[str, float]) -> float:
-    slope = 1.0 / (1.0 + _V_REF_M_S / shape["knee_m_s"]) if "knee_m_s" in shape else shape["exponent"]
+    slope = 1.0 / (1.0 + _STATED_AT_M_S / shape["knee_m_s"]) if "knee_m_s" in shape else shape["exponent"]
     return 1.0 + amplitude * (slope - 1.0)
 
 

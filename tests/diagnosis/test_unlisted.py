@@ -83,6 +83,13 @@ def test_what_stays_unexplained_elsewhere_is_not_the_claims():
     assert odds_of(leaving(0.01, elsewhere=5000.0), ["mechanical", "cutting"]) > 10.0
 
 
+def test_a_weak_gap_that_is_left_in_one_equation_counts_beside_a_strong_one_that_is_closed():
+    """As seen: a drop of voltage closed 96 % of all, and an eccentric gear left a third of what a spring did."""
+    assert odds_of(leaving(0.01, elsewhere=50.0), ["mechanical", "cutting"]) > 10.0
+    # What an intact machine leaves is no gap.
+    assert odds_of(leaving(0.01, elsewhere=2.0), ["mechanical", "cutting"], quiet=2.5) < 0.02
+
+
 def test_what_the_noise_is_stated_to_leave_is_left_by_an_intact_machine_too():
     """Trials that scatter less than their stated noise: the model of an intact machine is no better than stated."""
     one = ladder([300.0, 320.0, 310.0], [200.0, 190.0, 210.0], [10.0, 10.0, 10.0], n_features=1500.0)

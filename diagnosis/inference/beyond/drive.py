@@ -127,10 +127,10 @@ SOFT_START = Effect(
     shapes=(
         *(
             {"length_s": float(length), "from_share": share, "decays": 0.0}
-            for length in np.geomspace(0.02, 0.4, 10)
+            for length in np.geomspace(0.02, 0.8, 12)
             for share in (0.0, 0.25, 0.5)
         ),
-        *({"length_s": float(length), "from_share": 0.0, "decays": 1.0} for length in np.geomspace(0.01, 0.2, 8)),
+        *({"length_s": float(length), "from_share": 0.0, "decays": 1.0} for length in np.geomspace(0.01, 0.4, 10)),
     ),
 )
 YIELDING_TRANSMISSION = Effect(
