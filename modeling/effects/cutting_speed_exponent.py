@@ -14,10 +14,13 @@ from __future__ import annotations
 
 import numpy as np
 from sawbench.modeling.effects.effect import Effect, Strength, Words
+from sawbench.modeling.load import OAK
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
-_V_REF_SHARE, _STATED_AT_M_S = 0.81, 0.7
+_STATED_AT_M_S = 0.7
+# Of the blade's usual top speed.
+_V_REF_SHARE = _STATED_AT_M_S / OAK.blade_speed_m_s
 
 
 def _signature(
