@@ -15,6 +15,9 @@ from sawbench.diagnosis.inference.settings import SETTINGS
 Track = tuple[Floats, Floats]
 _SETTLE_S = 0.8
 _HYSTERESIS = 0.25
+# The last strokes of a trial, each longer (or shorter) by that than the one before: the trigger was let go, or the
+# blade has left the wood. What the motor takes is then no match for what the blade takes.
+_CHANGED = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -35,7 +38,8 @@ class Reading:
     top_current_a : float or None
         99.9 percent of the samples of the whole trial stay below, start-up included.
     blade_power_w : float or None
-        Mean of force times blade velocity, positive where the force acts while the displacement falls.
+        Mean of force times blade velocity, positive where the force acts while the displacement falls. None also where
+        the speed changes in nearly all strokes.
     falling_force_n, rising_force_n : float or None
         Mean force while the displacement falls and rises.
     """
@@ -71,6 +75,11 @@ def read_trial(tracks: Mapping[str, Track]) -> Reading:
     starts_s = np.zeros(0) if displacement is None or bulk is None else _stroke_starts(*displacement, bulk)
     travel_m = None if bulk is None else DISPLACEMENT.si_factor * float(np.ptp(bulk))
     starts_s = starts_s[starts_s > starts_s[0] + _SETTLE_S] if len(starts_s) else starts_s
+    driven_s = (
+        starts_s if displacement is None else _driven(starts_s, step_s=float(np.median(np.diff(displacement[0]))))
+    )
+    is_driven = len(driven_s) == len(starts_s) or len(driven_s) > SETTINGS.screening.least_strokes
+    starts_s = driven_s if is_driven else starts_s
     window = (float(starts_s[0]), float(starts_s[-1])) if len(starts_s) >= 2 else _late_part(tracks)
     means = {name: _mean(track, window) for name, track in tracks.items()}
     motor = tracks.get("motor_current_a")
@@ -84,7 +93,7 @@ def read_trial(tracks: Mapping[str, Track]) -> Reading:
         battery_current_a=means.get("battery_current_a"),
         battery_voltage_v=means.get("battery_voltage_v"),
         voltage_ripple=_ripple(tracks.get("battery_voltage_v"), window),
-        blade_power_w=power,
+        blade_power_w=power if is_driven else None,
         falling_force_n=falling,
         rising_force_n=rising,
     )
@@ -133,6 +142,19 @@ def _stroke_starts(time_s: Floats, values: Floats, bulk: Floats) -> Floats:
         return starts_s
     first, middle, third = np.quantile(np.diff(starts_s), (0.25, 0.5, 0.75))
     return starts_s if third - first < SETTINGS.reading.irregular * middle else np.zeros(0)
+
+
+def _driven(starts_s: Floats, step_s: float) -> Floats:
+    """Starts of strokes without the last ones, where each is longer than the one before, and that where it began."""
+    if len(starts_s) < 3:
+        return starts_s
+    periods_s = np.diff(starts_s)
+    least = max(_CHANGED, 2.0 * step_s / float(np.median(periods_s)))
+    changes = periods_s[1:] / periods_s[:-1] - 1.0
+    changing = np.sign(changes) * (np.abs(changes) > least)
+    is_other = changing[::-1] != changing[-1]
+    n_changing = int(np.argmax(is_other)) if is_other.any() else len(changing)
+    return starts_s if changing[-1] == 0.0 else starts_s[: -(n_changing + 1)]
 
 
 def _late_part(tracks: Mapping[str, Track]) -> tuple[float, float]:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 from sawbench.bench.config import load_config
 from sawbench.bench.recording import Trial
 from sawbench.diagnosis.plausibility import check
 from sawbench.diagnosis.screening import idle_current_between
-from sawbench.diagnosis.trial_reading import Reading
+from sawbench.diagnosis.trial_reading import Reading, read_trial
 from sawbench.modeling.residuals import Baseline
 
 pytestmark = pytest.mark.unit
@@ -62,3 +63,26 @@ def test_a_force_of_the_wrong_size_is_found_with_an_idle_run_at_its_own_duty(fac
 def test_a_force_that_no_idle_current_explains_is_found_without_an_idle_run_at_its_duty():
     between = idle_current_between({TOP_DUTY: 1.4}, LOW_DUTY)
     assert kinds(in_soft_wood(LOW_DUTY, 0.9, force_is=10.0), between) == {"blade power"}
+
+
+def cut_trial(*, off_s: float, seconds: float = 1.8) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Tracks of a saw that cuts evenly at 20 strokes a second until the trigger is let go; then it slows down."""
+    time_s = np.arange(0.0, seconds, 5e-4)
+    rate_hz = 20.0 * np.exp(-np.maximum(time_s - off_s, 0.0) / 0.3)
+    turned = np.cumsum(2.0 * np.pi * rate_hz) * 5e-4
+    speed = 10.0 * np.sin(turned) * rate_hz / 20.0
+    return {
+        "displacement_mm": (time_s, 10.0 * (1.0 - np.cos(turned))),
+        "force_n": (time_s, 20.0 * np.maximum(-speed, 0.0)),
+        "motor_current_a": (time_s, np.where(time_s < off_s, 10.0, 0.0)),
+    }
+
+
+def test_strokes_after_the_trigger_was_let_go_say_nothing_of_the_power():
+    whole, let_go = (read_trial(cut_trial(off_s=off_s)) for off_s in (9.0, 1.4))
+    assert let_go.motor_current_a == pytest.approx(10.0)
+    assert let_go.blade_power_w == pytest.approx(whole.blade_power_w, rel=0.02)
+    assert let_go.n_strokes < whole.n_strokes
+    # Hardly a stroke before it: there is nothing to compare.
+    short = read_trial(cut_trial(off_s=0.95, seconds=1.15))
+    assert short.blade_power_w is None and short.n_strokes >= 3
