@@ -75,9 +75,7 @@ def read_trial(tracks: Mapping[str, Track]) -> Reading:
     starts_s = np.zeros(0) if displacement is None or bulk is None else _stroke_starts(*displacement, bulk)
     travel_m = None if bulk is None else DISPLACEMENT.si_factor * float(np.ptp(bulk))
     starts_s = starts_s[starts_s > starts_s[0] + _SETTLE_S] if len(starts_s) else starts_s
-    driven_s = (
-        starts_s if displacement is None else _driven(starts_s, step_s=float(np.median(np.diff(displacement[0]))))
-    )
+    driven_s = starts_s if displacement is None else _driven(starts_s, displacement[0])
     is_driven = len(driven_s) == len(starts_s) or len(driven_s) > SETTINGS.screening.least_strokes
     starts_s = driven_s if is_driven else starts_s
     window = (float(starts_s[0]), float(starts_s[-1])) if len(starts_s) >= 2 else _late_part(tracks)
@@ -144,12 +142,12 @@ def _stroke_starts(time_s: Floats, values: Floats, bulk: Floats) -> Floats:
     return starts_s if third - first < SETTINGS.reading.irregular * middle else np.zeros(0)
 
 
-def _driven(starts_s: Floats, step_s: float) -> Floats:
+def _driven(starts_s: Floats, time_s: Floats) -> Floats:
     """Starts of strokes without the last ones, where each is longer than the one before, and that where it began."""
     if len(starts_s) < 3:
         return starts_s
     periods_s = np.diff(starts_s)
-    least = max(_CHANGED, 2.0 * step_s / float(np.median(periods_s)))
+    least = max(_CHANGED, 2.0 * float(np.median(np.diff(time_s)) / np.median(periods_s)))
     changes = periods_s[1:] / periods_s[:-1] - 1.0
     changing = np.sign(changes) * (np.abs(changes) > least)
     is_other = changing[::-1] != changing[-1]
