@@ -193,7 +193,8 @@ def _track(
         return None
     force = None if trial.is_idle or config.linear_axis is not None else channels.get(_FORCE)
     cut = None if force is None else find_cut(angle, force.time_s, force.values)
-    steady = find_steady_part(angle, cut)
+    current = channels.get(_CURRENT)
+    steady = find_steady_part(angle, cut, None if current is None else (current.time_s, current.values))
     return restore_ripple(angle, steady, time_s, position_m), steady
 
 

@@ -31,10 +31,21 @@ _SLOW_TURN = 1.5
 # gain so many times what as many turns gain or lose elsewhere; nor two more, in which the trigger was let go.
 _RUN_DOWN = 4.0
 _STOPPING_TURNS = 2
+# A motor whose current stays below that share of what it reaches in a usual turn is not driven any more.
+_LEAST_CURRENT_SHARE = 0.25
 
 
-def find_steady_part(angle: CrankAngle, cut: Cut | None = None) -> SteadyPart:
+def find_steady_part(
+    angle: CrankAngle, cut: Cut | None = None, motor_current: tuple[Floats, Floats] | None = None
+) -> SteadyPart:
     """Longest stretch in which the blade neither stands nor spins down, and cuts where it is to cut.
+
+    Parameters
+    ----------
+    angle : CrankAngle
+    cut : Cut, optional
+    motor_current : (time_s, values), optional
+        Says exactly when the trigger was let go; without it, only turns that grow longer do.
 
     Examples
     --------
@@ -48,6 +59,8 @@ def find_steady_part(angle: CrankAngle, cut: Cut | None = None) -> SteadyPart:
     """
     moving_s, last_s = _first_motion_s(angle), float(angle.time_s[-1])
     start_s, end_s = _longest_run(angle, moving_s, last_s)
+    if motor_current is not None:
+        end_s = min(end_s, max(_driven_until_s(angle, *motor_current), start_s))
     settled_s = start_s + SETTLE_S
     if cut is not None:
         settled_s = settled_s if cut.start_s is None else max(settled_s, cut.start_s + LOADED_S)
@@ -63,6 +76,24 @@ def _first_motion_s(angle: CrankAngle) -> float:
     moving_rad_s = max(MOVING_RAD_S, _SURELY * noise_rad_s)
     standing = np.flatnonzero(angle.speed_rad_s[:turned] <= moving_rad_s)
     return float(angle.time_s[standing[-1] + 1 if len(standing) else 0])
+
+
+def _driven_until_s(angle: CrankAngle, time_s: Floats, current_a: Floats) -> float:
+    """Begin of the turn in which the current goes away for good; infinite where it is there in the last turn."""
+    turns = np.arange(np.ceil(angle.angle_rad[0] / TWO_PI), np.floor(angle.angle_rad[-1] / TWO_PI) + 1)
+    ends_s = np.interp(TWO_PI * turns, angle.angle_rad, angle.time_s)
+    ends_s = ends_s[(ends_s > time_s[0]) & (ends_s < time_s[-1])]
+    if len(ends_s) < 3:
+        return np.inf
+    driving_a = np.sign(np.median(current_a)) * current_a
+    tops_a = np.maximum.reduceat(driving_a, np.searchsorted(time_s, ends_s))
+    is_driven = driving_a > _LEAST_CURRENT_SHARE * float(np.median(tops_a))
+    if not is_driven.any():
+        return np.inf
+    last_s = float(time_s[np.flatnonzero(is_driven)[-1]])
+    if time_s[-1] - last_s < float(np.median(np.diff(ends_s))):
+        return np.inf
+    return float(ends_s[max(int(np.searchsorted(ends_s, last_s)) - 1, 0)])
 
 
 def _longest_run(angle: CrankAngle, moving_s: float, last_s: float) -> tuple[float, float]:

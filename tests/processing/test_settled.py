@@ -86,3 +86,36 @@ def test_a_crank_whose_noise_at_rest_looks_like_motion_starts_when_it_turns(seed
 def test_a_record_that_starts_while_the_crank_turns_has_no_rest_before():
     part = find_steady_part(turning(wandering(3.0, 3, 0.002)))
     assert part.first_motion_s == pytest.approx(0.0)
+
+
+def current_of(crank, off_s, seed, *, noise_a=0.3):
+    """A motor current that swings twice a stroke until the trigger is let go."""
+    rng = np.random.default_rng(seed)
+    driven = np.where(crank.time_s < off_s, 4.0 + 2.0 * np.cos(2.0 * crank.angle_rad), 0.0)
+    return crank.time_s, driven + noise_a * rng.standard_normal(len(crank.time_s))
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_motor_current_says_when_the_trigger_was_let_go(seed, sign):
+    """Two strokes before the record ends: not always enough to see it by the speed alone."""
+    speed = wandering(1.3, seed, 0.002)
+    off_s = 1.21
+    off = int(off_s / _STEP_S)
+    speed[off:] *= np.exp(-np.arange(len(speed) - off) * _STEP_S / 0.3)
+    crank = turning(speed)
+    time_s, current_a = current_of(crank, off_s, seed)
+    part = find_steady_part(crank, motor_current=(time_s, sign * current_a))
+    assert off_s - 4.0 / _RATE_HZ < part.end_s <= off_s
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_current_that_is_there_to_the_end_ends_nothing(seed):
+    crank = turning(wandering(2.0, seed, 0.005))
+    for noise_a in (0.1, 3.0):
+        current = current_of(crank, 9.0, seed, noise_a=noise_a)
+        assert find_steady_part(crank, motor_current=current).end_s == crank.time_s[-1]
+    # One that is not recorded to the end says nothing of it.
+    time_s, current_a = current_of(crank, 9.0, seed)
+    shorter = (time_s[:-6000], current_a[:-6000])
+    assert find_steady_part(crank, motor_current=shorter).end_s == crank.time_s[-1]
