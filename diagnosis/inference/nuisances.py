@@ -316,7 +316,7 @@ def _sensor_nuisances(baseline: Baseline) -> list[Nuisance]:
         *(shared(name, signature) for name, signature in {**gains, **zeros, "angle_zero_rad": angle_shift}.items()),
         *(
             Nuisance(
-                name=warm_up_of(name, time_s), nominal=0.0, std=sensors.drift_share * sensors.std[name],
+                name=warm_up_of(name, time_s), nominal=0.0, std=sensors.std[name],
                 is_plant=False, signature=_warming(gains[name], time_s),
             )
             for name in DRIFTING

@@ -178,10 +178,8 @@ class Sensors:
         Of the mean of the electrical equation, at whatever current.
     linearity_share, linearity_harmonic : float
         Share of the range in use to which a sensor is linear, and the harmonic at which that halves: it is smooth.
-    drift_share : float
-        Of the standard deviation of a gain: that of its change while the amplifier warms up.
     drift_times_s : tuple of float
-        Time constants of that change.
+        Time constants with which a gain changes while its amplifier warms up, by as much as the gain is uncertain.
     start_up_floor : mapping of str to float
         At the first motion, where the tracked speed is least certain, in the unit of the equation.
     start_up_decay_s : float
@@ -223,7 +221,6 @@ class Sensors:
     mean_voltage_floor_v: float = marked(0.005, "convention", "0.05 % of 10 V")
     linearity_share: float = marked(1e-3, "convention", "linearity of load cells and current sensors: a thousandth")
     linearity_harmonic: float = marked(4.0, "convention", "a bend of the characteristic is smooth over the stroke")
-    drift_share: float = marked(0.5, "convention", "an amplifier that warms up keeps within its stated gain")
     drift_times_s: tuple[float, ...] = marked(
         (600.0, 3600.0), "convention", "warm-up times of amplifiers: 10 min to 1 h"
     )
