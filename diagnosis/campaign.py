@@ -39,6 +39,8 @@ _REGRESSIONS = 6
 _FAR_BELOW = 0.7
 # What a blade in air cuts.
 _AIR = "air"
+# Trials of which a part is used: so many are named one by one.
+_MOST_PARTS = 3
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -138,6 +140,7 @@ def campaign_of(trials: Sequence[TrackedTrial], baseline: Baseline, warnings: li
     InputError
         If no trial runs long enough, or the channels allow no balance equation.
     """
+    warnings += used_in_part(trials)
     tracks = slow_tracks(trials, stroke_m=2.0 * baseline.radius_m)
     states: list[State] = []
     numbered = [(index, trial, track) for index, (trial, track) in enumerate(zip(trials, tracks, strict=True))]
@@ -198,6 +201,31 @@ def _in_order(recordings: Sequence[Recording]) -> list[Recording]:
     return list(recordings)
 
 
+def used_in_part(trials: Sequence[TrackedTrial]) -> list[str]:
+    """Say of which trials a part is used only; of many of them in one line."""
+    said, used = [], []
+    for trial in trials:
+        angle, steady = trial.angle, trial.steady
+        assert angle is not None and steady is not None
+        last_s = float(angle.time_s[-1])
+        left_s = np.inf if steady.cut is None or steady.cut.end_s is None else steady.cut.end_s
+        words = []
+        if steady.start_s > steady.first_motion_s or steady.end_s < min(last_s, left_s):
+            words.append(f"the blade stops or runs down; only {steady.start_s:.2f} s to {steady.end_s:.2f} s is used")
+        if steady.cut is not None:
+            words.append(steady.cut.words)
+        if words:
+            said += [f"{trial.trial.trial_id}: {text}" for text in words]
+            begins_s = max(steady.start_s, 0.0 if steady.cut is None else steady.cut.start_s or 0.0)
+            used.append(f"{trial.trial.trial_id} {begins_s:.2f} to {steady.end_s:.2f} s")
+    if len(used) <= _MOST_PARTS:
+        return said
+    return [
+        f"of {len(used)} of the {len(trials)} trials only a part is used, because the blade stops, runs down or is not"
+        f" in the wood all along: {', '.join(used[:_MOST_PARTS])} and {len(used) - _MOST_PARTS} more"
+    ]
+
+
 def _states(
     baseline: Baseline, index: int, trial: TrackedTrial, track: SlowTrack
 ) -> tuple[list[State], list[str]]:  # fmt: skip
@@ -206,13 +234,6 @@ def _states(
     name, angle, steady = trial.trial.trial_id, trial.angle, trial.steady
     assert angle is not None and steady is not None
     setting = _setting(trial, index, track)
-    left_s = np.inf if steady.cut is None or steady.cut.end_s is None else steady.cut.end_s
-    if steady.start_s > steady.first_motion_s or steady.end_s < min(float(angle.time_s[-1]), left_s):
-        warnings.append(
-            f"{name}: the blade stops or runs down; only {steady.start_s:.2f} s to {steady.end_s:.2f} s is used"
-        )
-    if steady.cut is not None:
-        warnings.append(f"{name}: {steady.cut.words}")
     running = running_state(trial, setting)
     if running is None:
         return [], [*warnings, f"{name} left out: it has less than two steady strokes"]

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sawbench.bench.processed import CrankAngle
+from sawbench.bench.processed import CrankAngle, Cut
 from sawbench.bench.recording import Signal, Trial
+from sawbench.diagnosis.campaign import used_in_part
 from sawbench.diagnosis.inference.features import START_UP_EDGES_S, Layout, harmonics, time_bins
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.diagnosis.reduction import between_samples, running_state, start_up_state
@@ -244,3 +245,23 @@ def test_a_channel_that_stands_still_has_no_stroke_rate(value):
     )  # fmt: skip
     trial = processed_trial(Trial(trial_id="t", duty=0.5, material="none"), {dead.channel: dead}, angle, 0.8, 4.0)
     assert stroke_means(trial, BASELINE) is None
+
+
+def trials_cut_from(starts_s):
+    time_s = np.arange(0.0, 3.0, 1e-3)
+    angle = CrankAngle(
+        time_s=time_s, angle_rad=TWO_PI * STROKES_HZ * time_s, speed_rad_s=np.full(len(time_s), TWO_PI * STROKES_HZ),
+        angle_std_rad=np.zeros(len(time_s)), radius_m=0.01, source="test", is_absolute=True,
+    )  # fmt: skip
+    end_s = float(time_s[-1])
+    for number, start_s in enumerate(starts_s):
+        trial = processed_trial(Trial(trial_id=f"t{number}", duty=0.5), {}, angle, 0.8, end_s)
+        yield replace(trial, steady=replace(trial.steady, cut=None if start_s is None else Cut(start_s=start_s)))
+
+
+def test_trials_that_are_used_in_part_are_named_and_many_of_them_in_one_line():
+    one = used_in_part([*trials_cut_from([None, 0.5, None])])
+    assert one == ["t1: the blade cuts from 0.50 s on; the strokes in air before are left out"]
+    (many,) = used_in_part([*trials_cut_from([None, 0.3, 0.4, 0.5, 0.6, 0.7])])
+    assert "of 5 of the 6 trials only a part is used" in many
+    assert "t1 0.30 to 3.00 s, t2 0.40 to 3.00 s, t3 0.50 to 3.00 s and 2 more" in many
