@@ -39,6 +39,15 @@ class PlaceType(click.Path):
         return super().convert(found, param, ctx) if isinstance(found, Path) else found
 
 
+class NumberType(click.FloatRange):
+    """A number, with a decimal point or comma as in the panel."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return a float."""
+        has_comma = isinstance(value, str) and value.count(",") == 1 and "." not in value
+        return super().convert(value.replace(",", ".") if has_comma else value, param, ctx)
+
+
 PLACE: Final = PlaceType(path_type=Path)
 json_option: Decorator = click.option("--json", "as_json", is_flag=True, help="Print machine-readable JSON.")
 force_option: Decorator = click.option("--force", is_flag=True, help="Overwrite files that exist.")
@@ -51,9 +60,9 @@ recordings_argument: Decorator = click.argument(
 def setting_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the settings of a trial that somebody has to state."""
     options = (
-        click.option("--duty", type=click.FloatRange(0, 1, min_open=True), help="Commanded PWM duty, 0..1."),
-        click.option("--thickness", "thickness_mm", type=click.FloatRange(0, min_open=True), help="mm"),
-        click.option("--feed", "feed_mm_s", type=click.FloatRange(0), help="mm/s"),
+        click.option("--duty", type=NumberType(0, 1, min_open=True), help="Commanded PWM duty, 0..1."),
+        click.option("--thickness", "thickness_mm", type=NumberType(0, min_open=True), help="mm"),
+        click.option("--feed", "feed_mm_s", type=NumberType(0), help="mm/s"),
         click.option("--blade", help="Blade identifier; its wear carries over to later trials."),
         click.option("--battery", help="Battery identifier; its state of charge carries over to later trials."),
     )

@@ -30,10 +30,9 @@ def command(path: Path, out_path: Path | None, force: bool, as_json: bool) -> in
     report = recover_recording(path, out_path, overwrite=force)
     lines = [str(report.path)]
     lines += [f"problem: {problem}" for problem in report.problems]
-    lines.append(
-        f"{report.n_messages_kept} messages kept, {report.n_messages_lost} known to be lost"
-        f" ({report.seconds_lost:.3f} s)"
-    )
+    lost = f"{report.n_messages_lost} known to be lost ({report.seconds_lost:.3f} s)"
+    is_whole = not report.n_messages_lost and not report.seconds_lost
+    lines.append(f"{report.n_messages_kept} messages kept, {'none of them damaged' if is_whole else lost}")
     if report.is_tail_cut:
         lines.append("the end of the file is missing: up to one more flush interval is lost")
     emit(report, "\n".join(lines), as_json=as_json)

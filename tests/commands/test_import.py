@@ -158,3 +158,12 @@ def test_jobs_of_a_single_table_are_wrong_usage(tmp_path, capsys):
     code, _, err = run(capsys, tmp_path / "t.csv", "--out", tmp_path / "out", "--jobs", "2")
     assert code == 2
     assert "several PATHs" in err
+
+
+def test_a_setting_may_have_a_decimal_comma(tmp_path, capsys):
+    (tmp_path / "t.csv").write_text("time_s,force_n\n0,1\n1,2\n")
+    code, _, _ = run(capsys, tmp_path / "t.csv", "--duty", "0,44", "--feed", "2.5", "--out", tmp_path / "out")
+    trial = read_recording(tmp_path / "out/t.mcap").trial
+    assert code == 0 and (trial.duty, trial.feed_mm_s) == (0.44, 2.5)
+    code, _, err = run(capsys, tmp_path / "t.csv", "--duty", "4,4", "--out", tmp_path / "out2")
+    assert code == 2 and "4.4" in err
