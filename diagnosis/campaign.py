@@ -153,7 +153,8 @@ def campaign_of(trials: Sequence[TrackedTrial], baseline: Baseline, warnings: li
     _refuse_without_equation(baseline, states)
     states = _with_shared_steps(states)
     guesses = _with_guesses(baseline, states)
-    baseline = replace(baseline, load=load_of(baseline, states))
+    session_s = max(state.setting.session_s + float(state.time_s.max()) for state in states)
+    baseline = replace(baseline, load=load_of(baseline, states), session_s=max(session_s, 1.0))
     labels = {state.setting.label for state in states}
     kept = [trial for trial in trials if trial.trial.trial_id in labels]
 

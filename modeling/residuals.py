@@ -57,6 +57,8 @@ class Baseline:
         Effects that belong to the model.
     load : Load
         What it carries while it cuts.
+    session_s : float
+        Time from the first trial of a campaign to the end of the last one, s.
     mechanism : Mechanism
         What turns the crank's angle into the blade's travel, at its nominal lengths.
     """
@@ -66,6 +68,7 @@ class Baseline:
     cutting_sign: int
     known: tuple[KnownEffect, ...] = ()
     load: Load = OAK
+    session_s: float = 3600.0
     mechanism: Mechanism = field(init=False)
 
     def __post_init__(self) -> None:

@@ -6,6 +6,7 @@ uncertainty the configuration (or the sensor class) grants it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -316,8 +317,8 @@ def _sensor_nuisances(baseline: Baseline) -> list[Nuisance]:
         *(shared(name, signature) for name, signature in {**gains, **zeros, "angle_zero_rad": angle_shift}.items()),
         *(
             Nuisance(
-                name=warm_up_of(name, time_s), nominal=0.0, std=sensors.std[name],
-                is_plant=False, signature=_warming(gains[name], time_s),
+                name=warm_up_of(name, time_s), nominal=0.0, is_plant=False, signature=_warming(gains[name], time_s),
+                std=sensors.std[name] / -math.expm1(-baseline.session_s / time_s),
             )
             for name in DRIFTING
             for time_s in sensors.drift_times_s

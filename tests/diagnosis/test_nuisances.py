@@ -191,6 +191,16 @@ def test_a_gain_that_changes_while_the_amplifier_warms_up(true, name):
     compare(gap(BASELINE, read), {key: SHARE * wave for key, wave in claimed.items()}, 0.03)
 
 
+@pytest.mark.parametrize("minutes", [5.0, 25.0, 180.0])
+@pytest.mark.parametrize("time_s", [600, 3600])
+def test_a_gain_drifts_over_a_campaign_by_as_much_as_it_is_uncertain(minutes, time_s):
+    """However long it lasts: 0.6 % of a voltage in 25 minutes was a weakening of the magnets."""
+    bench = replace(BASELINE, session_s=60.0 * minutes)
+    gain = nuisance("battery_voltage_gain", bench).std
+    change = nuisance(f"battery_voltage_gain, warm-up over {time_s} s", bench).std
+    assert change * (1.0 - np.exp(-bench.session_s / time_s)) == pytest.approx(gain)
+
+
 @pytest.mark.parametrize("place", ["start", "end"])
 def test_a_cut_that_begins_a_little_late_or_ends_a_little_early(true, place):
     """The blade has travelled less than a thousandth of its stroke; every harmonic that is compared shows it."""
