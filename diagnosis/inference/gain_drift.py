@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
-from sawbench.diagnosis.inference.nuisances import DRIFTING, warm_up_of
+from sawbench.diagnosis.inference.nuisances import DRIFTING, still_to_warm_up, warm_up_of
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -36,13 +36,14 @@ def gain_drifts(problem: LinearProblem, beside: Floats) -> Mapping[str, GainDrif
     marginal, place = Marginal(problem, extra=beside), {name: k for k, name in enumerate(problem.names)}
     times_s = [s.setting.session_s + s.time_s.ravel()[[0, -1]] for s in problem.campaign.states]
     begins_s, ends_s = np.min(times_s), np.max(times_s)
-    found = {}
+    model, found = problem.campaign.plant.model, {}
     for gain in DRIFTING:
         change = np.zeros(marginal.design.shape[1])
         for time_s in problem.settings.sensors.drift_times_s:
             k = place.get(warm_up_of(gain, time_s))
             if k is not None:
-                change[k] = problem.prior_std[k] * (np.exp(-ends_s / time_s) - np.exp(-begins_s / time_s))
+                begin, end = still_to_warm_up(model, np.array([begins_s, ends_s]), time_s)
+                change[k] = problem.prior_std[k] * (end - begin)
         if change.any():
             total, std = marginal.weighted_sum(change)
             found[gain] = GainDrift(change=total, std=std)

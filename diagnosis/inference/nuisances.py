@@ -317,8 +317,8 @@ def _sensor_nuisances(baseline: Baseline) -> list[Nuisance]:
         *(shared(name, signature) for name, signature in {**gains, **zeros, "angle_zero_rad": angle_shift}.items()),
         *(
             Nuisance(
-                name=warm_up_of(name, time_s), nominal=0.0, is_plant=False, signature=_warming(gains[name], time_s),
-                std=sensors.std[name] / -math.expm1(-baseline.session_s / time_s),
+                name=warm_up_of(name, time_s), nominal=0.0, std=sensors.std[name], is_plant=False,
+                signature=_warming(gains[name], time_s),
             )
             for name in DRIFTING
             for time_s in sensors.drift_times_s
@@ -331,11 +331,32 @@ def warm_up_of(gain: str, time_s: float) -> str:
     return f"{gain}, warm-up over {time_s:g} s"
 
 
+def still_to_warm_up(baseline: Baseline, at_s: Floats, time_s: float) -> Floats:
+    """How far a gain is from what it is at the end of the campaign, over what it is at the beginning.
+
+    Parameters
+    ----------
+    baseline : Baseline
+    at_s : ndarray, s
+        From the beginning of the campaign.
+    time_s : float
+        Time constant with which the amplifier warms up.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> still_to_warm_up(SimpleNamespace(session_s=600.0), np.array([0.0, 600.0]), 600.0).tolist()
+    [1.0, 0.0]
+    """
+    last = math.exp(-baseline.session_s / time_s)
+    return (np.exp(-at_s / time_s) - last) / (1.0 - last)
+
+
 def _warming(gain: SignatureFunction, time_s: float) -> SignatureFunction:
     """Of a gain that differs by one in the beginning and comes to its final value as the amplifier warms up."""
 
     def signature(baseline: Baseline, state: State) -> Signature:
-        left = np.exp(-(state.setting.session_s + state.time_s) / time_s)
+        left = still_to_warm_up(baseline, state.setting.session_s + state.time_s, time_s)
         return {equation: left * wave for equation, wave in gain(baseline, state).items()}
 
     return signature

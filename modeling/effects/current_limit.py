@@ -21,7 +21,7 @@ from sawbench.modeling.state import START_UP_STEP_S, State
 _EDGE = 0.25
 # A limiter that lets go slowly: how far above the limit, as a share of the top current, all the voltage is held back.
 _FULL_EXCESS = 0.4
-_LIMITS, _RELEASES_S = tuple(float(s) for s in np.linspace(0.44, 0.92, 9)), (0.02, 0.04, 0.08, 0.16, 0.32)
+_LIMITS, _RELEASES_S = tuple(float(s) for s in np.linspace(0.44, 0.92, 9)), (0.02, 0.04, 0.08, 0.16, 0.32, 0.64)
 
 
 def _signature(

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sawbench.diagnosis.inference.nuisances import further_batteries, nuisances_of
+from sawbench.diagnosis.inference.nuisances import further_batteries, nuisances_of, still_to_warm_up
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.modeling.residuals import Baseline, residuals
@@ -186,7 +186,9 @@ def test_a_displacement_that_is_not_linear(true, name):
 @pytest.mark.parametrize("name", ["force_gain", "motor_current_gain", "battery_current_gain", "battery_voltage_gain"])
 def test_a_gain_that_changes_while_the_amplifier_warms_up(true, name):
     late = replace(true, setting=replace(true.setting, session_s=450.0))
-    read = replace(late, **READINGS[name](late, SHARE * np.exp(-(450.0 + late.time_s) / 600.0)))
+    # Of a campaign of an hour, which is the baseline's: to what it is at the end.
+    left = (np.exp(-(450.0 + late.time_s) / 600.0) - np.exp(-6.0)) / (1.0 - np.exp(-6.0))
+    read = replace(late, **READINGS[name](late, SHARE * left))
     claimed = nuisance(f"{name}, warm-up over 600 s").signature(BASELINE, read)
     compare(gap(BASELINE, read), {key: SHARE * wave for key, wave in claimed.items()}, 0.03)
 
@@ -196,9 +198,12 @@ def test_a_gain_that_changes_while_the_amplifier_warms_up(true, name):
 def test_a_gain_drifts_over_a_campaign_by_as_much_as_it_is_uncertain(minutes, time_s):
     """However long it lasts: 0.6 % of a voltage in 25 minutes was a weakening of the magnets."""
     bench = replace(BASELINE, session_s=60.0 * minutes)
-    gain = nuisance("battery_voltage_gain", bench).std
-    change = nuisance(f"battery_voltage_gain, warm-up over {time_s} s", bench).std
-    assert change * (1.0 - np.exp(-bench.session_s / time_s)) == pytest.approx(gain)
+    entry = nuisance(f"battery_voltage_gain, warm-up over {time_s} s", bench)
+    assert entry.std == nuisance("battery_voltage_gain", bench).std
+    assert still_to_warm_up(bench, np.array([0.0, bench.session_s]), time_s) == pytest.approx([1.0, 0.0])
+    # An exponential: straight where the campaign is short, early where it is long.
+    half = still_to_warm_up(bench, np.array([0.5 * bench.session_s]), time_s)[0]
+    assert half == pytest.approx(1.0 / (1.0 + np.exp(0.5 * bench.session_s / time_s)))
 
 
 @pytest.mark.parametrize("place", ["start", "end"])

@@ -110,17 +110,18 @@ def test_the_drift_of_a_gain_is_estimated_beside_what_else_may_be_off():
     names = ("force_gain", "force_gain, warm-up over 600 s", "motor_current_gain, warm-up over 600 s")
     std = np.array([0.01, 0.005, 0.005])
     load, current = 100.0 + 20.0 * rng.standard_normal(400), 50.0 + 10.0 * rng.standard_normal(400)
-    left = np.exp(-time_s / 600.0)
+    left = (np.exp(-time_s / 600.0) - np.exp(-3.0)) / (1.0 - np.exp(-3.0))
     waves = 20.0 * np.stack([load, load * left, current * left], axis=1)
     problem = SimpleNamespace(
         names=names, prior_std=std, settings=SETTINGS, nuisance=waves * std,
         data=waves @ [0.02, 0.012, 0.0] + rng.standard_normal(400),
         campaign=SimpleNamespace(
-            states=[SimpleNamespace(setting=SimpleNamespace(session_s=0.0), time_s=time_s[:, None])]
+            states=[SimpleNamespace(setting=SimpleNamespace(session_s=0.0), time_s=time_s[:, None])],
+            plant=SimpleNamespace(model=SimpleNamespace(session_s=1800.0)),
         ),
     )  # fmt: skip
     found = gain_drifts(problem, np.zeros((400, 0)))
     assert set(found) == {"force_gain", "motor_current_gain"}
-    true = 0.012 * (np.exp(-3.0) - 1.0)
+    true = -0.012
     assert abs(found["force_gain"].change - true) < 3.0 * found["force_gain"].std < 0.1 * abs(true)
     assert abs(found["motor_current_gain"].change) < 3.0 * found["motor_current_gain"].std < 0.003

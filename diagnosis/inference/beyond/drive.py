@@ -132,6 +132,7 @@ SOFT_START = Effect(
         ),
         *({"length_s": float(length), "from_share": 0.0, "decays": 1.0} for length in np.geomspace(0.01, 0.4, 10)),
     ),
+    confused_with=("current_limit",),
 )
 YIELDING_TRANSMISSION = Effect(
     name="transmission that yields under load",
