@@ -143,7 +143,7 @@ def _stroke_starts(time_s: Floats, values: Floats, bulk: Floats) -> Floats:
 
 
 def _driven(starts_s: Floats, time_s: Floats) -> Floats:
-    """Starts of strokes without the last ones, where each is longer than the one before, and that where it began."""
+    """Starts of strokes without the last ones that change one after the other, and the one in which it began."""
     if len(starts_s) < 3:
         return starts_s
     periods_s = np.diff(starts_s)
