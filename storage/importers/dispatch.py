@@ -10,6 +10,7 @@ from typing import Final
 
 from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Event, Recording, Signal, Trial
+from sawbench.bench.units import TIME_COLUMN
 from sawbench.storage.digest import sha256_of
 from sawbench.storage.importers.column_choice import choose_columns
 from sawbench.storage.importers.raw_table import RawTable
@@ -147,7 +148,7 @@ def import_path(
         recording = _recording(job, contents)
         target = write_recording(recording, out_dir / f"{job.trial.trial_id}.mcap", overwrite)
         paths.append(target)
-        taken[target.name] = {channel: words for content in contents for channel, words in content.taken.items()}
+        taken[target.name] = _taken(job.sources, contents)
         for source, content in zip(job.sources, contents, strict=True):
             warnings += [f"{source.path.name}: {text}" for text in content.warnings]
             notes += [f"{source.path.name}: {text}" for text in content.notes]
@@ -216,11 +217,11 @@ def _recording(job: _Job, contents: Sequence[TableContent]) -> Recording:
     for number, (source, content) in enumerate(zip(job.sources, contents, strict=True), start=1):
         which = "" if number == 1 else f" {number}"
         provenance |= {f"source_file{which}": source.path.name, f"source_sha256{which}": sha256_of(source.path)}
-        provenance |= {f"column of {channel}": words for channel, words in content.taken.items()}
         if source.table_map is not None:
             provenance[f"map{which}"] = source.table_map.as_toml()
         if content.notes:
             provenance[f"table{which}"] = "; ".join(content.notes)
+    provenance |= {f"column of {channel}": words for channel, words in _taken(job.sources, contents).items()}
     signals = _of_one_clock(job.sources, contents)
     start_s = min((float(signal.time_s[0]) for signal in signals.values()), default=0.0)
     return Recording(
@@ -232,6 +233,16 @@ def _recording(job: _Job, contents: Sequence[TableContent]) -> Recording:
         config_toml=job.config_toml,
         provenance=provenance,
     )
+
+
+def _taken(sources: Sequence[_Source], contents: Sequence[TableContent]) -> dict[str, str]:
+    """Channel -> the column it was taken from; every table has a time of its own."""
+    first, *further = (content.taken for content in contents)
+    named = [
+        {f"{name} of {source.path.name}" if name == TIME_COLUMN else name: words for name, words in taken.items()}
+        for source, taken in zip(sources[1:], further, strict=True)
+    ]
+    return {channel: words for taken in (first, *named) for channel, words in taken.items()}
 
 
 def _of_one_clock(sources: Sequence[_Source], contents: Sequence[TableContent]) -> dict[str, Signal]:

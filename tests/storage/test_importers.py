@@ -319,6 +319,7 @@ def test_a_trial_may_have_tables_of_several_instruments(tmp_path):
     current = recording.signals["motor_current_a"]
     assert current.time_s.tolist() == [0.25, 0.75, 1.25, 1.75] and current.values.tolist() == [0.0, 1.0, 2.0, 3.0]
     assert recording.provenance["source_file"] == "daq.csv" and recording.provenance["source_file 2"] == "logger.csv"
+    assert list(report.taken["daq.mcap"]) == ["time_s", "force_n", "time_s of logger.csv", "motor_current_a"]
     assert "sign = -1" in recording.provenance["map 2"] and "map" not in recording.provenance
 
 
