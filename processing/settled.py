@@ -78,10 +78,15 @@ def _first_motion_s(angle: CrankAngle) -> float:
     return float(angle.time_s[standing[-1] + 1 if len(standing) else 0])
 
 
+def _turn_ends_s(angle: CrankAngle) -> Floats:
+    """Times at which a turn ends and the next one begins."""
+    turns = np.arange(np.ceil(angle.angle_rad[0] / TWO_PI), np.floor(angle.angle_rad[-1] / TWO_PI) + 1)
+    return np.interp(TWO_PI * turns, angle.angle_rad, angle.time_s)
+
+
 def _driven_until_s(angle: CrankAngle, time_s: Floats, current_a: Floats) -> float:
     """Begin of the turn in which the current goes away for good; infinite where it is there in the last turn."""
-    turns = np.arange(np.ceil(angle.angle_rad[0] / TWO_PI), np.floor(angle.angle_rad[-1] / TWO_PI) + 1)
-    ends_s = np.interp(TWO_PI * turns, angle.angle_rad, angle.time_s)
+    ends_s = _turn_ends_s(angle)
     ends_s = ends_s[(ends_s > time_s[0]) & (ends_s < time_s[-1])]
     if len(ends_s) < 3:
         return np.inf
@@ -97,8 +102,7 @@ def _driven_until_s(angle: CrankAngle, time_s: Floats, current_a: Floats) -> flo
 
 
 def _longest_run(angle: CrankAngle, moving_s: float, last_s: float) -> tuple[float, float]:
-    turns = np.arange(np.ceil(angle.angle_rad[0] / TWO_PI), np.floor(angle.angle_rad[-1] / TWO_PI) + 1)
-    ends_s = np.interp(TWO_PI * turns, angle.angle_rad, angle.time_s)
+    ends_s = _turn_ends_s(angle)
     ends_s = ends_s[ends_s >= moving_s]
     if len(ends_s) < 3:
         return moving_s, last_s

@@ -145,10 +145,11 @@ def import_path(
             read_table(source.path, source.table_map, is_idle=job.trial.is_idle, is_saw=is_saw, expected=expected)
             for source in job.sources
         ]
-        recording = _recording(job, contents)
+        words = _taken(job.sources, contents)
+        recording = _recording(job, contents, words)
         target = write_recording(recording, out_dir / f"{job.trial.trial_id}.mcap", overwrite)
         paths.append(target)
-        taken[target.name] = _taken(job.sources, contents)
+        taken[target.name] = words
         for source, content in zip(job.sources, contents, strict=True):
             warnings += [f"{source.path.name}: {text}" for text in content.warnings]
             notes += [f"{source.path.name}: {text}" for text in content.notes]
@@ -212,7 +213,7 @@ def _refuse_existing(paths: list[Path], *, overwrite: bool) -> None:
         )
 
 
-def _recording(job: _Job, contents: Sequence[TableContent]) -> Recording:
+def _recording(job: _Job, contents: Sequence[TableContent], taken: Mapping[str, str]) -> Recording:
     provenance = {"imported_by": software_version(), **job.provenance}
     for number, (source, content) in enumerate(zip(job.sources, contents, strict=True), start=1):
         which = "" if number == 1 else f" {number}"
@@ -221,7 +222,7 @@ def _recording(job: _Job, contents: Sequence[TableContent]) -> Recording:
             provenance[f"map{which}"] = source.table_map.as_toml()
         if content.notes:
             provenance[f"table{which}"] = "; ".join(content.notes)
-    provenance |= {f"column of {channel}": words for channel, words in _taken(job.sources, contents).items()}
+    provenance |= {f"column of {channel}": words for channel, words in taken.items()}
     signals = _of_one_clock(job.sources, contents)
     start_s = min((float(signal.time_s[0]) for signal in signals.values()), default=0.0)
     return Recording(
