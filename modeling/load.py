@@ -1,16 +1,18 @@
 """What a saw carries while it cuts: forces and torques of effects are typical in proportion to it.
 
-A friction of 5 N is usual where 265 N are cut and large where 60 N are. Voltage drops of brushes and diodes, delays,
-and shares of something follow no load.
+A friction of 5 N is usual where 265 N are cut and large where 60 N are. Heat is typical as a rise of temperature, not
+as a thermal resistance: a motor that loses 1 W gets some kelvin warmer, which every motor does. Voltage drops of
+brushes and diodes, delays, and shares of something follow no load.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from sawbench.modeling.state import Memory
 
 if TYPE_CHECKING:
     from sawbench.modeling.residuals import Baseline
@@ -30,16 +32,22 @@ class Load:
     torque_n_m : float
         Mean torque of the motor.
     motor_speed_rad_s : float
+    heat_w : float
+        Copper loss of the motor as a thermal mass of 100 s has felt it at most: times a thermal resistance it is a rise
+        of the temperature.
     """
 
     force_n: float
     blade_speed_m_s: float
     torque_n_m: float
     motor_speed_rad_s: float
+    heat_w: float
 
 
-# The saw of the paper in 20 mm of oak at a duty of 0.4375, as in `recordings/oak-01.mcap`.
-OAK: Final = Load(force_n=265.0, blade_speed_m_s=0.86, torque_n_m=0.074, motor_speed_rad_s=780.0)
+# The saw of the paper in 20 mm of oak at a duty of 0.4375, as in `recordings/oak-01.mcap`, for some minutes.
+OAK: Final = Load(force_n=265.0, blade_speed_m_s=0.86, torque_n_m=0.074, motor_speed_rad_s=780.0, heat_w=10.0)
+
+_HEAT: Final = Memory(drive="motor_current_squared_a2", time_constant_s=100.0)
 
 
 def load_of(baseline: Baseline, states: Sequence[State]) -> Load:
@@ -70,9 +78,13 @@ def load_of(baseline: Baseline, states: Sequence[State]) -> Load:
         and state.current_a is not None
     ]
     usual = np.median(found, axis=0) if found else np.zeros(4)
+    resistance_ohm = baseline.plant.resistance_ohm.nominal
+    heat_w = resistance_ohm * max((float(s.slow[_HEAT].max()) for s in states if _HEAT in s.slow), default=0.0)
+    carried = OAK if heat_w <= 0.0 else replace(OAK, heat_w=heat_w)
     if not (usual > 0.0).all():
-        return OAK
+        return carried
     force_n, blade_speed_m_s, torque_n_m, motor_speed_rad_s = (float(value) for value in usual)
-    return Load(
-        force_n=force_n, blade_speed_m_s=blade_speed_m_s, torque_n_m=torque_n_m, motor_speed_rad_s=motor_speed_rad_s
-    )
+    return replace(
+        carried, force_n=force_n, blade_speed_m_s=blade_speed_m_s, torque_n_m=torque_n_m,
+        motor_speed_rad_s=motor_speed_rad_s,
+    )  # fmt: skip

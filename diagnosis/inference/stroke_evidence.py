@@ -139,7 +139,8 @@ def strokes_say(
             )  # fmt: skip
     trends = {e.name: e.strokes for e in effects if isinstance(e.strokes, StrokeTrend)}
     by_name = {e.name: e for e in effects}
-    found = trend_evidence(blocks_of(states, strokes, known), trends, settings.strokes)
+    blocks = blocks_of(states, strokes, known)
+    found = trend_evidence(blocks, trends, settings.strokes)
     for name in trends:
         trend = found.get(name, NOTHING_SHOWN)
         said[name] = StrokesSay(
@@ -149,7 +150,7 @@ def strokes_say(
     one_look = math.log(settings.strokes.looks)
     return said, {
         WAVE_IN_TIME: _wave_in_time(spectra, known) - one_look,
-        SHARED_COURSE: shared_course(strokes) - one_look,
+        SHARED_COURSE: shared_course(blocks) - one_look,
     }
 
 

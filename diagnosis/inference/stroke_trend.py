@@ -2,13 +2,13 @@
 
 Both only scale the cutting force, slowly or from trial to trial, and so they hide in what pieces of wood differ by.
 Their whole evidence lies in one number a stroke, whose noise is known from the strokes themselves: scatter with memory
-within a trial, and a piece of wood of its own in each. So the likelihood is that of a mixed model without any form but
-the effect's own.
+within a trial, and a piece of wood of its own in each, which may be harder at one end of the cut. So the likelihood is
+that of a mixed model without any form but the effect's own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -27,6 +27,8 @@ _SCATTERS = (-1.0, 0.0, 1.0, 2.0)
 _LEAST_STEP = 0.25
 _MEMORIES = (0.0, 0.3, 0.6, 0.85)
 _PIECES = (0.012, 0.025, 0.05, 0.1, 0.2)
+# Log of the hardness by which a piece of wood changes from one end of the longest cut to the other.
+_ALONG_CUTS = (0.0, 0.03, 0.1)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -47,6 +49,12 @@ class Blocks:
     log_feed: Floats
     trial: np.ndarray
     stock: np.ndarray
+
+    @property
+    def in_trial_m(self) -> Floats:
+        """Distance cut since the first block of the trial, m, shape (n,)."""
+        first = np.array([self.distance_m[self.trial == number][0] for number in range(int(self.trial.max()) + 1)])
+        return self.distance_m - first[self.trial]
 
 
 def blocks_of(
@@ -205,6 +213,28 @@ def _log_likelihoods(blocks: Blocks, means: Floats, *, speed_std: float, feed_st
     """Of the mixed model with each mean, shape (len(means), n), averaged over what is not known of the noise."""
     from scipy.linalg import solve_triangular
 
+    rest = (blocks.log_k - means).T
+    found = []
+    for root in noise_roots(blocks, speed_std=speed_std, feed_std=feed_std):
+        half = solve_triangular(root, rest, lower=True)
+        found.append(-0.5 * np.sum(half**2, axis=0) - np.sum(np.log(np.diag(root))))
+    return log_mean_exp_rows(np.array(found).T)
+
+
+def noise_roots(blocks: Blocks, *, speed_std: float, feed_std: float) -> Iterator[Floats]:
+    """Cholesky factors of the covariance of the log hardness, shape (n, n) each, for all that is not known of the wood.
+
+    Parameters
+    ----------
+    blocks : Blocks
+    speed_std, feed_std : float
+        Of the powers of speed and feed with which the hardness goes.
+
+    Yields
+    ------
+    ndarray
+        Equally likely: scatter and its memory within a trial, what pieces differ by, and how they change along the cut.
+    """
     same_trial = blocks.trial[:, None] == blocks.trial
     same_stock = blocks.stock[:, None] == blocks.stock
     free = SETTINGS.workpieces.stock_log_std**2 * same_stock.astype(np.float64)
@@ -214,14 +244,12 @@ def _log_likelihoods(blocks: Blocks, means: Floats, *, speed_std: float, feed_st
     lag = np.abs(place[:, None] - place)
     variance, degrees = _scatter_within(blocks)
     step = max(_LEAST_STEP, 1.0 / np.sqrt(2.0 * degrees))
-    rest = (blocks.log_k - means).T
-    found = []
-    for scatter, memory, piece in product(_SCATTERS, _MEMORIES, _PIECES):
+    middle = np.bincount(blocks.trial, blocks.in_trial_m) / np.bincount(blocks.trial)
+    along = (blocks.in_trial_m - middle[blocks.trial]) / blocks.in_trial_m.max()
+    slopes = np.where(same_trial, np.outer(along, along), 0.0)
+    for scatter, memory, piece, change in product(_SCATTERS, _MEMORIES, _PIECES, _ALONG_CUTS):
         within = np.where(same_trial, memory**lag, 0.0) * variance * np.exp(2.0 * scatter * step)
-        root = np.linalg.cholesky(free + piece**2 * same_trial + within)
-        half = solve_triangular(root, rest, lower=True)
-        found.append(-0.5 * np.sum(half**2, axis=0) - np.sum(np.log(np.diag(root))))
-    return log_mean_exp_rows(np.array(found).T)
+        yield np.linalg.cholesky(free + piece**2 * same_trial + change**2 * slopes + within)
 
 
 def _scatter_within(blocks: Blocks) -> tuple[float, int]:

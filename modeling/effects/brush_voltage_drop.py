@@ -5,7 +5,8 @@
 Positive amplitude: a constant voltage is missing at every duty. Below i_0 the drop turns ohmic. A diode
 drop shrinks with duty, resistance grows with current. The form, ohmic at small current and flat above, is
 that of Modelica.Electrical.Machines.Losses.DCMachines.Brush; a part of a contact's voltage may go on rising with
-the logarithm of the current, ln(1 + i/i_0) / ln(1 + 10 A/i_0). V is that at 10 A. Range: assumed.
+the logarithm of the current, ln(1 + i/i_0) / ln(1 + 10 A/i_0), or fall with it, as carbon does that gets hot. V is
+that at 10 A. Range: assumed.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ EFFECT = Effect(
     parts=("motor",),
     strength=Strength(name="voltage_v", unit="V", typical=0.8, low=0.1, high=3.0, source="assumed"),
     signature=_signature,
-    shapes=tuple({"knee_a": knee, "rise": rise} for rise in (0.0, 0.03, 0.3, 1.0) for knee in (0.1, 0.3, 1.0, 3.0)),
+    shapes=tuple(
+        {"knee_a": knee, "rise": rise} for rise in (-0.3, 0.0, 0.03, 0.3, 1.0) for knee in (0.1, 0.3, 1.0, 3.0)
+    ),
     continuous=("knee_a", "rise"),
     needs=("motor_current_a", "battery_voltage_v"),
     confused_with=("converter_diode_drop", "winding_heating"),

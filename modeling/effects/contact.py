@@ -18,7 +18,8 @@ def contact_voltage(current_a: Floats, knee_a: float, rise: float) -> Floats:
     knee_a : float
         Current below which the contact is ohmic.
     rise : float
-        Share of the voltage that grows with the logarithm of the current, the rest is flat: 0 to 1.
+        Share of the voltage that grows with the logarithm of the current, the rest is flat: 0 to 1, below 0 where it
+        falls.
 
     Returns
     -------

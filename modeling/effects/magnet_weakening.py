@@ -66,6 +66,7 @@ EFFECT = Effect(
         low=0.1,
         high=4.0,
         source="assumed; 0.15 %/K: between ferrite and NdFeB",
+        follows=lambda load: 1.0 / load.heat_w,  # a rise of 30 K
     ),
     signature=_signature,
     memories=(*COPPER_HEAT.values(), *SPIN_HEAT.values()),

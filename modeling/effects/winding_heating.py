@@ -44,6 +44,7 @@ EFFECT = Effect(
         low=0.1,
         high=4.0,
         source="assumed",
+        follows=lambda load: 1.0 / load.heat_w,  # a rise of 40 K
     ),
     signature=_signature,
     memories=tuple(COPPER_HEAT.values()),

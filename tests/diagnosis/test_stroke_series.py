@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sawbench.diagnosis.inference.settings import SETTINGS
-from sawbench.diagnosis.inference.shared_course import shared_course
 from sawbench.diagnosis.inference.stroke_evidence import WAVE_IN_TIME, strokes_say
 from sawbench.diagnosis.inference.stroke_series import StrokeSeries, StrokeSpectra
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME, EFFECTS
@@ -133,44 +132,6 @@ def test_where_all_trials_have_one_feed_a_wave_is_the_woods():
     grain = said["grain_variation"].alone
     assert grain > 20.0
     assert grain - 5.0 < looks[WAVE_IN_TIME] < grain + 1.0
-
-
-def with_course(trials: list, reach: float, *, time_constant_s: float = 1.5) -> list:
-    """Every trial with its hardness raised by the same course, less mean and trend as `stroke_series` leaves it."""
-    found = []
-    for trial in trials:
-        course = reach * (1.0 - np.exp(-trial.time_s / time_constant_s))
-        log_k = trial.log_k + course
-        found.append(replace(trial, log_k=log_k - np.polyval(np.polyfit(trial.time_s, log_k, 1), trial.time_s)))
-    return found
-
-
-@pytest.mark.parametrize("kind", ["white", "with memory"])
-@pytest.mark.parametrize("reach", [-0.2, 0.15])
-def test_a_course_that_all_trials_share_is_no_wood(kind, reach):
-    assert shared_course(with_course(campaign(kind, 3), reach)) > 5.0
-
-
-@pytest.mark.parametrize("kind", ["white", "with memory"])
-def test_trials_that_each_have_a_course_of_their_own_are_wood(kind):
-    found = []
-    for seed in range(6):
-        reaches = np.random.default_rng(seed).normal(0.0, 0.15, len(OPERATION))
-        trials = campaign(kind, seed)
-        courses = [with_course([trial], reach)[0] for trial, reach in zip(trials, reaches, strict=True)]
-        found += [shared_course(trials), shared_course(courses)]
-    assert max(found) < 1.0
-    assert np.mean(found) < 0.0
-
-
-def test_a_course_as_small_as_pieces_of_wood_differ_is_no_evidence():
-    quiet = [replace(trial, log_k=0.1 * trial.log_k) for trial in campaign("white", 3)]
-    assert shared_course(with_course(quiet, 0.15)) > 5.0
-    assert shared_course(with_course(quiet, 0.04)) <= 0.0
-
-
-def test_two_trials_do_not_tell_a_shared_course_from_their_own():
-    assert shared_course(with_course(campaign("white", 3), 0.2)[:2]) == 0.0
 
 
 def test_nothing_is_said_without_strokes():

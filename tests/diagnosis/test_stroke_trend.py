@@ -10,6 +10,7 @@ import pytest
 from sawbench.diagnosis.inference.evidence import Column, Explanation
 from sawbench.diagnosis.inference.hypothesis import Hypothesis, named
 from sawbench.diagnosis.inference.settings import SETTINGS
+from sawbench.diagnosis.inference.shared_course import shared_course
 from sawbench.diagnosis.inference.stroke_evidence import (
     StrokesSay,
     sized_by_strokes,
@@ -38,11 +39,12 @@ TRIALS = (
 
 def campaign(
     seed, *, trials=TRIALS, growth_per_10_m=0.0, exponent=0.0, speed_power=0.0, memory=0.3, piece=0.04, slowed=0.0,
-    uneven=0.0,
+    uneven=0.0, courses=(0.0,),
 ):  # fmt: skip
     """States and strokes of a bench whose wood scatters by 4.5 % a stroke and 4 % a piece; hard pieces slow the saw.
 
-    Uneven wood is harder in some places: it is another after 60 strokes.
+    Uneven wood is harder in some places: it is another after 60 strokes. Courses start again with every trial: one for
+    all, or one for each.
     """
     rng = np.random.default_rng(seed)
     states, strokes, cut_m = [], [], 0.0
@@ -56,6 +58,7 @@ def campaign(
         k = 300.0 * np.exp(0.045 * scatter + hard)
         k *= (1.0 + growth_per_10_m * (distance_m / 10.0) ** 0.8) * chip**exponent * (rate_hz / RATE_HZ) ** speed_power
         time_s = np.arange(n) / rate_hz
+        k *= np.exp(courses[number % len(courses)] * (1.0 - np.exp(-time_s / 1.5)))
         strokes.append(
             StrokeSeries(
                 label=f"t{number}", material="oak", feed_m_s=1e-3 * feed_mm_s, rate_hz=rate_hz,
@@ -84,6 +87,10 @@ def running(number, duty, feed_mm_s, rate_hz, time_s, distance_m):
 
 def trend(seed, **nature):
     return trend_evidence(blocks_of(*campaign(seed, **nature)), TRENDS)
+
+
+def course(seed, **nature):
+    return shared_course(blocks_of(*campaign(seed, **nature)))
 
 
 def says(found, effect):
@@ -189,6 +196,36 @@ def test_a_wave_that_lasts_longer_than_a_trial_is_no_wear():
     """Scatter whose memory outlasts a block is fitted as such."""
     found = [trend(seed, memory=0.95) for seed in range(8)]
     assert max(t[WEAR].alone for t in found) < 4.0
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.8])
+@pytest.mark.parametrize("reach", [-0.2, 0.15])
+def test_a_course_that_starts_again_with_every_trial_is_no_wood_and_no_wear(memory, reach):
+    nature = {"memory": memory, "courses": (reach,)}
+    assert course(3, **nature) > max(5.0, trend(3, **nature)[WEAR].alone + 5.0)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.8])
+def test_trials_that_each_have_a_course_of_their_own_are_wood(memory):
+    found = []
+    for seed in range(6):
+        reaches = tuple(np.random.default_rng(seed).normal(0.0, 0.15, len(TRIALS)))
+        found += [course(seed, memory=memory), course(seed, memory=memory, courses=reaches)]
+    assert max(found) < 1.0
+
+
+def test_a_course_as_small_as_pieces_of_wood_differ_is_no_evidence():
+    assert course(3, courses=(0.12,)) > 5.0
+    assert course(3, courses=(0.04,)) <= 0.0
+
+
+def test_wear_does_not_start_again_with_every_trial():
+    nature = {"growth_per_10_m": 0.2}
+    assert course(3, **nature) < trend(3, **nature)[WEAR].alone - 5.0
+
+
+def test_two_trials_do_not_tell_a_shared_course_from_their_own():
+    assert course(3, courses=(0.2,), trials=TRIALS[:2]) == 0.0
 
 
 def test_few_trials_say_nothing():
