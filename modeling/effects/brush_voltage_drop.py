@@ -36,7 +36,7 @@ EFFECT = Effect(
     strength=Strength(name="voltage_v", unit="V", typical=0.8, low=0.1, high=3.0, source="assumed"),
     signature=_signature,
     shapes=tuple(
-        {"knee_a": knee, "rise": rise} for rise in (-0.3, 0.0, 0.03, 0.3, 1.0) for knee in (0.1, 0.3, 1.0, 3.0)
+        {"knee_a": knee, "rise": rise} for rise in (0.0, 0.03, 0.3, 1.0, -0.3) for knee in (0.1, 0.3, 1.0, 3.0)
     ),
     continuous=("knee_a", "rise"),
     needs=("motor_current_a", "battery_voltage_v"),

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
+from sawbench.modeling.effects.heat import COPPER_HEAT
 from sawbench.modeling.load import OAK, Load, load_of
 from sawbench.modeling.machines.table import saw_of
 
@@ -15,7 +16,7 @@ from tests.rigs.drawn_states import BASELINE, running
 pytestmark = pytest.mark.unit
 
 SMALL = Load(force_n=0.5 * OAK.force_n, blade_speed_m_s=2.0 * OAK.blade_speed_m_s, torque_n_m=0.25 * OAK.torque_n_m,
-             motor_speed_rad_s=2.0 * OAK.motor_speed_rad_s)  # fmt: skip
+             motor_speed_rad_s=2.0 * OAK.motor_speed_rad_s, heat_w=0.1 * OAK.heat_w)  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -32,6 +33,9 @@ SMALL = Load(force_n=0.5 * OAK.force_n, blade_speed_m_s=2.0 * OAK.blade_speed_m_
         ("windage_drag", 0.0625),
         ("brush_voltage_drop", 1.0),
         ("load_dependent_friction", 1.0),
+        # A rise of the temperature is what is typical.
+        ("winding_heating", 10.0),
+        ("magnet_weakening", 10.0),
     ],
 )
 def test_a_machine_of_another_load_has_effects_of_another_size(name, share):
@@ -71,3 +75,13 @@ def test_a_clipped_peak_does_not_lower_what_is_expected_beyond_it():
     assert np.abs(found["cutting"] - np.minimum(preload_n - true_n, 0.0)).max() < 0.02 * preload_n
     (guessed,) = effect.signatures(BASELINE, state, {"share": 1.0, "scale": 1.0})
     assert np.abs(guessed["cutting"]).max() < 0.3 * np.abs(found["cutting"]).max()
+
+
+def test_the_heat_is_what_a_thermal_mass_has_felt_at_most():
+    heated = [running(is_idle=True)]
+    for squared_a2 in (4.0, 9.0):
+        slow = {memory: np.full((len(heated[0].time_s), 1), squared_a2) for memory in COPPER_HEAT.values()}
+        heated.append(replace(heated[0], slow=slow))
+    found = load_of(BASELINE, heated)
+    assert found.heat_w == pytest.approx(9.0 * BASELINE.plant.resistance_ohm.nominal)
+    assert found.force_n == OAK.force_n
