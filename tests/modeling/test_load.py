@@ -60,7 +60,8 @@ def test_the_load_is_that_of_the_usual_cutting_trial():
 
 
 def test_a_machine_that_cuts_nothing_has_the_load_of_the_paper():
-    assert load_of(BASELINE, [running(is_idle=True)]) is OAK
+    cold = replace(running(is_idle=True), slow={})
+    assert load_of(BASELINE, [cold]) is OAK
 
 
 def test_a_clipped_peak_does_not_lower_what_is_expected_beyond_it():
@@ -78,10 +79,11 @@ def test_a_clipped_peak_does_not_lower_what_is_expected_beyond_it():
 
 
 def test_the_heat_is_what_a_thermal_mass_has_felt_at_most():
-    heated = [running(is_idle=True)]
+    cold = running(is_idle=True)
+    heated = []
     for squared_a2 in (4.0, 9.0):
-        slow = {memory: np.full((len(heated[0].time_s), 1), squared_a2) for memory in COPPER_HEAT.values()}
-        heated.append(replace(heated[0], slow=slow))
+        slow = {memory: np.full((len(cold.time_s), 1), squared_a2) for memory in COPPER_HEAT.values()}
+        heated.append(replace(cold, slow=slow))
     found = load_of(BASELINE, heated)
     assert found.heat_w == pytest.approx(9.0 * BASELINE.plant.resistance_ohm.nominal)
     assert found.force_n == OAK.force_n
