@@ -228,18 +228,18 @@ def _added(
 ) -> tuple[Floats, float]:
     """What an effect of the likeliest hypothesis adds to what the others predict, and what these leave to be added.
 
-    Log probability of each withheld group, and of what the others leave above the noise in the equations where the
-    effect acts: what stays unexplained elsewhere may not be its, and says nothing of it.
+    Log probability of each withheld group, and of what the others leave above the noise, both in the equations where
+    the effect acts: what it gains elsewhere is not its, nor is what stays unexplained there.
     """
-    best = posterior.best
+    best, equations = posterior.best, acts_in(problem, member)
     whole = predictions.of(best).ladder
-    rest, without, left = best.without(member.effect.name), whole.energy["retuned"], np.inf
+    energy = {name: whole.by_group(values) for name, values in whole.energy_in(equations).items()}
+    without, left = energy["retuned"], float(np.sum(energy["retuned"] - energy["noise_floor"]))
+    rest = best.without(member.effect.name)
     if rest:
         fewer = predictions.of(_found(posterior, rest), by_trial=whole.held_out == "trials").ladder
-        without = fewer.energy["with_effect"]
-        left = fewer.left_in(acts_in(problem, member))
-    everywhere = float(np.sum(without - whole.energy["noise_floor"]))
-    return 0.5 * (without - whole.energy["with_effect"]), 0.5 * min(left, everywhere)
+        without, left = fewer.by_group(fewer.energy_in(equations)["with_effect"]), fewer.left_in(equations)
+    return 0.5 * (without - energy["with_effect"]), 0.5 * left
 
 
 def _is_sure(gains: Floats) -> bool:
