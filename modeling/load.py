@@ -1,8 +1,9 @@
 """What a saw carries while it cuts: forces and torques of effects are typical in proportion to it.
 
 A friction of 5 N is usual where 265 N are cut and large where 60 N are. Heat is typical as a rise of temperature, not
-as a thermal resistance: a motor that loses 1 W gets some kelvin warmer, which every motor does. Voltage drops of
-brushes and diodes, delays, and shares of something follow no load.
+as a thermal resistance: a motor that loses 1 W gets some kelvin warmer, which every motor does. Resistances of a
+battery are typical as the share of its voltage that they take. Voltage drops of brushes and diodes, delays, and shares
+of something follow no load.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ class Load:
     heat_w : float
         Copper loss of the motor as a thermal mass of 100 s has felt it at most: times a thermal resistance it is a rise
         of the temperature.
+    battery_ohm : float
+        Voltage of the battery over its current.
     """
 
     force_n: float
@@ -42,10 +45,13 @@ class Load:
     torque_n_m: float
     motor_speed_rad_s: float
     heat_w: float
+    battery_ohm: float
 
 
 # The saw of the paper in 20 mm of oak at a duty of 0.4375, as in `recordings/oak-01.mcap`, for some minutes.
-OAK: Final = Load(force_n=265.0, blade_speed_m_s=0.86, torque_n_m=0.074, motor_speed_rad_s=780.0, heat_w=10.0)
+OAK: Final = Load(
+    force_n=265.0, blade_speed_m_s=0.86, torque_n_m=0.074, motor_speed_rad_s=780.0, heat_w=10.0, battery_ohm=3.7
+)
 
 _HEAT: Final = Memory(drive="motor_current_squared_a2", time_constant_s=100.0)
 
@@ -64,6 +70,7 @@ def load_of(baseline: Baseline, states: Sequence[State]) -> Load:
         Medians over the cutting trials that have force and motor current; `OAK` where none has.
     """
     torque_constant = baseline.plant.torque_constant_n_m_per_a.nominal
+    cutting = [s for s in states if s.kind == "running" and not s.setting.is_idle and s.current_a is not None]
     found = [
         (
             float(state.force_n.mean(axis=0).max()),
@@ -71,16 +78,20 @@ def load_of(baseline: Baseline, states: Sequence[State]) -> Load:
             float(torque_constant * np.abs(state.current_a).mean()),
             float(baseline.gear * state.speed_rad_s.mean()),
         )
-        for state in states
-        if state.kind == "running"
-        and not state.setting.is_idle
-        and state.force_n is not None
-        and state.current_a is not None
+        for state in cutting
+        if state.force_n is not None
     ]
-    usual = np.median(found, axis=0) if found else np.zeros(4)
     resistance_ohm = baseline.plant.resistance_ohm.nominal
     heat_w = resistance_ohm * max((float(s.slow[_HEAT].max()) for s in states if _HEAT in s.slow), default=0.0)
     carried = OAK if heat_w <= 0.0 else replace(OAK, heat_w=heat_w)
+    battery_ohm = [
+        float(state.battery_voltage_v.mean() / (state.setting.duty * np.abs(state.current_a).mean()))
+        for state in cutting
+        if state.battery_voltage_v is not None
+    ]
+    if battery_ohm:
+        carried = replace(carried, battery_ohm=float(np.median(battery_ohm)))
+    usual = np.median(found, axis=0) if found else np.zeros(4)
     if not (usual > 0.0).all():
         return carried
     force_n, blade_speed_m_s, torque_n_m, motor_speed_rad_s = (float(value) for value in usual)

@@ -51,6 +51,7 @@ EFFECT = Effect(
         low=0.1,
         high=4.0,
         source="assumed",
+        follows=lambda load: load.battery_ohm,
     ),
     signature=_signature,
     memories=tuple(MEMORIES.values()),

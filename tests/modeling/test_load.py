@@ -16,7 +16,8 @@ from tests.rigs.drawn_states import BASELINE, running
 pytestmark = pytest.mark.unit
 
 SMALL = Load(force_n=0.5 * OAK.force_n, blade_speed_m_s=2.0 * OAK.blade_speed_m_s, torque_n_m=0.25 * OAK.torque_n_m,
-             motor_speed_rad_s=2.0 * OAK.motor_speed_rad_s, heat_w=0.1 * OAK.heat_w)  # fmt: skip
+             motor_speed_rad_s=2.0 * OAK.motor_speed_rad_s, heat_w=0.1 * OAK.heat_w,
+             battery_ohm=4.0 * OAK.battery_ohm)  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -36,6 +37,9 @@ SMALL = Load(force_n=0.5 * OAK.force_n, blade_speed_m_s=2.0 * OAK.blade_speed_m_
         # A rise of the temperature is what is typical.
         ("winding_heating", 10.0),
         ("magnet_weakening", 10.0),
+        # The share of the battery's voltage is.
+        ("battery_internal_resistance", 4.0),
+        ("battery_polarization", 4.0),
     ],
 )
 def test_a_machine_of_another_load_has_effects_of_another_size(name, share):
