@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 # A value this many times outside of what occurs is in another unit.
 _FARTHEST: Final = 10.0
+# A size that is typical in proportion to the load also occurs on machines that carry this much more or less.
+_OTHER_LOADS: Final = 10.0
 # A number inside a nonlinear form, as an exponent, makes another machine of it sooner.
 _FARTHEST_IN_FORM: Final = 2.0
 _SAME: Final = 1e-6
@@ -192,7 +194,7 @@ def _check_value(known: KnownEffect, where: str) -> None:
     effect, strength = known.effect, known.effect.strength
     sizes, farthest = ((1.0, 1.0), _FARTHEST_IN_FORM) if effect.carries else ((strength.low, strength.high), _FARTHEST)
     ends = [effect.reported_strength(strength.typical * size, shape) for shape in effect.shapes for size in sizes]
-    most = farthest * max(abs(end) for end in ends)
+    most = farthest * (1.0 if strength.follows is None else _OTHER_LOADS) * max(abs(end) for end in ends)
     least = -most if min(ends) < 0.0 else 0.0
     if not least <= known.value <= most:
         raise ConfigError(

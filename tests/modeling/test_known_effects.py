@@ -130,6 +130,14 @@ def test_the_table_of_the_contract_is_read():
     assert (wear.value, wear.std, wear.shape) == (0.21, 0.03, {"power": 1.0})
 
 
+def test_a_size_that_goes_with_the_load_may_be_that_of_a_light_saw():
+    entry = {"battery_internal_resistance": {"extra_resistance_ohm": 4.0}}
+    (known,) = known_effects(with_effects(SAW, **entry), path="x.toml")
+    assert known.value == 4.0
+    with pytest.raises(ConfigError, match="check the unit, which is Ohm"):
+        known_effects(with_effects(SAW, battery_internal_resistance={"extra_resistance_ohm": 40.0}), path="x.toml")
+
+
 def test_an_axis_takes_a_form_relative_to_the_travel_that_is_stated():
     entry = {"guide_friction": {"force_n": 8.0, "form": {"presliding": 0.02, "slope": 0.0}, "stroke_m": 0.05}}
     (known,) = known_effects(with_effects(AXIS, **entry), path="x.toml", model=AXIS_MODEL)
