@@ -67,11 +67,12 @@ def load_of(baseline: Baseline, states: Sequence[State]) -> Load:
     Returns
     -------
     Load
-        Medians over the cutting trials that have force and motor current; `OAK` where none has.
+        Medians over the cutting trials that have force and motor current, and over those with battery voltage and motor
+        current; what no trial says is that of `OAK`.
     """
     torque_constant = baseline.plant.torque_constant_n_m_per_a.nominal
     cutting = [s for s in states if s.kind == "running" and not s.setting.is_idle and s.current_a is not None]
-    found = [
+    carried = [
         (
             float(state.force_n.mean(axis=0).max()),
             float(np.abs(baseline.blade_velocity(state)).mean(axis=0).max()),
@@ -81,21 +82,18 @@ def load_of(baseline: Baseline, states: Sequence[State]) -> Load:
         for state in cutting
         if state.force_n is not None
     ]
-    resistance_ohm = baseline.plant.resistance_ohm.nominal
-    heat_w = resistance_ohm * max((float(s.slow[_HEAT].max()) for s in states if _HEAT in s.slow), default=0.0)
-    carried = OAK if heat_w <= 0.0 else replace(OAK, heat_w=heat_w)
-    battery_ohm = [
+    drawn_ohm = [
         float(state.battery_voltage_v.mean() / (state.setting.duty * np.abs(state.current_a).mean()))
         for state in cutting
         if state.battery_voltage_v is not None
     ]
-    if battery_ohm:
-        carried = replace(carried, battery_ohm=float(np.median(battery_ohm)))
-    usual = np.median(found, axis=0) if found else np.zeros(4)
-    if not (usual > 0.0).all():
-        return carried
-    force_n, blade_speed_m_s, torque_n_m, motor_speed_rad_s = (float(value) for value in usual)
-    return replace(
-        carried, force_n=force_n, blade_speed_m_s=blade_speed_m_s, torque_n_m=torque_n_m,
-        motor_speed_rad_s=motor_speed_rad_s,
-    )  # fmt: skip
+    squared_a2 = max((float(state.slow[_HEAT].max()) for state in states if _HEAT in state.slow), default=0.0)
+    found: dict[str, float] = {}
+    if carried and (np.median(carried, axis=0) > 0.0).all():
+        names = ("force_n", "blade_speed_m_s", "torque_n_m", "motor_speed_rad_s")
+        found |= zip(names, np.median(carried, axis=0).tolist(), strict=True)
+    if drawn_ohm:
+        found["battery_ohm"] = float(np.median(drawn_ohm))
+    if squared_a2 > 0.0:
+        found["heat_w"] = baseline.plant.resistance_ohm.nominal * squared_a2
+    return replace(OAK, **found)

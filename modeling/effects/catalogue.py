@@ -88,8 +88,8 @@ What the baseline model leaves out, one file each in `modeling/effects/`. Writte
 `python -m sawbench.modeling.effects.catalogue > docs/effects.md`; a test holds every row to its file. "Range" is that
 of the magnitude, or of the forms that carry it; "assumed" means an engineering estimate. A machine shows an effect if
 it has the parts. Forces, torques, and resistances to heat and of the battery are typical of the paper's saw in oak
-(`modeling/load.py`); a campaign takes them in proportion to what its saw carries. On a linear axis forms and magnitudes may differ (`docs/linear_axis.md`), and
-without a machine they are those of an axis of 100 N and 0.1 m.
+(`modeling/load.py`); a campaign takes them in proportion to what its saw carries. On a linear axis forms and magnitudes
+may differ (`docs/linear_axis.md`), and without a machine they are those of an axis of 100 N and 0.1 m.
 
 """
 _WORKSHOP = """

@@ -65,7 +65,7 @@ def test_the_load_is_that_of_the_usual_cutting_trial():
 
 def test_a_machine_that_cuts_nothing_has_the_load_of_the_paper():
     cold = replace(running(is_idle=True), slow={})
-    assert load_of(BASELINE, [cold]) is OAK
+    assert load_of(BASELINE, [cold]) == OAK
 
 
 def test_a_clipped_peak_does_not_lower_what_is_expected_beyond_it():
@@ -80,6 +80,13 @@ def test_a_clipped_peak_does_not_lower_what_is_expected_beyond_it():
     assert np.abs(found["cutting"] - np.minimum(preload_n - true_n, 0.0)).max() < 0.02 * preload_n
     (guessed,) = effect.signatures(BASELINE, state, {"share": 1.0, "scale": 1.0})
     assert np.abs(guessed["cutting"]).max() < 0.3 * np.abs(found["cutting"]).max()
+
+
+def test_the_battery_is_loaded_by_the_current_that_the_converter_draws():
+    usual = running()
+    found = load_of(BASELINE, [running(is_idle=True), usual])
+    drawn_a = usual.setting.duty * np.abs(usual.current_a).mean()
+    assert found.battery_ohm == pytest.approx(usual.battery_voltage_v.mean() / drawn_a)
 
 
 def test_the_heat_is_what_a_thermal_mass_has_felt_at_most():
