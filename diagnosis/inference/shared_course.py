@@ -29,11 +29,12 @@ def shared_course(blocks: Blocks | None) -> float:
     -------
     float
         Log evidence against wood that only scatters, in the same model of the wood that a worn blade is weighed in; no
-        more than 0 where the course changes the hardness by no more than pieces of wood differ, and 0 without blocks.
+        more than 0 where the course changes the hardness by no more than pieces of wood differ, and 0 without blocks
+        or where nothing says how far each was cut.
     """
     from scipy.linalg import solve_triangular
 
-    if blocks is None:
+    if blocks is None or not blocks.into_cut.any():
         return 0.0
     courses, free_std, prior = _courses(blocks), SETTINGS.strokes.free_std, SETTINGS.strokes.course_std**-2
     with_course, without, sizes = [], [], []
@@ -54,9 +55,9 @@ def shared_course(blocks: Blocks | None) -> float:
 
 def _courses(blocks: Blocks) -> Floats:
     """Courses along the cut of the blade and along the feed, shape (n, 2 levels), 1 at the end of the longest trial."""
-    cut_m = blocks.in_trial_m
+    cut = blocks.into_cut
     found = []
-    for path in (cut_m, cut_m * np.exp(blocks.log_feed - blocks.log_speed)):
+    for path in (cut, cut * np.exp(blocks.log_feed - blocks.log_speed)):
         share = path[:, None] / path.max()
         found.append(np.expm1(-share / _LEVELS) / np.expm1(-1.0 / _LEVELS))
     return np.hstack(found)

@@ -51,10 +51,15 @@ class Blocks:
     stock: np.ndarray
 
     @property
-    def in_trial_m(self) -> Floats:
-        """Distance cut since the first block of the trial, m, shape (n,)."""
+    def into_cut(self) -> Floats:
+        """Distance cut since the first block of the trial, over that of the longest trial, shape (n,).
+
+        0 where one state of each trial is all that is known of it.
+        """
         first = np.array([self.distance_m[self.trial == number][0] for number in range(int(self.trial.max()) + 1)])
-        return self.distance_m - first[self.trial]
+        cut_m = self.distance_m - first[self.trial]
+        longest_m = float(cut_m.max())
+        return cut_m / longest_m if longest_m > 0.0 else cut_m
 
 
 def blocks_of(
@@ -244,12 +249,13 @@ def noise_roots(blocks: Blocks, *, speed_std: float, feed_std: float) -> Iterato
     lag = np.abs(place[:, None] - place)
     variance, degrees = _scatter_within(blocks)
     step = max(_LEAST_STEP, 1.0 / np.sqrt(2.0 * degrees))
-    middle = np.bincount(blocks.trial, blocks.in_trial_m) / np.bincount(blocks.trial)
-    along = (blocks.in_trial_m - middle[blocks.trial]) / blocks.in_trial_m.max()
+    middle = np.bincount(blocks.trial, blocks.into_cut) / np.bincount(blocks.trial)
+    along = blocks.into_cut - middle[blocks.trial]
     slopes = np.where(same_trial, np.outer(along, along), 0.0)
-    for scatter, memory, piece, change in product(_SCATTERS, _MEMORIES, _PIECES, _ALONG_CUTS):
-        within = np.where(same_trial, memory**lag, 0.0) * variance * np.exp(2.0 * scatter * step)
-        yield np.linalg.cholesky(free + piece**2 * same_trial + change**2 * slopes + within)
+    for scatter, memory in product(_SCATTERS, _MEMORIES):
+        within = free + np.where(same_trial, memory**lag, 0.0) * variance * np.exp(2.0 * scatter * step)
+        for piece, change in product(_PIECES, _ALONG_CUTS):
+            yield np.linalg.cholesky(within + piece**2 * same_trial + change**2 * slopes)
 
 
 def _scatter_within(blocks: Blocks) -> tuple[float, int]:

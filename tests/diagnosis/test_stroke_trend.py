@@ -228,6 +228,14 @@ def test_two_trials_do_not_tell_a_shared_course_from_their_own():
     assert course(3, courses=(0.2,), trials=TRIALS[:2]) == 0.0
 
 
+def test_trials_with_one_state_each_say_nothing_of_a_course():
+    states, strokes = campaign(3, courses=(0.2,))
+    one = [replace(s, time_s=s.time_s[:1], cut_distance_m=s.cut_distance_m[:1]) for s in states]
+    blocks = blocks_of(one, strokes)
+    assert shared_course(blocks) == 0.0
+    assert np.isfinite(trend_evidence(blocks, TRENDS)[WEAR].alone)
+
+
 def test_few_trials_say_nothing():
     states, strokes = campaign(1)
     assert blocks_of(states[:2], strokes[:2]) is None
