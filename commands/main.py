@@ -153,7 +153,9 @@ def run() -> None:
     # `nohup` has it ignored; Windows has none.
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         signal.signal(signal.SIGHUP, raise_hung_up)
-    sys.exit(main())
+    code = main()
+    gc.freeze()  # else all that a long command has made is looked through once more, for half a second
+    sys.exit(code)
 
 
 def raise_terminated(*_: object) -> Never:

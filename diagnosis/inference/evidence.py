@@ -16,6 +16,8 @@ from sawbench.diagnosis.log_mean import log_mean_exp, log_mean_exp_rows
 from sawbench.modeling.effects.effect import BACKGROUND_SHARE, Effect
 
 _N_AMPLITUDES = 40
+# Sizes are log-normal about the typical one; those that occur are 95 % of them.
+_STDS_OF_RANGE = 4.0
 _SAME_VALUE = 1e-6
 # Of the typical size: so little of an effect that its number is the one that stands where there is none.
 _NONE, _HARDLY = 0.0, 1e-6
@@ -210,9 +212,13 @@ def _signatures(
 @lru_cache(maxsize=256)
 def amplitudes(low: float, high: float) -> Floats:
     """Grid of amplitudes in multiples of the typical size; the cells between them are equally likely."""
+    from scipy.special import ndtr, ndtri
+
     if high / low < 5.0:
         return np.linspace(low, high, 15)
-    return np.geomspace(max(low, SETTINGS.forms.least_amplitude), high, _N_AMPLITUDES)
+    std = np.log(high / low) / _STDS_OF_RANGE
+    first, last = ndtr(np.log([max(low, SETTINGS.forms.least_amplitude), high]) / std)
+    return np.exp(std * ndtri(np.linspace(first, last, _N_AMPLITUDES)))
 
 
 def explain(marginal: Marginal, columns: Sequence[Column]) -> Explanation | None:

@@ -21,39 +21,39 @@ from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import TWO_PI, State
 
 _STIFFNESS_N_PER_M = tuple(float(k) for k in np.geomspace(2e4, 2e6, 16))
-_TURNS_TO_SETTLE = 3
 
 
 def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
     force = baseline.expected_force(state)
     spectrum = Spectrum(force, state)
     drive = state.k_guess_n_s_per_m * baseline.cutting_sign * baseline.blade_velocity(state)
+    unloading = _unloading(drive, state)
 
     def signature(stiffness_n_per_m: float, unloads: float, by_stock: float = BY_COEFFICIENT) -> tuple[Signature, ...]:
         slope_n_s_per_m = K_UNIT_N_S_PER_M if by_stock == ALIKE else state.k_guess_n_s_per_m
         tau_s = max(slope_n_s_per_m / stiffness_n_per_m, 1e-7)
-        late = _unloading(drive, tau_s, state) if unloads else spectrum.through(low_pass(tau_s))
+        late = unloading(tau_s) if unloads else spectrum.through(low_pass(tau_s))
         return ({"cutting": late - force},)
 
     return signature
 
 
-def _unloading(drive: Floats, tau_s: float, state: State) -> Floats:
+def _unloading(drive: Floats, state: State) -> Callable[[float], Floats]:
     """Periodic solution of tau dF/dt = drive - F with F >= 0; exact between points where drive is linear."""
-    n_points = drive.shape[-1]
-    step_s = TWO_PI / n_points / state.speed_rad_s
+    step_s = TWO_PI / drive.shape[-1] / state.speed_rad_s
     step_s = 0.5 * (step_s + np.roll(step_s, 1, axis=-1))
     before = np.roll(drive, 1, axis=-1)
-    # From one point to the next: F = rise + keep * F before.
-    keep = np.exp(-step_s / tau_s)
-    behind = tau_s * (drive - before) / step_s
-    rise = drive - behind - keep * (before - behind)
-    force, now = np.empty_like(drive), np.zeros(len(drive))
-    for _ in range(_TURNS_TO_SETTLE):
-        for k in range(n_points):
-            now = np.maximum(rise[:, k] + keep[:, k] * now, 0.0)
-            force[:, k] = now
-    return force
+    growth = (drive - before) / step_s
+
+    def late(tau_s: float) -> Floats:
+        from sawbench.modeling.effects.unloading_kernel import settled  # numba is heavy
+
+        # From one point to the next: F = rise + keep * F before.
+        keep = np.exp(-step_s / tau_s)
+        behind = tau_s * growth
+        return settled(drive - behind - keep * (before - behind), keep)
+
+    return late
 
 
 EFFECT = Effect(
