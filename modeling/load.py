@@ -36,6 +36,8 @@ class Load:
     heat_w : float
         Copper loss of the motor as a thermal mass of 100 s has felt it at most: times a thermal resistance it is a rise
         of the temperature.
+    battery_v : float
+        Voltage of the battery, as the configuration states it.
     battery_ohm : float
         Voltage of the battery over its current.
     """
@@ -45,12 +47,19 @@ class Load:
     torque_n_m: float
     motor_speed_rad_s: float
     heat_w: float
+    battery_v: float
     battery_ohm: float
+
+    @property
+    def battery_a(self) -> float:
+        """Current of the battery."""
+        return self.battery_v / self.battery_ohm
 
 
 # The saw of the paper in 20 mm of oak at a duty of 0.4375, as in `recordings/oak-01.mcap`, for some minutes.
 OAK: Final = Load(
-    force_n=265.0, blade_speed_m_s=0.86, torque_n_m=0.074, motor_speed_rad_s=780.0, heat_w=10.0, battery_ohm=3.7
+    force_n=265.0, blade_speed_m_s=0.86, torque_n_m=0.074, motor_speed_rad_s=780.0, heat_w=10.0, battery_v=18.0,
+    battery_ohm=3.7,
 )
 
 _HEAT: Final = Memory(drive="motor_current_squared_a2", time_constant_s=100.0)
@@ -92,6 +101,8 @@ def load_of(baseline: Baseline, states: Sequence[State]) -> Load:
     if carried and (np.median(carried, axis=0) > 0.0).all():
         names = ("force_n", "blade_speed_m_s", "torque_n_m", "motor_speed_rad_s")
         found |= zip(names, np.median(carried, axis=0).tolist(), strict=True)
+    if baseline.battery is not None:
+        found["battery_v"] = baseline.battery.nominal_voltage_v
     if drawn_ohm:
         found["battery_ohm"] = float(np.median(drawn_ohm))
     if squared_a2 > 0.0:

@@ -19,6 +19,8 @@ _LATE_ROWS, _LATE_SHARE = 1.5, 0.3
 _REGULAR_SHARE = 0.98
 _SINGLE_SHARE = 0.5
 
+_ORDINARY_S = 1e-4
+
 
 def without_repeats(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     """Keep one sample of each period in which a value was held.
@@ -67,3 +69,14 @@ def alignment_of_rows(time_s: Floats) -> Alignment:
     """
     row_s = float(np.median(np.diff(time_s)))
     return Alignment(std_s=row_s / np.sqrt(12.0), latency_s=row_s)
+
+
+def unstated_alignment(time_s: Floats) -> Alignment:
+    """How well the times of a channel are known where nothing states it: to a row, and to what clocks may be late.
+
+    A delay of less than 0.1 ms is none: every amplifier has it.
+    """
+    of_rows = alignment_of_rows(time_s)
+    return Alignment(
+        std_s=max(of_rows.std_s, _ORDINARY_S), latency_s=max(of_rows.latency_s, np.sqrt(12.0) * _ORDINARY_S)
+    )

@@ -173,16 +173,17 @@ class Sensors:
     floor : mapping of str to (float, float)
         By equation: standard deviation of a feature in the unit of its equation, and its growth with each harmonic or,
         for the mechanical equation, with its square (the smoothing of the tracked speed costs the more of the
-        acceleration).
-    mean_voltage_floor_v : float
-        Of the mean of the electrical equation, at whatever current.
+        acceleration). On a saw that carries the load of `load.OAK`; in proportion to it on others.
+    mean_voltage_share : mapping of str to float
+        By equation: of the battery's voltage, standard deviation of the mean at whatever current.
     linearity_share, linearity_harmonic : float
         Share of the range in use to which a sensor is linear, and the harmonic at which that halves: it is smooth.
     drift_times_s : tuple of float
         Time constants with which a gain changes while its amplifier warms up: over the campaign by as much as the gain
         is uncertain.
     start_up_floor : mapping of str to float
-        At the first motion, where the tracked speed is least certain, in the unit of the equation.
+        At the first motion, where the tracked speed is least certain, in the unit of the equation; on a saw with the
+        load of `load.OAK`, as `floor`.
     start_up_decay_s : float
         Time in which that halves.
     zero_std_n : float
@@ -219,7 +220,10 @@ class Sensors:
             "converter": (1.5e-3, 0.0),
         }, "measured", INTACT,
     )  # fmt: skip
-    mean_voltage_floor_v: float = marked(0.005, "convention", "0.05 % of 10 V")
+    mean_voltage_share: Mapping[str, float] = marked(
+        {"electrical": 3e-4, "supply": 1e-3}, "convention",
+        "0.05 % of a motor's 10 V; cells that rest for minutes come back to 4 mV of 4 V",
+    )  # fmt: skip
     linearity_share: float = marked(1e-3, "convention", "linearity of load cells and current sensors: a thousandth")
     linearity_harmonic: float = marked(4.0, "convention", "a bend of the characteristic is smooth over the stroke")
     drift_times_s: tuple[float, ...] = marked(

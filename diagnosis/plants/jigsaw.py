@@ -26,6 +26,7 @@ from sawbench.diagnosis.plants.plant import EquationForm
 from sawbench.diagnosis.reduction import smooth_state
 from sawbench.modeling.effects.effect import Effect, Place
 from sawbench.modeling.effects.known import KnownEffect
+from sawbench.modeling.load import OAK
 from sawbench.modeling.machines.machine import Machine
 from sawbench.modeling.machines.table import saw_of
 from sawbench.modeling.parts.linear import coefficient
@@ -115,24 +116,34 @@ class Jigsaw:
     def model_error(self, layout: Layout, state: State) -> Floats:
         """Covariance of what no repetition shows, shape (layout.size, layout.size): a floor at each harmonic."""
         floor, sensors = np.empty(layout.size), SETTINGS.sensors
+        carries = self._carries()
         for equation, part in layout.slices.items():
-            least, growth = sensors.floor[equation]
+            least, growth = (carries[equation] * one for one in sensors.floor[equation])
+            mean_v = sensors.mean_voltage_share.get(equation, 0.0) * self.baseline.load.battery_v
             if state.kind == "start_up":
                 middle_s = 0.5 * (np.array(START_UP_EDGES_S[1:]) + np.array(START_UP_EDGES_S[:-1]))
-                at_first = sensors.start_up_floor[equation]
-                floor[part] = 2.0 * least + at_first / (1.0 + middle_s / sensors.start_up_decay_s)
+                at_first = carries[equation] * sensors.start_up_floor[equation]
+                floor[part] = np.hypot(2.0 * least + at_first / (1.0 + middle_s / sensors.start_up_decay_s), mean_v)
                 resolved_s = max(state.resolved_s.get(channel, 0.0) for channel in _START_UP_CHANNELS[equation])
                 floor[part] *= np.where(np.diff(START_UP_EDGES_S) < resolved_s, _UNRESOLVED, 1.0)
             else:
                 order = orders((part.stop - part.start - 1) // 2)
                 floor[part] = np.hypot(least, growth * order ** (2.0 if equation == "mechanical" else 1.0))
-                if equation == "electrical":
-                    floor[part.start] = sensors.mean_voltage_floor_v
+                floor[part.start] = max(floor[part.start], mean_v)
                 if equation in ("electrical", "mechanical"):
                     floor[part] = np.hypot(floor[part], self._ripple_error(equation, order, state))
                 resolved = min(state.resolved_orders.get(channel, np.inf) for channel in _CHANNELS[equation])
                 floor[part] *= np.where(order > resolved, _UNRESOLVED, 1.0)
         return np.diag(floor**2 + self._bend_of_sensors(layout, state)) + self._stepped_speed(layout, state)
+
+    def _carries(self) -> dict[str, float]:
+        """Load of the saw in the unit of each equation, over that of the paper's saw."""
+        load = self.baseline.load
+        return {
+            "electrical": load.battery_v / OAK.battery_v, "supply": load.battery_v / OAK.battery_v,
+            "converter": load.battery_a / OAK.battery_a, "mechanical": load.torque_n_m / OAK.torque_n_m,
+            "cutting": load.force_n / OAK.force_n,
+        }  # fmt: skip
 
     def _bend_of_sensors(self, layout: Layout, state: State) -> Floats:
         """Variance of every feature by characteristics that are straight to a share of the range in use."""

@@ -96,7 +96,7 @@ EFFECT = Effect(
     grows_with=("speed",),
     confused_with=("clock_offset",),
     told_apart_by="the battery current, which does not lag, and a recorded start-up",
-    background=(({"tau_s": 1e-4}, 0.5),),
+    background=(({"tau_s": 1e-4}, 1.0),),
     keeps_hardness=True,
     variants={"linear_axis": _on_axis},
 )

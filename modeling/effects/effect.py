@@ -54,8 +54,9 @@ class Strength:
     typical : float
         A usual size, in `unit`.
     low, high : float
-        Sizes that occur, as multiples of `typical`; the prior is log-uniform between them. Where the strength
-        is a number inside a nonlinear form (see `Effect.shapes`), both are near 1.
+        Sizes that occur, as multiples of `typical`; the prior is log-normal about `typical` itself, cut off there and
+        four standard deviations wide. Where the strength is a number inside a nonlinear form (see `Effect.shapes`),
+        both are near 1.
     source : str
         Where range and typical size come from; "assumed" where nobody measured it.
     follows : callable, optional

@@ -61,6 +61,6 @@ EFFECT = Effect(
     grows_with=("speed",),
     confused_with=("clock_offset", "blade_compliance"),
     told_apart_by="the motor current: it responds to the true force",
-    background=(({"tau_s": 1e-4, "damping": 0.0}, 0.5),),
+    background=(({"tau_s": 1e-4, "damping": 0.0}, 1.0), ({"tau_s": 2e-4, "damping": 0.5}, 1.0)),
     variants={"linear_axis": _on_axis},
 )

@@ -21,6 +21,7 @@ from sawbench.diagnosis.inference.left_over import left_over
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
+from scipy.stats import truncnorm
 
 from tests.rigs.jigsaw_in_time import BASELINE
 from tests.rigs.scattered_strokes import friction, problem_of, strokes
@@ -63,9 +64,11 @@ def log_mean(logs):
 
 
 def fine_sizes(effect):
-    """Sizes that are equally likely on a logarithmic scale, many of them."""
-    coarse = amplitudes(effect.strength.low, effect.strength.high)
-    return np.geomspace(coarse[0], coarse[-1], 2000)
+    """Sizes that are equally likely, many of them: log-normal about 1, the effect's range four deviations long."""
+    low, high = effect.strength.low, effect.strength.high
+    std = np.log(high / low) / 4.0
+    ends = np.log([max(low, 0.15), high]) / std
+    return np.exp(std * truncnorm(*ends).ppf(np.linspace(0.0, 1.0, 2000)))
 
 
 def brute_force(problem, columns, extra=None):

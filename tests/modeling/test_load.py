@@ -17,7 +17,7 @@ pytestmark = pytest.mark.unit
 
 SMALL = Load(force_n=0.5 * OAK.force_n, blade_speed_m_s=2.0 * OAK.blade_speed_m_s, torque_n_m=0.25 * OAK.torque_n_m,
              motor_speed_rad_s=2.0 * OAK.motor_speed_rad_s, heat_w=0.1 * OAK.heat_w,
-             battery_ohm=4.0 * OAK.battery_ohm)  # fmt: skip
+             battery_v=OAK.battery_v, battery_ohm=4.0 * OAK.battery_ohm)  # fmt: skip
 
 
 @pytest.mark.parametrize(
