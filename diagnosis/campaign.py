@@ -30,7 +30,7 @@ from sawbench.modeling.machines.saw_baseline import baseline_of
 from sawbench.modeling.parts.linear import coefficient
 from sawbench.modeling.residuals import Baseline, residuals
 from sawbench.modeling.state import TWO_PI, State, TrialSetting
-from sawbench.processing.held_values import unstated_alignment
+from sawbench.processing.held_values import alignment_of_rows
 from sawbench.processing.settled import LOADED_S
 
 _NUMBERS = SETTINGS.screening
@@ -285,7 +285,7 @@ def _setting(tracked: TrackedTrial, index: int, track: SlowTrack) -> TrialSettin
         thickness_m=math.nan if trial.thickness_mm is None else 1e-3 * trial.thickness_mm,
         operating_point=_operating_point(trial),
         session_s=track.session_s,
-        alignments={name: signal.alignment or unstated_alignment(signal.time_s) for name, signal in signals.items()},
+        alignments={name: signal.alignment or alignment_of_rows(signal.time_s) for name, signal in signals.items()},
         battery=track.battery,
     )
 

@@ -19,6 +19,7 @@ _LATE_ROWS, _LATE_SHARE = 1.5, 0.3
 _REGULAR_SHARE = 0.98
 _SINGLE_SHARE = 0.5
 
+# What is less late than that is not late: amplifiers and filters of every bench are.
 _ORDINARY_S = 1e-4
 
 
@@ -62,21 +63,21 @@ def without_repeats(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     return 0.5 * (time_s[rows] + time_s[np.maximum(rows - 1, 0)]), values[rows]
 
 
-def alignment_of_rows(time_s: Floats) -> Alignment:
-    """How well the times of values are known that came at any time between two rows.
+def alignment_of_rows(time_s: Floats, kept_s: Floats | None = None) -> Alignment:
+    """How well the times of a table's channel are known where nothing states it, no better than instruments are.
 
-    Rows that run with the instrument are late alike in all trials; others are late by another part of a row in each.
+    To a row in each trial: rows that do not run with the instrument see its values late by another part of a row every
+    time. And to as long as a value is held in all trials alike: a table may hold it from its time on, or around it.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+        Of the rows.
+    kept_s : ndarray, shape (m,), optional
+        Of the values that are left without repeats.
     """
     row_s = float(np.median(np.diff(time_s)))
-    return Alignment(std_s=row_s / np.sqrt(12.0), latency_s=row_s)
-
-
-def unstated_alignment(time_s: Floats) -> Alignment:
-    """How well the times of a channel are known where nothing states it: to a row, and to what clocks may be late.
-
-    A delay of less than 0.1 ms is none: every amplifier has it.
-    """
-    of_rows = alignment_of_rows(time_s)
+    held_s = row_s if kept_s is None else float(np.median(np.diff(kept_s)))
     return Alignment(
-        std_s=max(of_rows.std_s, _ORDINARY_S), latency_s=max(of_rows.latency_s, np.sqrt(12.0) * _ORDINARY_S)
+        std_s=max(row_s / np.sqrt(12.0), _ORDINARY_S), latency_s=max(held_s, np.sqrt(12.0) * _ORDINARY_S)
     )

@@ -87,7 +87,7 @@ def clean_channel(signal: Signal) -> CleanChannel:
     alignment = signal.alignment
     if len(values) < len(signal.values):
         problems += (_repeated(len(signal.values) / len(values)),)
-        alignment = alignment_of_rows(signal.time_s)
+        alignment = alignment_of_rows(signal.time_s, time)
     return CleanChannel(
         channel=signal.channel,
         unit=signal.unit,

@@ -1,13 +1,14 @@
-"""How far the clocks of the instruments may be off by what the recordings state themselves: that is no gap.
+"""How far the clocks of the instruments may be off by what the recordings state, or by their rows: that is no gap.
 
 Each recording aligns the clock of every stream again, with the uncertainty that it states, and no receiver sees the
 smallest latency of a link, which is the same in every recording. Both are delays of a device's channels, and so are
-nuisances of the form that the effect `clock_offset` has; what is later than that is a cause. Tables state nothing.
+nuisances of the form that the effect `clock_offset` has; what is later than that is a cause. A table states nothing:
+its times are known to a row (`processing.held_values.alignment_of_rows`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -22,10 +23,6 @@ from sawbench.modeling.state import State, TrialSetting
 # A force has kinks: at 0.1 ms their second derivative would stay where all devices are late alike, and look like a
 # resonance of the carriage.
 _STEP_S: Final = 1e-6
-# Channel that stands for the others of its stream -> what happens if it is late.
-_DEVICES: Final = {
-    FORCE.name: clock_offset.FORCE, DISPLACEMENT.name: clock_offset.DISPLACEMENT, MOTOR_CURRENT.name: clock_offset.CAN,
-}  # fmt: skip
 
 
 def clock_nuisances(settings: Sequence[TrialSetting]) -> Iterator[Nuisance]:
@@ -39,7 +36,7 @@ def clock_nuisances(settings: Sequence[TrialSetting]) -> Iterator[Nuisance]:
     Yields
     ------
     Nuisance
-        Of each trial and stream: its alignment. Of each link: its latency, which may be anything up to the stated one.
+        Of each stream: its latency, which may be anything up to the stated one, and its alignment in each trial.
 
     Notes
     -----
@@ -47,30 +44,13 @@ def clock_nuisances(settings: Sequence[TrialSetting]) -> Iterator[Nuisance]:
     alike are late for nobody. Where links state different latencies, half their difference is missing.
     """
     trials = {setting.label: setting for setting in settings}
-    for channel, device in _DEVICES.items():
-        latencies = {label: t.alignments[channel].latency_s for label, t in trials.items() if channel in t.alignments}
-        if latencies:
-            std_s = max(latencies.values()) / np.sqrt(12.0)
-            yield _delay(f"latency of {channel}", std_s, set(latencies), lambda b, s, d=device: _late(b, s, d))
-    for label, setting in trials.items():
-        for channel, known in setting.alignments.items():
-            late = _late_in(channel)
-            if late is not None:
-                yield _delay(f"clock of {channel} in {label}", known.std_s, {label}, late)
-
-
-def _late_in(channel: str) -> Callable[[Baseline, State], Signature] | None:
-    """What a delay of one stream changes, for a second; None for channels that share the stream of another one.
-
-    Motor and battery are read by two nodes, aligned apart: the motor late is all of the bus late less the battery.
-    """
-    if channel == BATTERY_CURRENT.name:
-        return _late_battery
-    if channel == MOTOR_CURRENT.name:
-        return lambda b, s: _sum(_late(b, s, clock_offset.CAN), _late_battery(b, s), -1.0)
-    if channel in _DEVICES:
-        return lambda b, s: _late(b, s, _DEVICES[channel])
-    return None
+    for channel, late in _LATE.items():
+        known = {label: trial.alignments[channel] for label, trial in trials.items() if channel in trial.alignments}
+        if known:
+            std_s = max(one.latency_s for one in known.values()) / np.sqrt(12.0)
+            yield _delay(f"latency of {channel}", std_s, set(known), late)
+        for label, one in known.items():
+            yield _delay(f"clock of {channel} in {label}", one.std_s, {label}, late)
 
 
 def _delay(name: str, std_s: float, labels: set[str], signature: Callable[[Baseline, State], Signature]) -> Nuisance:
@@ -104,3 +84,17 @@ def _sum(one: Signature, other: Signature, factor: float) -> Signature:
     for name, wave in other.items():
         summed[name] = summed.get(name, 0.0) + factor * wave
     return summed
+
+
+def _late_motor(baseline: Baseline, state: State) -> Signature:
+    """Motor and battery are read by two nodes: the motor late is all of the bus late less the battery."""
+    return _sum(_late(baseline, state, clock_offset.CAN), _late_battery(baseline, state), -1.0)
+
+
+# Channel that stands for the others of its stream -> what happens if it is late, for a second.
+_LATE: Final[Mapping[str, Callable[[Baseline, State], Signature]]] = {
+    FORCE.name: lambda b, s: _late(b, s, clock_offset.FORCE),
+    DISPLACEMENT.name: lambda b, s: _late(b, s, clock_offset.DISPLACEMENT),
+    MOTOR_CURRENT.name: _late_motor,
+    BATTERY_CURRENT.name: _late_battery,
+}

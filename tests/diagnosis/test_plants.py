@@ -18,10 +18,13 @@ from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.diagnosis.plants.linear_axis import LinearAxis
 from sawbench.modeling.effects.catalogue import EFFECTS
 from sawbench.modeling.effects.friction import direction, through_play
+from sawbench.modeling.load import OAK
 from sawbench.modeling.machines.linear_axis import AxisBaseline
 from sawbench.modeling.machines.table import LINEAR_AXIS, MACHINES, machine_of
 from sawbench.modeling.residuals import UNITS, Baseline
 from sawbench.modeling.state import TWO_PI, TrialSetting
+
+from tests.rigs import drawn_states
 
 pytestmark = pytest.mark.contract
 
@@ -106,6 +109,34 @@ def test_model_error_is_a_covariance_of_the_layout(plant_and_state):
     assert error.shape == (layout.size, layout.size)
     assert np.allclose(error, error.T)
     assert np.linalg.eigvalsh(error).min() > 0
+
+
+@pytest.mark.parametrize("state", [drawn_states.running(), drawn_states.start_up()], ids=lambda state: state.kind)
+def test_what_an_intact_saw_leaves_goes_with_its_load(state):
+    """A saw of three times the voltage, force, torque and current leaves three times as much; sensors are left out."""
+    larger = replace(
+        OAK, force_n=3.0 * OAK.force_n, torque_n_m=3.0 * OAK.torque_n_m, battery_v=3.0 * OAK.battery_v
+    )  # fmt: skip
+    # No wave of angle, current, force or voltage, whose uncertain readings have a part of their own.
+    level = {name: np.zeros_like(state.angle_rad) for name in ("current_a", "force_n", "battery_current_a")}
+    quiet = replace(state, **level, battery_voltage_v=np.full_like(state.angle_rad, 18.0))
+    found = []
+    for load in (OAK, larger):
+        plant = Jigsaw(baseline=replace(drawn_states.BASELINE, load=load))
+        layout = layout_of(quiet, plant.residuals(quiet), {e: f.n_harmonics for e, f in plant.equations.items()})
+        found.append((layout, np.sqrt(np.diag(plant.model_error(layout, quiet)))))
+    (layout, small), (_, large) = found
+    for equation in {"supply", "converter", "cutting"} & set(layout.slices):
+        part = layout.slices[equation]
+        assert large[part] == pytest.approx(3.0 * small[part], rel=1e-2), equation
+
+
+def test_the_mean_voltage_of_a_battery_comes_back_to_a_thousandth():
+    state, plant = drawn_states.running(), Jigsaw(baseline=drawn_states.BASELINE)
+    layout = layout_of(state, plant.residuals(state), {e: f.n_harmonics for e, f in plant.equations.items()})
+    std_v = np.sqrt(np.diag(plant.model_error(layout, state)))[layout.slices["supply"]]
+    assert std_v[0] == pytest.approx(0.018, rel=0.1)
+    assert std_v[1:].max() < 0.1 * std_v[0]
 
 
 def saw(mechanism="scotch_yoke", *, without=()):

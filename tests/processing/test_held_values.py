@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sawbench.bench.recording import Signal
-from sawbench.processing.held_values import without_repeats
+from sawbench.processing.held_values import alignment_of_rows, without_repeats
 from sawbench.processing.quality import clean_channel
 
 pytestmark = pytest.mark.unit
@@ -80,3 +80,19 @@ def test_the_channel_says_so_and_has_the_rate_of_its_instrument():
     assert len(clean.values) == len(values)
     assert any("repeated in 8 rows" in problem for problem in clean.quality.problems)
     assert clean.quality.n_missing == 0
+
+
+@pytest.mark.parametrize(("rate_hz", "std_s"), [(1000.0, 1e-3 / np.sqrt(12.0)), (20_000.0, 1e-4)])
+def test_times_of_a_table_are_known_to_a_row_and_to_no_less_than_a_tenth_of_a_millisecond(rate_hz, std_s):
+    found = alignment_of_rows(np.arange(1000) / rate_hz)
+    assert found.std_s == pytest.approx(std_s)
+    assert found.latency_s == pytest.approx(np.sqrt(12.0) * std_s)
+
+
+def test_a_value_that_a_table_holds_may_be_from_anywhere_in_that_time():
+    """A table may be made of the latest values or of the nearest ones."""
+    time_s = np.arange(12_000) / 4000.0
+    held = np.repeat(measured(time_s[::8], 1e-3), 8)
+    found = clean_channel(Signal(channel="battery_voltage_v", unit="V", time_s=time_s, values=held)).alignment
+    assert found.std_s == pytest.approx(1e-4)
+    assert found.latency_s == pytest.approx(2e-3)
