@@ -173,7 +173,7 @@ class Sensors:
     floor : mapping of str to (float, float)
         By equation: standard deviation of a feature in the unit of its equation, and its growth with each harmonic or,
         for the mechanical equation, with its square (the smoothing of the tracked speed costs the more of the
-        acceleration). On a saw that carries the load of `load.OAK`; in proportion to it on others.
+        acceleration). On a saw that carries the load of `load.OAK`; in proportion to it where that is more.
     mean_voltage_share : mapping of str to float
         By equation: of the battery's voltage, standard deviation of the mean at whatever current.
     linearity_share, linearity_harmonic : float

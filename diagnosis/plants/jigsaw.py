@@ -137,13 +137,14 @@ class Jigsaw:
         return np.diag(floor**2 + self._bend_of_sensors(layout, state)) + self._stepped_speed(layout, state)
 
     def _carries(self) -> dict[str, float]:
-        """Load of the saw in the unit of each equation, over that of the paper's saw."""
+        """Load of the saw in the unit of each equation, over that of the paper's saw: what sensors leave is no less."""
         load = self.baseline.load
-        return {
+        ratios = {
             "electrical": load.battery_v / OAK.battery_v, "supply": load.battery_v / OAK.battery_v,
             "converter": load.battery_a / OAK.battery_a, "mechanical": load.torque_n_m / OAK.torque_n_m,
             "cutting": load.force_n / OAK.force_n,
         }  # fmt: skip
+        return {equation: max(ratio, 1.0) for equation, ratio in ratios.items()}
 
     def _bend_of_sensors(self, layout: Layout, state: State) -> Floats:
         """Variance of every feature by characteristics that are straight to a share of the range in use."""

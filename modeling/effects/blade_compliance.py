@@ -81,5 +81,5 @@ EFFECT = Effect(
     grows_with=("speed", "load"),
     confused_with=("force_sensor_lag", "clock_offset", "return_stroke_rubbing"),
     told_apart_by="the motor current: it responds to the delayed force, but not to a lag of the load cell",
-    background=(({"stiffness_n_per_m": 4e6, "unloads": 0.0}, 1.0), ({"stiffness_n_per_m": 4e6, "unloads": 1.0}, 1.0)),
+    background=tuple(({"stiffness_n_per_m": _STIFFNESS_N_PER_M[-1], "unloads": u}, 1.0) for u in (0.0, 1.0)),
 )

@@ -53,10 +53,10 @@ EFFECT = Effect(
     strength=Strength(
         name="torque_n_m",
         unit="N*m",
-        typical=0.003,
+        typical=0.0075,
         low=0.1,
         high=8.0,
-        source="assumed; ISO 1328",
+        source="assumed: a tenth of the mean torque; ISO 1328",
         follows=lambda load: load.torque_n_m,
     ),
     signature=_signature,
