@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -66,6 +67,8 @@ class Campaign:
         What every trial holds beside its strokes.
     health : tuple of ChannelHealth
         Of every channel of every trial.
+    read : mapping of str to (float, float)
+        Numbers of the plant that a channel reads by itself: value and standard uncertainty.
     """
 
     plant: Plant
@@ -76,6 +79,7 @@ class Campaign:
     strokes: tuple[StrokeSeries, ...] = ()
     off_stroke: tuple[OffStroke, ...] = ()
     health: tuple[ChannelHealth, ...] = ()
+    read: Mapping[str, tuple[float, float]] = field(default_factory=lambda: MappingProxyType({}))
 
     @property
     def baseline(self) -> Any:
@@ -172,7 +176,13 @@ def campaign_of(trials: Sequence[TrackedTrial], baseline: Baseline, warnings: li
         strokes=tuple(series for series, _, _ in found if series is not None),
         off_stroke=tuple(beside for _, beside, _ in found if beside is not None),
         health=tuple(one for _, _, health in found for one in health),
+        read=_read(kept),
     )
+
+
+def _read(trials: Sequence[TrackedTrial]) -> dict[str, tuple[float, float]]:
+    radius_m = float(np.median([trial.angle.radius_m for trial in trials if trial.angle is not None]))
+    return {"crank_radius_m": (radius_m, SETTINGS.sensors.displacement_gain * radius_m)}
 
 
 def _tracked(recordings: Sequence[Recording], config: BenchConfig) -> list[TrackedTrial]:

@@ -249,7 +249,20 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True, settings: S
         ),
         settings=settings,
     )
-    return _with_nuisances(empty, [one for state in states for one in faults.roundings(state)])
+    return _with_readings(_with_nuisances(empty, [one for state in states for one in faults.roundings(state)]))
+
+
+def _with_readings(problem: LinearProblem) -> LinearProblem:
+    """Add a row, of no state, for each number of the plant that a channel reads by itself."""
+    nominal = {nuisance.name: nuisance.nominal for nuisance in problem.campaign.plant.nuisances()}
+    read = {name: of for name, of in problem.campaign.read.items() if name in problem.names}
+    rows = np.zeros((len(read), len(problem.names)))
+    for row, (name, (_, std)) in zip(rows, read.items(), strict=True):
+        row[problem.names.index(name)] = problem.prior_std[problem.names.index(name)] / std
+    return replace(
+        problem, nuisance=np.vstack([problem.nuisance, rows]), known=np.append(problem.known, np.zeros(len(read))),
+        data=np.append(problem.data, [(value - nominal[name]) / std for name, (value, std) in read.items()]),
+    )  # fmt: skip
 
 
 def _with_nuisances(problem: LinearProblem, roundings: Sequence[Nuisance]) -> LinearProblem:

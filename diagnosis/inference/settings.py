@@ -163,6 +163,8 @@ class Sensors:
     ----------
     std : mapping of str to float
         Of gains (relative), offsets and the angle's zero, in the unit of the name.
+    displacement_gain : float
+        Relative standard uncertainty of the gain of a displacement sensor: of the crank radius that a stroke measures.
     current_zero_share : float
         Of the usual motor current: standard deviation of the zero of a current sensor, where that is more.
     battery_rel_std : mapping of str to float
@@ -199,6 +201,7 @@ class Sensors:
             "battery_voltage_offset_v": 0.01, "angle_zero_rad": 0.005,
         }, "convention", CLASS,
     )  # fmt: skip
+    displacement_gain: float = marked(0.01, "convention", CLASS)
     current_zero_share: float = marked(
         0.01, "convention", "Hall sensors: 0.3 % of a range that is three times the usual current"
     )
