@@ -134,10 +134,11 @@ def is_there(member: Explanation, said: StrokesSay | None = None) -> bool:
     return is_form_there and abs(member.strength - member.absent) > Z95 * member.strength_std
 
 
-def is_background(member: Explanation) -> bool:
-    """Whether the interval of the magnitude ends below what every machine may have a little of."""
+def is_background(member: Explanation, *, surely: bool = False) -> bool:
+    """Whether the magnitude is one that every machine may have: far below the typical one, or all of its interval."""
     size, std = member.in_typical_sizes
-    return abs(size) + Z95 * std < SETTINGS.forms.least_amplitude
+    forms = SETTINGS.forms
+    return abs(size) + Z95 * std < forms.least_amplitude if surely else abs(size) < forms.background_amplitude
 
 
 def _failing(
@@ -169,12 +170,12 @@ def is_cause(
 ) -> bool:
     """Whether an effect is more than what every machine has, or alone explains a gap.
 
-    A wave of any form explains all that is fixed in angle, and a trend of single strokes all that drifts: of
-    background size, that is something else.
+    A wave of any form explains all that is fixed in angle, and a trend of single strokes all that drifts: where that is
+    surely of background size, it is something else.
     """
-    is_of_any_form = by_strokes or member.effect.size_of is not None
-    is_small = is_background(member)
-    return not is_small or (not is_of_any_form and has_a_gap(problem, posterior, predictions, member))
+    if by_strokes or member.effect.size_of is not None:
+        return not is_background(member, surely=True)
+    return not is_background(member) or has_a_gap(problem, posterior, predictions, member)
 
 
 def has_a_gap(problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation) -> bool:

@@ -98,8 +98,8 @@ class Forms:
         Effects, firsts of a pair and pairs that are weighed with what their forms may miss.
     worth_forming : float
         Log evidence of a second effect below which its form does not matter.
-    least_amplitude : float
-        Of the typical size: less is background, not a cause.
+    least_amplitude, background_amplitude : float
+        Of the typical size: less is surely background, and usually.
     bent_displacement_rad : float
         Typical swing of a displacement sensor that is bent.
     most_std : float
@@ -118,6 +118,7 @@ class Forms:
     worth_forming: float = marked(3.0, "convention", "time: below, none of thirty further effects is likely")
     bent_displacement_rad: float = marked(0.03, "convention", "twelve times what an ordinary sensor may have")
     least_amplitude: float = marked(0.15, "convention", "three standard deviations of the background of 5 %")
+    background_amplitude: float = marked(1.0 / 3.0, "convention", "half a decade below what is typical")
     most_std: float = marked(0.5, "convention", "its 95 % interval reaches from just above 0 to nearly twice of it")
     size_temperature: float = marked(6.0, "convention", "two and a half standard errors of least squares: forms differ")
 
