@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sawbench.diagnosis.inference.linear_problem import Marginal
+from sawbench.diagnosis.inference.linear_problem import Marginal, build_problem
+from sawbench.diagnosis.inference.posterior import judge
 from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.settings import SETTINGS
 from scipy.stats import multivariate_normal
+
+from tests.rigs.scattered_strokes import problem_of, strokes
 
 pytestmark = pytest.mark.unit
 
@@ -94,3 +98,16 @@ def test_a_background_effect_that_explains_a_misfit_frees_no_number():
     problem.nuisance[:, 1] = 0.3 * background[:, 0] + 0.5 * own
     assert Retuning(problem, Marginal(problem)).freed == ("number 1",)
     assert Retuning(problem, Marginal(problem, extra=background)).freed == ()
+
+
+@pytest.mark.parametrize("off", [0.0, 0.06])
+def test_a_crank_radius_that_the_strokes_contradict_is_a_wrong_number(off):
+    """Whatever the other channels say of it: the lever is 6 % off, and torque constant and friction make up for it."""
+    unread = problem_of(strokes()).campaign
+    radius = unread.baseline.plant.crank_radius_m
+    read = {"crank_radius_m": ((1.0 + off) * radius.nominal, 0.01 * radius.nominal)}
+    problem = build_problem(replace(unread, read=read))
+    answer = judge(problem, {})
+    assert ("crank_radius_m" in answer.freed) == (off != 0.0)
+    assert answer.verdict == ("parameters" if off else "no_gap")
+    assert problem.data[-1] == pytest.approx(100.0 * off)
