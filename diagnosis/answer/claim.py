@@ -175,20 +175,24 @@ def is_cause(
     """
     if by_strokes or member.effect.size_of is not None:
         return not is_background(member, surely=True)
-    return not is_background(member) or has_a_gap(problem, posterior, predictions, member)
+    return not is_background(member) or is_the_gap(problem, posterior, predictions, member)
 
 
-def has_a_gap(problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation) -> bool:
-    """Whether the model without one effect of the likeliest hypothesis leaves a gap where that acts.
+def is_the_gap(problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation) -> bool:
+    """Whether an effect of the likeliest hypothesis is all the gap where it acts: the model leaves one only without it.
 
-    What background effects explain is no gap.
+    What background effects explain is no gap, and what leaves most of one there is not all that is missing.
     """
     if posterior.of("no_gap").left_over <= problem.quiet:
         return False
     rest = posterior.best.without(member.effect.name)
-    cause, rung = (_found(posterior, rest), "with_effect") if rest else (posterior.best, "retuned")
-    ladder, weights = predictions.of(cause).ladder, problem.settings.weights
-    return leaves_a_gap(ladder, acts_in(problem, member), rung=rung, quiet=problem.quiet, weights=weights)
+    without = (_found(posterior, rest), "with_effect") if rest else (posterior.best, "retuned")
+
+    def leaves(cause: Hypothesis, rung: str) -> bool:
+        ladder, weights = predictions.of(cause).ladder, problem.settings.weights
+        return leaves_a_gap(ladder, acts_in(problem, member), rung=rung, quiet=problem.quiet, weights=weights)
+
+    return leaves(*without) and not leaves(posterior.best, "with_effect")
 
 
 def _predicts(problem: LinearProblem, predictions: Predictions, cause: Hypothesis) -> bool:
