@@ -38,6 +38,7 @@ from sawbench.modeling.residuals import Equation
 
 # Of a magnitude that is there against none, at which none is outside of a 95 % interval.
 _LOG_ODDS95: Final = float(np.log(0.975 / 0.025))
+_MOST: Final = 0.5
 
 
 def held_to_predictions(
@@ -168,31 +169,34 @@ def _failing(
 def is_cause(
     problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation, *, by_strokes: bool
 ) -> bool:
-    """Whether an effect is more than what every machine has, or alone explains a gap.
+    """Whether an effect is more than what every machine has, or most of a gap.
 
     A wave of any form explains all that is fixed in angle, and a trend of single strokes all that drifts: where that is
-    surely of background size, it is something else.
+    surely of background size, it is something else. Of an effect whose number belongs to its form (a frequency), how
+    much of the form is there says no more.
     """
     if by_strokes or member.effect.size_of is not None:
         return not is_background(member, surely=True)
-    return not is_background(member) or is_the_gap(problem, posterior, predictions, member)
+    is_small = is_background(member, surely=bool(member.effect.carries))
+    return not is_small or is_most_of_a_gap(problem, posterior, predictions, member)
 
 
-def is_the_gap(problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation) -> bool:
-    """Whether an effect of the likeliest hypothesis is all the gap where it acts: the model leaves one only without it.
+def is_most_of_a_gap(
+    problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation
+) -> bool:
+    """Whether the model without one effect of the likeliest hypothesis leaves a gap where that acts, and most by it.
 
-    What background effects explain is no gap, and what leaves most of one there is not all that is missing.
+    What background effects explain is no gap.
     """
     if posterior.of("no_gap").left_over <= problem.quiet:
         return False
     rest = posterior.best.without(member.effect.name)
-    without = (_found(posterior, rest), "with_effect") if rest else (posterior.best, "retuned")
-
-    def leaves(cause: Hypothesis, rung: str) -> bool:
-        ladder, weights = predictions.of(cause).ladder, problem.settings.weights
-        return leaves_a_gap(ladder, acts_in(problem, member), rung=rung, quiet=problem.quiet, weights=weights)
-
-    return leaves(*without) and not leaves(posterior.best, "with_effect")
+    cause, rung = (_found(posterior, rest), "with_effect") if rest else (posterior.best, "retuned")
+    ladder, weights = predictions.of(cause).ladder, problem.settings.weights
+    if not leaves_a_gap(ladder, acts_in(problem, member), rung=rung, quiet=problem.quiet, weights=weights):
+        return False
+    added, left = _added(problem, posterior, predictions, member)
+    return float(added.sum()) > _MOST * left
 
 
 def _predicts(problem: LinearProblem, predictions: Predictions, cause: Hypothesis) -> bool:

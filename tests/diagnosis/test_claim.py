@@ -11,7 +11,7 @@ from sawbench.diagnosis.answer.claim import (
     held_to_predictions,
     is_background,
     is_cause,
-    is_the_gap,
+    is_most_of_a_gap,
     is_there,
     sized_members,
 )
@@ -351,8 +351,8 @@ def test_a_little_of_an_effect_is_a_cause_where_it_alone_is_the_gap(problem, col
         predictions = OfFeatures(data, columns, declared)
         for by_strokes in (False, True):
             found = is_cause(data, declared, predictions, small, by_strokes=by_strokes)
-            assert found == (not by_strokes and is_the_gap(data, declared, predictions, small))
-        return is_the_gap(data, declared, predictions, small)
+            assert found == (not by_strokes and is_most_of_a_gap(data, declared, predictions, small))
+        return is_most_of_a_gap(data, declared, predictions, small)
 
     assert held(1.0)
     assert not held(0.0)
