@@ -342,7 +342,7 @@ def _scatter(problem: LinearProblem) -> Floats:
 
     Where there are too few blocks (a start-up is one) what single strokes scatter; NaN where there are too few of them.
     """
-    out = np.full(len(problem.data), np.nan)
+    out = np.ones(len(problem.data))  # of what is read of a number, a row of no state
     for part in problem.parts:
         blocks = problem.data[part.place].reshape(-1, part.layout.size)
         n = len(blocks)
@@ -352,6 +352,8 @@ def _scatter(problem: LinearProblem) -> Floats:
             out[part.place] = (rest * np.sqrt(n / (n - 2.0))).ravel()
         elif part.scatter.any():
             out[part.place] = np.tile(part.scatter, n)
+        else:
+            out[part.place] = np.nan
     return out
 
 

@@ -9,6 +9,7 @@ its times are known to a row (`processing.held_values.alignment_of_rows`).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -48,7 +49,7 @@ def clock_nuisances(settings: Sequence[TrialSetting]) -> Iterator[Nuisance]:
         known = {label: trial.alignments[channel] for label, trial in trials.items() if channel in trial.alignments}
         if known:
             std_s = max(one.latency_s for one in known.values()) / np.sqrt(12.0)
-            yield _delay(f"latency of {channel}", std_s, set(known), late)
+            yield replace(_delay(f"latency of {channel}", std_s, set(known), late), is_shared=True)
         for label, one in known.items():
             yield _delay(f"clock of {channel} in {label}", one.std_s, {label}, late)
 

@@ -130,7 +130,8 @@ class LinearProblem:
     @property
     def is_of_trial(self) -> np.ndarray:
         """Whether a nuisance is that of single trials: hardness of a piece, zero of a sensor; of bool, shape (p,)."""
-        own = {nuisance.name for nuisance in self.campaign.plant.trial_nuisances(self.campaign.states)}
+        listed = self.campaign.plant.trial_nuisances(self.campaign.states)
+        own = {nuisance.name for nuisance in listed if not nuisance.is_shared}
         return np.array([name in own or name.startswith((_ZERO, ROUNDING)) for name in self.names], dtype=bool)
 
     def only(self, is_kept: Callable[[str], bool]) -> LinearProblem:
@@ -260,7 +261,7 @@ def _with_readings(problem: LinearProblem) -> LinearProblem:
     for row, (name, (_, std)) in zip(rows, read.items(), strict=True):
         row[problem.names.index(name)] = problem.prior_std[problem.names.index(name)] / std
     return replace(
-        problem, nuisance=np.vstack([problem.nuisance, rows]), known=np.append(problem.known, np.zeros(len(read))),
+        problem, nuisance=np.hstack([problem.nuisance.T, rows.T]).T, known=np.append(problem.known, np.zeros(len(read))),
         data=np.append(problem.data, [(value - nominal[name]) / std for name, (value, std) in read.items()]),
     )  # fmt: skip
 

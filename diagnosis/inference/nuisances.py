@@ -52,6 +52,8 @@ class Nuisance:
         Its error is that of a sensor's zero.
     is_curve : bool
         It is a shape of the battery's open-circuit curve: known as far as the charge was used.
+    is_shared : bool
+        All trials have it, although it is listed with what differs between them.
     """
 
     name: str
@@ -62,6 +64,7 @@ class Nuisance:
     is_effect: bool = False
     is_zero: bool = False
     is_curve: bool = False
+    is_shared: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
