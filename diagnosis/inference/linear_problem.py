@@ -261,7 +261,8 @@ def _with_readings(problem: LinearProblem) -> LinearProblem:
     for row, (name, (_, std)) in zip(rows, read.items(), strict=True):
         row[problem.names.index(name)] = problem.prior_std[problem.names.index(name)] / std
     return replace(
-        problem, nuisance=np.hstack([problem.nuisance.T, rows.T]).T, known=np.append(problem.known, np.zeros(len(read))),
+        problem, known=np.append(problem.known, np.zeros(len(read))),
+        nuisance=np.hstack([problem.nuisance.T, rows.T]).T,  # column by column in memory, as it was
         data=np.append(problem.data, [(value - nominal[name]) / std for name, (value, std) in read.items()]),
     )  # fmt: skip
 
