@@ -9,7 +9,6 @@ its times are known to a row (`processing.held_values.alignment_of_rows`).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -49,14 +48,17 @@ def clock_nuisances(settings: Sequence[TrialSetting]) -> Iterator[Nuisance]:
         known = {label: trial.alignments[channel] for label, trial in trials.items() if channel in trial.alignments}
         if known:
             std_s = max(one.latency_s for one in known.values()) / np.sqrt(12.0)
-            yield replace(_delay(f"latency of {channel}", std_s, set(known), late), is_shared=True)
+            yield _delay(f"latency of {channel}", std_s, set(known), late, is_shared=True)
         for label, one in known.items():
             yield _delay(f"clock of {channel} in {label}", one.std_s, {label}, late)
 
 
-def _delay(name: str, std_s: float, labels: set[str], signature: Callable[[Baseline, State], Signature]) -> Nuisance:
+def _delay(
+    name: str, std_s: float, labels: set[str], signature: Callable[[Baseline, State], Signature], *,
+    is_shared: bool = False,
+) -> Nuisance:  # fmt: skip
     return Nuisance(
-        name=name, nominal=0.0, std=std_s, is_plant=False,
+        name=name, nominal=0.0, std=std_s, is_plant=False, is_shared=is_shared,
         signature=lambda b, s: signature(b, s) if s.setting.label in labels else {},
     )  # fmt: skip
 

@@ -259,7 +259,8 @@ def _with_readings(problem: LinearProblem) -> LinearProblem:
     read = {name: of for name, of in problem.campaign.read.items() if name in problem.names}
     rows = np.zeros((len(read), len(problem.names)))
     for row, (name, (_, std)) in zip(rows, read.items(), strict=True):
-        row[problem.names.index(name)] = problem.prior_std[problem.names.index(name)] / std
+        place = problem.names.index(name)
+        row[place] = problem.prior_std[place] / std
     return replace(
         problem, known=np.append(problem.known, np.zeros(len(read))),
         nuisance=np.hstack([problem.nuisance.T, rows.T]).T,  # column by column in memory, as it was
