@@ -7,13 +7,12 @@ dropped. A device that goes away is noted as a gap and taken up again, into the 
 
 from __future__ import annotations
 
-import json
 import queue
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Final, Literal
@@ -484,7 +483,7 @@ class _Run:
             alignment = recorder.timer.alignment
             for channel in recorder.stream.channels:
                 if alignment is not None:
-                    facts[f"alignment values {channel.name}"] = json.dumps(asdict(alignment))
+                    facts |= alignment.entry(channel.name)
                 facts[f"calibration {channel.name}"] = channel.calibration.statement(channel.name, channel.unit)
                 facts[f"calibration values {channel.name}"] = channel.calibration.model_dump_json(exclude_none=True)
         for device in self._devices:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from types import MappingProxyType
 from typing import Any, Final, Literal
@@ -171,6 +172,15 @@ class Alignment:
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0.0):
                 raise InputError(f"{name} of an alignment is {value!r}, allowed is a number >= 0")
+
+    def entry(self, channel: str) -> dict[str, str]:
+        """Provenance that states it for one channel of a recording."""
+        return {alignment_key(channel): json.dumps(asdict(self))}
+
+
+def alignment_key(channel: str) -> str:
+    """Name of the entry of a recording's provenance that states the alignment of a channel."""
+    return f"alignment values {channel}"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

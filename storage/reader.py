@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from sawbench.bench.errors import InputError, RecordingError
-from sawbench.bench.recording import Alignment, Event, Floats, Recording, SampleBlock, Signal, Trial
+from sawbench.bench.recording import Alignment, Event, Floats, Recording, SampleBlock, Signal, Trial, alignment_key
 from sawbench.storage.amendments import amended
 from sawbench.storage.assembly import join_blocks
 from sawbench.storage.codec import is_equally_spaced
@@ -86,8 +86,8 @@ def read_content(content: Content) -> Recording:
 
 
 def alignment_of(content: Content, channel: str) -> Alignment | None:
-    """Return what the recorder stated of the times of a channel; None where it stated nothing."""
-    name = f"alignment values {channel}"
+    """Return what the recorder, or the map of a table, stated of a channel's times; None where nothing did."""
+    name = alignment_key(channel)
     if name not in content.provenance:
         return None
     try:

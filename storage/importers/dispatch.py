@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from sawbench.bench.errors import InputError
-from sawbench.bench.recording import Event, Recording, Signal, Trial
+from sawbench.bench.recording import Alignment, Event, Recording, Signal, Trial
 from sawbench.bench.units import TIME_COLUMN
 from sawbench.storage.digest import sha256_of
 from sawbench.storage.importers.column_choice import choose_columns
@@ -220,6 +220,7 @@ def _recording(job: _Job, contents: Sequence[TableContent], taken: Mapping[str, 
         provenance |= {f"source_file{which}": source.path.name, f"source_sha256{which}": sha256_of(source.path)}
         if source.table_map is not None:
             provenance[f"map{which}"] = source.table_map.as_toml()
+            provenance |= _alignments(source.table_map, content)
         if content.notes:
             provenance[f"table{which}"] = "; ".join(content.notes)
     provenance |= {f"column of {channel}": words for channel, words in taken.items()}
@@ -234,6 +235,13 @@ def _recording(job: _Job, contents: Sequence[TableContent], taken: Mapping[str, 
         config_toml=job.config_toml,
         provenance=provenance,
     )
+
+
+def _alignments(table_map: TableMap, content: TableContent) -> dict[str, str]:
+    if table_map.table.alignment_std_s is None:
+        return {}
+    stated = Alignment(std_s=table_map.table.alignment_std_s, latency_s=0.0)
+    return {key: text for channel in content.signals for key, text in stated.entry(channel).items()}
 
 
 def _taken(sources: Sequence[_Source], contents: Sequence[TableContent]) -> dict[str, str]:

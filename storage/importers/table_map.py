@@ -74,6 +74,9 @@ class ReadingRules(BaseModel):
         Of a table without a time column.
     repeated_times : str
         "refuse", or "drop": of rows with the same time the first is taken.
+    alignment_std_s : float, optional
+        Standard uncertainty of the times of its columns against each other: small where one instrument sampled them
+        all; without it they are known to a row.
     """
 
     model_config = _STRICT
@@ -84,6 +87,7 @@ class ReadingRules(BaseModel):
     header_line: Annotated[int, Field(ge=0)] | None = None
     rate_hz: Annotated[float, Field(gt=0)] | None = None
     repeated_times: Literal["refuse", "drop"] = "refuse"
+    alignment_std_s: Annotated[float, Field(ge=0)] | None = None
 
     @model_validator(mode="after")
     def _signs_differ(self) -> ReadingRules:

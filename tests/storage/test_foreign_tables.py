@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 import pytest
 from sawbench.bench.errors import ConfigError, InputError
+from sawbench.bench.recording import Alignment
 from sawbench.storage.importers import TableMap, import_path, load_map
 from sawbench.storage.importers.dispatch import read_table
 from sawbench.storage.reader import read_recording
@@ -159,6 +160,16 @@ def test_repeated_times_are_dropped_where_asked(tmp_path):
     recording, report = taken_in(tmp_path, "t.csv", text, mapped)
     assert recording.signal("force_n").values.tolist() == [1.0, 3.0]
     assert "1 rows with a repeated time" in report.warnings[0]
+
+
+def test_a_map_states_how_well_the_times_of_its_columns_agree(tmp_path):
+    text = "time_s,force_n,displacement_mm\n0,1,5\n0.1,2,6\n"
+    mapped = table_map(tmp_path, "[table]\nalignment_std_s = 2e-5\n")
+    recording, _ = taken_in(tmp_path, "t.csv", text, mapped)
+    assert {s.alignment for s in recording.signals.values()} == {Alignment(std_s=2e-5, latency_s=0.0)}
+    assert taken_in(tmp_path, "u.csv", text)[0].signal("force_n").alignment is None
+    with pytest.raises(ConfigError, match=r"table\.alignment_std_s"):
+        table_map(tmp_path, "[table]\nalignment_std_s = -1.0\n")
 
 
 @pytest.mark.parametrize(
