@@ -172,12 +172,13 @@ def is_cause(
     """Whether an effect is more than what every machine has, or most of a gap.
 
     A wave of any form explains all that is fixed in angle, and a trend of single strokes all that drifts: where that is
-    surely of background size, it is something else. Of an effect whose number belongs to its form (a frequency), how
-    much of the form is there says no more.
+    surely of background size, it is something else. Of an effect whose number belongs to its form and may be any (a
+    frequency), how much of the form is there says no more.
     """
     if by_strokes or member.effect.size_of is not None:
         return not is_background(member, surely=True)
-    is_small = is_background(member, surely=bool(member.effect.carries))
+    has_size = not member.effect.carries or member.effect.strength.usual is not None
+    is_small = is_background(member, surely=not has_size)
     return not is_small or is_most_of_a_gap(problem, posterior, predictions, member)
 
 

@@ -125,6 +125,8 @@ class Explanation:
         """Size and its standard deviation, in multiples of the typical size."""
         if self.mixture is not None:
             return self.mixture
+        if self.effect.strength.usual is not None:
+            return self.strength / self.effect.strength.usual, self.strength_std / self.effect.strength.usual
         if self.effect.size_of is not None:
             return self.amplitude, self.strength_std / self.effect.strength.typical
         return self.amplitude, self.amplitude_std

@@ -117,7 +117,7 @@ EFFECT = Effect(
         mend="synchronise the clocks of the devices",
     ),
     parts=("clocks",),
-    strength=Strength(name="delay_s", unit="s", typical=1.0, low=0.7, high=1.4, source="assumed"),
+    strength=Strength(name="delay_s", unit="s", typical=1.0, low=0.7, high=1.4, usual=1e-3, source="assumed"),
     signature=Prepared(_prepared),
     shapes=_shapes(),
     continuous=("tau_s",),

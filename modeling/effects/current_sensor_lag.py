@@ -84,6 +84,7 @@ EFFECT = Effect(
         typical=1.0,
         low=0.7,
         high=1.4,
+        usual=1e-3,
         source="assumed",
     ),
     signature=Prepared(_prepared),

@@ -62,6 +62,9 @@ class Strength:
     follows : callable, optional
         `Load` of a saw -> what the typical size is in proportion to; `typical` is that at `load.OAK`. Without it the
         typical size is the same on every machine.
+    usual : float, optional
+        Of a strength that is a number inside a nonlinear form: a usual one, in `unit`, where smaller ones are a smaller
+        effect.
     """
 
     name: str
@@ -71,6 +74,7 @@ class Strength:
     high: float
     source: str
     follows: Callable[[Load], float] | None = None
+    usual: float | None = None
 
     def at(self, load: Load) -> Strength:
         """Strength as it is typical of a saw that carries another load than `load.OAK`."""

@@ -50,7 +50,7 @@ EFFECT = Effect(
         mend="increase the bandwidth of the force amplifier",
     ),
     parts=("load_cell",),
-    strength=Strength(name="time_constant_s", unit="s", typical=1.0, low=0.7, high=1.4, source="assumed"),
+    strength=Strength(name="time_constant_s", unit="s", typical=1.0, low=0.7, high=1.4, usual=1e-3, source="assumed"),
     signature=Prepared(_prepared),
     shapes=tuple({"tau_s": tau, "damping": z} for z in (0.0, 0.5, 0.6, 0.7, 0.85, 1.0) for tau in _TAUS_S),
     continuous=("tau_s", "damping"),

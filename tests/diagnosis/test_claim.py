@@ -334,6 +334,16 @@ def test_a_little_of_an_effect_is_no_cause(problem, columns, judged):
     assert is_background(replace(member, mixture=(0.05, 0.001)), surely=True)
 
 
+@pytest.mark.parametrize("name", ["clock_offset", "force_sensor_lag", "current_sensor_lag"])
+def test_a_lag_or_delay_is_as_large_as_its_time_not_as_its_form(problem, columns, name):
+    """A load cell at 460 Hz was a lag with 91 %: its time stands in the form, whose amplitude is always near 1."""
+    in_order = sorted(columns[name], key=lambda column: column.shape["tau_s"])
+    for column in in_order:
+        member = explain(Marginal(problem), [column])
+        assert member is not None
+        assert is_background(member) == (abs(member.strength) < 1e-3 / 3.0)
+
+
 def test_a_little_of_an_effect_is_a_cause_where_it_alone_is_the_gap(problem, columns):
     """Of a size that every machine has, but the bench is quiet enough to show it as a gap: somebody looks for it.
 
