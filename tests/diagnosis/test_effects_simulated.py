@@ -251,6 +251,7 @@ def test_battery_internal_resistance_of_a_half_empty_battery(power, growth, fact
         (lambda duty, i: duty * i * (1 / 0.92 - 1), {"lumped": 1 / 0.92 - 1}),  # one efficiency of 92 %
         (lambda duty, i: 0.04 * i, {"switching": 0.08}),  # 5 A at 10 A and half duty are the unit
         (lambda duty, i: 0.06 * i**2 / 18.0, {"conduction": 0.06 * 100 / 18.0 / 5}),  # 60 mOhm
+        (lambda duty, i: duty * 0.06 * i**2 / 18.0, {"on_state": 0.06 * 100 / 18.0 / 10}),  # the upper switch
         (lambda duty, i: 0.25, {"constant": 0.05}),  # a controller that draws 0.25 A
         (lambda duty, i: 0.02 * i + 0.003 * i**2, {"switching": 0.04, "conduction": 0.06}),
         # A loss of 10 % at 10 A and of 20 % at a fourth of it.
