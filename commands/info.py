@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -14,9 +15,10 @@ from sawbench.inputs import find_recordings
 
 # How an import says in the provenance which column it took for a channel.
 COLUMN_OF: Final = "column of "
+_GAPS_SHOWN: Final = 10
 
 if TYPE_CHECKING:
-    from sawbench.bench.recording import Trial
+    from sawbench.bench.recording import Event, Trial
     from sawbench.storage.describe import ChannelInfo, RecordingInfo
 
 
@@ -130,10 +132,20 @@ def _as_text(info: RecordingInfo) -> str:
     ]
     lines.append(table(["channel", "samples", "rate Hz", "start s", "length s", "gaps", "missing"], rows))
     lines += [f"{key.removeprefix(COLUMN_OF)} <- {words}" for key, words in info.provenance.items() if COLUMN_OF in key]
-    for event in sorted(info.events, key=lambda event: event.time_s):
-        whose = "".join(f" {name}" for name in (event.device, event.channel) if name)
-        lines.append(f"{event.time_s:9.3f} s  {event.kind}{whose}: {event.text}")
-    return "\n".join(lines)
+    return "\n".join([*lines, *_event_lines(info.events)])
+
+
+def _event_lines(events: Sequence[Event]) -> list[str]:
+    """One line an event in the order of time; of many gaps, which the table counts, the first ones."""
+    lines, n_gaps = [], 0
+    for event in sorted(events, key=lambda event: event.time_s):
+        n_gaps += event.kind == "gap"
+        if event.kind != "gap" or n_gaps <= _GAPS_SHOWN:
+            whose = "".join(f" {name}" for name in (event.device, event.channel) if name)
+            lines.append(f"{event.time_s:9.3f} s  {event.kind}{whose}: {event.text}")
+    if n_gaps > _GAPS_SHOWN:
+        lines.append(f"{n_gaps - _GAPS_SHOWN} more gaps: --json lists them")
+    return lines
 
 
 def settings_line(trial: Trial) -> str:

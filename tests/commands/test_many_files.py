@@ -38,6 +38,20 @@ def test_info_shows_a_row_for_each_file_and_names_the_loss(bench, capsys):
     assert lines[4].startswith("2 recordings, 1 complete")
 
 
+def test_info_lists_the_first_of_many_gaps_and_counts_the_rest(tmp_path, capsys):
+    time_s = np.delete(np.arange(100) / 100, np.arange(2, 98, 4))  # one sample in four is lost
+    lost = np.flatnonzero(np.diff(time_s) > 0.015)
+    gaps = tuple(Gap(start_s=time_s[k], end_s=time_s[k + 1], n_missing=1, reason="lost") for k in lost)
+    force = Signal(channel="force_n", unit="N", time_s=time_s, values=np.arange(76.0), gaps=gaps)
+    path = write_recording(Recording(trial=Trial(trial_id="a"), signals={"force_n": force}), tmp_path / "a.mcap")
+    assert main(["info", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert len(gaps) == 24
+    assert (out.count("gap force_n: lost"), "14 more gaps: --json lists them" in out) == (10, True)
+    assert main(["info", str(path), "--json"]) == 0
+    assert sum(event["kind"] == "gap" for event in json.loads(capsys.readouterr().out)["events"]) == 24
+
+
 def test_info_gives_a_list_of_what_one_file_gives(bench, capsys):
     paths = [str(bench / "a.mcap"), str(bench / "b.mcap")]
     alone = []
