@@ -132,7 +132,8 @@ def smooth_state(state: State, blocks: Floats, *, mechanism: Mechanism, n_harmon
     gained = np.full(1, TWO_PI * state.acceleration_rad_s2.mean() / speed.mean())
     # A machine that settles, or that another load slows, accelerates in one block more than in the next.
     slow = blocks @ state.acceleration_rad_s2.mean(axis=1, keepdims=True)
-    acceleration = speed * derivative_over_turns(speed, gained, n_harmonics) + slow - slow.mean()
+    certain = _certain_ripple(speed, state.ripple_std_rad)
+    acceleration = speed * derivative_over_turns(certain, gained, n_harmonics) + slow - slow.mean()
     changes: dict[str, Any] = {"speed_rad_s": speed, "acceleration_rad_s2": acceleration}
     if state.blade_excess_m_s is not None and len(state.speed_rad_s) < _MIN_ROWS_TO_SHRINK:
         changes["blade_excess_m_s"] = None
@@ -218,6 +219,24 @@ def _signal_share(spectra: NDArray[np.complex128], least: float = 0.0) -> Floats
     share[power < least * variance] = 0.0
     share[0] = 1.0
     return share
+
+
+def _certain_ripple(speed: Floats, std_rad: Floats) -> Floats:
+    """Speed whose harmonics count as far as the one wave of the angle that a trial has is certain.
+
+    All units of a trial share its error, so that their scatter says nothing of it.
+
+    Parameters
+    ----------
+    speed : ndarray, shape (n_blocks, n_points)
+    std_rad : ndarray, shape (k,)
+        Of sine and cosine part of the angle's first harmonics.
+    """
+    spectrum, order = np.fft.rfft(speed, axis=1), np.arange(1, len(std_rad) + 1)
+    wave_rad = 2.0 * np.abs(spectrum[:, order]) / (order * spectrum[:, :1].real)
+    power = np.maximum(wave_rad**2, 1e-30)
+    spectrum[:, order] *= np.clip(1.0 - _NUMBERS.noise_margin * 2.0 * std_rad**2 / power, 0.0, 1.0)
+    return np.fft.irfft(spectrum, speed.shape[1])
 
 
 def lock_to_angle(state: State) -> tuple[str, complex] | None:

@@ -1,6 +1,7 @@
 """What a saw carries while it cuts: forces and torques of effects are typical in proportion to it.
 
-A friction of 5 N is usual where 265 N are cut and large where 60 N are. Heat is typical as a rise of temperature, not
+An edge force of 40 N is usual where 265 N are cut and large where 60 N are. Friction goes with what the motor drives,
+not with the wood: soft wood does not make a guide run more easily. Heat is typical as a rise of temperature, not
 as a thermal resistance: a motor that loses 1 W gets some kelvin warmer, which every motor does. Resistances of a
 battery are typical as the share of its voltage that they take. Voltage drops of brushes and diodes, delays, and shares
 of something follow no load.
@@ -49,6 +50,11 @@ class Load:
     heat_w: float
     battery_v: float
     battery_ohm: float
+
+    @property
+    def drive_n(self) -> float:
+        """Force that the motor's power would drive at the peak of the blade's speed: what the machine is made for."""
+        return self.torque_n_m * self.motor_speed_rad_s / self.blade_speed_m_s
 
     @property
     def battery_a(self) -> float:

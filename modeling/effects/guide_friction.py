@@ -122,7 +122,7 @@ EFFECT = Effect(
         low=0.1,
         high=8.0,
         source="assumed",
-        follows=lambda load: load.force_n,
+        follows=lambda load: load.drive_n,
     ),
     signature=_signature,
     shapes=(
