@@ -409,7 +409,7 @@ def _std_by_steps(trial: TrackedTrial, angle: CrankAngle, grid: AngleGrid) -> Fl
     A cell that holds a part of a step is as wrong as one value; one that passes m steps, by the mth part of that.
     """
     signal = trial.channels[DISPLACEMENT.name]
-    noise = white_noise_std(signal.values)
+    noise = white_noise_std(signal.values, signal.time_s)
     step = coarse_step(signal, noise)
     if not step:
         return np.zeros(0)

@@ -127,7 +127,7 @@ def _doubt_of_stroke(travel: Travel) -> Floats:
 
 
 def _unfold(time: Floats, y: Floats, nominal: Mechanism | None) -> _Unfolded | None:
-    noise = white_noise_std(y)
+    noise = white_noise_std(y, time)
     turns = _turns_of(y, noise, width=1, drop_spikes=True)
     if turns is None or np.median(np.diff(turns.index)) <= 24:  # a median of five would eat such short strokes
         turns = _turns_of(y, noise, width=1, drop_spikes=False)
@@ -140,7 +140,7 @@ def _unfold(time: Floats, y: Floats, nominal: Mechanism | None) -> _Unfolded | N
     block = int(2 * half_turn_s / step) // _KNOTS_A_STROKE
     if block >= 2:
         time, y = _block_means(time, y, block, step)
-        noise, step = max(white_noise_std(y), noise / np.sqrt(block)), step * block
+        noise, step = max(white_noise_std(y, time), noise / np.sqrt(block)), step * block
     width = max(int(half_turn_s / step / 24), 1)
     speed = np.pi / half_turn_s
     edges = _edges(time, max(LONGEST_STEP * step, 0.5 / speed))

@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+from math import comb
+
 import numpy as np
 from sawbench.bench.recording import Floats
 
+# A signal leaks into low differences where it is sampled coarsely, white noise is the same in all of them.
+_ORDERS = (3, 5)
+_MEDIAN_OF_NORMAL = 0.674490
+# Steps that differ by more than this share of the usual one, for half of the samples, make the weights differ.
+_JITTER_SHARE = 0.01
+_JITTERED_WINDOWS = 8192
 
-def white_noise_std(values: Floats) -> float:
-    """Estimate the standard deviation of the white noise from third differences.
+
+def white_noise_std(values: Floats, time_s: Floats | None = None) -> float:
+    """Estimate the standard deviation of the white noise from differences of third and of fifth order.
 
     Parameters
     ----------
     values : ndarray, shape (n,)
+    time_s : ndarray, shape (n,), optional
+        Of the samples; without it they are equally spaced.
 
     Returns
     -------
@@ -20,25 +31,49 @@ def white_noise_std(values: Floats) -> float:
 
     Notes
     -----
-    Third differences of a smooth signal vanish with the third power of the sample period; their median
-    absolute value ignores spikes. At fewer than about 60 samples a stroke the signal itself leaks in and the
-    estimate is high. Of a quantised signal without noise it gives the quantisation step over sqrt(12).
+    Differences of a smooth signal vanish with that power of the sample period; their median absolute value ignores
+    spikes. Where the times jitter they are divided differences, or the jitter times the slope would be noise. At fewer
+    than about 20 samples a stroke the signal itself leaks in and the estimate is high. Of a quantised signal without
+    noise it gives the quantisation step over sqrt(12).
 
     Examples
     --------
     >>> rng = np.random.default_rng(1)
     >>> round(white_noise_std(np.linspace(0, 1, 10_000) + 0.1 * rng.standard_normal(10_000)), 3)
     0.1
+    >>> t = np.arange(0, 10, 1e-3) + 1e-4 * rng.standard_normal(10_000)
+    >>> round(white_noise_std(10 * np.cos(200 * t) + 0.01 * rng.standard_normal(10_000), t), 3)
+    0.01
     """
     if len(values) < 8:
         return 0.0
-    part = values if len(values) <= 400_000 else values[len(values) // 2 - 200_000 : len(values) // 2 + 200_000]
-    difference = np.diff(part, 3)
-    spread = float(np.median(np.abs(difference))) / (0.674490 * np.sqrt(20.0))
+    first = max(len(values) // 2 - 200_000, 0)
+    part, at_s = values[first : first + 400_000], None if time_s is None else time_s[first : first + 400_000]
+    if at_s is not None and _jitters(np.diff(at_s)):
+        differences = [_divided_differences(part, at_s, order) for order in _ORDERS]
+    else:
+        differences = [np.diff(part, order) / np.sqrt(comb(2 * order, order)) for order in _ORDERS]
+    spread = min(float(np.median(np.abs(each))) for each in differences) / _MEDIAN_OF_NORMAL
     step = np.abs(np.diff(part))
     quantum = float(step[step > 0].min()) if (step > 0).any() else 0.0
     is_quantised = float(np.mean(step == 0)) > 0.05
     return float(max(spread, quantum / np.sqrt(12.0) if is_quantised else 0.0))
+
+
+def _jitters(steps_s: Floats) -> bool:
+    usual_s = float(np.median(steps_s))
+    return float(np.median(np.abs(steps_s - usual_s))) > _JITTER_SHARE * usual_s
+
+
+def _divided_differences(values: Floats, time_s: Floats, order: int) -> Floats:
+    """Divided differences of some windows spread over a signal, each for white noise of 1 a standard deviation of 1."""
+    n_windows = len(values) - order
+    starts = np.unique(np.linspace(0, n_windows - 1, min(n_windows, _JITTERED_WINDOWS)).astype(np.int64))
+    at = starts[:, None] + np.arange(order + 1)
+    times = (time_s[at] - time_s[starts, None]) / np.median(np.diff(time_s))
+    apart = times[:, :, None] - times[:, None, :] + np.eye(order + 1)
+    weights = 1.0 / np.prod(apart, axis=2)
+    return np.asarray(np.sum(weights * values[at], axis=1) / np.linalg.norm(weights, axis=1))
 
 
 def robust_range(values: Floats, share_percent: float = 0.5) -> tuple[float, float]:

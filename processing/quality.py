@@ -82,7 +82,7 @@ def clean_channel(signal: Signal) -> CleanChannel:
     # What is missing at the end shows in no step of the time; what a foreign table lost stands in no gap.
     n_missing = max(_count_missing(step, typical, longest), signal.n_missing)
     regular = step[step <= 1.5 * typical] if typical else step
-    noise = white_noise_std(values[~is_spike])
+    noise = white_noise_std(values[~is_spike], time[~is_spike])
     problems = _health_problems(values, int(is_spike.sum()), n_clipped, n_missing, signal.unit)
     alignment = signal.alignment
     if len(values) < len(signal.values):
