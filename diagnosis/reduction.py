@@ -129,11 +129,11 @@ def smooth_state(state: State, blocks: Floats, *, mechanism: Mechanism, n_harmon
 
     speed = mean(state.speed_rad_s, n_harmonics, shrunk=False)
     assert speed is not None
+    speed = _certain_ripple(speed, state.ripple_std_rad)
     gained = np.full(1, TWO_PI * state.acceleration_rad_s2.mean() / speed.mean())
     # A machine that settles, or that another load slows, accelerates in one block more than in the next.
     slow = blocks @ state.acceleration_rad_s2.mean(axis=1, keepdims=True)
-    certain = _certain_ripple(speed, state.ripple_std_rad)
-    acceleration = speed * derivative_over_turns(certain, gained, n_harmonics) + slow - slow.mean()
+    acceleration = speed * derivative_over_turns(speed, gained, n_harmonics) + slow - slow.mean()
     changes: dict[str, Any] = {"speed_rad_s": speed, "acceleration_rad_s2": acceleration}
     if state.blade_excess_m_s is not None and len(state.speed_rad_s) < _MIN_ROWS_TO_SHRINK:
         changes["blade_excess_m_s"] = None
