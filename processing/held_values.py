@@ -17,11 +17,13 @@ _LEAST_ROWS = 1.5
 _RATES = (0.7, 1.4)
 # Cells of a median time in which updates are counted, and how often longer than the channel the counts are.
 _CELLS, _PADDED = 8, 2
-# Updates that show in the first row after a time of the instrument's agree in phase by 0.5 at the least (5 rows for 3
-# periods); in 20 that come by chance one rate of a thousand does by 0.45. Most updates come a single period apart.
-_LEAST_AGREED = 0.45
-_LEAST_POWER = 12.0
+# Of the updates, those that come between their row and the row before by one clock; most are a single period apart.
+_EXPLAINED = 0.9
 _SINGLE_SHARE = 0.5
+_PHASES = 256
+# Rates that are tried about the likeliest one, over the length of the channel: 1 is one period more or less.
+_TRIED = (np.linspace(-1.0, 1.0, 21), np.linspace(-0.1, 0.1, 21))
+_MOST_TRIED = 4000
 
 # What is less late than that is not late: amplifiers and filters of every bench are.
 _ORDINARY_S = 1e-4
@@ -51,46 +53,52 @@ def without_repeats(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     if len(updates) < _LEAST_UPDATES or len(updates) > (1.0 - _LEAST_EQUAL) * len(values):
         return time_s, values
     row_s, at_s = float(np.median(np.diff(time_s))), time_s[updates]
-    found = _periodic(at_s)
-    if found is None:
-        return time_s, values
-    period_s, shown_s = found
+    explained, update_s, period_s = _likeliest_clock(time_s[updates - 1], at_s)
     singles = np.round(np.diff(at_s) / period_s) == 1.0
-    if period_s < _LEAST_ROWS * row_s or np.mean(singles) < _SINGLE_SHARE:
+    if explained < _EXPLAINED or period_s < _LEAST_ROWS * row_s or np.mean(singles) < _SINGLE_SHARE:
         return time_s, values
     # In the middle of its period a value surely stands in the table; where an update does not change it, it is one too.
-    middle_s = shown_s + 0.5 * (period_s - row_s)
+    middle_s = update_s + 0.5 * period_s
     first, last = (np.round((end - middle_s) / period_s) for end in (time_s[0], time_s[-1]))
     middle_s = middle_s + period_s * np.arange(first, last + 1.0)
     rows = np.clip(np.searchsorted(time_s, middle_s), 1, len(time_s) - 1)
     rows -= middle_s - time_s[rows - 1] < time_s[rows] - middle_s
     is_there = np.abs(time_s[rows] - middle_s) < 0.5 * period_s
-    # An update shows half a row late on average.
     return middle_s[is_there] - 0.5 * period_s, values[rows[is_there]]
 
 
-def _periodic(at_s: Floats) -> tuple[float, float] | None:
-    """Period of times that come about as often as their median difference says, and where the first one should be.
-
-    By the phases in which they agree: single ones may be missing, or late by a row. None where they do not agree.
-    """
-    usual_s = float(np.median(np.diff(at_s)))
-    since_s = at_s - at_s[0]
+def _likeliest_clock(before_s: Floats, at_s: Floats) -> tuple[float, float, float]:
+    """`_clock` of the period that explains most, near the likeliest in the spectrum of the updates' times, and it."""
+    since_s, usual_s = at_s - at_s[0], float(np.median(np.diff(at_s)))
     counts = np.bincount((since_s * (_CELLS / usual_s)).astype(np.int64))
-    power = np.abs(np.fft.rfft(counts, _PADDED * len(counts))) ** 2 / len(at_s)
+    power = np.abs(np.fft.rfft(counts, _PADDED * len(counts)))
     rates = np.arange(len(power)) * _CELLS / (_PADDED * len(counts) * usual_s)
     likely = (rates > _RATES[0] / usual_s) & (rates < _RATES[1] / usual_s)
     rate_hz = float(rates[likely][np.argmax(power[likely])]) if likely.any() else 1.0 / usual_s
-    for _ in range(2):
-        phase = np.exp(2j * np.pi * rate_hz * since_s)
-        agreed = complex(phase.mean())
-        off = np.angle(phase * np.conj(agreed)) / (2.0 * np.pi)
-        rate_hz -= float(np.polyfit(since_s, off, 1)[0])
-    phase = np.exp(2j * np.pi * rate_hz * since_s)
-    agreed = complex(phase.mean())
-    if abs(agreed) < _LEAST_AGREED or abs(agreed) ** 2 * len(at_s) < _LEAST_POWER:
-        return None
-    return 1.0 / rate_hz, float(at_s[0] + np.angle(agreed) / (2.0 * np.pi * rate_hz))
+    some = slice(None, None, len(at_s) // _MOST_TRIED + 1)
+    for tried in _TRIED:
+        near_hz = rate_hz + tried / since_s[-1]
+        shares = np.array([_clock(before_s[some], at_s[some], 1.0 / float(one))[0] for one in near_hz])
+        rate_hz = float(near_hz[shares == shares.max()].mean())
+    return *_clock(before_s, at_s, 1.0 / rate_hz), 1.0 / rate_hz
+
+
+def _clock(before_s: Floats, at_s: Floats, period_s: float) -> tuple[float, float]:
+    """Share of updates, each between two rows, that a clock of a period explains, and one of its times."""
+    first = _PHASES * (before_s / period_s % 1.0)
+    length = np.minimum(_PHASES * (at_s - before_s) / period_s, _PHASES)
+    changes = np.zeros(2 * _PHASES + 2)
+    np.add.at(changes, np.ceil(first).astype(np.int64), 1.0)
+    np.add.at(changes, np.ceil(first + length).astype(np.int64), -1.0)
+    votes = np.cumsum(changes)[: 2 * _PHASES].reshape(2, _PHASES).sum(axis=0)
+    middle = np.exp(2j * np.pi / _PHASES * np.flatnonzero(votes == votes.max())).sum()
+    time_s = float(np.angle(middle) / (2.0 * np.pi) * period_s)
+    # As far as all that it explains leaves it free: the middle of that.
+    early_s, late_s = ((ends_s - time_s + 0.5 * period_s) % period_s - 0.5 * period_s for ends_s in (before_s, at_s))
+    is_explained = (early_s <= 0.0) & (late_s >= 0.0)
+    if is_explained.any():
+        time_s += 0.5 * float(early_s[is_explained].max() + late_s[is_explained].min())
+    return float(votes.max() / len(at_s)), time_s
 
 
 def alignment_of_rows(time_s: Floats, kept_s: Floats | None = None) -> Alignment:
@@ -108,6 +116,4 @@ def alignment_of_rows(time_s: Floats, kept_s: Floats | None = None) -> Alignment
     """
     row_s = float(np.median(np.diff(time_s)))
     held_s = row_s if kept_s is None else float(np.median(np.diff(kept_s)))
-    return Alignment(
-        std_s=max(row_s / np.sqrt(12.0), _ORDINARY_S), latency_s=max(held_s, np.sqrt(12.0) * _ORDINARY_S)
-    )
+    return Alignment(std_s=max(row_s / np.sqrt(12.0), _ORDINARY_S), latency_s=max(held_s, np.sqrt(12.0) * _ORDINARY_S))

@@ -7,8 +7,10 @@ from math import comb
 import numpy as np
 from sawbench.bench.recording import Floats
 
-# A signal leaks into low differences where it is sampled coarsely, white noise is the same in all of them.
+# A signal leaks into low differences where it is sampled coarsely, white noise is the same in all of them, and that of
+# steps nearly so.
 _ORDERS = (3, 5)
+_SURELY_LESS = 0.7
 _MEDIAN_OF_NORMAL = 0.674490
 # Steps that differ by more than this share of the usual one, for half of the samples, make the weights differ.
 _JITTER_SHARE = 0.01
@@ -53,7 +55,8 @@ def white_noise_std(values: Floats, time_s: Floats | None = None) -> float:
         differences = [_divided_differences(part, at_s, order) for order in _ORDERS]
     else:
         differences = [np.diff(part, order) / np.sqrt(comb(2 * order, order)) for order in _ORDERS]
-    spread = min(float(np.median(np.abs(each))) for each in differences) / _MEDIAN_OF_NORMAL
+    low, high = (float(np.median(np.abs(each))) / _MEDIAN_OF_NORMAL for each in differences)
+    spread = high if high < _SURELY_LESS * low else low
     step = np.abs(np.diff(part))
     quantum = float(step[step > 0].min()) if (step > 0).any() else 0.0
     is_quantised = float(np.mean(step == 0)) > 0.05
