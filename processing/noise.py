@@ -34,7 +34,8 @@ def white_noise_std(values: Floats, time_s: Floats | None = None) -> float:
     Notes
     -----
     Differences of a smooth signal vanish with that power of the sample period; their median absolute value ignores
-    spikes. Where the times jitter they are divided differences, or the jitter times the slope would be noise. At fewer
+    spikes. Where the times jitter, jitter times slope would pass for noise: of divided differences, if the samples
+    were taken at those times, of plain ones, if only the stated times jitter; the smaller estimate is taken. At fewer
     than about 20 samples a stroke the signal itself leaks in and the estimate is high. Of a quantised signal without
     noise it gives the quantisation step over sqrt(12).
 
@@ -51,16 +52,18 @@ def white_noise_std(values: Floats, time_s: Floats | None = None) -> float:
         return 0.0
     first = max(len(values) // 2 - 200_000, 0)
     part, at_s = values[first : first + 400_000], None if time_s is None else time_s[first : first + 400_000]
+    spread = _spread([np.diff(part, order) / np.sqrt(comb(2 * order, order)) for order in _ORDERS])
     if at_s is not None and _jitters(np.diff(at_s)):
-        differences = [_divided_differences(part, at_s, order) for order in _ORDERS]
-    else:
-        differences = [np.diff(part, order) / np.sqrt(comb(2 * order, order)) for order in _ORDERS]
-    low, high = (float(np.median(np.abs(each))) / _MEDIAN_OF_NORMAL for each in differences)
-    spread = high if high < _SURELY_LESS * low else low
+        spread = min(spread, _spread([_divided_differences(part, at_s, order) for order in _ORDERS]))
     step = np.abs(np.diff(part))
     quantum = float(step[step > 0].min()) if (step > 0).any() else 0.0
     is_quantised = float(np.mean(step == 0)) > 0.05
     return float(max(spread, quantum / np.sqrt(12.0) if is_quantised else 0.0))
+
+
+def _spread(differences: list[Floats]) -> float:
+    low, high = (float(np.median(np.abs(each))) / _MEDIAN_OF_NORMAL for each in differences)
+    return high if high < _SURELY_LESS * low else low
 
 
 def _jitters(steps_s: Floats) -> bool:

@@ -135,6 +135,17 @@ def signal(values, rate_hz=1000.0, channel="force_n", unit="N", **options):
     return Signal(channel=channel, unit=unit, time_s=np.arange(len(values)) / rate_hz, values=values, **options)
 
 
+@pytest.mark.parametrize("are_sampled_so", [True, False])
+def test_jitter_times_slope_is_no_noise(are_sampled_so):
+    """A stroke of 25 mm at 46 Hz and 1 kHz; the samples were taken at the times that jitter, or only say so."""
+    rng = np.random.default_rng(5)
+    even = np.arange(4000) * 1e-3
+    jittered = even + 1.5e-4 * rng.uniform(-1.0, 1.0, 4000)
+    sampled = jittered if are_sampled_so else even
+    values = 12.5 * (1.0 - np.cos(2 * np.pi * 46.0 * sampled)) + 0.016 * rng.standard_normal(4000)
+    assert white_noise_std(values, jittered) == pytest.approx(0.016, rel=0.1)
+
+
 def test_noise_spikes_clipping_and_missing_samples_are_counted():
     rng = np.random.default_rng(4)
     clean = 100 * np.sin(np.arange(20_000) * 0.02) + 0.5 * rng.standard_normal(20_000)
