@@ -106,3 +106,17 @@ def test_few_units_keep_the_cranks_velocity():
                   "blade_excess_m_s")}
     )  # fmt: skip
     assert smooth_state(few, block_matrix(3), mechanism=BASELINE.mechanism).blade_excess_m_s is None
+
+
+def second_harmonic(waves):
+    return 2.0 * np.abs(np.fft.rfft(waves.mean(axis=0))[2]) / waves.shape[1]
+
+
+@pytest.mark.parametrize(("ripple", "kept"), [(0.0, (0.0, 0.3)), (0.02, (0.9, 1.0))])
+def test_a_wave_of_the_angle_that_may_be_noise_is_in_no_signature(ripple, kept):
+    """All units of a trial share its error: a delay of that noise was a late clock, and its inertia a light rotor."""
+    state = running(gap_m=0.0, noise_m=3e-5)
+    state = replace(state, speed_rad_s=state.speed_rad_s * (1.0 + ripple * np.cos(2.0 * state.angle_rad)))
+    smooth = smooth_state(state, block_matrix(len(state.speed_rad_s)), mechanism=BASELINE.mechanism)
+    share = second_harmonic(smooth.speed_rad_s) / second_harmonic(state.speed_rad_s)
+    assert kept[0] <= share <= kept[1]
