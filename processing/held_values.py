@@ -23,7 +23,7 @@ _SINGLE_SHARE = 0.5
 _PHASES = 256
 # Rates that are tried about the likeliest one, over the length of the channel: 1 is one period more or less.
 _TRIED = (np.linspace(-1.0, 1.0, 21), np.linspace(-0.1, 0.1, 21))
-_MOST_TRIED = 4000
+_MOST_TRIED = 1000
 
 # What is less late than that is not late: amplifiers and filters of every bench are.
 _ORDINARY_S = 1e-4
@@ -69,10 +69,13 @@ def without_repeats(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
 
 def _likeliest_clock(before_s: Floats, at_s: Floats) -> tuple[float, float, float]:
     """`_clock` of the period that explains most, near the likeliest in the spectrum of the updates' times, and it."""
+    from scipy.fft import next_fast_len
+
     since_s, usual_s = at_s - at_s[0], float(np.median(np.diff(at_s)))
     counts = np.bincount((since_s * (_CELLS / usual_s)).astype(np.int64))
-    power = np.abs(np.fft.rfft(counts, _PADDED * len(counts)))
-    rates = np.arange(len(power)) * _CELLS / (_PADDED * len(counts) * usual_s)
+    n_padded = next_fast_len(_PADDED * len(counts), real=True)
+    power = np.abs(np.fft.rfft(counts, n_padded))
+    rates = np.arange(len(power)) * _CELLS / (n_padded * usual_s)
     likely = (rates > _RATES[0] / usual_s) & (rates < _RATES[1] / usual_s)
     rate_hz = float(rates[likely][np.argmax(power[likely])]) if likely.any() else 1.0 / usual_s
     some = slice(None, None, len(at_s) // _MOST_TRIED + 1)
@@ -87,10 +90,11 @@ def _clock(before_s: Floats, at_s: Floats, period_s: float) -> tuple[float, floa
     """Share of updates, each between two rows, that a clock of a period explains, and one of its times."""
     first = _PHASES * (before_s / period_s % 1.0)
     length = np.minimum(_PHASES * (at_s - before_s) / period_s, _PHASES)
-    changes = np.zeros(2 * _PHASES + 2)
-    np.add.at(changes, np.ceil(first).astype(np.int64), 1.0)
-    np.add.at(changes, np.ceil(first + length).astype(np.int64), -1.0)
-    votes = np.cumsum(changes)[: 2 * _PHASES].reshape(2, _PHASES).sum(axis=0)
+    begun, ended = (
+        np.cumsum(np.bincount(np.ceil(ends).astype(np.int64), minlength=2 * _PHASES + 2))[: 2 * _PHASES]
+        for ends in (first, first + length)
+    )
+    votes = (begun - ended).reshape(2, _PHASES).sum(axis=0)
     middle = np.exp(2j * np.pi / _PHASES * np.flatnonzero(votes == votes.max())).sum()
     time_s = float(np.angle(middle) / (2.0 * np.pi) * period_s)
     # As far as all that it explains leaves it free: the middle of that.
