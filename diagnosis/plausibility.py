@@ -262,12 +262,23 @@ def blade_power_w(baseline: Baseline, reading: Reading) -> float | None:
     return None if reading.blade_power_w is None else -baseline.cutting_sign * reading.blade_power_w
 
 
+def settled_current_a(baseline: Baseline, reading: Reading) -> float | None:
+    """Motor current without what brings the machine up to speed: light motors take seconds for that."""
+    if reading.motor_current_a is None:
+        return None
+    plant, gear = baseline.plant, baseline.gear
+    inertia = plant.rotor_inertia_kg_m2.nominal * gear + plant.yoke_inertia_kg_m2.nominal / gear
+    torque_n_m = inertia * 2.0 * np.pi * reading.rate_gain_hz_s
+    return reading.motor_current_a - torque_n_m / plant.torque_constant_n_m_per_a.nominal
+
+
 def cutting_power_w(baseline: Baseline, reading: Reading, idle_current_a: float) -> float | None:
     """Shaft power that the motor current beyond idling stands for, W."""
-    if reading.motor_current_a is None or reading.rate_hz is None or reading.n_strokes < _NUMBERS.least_strokes:
+    settled_a = settled_current_a(baseline, reading)
+    if settled_a is None or reading.rate_hz is None or reading.n_strokes < _NUMBERS.least_strokes:
         return None
     speed = 2.0 * np.pi * reading.rate_hz * baseline.gear
-    extra_a = reading.motor_current_a - idle_current_a
+    extra_a = settled_a - idle_current_a
     return baseline.plant.torque_constant_n_m_per_a.nominal * extra_a * speed
 
 

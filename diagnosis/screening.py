@@ -17,7 +17,7 @@ from sawbench.bench.second_core import on_two_cores
 from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, DISPLACEMENT, FORCE
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.trial_settings import Screening
-from sawbench.diagnosis.plausibility import Suspicion, check, cutting_power_w, explain_faults
+from sawbench.diagnosis.plausibility import Suspicion, check, cutting_power_w, explain_faults, settled_current_a
 from sawbench.diagnosis.trial_reading import Readings, tracks_of
 from sawbench.modeling.residuals import Baseline
 from sawbench.processing.held_values import without_repeats
@@ -220,13 +220,14 @@ def _without_copies(recordings: Sequence[Recording], warnings: list[str]) -> lis
 
 
 def _idle_currents(recordings: Sequence[Recording], readings: Readings, baseline: Baseline) -> dict[float, float]:
-    """Motor current of plausible idle trials by duty, A."""
+    """Motor current of plausible idle trials by duty, up to speed, A."""
     found = {}
     for recording in recordings:
         if recording.trial.is_idle:
             reading = readings.of(recording)
-            if reading.motor_current_a is not None and not check(baseline, recording.trial, reading).faults:
-                found.setdefault(recording.trial.duty or 0.0, reading.motor_current_a)
+            settled_a = settled_current_a(baseline, reading)
+            if settled_a is not None and not check(baseline, recording.trial, reading).faults:
+                found.setdefault(recording.trial.duty or 0.0, settled_a)
     return found
 
 

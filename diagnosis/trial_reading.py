@@ -18,6 +18,7 @@ _HYSTERESIS = 0.25
 # The last strokes of a trial, each longer (or shorter) by that than the one before: the trigger was let go, or the
 # blade has left the wood. What the motor takes is then no match for what the blade takes.
 _CHANGED = 0.01
+_STROKES_OF_A_RATE = 5
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -32,6 +33,8 @@ class Reading:
         Complete strokes; 0 where the displacement does not swing.
     rate_hz : float or None
         Median stroke rate.
+    rate_gain_hz_s : float
+        By what the stroke rate grows in a second, on average.
     motor_current_a, battery_current_a, battery_voltage_v : float or None
     voltage_ripple : float or None
         Standard deviation of the battery voltage over its mean.
@@ -55,6 +58,7 @@ class Reading:
     blade_power_w: float | None
     falling_force_n: float | None
     rising_force_n: float | None
+    rate_gain_hz_s: float = 0.0
 
 
 def tracks_of(recording: Recording) -> dict[str, Track]:
@@ -94,6 +98,7 @@ def read_trial(tracks: Mapping[str, Track]) -> Reading:
         blade_power_w=power if is_driven else None,
         falling_force_n=falling,
         rising_force_n=rising,
+        rate_gain_hz_s=_rate_gain_hz_s(starts_s),
     )
 
 
@@ -153,6 +158,15 @@ def _driven(starts_s: Floats, time_s: Floats) -> Floats:
     is_other = changing[::-1] != changing[-1]
     n_changing = int(np.argmax(is_other)) if is_other.any() else len(changing)
     return starts_s if changing[-1] == 0.0 else starts_s[: -(n_changing + 1)]
+
+
+def _rate_gain_hz_s(starts_s: Floats) -> float:
+    """From the first strokes to the last ones."""
+    n = min(_STROKES_OF_A_RATE, (len(starts_s) - 1) // 4)
+    if n < 1:
+        return 0.0
+    first_hz, last_hz = n / (starts_s[n] - starts_s[0]), n / (starts_s[-1] - starts_s[-1 - n])
+    return float((last_hz - first_hz) / (starts_s[-1] - starts_s[0]))
 
 
 def _late_part(tracks: Mapping[str, Track]) -> tuple[float, float]:

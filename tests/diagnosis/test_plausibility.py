@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from sawbench.bench.config import load_config
 from sawbench.bench.recording import Trial
-from sawbench.diagnosis.plausibility import check
+from sawbench.diagnosis.plausibility import check, settled_current_a
 from sawbench.diagnosis.screening import idle_current_between
 from sawbench.diagnosis.trial_reading import Reading, read_trial
 from sawbench.modeling.residuals import Baseline
@@ -63,6 +63,22 @@ def test_a_force_of_the_wrong_size_is_found_with_an_idle_run_at_its_own_duty(fac
 def test_a_force_that_no_idle_current_explains_is_found_without_an_idle_run_at_its_duty():
     between = idle_current_between({TOP_DUTY: 1.4}, LOW_DUTY)
     assert kinds(in_soft_wood(LOW_DUTY, 0.9, force_is=10.0), between) == {"blade power"}
+
+
+@pytest.mark.parametrize("time_constant_s", [0.3, 1.0])
+def test_what_brings_a_machine_up_to_speed_is_no_friction(time_constant_s):
+    """As seen: idle runs of 4 s on a saw that takes 2 s to settle, and every cut took more than the motor had left."""
+    time_s = np.arange(0.0, 4.0, 1e-3)
+    rate_hz = 30.0 * -np.expm1(-time_s / time_constant_s)
+    turned = np.cumsum(2.0 * np.pi * rate_hz) * 1e-3
+    inertia = PLANT.rotor_inertia_kg_m2.nominal * BASELINE.gear + PLANT.yoke_inertia_kg_m2.nominal / BASELINE.gear
+    swung_n_m = inertia * 2.0 * np.pi * np.gradient(rate_hz, time_s)
+    friction_a = 1.5
+    current_a = friction_a + swung_n_m / PLANT.torque_constant_n_m_per_a.nominal
+    tracks = {"displacement_mm": (time_s, 10.0 * (1.0 - np.cos(turned))), "motor_current_a": (time_s, current_a)}
+    reading = read_trial(tracks)
+    assert settled_current_a(BASELINE, reading) == pytest.approx(friction_a, rel=0.1)
+    assert reading.motor_current_a > 1.5 * friction_a or time_constant_s < 1.0
 
 
 def cut_trial(*, off_s: float, seconds: float = 1.8) -> dict[str, tuple[np.ndarray, np.ndarray]]:
