@@ -17,8 +17,9 @@ _LEAST_ROWS = 1.5
 _RATES = (0.7, 1.4)
 # Cells of a median time in which updates are counted, and how often longer than the channel the counts are.
 _CELLS, _PADDED = 8, 2
-# Of the updates, those that come between their row and the row before by one clock; most are a single period apart.
-_EXPLAINED = 0.9
+# Of the updates, those that come between their row and the row before by one clock: nine of ten on a bench whose stamps
+# are rounded, by chance six of ten. Most are a single period apart.
+_EXPLAINED = 0.8
 _SINGLE_SHARE = 0.5
 _PHASES = 256
 # Rates that are tried about the likeliest one, over the length of the channel: 1 is one period more or less.
