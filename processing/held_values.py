@@ -22,7 +22,9 @@ _CELLS, _PADDED = 8, 2
 _EXPLAINED = 0.8
 _SINGLE_SHARE = 0.5
 _PHASES = 256
-# Rates that are tried about the likeliest one, over the length of the channel: 1 is one period more or less.
+# So many periods are looked at first, then this many times as many, until all are.
+_FIRST_PERIODS, _LONGER = 20_000, 8
+# Rates that are tried about the likeliest one, over the length looked at: 1 is one period more or less.
 _TRIED = (np.linspace(-1.0, 1.0, 21), np.linspace(-0.1, 0.1, 21))
 _MOST_TRIED = 1000
 
@@ -73,18 +75,22 @@ def _likeliest_clock(before_s: Floats, at_s: Floats) -> tuple[float, float, floa
     from scipy.fft import next_fast_len
 
     since_s, usual_s = at_s - at_s[0], float(np.median(np.diff(at_s)))
-    counts = np.bincount((since_s * (_CELLS / usual_s)).astype(np.int64))
+    n = int(np.searchsorted(since_s, _FIRST_PERIODS * usual_s))
+    counts = np.bincount((since_s[:n] * (_CELLS / usual_s)).astype(np.int64))
     n_padded = next_fast_len(_PADDED * len(counts), real=True)
     power = np.abs(np.fft.rfft(counts, n_padded))
     rates = np.arange(len(power)) * _CELLS / (n_padded * usual_s)
     likely = (rates > _RATES[0] / usual_s) & (rates < _RATES[1] / usual_s)
     rate_hz = float(rates[likely][np.argmax(power[likely])]) if likely.any() else 1.0 / usual_s
-    some = slice(None, None, len(at_s) // _MOST_TRIED + 1)
-    for tried in _TRIED:
-        near_hz = rate_hz + tried / since_s[-1]
-        shares = np.array([_clock(before_s[some], at_s[some], 1.0 / float(one))[0] for one in near_hz])
-        rate_hz = float(near_hz[shares == shares.max()].mean())
-    return *_clock(before_s, at_s, 1.0 / rate_hz), 1.0 / rate_hz
+    while True:
+        some = slice(None, n, n // _MOST_TRIED + 1)
+        for tried in _TRIED:
+            near_hz = rate_hz + tried / since_s[n - 1]
+            shares = np.array([_clock(before_s[some], at_s[some], 1.0 / float(one))[0] for one in near_hz])
+            rate_hz = float(near_hz[shares == shares.max()].mean())
+        if n == len(at_s):
+            return *_clock(before_s, at_s, 1.0 / rate_hz), 1.0 / rate_hz
+        n = min(_LONGER * n, len(at_s))
 
 
 def _clock(before_s: Floats, at_s: Floats, period_s: float) -> tuple[float, float]:
