@@ -24,7 +24,8 @@ SMALL = Load(force_n=0.5 * OAK.force_n, blade_speed_m_s=2.0 * OAK.blade_speed_m_
     ("name", "share"),
     [
         ("edge_force", 0.5),
-        ("guide_friction", 0.5),
+        # A quarter of the torque through the same gear: what the motor drives, not what the wood takes.
+        ("guide_friction", 0.25),
         # A damping is a force over a speed.
         ("return_stroke_rubbing", 0.25),
         ("motor_coulomb_friction", 0.25),
