@@ -266,10 +266,8 @@ def settled_current_a(baseline: Baseline, reading: Reading) -> float | None:
     """Motor current without what brings the machine up to speed: light motors take seconds for that."""
     if reading.motor_current_a is None:
         return None
-    plant, gear = baseline.plant, baseline.gear
-    inertia = plant.rotor_inertia_kg_m2.nominal * gear + plant.yoke_inertia_kg_m2.nominal / gear
-    torque_n_m = inertia * 2.0 * np.pi * reading.rate_gain_hz_s
-    return reading.motor_current_a - torque_n_m / plant.torque_constant_n_m_per_a.nominal
+    torque_n_m = float(baseline.inertia_kg_m2(np.zeros(()))) / baseline.gear * 2.0 * np.pi * reading.rate_gain_hz_s
+    return reading.motor_current_a - torque_n_m / baseline.plant.torque_constant_n_m_per_a.nominal
 
 
 def cutting_power_w(baseline: Baseline, reading: Reading, idle_current_a: float) -> float | None:

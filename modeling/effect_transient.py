@@ -165,13 +165,9 @@ class _Instants:
 
     def solved(self, time_s: Floats, y: Floats) -> State:
         """States that satisfy every equation, one row an instant, at times (n,) from states (n_states, n)."""
-        plant, gear = self.baseline.plant, self.baseline.gear
+        plant = self.baseline.plant
         state = self._at(time_s, y)
-        lever = self.baseline.lever(state)
-        inertia = (
-            plant.rotor_inertia_kg_m2.nominal * gear
-            + (plant.yoke_inertia_kg_m2.nominal + plant.reciprocating_mass_kg.nominal * lever**2) / gear
-        )
+        inertia = self.baseline.inertia_kg_m2(self.baseline.lever(state)) / self.baseline.gear
         cutting = self.point.k_fc_n_s_per_m * self.baseline.cutting_speed(state)
         for _ in range(_SUBSTITUTIONS):
             rest, added = bare_residuals(self.bare, state), self.baseline.known_signature(state)

@@ -64,7 +64,12 @@ class Load:
 
 # The saw of the paper in 20 mm of oak at a duty of 0.4375, as in `recordings/oak-01.mcap`, for some minutes.
 OAK: Final = Load(
-    force_n=265.0, blade_speed_m_s=0.86, torque_n_m=0.074, motor_speed_rad_s=780.0, heat_w=10.0, battery_v=18.0,
+    force_n=265.0,
+    blade_speed_m_s=0.86,
+    torque_n_m=0.074,
+    motor_speed_rad_s=780.0,
+    heat_w=10.0,
+    battery_v=18.0,
     battery_ohm=3.7,
 )
 

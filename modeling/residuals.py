@@ -89,6 +89,16 @@ class Baseline:
         """Motor current that the usual cut asks for."""
         return self.load.torque_n_m / self.plant.torque_constant_n_m_per_a.nominal
 
+    def inertia_kg_m2(self, lever_m: Floats) -> Floats:
+        """Inertia at the crank where the blade's lever is so long: without the plunger where it is 0 (Eq. 6)."""
+        from sawbench.modeling.parts import crank
+
+        plant = self.plant
+        rotating = crank.rotating_inertia.py_func(
+            plant.rotor_inertia_kg_m2.nominal, plant.yoke_inertia_kg_m2.nominal, self.gear
+        )
+        return np.asarray(crank.inertia.py_func(rotating, plant.reciprocating_mass_kg.nominal, lever_m))
+
     def lever(self, state: State) -> Floats:
         """Derivative of the blade's travel by the crank angle, m, shape of the state."""
         return state.motion.levers(self.mechanism)[0]

@@ -7,6 +7,7 @@ samples, the held values are late by half a period of the slow channel on averag
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from sawbench.bench.recording import Alignment, Floats
 
 _LEAST_UPDATES = 20
@@ -56,12 +57,12 @@ def without_repeats(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     if len(updates) < _LEAST_UPDATES or len(updates) > (1.0 - _LEAST_EQUAL) * len(values):
         return time_s, values
     row_s, at_s = float(np.median(np.diff(time_s))), time_s[updates]
-    explained, update_s, period_s = _likeliest_clock(time_s[updates - 1], at_s)
+    explained, period_s = _likeliest_period(time_s[updates - 1], at_s)
     singles = np.round(np.diff(at_s) / period_s) == 1.0
     if explained < _EXPLAINED or period_s < _LEAST_ROWS * row_s or np.mean(singles) < _SINGLE_SHARE:
         return time_s, values
     # In the middle of its period a value surely stands in the table; where an update does not change it, it is one too.
-    middle_s = update_s + 0.5 * period_s
+    middle_s = _phase(time_s[updates - 1], at_s, period_s) + 0.5 * period_s
     first, last = (np.round((end - middle_s) / period_s) for end in (time_s[0], time_s[-1]))
     middle_s = middle_s + period_s * np.arange(first, last + 1.0)
     rows = np.clip(np.searchsorted(time_s, middle_s), 1, len(time_s) - 1)
@@ -70,8 +71,8 @@ def without_repeats(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     return middle_s[is_there] - 0.5 * period_s, values[rows[is_there]]
 
 
-def _likeliest_clock(before_s: Floats, at_s: Floats) -> tuple[float, float, float]:
-    """`_clock` of the period that explains most, near the likeliest in the spectrum of the updates' times, and it."""
+def _likeliest_period(before_s: Floats, at_s: Floats) -> tuple[float, float]:
+    """Share of updates that the best clock explains, near the likeliest in the spectrum of their times; its period."""
     from scipy.fft import next_fast_len
 
     since_s, usual_s = at_s - at_s[0], float(np.median(np.diff(at_s)))
@@ -86,30 +87,34 @@ def _likeliest_clock(before_s: Floats, at_s: Floats) -> tuple[float, float, floa
         some = slice(None, n, n // _MOST_TRIED + 1)
         for tried in _TRIED:
             near_hz = rate_hz + tried / since_s[n - 1]
-            shares = np.array([_clock(before_s[some], at_s[some], 1.0 / float(one))[0] for one in near_hz])
-            rate_hz = float(near_hz[shares == shares.max()].mean())
+            votes = np.array([_votes(before_s[some], at_s[some], 1.0 / float(one)).max() for one in near_hz])
+            rate_hz = float(near_hz[votes == votes.max()].mean())
         if n == len(at_s):
-            return *_clock(before_s, at_s, 1.0 / rate_hz), 1.0 / rate_hz
+            return float(_votes(before_s, at_s, 1.0 / rate_hz).max() / n), 1.0 / rate_hz
         n = min(_LONGER * n, len(at_s))
 
 
-def _clock(before_s: Floats, at_s: Floats, period_s: float) -> tuple[float, float]:
-    """Share of updates, each between two rows, that a clock of a period explains, and one of its times."""
+def _votes(before_s: Floats, at_s: Floats, period_s: float) -> NDArray[np.int64]:
+    """For each phase of a clock: how many updates, each between two rows, it explains."""
     first = _PHASES * (before_s / period_s % 1.0)
     length = np.minimum(_PHASES * (at_s - before_s) / period_s, _PHASES)
     begun, ended = (
         np.cumsum(np.bincount(np.ceil(ends).astype(np.int64), minlength=2 * _PHASES + 2))[: 2 * _PHASES]
         for ends in (first, first + length)
     )
-    votes = (begun - ended).reshape(2, _PHASES).sum(axis=0)
+    return (begun - ended).reshape(2, _PHASES).sum(axis=0)
+
+
+def _phase(before_s: Floats, at_s: Floats, period_s: float) -> float:
+    """A time of the clock that explains most updates, in the middle of what those leave free."""
+    votes = _votes(before_s, at_s, period_s)
     middle = np.exp(2j * np.pi / _PHASES * np.flatnonzero(votes == votes.max())).sum()
     time_s = float(np.angle(middle) / (2.0 * np.pi) * period_s)
-    # As far as all that it explains leaves it free: the middle of that.
     early_s, late_s = ((ends_s - time_s + 0.5 * period_s) % period_s - 0.5 * period_s for ends_s in (before_s, at_s))
     is_explained = (early_s <= 0.0) & (late_s >= 0.0)
     if is_explained.any():
         time_s += 0.5 * float(early_s[is_explained].max() + late_s[is_explained].min())
-    return float(votes.max() / len(at_s)), time_s
+    return time_s
 
 
 def alignment_of_rows(time_s: Floats, kept_s: Floats | None = None) -> Alignment:

@@ -183,14 +183,12 @@ class Jigsaw:
         """
         known = np.sqrt(N_BLOCKS) * np.concatenate([[0.0], state.ripple_std_rad])
         std = known[np.minimum(order.astype(int), len(known) - 1)] * (order < len(known))
-        baseline, plant = self.baseline, self.baseline.plant
+        baseline = self.baseline
         faster = order * float(state.speed_rad_s.mean())
         if equation == "electrical":
-            return plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * faster * std
-        lever_m = baseline.mechanism.lever(state.angle_rad[0])
-        swung = plant.yoke_inertia_kg_m2.nominal + plant.reciprocating_mass_kg.nominal * np.mean(lever_m**2)
-        inertia = plant.rotor_inertia_kg_m2.nominal * baseline.gear + swung / baseline.gear
-        return inertia * faster**2 * std
+            return baseline.plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * faster * std
+        inertia = float(np.mean(baseline.inertia_kg_m2(baseline.mechanism.lever(state.angle_rad[0]))))
+        return inertia / baseline.gear * faster**2 * std
 
     def nuisances(self) -> tuple[Nuisance, ...]:
         """See `diagnosis.inference.nuisances.nuisances_of`."""
