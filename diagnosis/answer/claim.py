@@ -239,17 +239,22 @@ def _added(
     """What an effect of the likeliest hypothesis adds to what the others predict, and what these leave to be added.
 
     Log probability of each withheld group, and of what the others leave above the noise, both in the equations where
-    the effect acts: what it gains elsewhere is not its, nor is what stays unexplained there.
+    the effect acts: what it gains elsewhere is not its, nor is what stays unexplained there. Of several effects numbers
+    of the plant take the place of one only where the data are likelier with these numbers wrong than with the effect.
     """
     best, equations = posterior.best, acts_in(problem, member)
-    whole = predictions.of(best).ladder
-    energy = {name: whole.by_group(values) for name, values in whole.energy_in(equations).items()}
-    without, left = energy["retuned"], float(np.sum(energy["retuned"] - energy["noise_floor"]))
     rest = best.without(member.effect.name)
-    if rest:
-        fewer = predictions.of(_found(posterior, rest), by_trial=whole.held_out == "trials").ladder
-        without, left = fewer.by_group(fewer.energy_in(equations)["with_effect"]), fewer.left_in(equations)
-    return 0.5 * (without - energy["with_effect"]), 0.5 * left
+    if not rest:
+        alone = predictions.of(best).ladder
+        energy = {name: alone.by_group(values) for name, values in alone.energy_in(equations).items()}
+        added = energy["retuned"] - energy["with_effect"]
+        return 0.5 * added, 0.5 * float(np.sum(energy["retuned"] - energy["noise_floor"]))
+    others = _found(posterior, rest)
+    freed = predictions.freed_instead(others, best.log_evidence - others.log_evidence)
+    whole = predictions.of(best, freed=freed).ladder
+    fewer = predictions.of(others, by_trial=whole.held_out == "trials", freed=freed).ladder
+    without, with_it = (one.by_group(one.energy_in(equations)["with_effect"]) for one in (fewer, whole))
+    return 0.5 * (without - with_it), 0.5 * fewer.left_in(equations)
 
 
 def _is_sure(gains: Floats) -> bool:

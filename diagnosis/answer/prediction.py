@@ -18,6 +18,7 @@ from sawbench.diagnosis.inference.evidence import Column, Explanation, columns_i
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import FORM_OF_KNOWN, LinearProblem, Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
+from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.settings import Z95
 from sawbench.modeling.effects.effect import Effect
 from sawbench.modeling.residuals import Equation
@@ -58,14 +59,16 @@ class Predictions:
         self._problem, self._columns, self._posterior = problem, columns, posterior
         claims = posterior.claims
         self._best = stacked([m.column for m in claims[0].members]) if claims else None
-        self._hold_outs: dict[bool, HoldOut] = {}
-        self._found: dict[tuple[tuple[str, ...], bool], Prediction] = {}
+        self._hold_outs: dict[tuple[bool, tuple[str, ...]], HoldOut] = {}
+        self._found: dict[tuple[tuple[str, ...], bool, tuple[str, ...]], Prediction] = {}
         self._channels: dict[tuple[str, ...], ChannelGap | None] = {}
         # A model that is solved does not know what the form of a known effect may miss: the rest is fitted alone there.
         solved = problem.only(lambda name: not name.startswith(FORM_OF_KNOWN))
         self._solved = self if len(solved.names) == len(problem.names) else Predictions(solved, columns, posterior)
 
-    def of(self, hypothesis: Hypothesis, *, by_trial: bool | None = None) -> Prediction:
+    def of(
+        self, hypothesis: Hypothesis, *, by_trial: bool | None = None, freed: tuple[str, ...] | None = None
+    ) -> Prediction:
         """Climb the ladder of one hypothesis.
 
         Parameters
@@ -73,12 +76,15 @@ class Predictions:
         hypothesis : Hypothesis
         by_trial : bool, optional
             Withhold trials, not operating points; default: where one operating point alone shows one of the effects.
+        freed : tuple of str, optional
+            Numbers of the plant that a fit may move beyond what is stated of them; default: those of the posterior.
         """
         if by_trial is None:
             by_trial = any(self.is_local(member) for member in hypothesis.members)
-        key = (hypothesis.effects, by_trial)
+        freed = self._posterior.freed if freed is None else freed
+        key = (hypothesis.effects, by_trial, freed)
         if key not in self._found:
-            hold_out = self._hold_out(by_trial=by_trial)
+            hold_out = self._hold_out(by_trial=by_trial, freed=freed)
             forms = self._forms(hypothesis.members)
             ladder = hold_out.climb([stacked(form) for form in forms])
             self._found[key] = Prediction(hold_out=hold_out, ladder=ladder, forms=forms)
@@ -90,7 +96,7 @@ class Predictions:
         found = explain(Marginal(self._problem), columns)
         if found is None:
             return None
-        hold_out = self._hold_out(by_trial=self.is_local(found))
+        hold_out = self._hold_out(by_trial=self.is_local(found), freed=self._posterior.freed)
         forms = [c.columns for c in columns if c.columns.shape == found.column.columns.shape]
         return hold_out.climb(forms), acts_in(self._problem, found)
 
@@ -101,6 +107,30 @@ class Predictions:
             found = self._solved.of(hypothesis, by_trial=by_trial)
             self._channels[hypothesis.effects] = forecast(found.hold_out, found.ladder, found.forms)
         return self._channels[hypothesis.effects]
+
+    def freed_instead(self, hypothesis: Hypothesis, gained: float) -> tuple[str, ...]:
+        """Name the numbers of the plant that, wrong, explain more beside a cause than a further effect does.
+
+        Parameters
+        ----------
+        hypothesis : Hypothesis
+            The cause without the further effect.
+        gained : float
+            Log evidence that the further effect adds.
+
+        Returns
+        -------
+        tuple of str
+            None where the effect explains more: what is stated of every number holds then with it and without it.
+        """
+        dispersion = self._posterior.dispersion[:, None]
+        problem = with_noise(self._problem, self._posterior.dispersion)
+        cause = stacked([m.column for m in hypothesis.members])
+        beside = np.hstack([cause / np.sqrt(dispersion), self._posterior.small / dispersion])
+        stated, wide = (Marginal(problem, scale=scale, extra=beside) for scale in (None, problem.wide_scale))
+        retuning = Retuning(problem, stated)
+        is_likelier = retuning.log_evidence(wide.log_evidence - stated.log_evidence) > gained
+        return retuning.freed if is_likelier else ()
 
     def is_local(self, member: Explanation) -> bool:
         """Whether the trials of one operating point alone know that the effect is there.
@@ -122,39 +152,39 @@ class Predictions:
     @cached_property
     def _without_each_point(self) -> list[Marginal]:
         """`_of_all` without each operating point; none where trials are withheld instead."""
-        hold_out, problem = self._hold_out(by_trial=False), with_noise(self._problem, self._posterior.dispersion)
+        hold_out = self._hold_out(by_trial=False, freed=self._posterior.freed)
+        problem = with_noise(self._problem, self._posterior.dispersion)
         withheld = hold_out.rows.values() if hold_out.held_out == "operating points" else ()
         return [Marginal(problem, rows=~rows) for rows in withheld]
 
-    def _hold_out(self, *, by_trial: bool) -> HoldOut:
-        if by_trial not in self._hold_outs:
-            self._hold_outs[by_trial] = HoldOut(
-                self._problem, self._best, by_trial=by_trial, freed=self._posterior.freed
-            )
-        return self._hold_outs[by_trial]
+    def _hold_out(self, *, by_trial: bool, freed: tuple[str, ...]) -> HoldOut:
+        key = (by_trial, freed)
+        if key not in self._hold_outs:
+            self._hold_outs[key] = HoldOut(self._problem, self._best, by_trial=by_trial, freed=freed)
+        return self._hold_outs[key]
 
     def _forms(self, members: Sequence[Explanation]) -> list[tuple[Column, ...]]:
         """Forms that are chosen from again in every fit: of each effect every one, beside the best ones of the others.
 
-        Several effects are compared with fewer, whose forms are free: they must not be held to one form each.
+        Several effects are compared with fewer, whose forms are free: they must not be held to one form each. A ladder
+        takes forms of as many numbers as the best one has.
         """
-        every = [
-            [c for c in self._columns[m.effect.name] if c.columns.shape == m.column.columns.shape] for m in members
-        ]
+        every = [self._columns[m.effect.name] for m in members]
         best = self._best_together([m.column for m in members], every)
         found = [tuple(best)] if best else []
         for k, own in enumerate(best):
-            found += [(*best[:k], other, *best[k + 1 :]) for other in every[k] if other is not own]
+            alike = [c for c in every[k] if c is not own and c.columns.shape == own.columns.shape]
+            found += [(*best[:k], other, *best[k + 1 :]) for other in alike]
         return found
 
     def _best_together(self, columns: list[Column], every: Sequence[Sequence[Column]]) -> list[Column]:
-        """Best form of each effect beside the others, in turn until none changes; of a single one as given."""
-        best, n = list(columns), len(columns)
-        for _ in range(_MOST_SWEEPS if n > 1 else 0):
+        """Best form of each effect beside the others, in turn until none changes."""
+        best = list(columns)
+        for _ in range(_MOST_SWEEPS):
             before = list(best)
-            for k in range(n):
-                marginal = Marginal(self._problem, extra=stacked([*best[:k], *best[k + 1 :]]))
-                found = explain(marginal, every[k])
+            for k in range(len(best)):
+                beside = [*best[:k], *best[k + 1 :]]
+                found = explain(Marginal(self._problem, extra=stacked(beside) if beside else None), every[k])
                 best[k] = best[k] if found is None else found.column
             if all(old is new for old, new in zip(before, best, strict=True)):
                 break
