@@ -386,6 +386,42 @@ def test_a_wave_of_any_form_is_play_only_where_it_is_as_large_as_play(problem, c
     assert ("yoke_backlash" in held.best.effects) == is_declared
 
 
+def test_withheld_trials_are_predicted_by_the_best_form_whatever_its_number_of_waves(problem, columns, judged):
+    """As seen: play that changes with the speed, held to one wave in air and one under load, left the half of a gap."""
+    few, many = columns["yoke_backlash"]
+    under_load_faster = many.columns.shape[1] // 5 * 3
+    data = replace(problem, data=problem.data + 2.0 * many.columns[:, under_load_faster])
+    claim = next(h for h in judged.claims if h.effects == ("yoke_backlash",))
+    claim = replace(claim, members=(explain(Marginal(data), [few]),))
+    found = OfFeatures(data, columns, judged).of(claim)
+    assert [column.shape for form in found.forms for column in form] == [many.shape]
+
+
+def test_a_wrong_number_takes_the_place_of_a_further_effect_only_where_it_is_likelier(problem, columns):
+    """A torque constant that is known to a quarter of its stated uncertainty, and six of these uncertainties off."""
+    name = "torque_constant_n_m_per_a"
+    loose = problem.nuisance * np.where(np.array(problem.names) == name, 10.0, 1.0)
+    wrong = loose[:, problem.names.index(name)]
+    data = with_columns(replace(problem, nuisance=loose, data=problem.data + 6.0 * wrong), columns, RUBBING, 1.0)
+    posterior = judge(data, columns)
+    predictions = OfFeatures(data, columns, posterior)
+    rubbing = next(h for h in posterior.claims if h.effects == (RUBBING,))
+    assert predictions.freed_instead(rubbing, 1.0) == (name,)
+    assert predictions.freed_instead(rubbing, 100.0) == ()
+
+
+def test_a_further_effect_is_not_lost_to_a_number_that_would_have_to_be_far_off(problem, columns):
+    """As seen: load-dependent friction, which no withheld cut tells from a torque constant that is far too large."""
+    load, number = "load_dependent_friction", "torque_constant_n_m_per_a"
+    alike = np.where(np.array(problem.names) == number, 0.2 * columns[load][0].columns, problem.nuisance)
+    data = with_columns(with_columns(replace(problem, nuisance=alike), columns, RUBBING, 2.0), columns, load, 2.0)
+    posterior = judge(data, columns)
+    assert number in posterior.freed
+    judged = certain_of(posterior, " + ".join(sorted((load, RUBBING))))
+    held = held_to_predictions(data, columns, judged, OfFeatures(data, columns, judged))
+    assert set(held.best.effects) == {load, RUBBING}
+
+
 @pytest.mark.parametrize(("log_odds", "is_wear"), [(9.0, True), (4.0, True), (3.0, False)])
 def test_a_trend_is_there_by_its_odds_not_by_how_well_its_forms_agree_on_the_size(problem, columns, log_odds, is_wear):
     """As seen: nine nats for wear, whose linear and running-in forms state 0.1 and 0.02 of growth."""
