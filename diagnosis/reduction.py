@@ -204,19 +204,13 @@ def power_by_chance(n_rows: int, n_harmonics: int) -> float:
 
 
 def _signal_share(spectra: NDArray[np.complex128], least: float = 0.0) -> Floats:
-    """Factor on each harmonic of the mean of rows: 1 where it is certain, 0 where it is no more than noise.
-
-    And 0 where its power is less than so many times its variance.
-
-    Squared noise in a signature is evidence out of nothing wherever the residual holds the same noise.
-    """
+    """`_certain_share` of each harmonic of the mean of rows; 0 where its power is below so many times its variance."""
     n = len(spectra)
     if n < _MIN_ROWS_TO_SHRINK:
         return np.ones(spectra.shape[1])
     variance = np.sum(np.abs(np.diff(spectra, axis=0)) ** 2, axis=0) / (2.0 * (n - 1) * n)
-    power = np.maximum(np.abs(spectra.mean(axis=0)) ** 2, 1e-30)
-    share = np.clip(1.0 - _NUMBERS.noise_margin * variance / power, 0.0, 1.0)
-    share[power < least * variance] = 0.0
+    power = np.abs(spectra.mean(axis=0)) ** 2
+    share = np.where(power < least * variance, 0.0, _certain_share(power, variance))
     share[0] = 1.0
     return share
 
@@ -234,9 +228,16 @@ def _certain_ripple(speed: Floats, std_rad: Floats) -> Floats:
     """
     spectrum, order = np.fft.rfft(speed, axis=1), np.arange(1, len(std_rad) + 1)
     wave_rad = 2.0 * np.abs(spectrum[:, order]) / (order * spectrum[:, :1].real)
-    power = np.maximum(wave_rad**2, 1e-30)
-    spectrum[:, order] *= np.clip(1.0 - _NUMBERS.noise_margin * 2.0 * std_rad**2 / power, 0.0, 1.0)
+    spectrum[:, order] *= _certain_share(wave_rad**2, 2.0 * std_rad**2)
     return np.fft.irfft(spectrum, speed.shape[1])
+
+
+def _certain_share(power: Floats, variance: Floats) -> Floats:
+    """Factor on a harmonic in a signature: 1 where it is certain, 0 where it is no more than noise.
+
+    Squared noise in a signature is evidence out of nothing wherever the residual holds the same noise.
+    """
+    return np.clip(1.0 - _NUMBERS.noise_margin * variance / np.maximum(power, 1e-30), 0.0, 1.0)
 
 
 def lock_to_angle(state: State) -> tuple[str, complex] | None:

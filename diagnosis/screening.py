@@ -219,38 +219,47 @@ def _without_copies(recordings: Sequence[Recording], warnings: list[str]) -> lis
     return out
 
 
-def _idle_currents(recordings: Sequence[Recording], readings: Readings, baseline: Baseline) -> dict[float, float]:
-    """Motor current of plausible idle trials by duty, up to speed, A."""
-    found = {}
+def _idle_currents(recordings: Sequence[Recording], readings: Readings, baseline: Baseline) -> dict[float, Bounds]:
+    """Least and largest motor current of plausible idle trials by duty, up to speed, A: cold grease is not warm."""
+    found: dict[float, Bounds] = {}
     for recording in recordings:
         if recording.trial.is_idle:
             reading = readings.of(recording)
             settled_a = settled_current_a(baseline, reading)
             if settled_a is not None and not check(baseline, recording.trial, reading).faults:
-                found.setdefault(recording.trial.duty or 0.0, settled_a)
+                duty = recording.trial.duty or 0.0
+                least, most = found.get(duty, (settled_a, settled_a))
+                found[duty] = (min(least, settled_a), max(most, settled_a))
     return found
 
 
-def idle_current_between(by_duty: Mapping[float, float], duty: float) -> Bounds:
+def idle_current_between(by_duty: Mapping[float, Bounds], duty: float) -> Bounds:
     """Between which motor currents an idle run at a duty lies, by that at the nearest duty.
 
     What a tool draws in air grows with its speed by a power of 0 (dry friction) to 2 (a fan).
 
     Parameters
     ----------
-    by_duty : mapping of float to float
-        Motor current of idle runs by their duty, A; may be empty.
+    by_duty : mapping of float to (float, float)
+        Least and largest motor current of the idle runs by their duty, A; may be empty.
     duty : float
 
     Examples
     --------
-    >>> idle_current_between({0.8: 1.6}, 0.8), idle_current_between({0.8: 1.6}, 0.4), idle_current_between({}, 0.4)
-    ((1.6, 1.6), (0.4, 1.6), (0.0, 0.0))
+    >>> runs = {0.8: (1.6, 1.8)}
+    >>> idle_current_between(runs, 0.8), idle_current_between(runs, 0.4), idle_current_between({}, 0.4)
+    ((1.6, 1.8), (0.4, 1.8), (0.0, 0.0))
     """
     if not by_duty:
         return 0.0, 0.0
     nearest = min(by_duty, key=lambda d: abs(d - duty))
-    least, most = sorted((by_duty[nearest], by_duty[nearest] * (duty / nearest) ** 2))
+    least, most = by_duty[nearest]
+    of_a_fan = (duty / nearest) ** 2
+    least, most = min(least, least * of_a_fan), max(most, most * of_a_fan)
+    # No nearer than every other run allows: the nearest may have been the first one, in cold grease.
+    for other, (low, high) in by_duty.items():
+        of_a_fan = (duty / other) ** 2
+        least, most = min(least, low * max(1.0, of_a_fan)), max(most, high * min(1.0, of_a_fan))
     return least, most
 
 
@@ -428,7 +437,7 @@ def _without_wrong_labels(
     for recording in recordings:
         if recording.trial.is_idle or recording.trial.duty not in idle:
             continue
-        found = cutting_power_w(baseline, readings.of(recording), idle[recording.trial.duty])
+        found = cutting_power_w(baseline, readings.of(recording), idle[recording.trial.duty][0])
         if found is not None:
             power[recording.trial.trial_id] = found
     usual = float(np.median(list(power.values()))) if len(power) >= 3 else 0.0

@@ -24,6 +24,7 @@ from sawbench.bench.units import (
     FORCE,
     MOTOR_CURRENT,
 )
+from sawbench.diagnosis.inference.peaks import Peak, near_harmonic, not_sharper_in, peaks_of
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.strikes import Answer, Strikes, answer_of, foreign_bursts, resolution_of, strikes
 from sawbench.modeling.state import TWO_PI
@@ -31,40 +32,12 @@ from sawbench.processing.binning import AngleGrid
 
 _CELLS, _FEWEST_CELLS, _SAMPLES_A_CELL = 64, 16, 1.5
 _MOST_EMPTY = 0.02
-# Bins of a spectrum: of its floor, of a line, beside a line, and from the middle of a line to where its window ends.
-_FLOOR_BINS, _LINE_BINS, _FOOT_BINS, _WINDOW_BINS = 40, 3, (5, 8), 2
-_PEAKS = 4
 _MAINS_HZ, _HIGHEST_MULTIPLE = (50.0, 60.0), 7
 _NUMBERS: Final = SETTINGS.off_stroke
 # They follow from each other, and are read by different sensors.
 _ELECTRICAL = (MOTOR_CURRENT.name, BATTERY_VOLTAGE.name, BATTERY_CURRENT.name)
 
 Lock = Literal["time", "stroke"]
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Peak:
-    """One line in the spectrum of one channel of one trial.
-
-    Attributes
-    ----------
-    place : float
-        Hz, or cycles a stroke.
-    width : float
-        Resolution of the spectrum, in the same unit.
-    power : float
-        Over the floor around it.
-    share : float
-        Of the variance that does not follow the stroke.
-    amplitude : float
-        In the unit of the channel.
-    """
-
-    place: float
-    width: float
-    power: float
-    share: float
-    amplitude: float
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -182,8 +155,10 @@ def off_stroke(trial: TrackedTrial) -> OffStroke | None:
         at_s = np.interp(TWO_PI * at, angle.angle_rad, angle.time_s)
         flat = left.ravel()
         even_s = np.linspace(at_s[0], at_s[-1], len(flat))
-        peaks["stroke", name] = _peaks(flat, 1.0 / n_cells, 1.0)
-        peaks["time", name] = _peaks(np.interp(even_s, at_s, flat), float(even_s[1] - even_s[0]), rate_hz)
+        by_stroke = peaks_of(flat, 1.0 / n_cells, 1.0)
+        by_time = peaks_of(np.interp(even_s, at_s, flat), float(even_s[1] - even_s[0]), rate_hz)
+        peaks["stroke", name] = not_sharper_in(by_time, by_stroke, rate_hz)
+        peaks["time", name] = not_sharper_in(by_stroke, by_time, 1.0 / rate_hz)
         resolution[name] = resolution_of(channels[name].values)
         # Where samples are missing, of the channel or of the angle, what stands in a stroke was not measured.
         measured = (angle_is_read & _is_read(in_cells, n_strokes))[:, None]
@@ -197,7 +172,7 @@ def off_stroke(trial: TrackedTrial) -> OffStroke | None:
         label=trial.trial.trial_id,
         is_idle=trial.trial.is_idle,
         rate_hz=rate_hz,
-        near_harmonic=_near_harmonic(n_strokes),
+        near_harmonic=near_harmonic(n_strokes),
         feed_a_stroke_m=1e-3 * feed_mm_s / rate_hz if is_fed and feed_mm_s is not None else float("nan"),
         peaks=peaks,
         struck=struck,
@@ -265,56 +240,6 @@ def _without_lines(left: Floats, at_s: Floats, lines: Sequence[Peak]) -> Floats:
     phase = TWO_PI * np.outer(at_s, [line.place for line in lines])
     waves = np.hstack([np.cos(phase), np.sin(phase)])
     return left - (waves @ np.linalg.lstsq(waves, left.ravel())[0]).reshape(left.shape)
-
-
-def _near_harmonic(n_strokes: float) -> float:
-    """Cycles a stroke that a harmonic takes: as it scatters, or as the window spreads it over so many strokes."""
-    return max(_NUMBERS.near_harmonic, _WINDOW_BINS / n_strokes)
-
-
-def _peaks(values: Floats, step: float, per_stroke: float) -> tuple[Peak, ...]:
-    """Largest lines of a series, away from the harmonics of the stroke; `per_stroke` is a stroke's own place."""
-    from scipy.ndimage import median_filter
-
-    window = np.hanning(len(values))
-    power = np.abs(np.fft.rfft(values * window)) ** 2
-    place = np.fft.rfftfreq(len(values), step)
-    order = place / per_stroke
-    floor = median_filter(power, 2 * _FLOOR_BINS + 1) / np.log(2.0)
-    total = float(power[order > _NUMBERS.lowest_order].sum())
-    if total <= 0:
-        return ()
-    ratio = power / np.maximum(floor, 1e-12 * total)
-    is_locked = np.abs(order - np.round(order)) < _near_harmonic(1.0 / order[1])
-    ratio[(order < _NUMBERS.lowest_order) | is_locked | ~_is_narrow(power)] = 0.0
-    found: list[Peak] = []
-    while len(found) < _PEAKS:
-        k = int(np.argmax(ratio))
-        if ratio[k] < _NUMBERS.seen_power:
-            break
-        around = slice(max(k - _LINE_BINS, 0), k + _LINE_BINS + 1)
-        share = float(power[around].sum()) / total
-        # A sine of unit amplitude puts sum(window)^2 / 4 into the middle of its line.
-        amplitude = 2.0 * float(np.sqrt(power[around].sum() / (1.5 * window.sum() ** 2)))
-        at, width, height = float(place[k]), float(place[1]), float(ratio[k])
-        found.append(Peak(place=at, width=width, power=height, share=share, amplitude=amplitude))
-        ratio[around] = 0.0
-    return tuple(found)
-
-
-def _is_narrow(power: Floats) -> np.ndarray:
-    """Bins that are the largest nearby and far above their surroundings on either side."""
-    from scipy.ndimage import maximum_filter1d
-
-    near = maximum_filter1d(power, 2 * _LINE_BINS + 1)
-    first, last = _FOOT_BINS
-    padded = np.pad(power, last, mode="reflect")
-    n = len(power)
-    left, right = (
-        np.mean([padded[last + sign * k : last + sign * k + n] for k in range(first, last + 1)], axis=0)
-        for sign in (-1, 1)
-    )
-    return (power >= near) & (np.maximum(left, right) < _NUMBERS.foot_share * power)
 
 
 def off_stroke_findings(trials: Sequence[OffStroke]) -> list[Finding]:

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from sawbench.diagnosis.inference.off_stroke import OffStroke, Peak, common_line
+from sawbench.diagnosis.inference.off_stroke import OffStroke, common_line
+from sawbench.diagnosis.inference.peaks import Peak
 from sawbench.diagnosis.inference.settings import SETTINGS
 
 _NUMBERS = SETTINGS.off_stroke

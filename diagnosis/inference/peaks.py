@@ -1,0 +1,111 @@
+"""Narrow lines in the spectrum of what a channel has beside its mean stroke, over time or over the stroke."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.settings import SETTINGS
+
+# Bins of a spectrum: of its floor, of a line, beside a line, and from the middle of a line to where its window ends.
+_FLOOR_BINS, _LINE_BINS, _FOOT_BINS, _WINDOW_BINS = 40, 3, (5, 8), 2
+_PEAKS = 4
+# A line of time is smeared over the cycles a stroke by as much as the speed changes in a trial, and its peak is lower.
+_SMEARED, _SHARPER = 0.05, 1.2
+_NUMBERS: Final = SETTINGS.off_stroke
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Peak:
+    """One line in the spectrum of one channel of one trial.
+
+    Attributes
+    ----------
+    place : float
+        Hz, or cycles a stroke.
+    width : float
+        Resolution of the spectrum, in the same unit.
+    power : float
+        Over the floor around it.
+    share : float
+        Of the variance that does not follow the stroke.
+    amplitude : float
+        In the unit of the channel.
+    """
+
+    place: float
+    width: float
+    power: float
+    share: float
+    amplitude: float
+
+
+def near_harmonic(n_strokes: float) -> float:
+    """Cycles a stroke that a harmonic takes: as it scatters, or as the window spreads it over so many strokes."""
+    return max(_NUMBERS.near_harmonic, _WINDOW_BINS / n_strokes)
+
+
+def peaks_of(values: Floats, step: float, per_stroke: float) -> tuple[Peak, ...]:
+    """Largest lines of a series, away from the harmonics of the stroke; `per_stroke` is a stroke's own place."""
+    from scipy.ndimage import median_filter
+
+    window = np.hanning(len(values))
+    power = np.abs(np.fft.rfft(values * window)) ** 2
+    place = np.fft.rfftfreq(len(values), step)
+    order = place / per_stroke
+    floor = median_filter(power, 2 * _FLOOR_BINS + 1) / np.log(2.0)
+    total = float(power[order > _NUMBERS.lowest_order].sum())
+    if total <= 0:
+        return ()
+    ratio = power / np.maximum(floor, 1e-12 * total)
+    is_locked = np.abs(order - np.round(order)) < near_harmonic(1.0 / order[1])
+    ratio[(order < _NUMBERS.lowest_order) | is_locked | ~_is_narrow(power)] = 0.0
+    found: list[Peak] = []
+    while len(found) < _PEAKS:
+        k = int(np.argmax(ratio))
+        if ratio[k] < _NUMBERS.seen_power:
+            break
+        around = slice(max(k - _LINE_BINS, 0), k + _LINE_BINS + 1)
+        share = float(power[around].sum()) / total
+        # A sine of unit amplitude puts sum(window)^2 / 4 into the middle of its line.
+        amplitude = 2.0 * float(np.sqrt(power[around].sum() / (1.5 * window.sum() ** 2)))
+        at, width, height = float(place[k]), float(place[1]), float(ratio[k])
+        found.append(Peak(place=at, width=width, power=height, share=share, amplitude=amplitude))
+        ratio[around] = 0.0
+    return tuple(found)
+
+
+def not_sharper_in(other: Sequence[Peak], peaks: Sequence[Peak], to_other: float) -> tuple[Peak, ...]:
+    """Lines without those with more power in the other spectrum: while the speed changes, a line is narrow in one.
+
+    Parameters
+    ----------
+    other, peaks : sequence of Peak
+    to_other : float
+        Place in the other spectrum of what is at 1 in this one, at the mean stroke rate.
+    """
+    return tuple(
+        p
+        for p in peaks
+        if not any(
+            abs(p.place * to_other - q.place) < _SMEARED * q.place and q.power > _SHARPER * p.power for q in other
+        )
+    )
+
+
+def _is_narrow(power: Floats) -> np.ndarray:
+    """Bins that are the largest nearby and far above their surroundings on either side."""
+    from scipy.ndimage import maximum_filter1d
+
+    near = maximum_filter1d(power, 2 * _LINE_BINS + 1)
+    first, last = _FOOT_BINS
+    padded = np.pad(power, last, mode="reflect")
+    n = len(power)
+    left, right = (
+        np.mean([padded[last + sign * k : last + sign * k + n] for k in range(first, last + 1)], axis=0)
+        for sign in (-1, 1)
+    )
+    return (power >= near) & (np.maximum(left, right) < _NUMBERS.foot_share * power)
