@@ -1,0 +1,61 @@
+"""Counts of several sealed sets are summed, and everything else is given for each set."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from benchmarks import blind_table
+
+pytestmark = pytest.mark.unit
+
+
+def score(hits, n, *, error, kinds=("hum", "with")):
+    rows = [{"key": key, "value": {"hits": hits, "n": n}} for key in blind_table.ROWS]
+    estimate = {"value": error}
+    return {
+        "rows": rows,
+        "by_shift": [{"shift": kinds[0], "value": kinds[1], "n_cases": n, "rows": rows}],
+        "parameters": {"coverage": {"hits": hits, "n": n}, "relative_error": estimate},
+        "calibration_of_claims": {"error": estimate, "error_by_chance": 0.05},
+        "calibration": {"error": estimate, "error_by_chance": 0.06},
+        "runtime": {"nominal": estimate, "retuned": estimate, "with_effect": estimate},
+    }
+
+
+def test_sets_of_one_column_are_counted_together():
+    lines = blind_table.result_table({"foreign": [score(9, 10, error=0.04), score(81, 90, error=0.02)]})
+    (row,) = [line for line in lines if "exactly correct" in line]
+    # Wilson's interval of 90 of 100.
+    assert "90 of 100, 90 % (83 to 94)" in row
+    (row,) = [line for line in lines if "median error" in line]
+    assert "4.0 % and 2.0 %" in row
+
+
+def test_what_was_not_drawn_has_no_share():
+    (row,) = [line for line in blind_table.result_table({"own": [score(0, 0, error=0.1)]}) if "consistent" in line]
+    assert "none drawn" in row
+
+
+def test_kinds_of_benches_are_counted_over_all_sets():
+    lines = blind_table.kinds_table(
+        [score(1, 2, error=0.1), score(2, 3, error=0.1), score(4, 4, error=0.1, kinds=("hum", "without"))]
+    )
+    assert [line.split("|")[1:4] for line in lines[2:]] == [
+        [" hum: with ", " 5 ", " 3/5 "],
+        [" hum: without ", " 4 ", " 4/4 "],
+    ]
+
+
+def test_the_command_reads_the_files_of_the_score(tmp_path, capsys):
+    paths = []
+    for number, hits in enumerate((3, 4)):
+        path = tmp_path / f"set{number}.json"
+        path.write_text(json.dumps({"score": score(hits, 5, error=0.03)}), encoding="utf-8")
+        paths.append(str(path))
+    blind_table.main([f"foreign={','.join(paths)}"])
+    assert "7 of 10, 70 %" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        blind_table.main(["foreign"])
+    assert "NAME=SCORE.json" in capsys.readouterr().err
