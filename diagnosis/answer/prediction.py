@@ -62,6 +62,8 @@ class Predictions:
         self._hold_outs: dict[tuple[bool, tuple[str, ...]], HoldOut] = {}
         self._found: dict[tuple[tuple[str, ...], bool, tuple[str, ...]], Prediction] = {}
         self._channels: dict[tuple[str, ...], ChannelGap | None] = {}
+        # Beside each cause: log evidence that numbers of the plant are wrong, and which.
+        self._retuned: dict[tuple[str, ...], tuple[float, tuple[str, ...]]] = {}
         # A model that is solved does not know what the form of a known effect may miss: the rest is fitted alone there.
         solved = problem.only(lambda name: not name.startswith(FORM_OF_KNOWN))
         self._solved = self if len(solved.names) == len(problem.names) else Predictions(solved, columns, posterior)
@@ -123,14 +125,17 @@ class Predictions:
         tuple of str
             None where the effect explains more: what is stated of every number holds then with it and without it.
         """
-        dispersion = self._posterior.dispersion[:, None]
-        problem = with_noise(self._problem, self._posterior.dispersion)
-        cause = stacked([m.column for m in hypothesis.members])
-        beside = np.hstack([cause / np.sqrt(dispersion), self._posterior.small / dispersion])
-        stated, wide = (Marginal(problem, scale=scale, extra=beside) for scale in (None, problem.wide_scale))
-        retuning = Retuning(problem, stated)
-        is_likelier = retuning.log_evidence(wide.log_evidence - stated.log_evidence) > gained
-        return retuning.freed if is_likelier else ()
+        if hypothesis.effects not in self._retuned:
+            dispersion = self._posterior.dispersion[:, None]
+            problem = with_noise(self._problem, self._posterior.dispersion)
+            cause = stacked([m.column for m in hypothesis.members])
+            beside = np.hstack([cause / np.sqrt(dispersion), self._posterior.small / dispersion])
+            stated, wide = (Marginal(problem, scale=scale, extra=beside) for scale in (None, problem.wide_scale))
+            retuning = Retuning(problem, stated)
+            log_evidence = retuning.log_evidence(wide.log_evidence - stated.log_evidence)
+            self._retuned[hypothesis.effects] = (log_evidence, retuning.freed)
+        log_evidence, freed = self._retuned[hypothesis.effects]
+        return freed if log_evidence > gained else ()
 
     def is_local(self, member: Explanation) -> bool:
         """Whether the trials of one operating point alone know that the effect is there.
