@@ -172,6 +172,9 @@ class State:
         Standard uncertainty of the mean displacement at each angle by coarse steps of its converter. They are the same
         in all strokes of a campaign: times the root of the trials, so that no average over trials lowers it. Empty
         where the steps are finer than the noise.
+    excess_std_m_s : ndarray, shape (k,) or (0,)
+        Standard uncertainty of sine and cosine part of the harmonics of a mean `blade_excess_m_s`, 0 where it has none;
+        empty where it is no mean.
     """
 
     kind: Literal["running", "start_up", "instant"]
@@ -200,6 +203,7 @@ class State:
     resolved_s: Mapping[str, float] = field(default_factory=dict)
     blade_excess_m_s: Floats | None = None
     stroke_std_m: Floats = field(default_factory=lambda: np.zeros(0))
+    excess_std_m_s: Floats = field(default_factory=lambda: np.zeros(0))
     motion: Motion = field(default=None, repr=False, compare=False)  # type: ignore[assignment]
 
     def __post_init__(self) -> None:

@@ -23,7 +23,7 @@ from sawbench.diagnosis.inference.nuisances import (
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.zero_wander import ZeroWander, zero_readings, zero_wander
 from sawbench.diagnosis.plants.plant import EquationForm
-from sawbench.diagnosis.reduction import smooth_state
+from sawbench.diagnosis.smooth_state import smooth_state
 from sawbench.modeling.effects.effect import Effect, Place
 from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.load import OAK
@@ -110,7 +110,7 @@ class Jigsaw:
         return bare_residuals(self.baseline, state)
 
     def smooth(self, state: State, blocks: Floats) -> State:
-        """See `diagnosis.reduction.smooth_state`."""
+        """See `diagnosis.smooth_state`."""
         return smooth_state(state, blocks, mechanism=self.baseline.mechanism)
 
     def model_error(self, layout: Layout, state: State) -> Floats:
@@ -134,7 +134,8 @@ class Jigsaw:
                     floor[part] = np.hypot(floor[part], self._ripple_error(equation, order, state))
                 resolved = min(state.resolved_orders.get(channel, np.inf) for channel in _CHANNELS[equation])
                 floor[part] *= np.where(order > resolved, _UNRESOLVED, 1.0)
-        return np.diag(floor**2 + self._bend_of_sensors(layout, state)) + self._stepped_speed(layout, state)
+        of_features = np.diag(floor**2 + self._bend_of_sensors(layout, state))
+        return of_features + self._stepped_speed(layout, state) + self._scattered_speed(layout, state)
 
     def _carries(self) -> dict[str, float]:
         """Load of the saw in the unit of each equation, over that of the paper's saw: what sensors leave is no less."""
@@ -171,6 +172,28 @@ class Jigsaw:
         if "cutting" not in layout.equations or not len(state.stroke_std_m):
             return np.zeros((layout.size, layout.size))
         speed_m_s = float(state.speed_rad_s.mean()) * angle_derivative(np.diag(state.stroke_std_m))
+        return self._by_cutting_speed(layout, state, speed_m_s)
+
+    def _scattered_speed(self, layout: Layout, state: State) -> Floats:
+        """Covariance by harmonics of the blade's velocity that are measured, shape (layout.size, layout.size).
+
+        Of one trial in twenty chance shows a harmonic that is none, and at many samples a stroke the force is certain
+        enough to contradict it. One mean is found for a trial: averaging its blocks must not make it more certain.
+        """
+        nothing = np.zeros((layout.size, layout.size))
+        if "cutting" not in layout.equations or state.kind != "running":
+            return nothing
+        n_units = len(state.speed_rad_s)
+        std_m_s = self.smooth(state, np.full((1, n_units), 1.0 / n_units)).excess_std_m_s
+        order = np.flatnonzero(std_m_s) + 1
+        if not len(order):
+            return nothing
+        angle = np.outer(order, state.angle_rad[0])
+        speed_m_s = np.concatenate([np.cos(angle), np.sin(angle)]) * np.tile(std_m_s[order - 1], 2)[:, None]
+        return self._by_cutting_speed(layout, state, speed_m_s)
+
+    def _by_cutting_speed(self, layout: Layout, state: State, speed_m_s: Floats) -> Floats:
+        """Covariance by independent errors of the blade's velocity, shape (n, n_points), shared by a trial's blocks."""
         is_cutting = self.baseline.cutting_speed(state).mean(axis=0) > 0.0
         force_n = state.k_guess_n_s_per_m * speed_m_s * is_cutting
         moved = layout.place({"cutting": force_n}, len(force_n))

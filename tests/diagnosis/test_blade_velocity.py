@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from sawbench.bench.recording import Signal, Trial
 from sawbench.bench.units import CHANNEL_BY_NAME
+from sawbench.diagnosis.inference.features import HARMONICS, N_BLOCKS, layout_of
 from sawbench.diagnosis.inference.linear_problem import block_matrix
-from sawbench.diagnosis.reduction import running_state, smooth_state
+from sawbench.diagnosis.plants.jigsaw import Jigsaw
+from sawbench.diagnosis.reduction import N_HARMONICS, running_state
+from sawbench.diagnosis.smooth_state import smooth_state
 from sawbench.modeling.effects.yoke_backlash import swing
 from sawbench.modeling.state import TWO_PI
 from sawbench.processing.crank_angle import track_crank_angle
@@ -120,3 +123,50 @@ def test_a_wave_of_the_angle_that_may_be_noise_is_in_no_signature(ripple, kept):
     smooth = smooth_state(state, block_matrix(len(state.speed_rad_s)), mechanism=BASELINE.mechanism)
     share = second_harmonic(smooth.speed_rad_s) / second_harmonic(state.speed_rad_s)
     assert kept[0] <= share <= kept[1]
+
+
+def with_excess(excess_m_s):
+    """Strokes at one speed whose blade goes by so much beyond the crank."""
+    state = running(gap_m=0.0, seconds=4.0)
+    speed = np.full_like(state.speed_rad_s, TWO_PI * STROKES_HZ)
+    excess = excess_m_s(state.angle_rad)
+    return replace(state, speed_rad_s=speed, k_guess_n_s_per_m=K_N_S_PER_M, blade_excess_m_s=excess)
+
+
+def smoothed(state):
+    return smooth_state(state, block_matrix(len(state.speed_rad_s)), mechanism=BASELINE.mechanism)
+
+
+def test_a_harmonic_that_chance_shows_is_no_more_certain_than_chance():
+    """As seen: one trial of 38 with a wave of 15 times the stroke rate, and 25 nats for a compliant blade."""
+    state, shown = with_excess(np.zeros_like), 0
+    for seed in range(60):
+        noise = 0.01 * np.random.default_rng(seed).standard_normal(state.speed_rad_s.shape)
+        smooth = smoothed(replace(state, blade_excess_m_s=noise))
+        amplitude = 2.0 / noise.shape[1] * np.abs(np.fft.rfft(smooth.blade_excess_m_s[0]))[1 : N_HARMONICS + 1]
+        is_there = amplitude > 1e-9
+        assert np.array_equal(smooth.excess_std_m_s > 0.0, is_there)
+        assert np.all(amplitude[is_there] < 6.0 * smooth.excess_std_m_s[is_there])
+        shown += is_there.any()
+    assert 1 <= shown <= 12
+
+
+def test_an_uncertain_velocity_of_the_blade_makes_its_force_uncertain():
+    rng = np.random.default_rng(1)
+
+    def wave(angle):
+        return 0.05 * np.cos(9.0 * angle)
+
+    plant = Jigsaw(baseline=BASELINE)
+    exact, noisy = with_excess(wave), with_excess(lambda a: wave(a) + 0.01 * rng.standard_normal(a.shape))
+    layout = layout_of(exact, plant.residuals(exact), HARMONICS)
+    without, of_exact, of_noisy = (
+        np.diag(plant.model_error(layout, state))[layout.slices["cutting"]]
+        for state in (replace(exact, blade_excess_m_s=None), exact, noisy)
+    )
+    assert np.allclose(of_exact, without, rtol=1e-6)
+    added = np.sqrt(of_noisy - without)
+    # Of a mean of white noise over all units and angles; where half of the turn cuts, the ninth keeps half of itself.
+    std_m_s = 0.01 * np.sqrt(2.0 / noisy.speed_rad_s.size)
+    assert added[9] == pytest.approx(0.5 * K_N_S_PER_M * std_m_s * np.sqrt(N_BLOCKS), rel=0.3)
+    assert added[4] < 0.3 * added[9]

@@ -10,8 +10,8 @@ import pytest
 from sawbench.bench.recording import Signal
 from sawbench.diagnosis.inference.features import HARMONICS, START_UP_EDGES_S, Layout, harmonics
 from sawbench.diagnosis.inference.noise import contrast_misfit, noise_of, scatter_of
-from sawbench.diagnosis.reduction import _signal_share, power_by_chance
 from sawbench.diagnosis.screening import _defect_of
+from sawbench.diagnosis.smooth_state import _signal_share, power_by_chance
 from sawbench.modeling.state import TWO_PI
 
 from tests.rigs.drawn_states import running, start_up
