@@ -130,10 +130,8 @@ class Predictions:
             problem = with_noise(self._problem, self._posterior.dispersion)
             cause = stacked([m.column for m in hypothesis.members])
             beside = np.hstack([cause / np.sqrt(dispersion), self._posterior.small / dispersion])
-            stated, wide = (Marginal(problem, scale=scale, extra=beside) for scale in (None, problem.wide_scale))
-            retuning = Retuning(problem, stated)
-            log_evidence = retuning.log_evidence(wide.log_evidence - stated.log_evidence)
-            self._retuned[hypothesis.effects] = (log_evidence, retuning.freed)
+            retuning = Retuning(problem, Marginal(problem, extra=beside), beside)
+            self._retuned[hypothesis.effects] = (retuning.log_evidence, retuning.freed)
         log_evidence, freed = self._retuned[hypothesis.effects]
         return freed if log_evidence > gained else ()
 

@@ -127,7 +127,7 @@ def judge(
     listed = {h.name: h.log_evidence for h in singles}
     beyond = beyond_catalogue(bench.forming, bench.nominal, bench.beyond, listed)
     nobodys = unnamed(bench.forming, beyond, of_strokes, beside)
-    retuning = Retuning(bench.problem, bench.nominal)
+    retuning = Retuning(bench.problem, bench.nominal, bench.forming.small)
     hypotheses = [*_without_effects(bench, retuning), *singles, *pairs]
     hypotheses.append(Hypothesis(other="unknown", log_evidence=max(nobodys.values())))
     known = {e.name: e for e in plant.effects}
@@ -186,16 +186,14 @@ def _bench_of(problem: LinearProblem, columns: dict[str, list[Column]], little: 
 
 def _without_effects(bench: _Bench, retuning: Retuning) -> list[Hypothesis]:
     """Build "no_gap" and "parameters"."""
-    problem, forming = bench.problem, bench.forming
-    wide = Marginal(problem, scale=problem.wide_scale, extra=forming.small)
-    all_at_once = wide.log_evidence - forming.reference
     return [
         Hypothesis(
-            other="no_gap", log_evidence=0.0, left_over=left_over(problem, bench.dispersion, bench.nominal)
+            other="no_gap", log_evidence=0.0,
+            left_over=left_over(bench.problem, bench.dispersion, bench.nominal),
         ),
         Hypothesis(
-            other="parameters", log_evidence=retuning.log_evidence(all_at_once),
-            left_over=left_over(problem, bench.dispersion, wide),
+            other="parameters", log_evidence=retuning.log_evidence,
+            left_over=left_over(bench.problem, bench.dispersion, retuning.wide),
         ),
     ]  # fmt: skip
 

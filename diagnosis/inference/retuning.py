@@ -7,6 +7,7 @@ that a resistance four standard deviations off was no finding.
 
 from __future__ import annotations
 
+from functools import cached_property
 from itertools import combinations
 from typing import TYPE_CHECKING, Final
 
@@ -29,25 +30,29 @@ class Retuning:
     problem : LinearProblem
     nominal : Marginal
         With the numbers within their stated uncertainty, and all that else may be there.
+    extra : ndarray, shape (n, q), optional
+        Nuisance columns that `nominal` has beside those of the problem.
     """
 
-    def __init__(self, problem: LinearProblem, nominal: Marginal) -> None:
+    def __init__(self, problem: LinearProblem, nominal: Marginal, extra: Floats | None = None) -> None:
+        self._problem, self._nominal, self._extra = problem, nominal, extra
         is_wide = problem.wide_scale > 1.0
         added = problem.wide_scale[is_wide] ** 2 - 1.0
         self._names = [name for name, wide in zip(problem.names, is_wide, strict=True) if wide]
         # Inner products of what widening adds to each number, of unit prior, and with the data.
         self._own, self._moment = nominal.gram(problem.nuisance[:, is_wide] * np.sqrt(added))
 
-    def log_evidence(self, all_at_once: float) -> float:
-        """Log Bayes factor of wrong numbers against the stated ones.
+    @cached_property
+    def wide(self) -> Marginal:
+        """`nominal` with every number widened."""
+        return Marginal(self._problem, scale=self._problem.wide_scale, extra=self._extra)
 
-        Parameters
-        ----------
-        all_at_once : float
-            The same factor where every number is widened.
-        """
+    @property
+    def log_evidence(self) -> float:
+        """Log Bayes factor of wrong numbers against the stated ones."""
         most = min(_MOST_SINGLED_OUT, len(self._names))
         by_number = [self._mean_evidence(size) - size * np.log(2.0) for size in range(1, most + 1)]
+        all_at_once = self.wide.log_evidence - self._nominal.log_evidence
         return float(np.logaddexp.reduce([*by_number, all_at_once - most * np.log(2.0)]))
 
     @property
