@@ -22,7 +22,7 @@ _CELLS, _PADDED = 8, 2
 # of 2 %.
 _JITTER = 0.05
 # Of the updates that no chance explains, those that come between their row and the row before by one clock: of held
-# channels 95 of 100, of coarse steps of any other 20. Most are a single period apart.
+# channels nearly all, of coarse steps of any other few. Most are a single period apart.
 _EXPLAINED = 0.8
 _SINGLE_SHARE = 0.5
 _PHASES = 256

@@ -74,12 +74,11 @@ def _jitters(steps_s: Floats) -> bool:
 def _divided_differences(values: Floats, time_s: Floats, order: int) -> Floats:
     """Divided differences of some windows spread over a signal, each for white noise of 1 a standard deviation of 1."""
     n_windows = len(values) - order
-    starts = np.unique(np.linspace(0, n_windows - 1, min(n_windows, _JITTERED_WINDOWS)).astype(np.int64))
-    at = starts[:, None] + np.arange(order + 1)
-    times = (time_s[at] - time_s[starts, None]) / np.median(np.diff(time_s))
-    apart = times[:, :, None] - times[:, None, :] + np.eye(order + 1)
-    weights = 1.0 / np.prod(apart, axis=2)
-    return np.asarray(np.sum(weights * values[at], axis=1) / np.linalg.norm(weights, axis=1))
+    starts = np.linspace(0, n_windows - 1, min(n_windows, _JITTERED_WINDOWS)).astype(np.int64)
+    at = np.arange(order + 1)[:, None] + starts
+    times = (time_s[at] - time_s[starts]) / np.median(np.diff(time_s))
+    weights = 1.0 / np.array([np.prod(times[k] - np.delete(times, k, axis=0), axis=0) for k in range(order + 1)])
+    return np.asarray(np.sum(weights * values[at], axis=0) / np.linalg.norm(weights, axis=0))
 
 
 def robust_range(values: Floats, share_percent: float = 0.5) -> tuple[float, float]:
