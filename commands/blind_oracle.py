@@ -99,7 +99,7 @@ def ask(case_dir: Path, truth: Mapping[str, Any]) -> dict[str, float | None] | N
     from sawbench.diagnosis.answer.hold_out import climb
     from sawbench.diagnosis.inference.acts_in import equations_of
     from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
-    from sawbench.diagnosis.inference.linear_problem import Marginal
+    from sawbench.diagnosis.inference.marginal import Marginal
     from sawbench.modeling.effects.catalogue import EFFECTS
 
     problem = _problem_of(case_dir)

@@ -12,7 +12,8 @@ from sawbench.diagnosis.answer.standing_out import Cell, find_cells
 from sawbench.diagnosis.answer.where import gap_of
 from sawbench.diagnosis.inference.evidence import Column, Explanation
 from sawbench.diagnosis.inference.features import wave_of
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.strokes import StrokeWave

@@ -9,7 +9,8 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.ladder import RUNGS, Fit, HeldOut, Ladder, Rungs
 from sawbench.diagnosis.answer.withheld_group import WithheldGroup
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, Part
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.residuals import Equation
@@ -191,34 +192,33 @@ class HoldOut:
                     following=np.zeros((n, 0)),
                 )
             ]  # fmt: skip
+        own = own + np.eye(width)
         is_stuck = np.abs(retuned) >= self._high * (1.0 - 1e-9)
-        problems, free, stuck = [], [], []
-        for k, gram in enumerate(own):
-            place = slice(k * width, (k + 1) * width)
-            normal = np.block([[least, cross[:, place]], [cross[:, place].T, np.eye(width) + gram]])
-            pull = np.concatenate([pull_base, pull_forms[place]])
-            problems.append((normal, pull))
-            free.append(_gain(normal, pull, np.zeros(0), np.zeros(n, dtype=bool)))
-            stuck.append(_gain(normal, pull, retuned[is_stuck], is_stuck))
-        chosen = {int(k) for scores in (free, stuck) for k in np.argsort(scores)[-_NUMBERS.solved_forms :]}
+        gains = (
+            _gains((least, cross, own), (pull_base, pull_forms), np.where(is_held, retuned, 0.0), is_held)
+            for is_held in (np.zeros(n, dtype=bool), is_stuck)
+        )
+        chosen = {int(k) for scores in gains for k in np.argsort(scores)[-_NUMBERS.solved_forms :]}
         kept = ~held
         noise, square = (float(np.sum(x[kept] ** 2)) for x in (self._noise, self.problem.data))
         found = []
         for k in chosen:
-            normal, pull = problems[k]
+            place = slice(k * width, (k + 1) * width)
+            normal = np.block([[least, cross[:, place]], [cross[:, place].T, own[k]]])
+            pull = np.concatenate([pull_base, pull_forms[place]])
             solution = self._bounded(normal, pull)
             gain = float((2.0 * pull - normal @ solution) @ solution)
-            found.append((gain - float(np.linalg.slogdet(normal)[1]), square - gain, k, solution))
+            found.append((gain - float(np.linalg.slogdet(normal)[1]), square - gain, k, solution, normal))
         found.sort(key=lambda one: -one[0])
         best, left, *_ = found[0]
         raised = max(left / noise, 1.0) if noise > 0.0 else 1.0
         return [
             Fit(
                 retuned=retuned, nuisances=solution[:n], amplitudes=solution[n:], alternative=k, behind=best - score,
-                root=np.sqrt(raised) * np.linalg.cholesky(np.linalg.inv(problems[k][0])[n:, n:]),
-                following=np.linalg.solve(least, problems[k][0][:n, n:]),
+                root=np.sqrt(raised) * np.linalg.cholesky(np.linalg.inv(normal)[n:, n:]),
+                following=np.linalg.solve(least, normal[:n, n:]),
             )
-            for score, _, k, solution in found
+            for score, _, k, solution, normal in found
         ]  # fmt: skip
 
     def free_errors(self, columns: Floats) -> Floats:
@@ -301,22 +301,37 @@ def _log_spread(gram: Floats) -> float:
     return float(np.linalg.slogdet(np.eye(len(gram)) + gram)[1])
 
 
-def _gain(normal: Floats, pull: Floats, held: Floats, is_held: np.ndarray) -> float:
-    """Twice the log evidence of a form, less a constant, with some nuisances held at given values.
+def _gains(
+    grams: tuple[Floats, Floats, Floats], pulls: tuple[Floats, Floats], held: Floats, is_held: np.ndarray
+) -> Floats:
+    """Twice the log evidence of each of k forms, less a constant, with some nuisances held at given values.
 
     A single amplitude is not below 0: a form that explains most with the other sign explains nothing.
+
+    Parameters
+    ----------
+    grams : tuple of ndarray, shape (p, p), (p, k * q), (k, q, q)
+        Inner products of the nuisances, of nuisances with forms, and of each form, priors included.
+    pulls : tuple of ndarray, shape (p,), (k * q,)
+        Of nuisances and forms with the data.
+    held : ndarray, shape (p,)
+        The values; 0 elsewhere.
+    is_held : ndarray of bool, shape (p,)
     """
-    is_free = np.ones(len(pull), dtype=bool)
-    is_free[: len(is_held)] = ~is_held
-    part = normal[np.ix_(is_free, is_free)]
-    left = pull[is_free]
-    if held.size:
-        left = left - normal[np.ix_(is_free, ~is_free)] @ held
-    solution = np.linalg.solve(part, left)
-    gain = left @ solution
-    if len(pull) == len(is_held) + 1 and solution[-1] < 0.0:
-        gain = left[:-1] @ np.linalg.solve(part[:-1, :-1], left[:-1])
-    return float(gain - np.linalg.slogdet(part)[1])
+    from scipy.linalg import solve_triangular
+
+    least, cross, own = grams
+    root = np.linalg.cholesky(least[np.ix_(~is_held, ~is_held)])
+    seen = solve_triangular(root, (pulls[0] - least @ held)[~is_held], lower=True)
+    half = solve_triangular(root, cross[~is_held], lower=True)
+    pull = (pulls[1] - cross.T @ held - half.T @ seen).reshape(own.shape[:2])
+    taken = half.T.reshape(*own.shape[:2], len(half))
+    inner = own - taken @ taken.transpose(0, 2, 1)
+    solution = np.linalg.solve(inner, pull[:, :, None])[:, :, 0]
+    gain = np.einsum("ij,ij->i", pull, solution)
+    if own.shape[1] == 1:
+        gain = np.where(solution[:, 0] < 0.0, 0.0, gain)
+    return gain - np.linalg.slogdet(inner)[1]
 
 
 def climb(problem: LinearProblem, columns: Floats | None) -> Ladder:

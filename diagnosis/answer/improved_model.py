@@ -22,7 +22,8 @@ from sawbench.diagnosis.answer.learned_term import LearnedAnswer
 from sawbench.diagnosis.inference.battery_curve import SeenCurve
 from sawbench.diagnosis.inference.dispersion import noise_factor_beside, stacked_with_noise, with_noise
 from sawbench.diagnosis.inference.evidence import Explanation
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.known import KnownEffect

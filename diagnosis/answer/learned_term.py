@@ -12,7 +12,8 @@ from sawbench.diagnosis.answer.hold_out import HoldOut
 from sawbench.diagnosis.answer.ladder import Ladder
 from sawbench.diagnosis.inference.evidence import Column
 from sawbench.diagnosis.inference.learning import Learned, learn
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.settings import SETTINGS, Z95
 from sawbench.modeling.effects.known import KnownEffect

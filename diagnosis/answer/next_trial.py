@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.evidence import Explanation
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.settings import SETTINGS
 

@@ -13,10 +13,11 @@ from sawbench.diagnosis.answer.channel_gap import ChannelGap, forecast
 from sawbench.diagnosis.answer.hold_out import HoldOut
 from sawbench.diagnosis.answer.ladder import Ladder
 from sawbench.diagnosis.inference.acts_in import acts_in
-from sawbench.diagnosis.inference.dispersion import with_noise
+from sawbench.diagnosis.inference.dispersion import background_with_noise, stacked_with_noise, with_noise
 from sawbench.diagnosis.inference.evidence import Column, Explanation, columns_in, explain
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
-from sawbench.diagnosis.inference.linear_problem import FORM_OF_KNOWN, LinearProblem, Marginal
+from sawbench.diagnosis.inference.linear_problem import FORM_OF_KNOWN, LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.settings import Z95
@@ -126,10 +127,10 @@ class Predictions:
             None where the effect explains more: what is stated of every number holds then with it and without it.
         """
         if hypothesis.effects not in self._retuned:
-            dispersion = self._posterior.dispersion[:, None]
-            problem = with_noise(self._problem, self._posterior.dispersion)
-            cause = stacked([m.column for m in hypothesis.members])
-            beside = np.hstack([cause / np.sqrt(dispersion), self._posterior.small / dispersion])
+            dispersion, little = self._posterior.dispersion, self._posterior.little
+            problem = with_noise(self._problem, dispersion)
+            cause = stacked_with_noise(problem, [stacked([m.column for m in hypothesis.members])], dispersion)
+            beside = np.hstack([cause, background_with_noise(little, dispersion)])
             retuning = Retuning(problem, Marginal(problem, extra=beside), beside)
             self._retuned[hypothesis.effects] = (retuning.log_evidence, retuning.freed)
         log_evidence, freed = self._retuned[hypothesis.effects]
@@ -182,12 +183,12 @@ class Predictions:
 
     def _best_together(self, columns: list[Column], every: Sequence[Sequence[Column]]) -> list[Column]:
         """Best form of each effect beside the others, in turn until none changes."""
-        best = list(columns)
+        best, alone = list(columns), Marginal(self._problem)
         for _ in range(_MOST_SWEEPS):
             before = list(best)
             for k in range(len(best)):
-                beside = [*best[:k], *best[k + 1 :]]
-                found = explain(Marginal(self._problem, extra=stacked(beside) if beside else None), every[k])
+                others = [*best[:k], *best[k + 1 :]]
+                found = explain(alone.beside(stacked(others)) if others else alone, every[k])
                 best[k] = best[k] if found is None else found.column
             if all(old is new for old, new in zip(before, best, strict=True)):
                 break

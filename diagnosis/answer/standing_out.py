@@ -32,7 +32,8 @@ from typing import Final, Literal
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.features import START_UP_EDGES_S
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, Part
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.residuals import Equation
 from sawbench.modeling.state import TWO_PI

@@ -33,7 +33,8 @@ from sawbench.diagnosis.inference.dispersion import (
 from sawbench.diagnosis.inference.evidence import Column, Explanation, columns_in, explain
 from sawbench.diagnosis.inference.forming import shared_energy
 from sawbench.diagnosis.inference.hypothesis import AND, Hypothesis
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, build_problem
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, build_problem
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import Posterior, judge
 from sawbench.diagnosis.inference.refining import effect_columns
 from sawbench.diagnosis.inference.size import together
@@ -395,14 +396,14 @@ class _Joint:
     def _shaped(self, columns: Sequence[Column]) -> list[Column]:
         """Choose the form of one effect after the other beside the rest, but for those that single strokes carry."""
         problem, noise, chosen = self._first.problem, self._noise, list(columns)
-        whitened = with_noise(problem, noise)
+        alone = Marginal(with_noise(problem, noise))
         free = [k for k, c in enumerate(columns) if len(columns) > 1 and not self._is_by_strokes(c.effect.name)]
         for _ in range(problem.settings.closing.rounds):
             before = list(chosen)
             for k in free:
                 name = chosen[k].effect.name
                 others = stacked([*chosen[:k], *chosen[k + 1 :]])
-                marginal = Marginal(whitened, extra=stacked_with_noise(problem, [others], noise))
+                marginal = alone.beside(stacked_with_noise(problem, [others], noise))
                 entries = columns_with_noise(problem, {name: self._first.columns[name]}, noise)[name]
                 found = explain(marginal, entries)
                 chosen[k] = chosen[k] if found is None else _column(self._first, found)

@@ -9,7 +9,8 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.features import wave_of
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.effect import Effect

@@ -14,7 +14,8 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.forming import shared_energy
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.left_over import left_over
-from sawbench.diagnosis.inference.linear_problem import FORM_OF_KNOWN, LinearProblem, Marginal
+from sawbench.diagnosis.inference.linear_problem import FORM_OF_KNOWN, LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal
 
 
 class BesideKnown:

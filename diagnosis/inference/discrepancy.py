@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.form_error import block_weights
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Widened
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal, Widened
 from sawbench.diagnosis.log_mean import log_mean_exp
 
 # Of the whitened features, in standard deviations of the noise.
@@ -13,14 +13,14 @@ _SIZES = (3.0, 10.0, 30.0, 100.0, 300.0)
 _N_HARMONICS = 6
 
 
-def discrepancy(problem: LinearProblem, small: Floats) -> float:
+def discrepancy(problem: LinearProblem, nominal: Marginal) -> float:
     """Log evidence of a gap of no particular form: harmonics times {1, speed, load, session, feed, time}.
 
     Parameters
     ----------
     problem : LinearProblem
-    small : ndarray, shape (n, p)
-        Nuisance columns of the background effects.
+    nominal : Marginal
+        Nuisances and background effects.
 
     Returns
     -------
@@ -46,5 +46,5 @@ def discrepancy(problem: LinearProblem, small: Floats) -> float:
                 norm = float(np.linalg.norm(column))
                 if norm > 0:
                     columns.append(column / norm)
-    widened = Widened(problem, small, np.array(columns).T)
+    widened = Widened(nominal, np.array(columns).T)
     return log_mean_exp([widened.at(size)[0] for size in _SIZES])

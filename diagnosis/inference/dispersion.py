@@ -9,14 +9,15 @@ would count that second effect itself as noise.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.evidence import Catalogue, Column, Explanation
 from sawbench.diagnosis.inference.features import orders
-from sawbench.diagnosis.inference.linear_problem import Beside, LinearProblem, Marginal
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal
 
 
 def noise_factor(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue) -> Floats:
@@ -72,10 +73,11 @@ def _rest_of_two(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue
     first = _most_gain([*catalogue.explain(marginal, half).values(), *beyond.explain(marginal).values()])
     given = _of_any_size(problem, first)
     if first is not None:
-        beside = catalogue.explain_beside(Beside(marginal, given), half)
-        second = _most_gain([e for e in beside.values() if e.effect.name != first.effect.name])
+        beside = marginal.beside(given)
+        seconds = catalogue.explain(beside, beside.half(catalogue.stacked, half)).values()
+        second = _most_gain([e for e in seconds if e.effect.name != first.effect.name])
         given = np.hstack([given, _of_any_size(problem, second)])
-    return Marginal(problem, extra=given).rest(problem.data)
+    return marginal.beside(given).rest(problem.data)
 
 
 def _most_gain(found: Sequence[Explanation]) -> Explanation | None:
@@ -110,6 +112,11 @@ def columns_with_noise(
 def stacked_with_noise(problem: LinearProblem, columns: Sequence[Floats], variance: Floats | float) -> Floats:
     """`with_noise` of columns, each of shape (n, q), side by side; shape (n, 0) where there are none."""
     return _share(problem, variance) * np.hstack([np.zeros((len(problem.data), 0)), *columns])
+
+
+def background_with_noise(little: Mapping[str, Floats], variance: Floats) -> Floats:
+    """Background effects side by side, shape (n, q), scaled twice: noise that large, (n,), holds a part of them."""
+    return np.hstack([np.zeros((len(variance), 0)), *(found / variance[:, None] for found in little.values())])
 
 
 def _share(problem: LinearProblem, variance: Floats | float) -> Floats:

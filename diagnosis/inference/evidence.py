@@ -10,7 +10,8 @@ from itertools import pairwise, product
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.bench.second_core import on_two_cores
-from sawbench.diagnosis.inference.linear_problem import Beside, LinearProblem, Marginal, Widened
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal, Widened, side_by_side
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.log_mean import log_mean_exp, log_mean_exp_rows
 from sawbench.modeling.effects.effect import BACKGROUND_SHARE, Effect
@@ -239,7 +240,7 @@ def explain(marginal: Marginal, columns: Sequence[Column]) -> Explanation | None
     """
     if not columns:
         return None
-    inner = [marginal.gram(column.columns) for column in columns]
+    inner = marginal.grams([column.columns for column in columns])
     return _explanation(columns, inner, marginal.settings.forms.size_temperature)
 
 
@@ -256,19 +257,13 @@ class Catalogue:
     def __init__(self, columns: dict[str, list[Column]], data: Floats) -> None:
         self.columns = columns
         entries = [column.columns for found in columns.values() for column in found]
-        self.stacked = _side_by_side(entries, len(data))
+        self.stacked = side_by_side(entries, len(data))
         self.moments = self.stacked.T @ data
         self.squares = [columns.T @ columns for columns in entries]
 
     def explain(self, marginal: Marginal, half: Floats | None = None) -> dict[str, Explanation]:
         """`explain` for every effect, without those that show nothing; `half` is `Marginal.half` of `stacked`."""
-        return self._explained(marginal, marginal.half(self.stacked) if half is None else half)
-
-    def explain_beside(self, marginal: Beside, half_alone: Floats) -> dict[str, Explanation]:
-        """`explain` beside further columns, from `Marginal.half` of `stacked` without them."""
-        return self._explained(marginal, marginal.half(self.stacked, half_alone))
-
-    def _explained(self, marginal: Marginal | Beside, half: Floats) -> dict[str, Explanation]:
+        half = marginal.half(self.stacked) if half is None else half
         taken = half.T @ marginal.data_half
         found, start, number = {}, 0, 0
         for name, entries in self.columns.items():
@@ -281,11 +276,6 @@ class Catalogue:
             if inner:
                 found[name] = _explanation(entries, inner, marginal.settings.forms.size_temperature)
         return found
-
-
-def _side_by_side(columns: Sequence[Floats], n: int) -> Floats:
-    """Columns of shape (n, q) each as one matrix, column by column in memory: many narrow ones are copied whole."""
-    return np.concatenate([np.zeros((0, n)), *(part.T for part in columns)]).T
 
 
 def _explanation(
@@ -337,8 +327,7 @@ def _relative_spread(values: Floats, logs: Floats, temperature: float) -> float:
 
 
 def explain_formed(
-    problem: LinearProblem,
-    fixed: Floats,
+    marginal: Marginal,
     modes: Floats,
     columns: Sequence[Column],
     shares: Sequence[float],
@@ -349,9 +338,7 @@ def explain_formed(
 
     Parameters
     ----------
-    problem : LinearProblem
-    fixed : ndarray, shape (n, p)
-        Further nuisance columns, times their prior standard deviation.
+    marginal : Marginal
     modes : ndarray, shape (n, q)
         Of `form_modes`.
     columns : sequence of Column
@@ -368,21 +355,22 @@ def explain_formed(
     explanation : Explanation
         For the best share; its `log_evidence` is against the same nuisances and modes without the effect.
     """
-    others = np.zeros((len(problem.data), 0)) if beside is None else beside
-    widened = Widened(problem, fixed, np.hstack([others, modes]))
-    stacked = _side_by_side([c.columns for c in columns], len(problem.data))
-    cross, own = widened.cross(stacked), stacked.T @ problem.data
-    ends = np.cumsum([0, *(c.columns.shape[1] for c in columns)])
-    squares = [c.columns.T @ c.columns for c in columns]
+    others = np.zeros((len(modes), 0)) if beside is None else beside
+    widened = Widened(marginal, np.hstack([others, modes]))
+    stacked = side_by_side([c.columns for c in columns], len(modes))
+    half_alone = marginal.half(stacked)
+    cross, own = widened.cross(stacked, half_alone), stacked.T @ marginal.data - half_alone.T @ marginal.data_half
+    places = [slice(a, b) for a, b in pairwise(np.cumsum([0, *(c.columns.shape[1] for c in columns)]))]
+    squares = [stacked[:, at].T @ stacked[:, at] - half_alone[:, at].T @ half_alone[:, at] for at in places]
     found = []
     for share, other in product(shares, shares if others.size else (0.0,)):
         of_modes = np.repeat([other, share], [others.shape[1], modes.shape[1]])
         log_z, data_half, half = widened.at(of_modes, cross)
         inner = [
-            (squares[k] - half[:, a:b].T @ half[:, a:b], own[a:b] - half[:, a:b].T @ data_half)
-            for k, (a, b) in enumerate(pairwise(ends))
+            (square - half[:, at].T @ half[:, at], own[at] - half[:, at].T @ data_half)
+            for square, at in zip(squares, places, strict=True)
         ]
-        explanation = _explanation(columns, inner, problem.settings.forms.size_temperature)
+        explanation = _explanation(columns, inner, marginal.settings.forms.size_temperature)
         explanation = replace(explanation, form_share=share)
         found.append((log_z + explanation.log_evidence, explanation))
     return log_mean_exp([log_z for log_z, _ in found]), max(found, key=lambda entry: entry[0])[1]
@@ -490,6 +478,6 @@ def little_of_each(problem: LinearProblem, columns: Mapping[str, Sequence[Column
 def _little_of_any_form(entries: Sequence[Column]) -> Floats:
     """Principal axes of a little of an effect, whose form is any of some, but for what noise hides, shape (n, q)."""
     share = BACKGROUND_SHARE / np.sqrt(len(entries))
-    each = share * _side_by_side([column.columns for column in entries], len(entries[0].columns))
+    each = share * side_by_side([column.columns for column in entries], len(entries[0].columns))
     energy, axes = np.linalg.eigh(each.T @ each)
     return each @ axes[:, np.cumsum(energy) > _HIDDEN]

@@ -13,7 +13,8 @@ from sawbench.diagnosis.inference.evidence import Catalogue, Column, Explanation
 from sawbench.diagnosis.inference.form_error import form_modes
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.left_over import left_by
-from sawbench.diagnosis.inference.linear_problem import Beside, LinearProblem, Marginal, Widened
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal, Widened
 from sawbench.diagnosis.log_mean import log_mean_exp
 
 
@@ -33,7 +34,7 @@ class Forming:
 
     def __init__(self, problem: LinearProblem, small: Floats, nominal: Marginal, dispersion: Floats) -> None:
         self.problem, self.small, self.dispersion = problem, small, dispersion
-        self.reference, self._nominal = nominal.log_evidence, nominal
+        self.nominal = nominal
         self._settings = problem.settings.forms
         self._modes: dict[str, Floats] = {}
         self._given: dict[str, float] = {}
@@ -47,10 +48,10 @@ class Forming:
 
     def single(self, rough: Explanation, entries: Sequence[Column]) -> tuple[Explanation, Column]:
         """Weigh one effect again, with the discrepancy of its form; its best shape then is another one than without."""
-        log_z, formed = explain_formed(self.problem, self.small, self.modes(rough), entries, self._settings.shares)
+        log_z, formed = explain_formed(self.nominal, self.modes(rough), entries, self._settings.shares)
         explanation = replace(
             rough,
-            log_evidence=_carried(rough.log_evidence, log_z - self.reference),
+            log_evidence=_carried(rough.log_evidence, log_z - self.nominal.log_evidence),
             shape_spread=formed.shape_spread,
             form_share=formed.form_share,
         )
@@ -96,9 +97,9 @@ class Forming:
     ) -> list[tuple[float, Explanation]]:
         """Every effect beside the first as `given` and with its form's discrepancy, after the log evidence of both."""
         missed = self._settings.screen_share * self.modes(first)
-        marginal = Beside(self._nominal, np.hstack([*given, missed]))
+        marginal = self.nominal.beside(np.hstack([*given, missed]))
         seconds = []
-        for name, found in catalogue.explain_beside(marginal, half).items():
+        for name, found in catalogue.explain(marginal, marginal.half(catalogue.stacked, half)).items():
             if name != first.effect.name:
                 seconds.append((first.log_evidence + found.log_evidence, found))
         return seconds
@@ -113,8 +114,7 @@ class Forming:
         modes = form_modes(self.problem, second.contribution)
         found_in_each = [
             explain_formed(
-                self.problem,
-                np.hstack([self.small, shape]),
+                self.nominal.beside(shape),
                 modes,
                 columns[second.effect.name],
                 self._settings.shares,
@@ -125,7 +125,7 @@ class Forming:
         log_z, found = max(found_in_each, key=lambda each: each[0])
         gained = _carried(second.log_evidence, log_z - self._alone(first, given))
         shared = shared_energy(self.problem, self._acting(first), self._acting(found))
-        left = left_by(self.problem, self.dispersion, self.small, (first, found))
+        left = left_by(self.problem, self.dispersion, self.nominal, (first, found))
         return replace(_together(first, found, first.log_evidence + gained), shared=shared, left_over=left)
 
     def _acting(self, explanation: Explanation) -> Floats:
@@ -147,7 +147,7 @@ class Forming:
         if name not in self._given:
             found = []
             for shape in given:
-                widened = Widened(self.problem, np.hstack([self.small, shape]), self.modes(first))
+                widened = Widened(self.nominal.beside(shape), self.modes(first))
                 found.append(log_mean_exp([widened.at(share)[0] for share in self._settings.shares]))
             self._given[name] = max(found)
         return self._given[name]

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.nuisances import DRIFTING, still_to_warm_up, warm_up_of
 
 
@@ -38,7 +39,7 @@ def gain_drifts(problem: LinearProblem, beside: Floats) -> Mapping[str, GainDrif
     begins_s, ends_s = np.min(times_s), np.max(times_s)
     model, found = problem.campaign.plant.model, {}
     for gain in DRIFTING:
-        change = np.zeros(marginal.design.shape[1])
+        change = np.zeros(len(problem.names))
         for time_s in problem.settings.sensors.drift_times_s:
             k = place.get(warm_up_of(gain, time_s))
             if k is not None:

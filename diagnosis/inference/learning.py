@@ -18,7 +18,8 @@ from typing import Final
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.features import wave_of
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, Part
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.standard_error import exceeds_its_error
 from sawbench.modeling.effects.learned import (

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.evidence import Explanation
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal, side_by_side
 
 
 def left_over(
@@ -33,16 +33,16 @@ def left_over(
     return float(dispersion @ rest**2 + best @ best) / len(data)
 
 
-def left_by(problem: LinearProblem, dispersion: Floats, small: Floats, members: Sequence[Explanation]) -> float:
+def left_by(problem: LinearProblem, dispersion: Floats, nominal: Marginal, members: Sequence[Explanation]) -> float:
     """`left_over` by several effects, each of the size that fits best beside the others.
 
     Parameters
     ----------
     problem : LinearProblem
     dispersion : ndarray, shape (n,)
-    small : ndarray, shape (n, p)
-        Nuisance columns of the background effects.
+    nominal : Marginal
+        Nuisances without any of them.
     members : sequence of Explanation
     """
     given = [member.column.columns * member.effect.strength.high for member in members]
-    return left_over(problem, dispersion, Marginal(problem, extra=np.hstack([small, *given])))
+    return left_over(problem, dispersion, nominal.beside(side_by_side(given, len(problem.data))))

@@ -9,7 +9,7 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.inference.beside_known import BesideKnown
-from sawbench.diagnosis.inference.dispersion import columns_with_noise, noise_factor, with_noise
+from sawbench.diagnosis.inference.dispersion import background_with_noise, columns_with_noise, noise_factor, with_noise
 from sawbench.diagnosis.inference.evidence import (
     Catalogue,
     Column,
@@ -21,7 +21,8 @@ from sawbench.diagnosis.inference.evidence import (
 from sawbench.diagnosis.inference.forming import Forming
 from sawbench.diagnosis.inference.hypothesis import Hypothesis, Verdict
 from sawbench.diagnosis.inference.left_over import left_by, left_over
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.off_stroke import Finding, off_stroke_findings
 from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.size import together
@@ -175,8 +176,7 @@ def _bench_of(problem: LinearProblem, columns: dict[str, list[Column]], little: 
         problem = with_noise(problem, dispersion)
         columns, beyond = (columns_with_noise(problem, found, dispersion) for found in (columns, beyond))
         catalogue = Catalogue(columns, problem.data)
-    # Background effects are scaled twice: noise that large already holds them.
-    small = np.hstack([np.zeros((len(dispersion), 0)), *(found / dispersion[:, None] for found in little.values())])
+    small = background_with_noise(little, dispersion)
     nominal = Marginal(problem, extra=small)
     forming = Forming(problem, small, nominal, dispersion)
     return _Bench(
@@ -243,7 +243,7 @@ def _resting(bench: _Bench, hypothesis: Hypothesis, said: Mapping[str, StrokesSa
     if hypothesis.of_strokes <= 0.0 or len(hypothesis.effects) < 2 or np.isfinite(hypothesis.left_over):
         return hypothesis
     shown = [m for m in hypothesis.members if m.effect.name not in said or said[m.effect.name].is_trend]
-    return replace(hypothesis, left_over=left_by(bench.problem, bench.dispersion, bench.forming.small, shown))
+    return replace(hypothesis, left_over=left_by(bench.problem, bench.dispersion, bench.nominal, shown))
 
 
 class _Stated:

@@ -22,7 +22,8 @@ from sawbench.diagnosis.inference.evidence import (
     explain,
     known_parts,
 )
-from sawbench.diagnosis.inference.linear_problem import Beside, LinearProblem, Marginal
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.modeling.effects.effect import Effect
 
 _N_STEPS: Final = 8
@@ -85,7 +86,8 @@ def _refined_beside(problem: LinearProblem, marginal: Marginal, catalogue: Catal
     known = known_parts(catalogue.columns)
 
     def seconds_of(first: Explanation) -> list[Explanation]:
-        found = catalogue.explain_beside(Beside(marginal, _of_any_size(first.column)), half)
+        given = marginal.beside(_of_any_size(first.column))
+        found = catalogue.explain(given, given.half(catalogue.stacked, half))
         return _worth_it(found, forms.worth_forming)
 
     beside = on_two_cores(seconds_of, firsts, known=known)
@@ -96,23 +98,19 @@ def _refined_beside(problem: LinearProblem, marginal: Marginal, catalogue: Catal
             if len(names) == 2 and total > pairs.get(names, (-np.inf,))[0]:
                 pairs[names] = (total, first.column, second)
     best = sorted(pairs.values(), key=lambda pair: -pair[0])[: forms.n_pairs]
-    both = on_two_cores(lambda pair: _between_both(problem, catalogue, *pair[1:]), best, known=known)
+    both = on_two_cores(lambda pair: _between_both(problem, marginal, catalogue, *pair[1:]), best, known=known)
     return [column for pair in both for column in pair]
 
 
 def _between_both(
-    problem: LinearProblem, catalogue: Catalogue, first: Column, second: Explanation
+    problem: LinearProblem, alone: Marginal, catalogue: Catalogue, first: Column, second: Explanation
 ) -> tuple[Column, Column]:
     """Refine the second effect beside the first, and then the first beside the second."""
-    other = _between(problem, _given(problem, first), second, catalogue.columns[second.effect.name])
-    marginal = _given(problem, other)
+    beside_first = alone.beside(_of_any_size(first))
+    other = _between(problem, beside_first, second, catalogue.columns[second.effect.name])
+    marginal = alone.beside(_of_any_size(other))
     again = explain(marginal, [first])
     return (first if again is None else _climbed(problem, marginal, again).column), other
-
-
-def _given(problem: LinearProblem, column: Column) -> Marginal:
-    """Nuisances and one effect of any size."""
-    return Marginal(problem, extra=_of_any_size(column))
 
 
 def _of_any_size(column: Column) -> Floats:

@@ -21,7 +21,8 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.dispersion import stacked_with_noise, with_noise
 from sawbench.diagnosis.inference.evidence import Column, Explanation
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal
 
 # What nuisances leave of a form's square, at least, for it to have a weight; and what a form that is nearly the sum of
 # others has of its own: there the weights are shared evenly.
@@ -85,12 +86,10 @@ def mixed(
     scaled = with_noise(problem, variance)
     stacked = stacked_with_noise(problem, [c.columns for c in columns], variance)
     signs = np.array([_direction(c) for c in columns])
-    size, known, _ = _sum_of_weights(
-        Marginal(scaled, extra=stacked_with_noise(problem, fixed, variance)), stacked, signs
-    )
-    _, whole, shared = _sum_of_weights(
-        Marginal(scaled, extra=stacked_with_noise(problem, [*fixed, *others], variance)), stacked, signs
-    )
+    marginal = Marginal(scaled, extra=stacked_with_noise(problem, fixed, variance))
+    size, known, _ = _sum_of_weights(marginal, stacked, signs)
+    beside_little = marginal.beside(stacked_with_noise(problem, others, variance))
+    _, whole, shared = _sum_of_weights(beside_little, stacked, signs)
     std = max(whole, min(shared, problem.settings.forms.most_std * abs(size)))
     return replace(member, mixture=(size, std)) if np.isfinite(known + std) else member
 

@@ -9,7 +9,7 @@ from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.inference.discrepancy import discrepancy
 from sawbench.diagnosis.inference.evidence import Column, explain
 from sawbench.diagnosis.inference.forming import Forming
-from sawbench.diagnosis.inference.linear_problem import Marginal
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.off_stroke import Finding
 from sawbench.diagnosis.inference.weighing import worth_of_a_choice
 
@@ -63,7 +63,7 @@ def unnamed(
         What does not follow the stroke.
     """
     problem = forming.problem
-    found = {"": discrepancy(problem, forming.small) - forming.reference, **beyond, **strokes}
+    found = {"": discrepancy(problem, forming.nominal) - forming.nominal.log_evidence, **beyond, **strokes}
     if beside is not None:
         found[beside.text] = beside.log_evidence
     return found

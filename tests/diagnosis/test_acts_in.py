@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sawbench.diagnosis.inference.acts_in import acts_in
 from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
-from sawbench.diagnosis.inference.linear_problem import Marginal
+from sawbench.diagnosis.inference.marginal import Marginal
 
 from tests.rigs.scattered_strokes import friction, problem_of, strokes
 

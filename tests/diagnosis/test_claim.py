@@ -22,7 +22,7 @@ from sawbench.diagnosis.answer.where import locate
 from sawbench.diagnosis.inference.acts_in import equations_of
 from sawbench.diagnosis.inference.evidence import Column, Explanation, catalogue_columns, columns_in, explain
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
-from sawbench.diagnosis.inference.linear_problem import Marginal
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import judge
 from sawbench.diagnosis.inference.stroke_evidence import StrokesSay
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME

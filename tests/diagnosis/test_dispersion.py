@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sawbench.diagnosis.inference.dispersion import columns_with_noise, noise_factor, stacked_with_noise, with_noise
 from sawbench.diagnosis.inference.evidence import Catalogue, Column, explain
-from sawbench.diagnosis.inference.linear_problem import Marginal
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 
 from tests.rigs.two_equations import N_BLOCKS, N_CUTTING, N_ELECTRICAL, QUIET, noise, problem_of

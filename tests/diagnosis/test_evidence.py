@@ -18,7 +18,8 @@ from sawbench.diagnosis.inference.evidence import (
 )
 from sawbench.diagnosis.inference.form_error import form_modes
 from sawbench.diagnosis.inference.left_over import left_over
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 from scipy.stats import truncnorm
@@ -29,7 +30,6 @@ from tests.rigs.scattered_strokes import friction, problem_of, strokes
 pytestmark = pytest.mark.unit
 
 N_ROWS, N_UNITS = 60, 12
-NO_COLUMNS = np.zeros((N_ROWS, 0))
 
 
 def small_problem(seed=0):
@@ -179,7 +179,7 @@ def test_a_form_without_error_is_the_form_itself(width):
     marginal = Marginal(problem)
     alone = explain(marginal, columns)
     log_z = -0.5 * (marginal.misfit + marginal.log_determinant)
-    total, found = explain_formed(problem, NO_COLUMNS, modes, columns, (0.0,))
+    total, found = explain_formed(marginal, modes, columns, (0.0,))
     assert total == pytest.approx(alone.log_evidence + log_z)
     assert found.log_evidence == pytest.approx(alone.log_evidence)
 
@@ -224,11 +224,12 @@ def test_form_error_is_a_nuisance_of_its_share():
     problem, columns = small_problem(18), columns_of("edge_force", 2, 1, seed=19)
     modes, fixed = rng.standard_normal((N_ROWS, 7)), rng.standard_normal((N_ROWS, 2))
     problem = replace(problem, data=problem.data + 1.5 * columns[1].columns[:, 0] + 0.3 * modes[:, 2])
-    single = {share: explain_formed(problem, fixed, modes, columns, (share,))[0] for share in (0.0, 0.1, 0.4)}
+    marginal = Marginal(problem, extra=fixed)
+    single = {share: explain_formed(marginal, modes, columns, (share,))[0] for share in (0.0, 0.1, 0.4)}
     for share, total in single.items():
         expected = brute_force(problem, columns, extra=np.hstack([fixed, share * modes]))
         assert total == pytest.approx(expected, abs=0.1)
-    together, _ = explain_formed(problem, fixed, modes, columns, tuple(single))
+    together, _ = explain_formed(marginal, modes, columns, tuple(single))
     assert together == pytest.approx(log_mean(list(single.values())))
 
 

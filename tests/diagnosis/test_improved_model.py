@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from sawbench.bench.config import parse_config
 from sawbench.diagnosis.answer.improved_model import Solution, retuned_with, sensors_of, with_true_scales
-from sawbench.diagnosis.inference.linear_problem import Marginal
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 from sawbench.modeling.effects.known import KnownEffect
 

@@ -9,7 +9,7 @@ import pytest
 from sawbench.diagnosis.answer.next_trial import next_trial
 from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
 from sawbench.diagnosis.inference.hypothesis import named
-from sawbench.diagnosis.inference.linear_problem import Marginal
+from sawbench.diagnosis.inference.marginal import Marginal
 
 from tests.rigs.scattered_strokes import friction, problem_of, strokes
 

@@ -8,7 +8,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sawbench.diagnosis.inference.linear_problem import Marginal, build_problem
+from sawbench.diagnosis.inference.linear_problem import build_problem
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import judge
 from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.settings import SETTINGS

@@ -10,7 +10,8 @@ from sawbench.diagnosis.inference.beyond.drive import WARMING_FRICTION
 from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
 from sawbench.diagnosis.inference.form_error import form_modes
 from sawbench.diagnosis.inference.forming import Forming, shared_energy
-from sawbench.diagnosis.inference.linear_problem import Beside, Marginal, build_problem
+from sawbench.diagnosis.inference.linear_problem import build_problem
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import uncertain_by_left_over
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.unnamed import beyond_catalogue
@@ -62,10 +63,14 @@ def test_further_nuisances_beside_known_ones_are_all_of_them_together(problem):
     n = len(problem.data)
     extra, columns = rng.standard_normal((n, 4)), rng.standard_normal((n, 6))
     alone, together = Marginal(problem), Marginal(problem, extra=extra)
-    beside = Beside(alone, extra)
+    beside = alone.beside(extra)
     assert beside.data_half == pytest.approx(together.data_half, rel=1e-8, abs=1e-9)
     half = beside.half(columns, alone.half(columns))
     assert half == pytest.approx(together.half(columns), rel=1e-8, abs=1e-9)
+    assert beside.half(columns) == pytest.approx(half, rel=1e-8, abs=1e-9)
+    for said_by in (lambda one: one.split(columns), lambda one: one.estimate()):
+        for found, whole in zip(said_by(beside), said_by(together), strict=True):
+            assert found == pytest.approx(whole, rel=1e-8, abs=1e-9)
 
 
 def test_play_acts_in_the_cut_by_the_motion_of_the_blade_that_it_lets_loose():

@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from sawbench.diagnosis.inference.evidence import Column, explain
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.size import is_mixable, mixed, sized
 from sawbench.diagnosis.slow_states import slow_tracks
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME

@@ -10,7 +10,8 @@ import pytest
 from sawbench.diagnosis.answer import gap_detail, standing_out, where
 from sawbench.diagnosis.answer.standing_out import Cell, find_cells
 from sawbench.diagnosis.inference.features import START_UP_EDGES_S, Layout
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, Marginal, Part
+from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.settings import SETTINGS
 from scipy.stats import false_discovery_control, spearmanr
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
-from sawbench.diagnosis.inference.linear_problem import Marginal, build_problem
+from sawbench.diagnosis.inference.linear_problem import build_problem
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.zero_wander import ZeroReadings, zero_wander
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
