@@ -24,7 +24,7 @@ from sawbench.bench.units import (
     FORCE,
     MOTOR_CURRENT,
 )
-from sawbench.diagnosis.inference.peaks import Peak, near_harmonic, not_sharper_in, peaks_of
+from sawbench.diagnosis.inference.peaks import Peak, Spectrum, near_harmonic, not_sharper_in, peaks_of
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.strikes import Answer, Strikes, answer_of, foreign_bursts, resolution_of, strikes
 from sawbench.modeling.state import TWO_PI
@@ -32,7 +32,7 @@ from sawbench.processing.binning import AngleGrid
 
 _CELLS, _FEWEST_CELLS, _SAMPLES_A_CELL = 64, 16, 1.5
 _MOST_EMPTY = 0.02
-_MAINS_HZ, _HIGHEST_MULTIPLE = (50.0, 60.0), 7
+_MAINS_HZ, _MULTIPLES = (50.0, 60.0), np.arange(1, 8)
 _NUMBERS: Final = SETTINGS.off_stroke
 # They follow from each other, and are read by different sensors.
 _ELECTRICAL = (MOTOR_CURRENT.name, BATTERY_VOLTAGE.name, BATTERY_CURRENT.name)
@@ -56,6 +56,8 @@ class OffStroke:
         NaN in air and where no feed is stated.
     peaks : dict of (str, str) to tuple of Peak
         By "time" or "stroke", and channel.
+    of_mains : dict of str to ndarray, shape (2, 7)
+        Of each channel, amplitude of all that stands at each multiple of either mains; NaN where that is a harmonic.
     struck : dict of str to Strikes
         Of each channel: rare strokes of a cell far off all others.
     answer : Answer
@@ -68,6 +70,7 @@ class OffStroke:
     near_harmonic: float
     feed_a_stroke_m: float
     peaks: dict[tuple[str, str], tuple[Peak, ...]]
+    of_mains: dict[str, Floats]
     struck: dict[str, Strikes]
     answer: Answer
 
@@ -135,6 +138,7 @@ def off_stroke(trial: TrackedTrial) -> OffStroke | None:
     if n_strokes < _NUMBERS.least_strokes:
         return None
     peaks: dict[tuple[str, str], tuple[Peak, ...]] = {}
+    of_mains: dict[str, Floats] = {}
     struck: dict[str, Strikes] = {}
     lefts: dict[str, Floats] = {}
     resolution: dict[str, float] = {}
@@ -155,10 +159,12 @@ def off_stroke(trial: TrackedTrial) -> OffStroke | None:
         at_s = np.interp(TWO_PI * at, angle.angle_rad, angle.time_s)
         flat = left.ravel()
         even_s = np.linspace(at_s[0], at_s[-1], len(flat))
-        by_stroke = peaks_of(flat, 1.0 / n_cells, 1.0)
-        by_time = peaks_of(np.interp(even_s, at_s, flat), float(even_s[1] - even_s[0]), rate_hz)
+        by_stroke = peaks_of(Spectrum.of(flat, 1.0 / n_cells), 1.0)
+        over_time = Spectrum.of(np.interp(even_s, at_s, flat), float(even_s[1] - even_s[0]))
+        by_time = peaks_of(over_time, rate_hz)
         peaks["stroke", name] = not_sharper_in(by_time, by_stroke, rate_hz)
         peaks["time", name] = not_sharper_in(by_stroke, by_time, 1.0 / rate_hz)
+        of_mains[name] = np.array([over_time.amplitudes_at(hz * _MULTIPLES, rate_hz) for hz in _MAINS_HZ])
         resolution[name] = resolution_of(channels[name].values)
         # Where samples are missing, of the channel or of the angle, what stands in a stroke was not measured.
         measured = (angle_is_read & _is_read(in_cells, n_strokes))[:, None]
@@ -175,6 +181,7 @@ def off_stroke(trial: TrackedTrial) -> OffStroke | None:
         near_harmonic=near_harmonic(n_strokes),
         feed_a_stroke_m=1e-3 * feed_mm_s / rate_hz if is_fed and feed_mm_s is not None else float("nan"),
         peaks=peaks,
+        of_mains=of_mains,
         struck=struck,
         answer=answer_of(lefts.get(FORCE.name), lefts.get(MOTOR_CURRENT.name), resolution.get(FORCE.name, np.inf)),
     )
@@ -399,6 +406,40 @@ def fixed_lines(trials: Sequence[OffStroke]) -> list[Line]:
     return found
 
 
+def hum_lines(trials: Sequence[OffStroke]) -> list[Line]:
+    """Hum of the mains: the lines of each channel, and what may hide at the other multiples of their mains.
+
+    Where most trials run at nearly a fraction of a multiple, it is no line in them, and stands in the mean stroke of
+    those that run at just that.
+
+    Parameters
+    ----------
+    trials : sequence of OffStroke
+
+    Returns
+    -------
+    list of Line
+        Those that hide with all that the trials have there, the median of those in which it is no harmonic.
+    """
+    lines = [line for line in fixed_lines(trials) if is_mains(line.frequency_hz)]
+    hidden: list[Line] = []
+    for name in dict.fromkeys(line.channel for line in lines):
+        measured = np.array([t.of_mains[name] for t in trials if name in t.of_mains])
+        at_hz = [line.frequency_hz for line in lines if line.channel == name]
+        for mains_hz, amplitudes in zip(_MAINS_HZ, measured.transpose(1, 2, 0), strict=True):
+            hidden += _hidden_lines(name, mains_hz, at_hz, amplitudes)
+    return [*lines, *hidden]
+
+
+def _hidden_lines(channel: str, mains_hz: float, at_hz: Sequence[float], amplitudes: Floats) -> Iterator[Line]:
+    """Multiples of one mains beside those of a channel that are lines; `amplitudes`: (multiples, trials)."""
+    lines = {n: hz for hz in at_hz if (n := _multiple_of(mains_hz, hz))}
+    exact_hz = float(np.median([hz / n for n, hz in lines.items()])) if lines else mains_hz
+    for n, of_trials in zip(_MULTIPLES.tolist(), amplitudes, strict=True):
+        if lines and n not in lines and np.isfinite(of_trials).any():
+            yield Line(channel=channel, frequency_hz=n * exact_hz, amplitude=float(np.nanmedian(of_trials)))
+
+
 def _keeps_its_frequency(line: Sequence[tuple[OffStroke, Peak]]) -> bool:
     """Trials agree on the frequency better than on the cycles a stroke."""
     places = np.array([p.place for _, p in line])
@@ -414,9 +455,12 @@ def is_mains(frequency_hz: float, within_hz: float = 0.0) -> bool:
     >>> is_mains(150.1), is_mains(57.0), is_mains(57.0, within_hz=4.0)
     (True, False, True)
     """
-    multiples = [(mains_hz, round(frequency_hz / mains_hz)) for mains_hz in _MAINS_HZ]
-    return any(
-        1 <= n <= _HIGHEST_MULTIPLE
-        and abs(frequency_hz - n * mains_hz) < max(SETTINGS.report.mains_tolerance * n * mains_hz, within_hz)
-        for mains_hz, n in multiples
-    )
+    return any(_multiple_of(mains_hz, frequency_hz, within_hz) for mains_hz in _MAINS_HZ)
+
+
+def _multiple_of(mains_hz: float, frequency_hz: float, within_hz: float = 0.0) -> int:
+    """Which multiple of the mains a frequency is; 0 where it is none."""
+    n = round(frequency_hz / mains_hz)
+    nearest_hz = n * mains_hz
+    is_near = abs(frequency_hz - nearest_hz) < max(SETTINGS.report.mains_tolerance * nearest_hz, within_hz)
+    return n if n in _MULTIPLES and is_near else 0

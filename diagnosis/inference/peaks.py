@@ -48,13 +48,50 @@ def near_harmonic(n_strokes: float) -> float:
     return max(_NUMBERS.near_harmonic, _WINDOW_BINS / n_strokes)
 
 
-def peaks_of(values: Floats, step: float, per_stroke: float) -> tuple[Peak, ...]:
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Spectrum:
+    """Of an evenly sampled series, through a Hann window.
+
+    Attributes
+    ----------
+    place, power : ndarray, shape (n,)
+        Hz or cycles a stroke, and the squares of the transform there.
+    gain : float
+        Sum of the window.
+    """
+
+    place: Floats
+    power: Floats
+    gain: float
+
+    @classmethod
+    def of(cls, values: Floats, step: float) -> Spectrum:
+        """Transform a series, shape (n,), of that step in seconds or strokes."""
+        window = np.hanning(len(values))
+        power = np.abs(np.fft.rfft(values * window)) ** 2
+        return cls(place=np.fft.rfftfreq(len(values), step), power=power, gain=float(window.sum()))
+
+    def amplitude(self, k: int) -> float:
+        """Amplitude of a sine of all that stands in the line around bin k."""
+        # One of unit amplitude puts gain^2 / 4 into the middle of its line.
+        return 2.0 * float(np.sqrt(self.power[_around(k)].sum() / (1.5 * self.gain**2)))
+
+    def amplitudes_at(self, places: Floats, per_stroke: float) -> Floats:
+        """Amplitudes at some places; NaN beyond the spectrum, and where a harmonic of the stroke stood and was taken.
+
+        `per_stroke` is a stroke's own place.
+        """
+        bins = np.round(places / self.place[1]).astype(np.int64)
+        off = np.abs(places - per_stroke * np.round(places / per_stroke))
+        seen = (bins < len(self.power)) & (off > _WINDOW_BINS * self.place[1])
+        return np.array([self.amplitude(k) if one else np.nan for k, one in zip(bins.tolist(), seen, strict=True)])
+
+
+def peaks_of(spectrum: Spectrum, per_stroke: float) -> tuple[Peak, ...]:
     """Largest lines of a series, away from the harmonics of the stroke; `per_stroke` is a stroke's own place."""
     from scipy.ndimage import median_filter
 
-    window = np.hanning(len(values))
-    power = np.abs(np.fft.rfft(values * window)) ** 2
-    place = np.fft.rfftfreq(len(values), step)
+    place, power = spectrum.place, spectrum.power
     order = place / per_stroke
     floor = median_filter(power, 2 * _FLOOR_BINS + 1) / np.log(2.0)
     total = float(power[order > _NUMBERS.lowest_order].sum())
@@ -68,14 +105,16 @@ def peaks_of(values: Floats, step: float, per_stroke: float) -> tuple[Peak, ...]
         k = int(np.argmax(ratio))
         if ratio[k] < _NUMBERS.seen_power:
             break
-        around = slice(max(k - _LINE_BINS, 0), k + _LINE_BINS + 1)
-        share = float(power[around].sum()) / total
-        # A sine of unit amplitude puts sum(window)^2 / 4 into the middle of its line.
-        amplitude = 2.0 * float(np.sqrt(power[around].sum() / (1.5 * window.sum() ** 2)))
+        share = float(power[_around(k)].sum()) / total
         at, width, height = float(place[k]), float(place[1]), float(ratio[k])
-        found.append(Peak(place=at, width=width, power=height, share=share, amplitude=amplitude))
-        ratio[around] = 0.0
+        found.append(Peak(place=at, width=width, power=height, share=share, amplitude=spectrum.amplitude(k)))
+        ratio[_around(k)] = 0.0
     return tuple(found)
+
+
+def _around(k: int) -> slice:
+    """Bins of the line in the middle of which bin k is."""
+    return slice(max(k - _LINE_BINS, 0), k + _LINE_BINS + 1)
 
 
 def not_sharper_in(other: Sequence[Peak], peaks: Sequence[Peak], to_other: float) -> tuple[Peak, ...]:

@@ -16,7 +16,7 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.features import N_BLOCKS, Layout, orders
 from sawbench.diagnosis.inference.nuisances import Nuisance, Reading
-from sawbench.diagnosis.inference.off_stroke import Line, fixed_lines, is_mains
+from sawbench.diagnosis.inference.off_stroke import Line, hum_lines
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import TWO_PI, State
 
@@ -38,9 +38,8 @@ class SensorFaults:
         for one in campaign.health:
             self._steps[one.channel] = max(self._steps.get(one.channel, 0.0), one.step)
         self._hum: dict[str, list[Line]] = {}
-        for line in fixed_lines(campaign.off_stroke):
-            if is_mains(line.frequency_hz):
-                self._hum.setdefault(line.channel, []).append(line)
+        for line in hum_lines(campaign.off_stroke):
+            self._hum.setdefault(line.channel, []).append(line)
 
     def variance(self, layout: Layout, state: State) -> Floats:
         """Of every feature of a time block of a state, in the squared unit of its equation, shape (layout.size,)."""

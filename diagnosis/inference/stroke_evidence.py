@@ -122,8 +122,8 @@ def strokes_say(
         tells it from uneven wood.
     not_the_woods : dict of str to float
         Log evidence by what it looks like: a wave of the hardness at one frequency in Hz, a course that all trials
-        share. Each is one of several looks of "unknown", which share its prior: where all trials have one feed, a wave
-        in time and one in the wood are the same, and the catalogue's name is the likelier one.
+        share. Each is one of several looks of "unknown", which share its prior. Where all trials have one feed, a wave
+        in time and one in the wood are the same: the catalogue's name is taken for twice as likely.
     """
     spectra = StrokeSpectra(strokes) if strokes else None
     if spectra is None:
@@ -149,7 +149,7 @@ def strokes_say(
         )  # fmt: skip
     one_look = math.log(settings.strokes.looks)
     return said, {
-        WAVE_IN_TIME: _wave_in_time(spectra, known) - one_look,
+        WAVE_IN_TIME: _wave_in_time(spectra, known) - one_look - math.log(2.0),
         SHARED_COURSE: shared_course(blocks) - one_look,
     }
 

@@ -25,8 +25,8 @@ from sawbench.processing.binning import AngleGrid
 
 # Widths of the hump as a share of its place, how many of them it reaches, and how many hold what varies.
 _WIDTHS, _REACH, _WITHIN = (0.03, 0.1, 0.25), 8.0, 2.0
-# Frequencies and depths of a wave that is locked to time, Hz: what a hand or a controller does.
-_FREQUENCIES_HZ, _DEPTHS = np.geomspace(0.2, 8.0, 28), np.geomspace(0.02, 0.6, 9)
+# Lowest and highest frequency of a wave that is locked to time, Hz, and its depths: what a hand or a controller does.
+_FREQUENCIES_HZ, _DEPTHS = (0.2, 8.0), np.geomspace(0.02, 0.6, 9)
 _LOWEST_WAVES = 2.0
 # Amplitude of a wave that varies as much as pieces of one stock differ.
 _ORDINARY_DEPTH = float(np.sqrt(2.0)) * SETTINGS.workpieces.piece_std
@@ -184,15 +184,19 @@ class StrokeSpectra:
         """Log evidence of a wave at one frequency in Hz instead: not the wood's."""
         return self._average(self._cycles * self._rate_hz, self._rate_hz, _FREQUENCIES_HZ, _DEPTHS)[0]
 
-    def _average(self, waves: Floats, density: Floats, places: Floats, depths: Floats) -> tuple[float, float, float]:
+    def _average(
+        self, waves: Floats, density: Floats, ends: tuple[float, float], depths: Floats
+    ) -> tuple[float, float, float]:
         """Log evidence of a hump, averaged over place, width and depth; depth and place of the best.
 
-        No more than 0 where the strokes vary there by no more than ordinary wood does.
+        No more than 0 where the strokes vary there by no more than ordinary wood does. Places are half a width apart:
+        with coarser ones it would be chance how well one of them meets a narrow hump, in time or along the feed.
         """
-        logs: list[float] = []
+        of_widths: list[float] = []
         best = (-np.inf, 0.0, 0.0, 0)
-        for place in places:
-            for width in _WIDTHS:
+        for width in _WIDTHS:
+            logs: list[float] = []
+            for place in np.geomspace(*ends, int(np.ceil(2.0 * np.log(ends[1] / ends[0]) / width)) + 1):
                 spread = width * place
                 hump = np.exp(-0.5 * ((waves - place) / spread) ** 2) / (spread * np.sqrt(TWO_PI)) * density
                 near = np.abs(waves - place) < _REACH * spread
@@ -202,8 +206,9 @@ class StrokeSpectra:
                     cost = far + np.sum(_costs(self._power[near], spectra), axis=1)
                     logs.append(-float(cost.min()))
                     best = max(best, (logs[-1], float(place), float(spread), int(np.argmin(cost))))
+            of_widths.append(log_mean_exp(logs))
         _, place, spread, scatter = best
-        log = log_mean_exp(logs) - self._null
+        log = log_mean_exp(of_widths) - self._null
         # A sine is spread over two lines of the spectrum, however narrow it is.
         reach = np.maximum(_WITHIN * spread, 1.5 * density / self._n_strokes)
         depth = self._depth(np.abs(waves - place) < reach, scatter)

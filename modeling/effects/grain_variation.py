@@ -78,7 +78,7 @@ EFFECT = Effect(
     told_apart_by="trials at another feed: the modulation keeps its wavelength on the path, not its period",
     background=(),
     strokes=StrokeWave(
-        waves_per_m=np.geomspace(60.0, 1200.0, 34),
+        waves_per_m=(60.0, 1200.0),
         depths=np.geomspace(0.02, 0.6, 9),
         words="grain of the wood: waves of {wavelength_mm:.1f} mm along the feed",
     ),

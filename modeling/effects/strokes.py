@@ -23,15 +23,15 @@ class StrokeWave:
 
     Attributes
     ----------
-    waves_per_m : ndarray, shape (n,)
-        Places of the wave that occur, 1/m.
+    waves_per_m : tuple of float
+        Lowest and highest place of the wave that occurs, 1/m.
     depths : ndarray, shape (m,)
         Amplitudes that occur, relative.
     words : str
         What was found, with `{wavelength_mm}`.
     """
 
-    waves_per_m: Floats
+    waves_per_m: tuple[float, float]
     depths: Floats
     words: str
 

@@ -14,7 +14,7 @@ from sawbench.bench.units import (
     FORCE,
     MOTOR_CURRENT,
 )
-from sawbench.diagnosis.inference.off_stroke import fixed_lines, off_stroke, off_stroke_findings
+from sawbench.diagnosis.inference.off_stroke import fixed_lines, hum_lines, off_stroke, off_stroke_findings
 from sawbench.diagnosis.inference.strikes import foreign_bursts, strikes
 from sawbench.diagnosis.inference.wandering_line import wandering_lines
 
@@ -215,6 +215,25 @@ def test_hum_of_single_sensors_is_measured(seed):
     for channel, amplitude in ((FORCE.name, 4.0), (MOTOR_CURRENT.name, 0.4)):
         assert found[channel].frequency_hz == pytest.approx(50.0, abs=0.2)
         assert found[channel].amplitude == pytest.approx(amplitude, rel=0.1)
+
+
+def test_hum_that_hides_beside_a_harmonic_is_as_large_as_what_stands_there():
+    """Four strokes of 12.4 Hz take 49.6: no line there is told from the wood's, and in step it is no line at all."""
+
+    def with_overtones(rng, time_s, turns, feed_mm_s):
+        phase = 2.0 * np.pi * 50.1 * time_s + rng.uniform(0.0, 6.0)
+        return {MOTOR_CURRENT.name: 0.4 * np.cos(phase) + 0.1 * np.cos(2.0 * phase) + 0.1 * np.cos(3.0 * phase)}
+
+    nearly_in_step = [(12.4 + 0.01 * k, feed) for k, feed in enumerate((None, 2.0, 3.0, 3.0, 4.0))]
+    found = trials(with_overtones, plan=[*nearly_in_step, (12.525, 3.0)])
+    seen = {round(line.frequency_hz / 50.1): line.amplitude for line in fixed_lines(found)}
+    assert set(seen) == {2, 3}
+    lines = {round(line.frequency_hz / 50.1): line for line in hum_lines(found)}
+    assert {n: lines[n].amplitude for n in seen} == seen
+    assert lines[1].frequency_hz == pytest.approx(50.1, abs=0.1)
+    assert lines[1].amplitude == pytest.approx(0.4, rel=0.1)
+    assert max(line.amplitude for n, line in lines.items() if n > 3) < 0.02
+    assert hum_lines(trials(lambda *_: {})) == []
 
 
 def test_hum_in_several_cables_is_hum():

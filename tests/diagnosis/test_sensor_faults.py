@@ -36,7 +36,7 @@ def state():
 
 def faults(*health, monkeypatch=None, lines=()):
     if monkeypatch is not None:
-        monkeypatch.setattr(sensor_faults, "fixed_lines", lambda trials: list(lines))
+        monkeypatch.setattr(sensor_faults, "hum_lines", lambda trials: list(lines))
     campaign = SimpleNamespace(plant=Jigsaw(baseline=BASELINE), health=health, off_stroke=())
     return SensorFaults(campaign)
 
