@@ -65,6 +65,15 @@ class Layout:
         return found
 
     @property
+    def orders(self) -> dict[Equation, Floats]:
+        """Order of the harmonic that each feature of an equation is; 0 for the bins of a start-up."""
+        n_bins = len(START_UP_EDGES_S) - 1
+        return {
+            equation: orders(self.n_harmonics[equation]) if self.kind == "running" else np.zeros(n_bins)
+            for equation in self.equations
+        }
+
+    @property
     def size(self) -> int:
         """Length of a feature vector."""
         return max((part.stop for part in self.slices.values()), default=0)

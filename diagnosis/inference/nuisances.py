@@ -19,7 +19,7 @@ from sawbench.diagnosis.inference.battery_curve import deviation
 from sawbench.diagnosis.inference.beyond.bent_displacement import N_BEND_HARMONICS, bend_of_displacement
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.known import KnownEffect
-from sawbench.modeling.residuals import Baseline, Signature, inertia_torque, plunger_swing, residuals
+from sawbench.modeling.residuals import Baseline, Equation, Signature, inertia_torque, plunger_swing, residuals
 from sawbench.modeling.state import TWO_PI, State, TrialSetting
 
 # Of the radius, for the derivative of a torque that is a smooth function of it.
@@ -77,10 +77,36 @@ class Reading:
         Of `State`.
     signature : callable
         (baseline, state) -> change of the residuals for one unit more in the reading.
+    of_rate : callable, optional
+        The same for one unit a second more in the rate of the reading, where an equation holds that.
     """
 
     attribute: str
     signature: SignatureFunction
+    of_rate: SignatureFunction | None = None
+
+    def power(self, baseline: Baseline, state: State, order: Mapping[Equation, Floats]) -> dict[Equation, Floats]:
+        """Mean square of what one unit of error at some harmonics makes of the residuals, by equation.
+
+        Parameters
+        ----------
+        baseline : Baseline
+        state : State
+        order : mapping of str to ndarray
+            Of the harmonics, by equation: an equation with the rate of the reading has the more of it the faster it is.
+
+        Returns
+        -------
+        dict of str to ndarray
+            Shapes of `order`; without equations that the reading does not reach.
+        """
+        moved = self.signature(baseline, state)
+        found = {name: float(np.mean(moved[name] ** 2)) * np.ones_like(order[name]) for name in moved if name in order}
+        for name, by_rate in self.of_rate(baseline, state).items() if self.of_rate else ():
+            if name in order:
+                faster_rad_s = order[name] * float(state.speed_rad_s.mean())
+                found[name] = found.get(name, 0.0) + faster_rad_s**2 * float(np.mean(by_rate**2))
+        return found
 
     def of(self, state: State) -> Floats | None:
         """Values of a state, shape (n_units, n_points); None where it has none."""
@@ -387,6 +413,10 @@ def _motor_current_offset(baseline: Baseline, state: State) -> Signature:
     }
 
 
+def _motor_current_rate(baseline: Baseline, state: State) -> Signature:
+    return {"electrical": -baseline.plant.inductance_h.nominal * np.ones_like(state.angle_rad)}
+
+
 def _force_gain(baseline: Baseline, state: State) -> Signature:
     if state.force_n is None:
         return {}
@@ -436,7 +466,7 @@ def _battery_voltage_offset(_: Baseline, state: State) -> Signature:
 READINGS: Final[Mapping[str, Reading]] = MappingProxyType(
     {
         "force_n": Reading(attribute="force_n", signature=force_offset),
-        "motor_current_a": Reading(attribute="current_a", signature=_motor_current_offset),
+        "motor_current_a": Reading(attribute="current_a", signature=_motor_current_offset, of_rate=_motor_current_rate),
         "battery_voltage_v": Reading(attribute="battery_voltage_v", signature=_battery_voltage_offset),
         "battery_current_a": Reading(attribute="battery_current_a", signature=_battery_current_offset),
     }

@@ -14,7 +14,7 @@ import numpy as np
 from sawbench.bench.converter import rounding_variance
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.campaign import Campaign
-from sawbench.diagnosis.inference.features import N_BLOCKS, Layout, orders
+from sawbench.diagnosis.inference.features import N_BLOCKS, Layout
 from sawbench.diagnosis.inference.nuisances import Nuisance, Reading
 from sawbench.diagnosis.inference.off_stroke import Line, hum_lines
 from sawbench.modeling.residuals import Baseline, Signature
@@ -49,15 +49,13 @@ class SensorFaults:
             hum = self._hum.get(channel, [])
             if values is None or not (step or hum):
                 continue
-            moved: dict[str, Floats] = {**reading.signature(self._plant.model, state)}
             stepped = _unblurred(values, step, state)
-            for equation, place in layout.slices.items():
-                if equation in moved:
-                    size = place.stop - place.start
-                    rounded = np.full(size, stepped)
-                    if _stays(values, step, state):
-                        rounded[0] = 0.0  # see `roundings`
-                    found[place] += float(np.mean(moved[equation] ** 2)) * (rounded + _hum(hum, size, state))
+            orders = layout.orders
+            for equation, power in reading.power(self._plant.model, state, orders).items():
+                rounded = np.full(len(power), stepped)
+                if _stays(values, step, state):
+                    rounded[0] = 0.0  # see `roundings`
+                found[layout.slices[equation]] += power * (rounded + _hum(hum, orders[equation], state))
         return found
 
     def roundings(self, state: State) -> list[Nuisance]:
@@ -96,14 +94,22 @@ def _unblurred(values: Floats, step: float, state: State) -> float:
     return float(np.mean(rounding_variance(step, scatter)))
 
 
-def _hum(lines: Sequence[Line], size: int, state: State) -> Floats:
-    """Mean square of what strokes leave of hum at each harmonic, shape (size,)."""
+def _hum(lines: Sequence[Line], order: Floats, state: State) -> Floats:
+    """Mean square of what strokes leave of hum at each harmonic, shape of `order`.
+
+    Over the crank angle a line of one frequency is spread to the harmonics beside it, as the speed changes within the
+    stroke; from one stroke to the next it goes on by as many turns as it is off a harmonic.
+    """
     if state.kind == "start_up":
-        return np.full(size, sum(0.5 * line.amplitude**2 for line in lines))
-    order = orders((size - 1) // 2)
-    rate_hz, found = float(state.speed_rad_s.mean()) / TWO_PI, np.zeros(size)
+        return np.full(len(order), sum(0.5 * line.amplitude**2 for line in lines))
+    angle_rad = state.angle_rad[0]
+    seconds = TWO_PI / len(angle_rad) / state.speed_rad_s.mean(axis=0)
+    at_s, period_s = np.cumsum(seconds) - 0.5 * seconds, float(seconds.sum())
     n_strokes = float(state.n_strokes.sum()) / N_BLOCKS
+    found = np.zeros(len(order))
     for line in lines:
-        off = np.abs(line.frequency_hz / rate_hz - order)
-        found += 0.5 * line.amplitude**2 / (1.0 + (np.pi * n_strokes * off) ** 2)
+        of_stroke = np.exp(1j * (TWO_PI * line.frequency_hz * at_s - np.outer(order, angle_rad))).mean(axis=1)
+        turns = line.frequency_hz * period_s
+        kept = 1.0 / (1.0 + (np.pi * n_strokes * (turns - round(turns))) ** 2)
+        found += 0.5 * line.amplitude**2 * kept * np.abs(of_stroke) ** 2
     return found

@@ -155,13 +155,9 @@ class Jigsaw:
             if values is None:
                 continue
             bent = sensors.linearity_share * float(np.ptp(values.mean(axis=0)))
-            for equation, moved in reading.signature(self.baseline, state).items():
-                part = layout.slices.get(equation)
-                if part is None:
-                    continue
-                order = 0.0 if state.kind == "start_up" else orders((part.stop - part.start - 1) // 2)
-                smooth = 1.0 / (1.0 + (order / sensors.linearity_harmonic) ** 2)
-                found[part] += bent**2 * float(np.mean(moved**2)) * smooth**2
+            for equation, power in reading.power(self.baseline, state, layout.orders).items():
+                smooth = 1.0 / (1.0 + (layout.orders[equation] / sensors.linearity_harmonic) ** 2)
+                found[layout.slices[equation]] += bent**2 * power * smooth**2
         return found
 
     def _stepped_speed(self, layout: Layout, state: State) -> Floats:

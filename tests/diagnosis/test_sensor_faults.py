@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from sawbench.diagnosis.inference import sensor_faults
-from sawbench.diagnosis.inference.features import HARMONICS, Layout
+from sawbench.diagnosis.inference.features import HARMONICS, N_BLOCKS, Layout
 from sawbench.diagnosis.inference.off_stroke import Line
 from sawbench.diagnosis.inference.sensor_faults import SensorFaults
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
@@ -106,3 +106,41 @@ def test_hum_stays_where_the_stroke_rate_is_a_fraction_of_it(state, monkeypatch,
     else:
         assert of_fourth == pytest.approx(expected, abs=2e-3)
     assert found[LAYOUT.slices["cutting"].start + 1] < 1e-3 * line.amplitude**2
+
+
+def test_hum_of_the_motor_current_is_a_voltage_of_resistance_and_inductance(state, monkeypatch):
+    """The equation holds the rate of the current: 2 A at 50 Hz are 2 (R + i 2 pi 50 L) V, whatever the stroke rate."""
+    plant, layout = BASELINE.plant, Layout(kind="running", equations=("electrical", "mechanical"))
+    line = Line(channel="motor_current_a", frequency_hz=50.0, amplitude=2.0)
+    for order in (2, 4):
+        at = replace(
+            state, speed_rad_s=0.0 * state.speed_rad_s + 2.0 * np.pi * 50.0 / order, current_a=0.0 * state.angle_rad
+        )
+        found = faults(monkeypatch=monkeypatch, lines=[line]).variance(layout, at)
+        impedance = plant.resistance_ohm.nominal + 2j * np.pi * 50.0 * plant.inductance_h.nominal
+        at_order = layout.slices["electrical"].start + order
+        assert found[at_order] == pytest.approx(0.5 * abs(2.0 * impedance) ** 2, rel=1e-6)
+        torque = layout.slices["mechanical"].start + order
+        constant = plant.torque_constant_n_m_per_a.nominal
+        assert found[torque] == pytest.approx(0.5 * (2.0 * constant) ** 2, rel=1e-6)
+
+
+def test_hum_spreads_over_harmonics_where_the_speed_changes_within_the_stroke(state, monkeypatch):
+    """Against the means over many strokes of hum in time, of any phase."""
+    rate_hz, amplitude = 50.0 / 6.945, 2.0
+    angle = state.angle_rad[0]
+    speed = 2.0 * np.pi * rate_hz * (1.0 + 0.12 * np.cos(angle))
+    at = replace(state, speed_rad_s=np.broadcast_to(speed, state.speed_rad_s.shape))
+    line = Line(channel="force_n", frequency_hz=50.0, amplitude=amplitude)
+    found = faults(monkeypatch=monkeypatch, lines=[line]).variance(LAYOUT, at)[LAYOUT.slices["cutting"]]
+    seconds = (2.0 * np.pi / len(angle)) / speed
+    at_s = np.cumsum(seconds) - 0.5 * seconds
+    n_strokes = int(at.n_strokes.sum()) // N_BLOCKS
+    starts_s = np.sum(seconds) * np.arange(n_strokes)
+    squares = np.zeros(10)
+    for phase in 2.0 * np.pi * (np.arange(40) + 0.5) / 40:
+        mean = amplitude * np.cos(2.0 * np.pi * 50.0 * (at_s + starts_s[:, None]) + phase).mean(axis=0)
+        squares += np.array([(2.0 * np.mean(mean * np.cos(k * angle))) ** 2 for k in range(10)]) / 40
+    assert squares[6] > 0.1 * squares[7]
+    for order in range(4, 10):
+        assert 0.5 < found[order] / squares[order] < 2.0, order
