@@ -10,6 +10,7 @@ from sawbench.bench.second_core import second_core
 from sawbench.diagnosis.inference.evidence import catalogue_columns, columns_in
 from sawbench.diagnosis.inference.posterior import judge
 from sawbench.diagnosis.inference.refining import _around, refined
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 
 from tests.rigs.scattered_strokes import problem_of, strokes
@@ -76,6 +77,16 @@ def test_rubbing_that_is_in_part_dry_is_found_with_its_part():
     found = judge(problem, better).best
     assert found.effects == ("return_stroke_rubbing",)
     assert found.members[0].column.shape["dry"] == pytest.approx(0.4, abs=0.02)
+
+
+def test_rubbing_that_sets_in_as_the_blade_gains_speed_leaves_no_gap():
+    """14 N in full beyond a few tenths of a metre a second, by another law than that of the catalogue."""
+    problem = problem_of(strokes(rub=lambda speed: 14.0 * (1.0 - np.exp(-speed / 0.12))))
+    _, better = weighed(problem, ["return_stroke_rubbing", "force_offset_drift", "blade_compliance"])
+    found = judge(problem, better)
+    assert found.best.effects == ("return_stroke_rubbing",)
+    gap, left = found.of("no_gap").left_over - problem.quiet, found.best.left_over - problem.quiet
+    assert left < SETTINGS.ladder.left_by_the_right * gap
 
 
 def test_rubbing_that_is_harder_at_the_start_of_the_way_back_is_found_with_its_ratio():
