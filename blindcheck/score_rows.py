@@ -140,6 +140,12 @@ _ROWS: tuple[tuple[str, str, Test, Test], ...] = (
     ),
     ("unknown", "called unknown, effects outside the catalogue", lambda c: c.kind == "outside", is_exact),
     (
+        "typical_unknown",
+        "called unknown, effects outside the catalogue of typical severity or more",
+        lambda c: c.kind == "outside" and max(c.effects.values()) >= TYPICAL[0],
+        is_exact,
+    ),
+    (
         "unknown_formless",
         "called unknown, effects outside the catalogue that the diagnosis does not look for either",
         lambda c: c.kind == "outside" and not c.effects.keys() & LOOKED_FOR_OUTSIDE,
