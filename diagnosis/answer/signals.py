@@ -10,7 +10,7 @@ import numpy as np
 from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.gain_drift import GainDrift
-from sawbench.diagnosis.inference.off_stroke import OffStroke, fixed_lines, is_mains
+from sawbench.diagnosis.inference.off_stroke import Line, OffStroke, fixed_lines, hum_lines, is_mains
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.strikes import foreign_bursts
 from sawbench.diagnosis.inference.wandering_line import wandering_lines
@@ -67,12 +67,13 @@ def _entry(channel: str, finding: str, magnitude: float, unit: str, words: str, 
 
 
 def _lines(trials: Sequence[OffStroke], health: dict[str, list[ChannelHealth]]) -> Iterator[Entry]:
-    for line in fixed_lines(trials):
+    for line in (*fixed_lines(trials), *_largest_hidden(trials)):
         noise = float(np.median([h.noise for h in health.get(line.channel, ())] or [0.0]))
         if line.amplitude < noise:
             continue
         unit, place = CHANNEL_BY_NAME[line.channel].unit, f"{line.amplitude:.2g} {{}} at {line.frequency_hz:.1f} Hz"
         if is_mains(line.frequency_hz):
+            place = f"up to {place}, beside a harmonic of the stroke" if line.hides else place
             words = f"hum of {place.format(unit)}: mains pickup; check shield and ground of the cable"
             yield _entry(line.channel, "hum", line.amplitude, unit, words, line.frequency_hz)
         else:
@@ -85,6 +86,13 @@ def _lines(trials: Sequence[OffStroke], health: dict[str, list[ChannelHealth]]) 
             " in each trial: a ripple above half the sample rate (aliasing) or pickup; filter before sampling"
         )
         yield _entry(one.channel, "line", one.amplitude, unit, words)
+
+
+def _largest_hidden(trials: Sequence[OffStroke]) -> list[Line]:
+    """Hum that may stand beside a harmonic of the stroke, where it would be the largest of its channel."""
+    hum = hum_lines(trials)
+    seen = {one.channel: max(o.amplitude for o in hum if o.channel == one.channel and not o.hides) for one in hum}
+    return [one for one in hum if one.hides and one.amplitude > seen[one.channel]]
 
 
 def _bursts(trials: Sequence[OffStroke]) -> Iterator[Entry]:

@@ -84,11 +84,14 @@ class Line:
     channel : str
     frequency_hz, amplitude : float
         Median over the trials that show it; the amplitude in the unit of the channel.
+    hides : bool
+        It is no line of its own, but may stand beside a harmonic of the stroke: the amplitude is of all that is there.
     """
 
     channel: str
     frequency_hz: float
     amplitude: float
+    hides: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -437,7 +440,7 @@ def _hidden_lines(channel: str, mains_hz: float, at_hz: Sequence[float], amplitu
     exact_hz = float(np.median([hz / n for n, hz in lines.items()])) if lines else mains_hz
     for n, of_trials in zip(_MULTIPLES.tolist(), amplitudes, strict=True):
         if lines and n not in lines and np.isfinite(of_trials).any():
-            yield Line(channel=channel, frequency_hz=n * exact_hz, amplitude=float(np.nanmedian(of_trials)))
+            yield Line(channel=channel, frequency_hz=n * exact_hz, amplitude=float(np.nanmedian(of_trials)), hides=True)
 
 
 def _keeps_its_frequency(line: Sequence[tuple[OffStroke, Peak]]) -> bool:

@@ -1,6 +1,7 @@
 """Lines and bursts that do not follow the stroke are found, scatter and what the wood does are not."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from sawbench.bench.units import (
     FORCE,
     MOTOR_CURRENT,
 )
+from sawbench.diagnosis.answer.signals import signal_findings
 from sawbench.diagnosis.inference.off_stroke import fixed_lines, hum_lines, off_stroke, off_stroke_findings
 from sawbench.diagnosis.inference.strikes import foreign_bursts, strikes
 from sawbench.diagnosis.inference.wandering_line import wandering_lines
@@ -233,6 +235,10 @@ def test_hum_that_hides_beside_a_harmonic_is_as_large_as_what_stands_there():
     assert lines[1].frequency_hz == pytest.approx(50.1, abs=0.1)
     assert lines[1].amplitude == pytest.approx(0.4, rel=0.1)
     assert max(line.amplitude for n, line in lines.items() if n > 3) < 0.02
+    assert {n for n, line in lines.items() if not line.hides} == set(seen)
+    said = [one["words"] for one in signal_findings(SimpleNamespace(health=(), off_stroke=found), None)]
+    assert len(said) == 3
+    assert re.match(r"hum of up to 0\.\d+ A at 50\.\d Hz, beside a harmonic of the stroke: mains pickup", said[-1])
     assert hum_lines(trials(lambda *_: {})) == []
 
 
