@@ -437,9 +437,11 @@ def hum_lines(trials: Sequence[OffStroke]) -> list[Line]:
 def _hidden_lines(channel: str, mains_hz: float, at_hz: Sequence[float], amplitudes: Floats) -> Iterator[Line]:
     """Multiples of one mains beside those of a channel that are lines; `amplitudes`: (multiples, trials)."""
     lines = {n: hz for hz in at_hz if (n := _multiple_of(mains_hz, hz))}
-    exact_hz = float(np.median([hz / n for n, hz in lines.items()])) if lines else mains_hz
+    if not lines:
+        return
+    exact_hz = float(np.median([hz / n for n, hz in lines.items()]))
     for n, of_trials in zip(_MULTIPLES.tolist(), amplitudes, strict=True):
-        if lines and n not in lines and np.isfinite(of_trials).any():
+        if n not in lines and np.isfinite(of_trials).any():
             yield Line(channel=channel, frequency_hz=n * exact_hz, amplitude=float(np.nanmedian(of_trials)), hides=True)
 
 
