@@ -28,7 +28,8 @@ def _signature(
     sets_in_m_s: float = _SETS_IN_M_S[0],
 ) -> tuple[Signature, ...]:  # fmt: skip
     velocity = np.maximum(-baseline.cutting_sign * baseline.blade_velocity(state), 0.0)
-    force = (1.0 - dry) * velocity + dry * _DRY_AT_M_S * np.tanh(velocity / sets_in_m_s)
+    set_in = np.tanh(velocity / sets_in_m_s) / np.tanh(_DRY_AT_M_S / sets_in_m_s)
+    force = (1.0 - dry) * velocity + dry * _DRY_AT_M_S * set_in
     back = 1.0 - 0.5 * baseline.travelled(state) / baseline.radius_m  # share of the way back that is done
     along = (1.0 + (end_over_start - 1.0) * back) / (0.5 + 0.5 * end_over_start)
     return ({"cutting": -force * along * stock_share(state, by_stock)},)
