@@ -22,9 +22,9 @@ from typing import Any, Final
 
 from sawbench.diagnosis.answer.until_closed import held
 from sawbench.diagnosis.campaign import Campaign
+from sawbench.diagnosis.inference.effect_columns import effect_columns
 from sawbench.diagnosis.inference.linear_problem import build_problem
 from sawbench.diagnosis.inference.posterior import Posterior, judge
-from sawbench.diagnosis.inference.refining import effect_columns
 from sawbench.diagnosis.inference.settings import SETTINGS, Settings
 
 from benchmarks.blind_campaigns import blind_campaign, kept_cases

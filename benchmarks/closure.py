@@ -24,11 +24,11 @@ from sawbench.blindcheck.effects.table import CATALOGUE
 from sawbench.diagnosis.answer.channel_gap import forecast
 from sawbench.diagnosis.answer.until_closed import Pass, held
 from sawbench.diagnosis.campaign import Campaign, with_known
-from sawbench.diagnosis.inference.evidence import Column, catalogue_columns
+from sawbench.diagnosis.inference.columns import Column, catalogue_columns
+from sawbench.diagnosis.inference.effect_columns import effect_columns
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, build_problem
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import judge
-from sawbench.diagnosis.inference.refining import effect_columns
 from sawbench.modeling.effects.known import KnownEffect
 
 from benchmarks.blind_campaigns import blind_campaign, severity

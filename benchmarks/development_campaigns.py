@@ -90,9 +90,9 @@ def more_intact(n_cases: int) -> list[dict[str, Any]]:
 
 def collect_one(row: dict[str, Any], out_dir: Path) -> str:
     """Simulate one campaign, weigh its hypotheses and write what the fit needs."""
+    from sawbench.diagnosis.inference.effect_columns import effect_columns
     from sawbench.diagnosis.inference.linear_problem import build_problem
     from sawbench.diagnosis.inference.posterior import judge
-    from sawbench.diagnosis.inference.refining import effect_columns
 
     path = out_dir / f"case-{row['benches']}-{row['seed']:04d}.json"
     if path.exists():

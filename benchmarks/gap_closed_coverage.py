@@ -67,7 +67,8 @@ def ladder_of(campaign_dir: Path, recordings_dir: Path, effect: str) -> dict[str
     from sawbench.bench.config import load_config
     from sawbench.diagnosis.answer.hold_out import HoldOut
     from sawbench.diagnosis.inference.acts_in import acts_in
-    from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
+    from sawbench.diagnosis.inference.columns import catalogue_columns
+    from sawbench.diagnosis.inference.evidence import explain
     from sawbench.diagnosis.inference.linear_problem import build_problem
     from sawbench.diagnosis.inference.marginal import Marginal
     from sawbench.diagnosis.plants.choice import reduce_recordings

@@ -20,10 +20,10 @@ from typing import Any, Final
 
 import numpy as np
 from sawbench.diagnosis.answer.learned_term import LearnedAnswer, learned_answer
+from sawbench.diagnosis.inference.effect_columns import effect_columns
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import build_problem
 from sawbench.diagnosis.inference.posterior import judge
-from sawbench.diagnosis.inference.refining import effect_columns
 
 from benchmarks.blind_campaigns import blind_campaign, kept_cases, severity
 

@@ -29,9 +29,9 @@ from sawbench.blindcheck.plans import TrialPlan
 from sawbench.diagnosis.answer.candidate_trials import Candidate, candidates
 from sawbench.diagnosis.answer.trial_plan import trial_plan
 from sawbench.diagnosis.answer.until_closed import Pass, held
+from sawbench.diagnosis.inference.effect_columns import effect_columns
 from sawbench.diagnosis.inference.linear_problem import build_problem
 from sawbench.diagnosis.inference.posterior import judge
-from sawbench.diagnosis.inference.refining import effect_columns
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plants.choice import reduce_recordings
 

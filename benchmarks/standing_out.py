@@ -15,7 +15,7 @@ from collections import Counter
 import numpy as np
 from sawbench.blindcheck.effects.table import CATALOGUE
 from sawbench.diagnosis.answer.standing_out import Cell, find_cells
-from sawbench.diagnosis.inference.evidence import catalogue_columns, little_of_each
+from sawbench.diagnosis.inference.columns import catalogue_columns, little_of_each
 from sawbench.diagnosis.inference.linear_problem import build_problem
 
 from benchmarks.blind_campaigns import blind_campaign

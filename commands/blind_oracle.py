@@ -98,7 +98,8 @@ def ask(case_dir: Path, truth: Mapping[str, Any]) -> dict[str, float | None] | N
     import numpy as np
     from sawbench.diagnosis.answer.hold_out import climb
     from sawbench.diagnosis.inference.acts_in import equations_of
-    from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
+    from sawbench.diagnosis.inference.columns import catalogue_columns
+    from sawbench.diagnosis.inference.evidence import explain
     from sawbench.diagnosis.inference.marginal import Marginal
     from sawbench.modeling.effects.catalogue import EFFECTS
 

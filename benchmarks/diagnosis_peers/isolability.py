@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.diagnosis.inference.evidence import Column, catalogue_columns
+from sawbench.diagnosis.inference.columns import Column, catalogue_columns
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 
 from benchmarks.diagnosis_peers.hypotheses import EFFECTS

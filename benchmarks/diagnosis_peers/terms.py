@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.diagnosis.inference.evidence import catalogue_columns
+from sawbench.diagnosis.inference.columns import catalogue_columns
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
 from sawbench.modeling.residuals import Equation
 

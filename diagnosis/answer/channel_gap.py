@@ -12,7 +12,7 @@ from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.answer.hold_out import HoldOut
 from sawbench.diagnosis.answer.ladder import RUNGS, Fit, Ladder, Rungs
 from sawbench.diagnosis.inference.battery_curve import SeenCurve
-from sawbench.diagnosis.inference.evidence import Column
+from sawbench.diagnosis.inference.columns import Column
 from sawbench.diagnosis.inference.linear_problem import Part
 from sawbench.diagnosis.inference.nuisances import Nuisance, further_batteries
 from sawbench.diagnosis.inference.settings import SETTINGS

@@ -23,7 +23,8 @@ from sawbench.diagnosis.answer.ladder import Ladder
 from sawbench.diagnosis.answer.prediction import Predictions
 from sawbench.diagnosis.answer.unlisted import leaves_a_gap, odds_of_unlisted
 from sawbench.diagnosis.inference.acts_in import acts_in, equations_of
-from sawbench.diagnosis.inference.evidence import Column, Explanation
+from sawbench.diagnosis.inference.columns import Column
+from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.posterior import Posterior
@@ -79,19 +80,25 @@ def _those_that_hold(
 
 
 def _shared_with_unlisted(problem: LinearProblem, posterior: Posterior, predictions: Predictions) -> Posterior:
-    """Hand "unknown" its share of every claim, by what the claim leaves where it acts.
+    """Share what claims have among them and "unknown", by what each leaves where it acts.
 
-    A claim that rests on single strokes alone is not judged by mean strokes.
+    Only what the right claim leaves is small: of the others, and where none is right, it may be anything. A claim that
+    rests on single strokes alone is not judged by mean strokes.
     """
-    probabilities = {h.name: float(h.probability) for h in posterior.hypotheses}
+    odds: dict[Hypothesis, float] = {}
     for claim in posterior.claims:
         carried = carried_by_strokes(problem, posterior, claim)
         in_means = [m for m in claim.members if m.effect.name not in carried]
         if claim.probability > SETTINGS.report.shown_probability and in_means:
             ladder, equations = predictions.of(claim).ladder, equations_of(problem, in_means)
-            odds = odds_of_unlisted(ladder, equations, quiet=problem.quiet, weights=problem.settings.weights)
-            probabilities[claim.name] = claim.probability / (1.0 + odds)
-            probabilities["unknown"] += claim.probability - probabilities[claim.name]
+            odds[claim] = odds_of_unlisted(ladder, equations, quiet=problem.quiet, weights=problem.settings.weights)
+    shared = sum(claim.probability for claim in odds)
+    likely = {claim.name: claim.probability / of_unlisted for claim, of_unlisted in odds.items()}
+    total = sum(likely.values()) + shared
+    probabilities = {h.name: float(h.probability) for h in posterior.hypotheses}
+    probabilities |= {name: shared * value / total for name, value in likely.items()}
+    if odds:
+        probabilities["unknown"] += shared * shared / total
     return _with_probabilities(posterior, probabilities)
 
 

@@ -10,7 +10,8 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.channel_gap import CHANNELS, MODELS, ChannelGap, Cycle
 from sawbench.diagnosis.answer.standing_out import Cell, find_cells
 from sawbench.diagnosis.answer.where import gap_of
-from sawbench.diagnosis.inference.evidence import Column, Explanation
+from sawbench.diagnosis.inference.columns import Column, forms_beside
+from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.features import wave_of
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
@@ -80,7 +81,8 @@ def log_odds_at_typical_size(problem: LinearProblem, columns: Mapping[str, Seque
     """
     marginal = Marginal(problem)
     found: dict[str, float] = {}
-    for name, entries in columns.items():
+    for name, every in columns.items():
+        entries = forms_beside(every)
         if entries and isinstance(entries[0].effect.strokes, StrokeWave):
             continue
         # All columns of a form share its size: the mean over phases of what one unit explains.

@@ -27,13 +27,14 @@ from sawbench.diagnosis.answer.until_closed import until_closed as close
 from sawbench.diagnosis.answer.where import locate
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.acts_in import equations_of
+from sawbench.diagnosis.inference.columns import Column
 from sawbench.diagnosis.inference.dispersion import stacked_with_noise, with_noise
-from sawbench.diagnosis.inference.evidence import Column, Explanation
+from sawbench.diagnosis.inference.effect_columns import effect_columns
+from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.gain_drift import GainDrift, gain_drifts
 from sawbench.diagnosis.inference.hypothesis import OTHERS, Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, build_problem
 from sawbench.diagnosis.inference.posterior import Posterior, judge
-from sawbench.diagnosis.inference.refining import effect_columns
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plants.choice import reduce_recordings
 from sawbench.modeling.machines.table import machine_of
@@ -188,7 +189,7 @@ def _report(
 def _gain_drifts(problem: LinearProblem, posterior: Posterior) -> Mapping[str, GainDrift]:
     """Estimate by the noise of this bench, together with the likeliest cause and background effects."""
     noise = posterior.dispersion
-    beside = [posterior.small, *(m.column.columns * m.effect.strength.high for m in posterior.best.members)]
+    beside = [posterior.small, *(m.column.of_any_size for m in posterior.best.members)]
     return gain_drifts(with_noise(problem, noise), stacked_with_noise(problem, beside, noise))
 
 

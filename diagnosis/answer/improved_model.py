@@ -157,7 +157,7 @@ def retuned_with(problem: LinearProblem, members: Sequence[Explanation], *, free
     freed : collection of str
         Numbers of the plant that may move beyond what is stated of them.
     """
-    columns = [m.column.columns * m.effect.strength.high for m in members]
+    columns = [m.column.of_any_size for m in members]
     return _solve(problem, np.hstack(columns) if columns else None, freed)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.hold_out import HoldOut
 from sawbench.diagnosis.answer.ladder import Ladder
-from sawbench.diagnosis.inference.evidence import Column
+from sawbench.diagnosis.inference.columns import Column, forms_beside
 from sawbench.diagnosis.inference.learning import Learned, learn
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
@@ -171,7 +171,7 @@ def _resembles(
     found = {}
     for name, entries in columns.items():
         best = 0.0
-        for entry in entries:
+        for entry in forms_beside(entries):
             gram, _ = marginal.gram(np.hstack([contribution[:, None], entry.columns]))
             own, with_term, among = gram[0, 0], gram[0, 1:], gram[1:, 1:]
             if len(with_term) == 1:

@@ -13,8 +13,9 @@ from sawbench.diagnosis.answer.channel_gap import ChannelGap, forecast
 from sawbench.diagnosis.answer.hold_out import HoldOut
 from sawbench.diagnosis.answer.ladder import Ladder
 from sawbench.diagnosis.inference.acts_in import acts_in
+from sawbench.diagnosis.inference.columns import Column, columns_in, forms_beside
 from sawbench.diagnosis.inference.dispersion import background_with_noise, stacked_with_noise, with_noise
-from sawbench.diagnosis.inference.evidence import Column, Explanation, columns_in, explain
+from sawbench.diagnosis.inference.evidence import Explanation, explain
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import FORM_OF_KNOWN, LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
@@ -173,7 +174,8 @@ class Predictions:
         Several effects are compared with fewer, whose forms are free: they must not be held to one form each. A ladder
         takes forms of as many numbers as the best one has.
         """
-        every = [self._columns[m.effect.name] for m in members]
+        names = {m.effect.name for m in members}
+        every = [forms_beside(self._columns[name], names) for name in (m.effect.name for m in members)]
         best = self._best_together([m.column for m in members], every)
         found = [tuple(best)] if best else []
         for k, own in enumerate(best):
@@ -197,4 +199,4 @@ class Predictions:
 
 def stacked(columns: Sequence[Column]) -> Floats:
     """Columns side by side, at the largest amplitude that occurs."""
-    return np.hstack([c.columns * c.effect.strength.high for c in columns])
+    return np.hstack([c.of_any_size for c in columns])

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from sawbench.bench.recording import Floats, Trial
 from sawbench.diagnosis.answer.candidate_trials import Candidate, candidates
-from sawbench.diagnosis.inference.evidence import Column, Explanation, catalogue_columns, columns_in, little_of_each
+from sawbench.diagnosis.inference.columns import Column, catalogue_columns, columns_in, little_of_each
+from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.form_error import form_modes
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import (

@@ -24,19 +24,20 @@ from sawbench.diagnosis.answer.ladder import Ladder
 from sawbench.diagnosis.answer.prediction import Predictions, stacked
 from sawbench.diagnosis.campaign import with_known
 from sawbench.diagnosis.inference.acts_in import equations_of
+from sawbench.diagnosis.inference.columns import Column, columns_in, forms_beside
 from sawbench.diagnosis.inference.dispersion import (
     columns_with_noise,
     noise_factor_beside,
     stacked_with_noise,
     with_noise,
 )
-from sawbench.diagnosis.inference.evidence import Column, Explanation, columns_in, explain
+from sawbench.diagnosis.inference.effect_columns import effect_columns
+from sawbench.diagnosis.inference.evidence import Explanation, explain
 from sawbench.diagnosis.inference.forming import shared_energy
 from sawbench.diagnosis.inference.hypothesis import AND, Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, build_problem
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import Posterior, judge
-from sawbench.diagnosis.inference.refining import effect_columns
 from sawbench.diagnosis.inference.size import together
 from sawbench.diagnosis.inference.stroke_evidence import sized_by_strokes
 from sawbench.diagnosis.inference.weighing import weigh_further
@@ -294,9 +295,9 @@ def _with_forms(first: Pass, step: Posterior) -> Pass:
     """Add the forms that a pass has found between those of the catalogue, as they are on the model as configured."""
     columns = {name: list(found) for name, found in first.columns.items()}
     for member in (member for h in step.claims for member in h.members):
-        effect, shape = member.effect, member.column.shape
-        if all(column.shape != shape for column in columns[effect.name]):
-            columns[effect.name] += columns_in(first.problem, effect, [shape])
+        found, known = member.column, columns[member.effect.name]
+        if not any(found.is_form_of(column) for column in known):
+            known += columns_in(first.problem, member.effect, [found.shape], found.distortion)
     return replace(first, columns=columns)
 
 
@@ -404,7 +405,9 @@ class _Joint:
                 name = chosen[k].effect.name
                 others = stacked([*chosen[:k], *chosen[k + 1 :]])
                 marginal = alone.beside(stacked_with_noise(problem, [others], noise))
-                entries = columns_with_noise(problem, {name: self._first.columns[name]}, noise)[name]
+                named = [c.effect.name for c in columns]
+                entries = forms_beside(self._first.columns[name], named)
+                entries = columns_with_noise(problem, {name: entries}, noise)[name]
                 found = explain(marginal, entries)
                 chosen[k] = chosen[k] if found is None else _column(self._first, found)
             if all(one is other for one, other in zip(chosen, before, strict=True)):
@@ -421,7 +424,7 @@ def _name_of(effects: Iterable[str]) -> str:
 
 def _column(first: Pass, member: Explanation) -> Column:
     """Return the signature of a member's form on the model as configured."""
-    return next(c for c in first.columns[member.effect.name] if c.shape == member.column.shape)
+    return next(c for c in first.columns[member.effect.name] if c.is_form_of(member.column))
 
 
 def _is_within_noise(answer: Pass) -> bool:

@@ -14,7 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.diagnosis.inference.evidence import Catalogue, Column, Explanation
+from sawbench.diagnosis.inference.columns import Column
+from sawbench.diagnosis.inference.evidence import Catalogue, Explanation
 from sawbench.diagnosis.inference.features import orders
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
@@ -74,7 +75,8 @@ def _rest_of_two(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue
     given = _of_any_size(problem, first)
     if first is not None:
         beside = marginal.beside(given)
-        seconds = catalogue.explain(beside, beside.half(catalogue.stacked, half)).values()
+        named = (first.effect.name,)
+        seconds = catalogue.explain(beside, beside.half(catalogue.stacked, half), beside=named).values()
         second = _most_gain([e for e in seconds if e.effect.name != first.effect.name])
         given = np.hstack([given, _of_any_size(problem, second)])
     return marginal.beside(given).rest(problem.data)
@@ -87,7 +89,7 @@ def _most_gain(found: Sequence[Explanation]) -> Explanation | None:
 
 def _of_any_size(problem: LinearProblem, found: Explanation | None) -> Floats:
     """Columns at the largest amplitude that occurs, shape (n, q)."""
-    return np.zeros((len(problem.data), 0)) if found is None else found.column.columns * found.effect.strength.high
+    return np.zeros((len(problem.data), 0)) if found is None else found.column.of_any_size
 
 
 def with_noise(problem: LinearProblem, variance: Floats | float) -> LinearProblem:

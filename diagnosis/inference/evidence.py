@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise, product
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.bench.second_core import on_two_cores
-from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.columns import Column
 from sawbench.diagnosis.inference.marginal import Marginal, Widened, side_by_side
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.log_mean import log_mean_exp, log_mean_exp_rows
-from sawbench.modeling.effects.effect import BACKGROUND_SHARE, Effect
+from sawbench.modeling.effects.effect import Effect
 
 _N_AMPLITUDES = 40
 # Sizes are log-normal about the typical one; those that occur are 95 % of them.
@@ -25,25 +24,6 @@ _NONE, _HARDLY = 0.0, 1e-6
 _SAME_AS_NONE = 1e-3
 # A cell of amplitudes that is narrower than this share of what the noise leaves is as good as its middle.
 _FLAT_CELL_STDS = 1e-2
-# Sum of squares of a whitened signature that noise hides.
-_HIDDEN = 1.0
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Column:
-    """Whitened signature of one effect in one shape.
-
-    Attributes
-    ----------
-    effect : Effect
-    shape : dict
-    columns : ndarray, shape (n, q)
-        For an amplitude of `typical`; q is 2 or more where the phase is free.
-    """
-
-    effect: Effect
-    shape: dict[str, float]
-    columns: Floats
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -145,73 +125,6 @@ class Explanation:
         return 0.5 * abs(high - low), float(np.hypot(self.shape_spread, self.form_share))
 
 
-def catalogue_columns(problem: LinearProblem, effects: Sequence[Effect]) -> dict[str, list[Column]]:
-    """Whitened signatures of every effect and shape that this campaign can show at all.
-
-    Parameters
-    ----------
-    problem : LinearProblem
-    effects : sequence of Effect
-
-    Returns
-    -------
-    dict of str to list of Column
-        By effect; an empty list where the campaign shows nothing of it.
-    """
-    out: dict[str, list[Column]] = {}
-    all_found = on_two_cores(lambda effect: _of_typical_size(problem, effect, effect.shapes), effects)
-    for effect, found in zip(effects, all_found, strict=True):
-        out[effect.name] = _as_columns(effect, effect.shapes, found)
-    return out
-
-
-def known_parts(columns: Mapping[str, Sequence[Column]]) -> list[object]:
-    """What `on_two_cores` need not send of explanations by some columns: these, and their effects."""
-    return [part for entries in columns.values() for column in entries for part in (column, column.effect)]
-
-
-def columns_in(problem: LinearProblem, effect: Effect, shapes: Sequence[dict[str, float]]) -> list[Column]:
-    """`catalogue_columns` of one effect in any forms; without those of which the campaign shows nothing."""
-    return _as_columns(effect, shapes, _of_typical_size(problem, effect, shapes))
-
-
-def _of_typical_size(problem: LinearProblem, effect: Effect, shapes: Sequence[dict[str, float]]) -> list[Floats | None]:
-    return _signatures(problem, effect, [(shape, effect.strength.typical) for shape in shapes])
-
-
-def _as_columns(effect: Effect, shapes: Sequence[dict[str, float]], found: Sequence[Floats | None]) -> list[Column]:
-    return [
-        Column(effect=effect, shape=shape, columns=columns)
-        for shape, columns in zip(shapes, found, strict=True)
-        if columns is not None
-    ]
-
-
-def _signatures(
-    problem: LinearProblem, effect: Effect, sized: Sequence[tuple[dict[str, float], float]]
-) -> list[Floats | None]:
-    """Whitened signatures of some shapes, each times a strength, (n, q); None where nothing of a typical one shows."""
-    if not sized:
-        return []
-    baseline = problem.campaign.baseline
-    placed = []
-    for part in problem.parts:
-        groups = effect.signatures_of(baseline, part.smooth, [shape for shape, _ in sized])
-        counts = [len(group) for group in groups]
-        placed.append((part.place, counts, part.whiten_all([s for group in groups for s in group])))
-    ends = [np.cumsum([0, *counts]) for _, counts, _ in placed]
-    out: list[Floats | None] = []
-    for k, (_, strength) in enumerate(sized):
-        # Column by column in memory: as they are filled, and as they are put side by side.
-        columns = np.zeros((max(counts[k] for _, counts, _ in placed), len(problem.data))).T
-        for (place, counts, rows), end in zip(placed, ends, strict=True):
-            columns[place, : counts[k]] = rows[end[k] : end[k + 1]].T
-        shown = np.isfinite(columns).all() and np.abs(columns).max(initial=0.0) * effect.strength.typical > 1e-9
-        columns *= strength
-        out.append(columns if shown else None)
-    return out
-
-
 @lru_cache(maxsize=256)
 def amplitudes(low: float, high: float) -> Floats:
     """Grid of amplitudes in multiples of the typical size; the cells between them are equally likely."""
@@ -261,20 +174,27 @@ class Catalogue:
         self.moments = self.stacked.T @ data
         self.squares = [columns.T @ columns for columns in entries]
 
-    def explain(self, marginal: Marginal, half: Floats | None = None) -> dict[str, Explanation]:
-        """`explain` for every effect, without those that show nothing; `half` is `Marginal.half` of `stacked`."""
+    def explain(
+        self, marginal: Marginal, half: Floats | None = None, *, beside: Collection[str] = ()
+    ) -> dict[str, Explanation]:
+        """`explain` for every effect beside named ones, without those that show nothing.
+
+        `half` is `Marginal.half` of `stacked`.
+        """
         half = marginal.half(self.stacked) if half is None else half
         taken = half.T @ marginal.data_half
         found, start, number = {}, 0, 0
         for name, entries in self.columns.items():
-            inner = []
+            there, inner = [], []
             for column in entries:
                 place = slice(start, start + column.columns.shape[1])
-                part = half[:, place]
-                inner.append((self.squares[number] - part.T @ part, self.moments[place] - taken[place]))
+                if column.is_there_beside(beside):
+                    part = half[:, place]
+                    there.append(column)
+                    inner.append((self.squares[number] - part.T @ part, self.moments[place] - taken[place]))
                 start, number = place.stop, number + 1
             if inner:
-                found[name] = _explanation(entries, inner, marginal.settings.forms.size_temperature)
+                found[name] = _explanation(there, inner, marginal.settings.forms.size_temperature)
         return found
 
 
@@ -450,34 +370,3 @@ def _several(grid: Floats, grams: Floats, moments: Floats) -> tuple[Floats, Floa
     leading = np.linalg.inv(regular)[:, :2, :2]
     stds = np.sqrt(0.5 * np.trace(leading, axis1=1, axis2=2))
     return log_mean_exp_rows(logs), solutions, stds, np.sum(moments * solutions, axis=1)
-
-
-def little_of_each(problem: LinearProblem, columns: Mapping[str, Sequence[Column]]) -> dict[str, Floats]:
-    """Nuisance columns for small amounts of every effect, times their prior standard deviation, by its name.
-
-    Parameters
-    ----------
-    problem : LinearProblem
-    columns : mapping of str to sequence of Column
-        Of `catalogue_columns`, of the same problem; effects that show nothing are left out.
-    """
-    found = {}
-    for name, entries in columns.items():
-        if not entries:
-            continue
-        effect = entries[0].effect
-        if effect.background is None:
-            found[name] = _little_of_any_form(entries)
-        else:
-            sized = [(shape, share * effect.strength.typical) for shape, share in effect.background]
-            kept = [little for little in _signatures(problem, effect, sized) if little is not None]
-            found[name] = np.hstack([np.zeros((len(problem.data), 0)), *kept])
-    return found
-
-
-def _little_of_any_form(entries: Sequence[Column]) -> Floats:
-    """Principal axes of a little of an effect, whose form is any of some, but for what noise hides, shape (n, q)."""
-    share = BACKGROUND_SHARE / np.sqrt(len(entries))
-    each = share * side_by_side([column.columns for column in entries], len(entries[0].columns))
-    energy, axes = np.linalg.eigh(each.T @ each)
-    return each @ axes[:, np.cumsum(energy) > _HIDDEN]

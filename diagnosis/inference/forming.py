@@ -9,7 +9,8 @@ from functools import cached_property
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.bench.second_core import on_two_cores
-from sawbench.diagnosis.inference.evidence import Catalogue, Column, Explanation, explain_formed, known_parts
+from sawbench.diagnosis.inference.columns import Column, distorting, forms_beside, known_parts
+from sawbench.diagnosis.inference.evidence import Catalogue, Explanation, explain, explain_formed
 from sawbench.diagnosis.inference.form_error import form_modes
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.left_over import left_by
@@ -99,8 +100,10 @@ class Forming:
         missed = self._settings.screen_share * self.modes(first)
         marginal = self.nominal.beside(np.hstack([*given, missed]))
         seconds = []
-        for name, found in catalogue.explain(marginal, marginal.half(catalogue.stacked, half)).items():
-            if name != first.effect.name:
+        named = first.effect.name
+        half = marginal.half(catalogue.stacked, half)
+        for name, found in catalogue.explain(marginal, half, beside=(named,)).items():
+            if name != named:
                 seconds.append((first.log_evidence + found.log_evidence, found))
         return seconds
 
@@ -112,17 +115,22 @@ class Forming:
             return _together(first, second, first.log_evidence + second.log_evidence)
         # Of the second's own size beside the first: alone it may stand for all that the first explains.
         modes = form_modes(self.problem, second.contribution)
+        forms = forms_beside(columns[second.effect.name], (first.effect.name,))
+        shapes = [(first.column, shape) for shape in given]
+        shapes += [(c, c.of_any_size) for c in distorting(columns[first.effect.name], forms)]
         found_in_each = [
-            explain_formed(
-                self.nominal.beside(shape),
-                modes,
-                columns[second.effect.name],
-                self._settings.shares,
-                beside=self.modes(first),
+            (
+                column,
+                *explain_formed(
+                    self.nominal.beside(shape), modes, forms, self._settings.shares, beside=self.modes(first)
+                ),
             )
-            for shape in given
+            for column, shape in shapes
         ]
-        log_z, found = max(found_in_each, key=lambda each: each[0])
+        column, log_z, found = max(found_in_each, key=lambda each: each[1])
+        if column is not first.column:
+            fitted = explain(self.nominal.beside(found.column.of_any_size), [column])
+            first = first if fitted is None else replace(fitted, log_evidence=first.log_evidence)
         gained = _carried(second.log_evidence, log_z - self._alone(first, given))
         shared = shared_energy(self.problem, self._acting(first), self._acting(found))
         left = left_by(self.problem, self.dispersion, self.nominal, (first, found))

@@ -44,5 +44,5 @@ def left_by(problem: LinearProblem, dispersion: Floats, nominal: Marginal, membe
         Nuisances without any of them.
     members : sequence of Explanation
     """
-    given = [member.column.columns * member.effect.strength.high for member in members]
+    given = [member.column.of_any_size for member in members]
     return left_over(problem, dispersion, nominal.beside(side_by_side(given, len(problem.data))))

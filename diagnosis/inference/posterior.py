@@ -9,15 +9,9 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.inference.beside_known import BesideKnown
+from sawbench.diagnosis.inference.columns import Column, catalogue_columns, forms_beside, known_parts, little_of_each
 from sawbench.diagnosis.inference.dispersion import background_with_noise, columns_with_noise, noise_factor, with_noise
-from sawbench.diagnosis.inference.evidence import (
-    Catalogue,
-    Column,
-    Explanation,
-    catalogue_columns,
-    known_parts,
-    little_of_each,
-)
+from sawbench.diagnosis.inference.evidence import Catalogue, Explanation
 from sawbench.diagnosis.inference.forming import Forming
 from sawbench.diagnosis.inference.hypothesis import Hypothesis, Verdict
 from sawbench.diagnosis.inference.left_over import left_by, left_over
@@ -204,7 +198,7 @@ def _singles_and_pairs(bench: _Bench) -> tuple[list[Hypothesis], list[Hypothesis
     half = bench.nominal.half(catalogue.stacked)
     rough = sorted(catalogue.explain(bench.nominal, half).values(), key=lambda e: -e.log_evidence)
     formed = on_two_cores(
-        lambda e: bench.forming.single(e, catalogue.columns[e.effect.name]), rough[: numbers.n_formed],
+        lambda e: bench.forming.single(e, forms_beside(catalogue.columns[e.effect.name])), rough[: numbers.n_formed],
         known=known_parts(catalogue.columns),
     )  # fmt: skip
     given = {e.effect.name: _in_either_shape(e, column) for e, column in formed}
@@ -228,7 +222,7 @@ def _in_either_shape(explanation: Explanation, formed: Column) -> list[Floats]:
     Which of them is nature's shows only once the other effect is there too.
     """
     shapes = [explanation.column] if explanation.column is formed else [explanation.column, formed]
-    return [column.columns * explanation.effect.strength.high for column in shapes]
+    return [column.of_any_size for column in shapes]
 
 
 def _leaving_no_more(pair: Hypothesis, alone: Mapping[str, float]) -> Hypothesis:
@@ -273,7 +267,7 @@ class _Stated:
 
     def _undispersed(self, explanation: Explanation) -> Explanation:
         shapes = self._columns[explanation.effect.name]
-        column = next(c for c in shapes if c.shape == explanation.column.shape)
+        column = next(c for c in shapes if c.is_form_of(explanation.column))
         return replace(explanation, column=column, contribution=np.sqrt(self._dispersion) * explanation.contribution)
 
 

@@ -13,18 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from sawbench.bench.recording import Floats
 from sawbench.bench.second_core import on_two_cores
-from sawbench.diagnosis.inference.evidence import (
-    Catalogue,
-    Column,
-    Explanation,
-    catalogue_columns,
-    columns_in,
-    explain,
-    known_parts,
-)
+from sawbench.diagnosis.inference.columns import Column, columns_in, known_parts
+from sawbench.diagnosis.inference.evidence import Catalogue, Explanation, explain
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
-from sawbench.modeling.effects.effect import Effect
 
 _N_STEPS: Final = 8
 # A step that goes too far is halved; what gains less than a tenth of a nat is the same form.
@@ -32,21 +24,6 @@ _SHARES_OF_STEP: Final = (1.0, 0.5, 0.25, 0.125)
 _SAME: Final = 0.1
 _DIFFERENCE: Final = 1e-3
 _ROUNDED: Final = 1.0 + 1e-9
-
-
-def effect_columns(problem: LinearProblem) -> dict[str, list[Column]]:
-    """Signatures of every effect of the plant, in the forms of the catalogue and between them: what `judge` weighs.
-
-    Parameters
-    ----------
-    problem : LinearProblem
-
-    Returns
-    -------
-    dict of str to list of Column
-        By effect; an empty list where the campaign shows nothing of it.
-    """
-    return refined(problem, catalogue_columns(problem, problem.campaign.plant.effects))
 
 
 def refined(problem: LinearProblem, columns: Mapping[str, Sequence[Column]]) -> dict[str, list[Column]]:
@@ -67,63 +44,67 @@ def refined(problem: LinearProblem, columns: Mapping[str, Sequence[Column]]) -> 
     """
     forms, marginal = problem.settings.forms, Marginal(problem)
     out = {name: list(entries) for name, entries in columns.items()}
-    alone = _worth_it(Catalogue(out, problem.data).explain(marginal), forms.worth_forming)
+    alone = worth_it(Catalogue(out, problem.data).explain(marginal), forms.worth_forming)
     best = [e for e in alone if e.effect.continuous][: forms.n_first]
     known = known_parts(out)
     for column in on_two_cores(lambda e: _between(problem, marginal, e, out[e.effect.name]), best, known=known):
-        _add(out, column.effect, column)
+        add_form(out, column)
     for column in _refined_beside(problem, marginal, Catalogue(out, problem.data)):
-        _add(out, column.effect, column)
+        add_form(out, column)
     return out
 
 
 def _refined_beside(problem: LinearProblem, marginal: Marginal, catalogue: Catalogue) -> list[Column]:
     """Better forms of the likeliest pairs."""
-    forms = problem.settings.forms
-    half = marginal.half(catalogue.stacked)
-    firsts = _worth_it(catalogue.explain(marginal, half), forms.worth_forming)[: forms.n_first]
-    pairs: dict[frozenset[str], tuple[float, Column, Explanation]] = {}
-    known = known_parts(catalogue.columns)
+    best, known = likeliest_pairs(problem, marginal, catalogue), known_parts(catalogue.columns)
+    both = on_two_cores(lambda pair: _between_both(problem, marginal, catalogue, *pair), best, known=known)
+    return [column for pair in both for column in pair]
+
+
+def likeliest_pairs(
+    problem: LinearProblem, marginal: Marginal, catalogue: Catalogue
+) -> list[tuple[Explanation, Explanation]]:
+    """Each of the best effects alone with what explains more beside it, by their log evidence, most of it first."""
+    forms, half = problem.settings.forms, marginal.half(catalogue.stacked)
+    firsts = worth_it(catalogue.explain(marginal, half), forms.worth_forming)[: forms.n_first]
+    pairs: dict[frozenset[str], tuple[float, Explanation, Explanation]] = {}
 
     def seconds_of(first: Explanation) -> list[Explanation]:
-        given = marginal.beside(_of_any_size(first.column))
+        given = marginal.beside(first.column.of_any_size)
         found = catalogue.explain(given, given.half(catalogue.stacked, half))
-        return _worth_it(found, forms.worth_forming)
+        return worth_it(found, forms.worth_forming)
 
-    beside = on_two_cores(seconds_of, firsts, known=known)
+    beside = on_two_cores(seconds_of, firsts, known=known_parts(catalogue.columns))
     for first, seconds in zip(firsts, beside, strict=True):
         for second in seconds:
             names = frozenset((first.effect.name, second.effect.name))
             total = first.log_evidence + second.log_evidence
             if len(names) == 2 and total > pairs.get(names, (-np.inf,))[0]:
-                pairs[names] = (total, first.column, second)
+                pairs[names] = (total, first, second)
     best = sorted(pairs.values(), key=lambda pair: -pair[0])[: forms.n_pairs]
-    both = on_two_cores(lambda pair: _between_both(problem, marginal, catalogue, *pair[1:]), best, known=known)
-    return [column for pair in both for column in pair]
+    return [(first, second) for _, first, second in best]
 
 
 def _between_both(
-    problem: LinearProblem, alone: Marginal, catalogue: Catalogue, first: Column, second: Explanation
+    problem: LinearProblem, alone: Marginal, catalogue: Catalogue, first: Explanation, second: Explanation
 ) -> tuple[Column, Column]:
     """Refine the second effect beside the first, and then the first beside the second."""
-    beside_first = alone.beside(_of_any_size(first))
+    beside_first = alone.beside(first.column.of_any_size)
     other = _between(problem, beside_first, second, catalogue.columns[second.effect.name])
-    marginal = alone.beside(_of_any_size(other))
-    again = explain(marginal, [first])
-    return (first if again is None else _climbed(problem, marginal, again).column), other
+    marginal = alone.beside(other.of_any_size)
+    again = explain(marginal, [first.column])
+    return (first if again is None else climbed(problem, marginal, again)).column, other
 
 
-def _of_any_size(column: Column) -> Floats:
-    return column.effect.strength.high * column.columns
-
-
-def _worth_it(found: Mapping[str, Explanation], least: float) -> list[Explanation]:
+def worth_it(found: Mapping[str, Explanation], least: float) -> list[Explanation]:
     """Effects whose form matters, for their log evidence, most of it first."""
     return [e for e in sorted(found.values(), key=lambda e: -e.log_evidence) if e.log_evidence > least]
 
 
-def _add(columns: dict[str, list[Column]], effect: Effect, column: Column) -> None:
-    if all(column.shape != known.shape for known in columns[effect.name]):
+def add_form(columns: dict[str, list[Column]], column: Column) -> None:
+    """Add a form to those of its effect, unless it is one of them."""
+    effect = column.effect
+    if not any(column.is_form_of(known) for known in columns[effect.name]):
         columns[effect.name].append(column)
 
 
@@ -134,7 +115,7 @@ def _between(problem: LinearProblem, marginal: Marginal, best: Explanation, colu
         if _kind(column) != _kind(best.column):
             others.setdefault(_kind(column), []).append(column)
     starts = [best, *(found for kind in others.values() if (found := explain(marginal, kind)) is not None)]
-    return max((_climbed(problem, marginal, start) for start in starts), key=lambda e: e.log_evidence).column
+    return max((climbed(problem, marginal, start) for start in starts), key=lambda e: e.log_evidence).column
 
 
 def _kind(column: Column) -> frozenset[str]:
@@ -142,7 +123,7 @@ def _kind(column: Column) -> frozenset[str]:
     return frozenset(name for name in column.effect.continuous if column.shape.get(name))
 
 
-def _climbed(problem: LinearProblem, marginal: Marginal, explanation: Explanation) -> Explanation:
+def climbed(problem: LinearProblem, marginal: Marginal, explanation: Explanation) -> Explanation:
     """Go by Gauss-Newton steps from a form of the catalogue to the best one between its neighbours."""
     best = explanation
     around = _around(explanation.column)
@@ -151,7 +132,7 @@ def _climbed(problem: LinearProblem, marginal: Marginal, explanation: Explanatio
 
     def at(place: ArrayLike) -> Explanation | None:
         shape = {**explanation.column.shape, **dict(zip(names, np.exp(place).tolist(), strict=True))}
-        return explain(marginal, columns_in(problem, best.effect, [shape]))
+        return explain(marginal, columns_in(problem, best.effect, [shape], best.column.distortion))
 
     for _ in range(_N_STEPS if names else 0):
         here = np.log([best.column.shape[name] for name in names])
@@ -172,11 +153,15 @@ def _climbed(problem: LinearProblem, marginal: Marginal, explanation: Explanatio
     return best
 
 
+def coefficients(explanation: Explanation) -> Floats:
+    """Coefficients of the columns of an explanation, in multiples of the typical size."""
+    return np.linalg.lstsq(explanation.column.columns, explanation.contribution, rcond=None)[0]
+
+
 def _slope(here: Explanation, beside: Explanation) -> Floats:
     """Change of the fitted signature with the logarithm of one number of the form, its coefficients kept."""
     change = beside.column.columns - here.column.columns
-    coefficients = np.linalg.lstsq(here.column.columns, here.contribution, rcond=None)[0]
-    return change @ coefficients / _DIFFERENCE
+    return change @ coefficients(here) / _DIFFERENCE
 
 
 def _around(column: Column) -> dict[str, tuple[float, float]]:

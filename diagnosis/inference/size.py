@@ -19,8 +19,9 @@ from dataclasses import replace
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.columns import Column, forms_beside
 from sawbench.diagnosis.inference.dispersion import stacked_with_noise, with_noise
-from sawbench.diagnosis.inference.evidence import Column, Explanation
+from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
 
@@ -81,7 +82,7 @@ def mixed(
         return member
     variance = problem.settings.forms.size_temperature * dispersion
     named = {member.effect.name, *(other.effect.name for other in beside)}
-    fixed = [other.column.columns * other.effect.strength.high for other in beside]
+    fixed = [other.column.of_any_size for other in beside]
     others = [entries for name, entries in small.items() if name not in named]
     scaled = with_noise(problem, variance)
     stacked = stacked_with_noise(problem, [c.columns for c in columns], variance)
@@ -117,9 +118,10 @@ def sized(
     -------
     list of Explanation
     """
+    names = {member.effect.name for member in members}
     return [
         mixed(
-            problem, member, columns[member.effect.name],
+            problem, member, forms_beside(columns[member.effect.name], names),
             beside=[other for other in members if other is not member], small=small, dispersion=dispersion,
         )
         for member in members

@@ -9,13 +9,13 @@ f_n = 60 to 450 Hz (carriage of 0.5 to 3 kg on a cell of 1e6 N/m) and zeta = 0.0
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.recording import Floats
-from sawbench.modeling.effects.effect import Effect, Prepared, Strength, Words
+from sawbench.modeling.effects.effect import Effect, Prepared, Strength, TransferFunction, Words
 from sawbench.modeling.effects.transfer import Spectrum, force_reading
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
@@ -29,11 +29,26 @@ def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature
     expected = Spectrum(baseline.expected_force(state), state)
 
     def signature(frequency_hz: float, damping: float, upper: float = 0.0) -> tuple[Signature, ...]:
-        places = (frequency_hz, frequency_hz * upper) if upper else (frequency_hz,)
-        readings = [expected.through(partial(_transfer, place, damping)) for place in places]
+        readings = [expected.through(mode) for mode in _modes(frequency_hz, damping, upper)]
         return tuple(force_reading(baseline, state, reading) for reading in readings)
 
     return signature
+
+
+def _modes(frequency_hz: float, damping: float, upper: float) -> list[TransferFunction]:
+    places = (frequency_hz, frequency_hz * upper) if upper else (frequency_hz,)
+    return [partial(_transfer, place, damping) for place in places]
+
+
+def _distorts(
+    _: State, coefficients: Floats, frequency_hz: float, damping: float, upper: float = 0.0
+) -> Mapping[str, TransferFunction]:
+    modes = _modes(frequency_hz, damping, upper)
+
+    def of_force(f: Floats) -> NDArray[np.complexfloating]:
+        return 1.0 + sum(share * (mode(f) - 1.0) for share, mode in zip(coefficients, modes, strict=True))
+
+    return {"cutting": of_force}
 
 
 def _transfer(frequency_hz: float, damping: float, f: Floats) -> NDArray[np.complexfloating]:
@@ -74,4 +89,5 @@ EFFECT = Effect(
     confused_with=("tooth_passing_ripple", "force_sensor_lag"),
     told_apart_by="trials at several speeds: the resonance keeps its frequency",
     background=tuple(({"frequency_hz": f, "damping": 0.05}, 0.03) for f in (90.0, 140.0, 200.0, 280.0, 400.0)),
+    distorts=_distorts,
 )

@@ -13,13 +13,13 @@ in a lag. Latencies of USB, serial and CAN chains 0.1 to 10 ms, quartz clocks 10
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.modeling.effects.effect import Effect, Prepared, Strength, Words
+from sawbench.modeling.effects.effect import Effect, Prepared, Strength, TransferFunction, Words
 from sawbench.modeling.effects.transfer import AXIS_TIMES_S, Spectrum, delay, force_error
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
@@ -33,13 +33,12 @@ _SESSION_UNIT_S, _TRIAL_UNIT_S = 1000.0, 10.0
 
 
 def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
-    session_s, trial_s = state.setting.session_s + state.time_s, state.time_s
     force = baseline.expected_force(state)
     late_force = _delays(force, state)
     late_can = _late_can(baseline, state)
 
     def signature(device: float, tau_s: float, drifts: float) -> tuple[Signature, ...]:
-        delay_s = tau_s * (1.0, session_s / _SESSION_UNIT_S, trial_s / _TRIAL_UNIT_S)[int(drifts)]
+        delay_s = _delay_s(state, tau_s, drifts)
         if device == FORCE:
             return (force_error(baseline, state, late_force(delay_s) - force),)
         # Early CAN beside a displacement that sets the time is late CAN with the other sign.
@@ -50,6 +49,26 @@ def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature
         return (found,)
 
     return signature
+
+
+def _delay_s(state: State, tau_s: float, drifts: float) -> Floats | float:
+    session_s, trial_s = state.setting.session_s + state.time_s, state.time_s
+    return tau_s * (1.0, session_s / _SESSION_UNIT_S, trial_s / _TRIAL_UNIT_S)[int(drifts)]
+
+
+def _distorts(
+    state: State, coefficients: Floats, device: float, tau_s: float, drifts: float
+) -> Mapping[str, TransferFunction]:
+    """Of the motor current the signature takes what is measured: only the voltage that is missing comes late."""
+    delay_s = float(coefficients[0]) * _delay_s(state, tau_s, drifts)
+    late, early = delay(delay_s), delay(-delay_s)
+    of_device: dict[float, Mapping[str, TransferFunction]] = {
+        FORCE: {"cutting": late},
+        CAN: {"electrical": late},
+        DISPLACEMENT: {"cutting": early, "electrical": early},
+        AMPLIFIER: {"electrical": early},
+    }
+    return of_device[device]
 
 
 def _delays(wave: Floats, state: State) -> Callable[[Floats | float], Floats]:
@@ -104,6 +123,7 @@ def _on_axis(_: AxisBaseline) -> Effect:
         confused_with=("force_sensor_lag", "current_sensor_lag"),
         told_apart_by="a sweep of the cycle rate; no amplitude is lost",
         background=None,
+        distorts=None,
     )
 
 
@@ -129,4 +149,5 @@ EFFECT = Effect(
     told_apart_by="every channel of the device by the same time, at several speeds; no amplitude is lost",
     background=tuple(({"device": d, "tau_s": 1e-4, "drifts": 0.0}, 0.5) for d in (FORCE, CAN, DISPLACEMENT)),
     variants={"linear_axis": _on_axis},
+    distorts=_distorts,
 )

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.strokes import Strokes
 from sawbench.modeling.load import OAK, Load
@@ -25,6 +26,8 @@ Part = Literal[
 Phase = Literal["air", "start_up"]
 # (baseline, state, shape) -> one Signature, or two where a phase is free (sine and cosine part).
 SignatureFunction = Callable[..., tuple[Signature, ...]]
+# Frequency in Hz -> complex gain, both of shapes that broadcast.
+TransferFunction = Callable[[Floats], NDArray[np.complexfloating]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,6 +184,9 @@ class Effect:
         How single strokes bear on it, where they do.
     keeps_hardness : bool
         Of an effect of a sensor: the cutting coefficient, the slope of force over cutting speed, stays as it is.
+    distorts : callable, optional
+        Of a linear effect of a sensor: (state, coefficients of the signatures, **shape) -> by equation, the transfer
+        function through which it shows what other effects add there.
     """
 
     name: str
@@ -215,6 +221,7 @@ class Effect:
     variants: Mapping[str, Callable[[Any], Effect]] = field(default_factory=dict)
     strokes: Strokes | None = None
     keeps_hardness: bool = False
+    distorts: Callable[..., Mapping[str, TransferFunction]] | None = None
 
     def signatures(self, baseline: Any, state: State, shape: dict[str, float] | None = None) -> tuple[Signature, ...]:
         """Evaluate the signature for one shape (default: the first).

@@ -10,11 +10,12 @@ Range: analogue filters of 30 Hz to 1.6 kHz: assumed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from sawbench.modeling.effects.effect import Effect, Prepared, Strength, Words
+from sawbench.bench.recording import Floats
+from sawbench.modeling.effects.effect import Effect, Prepared, Strength, TransferFunction, Words
 from sawbench.modeling.effects.transfer import Spectrum, force_reading, lag_on_axis, low_pass
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
@@ -28,6 +29,11 @@ _TAUS_S = tuple(float(tau) for tau in np.geomspace(1.5e-4, 1e-2, 18))
 def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
     force = Spectrum(baseline.expected_force(state), state)
     return lambda tau_s, damping: (force_reading(baseline, state, force.through(low_pass(tau_s, damping))),)
+
+
+def _distorts(_: State, coefficients: Floats, tau_s: float, damping: float) -> Mapping[str, TransferFunction]:
+    filtered, share = low_pass(tau_s, damping), float(coefficients[0])
+    return {"cutting": lambda f: 1.0 + share * (filtered(f) - 1.0)}
 
 
 def _axis_signature(axis: AxisBaseline, state: AxisState, tau_s: float) -> tuple[Signature, ...]:
@@ -63,4 +69,5 @@ EFFECT = Effect(
     told_apart_by="the motor current: it responds to the true force",
     background=(({"tau_s": 1e-4, "damping": 0.0}, 1.0), ({"tau_s": 2e-4, "damping": 0.5}, 1.0)),
     variants={"linear_axis": _on_axis},
+    distorts=_distorts,
 )

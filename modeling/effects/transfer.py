@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Final
@@ -10,14 +10,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.recording import Floats
-from sawbench.modeling.effects.effect import Effect, SignatureFunction
+from sawbench.modeling.effects.effect import Effect, SignatureFunction, TransferFunction
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import START_UP_STEP_S, TWO_PI, Motion, State, angle_derivative
 
 # Delays and time constants that a sensor of a linear axis may have.
 AXIS_TIMES_S: Final = tuple(float(tau) for tau in np.geomspace(3e-4, 3e-2, 8))
 Complexes = NDArray[np.complexfloating]
-TransferFunction = Callable[[Floats], Complexes]
 # A start-up with what is put before and behind it, in lengths of the start-up.
 _START_LENGTHS: Final = 4
 
@@ -131,6 +130,44 @@ def force_error(baseline: Baseline, state: State, error_n: Floats) -> Signature:
     return {"cutting": error_n, "mechanical": -baseline.load_torque(state, error_n)}
 
 
+def shown_through(
+    baseline: Baseline, state: State, signatures: Sequence[Signature], transfers: Mapping[str, TransferFunction]
+) -> list[Signature]:
+    """Signatures of effects as a sensor shows them that distorts what it reads.
+
+    Parameters
+    ----------
+    baseline : Baseline
+    state : State
+    signatures : sequence of Signature
+        As an ideal sensor shows them. Of the cutting equation they are forces.
+    transfers : mapping of str to TransferFunction
+        By equation; see `Effect.distorts`.
+    """
+    shown = [dict(signature) for signature in signatures]
+    for name, transfer in transfers.items():
+        there = [k for k, signature in enumerate(signatures) if name in signature]
+        for k, error in zip(there, _errors([signatures[k][name] for k in there], state, transfer), strict=True):
+            parts = force_error(baseline, state, error) if name == "cutting" else {name: error}
+            for equation, part in parts.items():
+                shown[k][equation] = shown[k].get(equation, 0.0) + part
+    return shown
+
+
+def _errors(waves: Sequence[Floats], state: State, transfer: TransferFunction) -> Sequence[Floats]:
+    """What a transfer function adds to each of many waves of one state."""
+    if state.kind != "running" or not waves:
+        return [Spectrum(wave, state).through(transfer) - wave for wave in waves]
+    turns, slowness, period_s = state.motion.turns, state.motion.slowness, state.motion.period_s
+    n_points = slowness.shape[-1]
+    orders = np.arange(n_points // 2)
+    change = np.where(orders > 0, 2.0, 1.0) * (transfer(orders / period_s) - 1.0)
+    weights = slowness / period_s / n_points
+    # By row: from the wave to its orders, weighed by time, and back; the rows of a state may have one motion.
+    matrix = np.real(((turns.conj() * weights[:, None, :]).transpose(0, 2, 1) * change[:, None, :]) @ turns)
+    return np.swapaxes(np.swapaxes(waves, 0, 1) @ matrix, 0, 1)
+
+
 def current_reading(baseline: Baseline, state: State, error_a: Floats, error_rate_a_s: Floats) -> Signature:
     """Change of the residuals where the motor current is read too high by `error_a`."""
     plant = baseline.plant
@@ -161,4 +198,5 @@ def lag_on_axis(effect: Effect, equation: str, signature: SignatureFunction) -> 
         confused_with=("clock_offset",),
         told_apart_by="a sweep of the cycle rate",
         background=None,
+        distorts=None,
     )

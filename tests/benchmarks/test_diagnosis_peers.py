@@ -183,7 +183,7 @@ class TestReduction:
 
 class TestIsolability:
     def test_signatures_of_a_campaign(self, campaign):
-        from sawbench.diagnosis.inference.evidence import catalogue_columns
+        from sawbench.diagnosis.inference.columns import catalogue_columns
         from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 
         chosen = [EFFECT_BY_NAME[name] for name in ("brush_voltage_drop", "converter_diode_drop", "converter_loss")]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sawbench.diagnosis.inference.acts_in import acts_in
-from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
+from sawbench.diagnosis.inference.columns import catalogue_columns
+from sawbench.diagnosis.inference.evidence import explain
 from sawbench.diagnosis.inference.marginal import Marginal
 
 from tests.rigs.scattered_strokes import friction, problem_of, strokes

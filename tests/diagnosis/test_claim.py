@@ -20,7 +20,8 @@ from sawbench.diagnosis.answer.ladder import Rungs
 from sawbench.diagnosis.answer.prediction import Predictions
 from sawbench.diagnosis.answer.where import locate
 from sawbench.diagnosis.inference.acts_in import equations_of
-from sawbench.diagnosis.inference.evidence import Column, Explanation, catalogue_columns, columns_in, explain
+from sawbench.diagnosis.inference.columns import Column, catalogue_columns, columns_in
+from sawbench.diagnosis.inference.evidence import Explanation, explain
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import judge

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sawbench.bench.config import BatteryConfig, PlantConfig
 from sawbench.diagnosis.campaign import Campaign
-from sawbench.diagnosis.inference.evidence import catalogue_columns
+from sawbench.diagnosis.inference.columns import catalogue_columns
 from sawbench.diagnosis.inference.linear_problem import build_problem
 from sawbench.diagnosis.inference.posterior import judge
 from sawbench.diagnosis.plants.jigsaw import Jigsaw

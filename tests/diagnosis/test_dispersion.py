@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sawbench.diagnosis.inference.columns import Column
 from sawbench.diagnosis.inference.dispersion import columns_with_noise, noise_factor, stacked_with_noise, with_noise
-from sawbench.diagnosis.inference.evidence import Catalogue, Column, explain
+from sawbench.diagnosis.inference.evidence import Catalogue, explain
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 

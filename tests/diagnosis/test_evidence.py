@@ -6,16 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sawbench.diagnosis.inference.columns import Column, catalogue_columns
 from sawbench.diagnosis.inference.dispersion import with_noise
-from sawbench.diagnosis.inference.evidence import (
-    Catalogue,
-    Column,
-    Explanation,
-    amplitudes,
-    catalogue_columns,
-    explain,
-    explain_formed,
-)
+from sawbench.diagnosis.inference.evidence import Catalogue, Explanation, amplitudes, explain, explain_formed
 from sawbench.diagnosis.inference.form_error import form_modes
 from sawbench.diagnosis.inference.left_over import left_over
 from sawbench.diagnosis.inference.linear_problem import LinearProblem

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sawbench.diagnosis.answer.hold_out import HoldOut
-from sawbench.diagnosis.inference.evidence import catalogue_columns
+from sawbench.diagnosis.inference.columns import catalogue_columns
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 
 from tests.rigs.scattered_strokes import problem_of, strokes

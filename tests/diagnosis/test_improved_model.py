@@ -33,7 +33,8 @@ def problem_with(cutting):
 def gain_beside_the_cause(problem):
     strength = SimpleNamespace(high=10.0 * SIZE)
     member = SimpleNamespace(
-        column=SimpleNamespace(columns=in_cutting(CAUSE)), effect=SimpleNamespace(strength=strength)
+        column=SimpleNamespace(of_any_size=strength.high * in_cutting(CAUSE), columns=in_cutting(CAUSE)),
+        effect=SimpleNamespace(strength=strength),
     )
     found = retuned_with(problem, [member])
     return float(found.values[0]), float(found.stds[0]), float(found.amplitudes[0]) * strength.high

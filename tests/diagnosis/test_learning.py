@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from sawbench.diagnosis.answer.hold_out import HoldOut
 from sawbench.diagnosis.answer.learned_term import NOTHING, learned_answer, learned_warnings
-from sawbench.diagnosis.inference.evidence import catalogue_columns
+from sawbench.diagnosis.inference.columns import catalogue_columns
 from sawbench.diagnosis.inference.features import Layout
 from sawbench.diagnosis.inference.learning import learn
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part

@@ -7,7 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 from sawbench.diagnosis.answer.next_trial import next_trial
-from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
+from sawbench.diagnosis.inference.columns import catalogue_columns
+from sawbench.diagnosis.inference.evidence import explain
 from sawbench.diagnosis.inference.hypothesis import named
 from sawbench.diagnosis.inference.marginal import Marginal
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sawbench.bench.second_core import second_core
-from sawbench.diagnosis.inference.evidence import catalogue_columns, columns_in
+from sawbench.diagnosis.inference.columns import catalogue_columns, columns_in
 from sawbench.diagnosis.inference.posterior import judge
 from sawbench.diagnosis.inference.refining import _around, refined
 from sawbench.diagnosis.inference.settings import SETTINGS

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sawbench.diagnosis.inference.beyond.drive import WARMING_FRICTION
-from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
+from sawbench.diagnosis.inference.columns import catalogue_columns
+from sawbench.diagnosis.inference.evidence import explain
 from sawbench.diagnosis.inference.form_error import form_modes
 from sawbench.diagnosis.inference.forming import Forming, shared_energy
 from sawbench.diagnosis.inference.linear_problem import build_problem

@@ -7,7 +7,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sawbench.diagnosis.inference.evidence import Column, explain
+from sawbench.diagnosis.inference.columns import Column
+from sawbench.diagnosis.inference.evidence import explain
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.size import is_mixable, mixed, sized

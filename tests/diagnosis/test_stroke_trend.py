@@ -7,7 +7,8 @@ from types import MappingProxyType
 
 import numpy as np
 import pytest
-from sawbench.diagnosis.inference.evidence import Column, Explanation
+from sawbench.diagnosis.inference.columns import Column
+from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.hypothesis import Hypothesis, named
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.shared_course import shared_course

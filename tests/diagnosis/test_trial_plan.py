@@ -13,7 +13,8 @@ from sawbench.diagnosis.answer.candidate_trials import candidates
 from sawbench.diagnosis.answer.gap_report import diagnose
 from sawbench.diagnosis.answer.trial_plan import Products, expected_probability, plan_report, trial_plan
 from sawbench.diagnosis.campaign import Campaign
-from sawbench.diagnosis.inference.evidence import Explanation, columns_in
+from sawbench.diagnosis.inference.columns import columns_in
+from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import build_problem
 from sawbench.diagnosis.plants.jigsaw import Jigsaw

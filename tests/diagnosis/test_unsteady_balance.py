@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sawbench.diagnosis.inference.effect_columns import effect_columns
 from sawbench.diagnosis.inference.posterior import judge
-from sawbench.diagnosis.inference.refining import effect_columns
 from sawbench.diagnosis.inference.unsteady_balance import unsteady_balances
 
 from tests.rigs.jigsaw_in_time import BASELINE

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from sawbench.diagnosis.answer.prediction import Predictions
 from sawbench.diagnosis.answer.until_closed import Pass, closing_table, held, until_closed
-from sawbench.diagnosis.inference.evidence import catalogue_columns
+from sawbench.diagnosis.inference.columns import catalogue_columns
 from sawbench.diagnosis.inference.posterior import judge
 
 from tests.rigs.jigsaw_in_time import K_CUT, R_BATTERY

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sawbench.diagnosis.campaign import Campaign
-from sawbench.diagnosis.inference.evidence import catalogue_columns, explain
+from sawbench.diagnosis.inference.columns import catalogue_columns
+from sawbench.diagnosis.inference.evidence import explain
 from sawbench.diagnosis.inference.linear_problem import build_problem
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.zero_wander import ZeroReadings, zero_wander
