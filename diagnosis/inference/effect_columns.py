@@ -6,7 +6,7 @@ other may be what that sensor makes of it: a force that comes a third of a perio
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -25,6 +25,7 @@ from sawbench.diagnosis.inference.refining import (
     refined,
     worth_it,
 )
+from sawbench.diagnosis.inference.settings import SETTINGS
 
 # Of refining the effect of a sensor, and another one as that sensor shows it; and how many others are.
 _N_TURNS: Final = 2
@@ -61,7 +62,8 @@ def _as_shown(problem: LinearProblem, columns: dict[str, list[Column]]) -> list[
     likeliest, _ = of_sensors[0]
     distortion = _distortion(likeliest)
     rows = distortion.rows(problem)
-    if noise_factor_beside(problem, np.hstack([e.column.of_any_size for e in pairs[0]]))[rows].max(initial=1.0) <= 1.0:
+    left = noise_factor_beside(problem, np.hstack([e.column.of_any_size for e in pairs[0]]))[rows]
+    if left.max(initial=1.0) <= 1.0 + SETTINGS.ladder.left_by_an_intact:
         return []
     acting = [found[0].effect for found in columns.values() if found and found[0].columns[rows].any()]
     distorted = on_two_cores(
@@ -75,25 +77,33 @@ def _as_shown(problem: LinearProblem, columns: dict[str, list[Column]]) -> list[
     starts = [(sensor.effect.name, other.column) for sensor, other in of_sensors[:_N_REFINED]]
     starts += [(likeliest.effect.name, other.column) for other in worth_it(found, worth)[:_N_REFINED]]
     refined_forms = on_two_cores(
-        lambda start: _in_turn(problem, alone, columns[start[0]], start[1]), starts, known=known_parts(columns)
+        lambda start: _in_turn(problem, alone, columns, *start), starts, known=known_parts(columns)
     )
     return [column for forms in refined_forms for column in forms]
 
 
-def _in_turn(problem: LinearProblem, alone: Marginal, of_sensor: Sequence[Column], other: Column) -> list[Column]:
+def _in_turn(
+    problem: LinearProblem, alone: Marginal, columns: Mapping[str, Sequence[Column]], name: str, other: Column
+) -> list[Column]:
     """Best form of an effect of a sensor beside another effect, and of that as the sensor shows it, in turn.
 
-    Two effects of sensors change parts: each is refined as the other one shows it.
+    Two effects of sensors change parts: each is refined as the other one shows it. None where what the sensor shows
+    explains no more than the effect itself.
     """
+    of_sensor = columns[name]
     sensor = _refined(problem, alone, beside=other, forms=of_sensor)
     known, distortion = sensor.column, _distortion(sensor)
     shapes = {column.effect.name: _alike(column) for column in (known, other)}
-    pair = [known, other]
+    itself = explain(alone.beside(known.of_any_size), columns[other.effect.name])
+    least = -np.inf if itself is None else itself.log_evidence + problem.settings.forms.worth_forming
+    pair: list[Column] = []
     for _ in range(_N_TURNS):
         forms = columns_in(problem, other.effect, shapes[other.effect.name], distortion)
         if not forms:
             break
         found = _refined(problem, alone, beside=known, forms=forms)
+        if not pair and found.log_evidence < least:
+            break
         shown = found.column
         pair = [known, shown]
         shapes[other.effect.name] = [shown.shape]

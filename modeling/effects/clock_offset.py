@@ -56,11 +56,9 @@ def _delay_s(state: State, tau_s: float, drifts: float) -> Floats | float:
     return tau_s * (1.0, session_s / _SESSION_UNIT_S, trial_s / _TRIAL_UNIT_S)[int(drifts)]
 
 
-def _distorts(
-    state: State, coefficients: Floats, device: float, tau_s: float, drifts: float
-) -> Mapping[str, TransferFunction]:
+def _distorts(state: State, _: Floats, device: float, tau_s: float, drifts: float) -> Mapping[str, TransferFunction]:
     """Of the motor current the signature takes what is measured: only the voltage that is missing comes late."""
-    delay_s = float(coefficients[0]) * _delay_s(state, tau_s, drifts)
+    delay_s = _delay_s(state, tau_s, drifts)
     late, early = delay(delay_s), delay(-delay_s)
     of_device: dict[float, Mapping[str, TransferFunction]] = {
         FORCE: {"cutting": late},

@@ -31,9 +31,8 @@ def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature
     return lambda tau_s, damping: (force_reading(baseline, state, force.through(low_pass(tau_s, damping))),)
 
 
-def _distorts(_: State, coefficients: Floats, tau_s: float, damping: float) -> Mapping[str, TransferFunction]:
-    filtered, share = low_pass(tau_s, damping), float(coefficients[0])
-    return {"cutting": lambda f: 1.0 + share * (filtered(f) - 1.0)}
+def _distorts(state: State, coefficients: Floats, tau_s: float, damping: float) -> Mapping[str, TransferFunction]:
+    return {"cutting": low_pass(tau_s, damping)}
 
 
 def _axis_signature(axis: AxisBaseline, state: AxisState, tau_s: float) -> tuple[Signature, ...]:

@@ -1,0 +1,73 @@
+"""Effects as a sensor shows them that is late or rings itself: found beside it, and nowhere else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sawbench.diagnosis.inference.columns import catalogue_columns, forms_beside
+from sawbench.diagnosis.inference.effect_columns import effect_columns
+from sawbench.diagnosis.inference.posterior import judge
+from sawbench.diagnosis.inference.refining import refined
+
+from tests.rigs.scattered_strokes import problem_of, strokes
+
+pytestmark = pytest.mark.pipeline
+
+DELAY_S = 2.3e-3
+LATE, EXPONENT = "clock_offset", "cutting_speed_exponent"
+
+
+def late(state):
+    """The same strokes with a force that comes late: each unit is periodic in time."""
+    n_points = state.angle_rad.shape[1]
+    step_s = 2.0 * np.pi / n_points / state.speed_rad_s
+    end_s = np.cumsum(step_s, axis=1)
+    force = [
+        np.interp(end - 0.5 * step - DELAY_S, end - 0.5 * step, wave, period=end[-1])
+        for end, step, wave in zip(end_s, step_s, state.force_n, strict=True)
+    ]
+    return replace(state, force_n=np.array(force))
+
+
+@pytest.fixture(scope="module")
+def problem():
+    """Wood whose force grows with the root of the speed, read a third of a cut late."""
+    return problem_of([late(state) for state in strokes(cut=lambda speed, travelled, force: 110.0 * np.sqrt(speed))])
+
+
+@pytest.fixture(scope="module")
+def columns(problem):
+    return effect_columns(problem)
+
+
+def test_a_law_of_cutting_is_found_beside_a_late_force(problem, columns):
+    best = judge(problem, columns).best
+    assert best.effects == (LATE, EXPONENT)
+    delay, exponent = best.members
+    assert delay.strength == pytest.approx(DELAY_S, rel=0.05)
+    assert exponent.strength == pytest.approx(0.5, abs=0.1)
+    assert exponent.column.distortion.effect.name == LATE
+
+
+def test_the_sum_of_two_signatures_leaves_more(problem, columns):
+    plain = refined(problem, catalogue_columns(problem, problem.campaign.plant.effects))
+    both = " + ".join((LATE, EXPONENT))
+    found = {name: judge(problem, entries).of(both) for name, entries in (("sum", plain), ("late", columns))}
+    assert found["late"].left_over < 0.5 * found["sum"].left_over
+    assert found["late"].log_evidence > found["sum"].log_evidence + 10.0
+
+
+def test_a_distorted_form_is_there_beside_the_effect_that_distorts_alone(columns):
+    distorted = [c for entries in columns.values() for c in entries if c.distortion is not None]
+    assert distorted
+    for column in distorted:
+        entries = columns[column.effect.name]
+        assert any(column is one for one in forms_beside(entries, (column.distortion.effect.name,)))
+        assert not any(column is one for one in forms_beside(entries))
+
+
+def test_strokes_that_two_effects_explain_get_no_distorted_form():
+    plain = problem_of([late(state) for state in strokes()])
+    assert not any(c.distortion for entries in effect_columns(plain).values() for c in entries)
