@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from sawbench.diagnosis.answer import claim
 from sawbench.diagnosis.answer.channel_gap import MODELS, ChannelGap, Cycle
 from sawbench.diagnosis.answer.claim import (
     held_to_predictions,
@@ -174,6 +176,29 @@ def test_unknown_that_rests_on_a_law_must_predict_too(problem, columns, is_in_ev
         assert (held.best.name, held.resembles) == ("unknown", law.name)
     else:
         assert (held.of("unknown").log_evidence, held.resembles) == (-2.0, "")
+
+
+def test_claims_share_with_each_other_and_unknown_by_what_each_leaves(judged, problem, monkeypatch):
+    """A claim that leaves much yields to a better one and to "unknown"; alone it has what its odds against that are."""
+    one, other = (h for h in judged.claims[:2])
+    odds = {one.effects: 4.0, other.effects: 0.25}
+    monkeypatch.setattr(claim, "odds_of_unlisted", lambda ladder, *_, **__: odds[ladder])
+    monkeypatch.setattr(claim, "carried_by_strokes", lambda *_: [])
+    predictions = SimpleNamespace(of=lambda hypothesis: SimpleNamespace(ladder=hypothesis.effects))
+
+    def shared(**believed):
+        of = {one.name: believed.get("one", 0.0), other.name: believed.get("other", 0.0), "no_gap": believed["no_gap"]}
+        posterior = replace(
+            judged, hypotheses=tuple(replace(h, probability=of.get(h.name, 0.0)) for h in judged.hypotheses)
+        )
+        found = claim._shared_with_unlisted(problem, posterior, predictions)
+        assert sum(h.probability for h in found.hypotheses) == pytest.approx(1.0)
+        assert found.of("no_gap").probability == pytest.approx(believed["no_gap"])
+        return [found.of(name).probability for name in (one.name, other.name, "unknown")]
+
+    assert shared(one=0.8, no_gap=0.2) == pytest.approx([0.8 / 5.0, 0.0, 0.8 * 4.0 / 5.0])
+    # One as likely as the other before: 1/4 to 4, and 2 that neither is right.
+    assert shared(one=0.4, other=0.4, no_gap=0.2) == pytest.approx([0.8 * s / 6.25 for s in (0.25, 4.0, 2.0)])
 
 
 def test_another_effect_takes_the_place_of_one_that_is_not_there(problem, columns):
