@@ -82,8 +82,8 @@ def _those_that_hold(
 def _shared_with_unlisted(problem: LinearProblem, posterior: Posterior, predictions: Predictions) -> Posterior:
     """Share what claims have among them and "unknown", by what each leaves where it acts.
 
-    Only what the correct claim leaves is small: of the others, and where none is correct, it may be anything. A claim that
-    rests on single strokes alone is not judged by mean strokes.
+    Only what the correct claim leaves is small: of the others, and where none is correct, it may be anything. A claim
+    that rests on single strokes alone is not judged by mean strokes.
     """
     odds: dict[Hypothesis, float] = {}
     for claim in posterior.claims:
