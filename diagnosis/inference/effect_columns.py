@@ -60,26 +60,36 @@ def _as_shown(problem: LinearProblem, columns: dict[str, list[Column]]) -> list[
     if not of_sensors:
         return []
     likeliest, _ = of_sensors[0]
-    distortion = _distortion(likeliest)
-    rows = distortion.rows(problem)
+    rows = _distortion(likeliest).rows(problem)
     left = noise_factor_beside(problem, np.hstack([e.column.of_any_size for e in pairs[0]]))[rows]
     if left.max(initial=1.0) <= 1.0 + SETTINGS.ladder.left_by_an_intact:
         return []
-    acting = [found[0].effect for found in columns.values() if found and found[0].columns[rows].any()]
-    distorted = on_two_cores(
-        lambda effect: columns_in(problem, effect, effect.shapes, distortion), acting, known=known_parts(columns)
-    )
-    beside = alone.beside(likeliest.column.of_any_size)
-    found = Catalogue({e.name: forms for e, forms in zip(acting, distorted, strict=True)}, problem.data).explain(
-        beside, beside=(likeliest.effect.name,)
-    )
-    worth = problem.settings.forms.worth_forming
+    others = _others_shown(problem, alone, columns, likeliest)
     starts = [(sensor.effect.name, other.column) for sensor, other in of_sensors[:_N_REFINED]]
-    starts += [(likeliest.effect.name, other.column) for other in worth_it(found, worth)[:_N_REFINED]]
+    starts += [(likeliest.effect.name, other.column) for other in others[:_N_REFINED]]
     refined_forms = on_two_cores(
         lambda start: _in_turn(problem, alone, columns, *start), starts, known=known_parts(columns)
     )
     return [column for forms in refined_forms for column in forms]
+
+
+def _others_shown(
+    problem: LinearProblem, alone: Marginal, columns: Mapping[str, Sequence[Column]], sensor: Explanation
+) -> list[Explanation]:
+    """Effects that explain more beside one of a sensor, each as that shows it, most of it first."""
+    distortion, name = _distortion(sensor), sensor.effect.name
+    rows = distortion.rows(problem)
+    acting = [
+        found[0].effect
+        for other, found in columns.items()
+        if other != name and any(column.columns[rows].any() for column in found)
+    ]
+    shown = on_two_cores(
+        lambda effect: columns_in(problem, effect, effect.shapes, distortion), acting, known=known_parts(columns)
+    )
+    catalogue = Catalogue({effect.name: forms for effect, forms in zip(acting, shown, strict=True)}, problem.data)
+    found = catalogue.explain(alone.beside(sensor.column.of_any_size), beside=(name,))
+    return worth_it(found, problem.settings.forms.worth_forming)
 
 
 def _in_turn(
