@@ -31,6 +31,7 @@ ROWS: Final = {
     "unknown_formless": '"unknown", of those that the diagnosis does not look for',
     "unknown_wrongly": 'other cases called "unknown"',
     "typical_pair_both": "both of two typical effects, no other",
+    "detectable_pair_both": "the same, of those with both above the detection limit that the report states",
     "pair_one": "at least one of two effects",
     "where": "largest share of `where` in an equation of a hidden effect",
     "where_stated": "the same, of reports that state a place",

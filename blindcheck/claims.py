@@ -55,7 +55,7 @@ def is_coherent(cause: Mapping[str, Any]) -> bool:
 
 
 def is_detectable(report: Mapping[str, Any], effects: Mapping[str, float]) -> bool | None:
-    """Whether the one hidden effect lies above the detection limit that a report states of it.
+    """Whether each of the hidden effects lies above the detection limit that a report states of it.
 
     A report states the log odds that an effect of typical size would have in this campaign; they grow with the square
     of its severity.
@@ -70,10 +70,9 @@ def is_detectable(report: Mapping[str, Any], effects: Mapping[str, float]) -> bo
     """
     detail = report.get("detail", {})
     limit, stated = detail.get("detection_limit_log_odds"), detail.get("log_odds_at_typical_size", {})
-    if limit is None or len(effects) != 1:
+    if limit is None or not effects or not effects.keys() <= stated.keys():
         return None
-    ((effect, severity),) = effects.items()
-    return float(stated[effect]) * severity**2 >= float(limit) if effect in stated else None
+    return all(float(stated[effect]) * severity**2 >= float(limit) for effect, severity in effects.items())
 
 
 def runtime_misses(report: Mapping[str, Any]) -> dict[str, float]:

@@ -156,6 +156,12 @@ _ROWS: tuple[tuple[str, str, Test, Test], ...] = (
     ("pair_group", "both effects within the named group, pairs", lambda c: c.kind == "pair", in_group),
     ("pair_one", "at least one effect named, pairs", lambda c: c.kind == "pair", one_named),
     ("typical_pair_both", "both effects named and no other, pairs with both typical", _is_typical_pair, is_exact),
+    (
+        "detectable_pair_both",
+        "both effects named and no other, pairs with both typical and above the detection limit that the report states",
+        lambda c: _is_typical_pair(c) and c.is_detectable is True,
+        is_exact,
+    ),
     ("several_exact", "all effects named and no other, three or more hidden", _is_several, is_exact),
     ("several_all", "all effects named, three or more hidden", _is_several, lambda c: all_but(c, 0)),
     (

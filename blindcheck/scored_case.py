@@ -74,8 +74,8 @@ class Case:
     is_coherent : bool, optional
         Whether what is claimed agrees with itself; None where nothing is claimed, or no size is told.
     is_detectable : bool, optional
-        Whether the one hidden effect lies above the detection limit that the answer states of it; None where there is
-        not one, or no limit is stated.
+        Whether each of the hidden effects lies above the detection limit that the answer states of it; None where there
+        is none, or no limit is stated of one.
     runtime_misses : mapping of str to float
         Of `claims.runtime_misses`.
     shifts : mapping of str to str

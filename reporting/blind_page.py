@@ -26,7 +26,7 @@ _SECTIONS: Final = (
     ),
     ("No hidden effect", ("false_alarms", "false_alarms_spoilt", "none", "parameters", "parameters_lenient")),
     ("Outside the catalogue", ("unknown", "typical_unknown", "unknown_formless", "unknown_wrongly")),
-    ("Two effects", ("pair_both", "pair_group", "pair_one", "typical_pair_both")),
+    ("Two effects", ("pair_both", "pair_group", "pair_one", "typical_pair_both", "detectable_pair_both")),
     ("Three or more effects", ("several_exact", "several_all", "several_but_one")),
     ("Other statements of the report", ("where", "where_stated", "coherent")),
 )

@@ -188,6 +188,7 @@ def test_rows_by_hand():
         "pair_group": (1, 2),
         "pair_one": (2, 2),
         "typical_pair_both": (0, 1),
+        "detectable_pair_both": (0, 0),
         "several_exact": (1, 5),
         "several_all": (2, 5),
         "several_but_one": (3, 5),
@@ -389,6 +390,20 @@ def test_an_effect_that_the_report_calls_undetectable_is_not_missed():
     found = score(cases)
     assert found.row("declared").n == 3
     assert (found.row("declared_detectable").hits, found.row("declared_detectable").n) == (0, 1)
+
+
+def test_of_two_effects_the_weaker_one_says_whether_they_show():
+    detail = {"log_odds_at_typical_size": {"edge_force": 4.0, "converter_loss": 90.0}, "detection_limit_log_odds": 9.0}
+    silent = {"verdict": "no_gap", "causes": [], "probabilities": {"no_gap": 1.0}, "detail": detail}
+
+    def told(**effects):
+        return case_of("c", {"kind": "pair", "truth": {"effects": effects}}, {"report": silent})
+
+    cases = [told(edge_force=1.0, converter_loss=1.0), told(edge_force=1.6, converter_loss=1.0)]
+    cases.append(told(edge_force=1.6, grain_variation=1.0))
+    assert [case.is_detectable for case in cases] == [False, True, None]
+    found = score(cases).row("detectable_pair_both")
+    assert (found.hits, found.n) == (0, 1)
 
 
 def test_every_effect_acts_in_equations_of_the_report():
