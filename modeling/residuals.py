@@ -135,8 +135,15 @@ class Baseline:
         return open_circuit_voltage(self.battery, soc)
 
     def known_signature(self, state: State) -> Signature:
-        """What all known effects change in the residuals together."""
-        return summed([known.signature(self, state) for known in self.known])
+        """What all known effects change in the residuals together, as sensors that are known to distort show it."""
+        from sawbench.modeling.effects.transfer import shown_through
+
+        total = summed([known.signature(self, state) for known in self.known if known.effect.distorts is None])
+        for sensor in self.known:
+            if sensor.effect.distorts is not None:
+                [shown] = shown_through(self, state, [total], sensor.transfers(state))
+                total = summed([shown, sensor.signature(self, state)])
+        return total
 
     def evaluable_equations(self, state: State) -> frozenset[Equation]:
         """Name the equations that `residuals` can evaluate on a state's channels."""

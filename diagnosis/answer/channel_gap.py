@@ -184,9 +184,7 @@ def _models(hold_out: HoldOut, fit: Fit, forms: Sequence[Sequence[Column]]) -> d
         size = column.effect.strength.typical * column.effect.strength.high
         count = column.columns.shape[1]
         taken, amplitudes = size * np.array(amplitudes[:count]), amplitudes[count:]
-        effects.append(
-            Term(amplitude=1.0, signature=lambda s, c=column, a=taken: c.effect.combined(baseline, s, c.shape, a))
-        )
+        effects.append(Term(amplitude=1.0, signature=lambda s, c=column, a=taken: c.combined(baseline, s, a)))
 
     seen = SeenCurve.of([part.state for part in problem.parts])
 

@@ -31,13 +31,14 @@ from sawbench.diagnosis.inference.dispersion import (
     stacked_with_noise,
     with_noise,
 )
-from sawbench.diagnosis.inference.effect_columns import effect_columns
+from sawbench.diagnosis.inference.effect_columns import distortion_of, effect_columns
 from sawbench.diagnosis.inference.evidence import Explanation, explain
 from sawbench.diagnosis.inference.forming import shared_energy
 from sawbench.diagnosis.inference.hypothesis import AND, Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, build_problem
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import Posterior, judge
+from sawbench.diagnosis.inference.refining import add_form
 from sawbench.diagnosis.inference.size import together
 from sawbench.diagnosis.inference.stroke_evidence import sized_by_strokes
 from sawbench.diagnosis.inference.weighing import weigh_further
@@ -157,7 +158,7 @@ def until_closed(first: Pass, *, on_pass: Callable[[int, str], None] | None = No
         if on_pass is not None:
             on_pass(number, answer.posterior.best.name)
         step = _beside(answer)
-        first = _with_forms(first, step)
+        first = _with_forms(first, answer.posterior.best, step)
         rest = _share_left(first, step)
         after = held(first.problem, first.columns, _joined(first, answer.posterior, step))
         needs_trial = after.posterior.verdict == "unknown"
@@ -291,13 +292,14 @@ def _beside(answer: Pass) -> Posterior:
     return judge(again, effect_columns(again), are_known_certain=False)
 
 
-def _with_forms(first: Pass, step: Posterior) -> Pass:
-    """Add the forms that a pass has found between those of the catalogue, as they are on the model as configured."""
+def _with_forms(first: Pass, base: Hypothesis, step: Posterior) -> Pass:
+    """Add the forms that a pass has found beside certain causes, as they are on the model as configured."""
     columns = {name: list(found) for name, found in first.columns.items()}
+    by_base = [distortion_of(member) for member in base.members if member.effect.distorts is not None]
     for member in (member for h in step.claims for member in h.members):
-        found, known = member.column, columns[member.effect.name]
-        if not any(found.is_form_of(column) for column in known):
-            known += columns_in(first.problem, member.effect, [found.shape], found.distortion)
+        for distortion in (member.column.distortion, *by_base):
+            for column in columns_in(first.problem, member.effect, [member.column.shape], distortion):
+                add_form(columns, column)
     return replace(first, columns=columns)
 
 

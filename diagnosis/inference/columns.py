@@ -17,7 +17,7 @@ from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
 from sawbench.diagnosis.inference.marginal import side_by_side
 from sawbench.modeling.effects.effect import BACKGROUND_SHARE, Effect, TransferFunction
 from sawbench.modeling.effects.transfer import shown_through
-from sawbench.modeling.residuals import Equation, Signature
+from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
 # Sum of squares of a whitened signature that noise hides.
@@ -41,17 +41,17 @@ class Distortion:
     shape: dict[str, float]
     coefficients: tuple[float, ...]
 
-    def shown(self, problem: LinearProblem, part: Part, signatures: Sequence[Signature]) -> Sequence[Signature]:
-        """Signatures of another effect in one part of a problem as the sensor shows them."""
-        transfers = {name: one for name, one in self._transfers(part.smooth).items() if name in part.layout.equations}
-        return shown_through(problem.campaign.baseline, part.smooth, signatures, transfers)
+    def shown(self, baseline: Baseline, state: State, signatures: Sequence[Signature]) -> Sequence[Signature]:
+        """Signatures of another effect as the sensor shows them."""
+        return shown_through(baseline, state, signatures, self.transfers(state))
 
     def rows(self, problem: LinearProblem) -> np.ndarray:
         """Indices of the features of the equations whose terms it distorts."""
-        equations = self._transfers(problem.parts[0].smooth)
+        equations = self.transfers(problem.parts[0].smooth)
         return np.concatenate([rows for (name, _), rows in problem.rows_by_equation().items() if name in equations])
 
-    def _transfers(self, state: State) -> Mapping[Equation, TransferFunction]:
+    def transfers(self, state: State) -> Mapping[str, TransferFunction]:
+        """Transfer functions of the sensor, by equation."""
         assert self.effect.distorts is not None
         return self.effect.distorts(state, self.coefficients, **self.shape)
 
@@ -74,6 +74,11 @@ class Column:
     shape: dict[str, float]
     columns: Floats
     distortion: Distortion | None = None
+
+    def combined(self, baseline: Baseline, state: State, coefficients: Floats) -> Signature:
+        """Sum of its signatures on a state times coefficients, in units of the effect's strength."""
+        whole = self.effect.combined(baseline, state, self.shape, coefficients)
+        return whole if self.distortion is None else self.distortion.shown(baseline, state, [whole])[0]
 
     @property
     def of_any_size(self) -> Floats:
@@ -165,8 +170,8 @@ def _signatures(
     for part in problem.parts:
         groups = effect.signatures_of(baseline, part.smooth, [shape for shape, _ in sized])
         counts, signatures = [len(group) for group in groups], [one for group in groups for one in group]
-        if distortion is not None:
-            signatures = distortion.shown(problem, part, signatures)
+        for transfers in _transfers(problem, part, distortion):
+            signatures = shown_through(baseline, part.smooth, signatures, transfers)
         placed.append((part.place, counts, part.whiten_all(signatures)))
     ends = [np.cumsum([0, *counts]) for _, counts, _ in placed]
     out: list[Floats | None] = []
@@ -179,6 +184,16 @@ def _signatures(
         columns *= strength
         out.append(columns if shown else None)
     return out
+
+
+def _transfers(
+    problem: LinearProblem, part: Part, distortion: Distortion | None
+) -> list[Mapping[str, TransferFunction]]:
+    """By what known effects of sensors and one more distort the equations that are compared there."""
+    every = [known.transfers(part.smooth) for known in problem.campaign.plant.known]
+    if distortion is not None:
+        every.append(distortion.transfers(part.smooth))
+    return [{name: one for name, one in each.items() if name in part.layout.equations} for each in every if each]
 
 
 def little_of_each(problem: LinearProblem, columns: Mapping[str, Sequence[Column]]) -> dict[str, Floats]:
@@ -196,7 +211,7 @@ def little_of_each(problem: LinearProblem, columns: Mapping[str, Sequence[Column
             continue
         effect = entries[0].effect
         if effect.background is None:
-            found[name] = _little_of_any_form(entries)
+            found[name] = _little_of_any_form(forms_beside(entries))
         else:
             sized = [(shape, share * effect.strength.typical) for shape, share in effect.background]
             kept = [little for little in _signatures(problem, effect, sized) if little is not None]

@@ -60,7 +60,7 @@ def _as_shown(problem: LinearProblem, columns: dict[str, list[Column]]) -> list[
     if not of_sensors:
         return []
     likeliest, _ = of_sensors[0]
-    rows = _distortion(likeliest).rows(problem)
+    rows = distortion_of(likeliest).rows(problem)
     left = noise_factor_beside(problem, np.hstack([e.column.of_any_size for e in pairs[0]]))[rows]
     if left.max(initial=1.0) <= 1.0 + SETTINGS.ladder.left_by_an_intact:
         return []
@@ -77,7 +77,7 @@ def _others_shown(
     problem: LinearProblem, alone: Marginal, columns: Mapping[str, Sequence[Column]], sensor: Explanation
 ) -> list[Explanation]:
     """Effects that explain more beside one of a sensor, each as that shows it, most of it first."""
-    distortion, name = _distortion(sensor), sensor.effect.name
+    distortion, name = distortion_of(sensor), sensor.effect.name
     rows = distortion.rows(problem)
     acting = [
         found[0].effect
@@ -102,7 +102,7 @@ def _in_turn(
     """
     of_sensor = columns[name]
     sensor = _refined(problem, alone, beside=other, forms=of_sensor)
-    known, distortion = sensor.column, _distortion(sensor)
+    known, distortion = sensor.column, distortion_of(sensor)
     shapes = {column.effect.name: _alike(column) for column in (known, other)}
     itself = explain(alone.beside(known.of_any_size), columns[other.effect.name])
     least = -np.inf if itself is None else itself.log_evidence + problem.settings.forms.worth_forming
@@ -119,10 +119,10 @@ def _in_turn(
         shapes[other.effect.name] = [shown.shape]
         if other.effect.distorts is None:
             sensor = _refined(problem, alone, beside=shown, forms=of_sensor)
-            known, distortion = sensor.column, _distortion(sensor)
+            known, distortion = sensor.column, distortion_of(sensor)
         else:
             [plain] = columns_in(problem, other.effect, [shown.shape])
-            other, known, distortion = known, plain, _distortion(found)
+            other, known, distortion = known, plain, distortion_of(found)
     return pair
 
 
@@ -141,7 +141,7 @@ def _alike(column: Column) -> list[dict[str, float]]:
     return [shape, *(other for other in effect.shapes if choices.items() <= other.items())]
 
 
-def _distortion(sensor: Explanation) -> Distortion:
+def distortion_of(sensor: Explanation) -> Distortion:
     """How a sensor distorts by the size that its effect was found with."""
     found: Floats = coefficients(sensor) * sensor.effect.strength.typical
     return Distortion(effect=sensor.effect, shape=sensor.column.shape, coefficients=tuple(found.tolist()))

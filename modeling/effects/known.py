@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.modeling.effects.effect import Effect
+from sawbench.modeling.effects.effect import Effect, TransferFunction
 from sawbench.modeling.residuals import Signature
 from sawbench.modeling.state import State
 
@@ -76,6 +76,11 @@ class KnownEffect:
         model = replace(model, known=(), **{k: v for k, v in self.scales.items() if hasattr(model, k)})
         state = replace(state, **{k: v for k, v in self.scales.items() if hasattr(state, k)})
         return self.effect.combined(model, state, self.shape, self.coefficients)
+
+    def transfers(self, state: State) -> Mapping[str, TransferFunction]:
+        """Of a sensor: how it shows what other effects add, by equation; none where it does not distort."""
+        distorts = self.effect.distorts
+        return {} if distorts is None else distorts(state, self.coefficients, **self.shape)
 
     def uncertainty(self, model: Any, state: State) -> Signature:
         """Change of the residuals for one standard uncertainty of the parameter, by central difference."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
+from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.effects.transfer import delay, low_pass, shown_through
 
 from tests.rigs.jigsaw_in_time import BASELINE, Machine
@@ -66,3 +67,20 @@ def test_what_comes_late_by_which_clock(state, device, late, early):
     for name, transfer in transfers.items():
         expected = -2.0 * np.pi * 30.0 * DELAY_S * (1.0 if name in late else -1.0)
         assert np.angle(transfer(frequency))[0, 0] == pytest.approx(expected)
+
+
+def test_what_is_known_of_a_late_force_and_of_its_law_is_late_as_a_whole(state):
+    """The reading is the force of the true law, by an FFT in time, as its speed is constant; not the sum of two."""
+    clock = KnownEffect(effect=EFFECT_BY_NAME["clock_offset"], value=DELAY_S, form={"device": 0.0, "drifts": 0.0})
+    law = KnownEffect(effect=EFFECT_BY_NAME["edge_force"], value=12.0, form={"by_stock": 0.0, "onset_m_s": 0.05})
+    ideal = BASELINE.expected_force(state) + law.signature(BASELINE, state)["cutting"]
+    orders = np.arange(ideal.shape[1] // 2 + 1)
+    spectrum = np.fft.rfft(ideal, axis=1) * np.exp(-1j * orders * 80.0 * DELAY_S)
+    spectrum[:, -1] = 0.0  # at half the sampling rate a delay has no phase
+    ideal_late = np.fft.irfft(spectrum, ideal.shape[1], axis=1)
+    both = replace(BASELINE, known=(law, clock)).known_signature(state)["cutting"]
+    in_turn = replace(BASELINE, known=(clock, law)).known_signature(state)["cutting"]
+    assert both == pytest.approx(in_turn)
+    assert both == pytest.approx(ideal_late - BASELINE.expected_force(state), abs=0.02 * np.abs(both).max())
+    alone = law.signature(BASELINE, state)["cutting"] + clock.signature(BASELINE, state)["cutting"]
+    assert np.abs(both - alone).max() > 0.3 * np.abs(both).max()
