@@ -121,8 +121,10 @@ def _in_turn(
             sensor = _refined(problem, alone, beside=shown, forms=of_sensor)
             known, distortion = sensor.column, distortion_of(sensor)
         else:
-            [plain] = columns_in(problem, other.effect, [shown.shape])
-            other, known, distortion = known, plain, distortion_of(found)
+            plain = columns_in(problem, other.effect, [shown.shape])
+            if not plain:
+                break
+            other, known, distortion = known, plain[0], distortion_of(found)
     return pair
 
 
