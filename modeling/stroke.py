@@ -131,8 +131,8 @@ def predict(
     start : Prediction, optional
         A solution nearby.
     """
-    known = [Term(amplitude=1.0, signature=lambda s, one=one: one.signature(baseline, s)) for one in baseline.known]
-    problem = _Stroke(replace(baseline, known=()), measured, [*known, *terms], wood_n_s_per_m)
+    known = Term(amplitude=1.0, signature=baseline.known_signature)
+    problem = _Stroke(replace(baseline, known=()), measured, [known, *terms], wood_n_s_per_m)
     z = problem.first_guess(measured if start is None else start.state)
     if start is not None and problem.fits_wood:
         z[-1] = start.wood_n_s_per_m - problem.wood_guess
