@@ -351,8 +351,7 @@ def _answers(
             continue
         shapes = {}
         for m in h.members:
-            strength = m.effect.strength
-            own = [(c.shape, placed(strength.high * c.columns)) for c in columns[m.effect.name]]
+            own = [(c.shape, placed(c.of_any_size)) for c in columns[m.effect.name]]
             best = next(place for shape, place in own if shape == m.column.shape)
             shapes[m.effect.name] = (best, [place for _, place in own])
         forms = []

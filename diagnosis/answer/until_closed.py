@@ -38,7 +38,6 @@ from sawbench.diagnosis.inference.hypothesis import AND, Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, build_problem
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import Posterior, judge
-from sawbench.diagnosis.inference.refining import add_form
 from sawbench.diagnosis.inference.size import together
 from sawbench.diagnosis.inference.stroke_evidence import sized_by_strokes
 from sawbench.diagnosis.inference.weighing import weigh_further
@@ -297,9 +296,11 @@ def _with_forms(first: Pass, base: Hypothesis, step: Posterior) -> Pass:
     columns = {name: list(found) for name, found in first.columns.items()}
     by_base = [distortion_of(member) for member in base.members if member.effect.distorts is not None]
     for member in (member for h in step.claims for member in h.members):
+        known = columns[member.effect.name]
         for distortion in (member.column.distortion, *by_base):
-            for column in columns_in(first.problem, member.effect, [member.column.shape], distortion):
-                add_form(columns, column)
+            wanted = replace(member.column, distortion=distortion)
+            if not any(wanted.is_form_of(column) for column in known):
+                known += columns_in(first.problem, member.effect, [wanted.shape], distortion)
     return replace(first, columns=columns)
 
 
