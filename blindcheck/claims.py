@@ -54,25 +54,41 @@ def is_coherent(cause: Mapping[str, Any]) -> bool:
     return bool(stated) and is_there and float(cause["gap_closed_ci95"][0]) > 0.0
 
 
-def is_detectable(report: Mapping[str, Any], effects: Mapping[str, float]) -> bool | None:
+def is_detectable(report: Mapping[str, Any], truth: Mapping[str, Any]) -> bool | None:
     """Whether each of the hidden effects lies above the detection limit that a report states of it.
 
-    A report states the log odds that an effect of typical size would have in this campaign; they grow with the square
-    of its severity.
+    In the unit of its magnitude where report and truth have it; else by the log odds that the report states of an
+    effect of typical size, which grow with the square of its severity.
 
     Examples
     --------
-    >>> report = {"detail": {"log_odds_at_typical_size": {"edge_force": 8.0}, "detection_limit_log_odds": 10.0}}
-    >>> is_detectable(report, {"edge_force": 1.0}), is_detectable(report, {"edge_force": 2.0})
+    >>> detail = {"log_odds_at_typical_size": {"edge_force": 8.0}, "detection_limit_log_odds": 10.0}
+    >>> truth = {"effects": {"edge_force": 2.0}}
+    >>> is_detectable({"detail": detail}, {"effects": {"edge_force": 1.0}}), is_detectable({"detail": detail}, truth)
     (False, True)
-    >>> is_detectable(report, {"grain_variation": 1.0}) is None
+    >>> detail["detection_limits"] = {"edge_force": {"unit": "N", "change": 12.0, "without_effect": 0.0}}
+    >>> truth["reported_parameters"] = {"edge_force": {"value": 9.0, "unit": "N"}}
+    >>> is_detectable({"detail": detail}, truth)
+    False
+    >>> is_detectable({"detail": detail}, {"effects": {"grain_variation": 1.0}}) is None
     True
     """
-    detail = report.get("detail", {})
-    limit, stated = detail.get("detection_limit_log_odds"), detail.get("log_odds_at_typical_size", {})
-    if limit is None or not effects or not effects.keys() <= stated.keys():
+    detail, effects = report.get("detail", {}), truth["effects"]
+    least, stated = detail.get("detection_limit_log_odds"), detail.get("log_odds_at_typical_size", {})
+    if least is None or not effects or not effects.keys() <= stated.keys():
         return None
-    return all(float(stated[effect]) * severity**2 >= float(limit) for effect, severity in effects.items())
+    limits, magnitudes = detail.get("detection_limits", {}), truth.get("reported_parameters", {})
+    return all(
+        _is_above(limits[effect], magnitudes[effect]["value"])
+        if effect in limits and magnitudes.get(effect, {}).get("unit") == limits[effect]["unit"]
+        else float(stated[effect]) * severity**2 >= float(least)
+        for effect, severity in effects.items()
+    )
+
+
+def _is_above(limit: Mapping[str, Any], magnitude: float) -> bool:
+    without = limit["without_effect"]
+    return magnitude <= limit["change"] if without is None else abs(magnitude - without) >= limit["change"]
 
 
 def runtime_misses(report: Mapping[str, Any]) -> dict[str, float]:

@@ -258,7 +258,7 @@ def _answered(report: Mapping[str, Any], truth: Mapping[str, Any]) -> dict[str, 
     found = {
         "probabilities": probabilities,
         "place": place_of(report),
-        "is_detectable": is_detectable(report, truth["effects"]),
+        "is_detectable": is_detectable(report, truth),
         "runtime_misses": runtime_misses(report),
     }
     if report["verdict"] not in {"effect", "effects"}:

@@ -156,3 +156,24 @@ def magnitude_words(name: str, parameter: Mapping[str, Any]) -> str:
     value, std = factor * value, None if std is None else factor * std
     whose = f"{name_of(effect)}: " if effect else ""
     return f"{whose}{words} {format_quantity(value, std, '' if unit == '1' else unit.replace('*', '·'), digits=3)}"
+
+
+def limit_words(limit: Mapping[str, Any]) -> str:
+    r"""Write the smallest magnitude of an effect that a campaign shows.
+
+    Examples
+    --------
+    >>> limit_words({"name": "force_n", "unit": "N", "change": 2.0, "without_effect": 0.0})
+    'force 2.00\xa0N'
+    >>> limit_words({"name": "stiffness_n_per_m", "unit": "N/m", "change": 5e5, "without_effect": None})
+    'stiffness 500000\xa0N/m or less'
+    >>> limit_words({"name": "exponent", "unit": "1", "change": 0.2, "without_effect": 1.0})
+    'exponent 0.200 away from 1'
+    """
+    words, without = (
+        magnitude_words(limit["name"], {**limit, "value": limit["change"], "std": None}),
+        limit["without_effect"],
+    )
+    if without is None:
+        return f"{words} or less"
+    return f"{words} away from {without:g}" if without else words

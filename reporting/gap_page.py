@@ -14,6 +14,7 @@ from sawbench.reporting.cause_words import (
     in_words_of,
     interval_words,
     is_undetermined,
+    limit_words,
     magnitude_words,
     name_of,
     what_happens,
@@ -106,6 +107,8 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
             (name_of(n), format_to(value, 1), _percent(detail.get("probabilities", {}).get(n, 0.0)))
             for n, value in detail.get("log_evidence", {}).items()
         ],
+        "limits": [(name_of(effect), limit_words(one)) for effect, one in detail.get("detection_limits", {}).items()],
+        "limit_log_odds": format_to(detail.get("detection_limit_log_odds", 0.0), 1),
         "alike_odds": _ALIKE_ODDS,
         "alike": alike_rows(detail["alike"]) if detail.get("alike") else [],
         "signals": [(CHANNEL_WORDS.get(s["channel"], s["channel"]), s["words"]) for s in report.get("signals", [])],

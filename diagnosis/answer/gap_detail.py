@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,14 +10,12 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.channel_gap import CHANNELS, MODELS, ChannelGap, Cycle
 from sawbench.diagnosis.answer.standing_out import Cell, find_cells
 from sawbench.diagnosis.answer.where import gap_of
-from sawbench.diagnosis.inference.columns import Column, forms_beside
 from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.features import wave_of
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.settings import SETTINGS
-from sawbench.modeling.effects.strokes import StrokeWave
 from sawbench.modeling.state import TWO_PI
 
 _SHOWN_CHANNELS = ("force_n", "motor_current_a", "crank_speed_rad_s")
@@ -62,35 +60,6 @@ def detail(problem: LinearProblem, posterior: Posterior, channels: ChannelGap | 
             for known in problem.campaign.plant.known
         },
     }
-
-
-def log_odds_at_typical_size(problem: LinearProblem, columns: Mapping[str, Sequence[Column]]) -> dict[str, float]:
-    """How surely each effect would show in this campaign if it were there at its typical size.
-
-    Parameters
-    ----------
-    problem : LinearProblem
-    columns : mapping of str to sequence of Column
-        Of `catalogue_columns`.
-
-    Returns
-    -------
-    dict of str to float
-        Expected log odds against no gap, of the middle one of its forms; 0 where no channel shows it. A wave
-        of the wood is left out: it is looked for from stroke to stroke.
-    """
-    marginal = Marginal(problem)
-    found: dict[str, float] = {}
-    for name, every in columns.items():
-        entries = forms_beside(every)
-        if entries and isinstance(entries[0].effect.strokes, StrokeWave):
-            continue
-        # All columns of a form share its size: the mean over phases of what one unit explains.
-        squares = [
-            float(np.trace(marginal.gram(c.columns)[0])) / c.columns.shape[1] for c in entries[:: 1 + len(entries) // 9]
-        ]
-        found[name] = 0.5 * float(np.median(squares)) if squares else 0.0
-    return dict(sorted(found.items(), key=lambda item: item[1]))
 
 
 def _telling(cycles: Sequence[Cycle]) -> list[Cycle]:

@@ -14,7 +14,8 @@ from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.answer.channel_gap import ChannelGap
 from sawbench.diagnosis.answer.claim import carried_by_strokes, sized_members
 from sawbench.diagnosis.answer.contradiction import contradiction
-from sawbench.diagnosis.answer.gap_detail import detail, log_odds_at_typical_size
+from sawbench.diagnosis.answer.detection_limits import DetectionLimit, detection_limits
+from sawbench.diagnosis.answer.gap_detail import detail
 from sawbench.diagnosis.answer.improved_model import improved_model, magnitudes, retuned_with
 from sawbench.diagnosis.answer.ladder import RUNGS, Ladder, Rungs
 from sawbench.diagnosis.answer.learned_term import learned_answer, learned_warnings
@@ -146,11 +147,11 @@ def _report(
     def where() -> list[dict[str, Any]]:
         return [] if posterior.verdict == "no_gap" else _where(problem, posterior)
 
-    def detectable() -> dict[str, float]:
-        return log_odds_at_typical_size(problem, columns)
+    def detectable() -> dict[str, DetectionLimit]:
+        return detection_limits(problem, columns, SETTINGS.report.shown_log_odds)
 
     weighed: list[Callable[[], Any]] = [where, detectable, lambda: detail(problem, posterior, channels)]
-    places, odds, details = on_two_cores(operator.call, weighed)
+    places, limits, details = on_two_cores(operator.call, weighed)
     members = sized_members(problem, columns, posterior, posterior.best)
     shifts = _shifts(problem, posterior, members)
     retuned = {name: shift["value"] for name, shift in shifts.items()}
@@ -174,13 +175,14 @@ def _report(
         "next_trial": _NONE_YET if contradicted else next_trial(problem, posterior),
         "warnings": [
             *([contradicted] if contradicted else []), *([asymmetry] if asymmetry else []),
-            *_warnings(campaign, odds, posterior, channels), *learned_warnings(problem, posterior, learned),
+            *_warnings(campaign, limits, posterior, channels), *learned_warnings(problem, posterior, learned),
         ],
         **further,
         "detail": {
             **details, "held_out": predictions.of(first).ladder.held_out, "contradiction": contradicted,
-            "log_odds_at_typical_size": odds,
+            "log_odds_at_typical_size": {name: limit.log_odds for name, limit in limits.items()},
             "detection_limit_log_odds": SETTINGS.report.shown_log_odds,
+            "detection_limits": {name: _limit(limit) for name, limit in limits.items() if limit.name},
         },
         "provenance": dict(provenance),
     }  # fmt: skip
@@ -304,19 +306,23 @@ def _rungs(rungs: Rungs) -> dict[str, float]:
 
 
 def _warnings(
-    campaign: Campaign, shown: Mapping[str, float], posterior: Posterior, channels: ChannelGap | None
+    campaign: Campaign, limits: Mapping[str, DetectionLimit], posterior: Posterior, channels: ChannelGap | None
 ) -> list[str]:
     return [
-        *campaign.warnings, *_weaknesses(campaign), *_hidden(shown, posterior.best.effects), *_of_strokes(posterior),
+        *campaign.warnings, *_weaknesses(campaign), *_hidden(limits, posterior.best.effects), *_of_strokes(posterior),
         *([] if posterior.finding is None else [posterior.finding.text]),
         *(() if channels is None else channels.warnings),
     ]  # fmt: skip
 
 
-def _hidden(shown: Mapping[str, float], named: Sequence[str]) -> list[str]:
+def _limit(limit: DetectionLimit) -> dict[str, Any]:
+    return {"name": limit.name, "unit": limit.unit, "change": limit.change, "without_effect": limit.without}
+
+
+def _hidden(limits: Mapping[str, DetectionLimit], named: Sequence[str]) -> list[str]:
     """Say what this campaign could not show, before it is taken for absent; not of a cause that it does show."""
     least = SETTINGS.report.shown_log_odds
-    names = [name.replace("_", " ") for name, odds in shown.items() if odds < least and name not in named]
+    names = [name.replace("_", " ") for name, limit in limits.items() if limit.log_odds < least and name not in named]
     return [f"below the detection limit here, at their typical magnitude: {', '.join(names)}"] if names else []
 
 

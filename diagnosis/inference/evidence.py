@@ -19,9 +19,6 @@ _N_AMPLITUDES = 40
 # Sizes are log-normal about the typical one; those that occur are 95 % of them.
 _STDS_OF_RANGE = 4.0
 _SAME_VALUE = 1e-6
-# Of the typical size: so little of an effect that its number is the one that stands where there is none.
-_NONE, _HARDLY = 0.0, 1e-6
-_SAME_AS_NONE = 1e-3
 # A cell of amplitudes that is narrower than this share of what the noise leaves is as good as its middle.
 _FLAT_CELL_STDS = 1e-2
 
@@ -81,11 +78,8 @@ class Explanation:
         """
         if self.mixture is not None:
             return 0.0
-        none, hardly = (
-            self.effect.reported_strength(part * self.effect.strength.typical, self.column.shape)
-            for part in (_NONE, _HARDLY)
-        )
-        return 0.0 if abs(hardly - none) > _SAME_AS_NONE * abs(hardly) or none == self.strength else none
+        without = self.effect.strength_without(self.column.shape)
+        return 0.0 if without is None or without == self.strength else without
 
     @property
     def strength_std(self) -> float:

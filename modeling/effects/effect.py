@@ -44,6 +44,8 @@ class Prepared:
 # Every effect of the catalogue may be there a little without being "the" cause: one standard deviation of that, as a
 # share of its typical size.
 BACKGROUND_SHARE = 0.05
+# Of the typical size: hardly any effect. A number that is this many times larger without effect grows without end.
+_HARDLY, _ENDLESS = 1e-6, 2.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -292,3 +294,11 @@ class Effect:
     def reported_strength(self, amplitude: float, shape: dict[str, float]) -> float:
         """Value of `strength` that goes with an amplitude of one shape."""
         return amplitude if self.shape_strength is None else self.shape_strength(amplitude, shape)
+
+    def strength_without(self, shape: dict[str, float]) -> float | None:
+        """Value of `strength` where there is no effect: 0, but 1 of the exponent of the speed; None if it has no end.
+
+        A number that belongs to the shape alone (a frequency) is the same without effect.
+        """
+        none, hardly = (self.reported_strength(part * self.strength.typical, shape) for part in (0.0, _HARDLY))
+        return None if abs(none) > _ENDLESS * abs(hardly) else none

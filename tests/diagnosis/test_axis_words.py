@@ -9,6 +9,7 @@ import pytest
 from sawbench.bench.config import parse_config
 from sawbench.bench.recording import Recording, Signal, Trial
 from sawbench.commands.diagnose import _as_text
+from sawbench.diagnosis.answer.detection_limits import DetectionLimit
 from sawbench.diagnosis.answer.gap_report import _hidden, diagnose
 from sawbench.diagnosis.plants.axis_friction import ByDirection
 from sawbench.diagnosis.plants.linear_axis import LinearAxis, reduce_axis
@@ -55,7 +56,8 @@ def test_large_forces_are_in_kilonewtons():
 
 
 def test_a_cause_that_is_named_is_not_below_the_detection_limit():
-    shown = {"elastic_load": 0.1, "windage_drag": 0.1, "guide_friction": 50.0}
+    odds = {"elastic_load": 0.1, "windage_drag": 0.1, "guide_friction": 50.0}
+    shown = {name: DetectionLimit(log_odds=value) for name, value in odds.items()}
     assert _hidden(shown, ["elastic_load"]) == [
         "below the detection limit here, at their typical magnitude: windage drag"
     ]

@@ -1,0 +1,98 @@
+"""How much of each effect a campaign would show: said before an effect that is not named is taken for absent."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.columns import Column, forms_beside
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal
+from sawbench.modeling.effects.strokes import StrokeWave
+
+# Forms of an effect that are asked, at most.
+_N_FORMS = 9
+# Relative difference of equal numbers.
+_SAME = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DetectionLimit:
+    """How much of an effect a campaign would show.
+
+    Attributes
+    ----------
+    log_odds : float
+        Expected against no gap, of the effect at its typical size; 0 where no channel shows it.
+    name, unit : str
+        Of the effect's magnitude; empty where its size has none (a frequency belongs to the form).
+    change : float
+        The effect shows where its magnitude differs by this much from that without effect.
+    without : float or None
+        Magnitude without effect. None of one that falls from infinity as the effect grows (a stiffness): the effect
+        shows where it is below `change`.
+    """
+
+    log_odds: float
+    name: str = ""
+    unit: str = ""
+    change: float = 0.0
+    without: float | None = 0.0
+
+
+def detection_limits(
+    problem: LinearProblem, columns: Mapping[str, Sequence[Column]], least: float
+) -> dict[str, DetectionLimit]:
+    """Return the limit of every effect, alone beside the nuisances; what shows least at its typical size comes first.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    columns : mapping of str to sequence of Column
+        Of `catalogue_columns`.
+    least : float
+        Log odds from which an effect shows; they grow with the square of its amplitude.
+
+    Returns
+    -------
+    dict of str to DetectionLimit
+        Without waves of the wood: they are looked for from stroke to stroke.
+    """
+    marginal = Marginal(problem)
+    found: dict[str, DetectionLimit] = {}
+    for name, every in columns.items():
+        forms = forms_beside(every)
+        if not (forms and isinstance(forms[0].effect.strokes, StrokeWave)):
+            found[name] = _of_forms(marginal, forms[:: 1 + len(forms) // _N_FORMS], least)
+    return dict(sorted(found.items(), key=lambda item: item[1].log_odds))
+
+
+def _of_forms(marginal: Marginal, forms: Sequence[Column], least: float) -> DetectionLimit:
+    # All columns of a form share its size: the mean over phases of what one unit explains.
+    odds = np.array([0.5 * float(np.trace(marginal.gram(c.columns)[0])) / c.columns.shape[1] for c in forms])
+    middle = float(np.median(odds)) if forms else 0.0
+    if middle <= 0.0:
+        return DetectionLimit(log_odds=0.0)
+    strength, without = forms[0].effect.strength, forms[0].effect.strength_without(forms[0].shape)
+    # What is smaller than sizes that occur is background.
+    amplitudes = np.maximum(np.sqrt(least / np.maximum(odds, np.finfo(float).tiny)), strength.low)
+    of_typical, smallest = _magnitudes(forms, np.ones(len(forms))), _magnitudes(forms, amplitudes)
+    if np.array_equal(of_typical, smallest):
+        return DetectionLimit(log_odds=middle)
+    changes = np.abs(smallest - (without or 0.0))
+    if np.ptp(np.abs(of_typical)) <= _SAME * np.abs(of_typical).max():
+        change = np.median(changes)  # any form may have any magnitude: half of them show more
+    else:
+        change = changes.max() if without is None else changes.min()  # each form has its own
+    return DetectionLimit(
+        log_odds=middle, name=strength.name, unit=strength.unit, change=float(change), without=without
+    )
+
+
+def _magnitudes(forms: Sequence[Column], amplitudes: Floats) -> Floats:
+    return np.array([
+        c.effect.reported_strength(amplitude * c.effect.strength.typical, c.shape)
+        for c, amplitude in zip(forms, amplitudes, strict=True)
+    ])  # fmt: skip
