@@ -4,12 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.columns import Column, forms_beside
+from sawbench.diagnosis.inference.dispersion import (
+    background_with_noise,
+    columns_with_noise,
+    stacked_with_noise,
+    with_noise,
+)
+from sawbench.diagnosis.inference.form_error import form_modes
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
+from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.modeling.effects.strokes import StrokeWave
 
 # Forms of an effect that are asked, at most.
@@ -43,15 +52,19 @@ class DetectionLimit:
 
 
 def detection_limits(
-    problem: LinearProblem, columns: Mapping[str, Sequence[Column]], least: float
+    problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior, least: float
 ) -> dict[str, DetectionLimit]:
-    """Return the limit of every effect, alone beside the nuisances; what shows least at its typical size comes first.
+    """Return the limit of every effect beside the likeliest answer; what shows least at its typical size comes first.
+
+    Beside the nuisances, the background effects, the other effects of that answer and what their forms may miss, by
+    the noise that the evidence counts with.
 
     Parameters
     ----------
     problem : LinearProblem
     columns : mapping of str to sequence of Column
-        Of `catalogue_columns`.
+        Of `effect_columns`.
+    posterior : Posterior
     least : float
         Log odds from which an effect shows; they grow with the square of its amplitude.
 
@@ -60,12 +73,25 @@ def detection_limits(
     dict of str to DetectionLimit
         Without waves of the wood: they are looked for from stroke to stroke.
     """
-    marginal = Marginal(problem)
+    noise = posterior.dispersion
+    noisy = with_noise(problem, noise)
+    nominal = Marginal(noisy, extra=background_with_noise(posterior.little, noise))
+
+    @lru_cache
+    def beside(others: tuple[str, ...]) -> Marginal:
+        members = [m for m in posterior.best.members if m.effect.name in others]
+        sizes = stacked_with_noise(problem, [m.column.of_any_size for m in members], noise)
+        shown = stacked_with_noise(problem, [m.contribution[:, None] for m in members], noise).T
+        missed = [problem.settings.forms.screen_share * form_modes(noisy, wave) for wave in shown]
+        return nominal.beside(np.hstack([sizes, *missed])) if members else nominal
+
     found: dict[str, DetectionLimit] = {}
     for name, every in columns.items():
-        forms = forms_beside(every)
+        others = posterior.best.without(name)
+        forms = forms_beside(every, others)
         if not (forms and isinstance(forms[0].effect.strokes, StrokeWave)):
-            found[name] = _of_forms(marginal, forms[:: 1 + len(forms) // _N_FORMS], least)
+            asked = forms[:: 1 + len(forms) // _N_FORMS]
+            found[name] = _of_forms(beside(others), columns_with_noise(problem, {name: asked}, noise)[name], least)
     return dict(sorted(found.items(), key=lambda item: item[1].log_odds))
 
 

@@ -148,7 +148,7 @@ def _report(
         return [] if posterior.verdict == "no_gap" else _where(problem, posterior)
 
     def detectable() -> dict[str, DetectionLimit]:
-        return detection_limits(problem, columns, SETTINGS.report.shown_log_odds)
+        return detection_limits(problem, columns, posterior, SETTINGS.report.shown_log_odds)
 
     weighed: list[Callable[[], Any]] = [where, detectable, lambda: detail(problem, posterior, channels)]
     places, limits, details = on_two_cores(operator.call, weighed)

@@ -17,6 +17,7 @@ from sawbench.diagnosis.answer.claim import (
     is_there,
     sized_members,
 )
+from sawbench.diagnosis.answer.detection_limits import detection_limits
 from sawbench.diagnosis.answer.hold_out import HoldOut
 from sawbench.diagnosis.answer.ladder import Rungs
 from sawbench.diagnosis.answer.prediction import Predictions
@@ -538,3 +539,15 @@ def test_two_effects_leave_no_more_than_one_of_them(problem, columns):
     assert pairs
     for (one, other), value in pairs.items():
         assert value <= min(left[one,], left[other,])
+
+
+def test_beside_a_named_effect_others_show_from_a_larger_magnitude(problem, columns, judged):
+    """A friction of the guide takes up most of a friction of the motor."""
+    found = judge(with_columns(problem, columns, FRICTION, 3.0), columns)
+    assert found.best.effects == (FRICTION,)
+    alone, beside = (
+        {name: limit.change for name, limit in detection_limits(problem, columns, posterior, 9.0).items()}
+        for posterior in (judged, found)
+    )
+    assert beside["guide_friction"] > 1.2 * alone["guide_friction"]
+    assert beside[FRICTION] == pytest.approx(alone[FRICTION], rel=0.05)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from sawbench.diagnosis.answer.detection_limits import detection_limits
 from sawbench.diagnosis.inference.columns import Column
 from sawbench.diagnosis.inference.evidence import explain
+from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
@@ -15,6 +18,8 @@ pytestmark = pytest.mark.unit
 
 LEAST = 12.0
 WAVE = np.random.default_rng(1).standard_normal(400)
+# Of a machine without a gap, whose noise is as stated.
+NO_GAP = SimpleNamespace(best=Hypothesis(other="no_gap", log_evidence=0.0), little={}, dispersion=np.ones(len(WAVE)))
 
 
 def problem_of(data=0.0 * WAVE, nuisance=None):
@@ -36,7 +41,7 @@ def columns_of(name, per_form):
 
 
 def limit_of(name, per_form, **problem):
-    return detection_limits(problem_of(**problem), {name: columns_of(name, per_form)}, LEAST)[name]
+    return detection_limits(problem_of(**problem), {name: columns_of(name, per_form)}, NO_GAP, LEAST)[name]
 
 
 def test_an_effect_of_the_stated_magnitude_has_the_log_odds_of_the_limit():
@@ -77,5 +82,5 @@ def test_an_exponent_is_stated_by_its_distance_from_that_of_a_straight_line():
 
 def test_a_frequency_has_no_smallest_one_and_a_hidden_effect_no_magnitude():
     assert limit_of("carriage_resonance", lambda _: 3.0).name == ""
-    hidden = detection_limits(problem_of(), {"edge_force": []}, LEAST)["edge_force"]
+    hidden = detection_limits(problem_of(), {"edge_force": []}, NO_GAP, LEAST)["edge_force"]
     assert (hidden.log_odds, hidden.name) == (0.0, "")
