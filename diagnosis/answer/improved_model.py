@@ -26,6 +26,7 @@ from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.settings import SETTINGS
+from sawbench.diagnosis.inference.size import number_of_form
 from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.effects.learned import NAME
 from sawbench.modeling.machines.known_effects import entry_of
@@ -265,7 +266,8 @@ def _found_effects(
         stated, std = member.strength, stated_std(problem, member)
         value = effect.reported_strength(effect.amplitude(sizes) * effect.strength.typical, member.column.shape)
         is_by_strokes = effect.name in posterior.strokes and posterior.strokes[effect.name].alone > 0.0
-        if is_by_strokes or (count == 1 and sizes[0] <= 0.0):
+        is_whole_form = number_of_form(member.column) is not None
+        if is_by_strokes or is_whole_form or (count == 1 and sizes[0] <= 0.0):
             value = stated
         carried = [key for key in effect.carries if key in member.column.shape]
         known.append(

@@ -10,6 +10,10 @@ what a nuisance may hide is known no better on a quiet bench.
 
 Background effects widen the stated uncertainty but does not move the size, for what the form still misses
 would be taken for it.
+
+Where the number belongs to the form (a stiffness, a delay), the form is there as a whole or not at all: the number is
+the one at which the whole form explains most. A form of any amplitude states two numbers, by its shape and by its
+amplitude; what they differ by is what nature's form misses.
 """
 
 from __future__ import annotations
@@ -19,17 +23,20 @@ from dataclasses import replace
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.diagnosis.inference.columns import Column, forms_beside
+from sawbench.diagnosis.inference.columns import Column, columns_in, forms_beside
 from sawbench.diagnosis.inference.dispersion import stacked_with_noise, with_noise
 from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
+from sawbench.modeling.effects.known import carried
 
 # What nuisances leave of a form's square, at least, for it to have a weight; and what a form that is nearly the sum of
 # others has of its own: there the weights are shared evenly.
 _LEAST_SHOWN = 1e-7
 _RIDGE = 1e-9
 _SAME = 1e-9
+# Gauss-Newton steps of the logarithm of a number of the form, and the step of its difference quotient.
+_N_STEPS, _DIFFERENCE = 4, 1e-3
 
 
 def is_mixable(columns: Sequence[Column]) -> bool:
@@ -119,13 +126,81 @@ def sized(
     list of Explanation
     """
     names = {member.effect.name for member in members}
-    return [
-        mixed(
-            problem, member, forms_beside(columns[member.effect.name], names),
-            beside=[other for other in members if other is not member], small=small, dispersion=dispersion,
-        )
-        for member in members
-    ]  # fmt: skip
+    found = []
+    for member in members:
+        beside = [other for other in members if other is not member]
+        forms = forms_beside(columns[member.effect.name], names)
+        found.append(mixed(problem, member, forms, beside=beside, small=small, dispersion=dispersion))
+        found[-1] = as_a_whole(problem, found[-1], beside=beside, dispersion=dispersion)
+    return found
+
+
+def as_a_whole(
+    problem: LinearProblem, member: Explanation, *, beside: Sequence[Explanation], dispersion: Floats | float
+) -> Explanation:
+    """State a number of the form as that at which the whole form explains most.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    member : Explanation
+    beside : sequence of Explanation
+        Other effects of the same cause: of any size, in their best form.
+    dispersion : ndarray, shape (n,), or float
+        Factor on the noise's variance.
+
+    Returns
+    -------
+    Explanation
+        In that form, of amplitude 1: between the number of its shape and the one by its amplitude; half of their
+        distance is a standard deviation. As it was where no continuous number of the form grows with the size, and
+        where single strokes have said the size.
+    """
+    key = number_of_form(member.column)
+    if key is None or member.mixture is not None or member.amplitude <= 0.0:
+        return member
+    variance = problem.settings.forms.size_temperature * dispersion
+    scaled = with_noise(problem, variance)
+    fixed = stacked_with_noise(problem, [other.column.of_any_size for other in beside], variance)
+    marginal = Marginal(scaled, extra=fixed)
+
+    def form_at(place: float) -> Column:
+        shape = {**member.column.shape, key: float(np.exp(place))}
+        return columns_in(problem, member.effect, [shape], member.column.distortion)[0]
+
+    def products(*columns: Floats) -> tuple[Floats, Floats]:
+        return marginal.gram(stacked_with_noise(problem, columns, variance))
+
+    place, whole = float(np.log(member.column.shape[key])), member.column
+    by_amplitude = float(np.log(carried(member.effect, member.column.shape, key, member.strength)))
+    low, high = sorted((place, by_amplitude))
+    for _ in range(_N_STEPS):
+        slope = (form_at(place + _DIFFERENCE).columns - whole.columns) / _DIFFERENCE
+        gram, moment = products(whole.columns, slope)
+        better = float(np.clip(place + (moment[1] - gram[1, 0]) / gram[1, 1], low, high))
+        nearer = form_at(better)
+        its_gram, its_moment = products(nearer.columns)
+        if its_moment[0] - 0.5 * its_gram[0, 0] <= moment[0] - 0.5 * gram[0, 0]:
+            break
+        place, whole = better, nearer
+    found = replace(
+        member, column=whole, amplitude=1.0, amplitude_std=member.amplitude_std / member.amplitude,
+        contribution=whole.columns[:, 0],
+    )  # fmt: skip
+    by_shape = member.effect.reported_strength(member.effect.strength.typical, member.column.shape)
+    missed = 0.5 * abs(member.strength - by_shape) / abs(found.strength - found.absent)
+    return replace(found, form_share=float(np.hypot(member.form_share, missed)))
+
+
+def number_of_form(column: Column) -> str | None:
+    """Name of the continuous number of a form that is reported of it, where the amplitude is a part of that.
+
+    Of a frequency or a fraction of the stroke the amplitude says nothing.
+    """
+    effect, shape = column.effect, column.shape
+    one, two = (effect.reported_strength(amplitude * effect.strength.typical, shape) for amplitude in (1.0, 2.0))
+    key = next((name for name in effect.carries if shape.get(name)), None)
+    return key if one != two and key in effect.continuous else None
 
 
 def together(problem: LinearProblem, members: Sequence[Explanation], *, dispersion: Floats) -> list[Explanation]:
