@@ -28,6 +28,8 @@ CONVERTER_A: Final = 0.15
 LEAST_CURRENT: Final = 0.2
 # Power of force times blade velocity over the motor's power beyond idling.
 BLADE_POWER: Final[Bounds] = (0.3, 1.5)
+# Least share of the motor's power that is a cut, where no idle run says what the tool takes in air.
+LEAST_CUT_SHARE: Final = 0.05
 # Force times blade velocity in air: share of the motor's power, and W besides.
 IDLE_POWER_SHARE: Final = 0.3
 IDLE_POWER_W: Final = 1.5

@@ -85,7 +85,7 @@ def ladder_of(campaign_dir: Path, recordings_dir: Path, effect: str) -> dict[str
         return {"gap_closed": None, "gap_closed_ci95": None}
     forms = [c for c in columns if c.columns.shape[1] == best.column.columns.shape[1]]
     high = best.effect.strength.high
-    ladder = HoldOut(problem, best.column.columns * high).climb([c.columns * high for c in forms])
+    ladder = HoldOut(problem, best.column.columns * high).climb([[c.columns * high] for c in forms])
     closed, interval = ladder.closed_in(acts_in(problem, best))
     return {"gap_closed": closed, "gap_closed_ci95": list(interval)}
 

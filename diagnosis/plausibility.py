@@ -22,6 +22,7 @@ from sawbench.bench.plausible import (
     IDLE_POWER_SHARE,
     IDLE_POWER_W,
     LEAST_CURRENT,
+    LEAST_CUT_SHARE,
     LENGTH_UNITS,
     MOTOR_VOLTAGE,
     STROKE_RATE,
@@ -131,7 +132,7 @@ class Suspicion:
         return f"{self.mistake} ({seen})" if self.mistake else seen
 
 
-def check(baseline: Baseline, trial: Trial, reading: Reading, idle_current_a: Bounds = (0.0, 0.0)) -> Checked:
+def check(baseline: Baseline, trial: Trial, reading: Reading, idle_current_a: Bounds | None = None) -> Checked:
     """Compare a reading with the nominal model.
 
     Parameters
@@ -140,8 +141,8 @@ def check(baseline: Baseline, trial: Trial, reading: Reading, idle_current_a: Bo
     trial : Trial
         Its duty must be stated and not 0.
     reading : Reading
-    idle_current_a : (float, float)
-        Between which the motor current of an idle run at this duty lies, A; 0 where there is no idle run.
+    idle_current_a : (float, float), optional
+        Between which the motor current of an idle run at this duty lies, A; None where there is no idle run.
 
     Returns
     -------
@@ -162,7 +163,7 @@ def check(baseline: Baseline, trial: Trial, reading: Reading, idle_current_a: Bo
 
 
 def explain_faults(
-    baseline: Baseline, trial: Trial, tracks: Mapping[str, Track], idle_current_a: Bounds = (0.0, 0.0)
+    baseline: Baseline, trial: Trial, tracks: Mapping[str, Track], idle_current_a: Bounds | None = None
 ) -> Suspicion | None:
     """Name the simple mistake that explains what is implausible in a trial.
 
@@ -280,12 +281,12 @@ def cutting_power_w(baseline: Baseline, reading: Reading, idle_current_a: float)
     return baseline.plant.torque_constant_n_m_per_a.nominal * extra_a * speed
 
 
-def _power_checks(baseline: Baseline, trial: Trial, reading: Reading, idle_a: Bounds) -> Iterator[Outcome]:
+def _power_checks(baseline: Baseline, trial: Trial, reading: Reading, idle_a: Bounds | None) -> Iterator[Outcome]:
     at_blade = blade_power_w(baseline, reading)
     if at_blade is None or reading.n_strokes < _NUMBERS.least_strokes:
         return
-    most = cutting_power_w(baseline, reading, 0.0 if trial.is_idle else idle_a[0])
-    least = cutting_power_w(baseline, reading, 0.0 if trial.is_idle else idle_a[1])
+    in_air = (0.0, 0.0) if trial.is_idle or idle_a is None else idle_a
+    most, least = (cutting_power_w(baseline, reading, current_a) for current_a in in_air)
     if most is None or least is None:
         drives = not trial.is_idle and at_blade < -_NUMBERS.clear_cut_w
         yield "blade power", _failed(drives), f"the force drives the blade with {-at_blade:.3g} W"
@@ -293,9 +294,11 @@ def _power_checks(baseline: Baseline, trial: Trial, reading: Reading, idle_a: Bo
         seen = f"an idle run is stated, but the force takes {at_blade:.3g} W of the motor power {most:.3g} W"
         yield "blade power", _failed(abs(at_blade) > IDLE_POWER_SHARE * abs(most) + IDLE_POWER_W), seen
     else:
+        is_clear = least > _NUMBERS.clear_cut_w
+        least = LEAST_CUT_SHARE * most if idle_a is None else least
         shaft = f"{least:.3g} W" if least == most else f"{least:.3g} to {most:.3g} W"
         seen = f"force along the displacement takes {at_blade:.3g} W, the motor current corresponds to {shaft}"
-        if least <= _NUMBERS.clear_cut_w or trial.material is None:
+        if not is_clear or trial.material is None:
             bound = max(4.0 * _NUMBERS.clear_cut_w, BLADE_POWER[1] * most)
             yield "no cut", _failed(abs(at_blade) > bound), seen
         else:

@@ -233,7 +233,7 @@ def _idle_currents(recordings: Sequence[Recording], readings: Readings, baseline
     return found
 
 
-def idle_current_between(by_duty: Mapping[float, Bounds], duty: float) -> Bounds:
+def idle_current_between(by_duty: Mapping[float, Bounds], duty: float) -> Bounds | None:
     """Between which motor currents an idle run at a duty lies, by that at the nearest duty.
 
     What a tool draws in air grows with its speed by a power of 0 (dry friction) to 2 (a fan).
@@ -241,17 +241,17 @@ def idle_current_between(by_duty: Mapping[float, Bounds], duty: float) -> Bounds
     Parameters
     ----------
     by_duty : mapping of float to (float, float)
-        Least and largest motor current of the idle runs by their duty, A; may be empty.
+        Least and largest motor current of the idle runs by their duty, A; None where there are none.
     duty : float
 
     Examples
     --------
     >>> runs = {0.8: (1.6, 1.8)}
     >>> idle_current_between(runs, 0.8), idle_current_between(runs, 0.4), idle_current_between({}, 0.4)
-    ((1.6, 1.8), (0.4, 1.8), (0.0, 0.0))
+    ((1.6, 1.8), (0.4, 1.8), None)
     """
     if not by_duty:
-        return 0.0, 0.0
+        return None
     nearest = min(by_duty, key=lambda d: abs(d - duty))
     least, most = by_duty[nearest]
     of_a_fan = (duty / nearest) ** 2

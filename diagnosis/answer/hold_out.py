@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -10,12 +11,41 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.ladder import RUNGS, Fit, HeldOut, Ladder, Rungs
 from sawbench.diagnosis.answer.withheld_group import WithheldGroup
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
-from sawbench.diagnosis.inference.marginal import Marginal
+from sawbench.diagnosis.inference.marginal import Marginal, side_by_side
 from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.residuals import Equation
 
 _NUMBERS = SETTINGS.ladder
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Alternatives:
+    """Forms that a cause may have; what several of them share stands once.
+
+    Attributes
+    ----------
+    columns : ndarray, shape (n, m)
+        Whitened signatures, times a generous amplitude.
+    places : ndarray of int, shape (k, q)
+        Which of the columns each of the forms has.
+    """
+
+    columns: Floats
+    places: np.ndarray
+
+    @classmethod
+    def of(cls, forms: Sequence[Sequence[Floats]], n: int) -> Alternatives:
+        """Put forms together, each of parts of shape (n, columns): an array that is a part of several is one part."""
+        parts = {id(part): part for form in forms for part in form}
+        ends = np.cumsum([part.shape[1] for part in parts.values()])
+        place = {key: np.arange(end - part.shape[1], end) for (key, part), end in zip(parts.items(), ends, strict=True)}
+        places = [np.concatenate([place[id(part)] for part in form]) for form in forms]
+        return cls(columns=side_by_side(list(parts.values()), n), places=np.array(places or [[]], dtype=int))
+
+    def of_form(self, k: int, rows: np.ndarray) -> Floats:
+        """Columns of one of the forms in some rows, shape (rows, q)."""
+        return self.columns[np.ix_(rows, self.places[k])]
 
 
 class HoldOut:
@@ -87,31 +117,31 @@ class HoldOut:
             noise[without] = data - inside @ _ridge(inside, data)
         return noise
 
-    def climb(self, alternatives: Sequence[Floats]) -> Ladder:
+    def climb(self, forms: Sequence[Sequence[Floats]]) -> Ladder:
         """Hold out each group in turn and predict it from the others.
 
         Parameters
         ----------
-        alternatives : sequence of ndarray, shape (n, q)
-            Whitened signatures of the cause, times a generous amplitude, one for each form it may have. Empty where
-            there is no cause. A group is predicted by every likely form, as likely as the kept trials make it: what
-            these leave open of the form is no error of the prediction, as of the amplitude.
+        forms : sequence of sequence of ndarray, shape (n, columns)
+            Whitened signatures of the cause, times a generous amplitude: for each form that it may have those of each
+            of its effects, as many columns for every form. Empty where there is no cause. A group is predicted by every
+            likely form, as likely as the kept trials make it: what these leave open of the form is no error of the
+            prediction, as of the amplitude.
 
         Returns
         -------
         Ladder
         """
         data = self.problem.data
-        columns = list(alternatives) or [np.zeros((len(data), 0))]
-        forms = np.hstack(columns)
-        whole = self._products(np.ones(len(data), dtype=bool), forms, columns[0].shape[1])
+        alternatives = Alternatives.of(forms, len(data))
+        whole = self._products(np.ones(len(data), dtype=bool), alternatives.columns)
         residuals = {name: np.array(data) for name in RUNGS}
         residuals["noise_floor"] = self._noise
         beyond = {name: np.array(rest) for name, rest in residuals.items()}
         energy = {name: np.zeros(len(self.groups)) for name in RUNGS}
         fits = {}
         for k, group in enumerate(self.groups):
-            likely = self._fits(group, forms, whole)
+            likely = self._fits(group, alternatives, whole)
             fits[group] = likely[0]
             held, own = self.rows[group], self._own[group]
             retuned = self.base[held] @ likely[0].retuned
@@ -120,7 +150,7 @@ class HoldOut:
                 beyond[name][held], energy[name][k] = _weighed(rest, uncertain, own[:, :0], noise=1.0)
                 residuals[name][held] = rest
             residuals["with_effect"][held], beyond["with_effect"][held], energy["with_effect"][k] = self._predicted(
-                group, likely, columns
+                group, likely, alternatives
             )
             for name in ("nominal", "retuned", "with_effect"):
                 # The hardness of a workpiece cannot be predicted: it is fitted to the withheld trials, for all rungs,
@@ -138,13 +168,13 @@ class HoldOut:
             n_features={e: np.bincount(self._number_of_group, n) for e, n in self._squares(np.ones(len(data))).items()},
         )
 
-    def _predicted(self, group: str, likely: Sequence[Fit], columns: Sequence[Floats]) -> tuple[Floats, Floats, float]:
+    def _predicted(self, group: str, likely: Sequence[Fit], alternatives: Alternatives) -> tuple[Floats, Floats, float]:
         """Residual of the likeliest form, that of the best one in standard deviations, and the energy of them all."""
         held, uncertain = self.rows[group], self._open[group]
         noise = float(np.mean(self._noise[held] ** 2))
         rests, beyond, energies = [], [], []
         for fit in likely:
-            chosen = columns[fit.alternative][held]
+            chosen = alternatives.of_form(fit.alternative, held)
             rests.append(self.problem.data[held] - self.base[held] @ fit.nuisances - chosen @ fit.amplitudes)
             beside = chosen - self.base[held] @ fit.following
             left, energy = _weighed(rests[-1], uncertain, beside @ fit.root, noise=noise)
@@ -164,13 +194,12 @@ class HoldOut:
                 of_trials[self._trials.index(part.setting.label)] += squares[place].sum()
         return found
 
-    def _products(self, rows: np.ndarray, forms: Floats, width: int) -> tuple[Floats, Floats, Floats, Floats]:
-        """Inner products over some trials: of nuisances with forms, of each form, and of both with the data."""
-        base, data, stacked = self.base[rows], self.problem.data[rows], forms[rows]
-        parts = stacked.reshape(len(stacked), forms.shape[1] // max(width, 1), width)
-        return base.T @ stacked, np.einsum("nki,nkj->kij", parts, parts), base.T @ data, stacked.T @ data
+    def _products(self, rows: np.ndarray, columns: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Inner products over some trials: of nuisances with columns, of these, and of both with the data."""
+        base, data, shown = self.base[rows], self.problem.data[rows], columns[rows]
+        return base.T @ shown, shown.T @ shown, base.T @ data, shown.T @ data
 
-    def _fits(self, group: str, forms: Floats, whole: tuple[Floats, Floats, Floats, Floats]) -> list[Fit]:
+    def _fits(self, group: str, alternatives: Alternatives, whole: tuple[Floats, Floats, Floats, Floats]) -> list[Fit]:
         """Nuisances and cause from the trials that are kept, in the forms likeliest by their evidence there.
 
         With bounds on the nuisances the best form may be another one than without, and not every form can be solved
@@ -178,10 +207,10 @@ class HoldOut:
         drives to a bound.
         """
         held = self.rows[group] if self.held_out != "nothing" else np.zeros(len(self.problem.data), dtype=bool)
-        n, width = self.base.shape[1], whole[1].shape[1]
+        n, width = self.base.shape[1], alternatives.places.shape[1]
         # What all trials say, less what the withheld ones say.
         cross, own, pull_base, pull_forms = (
-            a - b for a, b in zip(whole, self._products(held, forms, width), strict=True)
+            a - b for a, b in zip(whole, self._products(held, alternatives.columns), strict=True)
         )
         least = self._kept[group]
         retuned = self._bounded(least, pull_base)
@@ -192,10 +221,16 @@ class HoldOut:
                     following=np.zeros((n, 0)),
                 )
             ]  # fmt: skip
-        own = own + np.eye(width)
+        own += np.eye(len(own))
         is_stuck = np.abs(retuned) >= self._high * (1.0 - 1e-9)
         gains = (
-            _gains((least, cross, own), (pull_base, pull_forms), np.where(is_held, retuned, 0.0), is_held)
+            _gains(
+                (least, cross, own),
+                (pull_base, pull_forms),
+                alternatives.places,
+                np.where(is_held, retuned, 0.0),
+                is_held,
+            )
             for is_held in (np.zeros(n, dtype=bool), is_stuck)
         )
         chosen = {int(k) for scores in gains for k in np.argsort(scores)[-_NUMBERS.solved_forms :]}
@@ -203,8 +238,8 @@ class HoldOut:
         noise, square = (float(np.sum(x[kept] ** 2)) for x in (self._noise, self.problem.data))
         found = []
         for k in chosen:
-            place = slice(k * width, (k + 1) * width)
-            normal = np.block([[least, cross[:, place]], [cross[:, place].T, own[k]]])
+            place = alternatives.places[k]
+            normal = np.block([[least, cross[:, place]], [cross[:, place].T, own[np.ix_(place, place)]]])
             pull = np.concatenate([pull_base, pull_forms[place]])
             solution = self._bounded(normal, pull)
             gain = float((2.0 * pull - normal @ solution) @ solution)
@@ -302,18 +337,21 @@ def _log_spread(gram: Floats) -> float:
 
 
 def _gains(
-    grams: tuple[Floats, Floats, Floats], pulls: tuple[Floats, Floats], held: Floats, is_held: np.ndarray
-) -> Floats:
+    grams: tuple[Floats, Floats, Floats], pulls: tuple[Floats, Floats], places: np.ndarray, held: Floats,
+    is_held: np.ndarray,
+) -> Floats:  # fmt: skip
     """Twice the log evidence of each of k forms, less a constant, with some nuisances held at given values.
 
     A single amplitude is not below 0: a form that explains most with the other sign explains nothing.
 
     Parameters
     ----------
-    grams : tuple of ndarray, shape (p, p), (p, k * q), (k, q, q)
-        Inner products of the nuisances, of nuisances with forms, and of each form, priors included.
-    pulls : tuple of ndarray, shape (p,), (k * q,)
-        Of nuisances and forms with the data.
+    grams : tuple of ndarray, shape (p, p), (p, m), (m, m)
+        Inner products of the nuisances, of nuisances with columns, and of these, priors included.
+    pulls : tuple of ndarray, shape (p,), (m,)
+        Of nuisances and columns with the data.
+    places : ndarray of int, shape (k, q)
+        Which of the columns each of the forms has.
     held : ndarray, shape (p,)
         The values; 0 elsewhere.
     is_held : ndarray of bool, shape (p,)
@@ -324,19 +362,18 @@ def _gains(
     root = np.linalg.cholesky(least[np.ix_(~is_held, ~is_held)])
     seen = solve_triangular(root, (pulls[0] - least @ held)[~is_held], lower=True)
     half = solve_triangular(root, cross[~is_held], lower=True)
-    pull = (pulls[1] - cross.T @ held - half.T @ seen).reshape(own.shape[:2])
-    taken = half.T.reshape(*own.shape[:2], len(half))
-    inner = own - taken @ taken.transpose(0, 2, 1)
+    pull = (pulls[1] - cross.T @ held - half.T @ seen)[places]
+    inner = (own - half.T @ half)[places[:, :, None], places[:, None, :]]
     solution = np.linalg.solve(inner, pull[:, :, None])[:, :, 0]
     gain = np.einsum("ij,ij->i", pull, solution)
-    if own.shape[1] == 1:
+    if places.shape[1] == 1:
         gain = np.where(solution[:, 0] < 0.0, 0.0, gain)
     return gain - np.linalg.slogdet(inner)[1]
 
 
 def climb(problem: LinearProblem, columns: Floats | None) -> Ladder:
     """Climb the ladder once, with one form of the cause; see `HoldOut`."""
-    return HoldOut(problem, columns).climb([] if columns is None else [columns])
+    return HoldOut(problem, columns).climb([] if columns is None else [[columns]])
 
 
 def _grouping(problem: LinearProblem, *, by_trial: bool) -> tuple[HeldOut, Callable[[Part], str]]:

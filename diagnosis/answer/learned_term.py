@@ -141,7 +141,7 @@ def learned_answer(
     found = learn(problem, hold_out.free_errors)
     if found is None:
         return None
-    ladder = HoldOut(problem, found.columns, freed=posterior.freed).climb([found.columns])
+    ladder = HoldOut(problem, found.columns, freed=posterior.freed).climb([[found.columns]])
     taken = 1.0 - (ladder.whitened.with_effect / ladder.whitened.retuned) ** 2
     if taken < _NUMBERS.least_taken or ladder.closed[1][0] <= 0.0:
         return None

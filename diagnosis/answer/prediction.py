@@ -90,7 +90,8 @@ class Predictions:
         if key not in self._found:
             hold_out = self._hold_out(by_trial=by_trial, freed=freed)
             forms = self._forms(hypothesis.members)
-            ladder = hold_out.climb([stacked(form) for form in forms])
+            of_any_size = {id(column): column.of_any_size for form in forms for column in form}
+            ladder = hold_out.climb([[of_any_size[id(column)] for column in form] for form in forms])
             self._found[key] = Prediction(hold_out=hold_out, ladder=ladder, forms=forms)
         return self._found[key]
 
@@ -101,7 +102,7 @@ class Predictions:
         if found is None:
             return None
         hold_out = self._hold_out(by_trial=self.is_local(found), freed=self._posterior.freed)
-        forms = [c.columns for c in columns if c.columns.shape == found.column.columns.shape]
+        forms = [[c.columns] for c in columns if c.columns.shape == found.column.columns.shape]
         return hold_out.climb(forms), acts_in(self._problem, found)
 
     def channels_of(self, hypothesis: Hypothesis) -> ChannelGap | None:

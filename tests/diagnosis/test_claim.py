@@ -338,14 +338,14 @@ def test_what_a_prediction_does_not_know_is_no_error_of_it(problem, columns):
     hold_out = HoldOut(replace(problem, data=problem.data + grows))
 
     def left(*patterns):
-        return hold_out.climb([np.column_stack(patterns)]).energy["with_effect"][-1]
+        return hold_out.climb([[np.column_stack(patterns)]]).energy["with_effect"][-1]
 
     assert left(common) > 20.0 * left(grows)
     assert left(common, grows) < 1.5 * left(grows)
 
 
 def test_a_campaign_that_the_model_predicts_to_the_last_digit_has_nothing_to_close(problem, columns):
-    ladder = HoldOut(replace(problem, data=np.zeros_like(problem.data))).climb([columns[FRICTION][0].columns[:, :1]])
+    ladder = HoldOut(replace(problem, data=np.zeros_like(problem.data))).climb([[columns[FRICTION][0].columns[:, :1]]])
     assert np.all(np.isfinite(ladder.energy["with_effect"]))
     assert ladder.closed == (0.0, (-1.0, 1.0))
 

@@ -33,7 +33,7 @@ def waves(problem):
 def climbed(problem, data, forms):
     """The groups, and what each form of a cause predicts of them."""
     hold_out = HoldOut(replace(problem, data=problem.data + data))
-    ladder = hold_out.climb([SIZE * form[:, None] for form in forms])
+    ladder = hold_out.climb([[SIZE * form[:, None]] for form in forms])
     return hold_out, ladder
 
 
@@ -91,7 +91,7 @@ def test_squares_leave_out_what_the_other_groups_do_not_know_of_the_size(problem
     k, rows = strongest(problem, wave)
     parts = SIZE * np.stack([np.where(rows, 0.0, wave), np.where(rows, wave, 0.0)], axis=1)
     hold_out = HoldOut(replace(problem, data=problem.data + SIZE * wave))
-    found = hold_out.climb([parts])
+    found = hold_out.climb([[parts]])
     left = {name: float(squares["mechanical"][k]) for name, squares in found.squares.items()}
     assert left["with_effect"] - left["noise_floor"] < 0.1 * (left["retuned"] - left["noise_floor"])
     # The prediction itself misses all of it, and says so in the unit of the channel.

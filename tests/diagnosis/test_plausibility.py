@@ -38,7 +38,7 @@ def in_soft_wood(duty: float, idle_a: float, force_is: float = 1.0) -> Reading:
     )  # fmt: skip
 
 
-def kinds(reading: Reading, idle_a: tuple[float, float]) -> set[str]:
+def kinds(reading: Reading, idle_a: tuple[float, float] | None) -> set[str]:
     trial = Trial(trial_id="soft", material="nylon", duty=LOW_DUTY)
     return {fault.kind for fault in check(BASELINE, trial, reading, idle_a).faults}
 
@@ -63,6 +63,18 @@ def test_a_force_of_the_wrong_size_is_found_with_an_idle_run_at_its_own_duty(fac
 def test_a_force_that_no_idle_current_explains_is_found_without_an_idle_run_at_its_duty():
     between = idle_current_between({TOP_DUTY: (1.4, 1.4)}, LOW_DUTY)
     assert kinds(in_soft_wood(LOW_DUTY, 0.9, force_is=10.0), between) == {"blade power"}
+
+
+@pytest.mark.parametrize("idle_a", [0.0, 0.9, 3.0])
+def test_without_an_idle_run_nobody_knows_what_idling_takes(idle_a):
+    """As seen: 8 W at the blade of a tool of 57 W, whose every idle watt was taken for one of the cut."""
+    assert idle_current_between({}, LOW_DUTY) is None
+    assert not kinds(in_soft_wood(LOW_DUTY, idle_a), None)
+
+
+@pytest.mark.parametrize("factor", [1e-3, 50.0])
+def test_without_an_idle_run_a_force_of_quite_another_size_is_still_found(factor):
+    assert kinds(in_soft_wood(LOW_DUTY, 0.9, force_is=factor), None) == {"blade power"}
 
 
 def test_cold_grease_does_not_make_the_force_of_a_warm_machine_too_large():
