@@ -20,7 +20,13 @@ from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.off_stroke import Finding, off_stroke_findings
 from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.size import together
-from sawbench.diagnosis.inference.stroke_evidence import StrokesSay, sized_by_strokes, strokes_say, with_strokes
+from sawbench.diagnosis.inference.stroke_evidence import (
+    StrokesSay,
+    sized_by_strokes,
+    strokes_say,
+    with_mean_strokes,
+    with_strokes,
+)
 from sawbench.diagnosis.inference.unnamed import beyond_catalogue, unnamed
 from sawbench.diagnosis.inference.unsteady_balance import unsteady_balances
 from sawbench.diagnosis.inference.weighing import weigh
@@ -121,6 +127,7 @@ def judge(
     beside = max(asynchronous, key=lambda finding: finding.log_evidence, default=None)
     listed = {h.name: h.log_evidence for h in singles}
     beyond = beyond_catalogue(bench.forming, bench.nominal, bench.beyond, listed)
+    of_strokes = with_mean_strokes(of_strokes, said, campaign.strokes, listed)
     nobodys = unnamed(bench.forming, beyond, of_strokes, beside)
     retuning = Retuning(bench.problem, bench.nominal, bench.forming.small)
     hypotheses = [*_without_effects(bench, retuning), *singles, *pairs]

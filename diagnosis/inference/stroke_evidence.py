@@ -123,7 +123,8 @@ def strokes_say(
     not_the_woods : dict of str to float
         Log evidence by what it looks like: a wave of the hardness at one frequency in Hz, a course that all trials
         share. Each is one of several looks of "unknown", which share its prior. Where all trials have one feed, a wave
-        in time and one in the wood are the same: the catalogue's name is taken for twice as likely.
+        in time and one in the wood are the same: the catalogue's name is taken for twice as likely. See
+        `with_mean_strokes`.
     """
     spectra = StrokeSpectra(strokes) if strokes else None
     if spectra is None:
@@ -152,6 +153,32 @@ def strokes_say(
         WAVE_IN_TIME: _wave_in_time(spectra, known) - one_look - math.log(2.0),
         SHARED_COURSE: shared_course(blocks) - one_look,
     }
+
+
+def with_mean_strokes(
+    not_the_woods: Mapping[str, float], said: Mapping[str, StrokesSay], strokes: Sequence[StrokeSeries],
+    of_means: Mapping[str, float],
+) -> dict[str, float]:  # fmt: skip
+    """Add to a wave in time what mean strokes say of one in the wood, where all trials have one feed.
+
+    There the two are the same wave: what mean strokes add to one and not to the other would tell them apart by chance.
+
+    Parameters
+    ----------
+    not_the_woods, said : mapping
+        Of `strokes_say`.
+    strokes : sequence of StrokeSeries
+    of_means : mapping of str to float
+        Log evidence of every single effect by mean strokes.
+    """
+    found = dict(not_the_woods)
+    waves = [
+        name for name, one in said.items()
+        if isinstance(one.effect.strokes, StrokeWave) and one.alone > 0.0 and name in of_means
+    ]  # fmt: skip
+    if waves and WAVE_IN_TIME in found and len({one.feed_m_s for one in strokes}) == 1:
+        found[WAVE_IN_TIME] += max(of_means[name] for name in waves)
+    return found
 
 
 def _wave_in_time(spectra: StrokeSpectra, known: Sequence[KnownEffect]) -> float:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sawbench.diagnosis.inference.settings import SETTINGS
-from sawbench.diagnosis.inference.stroke_evidence import WAVE_IN_TIME, strokes_say
+from sawbench.diagnosis.inference.stroke_evidence import WAVE_IN_TIME, strokes_say, with_mean_strokes
 from sawbench.diagnosis.inference.stroke_series import StrokeSeries, StrokeSpectra
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME, EFFECTS
 from sawbench.modeling.effects.known import KnownEffect
@@ -135,3 +135,20 @@ def test_where_all_trials_have_one_feed_a_wave_is_the_woods(frequency_hz):
     # A share of the prior of "unknown", and half as likely of the two.
     same = grain - np.log(2.0 * SETTINGS.strokes.looks)
     assert looks[WAVE_IN_TIME] == pytest.approx(same, abs=0.6)
+
+
+@pytest.mark.parametrize(("feeds_m_s", "adds"), [((0.004, 0.004), True), ((0.004, 0.006), False)])
+def test_where_all_trials_have_one_feed_mean_strokes_say_the_same_of_a_wave_in_time(feeds_m_s, adds):
+    """Else chance in the means would tell apart what the strokes cannot, either way."""
+    trials = [replace(t, feed_m_s=v) for t, v in zip(campaign("white", 5, frequency_hz=0.8), feeds_m_s, strict=False)]
+    said, looks = strokes_say(EFFECTS, [], trials, SETTINGS, ())
+    for of_means in (-3.0, 9.0):
+        found = with_mean_strokes(looks, said, trials, {"grain_variation": of_means, "edge_force": 100.0})
+        assert found[WAVE_IN_TIME] == pytest.approx(looks[WAVE_IN_TIME] + (of_means if adds else 0.0))
+
+
+def test_mean_strokes_make_no_wave_where_the_strokes_show_none():
+    trials = [replace(trial, feed_m_s=0.004) for trial in campaign("white", 5)]
+    said, looks = strokes_say(EFFECTS, [], trials, SETTINGS, ())
+    assert said["grain_variation"].alone <= 0.0
+    assert with_mean_strokes(looks, said, trials, {"grain_variation": 50.0}) == looks
