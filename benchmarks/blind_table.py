@@ -3,8 +3,8 @@
     sawbench blind score SET --key SET.key.json --out SET.html      # writes SET.json as well
     python -m benchmarks.blind_table "foreign=SET1.json,SET2.json" "own=SET3.json"
 
-Counts are summed over the sets of a column, with Wilson intervals (95 %). What is no count, calibration errors and
-medians, is given for each set by itself. The second table counts the first column by kind of bench.
+Counts are summed over the sets of a column, with Wilson intervals (95 %), and calibration errors are those of all their
+cases. Medians are given for each set by itself. The second table counts the first column by kind of bench.
 """
 
 from __future__ import annotations
@@ -12,10 +12,12 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from sawbench.blindcheck.score_statistics import wilson
+import numpy as np
+from sawbench.blindcheck.score_statistics import calibration_of, wilson
 
 Score = Mapping[str, Any]
 ROWS: Final = {
@@ -73,7 +75,11 @@ def result_table(columns: Mapping[str, Sequence[Score]]) -> list[str]:
         [share_text(sum(c["hits"] for c in one), sum(c["n"] for c in one)) for one in covered],
     )
     add(
-        "calibration error of claims, of all answers, each set",
+        "calibration error of claims, of all answers, all sets together",
+        [_errors(_pooled(s)) for s in columns.values()],
+    )
+    add(
+        "the same, each set",
         [" and ".join(map(_errors, s)) for s in columns.values()],
     )
     add(
@@ -99,6 +105,15 @@ def kinds_table(scores: Sequence[Score]) -> list[str]:
         cells = ["{}/{}".format(*counted(parts, key)) for key in KINDS]
         lines.append(f"| {': '.join(map(str, kind))} | {sum(p['n_cases'] for p in parts)} | {' | '.join(cells)} |")
     return lines
+
+
+def _pooled(scores: Sequence[Score]) -> Score:
+    """Calibration of the cases of several sets."""
+    found = {}
+    for name in ("calibration_of_claims", "calibration"):
+        stated, right = (np.concatenate([s[name][key] for s in scores]) for key in ("stated", "is_correct"))
+        found[name] = asdict(calibration_of(stated, right.astype(bool)))
+    return found
 
 
 def _errors(score: Score) -> str:

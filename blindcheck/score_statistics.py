@@ -69,11 +69,16 @@ class Calibration:
         alone makes it positive.
     error_by_chance : float or None
         What perfectly calibrated probabilities of this size would give on average.
+    stated : tuple of float
+        By case: with `is_correct` what several sets are compared by together.
+    is_correct : tuple of bool
     """
 
     bins: tuple[CalibrationBin, ...]
     error: Estimate
     error_by_chance: float | None
+    stated: tuple[float, ...]
+    is_correct: tuple[bool, ...]
 
 
 def wilson(hits: int, n: int) -> Proportion:
@@ -166,7 +171,8 @@ def calibration_of(stated: Floats, is_correct: npt.NDArray[np.bool_], *, seed: i
     """
     n = len(stated)
     if n == 0:
-        return Calibration(bins=(), error=Estimate(n=0, value=None, low=None, high=None), error_by_chance=None)
+        none = Estimate(n=0, value=None, low=None, high=None)
+        return Calibration(bins=(), error=none, error_by_chance=None, stated=(), is_correct=())
     n_bins = int(np.clip(n // 10, 1, 10))
     rng = np.random.default_rng(seed)
     right = is_correct.astype(np.float64)
@@ -183,6 +189,8 @@ def calibration_of(stated: Floats, is_correct: npt.NDArray[np.bool_], *, seed: i
         ),
         error=Estimate(n=n, value=calibration_error(stated, right, n_bins), low=float(low), high=float(high)),
         error_by_chance=float(by_chance.mean()),
+        stated=tuple(stated.tolist()),
+        is_correct=tuple(is_correct.tolist()),
     )
 
 
