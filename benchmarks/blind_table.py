@@ -118,6 +118,8 @@ def _pooled(scores: Sequence[Score]) -> Score:
 
 def _errors(score: Score) -> str:
     claims, answers = (score[name] for name in ("calibration_of_claims", "calibration"))
+    if claims["error_by_chance"] is None:
+        return "no claims"
     by_chance = f"{claims['error_by_chance']:.3f} and {answers['error_by_chance']:.3f} by chance"
     return f"{claims['error']['value']:.3f}, {answers['error']['value']:.3f} ({by_chance})"
 

@@ -12,14 +12,16 @@ pytestmark = pytest.mark.unit
 
 
 def score(hits, n, *, error, kinds=("hum", "with")):
+    """Scores of claims that all state 80 %."""
+    of_cases = {"stated": [0.8] * n, "is_correct": [True] * hits + [False] * (n - hits)}
     rows = [{"key": key, "value": {"hits": hits, "n": n}} for key in blind_table.ROWS]
     estimate = {"value": error}
     return {
         "rows": rows,
         "by_shift": [{"shift": kinds[0], "value": kinds[1], "n_cases": n, "rows": rows}],
         "parameters": {"coverage": {"hits": hits, "n": n}, "relative_error": estimate},
-        "calibration_of_claims": {"error": estimate, "error_by_chance": 0.05},
-        "calibration": {"error": estimate, "error_by_chance": 0.06},
+        "calibration_of_claims": {"error": estimate, "error_by_chance": 0.05, **of_cases},
+        "calibration": {"error": estimate, "error_by_chance": 0.06, **of_cases},
         "runtime": {"nominal": estimate, "retuned": estimate, "with_effect": estimate},
     }
 
@@ -31,6 +33,18 @@ def test_sets_of_one_column_are_counted_together():
     assert "90 of 100, 90 % (83 to 94)" in row
     (row,) = [line for line in lines if "median error" in line]
     assert "4.0 % and 2.0 %" in row
+
+
+def test_the_calibration_error_of_sets_together_is_that_of_all_their_cases():
+    """One set is right too seldom, the other too often, both by a fifth: together they are right as often as stated."""
+    too_few, too_many = score(3, 5, error=0.2), score(5, 5, error=0.2)
+    lines = blind_table.result_table({"both": [too_few, too_many], "one": [too_few]})
+    (row,) = [line for line in lines if "all sets together" in line]
+    _, _, both, one, _ = row.split("|")
+    assert both.startswith(" 0.000, 0.000")
+    assert one.startswith(" 0.200, 0.200")
+    (row,) = [line for line in lines if "the same, each set" in line]
+    assert "0.200, 0.200 (0.050 and 0.060 by chance) and 0.200, 0.200" in row
 
 
 def test_what_was_not_drawn_has_no_share():
