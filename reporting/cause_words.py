@@ -12,6 +12,7 @@ from sawbench.reporting.quantities import format_quantity
 
 # Magnitudes whose unit is a rate: name -> words, unit, factor.
 _RATES: Final = {
+    "torque_at_1000_rad_s_n_m": ("torque at 1000 rad/s", "N*m", 1.0),
     "drift_n_per_1000_s": ("drift", "N per 1000 s", 1.0),
     "growth_per_10_m": ("growth", "% per 10 m of cut", 100.0),
 }
