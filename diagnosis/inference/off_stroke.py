@@ -27,6 +27,8 @@ from sawbench.bench.units import (
 from sawbench.diagnosis.inference.peaks import Peak, Spectrum, near_harmonic, not_sharper_in, peaks_of
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.strikes import Answer, Strikes, answer_of, foreign_bursts, resolution_of, strikes
+from sawbench.modeling.effects.grain_variation import EFFECT as GRAIN
+from sawbench.modeling.effects.strokes import StrokeWave
 from sawbench.modeling.state import TWO_PI
 from sawbench.processing.binning import AngleGrid
 
@@ -34,6 +36,8 @@ _CELLS, _FEWEST_CELLS, _SAMPLES_A_CELL = 64, 16, 1.5
 _MOST_EMPTY = 0.02
 _MAINS_HZ, _MULTIPLES = (50.0, 60.0), np.arange(1, 8)
 _NUMBERS: Final = SETTINGS.off_stroke
+assert isinstance(GRAIN.strokes, StrokeWave)
+_MOST_WAVES_PER_M: Final = GRAIN.strokes.waves_per_m[1]
 # They follow from each other, and are read by different sensors.
 _ELECTRICAL = (MOTOR_CURRENT.name, BATTERY_VOLTAGE.name, BATTERY_CURRENT.name)
 
@@ -311,16 +315,25 @@ def _tolerance(one: Peak, other: Peak) -> float:
 
 
 def _is_not_the_wood(line: Sequence[tuple[OffStroke, Peak]], lock: Lock) -> bool:
-    """In air there is none; under load, a wave of the wood moves with the feed, beside a harmonic or alone."""
+    """In air there is none; under load, a wave of the wood has one length on the feed path in most trials.
+
+    It stands alone or beside a harmonic of the stroke, and is no shorter than the finest grain.
+    """
     if any(trial.is_idle for trial, _ in line):
         return True
-    feeds = np.array([t.feed_a_stroke_m * (t.rate_hz if lock == "time" else 1.0) for t, _ in line])
-    feeds = feeds[np.isfinite(feeds)]
-    if len(feeds) < SETTINGS.noise.least_trials:
+    fed = [(trial, peak) for trial, peak in line if np.isfinite(trial.feed_a_stroke_m)]
+    if len(fed) < SETTINGS.noise.least_trials:
         return False
-    peak = max((p for _, p in line), key=lambda p: p.power)
-    of_the_feed = peak.place if lock == "time" else abs(peak.place - round(peak.place))
-    return float(np.ptp(feeds) / feeds.mean()) * of_the_feed > _NUMBERS.moved * _tolerance(peak, peak)
+    strokes_a_unit = np.array([1.0 / trial.rate_hz if lock == "time" else 1.0 for trial, _ in fed])
+    cycles = strokes_a_unit * [peak.place for _, peak in fed]
+    tolerances = strokes_a_unit * [_tolerance(peak, peak) for _, peak in fed]
+    feeds_m = np.array([trial.feed_a_stroke_m for trial, _ in fed])
+    for its_cycles in (cycles, np.abs(cycles - np.round(cycles))):
+        waves_per_m = float(np.median(its_cycles / feeds_m))
+        is_off = np.abs(its_cycles - waves_per_m * feeds_m) > _NUMBERS.moved * tolerances
+        if waves_per_m <= _MOST_WAVES_PER_M and np.mean(is_off) <= 1.0 - _NUMBERS.in_most:
+            return False
+    return True
 
 
 def _is_no_pickup(group: Sequence[OffStroke], lock: Lock, name: str, line: Sequence[tuple[OffStroke, Peak]]) -> bool:

@@ -173,6 +173,23 @@ def test_a_ripple_of_the_supply_is_found_at_its_frequency():
     assert amplitude == pytest.approx(0.03 if "voltage" in finding.text else 0.1, rel=0.15)
 
 
+ONE_FEED = tuple((strokes_hz, 3.0) for strokes_hz, _ in TRIALS)
+
+
+def test_a_ripple_of_the_supply_is_no_wave_of_the_wood_where_all_trials_cut_at_one_feed():
+    """As seen: 0.28 V at 69 Hz in every trial, 0.05 mm of the feed, and no idle run."""
+    finding = campaign(ripple, plan=ONE_FEED)
+    assert finding is not None
+    assert finding.lines_hz == pytest.approx([83.0], abs=0.5)
+
+
+@pytest.mark.parametrize("plan", [ONE_FEED, tuple((14.3, 3.0) for _ in TRIALS)])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_grain_is_the_woods_where_all_trials_cut_at_one_feed(plan, seed):
+    """At one stroke rate too, where the lines beside the harmonics stand at one frequency."""
+    assert campaign(grain, plan=plan, seed=seed) is None
+
+
 def test_blows_in_air_too_that_the_motor_feels_are_found():
     finding = campaign(blows)
     assert finding is not None
