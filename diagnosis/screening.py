@@ -241,8 +241,13 @@ def idle_current_between(by_duty: Mapping[float, Bounds], duty: float) -> Bounds
     Parameters
     ----------
     by_duty : mapping of float to (float, float)
-        Least and largest motor current of the idle runs by their duty, A; None where there are none.
+        Least and largest motor current of the idle runs by their duty, A; may be empty.
     duty : float
+
+    Returns
+    -------
+    (float, float) or None
+        A; None where there is no idle run.
 
     Examples
     --------

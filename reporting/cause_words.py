@@ -171,10 +171,8 @@ def limit_words(limit: Mapping[str, Any]) -> str:
     >>> limit_words({"name": "exponent", "unit": "1", "change": 0.2, "without_effect": 1.0})
     'exponent 0.200 away from 1'
     """
-    words, without = (
-        magnitude_words(limit["name"], {**limit, "value": limit["change"], "std": None}),
-        limit["without_effect"],
-    )
+    words = magnitude_words(limit["name"], {**limit, "value": limit["change"], "std": None})
+    without = limit["without_effect"]
     if without is None:
         return f"{words} or less"
     return f"{words} away from {without:g}" if without else words

@@ -130,8 +130,8 @@ def sized(
     for member in members:
         beside = [other for other in members if other is not member]
         forms = forms_beside(columns[member.effect.name], names)
-        found.append(mixed(problem, member, forms, beside=beside, small=small, dispersion=dispersion))
-        found[-1] = as_a_whole(problem, found[-1], beside=beside, dispersion=dispersion)
+        over_forms = mixed(problem, member, forms, beside=beside, small=small, dispersion=dispersion)
+        found.append(as_a_whole(problem, over_forms, beside=beside, dispersion=dispersion))
     return found
 
 
