@@ -206,6 +206,8 @@ class ChannelQuality:
     noise_std : float
         White-noise estimate, in `unit`.
     n_spikes, n_clipped : int
+    n_impacts : int
+        Spikes at one crank angle: impacts in the machine, kept.
     problems : tuple of str
     doubts : tuple of str
         Those of `problems` that make the values wrong, not only fewer: clipped, reversed, swapped, in another
@@ -221,6 +223,7 @@ class ChannelQuality:
     noise_std: float
     n_spikes: int
     n_clipped: int
+    n_impacts: int = 0
     problems: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
 

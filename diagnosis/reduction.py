@@ -13,7 +13,7 @@ from sawbench.bench.converter import rounding_variance
 from sawbench.bench.processed import CrankAngle, TrackedTrial
 from sawbench.bench.recording import Floats, Signal
 from sawbench.bench.units import CHANNEL_BY_NAME, DISPLACEMENT, MOTOR_CURRENT
-from sawbench.diagnosis.inference.off_stroke import is_mains
+from sawbench.diagnosis.inference.asynchronous import is_mains
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.signal_health import coarse_step
 from sawbench.modeling.parts.mechanism import Mechanism

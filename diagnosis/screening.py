@@ -21,7 +21,7 @@ from sawbench.diagnosis.plausibility import Suspicion, check, cutting_power_w, e
 from sawbench.diagnosis.trial_reading import Readings, tracks_of
 from sawbench.modeling.residuals import Baseline
 from sawbench.processing.held_values import without_repeats
-from sawbench.processing.quality import find_spikes
+from sawbench.processing.spikes import find_spikes
 
 _NUMBERS = SETTINGS.screening
 NOT_A_SAW: Final = (

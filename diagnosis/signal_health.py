@@ -24,8 +24,8 @@ class ChannelHealth:
         Standard deviation of the white noise, in the channel's unit.
     step : float
         Of the converter, in the channel's unit, where it is coarser than the noise; else 0.
-    spikes : int
-        Left out by the processing.
+    spikes, impacts : int
+        Left out by the processing; kept, as they are at one crank angle.
     missing_share, jitter_share : float
         Samples that are missing, of all; standard deviation of the sample's time, of the sample period.
     """
@@ -36,6 +36,7 @@ class ChannelHealth:
     noise: float
     step: float
     spikes: int
+    impacts: int
     missing_share: float
     jitter_share: float
 
@@ -50,6 +51,7 @@ def channel_health(trial: TrackedTrial) -> tuple[ChannelHealth, ...]:
             noise=q.noise_std,
             step=coarse_step(trial.channels[q.channel], q.noise_std),
             spikes=q.n_spikes,
+            impacts=q.n_impacts,
             missing_share=q.n_missing / max(q.n_samples + q.n_missing, 1),
             # An interval holds the errors of two times.
             jitter_share=q.jitter_std_s * q.rate_hz / np.sqrt(2.0),

@@ -94,8 +94,9 @@ def process_recording(recording: Recording, config: BenchConfig, *, source_sha25
     """
     recording = with_true_values(recording, config)
     channels = _clean_channels(recording)
-    quality = _judged(channels, config, recording.trial)
     motion = _find_motion(channels, config, recording.trial)
+    channels = _with_impacts(channels, recording, motion.angle)
+    quality = _judged(channels, config, recording.trial)
     status = _status_without_cutting(channels, config, recording.trial, motion)
     base = ProcessedTrial(
         trial=recording.trial,
@@ -151,10 +152,12 @@ def track_strokes(recording: Recording, config: BenchConfig) -> TrackedTrial:
     channels = _clean_channels(recording)
     displacement = _alive_displacement(channels)
     tracked = None if displacement is None else _track(displacement, channels, config, recording.trial)
+    angle, steady = (None, None) if tracked is None else tracked
+    channels = _with_impacts(channels, recording, angle)
     return TrackedTrial(
         trial=recording.trial,
-        angle=None if tracked is None else tracked[0],
-        steady=None if tracked is None else tracked[1],
+        angle=angle,
+        steady=steady,
         channels=_without_spikes(recording, channels),
         quality=tuple(channel.quality for channel in channels.values()),
     )
@@ -162,6 +165,18 @@ def track_strokes(recording: Recording, config: BenchConfig) -> TrackedTrial:
 
 def _clean_channels(recording: Recording) -> Channels:
     return {name: clean_channel(signal) for name, signal in recording.signals.items() if len(signal.values)}
+
+
+def _with_impacts(channels: Channels, recording: Recording, angle: CrankAngle | None) -> Channels:
+    """Give back the spikes at one crank angle; not in the channel that the angle comes from."""
+    if angle is None:
+        return channels
+    return {
+        name: clean_channel(recording.signals[name], angle)
+        if channel.quality.n_spikes and name != angle.source
+        else channel
+        for name, channel in channels.items()
+    }
 
 
 def _without_spikes(recording: Recording, channels: Channels) -> dict[str, Signal]:

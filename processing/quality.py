@@ -7,19 +7,17 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from sawbench.bench.config import BenchConfig
 from sawbench.bench.converter import clipped_levels
 from sawbench.bench.plausible import BATTERY_VOLTAGE, LENGTH_UNITS, TRAVEL, is_outside, most_battery_current_a
-from sawbench.bench.processed import ChannelQuality
+from sawbench.bench.processed import ChannelQuality, CrankAngle
 from sawbench.bench.recording import Alignment, Floats, Signal
 from sawbench.bench.units import CHANNEL_BY_NAME
 from sawbench.processing.held_values import alignment_of_rows, without_repeats
 from sawbench.processing.noise import robust_range, white_noise_std
+from sawbench.processing.spikes import at_one_crank_angle, find_spikes
 
 _GAP_PERIODS = 2.5
-_SPIKE_NOISE_STDS = 12.0
-_SPIKE_RANGE_SHARE = 0.25
 _CONSTANT: Final = "constant at"
 _CLIPPED: Final = "clipped:"
 # Problems that begin so make the values wrong; the others only leave fewer of them.
@@ -52,14 +50,14 @@ class CleanChannel:
     alignment: Alignment | None = None
 
 
-def clean_channel(signal: Signal) -> CleanChannel:
+def clean_channel(signal: Signal, angle: CrankAngle | None = None) -> CleanChannel:
     """Judge one channel; drop its spikes, and the rows in which a table repeats a slow instrument's last value.
 
-    Notes
-    -----
-    A spike is one or two samples off the median of the five around it by over 12 noise standard deviations
-    and over a quarter of the channel's range (0.5 to 99.5 %): real edges are left alone, small spikes are
-    missed.
+    Parameters
+    ----------
+    signal : Signal
+    angle : CrankAngle, optional
+        Spikes at one angle of it are impacts in the machine: they stay.
 
     Examples
     --------
@@ -71,8 +69,10 @@ def clean_channel(signal: Signal) -> CleanChannel:
     1
     """
     time, values = without_repeats(signal.time_s, signal.values)
-    is_spike = find_spikes(values)
-    n_clipped = sum(clipped_levels(values[~is_spike]).values())
+    is_far_off = find_spikes(values)
+    is_impact = at_one_crank_angle(time, is_far_off, angle)
+    is_spike = is_far_off & ~is_impact
+    n_clipped = sum(clipped_levels(values[~is_far_off]).values())
     step = np.diff(time)
     typical = float(np.median(step)) if len(step) else 0.0
     longest = max(_GAP_PERIODS * typical, 1.5 * float(np.percentile(step, 98.0))) if len(step) else 0.0
@@ -82,8 +82,9 @@ def clean_channel(signal: Signal) -> CleanChannel:
     # What is missing at the end shows in no step of the time; what a foreign table lost stands in no gap.
     n_missing = max(_count_missing(step, typical, longest), signal.n_missing)
     regular = step[step <= 1.5 * typical] if typical else step
-    noise = white_noise_std(values[~is_spike], time[~is_spike])
-    problems = _health_problems(values, int(is_spike.sum()), n_clipped, n_missing, signal.unit)
+    noise = white_noise_std(values[~is_far_off], time[~is_far_off])
+    n_spikes, n_impacts = int(is_spike.sum()), int(is_impact.sum())
+    problems = _health_problems(values, n_spikes, n_impacts, n_clipped, n_missing, signal.unit)
     alignment = signal.alignment
     if len(values) < len(signal.values):
         problems += (_repeated(len(signal.values) / len(values)),)
@@ -104,7 +105,8 @@ def clean_channel(signal: Signal) -> CleanChannel:
             n_missing=n_missing,
             jitter_std_s=float(np.std(regular)) if len(regular) else 0.0,
             noise_std=noise,
-            n_spikes=int(is_spike.sum()),
+            n_spikes=n_spikes,
+            n_impacts=n_impacts,
             n_clipped=n_clipped,
             problems=problems,
             doubts=tuple(text for text in problems if text.startswith(_WRONG_VALUES)),
@@ -125,34 +127,9 @@ def _count_missing(step: Floats, typical: float, longest: float) -> int:
     return int(np.sum(np.maximum(np.round(missing / typical) - 1, 0)))
 
 
-def find_spikes(values: Floats) -> NDArray[np.bool_]:
-    """Mark isolated samples far from their neighbours; see `clean_channel`.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-    """
-    if len(values) < 16:
-        return np.zeros(len(values), dtype=bool)
-    low, high = robust_range(values)
-    limit = max(_SPIKE_NOISE_STDS * white_noise_std(values), _SPIKE_RANGE_SHARE * float(high - low))
-    if limit <= 0:
-        return np.zeros(len(values), dtype=bool)
-    # Only samples that jump against a neighbour can be spikes: the median is taken at those alone.
-    jump = np.abs(np.diff(values)) > 0.5 * limit
-    suspects = np.flatnonzero(np.r_[jump, False] | np.r_[False, jump])
-    is_spike = np.zeros(len(values), dtype=bool)
-    if len(suspects):
-        around = np.clip(suspects[:, None] + np.arange(-2, 3), 0, len(values) - 1)
-        is_spike[suspects] = np.abs(values[suspects] - np.median(values[around], axis=1)) > limit
-    return is_spike
-
-
-def _health_problems(values: Floats, n_spikes: int, n_clipped: int, n_missing: int, unit: str) -> tuple[str, ...]:
+def _health_problems(
+    values: Floats, n_spikes: int, n_impacts: int, n_clipped: int, n_missing: int, unit: str
+) -> tuple[str, ...]:
     problems = []
     n = len(values)
     if n < 16:
@@ -166,6 +143,8 @@ def _health_problems(values: Floats, n_spikes: int, n_clipped: int, n_missing: i
         )
     if n_spikes:
         problems.append(f"{n_spikes} spikes were left out; check cable and connector")
+    if n_impacts:
+        problems.append(f"{n_impacts} spikes are at the same crank angle: impacts in the machine; they stay")
     if n_missing:
         problems.append(f"{n_missing} samples are missing ({100 * n_missing / (n + n_missing):.2g} %)")
     return tuple(problems)

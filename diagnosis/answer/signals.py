@@ -9,8 +9,9 @@ from typing import Any, Final
 import numpy as np
 from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
 from sawbench.diagnosis.campaign import Campaign
+from sawbench.diagnosis.inference.asynchronous import Line, fixed_lines, hum_lines, is_mains
 from sawbench.diagnosis.inference.gain_drift import GainDrift
-from sawbench.diagnosis.inference.off_stroke import Line, OffStroke, fixed_lines, hum_lines, is_mains
+from sawbench.diagnosis.inference.off_stroke import OffStroke
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.strikes import foreign_bursts
 from sawbench.diagnosis.inference.wandering_line import wandering_lines
@@ -141,6 +142,10 @@ def _faults(channel: str, trials: Sequence[ChannelHealth]) -> Iterator[Entry]:
     if spikes_hz > _LEAST["spikes_hz"]:
         words = f"{spikes_hz:.2g} spikes per second, left out: check cable and connector"
         yield _entry(channel, "spikes", spikes_hz, "1/s", words)
+    impacts_hz = sum(h.impacts for h in trials) / seconds
+    if impacts_hz > _LEAST["spikes_hz"]:
+        words = f"{impacts_hz:.2g} spikes per second at the same crank angle, kept: look for a loose part that strikes"
+        yield _entry(channel, "impacts", impacts_hz, "1/s", words)
     missing = float(np.average([h.missing_share for h in trials], weights=[h.seconds for h in trials]))
     if missing > _LEAST["missing"]:
         words = f"{100.0 * missing:.2g} % of the samples are missing: check the load of computer and link"

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.bench.second_core import on_two_cores
+from sawbench.diagnosis.inference.asynchronous import Finding, off_stroke_findings
 from sawbench.diagnosis.inference.beside_known import BesideKnown
 from sawbench.diagnosis.inference.columns import Column, catalogue_columns, forms_beside, known_parts, little_of_each
 from sawbench.diagnosis.inference.dispersion import background_with_noise, columns_with_noise, noise_factor, with_noise
@@ -17,7 +18,6 @@ from sawbench.diagnosis.inference.hypothesis import Hypothesis, Verdict
 from sawbench.diagnosis.inference.left_over import left_by, left_over
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
-from sawbench.diagnosis.inference.off_stroke import Finding, off_stroke_findings
 from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.size import together
 from sawbench.diagnosis.inference.stroke_evidence import (

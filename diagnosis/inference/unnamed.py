@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from sawbench.bench.second_core import on_two_cores
+from sawbench.diagnosis.inference.asynchronous import Finding
 from sawbench.diagnosis.inference.columns import Column
 from sawbench.diagnosis.inference.discrepancy import discrepancy
 from sawbench.diagnosis.inference.evidence import explain
 from sawbench.diagnosis.inference.forming import Forming
 from sawbench.diagnosis.inference.marginal import Marginal
-from sawbench.diagnosis.inference.off_stroke import Finding
 from sawbench.diagnosis.inference.weighing import worth_of_a_choice
 
 

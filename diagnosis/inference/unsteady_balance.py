@@ -17,8 +17,8 @@ from typing import Final
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.bench.spread import robust_std
+from sawbench.diagnosis.inference.asynchronous import Finding
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
-from sawbench.diagnosis.inference.off_stroke import Finding
 from sawbench.diagnosis.inference.sensor_faults import SensorFaults
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.residuals import Equation

@@ -1,6 +1,6 @@
 """A line in one channel whose frequency is another one in every trial: a ripple beyond half the sample rate, or pickup.
 
-`off_stroke` asks what all trials have in common; of this they have in common that it is there.
+`asynchronous` asks what all trials have in common; of this they have in common that it is there.
 """
 
 from __future__ import annotations
@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from sawbench.diagnosis.inference.off_stroke import OffStroke, common_line
+from sawbench.diagnosis.inference.asynchronous import common_line
+from sawbench.diagnosis.inference.off_stroke import OffStroke
 from sawbench.diagnosis.inference.peaks import Peak
 from sawbench.diagnosis.inference.settings import SETTINGS
 

@@ -16,7 +16,8 @@ from sawbench.bench.units import (
     MOTOR_CURRENT,
 )
 from sawbench.diagnosis.answer.signals import signal_findings
-from sawbench.diagnosis.inference.off_stroke import fixed_lines, hum_lines, off_stroke, off_stroke_findings
+from sawbench.diagnosis.inference.asynchronous import fixed_lines, hum_lines, off_stroke_findings
+from sawbench.diagnosis.inference.off_stroke import off_stroke
 from sawbench.diagnosis.inference.strikes import foreign_bursts, strikes
 from sawbench.diagnosis.inference.wandering_line import wandering_lines
 
@@ -381,3 +382,58 @@ def test_a_few_samples_a_cell_of_a_steep_stroke_make_no_line():
         )
         assert found.peaks["stroke", DISPLACEMENT.name] == ()
         assert found.peaks["time", DISPLACEMENT.name] == ()
+
+
+def slips(rng, time_s, turns, feed):
+    """A carriage that creeps and lets go 2.3 times a second, in air too."""
+    phase = 2.3 * time_s + rng.uniform() + 0.08 * np.sin(2.0 * np.pi * 0.3 * time_s)
+    return {FORCE.name: 6.0 * (2.0 * np.mod(phase, 1.0) ** 1.5 - 0.8)}
+
+
+def slips_under_load(rng, time_s, turns, feed):
+    return {} if feed is None else slips(rng, time_s, turns, feed)
+
+
+def walks(rng, time_s, turns, feed):
+    return {FORCE.name: 3.0 * np.cumsum(rng.standard_normal(len(time_s))) / np.sqrt(RATE_HZ)}
+
+
+def hum_beside_a_harmonic(rng, time_s, turns, feed):
+    """Mains at 0.03 cycles a stroke off a harmonic, a slow wave to whoever reads one value a stroke."""
+    strokes_hz = turns[-1] / time_s[-1]
+    return {FORCE.name: 3.0 * np.cos(2.0 * np.pi * (round(50.0 / strokes_hz) + 0.03) * turns + rng.uniform(0.0, 6.0))}
+
+
+@pytest.mark.parametrize("duration_s", [3.0, 6.0])
+def test_a_carriage_that_sticks_and_slips_is_found(duration_s):
+    finding = campaign(slips, duration_s=duration_s)
+    assert finding is not None
+    assert "sticks and slips" in finding.text
+    assert finding.lines_hz == pytest.approx([2.3], abs=0.1)
+    amplitude, at_hz = numbers(finding.text)[:2]
+    # The first harmonic of the creep; a taper over the half turn takes little of it.
+    phase = np.arange(0.0, 1.0, 1e-4)
+    first = 2.0 * abs(np.mean(12.0 * phase**1.5 * np.exp(2j * np.pi * phase)))
+    assert amplitude == pytest.approx(first, rel=0.15)
+    assert at_hz == pytest.approx(2.3, abs=0.1)
+
+
+@pytest.mark.parametrize("disturb", [slips_under_load, walks, hum_beside_a_harmonic])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_zero_that_walks_and_what_is_not_in_air_is_no_slow_wave(disturb, seed):
+    found = off_stroke_findings(trials(disturb, seed=seed))
+    assert not [f for f in found if "sticks and slips" in f.text]
+
+
+@pytest.mark.parametrize("order", [13.15, 6.85])
+def test_an_order_near_a_harmonic_is_no_wave_of_the_wood_where_the_feed_a_stroke_differs(order):
+    """As seen: a rotor out of balance behind a gear of 13.15, no idle run, feeds a stroke that differ by half."""
+
+    def unbalance(rng, time_s, turns, feed):
+        return {FORCE.name: 4.0 * np.cos(2.0 * np.pi * order * turns + rng.uniform(0.0, 6.0))}
+
+    plan = ((10.1, 3.0), (10.2, 3.0), (12.6, 3.0), (12.8, 3.0), (15.7, 3.0), (15.6, 3.0))
+    finding = campaign(unbalance, plan=plan)
+    assert finding is not None
+    assert f"{order:.2f} cycles per stroke" in finding.text
+    assert campaign(grain, plan=plan) is None

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from sawbench.diagnosis.inference import sensor_faults
+from sawbench.diagnosis.inference.asynchronous import Line
 from sawbench.diagnosis.inference.features import HARMONICS, N_BLOCKS, Layout
-from sawbench.diagnosis.inference.off_stroke import Line
 from sawbench.diagnosis.inference.sensor_faults import SensorFaults
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.diagnosis.signal_health import ChannelHealth
@@ -43,7 +43,7 @@ def faults(*health, monkeypatch=None, lines=()):
 
 def coarse(channel, step):
     return ChannelHealth(
-        channel=channel, seconds=5.0, rate_hz=1000.0, noise=0.001, step=step, spikes=0, missing_share=0.0,
+        channel=channel, seconds=5.0, rate_hz=1000.0, noise=0.001, step=step, spikes=0, impacts=0, missing_share=0.0,
         jitter_share=0.0,
     )  # fmt: skip
 

@@ -68,6 +68,17 @@ def test_spikes_are_counted():
     assert (found["spikes"]["magnitude"], found["spikes"]["unit"]) == (pytest.approx(9.0 / SECONDS, rel=0.01), "1/s")
 
 
+def test_spikes_at_one_crank_angle_are_impacts():
+    def change(rng, time_s, force_n):
+        force_n = force_n.copy()
+        force_n[np.searchsorted(time_s, np.arange(0.2, SECONDS - 0.2, 1.0 / 15.0))] += 200.0
+        return time_s, force_n
+
+    found = findings(change)
+    assert set(found) == {"impacts"}
+    assert found["impacts"]["magnitude"] == pytest.approx(15.0 * (SECONDS - 0.4) / SECONDS, rel=0.02)
+
+
 def test_missing_samples_are_counted():
     def change(rng, time_s, force_n):
         kept = rng.random(len(time_s)) > 0.02

@@ -8,8 +8,9 @@ from sawbench.processing.averages import cycle_averages
 from sawbench.processing.folding import Cycles, find_cycles, fold_channels, fold_signals
 from sawbench.processing.noise import white_noise_std
 from sawbench.processing.peak_force import estimate_peak_force, standard_error
-from sawbench.processing.quality import clean_channel, find_spikes, plausibility_problems
+from sawbench.processing.quality import clean_channel, plausibility_problems
 from sawbench.processing.return_stroke import zero_return_stroke
+from sawbench.processing.spikes import find_spikes
 
 pytestmark = pytest.mark.unit
 

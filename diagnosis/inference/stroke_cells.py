@@ -1,0 +1,77 @@
+"""A channel in cells of the crank angle, stroke by stroke, and what it has there beside its mean stroke."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.peaks import Peak
+from sawbench.modeling.state import TWO_PI
+from sawbench.processing.binning import AngleGrid
+
+_CELLS, _FEWEST_CELLS, _SAMPLES_A_CELL = 64, 16, 1.5
+_MOST_EMPTY: Final = 0.02
+
+
+def in_cells(turned_rad: Floats, values: Floats, first_turn: int, n_strokes: int) -> Floats | None:
+    """What samples have beyond the mean stroke in each cell of the crank angle, shape (strokes, cells).
+
+    NaN where there is none; None where too many are empty. The mean stroke is taken off the samples, not off the means
+    of cells: a few samples lie now in the first, now in the last half of a cell, and where the stroke is steep their
+    means beat at orders that are not there.
+    """
+    per_stroke = len(turned_rad) / max(float(np.ptp(turned_rad)) / TWO_PI, 1e-9)
+    n_cells = min(_CELLS, int(per_stroke / _SAMPLES_A_CELL))
+    if n_cells < _FEWEST_CELLS:
+        return None
+    grid = AngleGrid(first_turn=first_turn, n_rows=n_strokes, n_bins=n_cells)
+    placed = grid.place(turned_rad)
+    cells = grid.means(placed, values)
+    is_empty = np.isnan(cells)
+    if np.mean(is_empty) > _MOST_EMPTY or is_empty.all(axis=0).any():
+        return None
+    return grid.means(placed, values - _periodic(np.nanmean(cells, axis=0), turned_rad))
+
+
+def _periodic(stroke: Floats, turned_rad: Floats) -> Floats:
+    """Value at some angles, by a cubic spline, of a wave that is given at the middles of even cells of the turn."""
+    from scipy.ndimage import map_coordinates
+
+    place = (turned_rad / TWO_PI % 1.0) * len(stroke) - 0.5
+    return np.asarray(map_coordinates(stroke, [place], order=3, mode="grid-wrap"), dtype=np.float64)
+
+
+def filled(cells: Floats) -> Floats:
+    """Interpolate empty cells."""
+    flat = cells.ravel()
+    known = np.flatnonzero(~np.isnan(flat))
+    return np.interp(np.arange(flat.size), known, flat[known]).reshape(cells.shape)
+
+
+def is_read(cells: Floats | None, n_strokes: int) -> np.ndarray:
+    """Strokes without an empty cell, in them or in those beside them; all where the channel is not there."""
+    if cells is None:
+        return np.ones(n_strokes, dtype=bool)
+    is_broken = np.asarray(np.isnan(cells).any(axis=1))
+    beside = np.zeros_like(is_broken)
+    beside[1:] |= is_broken[:-1]
+    beside[:-1] |= is_broken[1:]
+    return ~(is_broken | beside)
+
+
+def without_strokes(cells: Floats) -> Floats:
+    """Take the mean stroke and its linear trend out."""
+    number = np.linspace(-1.0, 1.0, len(cells))[:, None]
+    left = cells - cells.mean(axis=0)
+    return left - number * (number * left).sum(axis=0) / float((number**2).sum())
+
+
+def without_lines(left: Floats, at_s: Floats, lines: Sequence[Peak]) -> Floats:
+    """Take out lines at fixed frequencies: a strike is to be far off what is no line."""
+    if not lines:
+        return left
+    phase = TWO_PI * np.outer(at_s, [line.place for line in lines])
+    waves = np.hstack([np.cos(phase), np.sin(phase)])
+    return left - (waves @ np.linalg.lstsq(waves, left.ravel())[0]).reshape(left.shape)
