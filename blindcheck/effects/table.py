@@ -73,8 +73,8 @@ _NUISANCES_TOO = frozenset({"interference_bursts"})
 
 # Besides its catalogue the diagnosis looks for a nonlinear displacement sensor, friction that falls as
 # the machine warms up, a voltage ramp at the start, a force that reads the current, hardness that waves in
-# time, and lines and bursts that do not follow the stroke, and answers "unknown" for them. Named here, since
-# the blind check imports nothing of the diagnosis.
+# time, a carriage that slips, and lines and bursts that do not follow the stroke, and answers "unknown" for
+# them. Named here, since the blind check imports nothing of the diagnosis.
 LOOKED_FOR_OUTSIDE = frozenset(
     effect.__name__
     for effect in (
@@ -88,6 +88,7 @@ LOOKED_FOR_OUTSIDE = frozenset(
         outside.rotor_unbalance,
         outside.commutation_ripple,
         outside.interference_bursts,
+        outside.carriage_stick_slip,
     )
 )
 

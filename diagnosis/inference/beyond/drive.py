@@ -6,6 +6,7 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.current_limit import held_back
 from sawbench.modeling.effects.effect import Effect, Strength
+from sawbench.modeling.effects.heat import SPIN_HEAT
 from sawbench.modeling.effects.magnet_weakening import weaker_flux
 from sawbench.modeling.residuals import Baseline, Signature, inertia_torque, is_angle_known, motor_ahead
 from sawbench.modeling.state import START_UP_STEP_S, State, angle_derivative
@@ -90,6 +91,17 @@ def _warming_friction(
     return ({"mechanical": cold * (speed / _UNIT_RAD_S if viscous else np.ones_like(speed))},)
 
 
+def _softening_friction(
+    baseline: Baseline, state: State, time_constant_s: float, softens: float
+) -> tuple[Signature, ...]:
+    """Friction that falls with what the machine has run, over the whole session, and comes back as slowly.
+
+    `softens` is the logarithm by which it falls where the motor runs on and on at the speed of the usual cut.
+    """
+    warm = baseline.gear**2 * state.slow[SPIN_HEAT[time_constant_s]] / baseline.load.motor_speed_rad_s**2
+    return ({"mechanical": np.broadcast_to(np.exp(-softens * warm), state.angle_rad.shape)},)
+
+
 def _soft_start(
     baseline: Baseline, state: State, length_s: float, from_share: float, decays: float
 ) -> tuple[Signature, ...]:
@@ -113,6 +125,19 @@ WARMING_FRICTION = Effect(
     signature=_warming_friction,
     shapes=tuple(
         {"time_constant_s": float(tau), "viscous": viscous} for tau in (3.0, 10.0, 30.0) for viscous in (0.0, 1.0)
+    ),
+    confused_with=("motor_coulomb_friction",),
+)
+SOFTENING_FRICTION = Effect(
+    name="friction that falls with what the machine has run in the session",
+    place="mechanical",
+    equation="tau * exp(-s q) on the motor shaft, T q' = w^2 / w_usual^2 - q",
+    strength=Strength(name="torque_n_m", unit="N*m", typical=0.005, low=0.2, high=4.0, source="assumed"),
+    signature=_softening_friction,
+    shapes=tuple(
+        {"time_constant_s": tau, "softens": softens}
+        for tau in (15.0, 40.0, 100.0, 300.0)
+        for softens in (0.7, 2.0, 5.0)
     ),
     confused_with=("motor_coulomb_friction",),
 )
