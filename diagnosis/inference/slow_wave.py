@@ -80,20 +80,22 @@ def _gains(time_s: Floats, value: Floats, at_hz: Floats) -> tuple[Floats, Floats
     phase = TWO_PI * np.outer(time_s, at_hz)
     columns = np.column_stack([np.ones(n), time_s, value, np.cos(phase), np.sin(phase)])
     apart = np.minimum(time_s[:, None], time_s) - time_s[0]
-    per_stroke_s = float(np.ptp(time_s)) / (n - 1)
+    # Of the walk and of its own white noise alike, these combinations of strokes are independent.
+    walked, independent = np.linalg.eigh((n - 1) / float(np.ptp(time_s)) * apart)
+    columns = independent.T @ columns
     without, beside, amplitudes = [], [], []
     for walk in _WALKS:
-        root = np.linalg.cholesky(np.eye(n) + walk / per_stroke_s * apart)
-        white = np.linalg.solve(root, columns)
+        std = np.sqrt(1.0 + walk * walked)
+        white = columns / std[:, None]
         line, _ = np.linalg.qr(white[:, :2])
         left = white[:, 2:] - line @ (line.T @ white[:, 2:])
         wanted, cosine, sine = left[:, 0], left[:, 1 : 1 + len(at_hz)], left[:, 1 + len(at_hz) :]
         cc, ss, cs = (cosine**2).sum(axis=0), (sine**2).sum(axis=0), (cosine * sine).sum(axis=0)
         cy, sy = cosine.T @ wanted, sine.T @ wanted
         by_cosine, by_sine = (ss * cy - cs * sy) / (cc * ss - cs**2), (cc * sy - cs * cy) / (cc * ss - cs**2)
-        squares, log_root = float(wanted @ wanted), float(np.log(np.diag(root)).sum())
-        without.append(-log_root - 0.5 * n * np.log(squares))
-        beside.append(-log_root - 0.5 * n * np.log(squares - by_cosine * cy - by_sine * sy))
+        squares, log_stds = float(wanted @ wanted), float(np.log(std).sum())
+        without.append(-log_stds - 0.5 * n * np.log(squares))
+        beside.append(-log_stds - 0.5 * n * np.log(squares - by_cosine * cy - by_sine * sy))
         amplitudes.append(np.hypot(by_cosine, by_sine))
     best = np.argmax(beside, axis=0)
     every = np.arange(len(at_hz))

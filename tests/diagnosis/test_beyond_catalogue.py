@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sawbench.diagnosis.inference.beyond.bent_displacement import BENT_DISPLACEMENT, straightened
-from sawbench.diagnosis.inference.beyond.drive import WARMING_FRICTION
+from sawbench.diagnosis.inference.beyond.drive import SOFTENING_FRICTION, WARMING_FRICTION
 from sawbench.diagnosis.inference.beyond.table import BEYOND_CATALOGUE
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 from sawbench.modeling.residuals import residuals
@@ -105,6 +105,20 @@ def test_friction_falls_from_the_start_of_the_trial(shape):
     if shape["viscous"]:
         expected = expected * BASELINE.gear * state.speed_rad_s.mean(axis=1) / 1000.0
     assert wave == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("shape", SOFTENING_FRICTION.shapes)
+def test_friction_falls_with_what_the_machine_has_run_in_the_session(shape):
+    """Cold, after running at the usual speed for one time constant, and after a rest as long as that."""
+    usual_rad_s = BASELINE.load.motor_speed_rad_s / BASELINE.gear
+    ran = 1.0 - np.exp(-1.0)
+    squares = usual_rad_s**2 * np.array([[0.0], [ran], [ran * np.exp(-1.0)]])
+    state = running()
+    state = replace(state, slow=dict.fromkeys(state.slow, squares))
+    (found,) = SOFTENING_FRICTION.signatures(BASELINE, state, shape)
+    assert set(found) == {"mechanical"}
+    expected = np.exp(-shape["softens"] * np.array([0.0, ran, ran * np.exp(-1.0)]))
+    assert found["mechanical"] == pytest.approx(np.broadcast_to(expected[:, None], found["mechanical"].shape), rel=1e-6)
 
 
 @pytest.mark.parametrize("shape", WARMING_FRICTION.shapes)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sawbench.diagnosis.inference.beyond.drive import WARMING_FRICTION
+from sawbench.diagnosis.inference.beyond.drive import SOFTENING_FRICTION, WARMING_FRICTION
 from sawbench.diagnosis.inference.columns import catalogue_columns
 from sawbench.diagnosis.inference.evidence import explain
 from sawbench.diagnosis.inference.form_error import form_modes
@@ -182,6 +182,27 @@ def test_friction_that_fades_within_each_trial_is_explained_beyond_the_catalogue
     assert found[WARMING_FRICTION.name] > constant.log_evidence + 5.0
 
 
+def test_friction_that_falls_over_the_session_is_explained_beyond_the_catalogue(states):
+    """Trials one after another, each warmer than the one before; the law of the gap is linear, not the one sought."""
+    warmer = [
+        replace(s, slow={memory: held * (k + 0.5) / len(states) for memory, held in s.slow.items()})
+        for k, s in enumerate(states)
+    ]
+
+    def falling(state):
+        share = 1.0 - 0.6 * state.setting.index / len(states)
+        return {"mechanical": np.full(state.angle_rad.shape, 0.012 * share)}
+
+    gap = with_gap(problem_of(warmer), falling)
+    beyond = catalogue_columns(gap, gap.campaign.plant.beyond_catalogue)
+    _, constant = formed(gap, "motor_coulomb_friction")
+    found = beyond_catalogue(
+        forming(gap), Marginal(gap), beyond, {"motor_coulomb_friction": constant.log_evidence}
+    )  # fmt: skip
+    assert max(found, key=lambda name: found[name]) == SOFTENING_FRICTION.name
+    assert found[SOFTENING_FRICTION.name] > constant.log_evidence + 5.0
+
+
 def test_friction_that_stays_is_no_friction_that_falls(states):
     """Within the few seconds of a trial the two are hardly told apart: the catalogue's friction is the answer."""
 
@@ -191,9 +212,10 @@ def test_friction_that_stays_is_no_friction_that_falls(states):
     gap = with_gap(problem_of(states), lasting)
     beyond = catalogue_columns(gap, gap.campaign.plant.beyond_catalogue)
     _, constant = formed(gap, "motor_coulomb_friction")
-    assert WARMING_FRICTION.name in beyond_catalogue(forming(gap), Marginal(gap), beyond, {})
+    falling = {WARMING_FRICTION.name, SOFTENING_FRICTION.name}
+    assert falling <= beyond_catalogue(forming(gap), Marginal(gap), beyond, {}).keys()
     listed = {"motor_coulomb_friction": constant.log_evidence}
-    assert WARMING_FRICTION.name not in beyond_catalogue(forming(gap), Marginal(gap), beyond, listed)
+    assert not falling & beyond_catalogue(forming(gap), Marginal(gap), beyond, listed).keys()
 
 
 def test_a_second_effect_may_miss_no_more_than_goes_with_its_size_beside_the_first(problem):
