@@ -69,7 +69,8 @@ def clean_channel(signal: Signal, angle: CrankAngle | None = None) -> CleanChann
     1
     """
     time, values = without_repeats(signal.time_s, signal.values)
-    is_far_off = find_spikes(values)
+    noise = white_noise_std(values, time)
+    is_far_off = find_spikes(values, noise)
     is_impact = at_one_crank_angle(time, is_far_off, angle)
     is_spike = is_far_off & ~is_impact
     n_clipped = sum(clipped_levels(values[~is_far_off]).values())
@@ -82,7 +83,8 @@ def clean_channel(signal: Signal, angle: CrankAngle | None = None) -> CleanChann
     # What is missing at the end shows in no step of the time; what a foreign table lost stands in no gap.
     n_missing = max(_count_missing(step, typical, longest), signal.n_missing)
     regular = step[step <= 1.5 * typical] if typical else step
-    noise = white_noise_std(values[~is_far_off], time[~is_far_off])
+    if is_far_off.any():
+        noise = white_noise_std(values[~is_far_off], time[~is_far_off])
     n_spikes, n_impacts = int(is_spike.sum()), int(is_impact.sum())
     problems = _health_problems(values, n_spikes, n_impacts, n_clipped, n_missing, signal.unit)
     alignment = signal.alignment

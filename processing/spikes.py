@@ -18,12 +18,14 @@ _SPREADS = 4.5
 _MOVING_SHARE = 0.1  # of the highest speed; at rest every sample has the same angle
 
 
-def find_spikes(values: Floats) -> NDArray[np.bool_]:
+def find_spikes(values: Floats, noise_std: float | None = None) -> NDArray[np.bool_]:
     """Mark isolated samples far from their neighbours.
 
     Parameters
     ----------
     values : ndarray, shape (n,)
+    noise_std : float, optional
+        Of their white noise, where it is known.
 
     Returns
     -------
@@ -38,7 +40,8 @@ def find_spikes(values: Floats) -> NDArray[np.bool_]:
     if len(values) < 16:
         return np.zeros(len(values), dtype=bool)
     low, high = robust_range(values)
-    limit = max(_NOISE_STDS * white_noise_std(values), _RANGE_SHARE * float(high - low))
+    noise_std = white_noise_std(values) if noise_std is None else noise_std
+    limit = max(_NOISE_STDS * noise_std, _RANGE_SHARE * float(high - low))
     if limit <= 0:
         return np.zeros(len(values), dtype=bool)
     # Only samples that jump against a neighbour can be spikes: the median is taken at those alone.

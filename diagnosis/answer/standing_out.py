@@ -79,15 +79,15 @@ class Cell:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Piece:
-    """What one trial adds to a cell.
+    """What one trial adds to some cells of one partition and equation.
 
     Attributes
     ----------
     key : tuple
-        Partition, equation, place.
+        Partition, equation, and the place of each cell.
     block : int or None
         Time block of the part that it reads; None for the mean over all.
-    probes : ndarray, shape (n_probes, size)
+    probes : ndarray, shape (n_cells, n_probes, size)
         Of length 1 each, on the whitened features of one block.
     common : ndarray, shape (size, size)
         What the model of an intact machine misses, as a share of the noise of one block.
@@ -95,7 +95,7 @@ class _Piece:
         Trials that share it.
     """
 
-    key: tuple[Partition, Equation, str]
+    key: tuple[Partition, Equation, tuple[str, ...]]
     block: int | None
     probes: Floats
     common: Floats
@@ -103,42 +103,47 @@ class _Piece:
 
 
 class _Sums:
-    """Sums over the trials from which a cell is judged: everything over the noise at its largest.
+    """Sums over the trials from which cells are judged: everything over the noise at its largest.
 
     Inner products with the columns that `find_cells` puts side by side: what is left of the data, what small background
-    effects leave, and what the nuisances take up.
+    effects leave, and what the nuisances take up. All arrays have the cells first.
     """
 
-    def __init__(self, n_small: int, n_taken: int) -> None:
+    def __init__(self, n_cells: int, n_small: int, n_taken: int) -> None:
         self._small, self._taken = slice(1, 1 + n_small), slice(1 + n_small, None)
-        self._products = np.zeros((1 + n_small, 1 + n_small + n_taken))
-        self._on_noise = np.zeros((n_small, n_small))
-        self._noise = 0.0
+        self._products = np.zeros((n_cells, 1 + n_small, 1 + n_small + n_taken))
+        self._on_noise = np.zeros((n_cells, n_small, n_small))
+        self._noise = np.zeros(n_cells)
 
     def add(self, piece: _Piece, columns: Floats, n_blocks: int) -> None:
         """Count one trial in; columns are means over so many of its blocks, shape (size, n_columns)."""
-        common = piece.probes @ piece.common @ piece.probes.T
-        scatter = piece.probes @ piece.probes.T / n_blocks
+        probes = piece.probes
+        common = probes @ piece.common @ probes.mT
+        scatter = probes @ probes.mT / n_blocks
         own = scatter - common / n_blocks
         whitener = np.linalg.inv(np.linalg.cholesky(own + piece.n_repeats * common))
-        seen = whitener @ (piece.probes @ columns)
-        noise, scatter = (whitener @ one @ whitener.T for one in (own + common, scatter))
-        small = seen[:, self._small]
-        self._on_noise += small.T @ noise @ small
+        seen = whitener @ (probes @ columns)
+        noise, scatter = (whitener @ one @ whitener.mT for one in (own + common, scatter))
+        small = seen[:, :, self._small]
+        self._on_noise += small.mT @ noise @ small
         # What nuisances take up of independent noise, they take up of any.
-        left = 1.0 - float(np.sum(seen[:, self._taken] ** 2)) / float(np.trace(scatter))
-        self._noise += float(np.trace(noise)) * left
-        self._products += seen[:, : self._taken.start].T @ seen
+        left = 1.0 - np.sum(seen[:, :, self._taken] ** 2, axis=(1, 2)) / _trace(scatter)
+        self._noise += _trace(noise) * left
+        self._products += seen[:, :, : self._taken.start].mT @ seen
 
-    def misfit(self) -> tuple[float, float]:
-        """Misfit and its expectation (Woodbury: A is never formed)."""
-        on_rest, on_small = self._products[self._small, 0], self._products[self._small, self._small]
-        on_taken = self._products[self._small, self._taken]
-        inner = np.linalg.inv(np.eye(len(on_small)) + on_small)
-        found = float(self._products[0, 0] - on_rest @ inner @ on_rest)
-        noise = self._noise - float(np.sum(inner * self._on_noise))
-        noise += float(np.sum((inner @ on_taken) * on_taken))
-        return found, noise + float(np.sum(inner * on_small))
+    def misfits(self) -> tuple[Floats, Floats]:
+        """Misfit of each cell and its expectation, shape (n_cells,) (Woodbury: A is never formed)."""
+        on_rest, on_small = self._products[:, self._small, :1], self._products[:, self._small, self._small]
+        on_taken = self._products[:, self._small, self._taken]
+        inner = np.linalg.inv(np.eye(on_small.shape[-1]) + on_small)
+        found = self._products[:, 0, 0] - (on_rest.mT @ inner @ on_rest)[:, 0, 0]
+        noise = self._noise - np.sum(inner * self._on_noise, axis=(1, 2))
+        noise += np.sum((inner @ on_taken) * on_taken, axis=(1, 2))
+        return found, noise + np.sum(inner * on_small, axis=(1, 2))
+
+
+def _trace(squares: Floats) -> Floats:
+    return np.trace(squares, axis1=1, axis2=2)
 
 
 def find_cells(problem: LinearProblem, small: Floats | None = None) -> tuple[Cell, ...]:
@@ -161,12 +166,12 @@ def find_cells(problem: LinearProblem, small: Floats | None = None) -> tuple[Cel
     small = marginal.rest(np.zeros((len(taken), 0)) if small is None else small)
     columns = np.hstack([marginal.data_split[1][:, None], small, taken])
     repeats = Counter(p.setting.operating_point for p in problem.parts if p.state.kind == "running")
-    found: dict[tuple[Partition, Equation, str], _Sums] = {}
+    found: dict[tuple[Partition, Equation, tuple[str, ...]], _Sums] = {}
     for part in problem.parts:
         by_block = columns[part.place].reshape(part.blocks.shape[0], part.layout.size, -1)
         mean = by_block.mean(axis=0)
         for piece in _pieces(part, max(repeats[part.setting.operating_point], 1)):
-            sums = found.setdefault(piece.key, _Sums(small.shape[1], taken.shape[1]))
+            sums = found.setdefault(piece.key, _Sums(len(piece.probes), small.shape[1], taken.shape[1]))
             if piece.block is None:
                 sums.add(piece, mean, len(by_block))
             else:
@@ -174,10 +179,14 @@ def find_cells(problem: LinearProblem, small: Floats | None = None) -> tuple[Cel
     return _judged(found)
 
 
-def _judged(found: dict[tuple[Partition, Equation, str], _Sums]) -> tuple[Cell, ...]:
+def _judged(found: dict[tuple[Partition, Equation, tuple[str, ...]], _Sums]) -> tuple[Cell, ...]:
     from scipy.special import chdtrc
 
-    judged = {key: sums.misfit() for key, sums in found.items()}
+    judged = {
+        (partition, equation, place): (misfit, expected)
+        for (partition, equation, places), sums in found.items()
+        for place, misfit, expected in zip(places, *map(np.ndarray.tolist, sums.misfits()), strict=True)
+    }
     # Rounding may leave less than nothing, for which there is no chi-squared law.
     kept = {key: (misfit, expected) for key, (misfit, expected) in judged.items() if expected > _LEAST_EXPECTED}
     if not kept:
@@ -211,43 +220,43 @@ def _false_discovery_rates(p_values: Sequence[float]) -> Floats:
 def _pieces(part: Part, n_repeats: int) -> Iterator[_Piece]:
     n_blocks = part.blocks.shape[0]
 
-    def piece(key: tuple[Partition, Equation, str], probes: Floats, block: int | None = None) -> _Piece:
+    def piece(key: tuple[Partition, Equation, tuple[str, ...]], probes: Floats, block: int | None = None) -> _Piece:
         return _Piece(key=key, block=block, probes=probes, common=part.common, n_repeats=n_repeats)
 
     for equation, place in part.layout.slices.items():
-        whole = np.eye(part.layout.size)[place]
-        yield piece(("operating_point", equation, part.setting.operating_point), whole)
+        whole = np.eye(part.layout.size)[None, place]
+        yield piece(("operating_point", equation, (part.setting.operating_point,)), whole)
         if part.state.kind != "running":
-            yield piece(("time", equation, "start-up"), whole)
-            bins = _unit(_features(part, place))
-            for k, (start_s, stop_s) in enumerate(pairwise(START_UP_EDGES_S)):
-                name = f"{1e3 * start_s:.0f} to {1e3 * stop_s:.0f} ms"
-                yield piece(("start_up", equation, name), bins[k : k + 1])
+            yield piece(("time", equation, ("start-up",)), whole)
+            names = tuple(
+                f"{1e3 * start_s:.0f} to {1e3 * stop_s:.0f} ms" for start_s, stop_s in pairwise(START_UP_EDGES_S)
+            )
+            yield piece(("start_up", equation, names), _unit(_features(part, place))[:, None])
             continue
         for block in range(n_blocks):
             share = f"{100 * block // n_blocks} to {100 * (block + 1) // n_blocks} %"
-            yield piece(("time", equation, share), whole, block)
-        for partition, name, probes in _over_the_stroke(part, place):
-            yield piece((partition, equation, name), probes)
+            yield piece(("time", equation, (share,)), whole, block)
+        for partition, names, probes in _over_the_stroke(part, place):
+            yield piece((partition, equation, names), probes)
 
 
-def _over_the_stroke(part: Part, place: slice) -> Iterator[tuple[Partition, str, Floats]]:
-    """Probes that read the residual in a sector or in a band of harmonics, over its noise there."""
+def _over_the_stroke(part: Part, place: slice) -> Iterator[tuple[Partition, tuple[str, ...], Floats]]:
+    """Names of cells and probes that read the residual in a sector or in a band of harmonics, over its noise there."""
     n = (place.stop - place.start - 1) // 2
     features = _features(part, place)
     angle = (np.arange(N_SECTORS) + 0.5) * TWO_PI / N_SECTORS
     turns = np.outer(angle, np.arange(1, n + 1))
     waves = _unit(np.hstack([np.ones((N_SECTORS, 1)), np.cos(turns), np.sin(turns)]) @ features)
     width = 360 // N_SECTORS
-    for k in range(N_SECTORS):
-        yield "crank_angle", f"{k * width} to {(k + 1) * width} deg", waves[k : k + 1]
+    sectors = tuple(f"{k * width} to {(k + 1) * width} deg" for k in range(N_SECTORS))
+    yield "crank_angle", sectors, waves[:, None]
     amplitudes = _unit(features)
     for low, high in pairwise(_BANDS):
         if low > n:
             return
         orders = np.arange(low, min(high, n + 1))
         rows = orders if low == 0 else np.concatenate([orders, n + orders])
-        yield "harmonic", str(low) if high - low == 1 else f"{low} to {high - 1}", amplitudes[rows]
+        yield "harmonic", (str(low) if high - low == 1 else f"{low} to {high - 1}",), amplitudes[None, rows]
 
 
 def _features(part: Part, place: slice) -> Floats:

@@ -153,7 +153,8 @@ def _is_not_the_wood(line: Sequence[tuple[OffStroke, Peak]], lock: Lock) -> bool
     for beside in (np.zeros(len(fed)), np.round(strokes_a_unit * places)):
         cycles = strokes_a_unit * places - beside
         waves_per_m = float(np.median(np.abs(cycles) / feeds_m))
-        moves = _misfit((np.abs(cycles) - waves_per_m * feeds_m) / (strokes_a_unit * widths))
+        of_wood = waves_per_m * feeds_m
+        moves = _misfit((np.abs(cycles) - of_wood) / np.hypot(strokes_a_unit * widths, _NUMBERS.feed_error * of_wood))
         if waves_per_m <= _MOST_WAVES_PER_M and moves - stays < _NUMBERS.by_chance:
             return False
     return True

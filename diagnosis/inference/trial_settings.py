@@ -141,6 +141,8 @@ class OffStroke:
         Relative difference of two lines that are one.
     in_most : float
         Share of the trials that could show something, in which it must stand to be common to a campaign.
+    feed_error : float
+        Relative, of the feed that a trial states.
     by_chance : float
         Log likelihood by which one description of a line has to be better than another, nats.
     most_per_trial : float
@@ -169,6 +171,7 @@ class OffStroke:
     most_of_it: float = marked(0.5, "convention", "more than all else together")
     same_place: float = marked(0.003, "convention", "clocks and speeds are known to better than that")
     in_most: float = marked(0.7, "convention", "more than two of three")
+    feed_error: float = marked(0.05, "convention", "what a slide keeps under load")
     by_chance: float = marked(4.5, "convention", "three standard deviations")
     most_per_trial: float = marked(20.0, "convention", "no single trial names a cause: one in e^20")
     strike: float = marked(8.0, "convention", "no scatter reaches it, nor do heavy tails twice in a row")

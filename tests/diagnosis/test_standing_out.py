@@ -186,18 +186,20 @@ def test_cells_that_nuisances_take_up_are_left_out():
 
 
 def test_cells_of_which_rounding_leaves_less_than_nothing_are_left_out(monkeypatch):
-    misfit_of = standing_out._Sums.misfit
+    misfits_of = standing_out._Sums.misfits
     calls = []
 
     def rounded_once(sums):
         calls.append(sums)
-        misfit, expected = misfit_of(sums)
-        return (misfit, -1e-12) if len(calls) == 1 else (misfit, expected)
+        misfits, expected = misfits_of(sums)
+        if len(calls) == 1:
+            expected[0] = -1e-12
+        return misfits, expected
 
     problem = campaign()
     problem = with_data(problem, noise_of(problem, np.random.default_rng(5)))
     n_cells = len(find_cells(problem))
-    monkeypatch.setattr(standing_out._Sums, "misfit", rounded_once)
+    monkeypatch.setattr(standing_out._Sums, "misfits", rounded_once)
     cells = find_cells(problem)
     assert len(cells) == n_cells - 1
     assert all(0.0 <= cell.q_value <= 1.0 for cell in cells)
