@@ -159,7 +159,8 @@ def _by_sensors(problem: LinearProblem, state: State, equation: Equation) -> flo
 def _currents(state: State) -> list[Floats]:
     """Means over a few strokes of the currents, of the motor's square and change, and of what a battery remembers.
 
-    Shape (n,) each; zeros where a current was not measured.
+    Shape (n,) each; zeros where a current was not measured. The change is that of the means from row to row, and from
+    the first to the last place of a row: where the wood is harder every other stroke the two differ.
     """
     motor_a, battery_a = (
         np.zeros_like(state.speed_rad_s) if measured is None else measured
@@ -167,7 +168,14 @@ def _currents(state: State) -> list[Floats]:
     )
     remembered = [track[:, 0] for memory, track in state.slow.items() if memory.drive == "battery_current_a"]
     mean_a = motor_a.mean(axis=1)
-    return [mean_a, (motor_a**2).mean(axis=1), np.gradient(mean_a), battery_a.mean(axis=1), *remembered]
+    return [
+        mean_a,
+        (motor_a**2).mean(axis=1),
+        np.gradient(mean_a),
+        motor_a[:, -1] - motor_a[:, 0],
+        battery_a.mean(axis=1),
+        *remembered,
+    ]
 
 
 def _without(rows: Floats, design: Floats) -> Floats:

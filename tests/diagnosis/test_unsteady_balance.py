@@ -82,6 +82,21 @@ def test_what_goes_with_currents_or_slowly_or_once_is_none(change_v):
     assert found_with(change_v) == []
 
 
+def test_an_inductance_takes_a_voltage_while_the_current_gains_within_a_stroke():
+    """As seen: 5 mH and a wood that is harder every now and then; means from stroke to stroke do not show the gain."""
+    rng = np.random.default_rng(9)
+    states = []
+    for state in strokes():
+        inductive_v = 4.0 * BY_ZEROS_V * rng.standard_normal(N_UNITS)[:, None]
+        turn_s = 2.0 * np.pi / state.speed_rad_s.mean(axis=1, keepdims=True)
+        gained_a = inductive_v / BASELINE.plant.inductance_h.nominal * turn_s
+        ramp_a = gained_a * (state.angle_rad / (2.0 * np.pi) % 1.0 - 0.5)
+        states.append(
+            replace(state, current_a=state.current_a + ramp_a, motor_voltage_v=state.motor_voltage_v + inductive_v)
+        )
+    assert [found for found in unsteady_balances(problem_of(states)) if found.equation == "electrical"] == []
+
+
 def test_in_a_minority_of_trials_it_is_none():
     def change_v(state, rng):
         return 4.0 * BY_ZEROS_V * rng.standard_normal(N_UNITS) * (state.setting.index < 2)
