@@ -76,18 +76,19 @@ def _weights(state: State, n_groups: int) -> tuple[float, ...]:
 
 
 def apparent_gap(coefficients: Floats) -> float:
-    """How far the plunger leaves the pin, peak to peak, over the typical gap: in air or under load, the smaller.
+    """How far the plunger leaves the pin, peak to peak, over the typical gap: in air and under load, geometric mean.
 
     The read angle is off by gap / (2 r) times the wave, so the plunger by that times the lever, here of a yoke: a rod
-    makes it up to r/l larger. Right to a factor of two: play is crossed in part only, and a wave that also changes with
-    the stock is badly known at any one. A campaign without idle runs, or without cuts, leaves that wave at 0, which
-    says nothing of the gap.
+    makes it up to r/l larger. In air play is crossed in part only, and under load the contact gives as well. Right to a
+    factor of two: a wave that also changes with the stock is badly known at any one. A campaign without idle runs, or
+    without cuts, leaves that wave at 0, which says nothing of the gap.
     """
     angle = np.linspace(0.0, 2.0 * np.pi, 180, endpoint=False)
     groups = coefficients.reshape(-1, 2 * _N_HARMONICS)[:2]
     away = _UNIT_YOKE.lever(angle) * (groups @ _waves(angle))
     gaps = np.ptp(away, axis=1)
-    return float(gaps[gaps >= _SHOWN * gaps.max()].min())
+    shown = gaps[gaps >= _SHOWN * gaps.max()]
+    return float(np.sqrt(shown.min() * shown.max()))
 
 
 def swing(baseline: Baseline, state: State, deviation_rad: Floats) -> Signature:
