@@ -255,4 +255,6 @@ def sized_by_strokes(explanation: Explanation, said: Mapping[str, StrokesSay]) -
     if found.is_trend and found.size_std * abs(explanation.strength) > explanation.strength_std * abs(found.size):
         return explanation
     typical = explanation.effect.strength.typical
-    return replace(explanation, mixture=(found.size / typical, found.size_std / typical), form_share=0.0)
+    # A trend is the hardness of the same law: its forms differ by what they differ by in mean strokes.
+    form_share = explanation.shape_spread if found.is_trend else 0.0
+    return replace(explanation, mixture=(found.size / typical, found.size_std / typical), form_share=form_share)

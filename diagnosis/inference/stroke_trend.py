@@ -179,7 +179,7 @@ def trend_evidence(
         beside |= _log_odds(blocks, chosen, speed_std=free, feed_std=little if goes_with_feed else free)
     found = {}
     for name, trend in trends.items():
-        size, size_std = _moments(beside[name], np.tile(trend.sizes, len(trend.shapes)))
+        size, size_std = _moments(beside[name].reshape(len(trend.shapes), -1), trend.sizes)
         found[name] = Trend(
             alone=log_mean_exp(alone[name]), beside_cutting=log_mean_exp(beside[name]), size=size, size_std=size_std
         )
@@ -207,11 +207,14 @@ def _log_odds(blocks: Blocks, means: Mapping[str, Floats], *, speed_std: float, 
     return {name: part - logs[0] for name, part in zip(means, np.split(logs, ends[:-1])[1:], strict=True)}
 
 
-def _moments(logs: Floats, values: Floats) -> tuple[float, float]:
-    """Mean and standard deviation of values that are as likely as the logarithms say."""
-    weight = np.exp(logs - logs.max())
-    mean = float(np.average(values, weights=weight))
-    return mean, float(np.sqrt(np.average((values - mean) ** 2, weights=weight)))
+def _moments(logs: Floats, sizes: Floats) -> tuple[float, float]:
+    """Mean and standard deviation of a size; logarithms of the likelihood, shape (forms, sizes).
+
+    Each of the sizes stands for all that are nearer to it than to the others.
+    """
+    weight = np.exp(logs - logs.max()).sum(axis=0)
+    mean = float(np.average(sizes, weights=weight))
+    return mean, float(np.sqrt(np.average((sizes - mean) ** 2 + np.gradient(sizes) ** 2 / 12.0, weights=weight)))
 
 
 def _log_likelihoods(blocks: Blocks, means: Floats, *, speed_std: float, feed_std: float) -> Floats:

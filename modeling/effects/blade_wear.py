@@ -84,7 +84,7 @@ EFFECT = Effect(
     told_apart_by="the same operating point with a worn and a new blade, after a rest",
     strokes=StrokeTrend(
         log_change=_log_change,
-        sizes=_STRENGTH.typical * np.geomspace(_STRENGTH.low, _STRENGTH.high, 12),
+        sizes=_STRENGTH.typical * np.geomspace(_STRENGTH.low, _STRENGTH.high, 44),
         shapes=_FORMS,
     ),
 )

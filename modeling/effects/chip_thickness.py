@@ -69,7 +69,7 @@ EFFECT = Effect(
     told_apart_by="trials at several feeds",
     strokes=StrokeTrend(
         log_change=_log_change,
-        sizes=np.geomspace(0.1, 1.2, 10),
+        sizes=np.geomspace(0.1, 2.0, 44),
         goes_with_feed=True,
         is_whole_in=lambda shape: not shape.get("in_stroke"),
     ),
