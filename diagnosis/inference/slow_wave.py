@@ -13,12 +13,14 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.modeling.state import TWO_PI
 
-FREQUENCIES_HZ: Final = np.geomspace(0.05, 12.0, 549)
+FREQUENCIES_HZ: Final = np.geomspace(0.05, 25.0, 625)
 # A wave that is seen once or twice is a walk; one with two strokes a period changes with every other stroke.
 _FEWEST_PERIODS, _HIGHEST_ORDER = 3.0, 0.45
 # Of the walk in a stroke, in variances of the noise.
 _WALKS: Final = (0.0, 0.01, 0.1, 1.0, 10.0)
 _FEWEST_STROKES, _MOST_STROKES = 12, 128
+# Below the step of any sensor, in any unit: what rounding leaves of a reading that stands still.
+_STANDS_STILL = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -50,7 +52,7 @@ def slow_wave(at_s: Floats, left: Floats) -> SlowWave | None:
     Returns
     -------
     SlowWave or None
-        None where there are too few strokes.
+        None where there are too few strokes, or the reading stands still.
     """
     n_strokes, n_cells = min(len(left), _MOST_STROKES), left.shape[1]
     if n_strokes < _FEWEST_STROKES:
@@ -60,6 +62,8 @@ def slow_wave(at_s: Floats, left: Floats) -> SlowWave | None:
     taper /= taper.sum()
     halves = [(at_s[:n_strokes, half] @ taper, left[:n_strokes, half] @ taper) for half in _halves(n_cells)]
     time_s, value = min(halves, key=lambda half: float(half[1].var()))
+    if float(np.abs(value).max()) < _STANDS_STILL:
+        return None
     time_s = time_s - time_s.mean()
     lasts_s = float(np.ptp(time_s))
     within = (lasts_s * FREQUENCIES_HZ > _FEWEST_PERIODS) & (

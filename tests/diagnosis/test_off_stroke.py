@@ -18,6 +18,7 @@ from sawbench.bench.units import (
 from sawbench.diagnosis.answer.signals import signal_findings
 from sawbench.diagnosis.inference.asynchronous import fixed_lines, hum_lines, off_stroke_findings
 from sawbench.diagnosis.inference.off_stroke import off_stroke
+from sawbench.diagnosis.inference.slow_wave import slow_wave
 from sawbench.diagnosis.inference.strikes import foreign_bursts, strikes
 from sawbench.diagnosis.inference.wandering_line import wandering_lines
 
@@ -423,6 +424,12 @@ def test_a_carriage_that_sticks_and_slips_is_found(duration_s):
 def test_a_zero_that_walks_and_what_is_not_in_air_is_no_slow_wave(disturb, seed):
     found = off_stroke_findings(trials(disturb, seed=seed))
     assert not [f for f in found if "sticks and slips" in f.text]
+
+
+def test_a_force_that_stands_still_has_no_slow_wave():
+    at_s = np.arange(40)[:, None] / 15.0 + np.arange(64) / 960.0
+    assert slow_wave(at_s, np.zeros((40, 64))) is None
+    assert slow_wave(at_s, 1e-15 * np.sin(at_s)) is None
 
 
 @pytest.mark.parametrize("order", [13.15, 6.85])
