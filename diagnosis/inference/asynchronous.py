@@ -205,15 +205,16 @@ def _common_slow_waves(trials: Sequence[OffStroke]) -> Iterator[Finding]:
     told = [(t, t.slow) for t in trials if t.slow is not None]
     if not told:
         return
+    exact = np.nan_to_num([wave.log_gain for _, wave in told], nan=-np.inf)
     # The highest within 2 %: a carriage keeps no better time.
-    gains = np.array([maximum_filter1d(np.nan_to_num(wave.log_gain, nan=-np.inf), 5) for _, wave in told])
+    gains = maximum_filter1d(exact, 5, axis=1)
     is_told = np.isfinite(gains)
-    gains[~is_told] = 0.0
+    exact, gains = np.where(np.isfinite(exact), exact, 0.0), np.where(is_told, gains, 0.0)
     counted = np.minimum(gains, _NUMBERS.most_per_trial)
     in_air = counted[[t.is_idle for t, _ in told]].sum(axis=0)
     shown, n_told = (gains > 0.0).sum(axis=0), is_told.sum(axis=0)
     is_common = (shown >= _NUMBERS.in_most * n_told) & (n_told >= SETTINGS.noise.least_trials)
-    best = int(np.argmax(np.where(is_common & (in_air > _NUMBERS.by_chance), gains.sum(axis=0), -np.inf)))
+    best = int(np.argmax(np.where(is_common & (in_air > _NUMBERS.by_chance), exact.sum(axis=0), -np.inf)))
     log_evidence = float(counted[:, best].sum() - np.log(len(FREQUENCIES_HZ)))
     if not is_common[best] or in_air[best] <= _NUMBERS.by_chance or log_evidence <= 0.0:
         return
