@@ -151,8 +151,8 @@ def _unfold(time: Floats, y: Floats, nominal: Mechanism | None) -> _Unfolded | N
     mechanism = Mechanism(radius_m=travel.radius_m, rod_length_m=None if nominal is None else nominal.rod_length_m)
     calm_width = max(int(half_turn_s / step / 8), 1)
     tolerance = max(8.0 * noise / np.sqrt(calm_width), 4e-3 * float(np.mean(travel.radius_m)))
-    angle = _angle_between_turns(y - travel.offset_m, turns, mechanism, edges)
     is_rest = find_rest(moving_mean(y, calm_width), int(half_turn_s / step), tolerance)
+    angle = _angle_between_turns(y - travel.offset_m, turns, mechanism, edges, is_rest)
     return _Unfolded(
         time_s=time,
         displacement_m=y,
@@ -207,19 +207,39 @@ def _block_means(time: Floats, y: Floats, block: int, step: float) -> tuple[Floa
     return np.add.reduceat(time, starts) / counts, np.add.reduceat(y, starts) / counts
 
 
-def _angle_between_turns(above_m: Floats, turns: Turns, mechanism: Mechanism, edges: Sequence[int]) -> Floats:
+def _angle_between_turns(
+    above_m: Floats, turns: Turns, mechanism: Mechanism, edges: Sequence[int], is_rest: np.ndarray
+) -> Floats:
     """Angle by inverting the mechanism between neighbouring dead centres, unwrapped within each stretch."""
     within = mechanism.half_turn(above_m)
     angle = np.empty_like(above_m)
-    for first, last in pairwise(edges):
-        of_stretch = slice(*np.searchsorted(turns.index, [first, last]))
-        index, is_top = turns.index[of_stretch], turns.is_top[of_stretch]
-        begins_rising = bool(is_top[0]) if len(index) else above_m[last - 1] >= above_m[first]
-        passed = np.searchsorted(index, np.arange(first, last), side="right")
+    of_stretches = [slice(*np.searchsorted(turns.index, pair)) for pair in pairwise(edges)]
+    rising = _begin_rising(above_m, [turns.is_top[of_stretch] for of_stretch in of_stretches], edges, is_rest)
+    for (first, last), of_stretch, begins_rising in zip(pairwise(edges), of_stretches, rising, strict=True):
+        passed = np.searchsorted(turns.index[of_stretch], np.arange(first, last), side="right")
         half_turns = passed + (0 if begins_rising else 1)  # rising in even, falling in odd half turns
         part = within[first:last]
         angle[first:last] = np.where(half_turns % 2 == 0, part, 2 * np.pi - part) + 2 * np.pi * (half_turns // 2)
     return angle
+
+
+def _begin_rising(above_m: Floats, tops: Sequence[np.ndarray], edges: Sequence[int], is_rest: np.ndarray) -> list[bool]:
+    """Whether the plunger rises at the begin of each stretch; `tops`: which of its turning points are the upper ones.
+
+    A stretch at rest does not tell: the plunger stands where the next one begins, or the one before has ended.
+    """
+    found: list[bool | None] = []
+    for (first, last), is_top in zip(pairwise(edges), tops, strict=True):
+        if len(is_top):
+            found.append(bool(is_top[0]))
+        else:
+            found.append(None if is_rest[first:last].all() else bool(above_m[last - 1] >= above_m[first]))
+    rising: list[bool] = []
+    for k, known in enumerate(found):
+        after = next((one for one in found[k:] if one is not None), None)
+        before = rising[-1] ^ bool(len(tops[k - 1]) % 2) if rising else True
+        rising.append(known if known is not None else before if after is None else after)
+    return rising
 
 
 def _bridge_gaps(time: Floats, angle: Floats, speed: float, edges: Sequence[int]) -> Floats:
