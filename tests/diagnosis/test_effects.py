@@ -309,7 +309,7 @@ def test_backlash_in_air_and_under_load_are_waves_of_their_own():
     def strength(state):
         parts = effect.signatures(BASELINE, state, {"waves": 2.0})
         sizes = [max((np.max(np.abs(wave)) for wave in part.values()), default=0.0) for part in parts]
-        return np.array(sizes[:20]), np.array(sizes[20:])
+        return np.split(np.array(sizes), 2)
 
     in_air, under_load = strength(running(is_idle=True))
     assert np.all(in_air > 0.0) and np.all(under_load == 0.0)
@@ -320,11 +320,12 @@ def test_backlash_in_air_and_under_load_are_waves_of_their_own():
 def test_a_gap_is_read_off_the_wave_that_the_campaign_shows():
     """Without idle runs nothing is known of the wave in air."""
     rng = np.random.default_rng(5)
-    in_air, under_load = rng.standard_normal(20), rng.standard_normal(20)
-    size = EFFECT_BY_NAME["yoke_backlash"].size_of
-    assert size(np.concatenate([np.zeros(20), under_load])) == size(np.concatenate([under_load, under_load])) > 0.0
+    effect = EFFECT_BY_NAME["yoke_backlash"]
+    n, size = effect.n_signatures({"waves": 1.0}), effect.size_of
+    in_air, under_load = rng.standard_normal(n), rng.standard_normal(n)
+    assert size(np.concatenate([np.zeros(n), under_load])) == size(np.concatenate([under_load, under_load])) > 0.0
     assert size(np.concatenate([0.04 * under_load, under_load])) == pytest.approx(0.2 * size(under_load))
-    assert size(np.zeros(40)) == 0.0
+    assert size(np.zeros(2 * n)) == 0.0
     both = size(np.concatenate([in_air, under_load]))
     assert both == pytest.approx(np.sqrt(size(in_air) * size(under_load)))
 
