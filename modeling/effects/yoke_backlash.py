@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 # A pin that strikes shows in harmonics of any order; with ten of them a fifth of the gap of a play was left.
 _N_HARMONICS = 16
 _STEP = 1e-4
-_SHOWN = 1e-6
+_SHOWN, _LARGER = 1e-6, 4.0
 # A gap over twice the crank's radius is an angle: a yoke of half a metre turns it back into a gap.
 _UNIT_YOKE = Mechanism(radius_m=0.5)
 _SPEED_RAD_S, _STIFFNESS_N_S_PER_M = 80.0, 300.0
@@ -81,15 +81,16 @@ def apparent_gap(coefficients: Floats) -> float:
 
     The read angle is off by gap / (2 r) times the wave, so the plunger by that times the lever, here of a yoke: a rod
     makes it up to r/l larger. In air play is crossed in part only, and under load the contact gives as well. Right to a
-    factor of two: a wave that also changes with the stock is badly known at any one. A campaign without idle runs, or
-    without cuts, leaves that wave at 0, which says nothing of the gap.
+    factor of two: a wave that also changes with the stock or the speed is badly known at any one, and the larger swing
+    counts up to four times the smaller. A campaign without idle runs, or without cuts, leaves that wave at 0, which
+    says nothing of the gap.
     """
     angle = np.linspace(0.0, 2.0 * np.pi, 180, endpoint=False)
     groups = coefficients.reshape(-1, 2 * _N_HARMONICS)[:2]
     away = _UNIT_YOKE.lever(angle) * (groups @ _waves(angle))
     gaps = np.ptp(away, axis=1)
     shown = gaps[gaps >= _SHOWN * gaps.max()]
-    return float(np.sqrt(shown.min() * shown.max()))
+    return float(np.sqrt(shown.min() * min(shown.max(), _LARGER * shown.min())))
 
 
 def swing(baseline: Baseline, state: State, deviation_rad: Floats) -> Signature:

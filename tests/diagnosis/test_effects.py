@@ -324,7 +324,8 @@ def test_a_gap_is_read_off_the_wave_that_the_campaign_shows():
     n, size = effect.n_signatures({"waves": 1.0}), effect.size_of
     in_air, under_load = rng.standard_normal(n), rng.standard_normal(n)
     assert size(np.concatenate([np.zeros(n), under_load])) == size(np.concatenate([under_load, under_load])) > 0.0
-    assert size(np.concatenate([0.04 * under_load, under_load])) == pytest.approx(0.2 * size(under_load))
+    assert size(np.concatenate([0.36 * under_load, under_load])) == pytest.approx(0.6 * size(under_load))
+    assert size(np.concatenate([0.01 * under_load, under_load])) == pytest.approx(0.02 * size(under_load))
     assert size(np.zeros(2 * n)) == 0.0
     both = size(np.concatenate([in_air, under_load]))
     assert both == pytest.approx(np.sqrt(size(in_air) * size(under_load)))
