@@ -28,8 +28,9 @@ from sawbench.modeling.state import State, angle_derivative
 if TYPE_CHECKING:
     from sawbench.modeling.machines.linear_axis import AxisBaseline, AxisState
 
-# A pin that strikes shows in harmonics of any order; with ten of them a fifth of the gap of a play was left.
-_N_HARMONICS = 16
+# A pin that strikes shows in harmonics of any order: as many as the electrical equation is compared in. With fewer a
+# part of its gap is left, with more those beyond, which nothing measures, stand for what others miss.
+_N_HARMONICS = 12
 _STEP = 1e-4
 _SHOWN, _LARGER = 1e-6, 4.0
 # A gap over twice the crank's radius is an angle: a yoke of half a metre turns it back into a gap.

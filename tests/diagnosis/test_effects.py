@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sawbench.diagnosis.inference.features import HARMONICS
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME, EFFECTS, MEMORIES, page
 from sawbench.modeling.effects.grain_variation import WAVELENGTHS_M
 from sawbench.modeling.effects.transfer import Spectrum
@@ -315,6 +316,10 @@ def test_backlash_in_air_and_under_load_are_waves_of_their_own():
     assert np.all(in_air > 0.0) and np.all(under_load == 0.0)
     in_air, under_load = strength(running())
     assert np.all(in_air == 0.0) and np.all(under_load > 0.0)
+
+
+def test_the_wave_of_a_play_has_the_harmonics_that_are_compared():
+    assert EFFECT_BY_NAME["yoke_backlash"].n_signatures({"waves": 1.0}) == 2 * HARMONICS["electrical"]
 
 
 def test_a_gap_is_read_off_the_wave_that_the_campaign_shows():
