@@ -347,7 +347,7 @@ def _to_do(report: Mapping[str, Any]) -> list[str]:
         steps.append("Check the re-tuned parameters (table below) on a new trial.")
     elif verdict == "unknown":
         lines = [_spot_angles(spot) for spot in report["where"] if _is_line(spot)]
-        steps += [f"Look for a part that rotates or switches {line}." for line in lines]
+        steps += [f"Look for a part that rotates, slips or switches {line}." for line in lines]
         if _of_the_strokes(report):
             steps.append("See the map below for the crank angles and operating points at which the gap appears.")
     else:

@@ -159,11 +159,11 @@ def test_an_asynchronous_line_is_told_once_with_its_place(tmp_path):
 
     several = with_lines([101.8, 166.8, 210.0], tmp_path / "several")
     assert several.count(seen) == 1
-    assert "a part that rotates or switches at 101.8 to 210.0 Hz, with the stroke rate" in several
+    assert "a part that rotates, slips or switches at 101.8 to 210.0 Hz, with the stroke rate" in several
     assert "of the gap lies" not in several
     assert "asynchronous" in several
     assert "See the map" not in several
-    assert "a part that rotates or switches at 68.20 Hz." in with_lines([68.2], tmp_path / "one")
+    assert "a part that rotates, slips or switches at 68.20 Hz." in with_lines([68.2], tmp_path / "one")
 
 
 def test_a_doubtful_cause_is_called_doubtful():
