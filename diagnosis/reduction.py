@@ -19,6 +19,7 @@ from sawbench.diagnosis.signal_health import coarse_step
 from sawbench.modeling.parts.mechanism import Mechanism
 from sawbench.modeling.state import START_UP_STEP_S, TWO_PI, State, TrialSetting, angle_derivative
 from sawbench.processing.binning import AngleGrid, time_cell_means
+from sawbench.processing.noise import white_noise_std
 from sawbench.processing.settled import MOVING_RAD_S
 
 N_POINTS = 128
@@ -296,7 +297,7 @@ def _std_by_steps(trial: TrackedTrial, angle: CrankAngle, grid: AngleGrid) -> Fl
     A cell that holds a part of a step is as wrong as one value; one that passes m steps, by the mth part of that.
     """
     signal = trial.channels[DISPLACEMENT.name]
-    noise = next(row.noise_std for row in trial.quality if row.channel == DISPLACEMENT.name)
+    noise = white_noise_std(signal.values, signal.time_s)
     step = coarse_step(signal, noise)
     if not step:
         return np.zeros(0)

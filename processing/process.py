@@ -32,7 +32,13 @@ from sawbench.processing.in_cut import find_cut, with_air
 from sawbench.processing.peak_force import PeakForce, estimate_peak_force
 from sawbench.processing.period import StrokeLine, find_stroke_line, from_displacement, from_line, line_noise_power
 from sawbench.processing.phases import find_phases, stalled_from_start
-from sawbench.processing.quality import CleanChannel, clean_channel, plausibility_problems
+from sawbench.processing.quality import (
+    CleanChannel,
+    clean_channels,
+    plausibility_problems,
+    with_impacts,
+    without_spikes,
+)
 from sawbench.processing.return_stroke import zero_return_stroke
 from sawbench.processing.settled import find_steady_part
 from sawbench.processing.spectrum import power_spectrum, steady_stretch
@@ -93,9 +99,9 @@ def process_recording(recording: Recording, config: BenchConfig, *, source_sha25
     15.000 Hz, high
     """
     recording = with_true_values(recording, config)
-    channels = _clean_channels(recording)
+    channels = clean_channels(recording)
     motion = _find_motion(channels, config, recording.trial)
-    channels = _with_impacts(channels, recording, motion.angle)
+    channels = with_impacts(channels, recording, motion.angle)
     quality = _judged(channels, config, recording.trial)
     status = _status_without_cutting(channels, config, recording.trial, motion)
     base = ProcessedTrial(
@@ -105,7 +111,7 @@ def process_recording(recording: Recording, config: BenchConfig, *, source_sha25
         angle=motion.angle,
         phases=motion.phases,
         steady=motion.steady,
-        channels=_without_spikes(recording, channels),
+        channels=without_spikes(recording, channels),
         folded={},
         cutting_force=None,
         removed=None,
@@ -149,46 +155,18 @@ def track_strokes(recording: Recording, config: BenchConfig) -> TrackedTrial:
         Without an angle where the displacement has no complete stroke; of the quality, what a channel says by itself.
     """
     recording = with_true_values(recording, config)
-    channels = _clean_channels(recording)
+    channels = clean_channels(recording)
     displacement = _alive_displacement(channels)
     tracked = None if displacement is None else _track(displacement, channels, config, recording.trial)
     angle, steady = (None, None) if tracked is None else tracked
-    channels = _with_impacts(channels, recording, angle)
+    channels = with_impacts(channels, recording, angle)
     return TrackedTrial(
         trial=recording.trial,
         angle=angle,
         steady=steady,
-        channels=_without_spikes(recording, channels),
+        channels=without_spikes(recording, channels),
         quality=tuple(channel.quality for channel in channels.values()),
     )
-
-
-def _clean_channels(recording: Recording) -> Channels:
-    return {name: clean_channel(signal) for name, signal in recording.signals.items() if len(signal.values)}
-
-
-def _with_impacts(channels: Channels, recording: Recording, angle: CrankAngle | None) -> Channels:
-    """Give back the spikes at one crank angle; not in the channel that the angle comes from."""
-    if angle is None:
-        return channels
-    return {
-        name: clean_channel(recording.signals[name], angle)
-        if channel.quality.n_spikes and name != angle.source
-        else channel
-        for name, channel in channels.items()
-    }
-
-
-def _without_spikes(recording: Recording, channels: Channels) -> dict[str, Signal]:
-    found = {}
-    for name, clean in channels.items():
-        signal = recording.signals[name]
-        if len(clean.values) < len(signal.values):
-            signal = replace(
-                signal, time_s=clean.time_s, values=clean.values, raw=None, alignment=clean.alignment
-            )  # fmt: skip
-        found[name] = signal
-    return found
 
 
 def _alive_displacement(channels: Channels) -> CleanChannel | None:

@@ -11,7 +11,7 @@ from sawbench.bench.config import BenchConfig
 from sawbench.bench.converter import clipped_levels
 from sawbench.bench.plausible import BATTERY_VOLTAGE, LENGTH_UNITS, TRAVEL, is_outside, most_battery_current_a
 from sawbench.bench.processed import ChannelQuality, CrankAngle
-from sawbench.bench.recording import Alignment, Floats, Signal
+from sawbench.bench.recording import Alignment, Floats, Recording, Signal
 from sawbench.bench.units import CHANNEL_BY_NAME
 from sawbench.processing.held_values import alignment_of_rows, without_repeats
 from sawbench.processing.noise import robust_range, white_noise_std
@@ -114,6 +114,38 @@ def clean_channel(signal: Signal, angle: CrankAngle | None = None) -> CleanChann
             doubts=tuple(text for text in problems if text.startswith(_WRONG_VALUES)),
         ),
     )
+
+
+def clean_channels(recording: Recording) -> dict[str, CleanChannel]:
+    """Every channel that has samples, cleaned by itself."""
+    return {name: clean_channel(signal) for name, signal in recording.signals.items() if len(signal.values)}
+
+
+def with_impacts(
+    channels: Mapping[str, CleanChannel], recording: Recording, angle: CrankAngle | None
+) -> dict[str, CleanChannel]:
+    """Give back the spikes at one crank angle; not in the channel that the angle comes from."""
+
+    def is_asked(name: str) -> bool:
+        return angle is not None and name != angle.source and channels[name].quality.n_spikes > 0
+
+    return {
+        name: clean_channel(recording.signals[name], angle) if is_asked(name) else channel
+        for name, channel in channels.items()
+    }
+
+
+def without_spikes(recording: Recording, channels: Mapping[str, CleanChannel]) -> dict[str, Signal]:
+    """Channels as they were recorded, but for what was left out of them."""
+    found = {}
+    for name, clean in channels.items():
+        signal = recording.signals[name]
+        if len(clean.values) < len(signal.values):
+            signal = replace(
+                signal, time_s=clean.time_s, values=clean.values, raw=None, alignment=clean.alignment
+            )  # fmt: skip
+        found[name] = signal
+    return found
 
 
 def _repeated(rows: float) -> str:

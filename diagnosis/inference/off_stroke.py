@@ -104,11 +104,8 @@ def off_stroke(trial: TrackedTrial) -> OffStroke | None:
         n_cells = left.shape[1]
         at = first + (np.arange(left.size) + 0.5) / n_cells
         at_s = np.interp(TWO_PI * at, angle.angle_rad, angle.time_s)
-        flat = left.ravel()
-        even_s = np.linspace(at_s[0], at_s[-1], len(flat))
-        by_stroke = peaks_of(Spectrum.of(flat, 1.0 / n_cells), 1.0)
-        over_time = Spectrum.of(np.interp(even_s, at_s, flat), float(even_s[1] - even_s[0]))
-        by_time = peaks_of(over_time, rate_hz)
+        over_time = _over_time(left, at_s)
+        by_stroke, by_time = peaks_of(Spectrum.of(left.ravel(), 1.0 / n_cells), 1.0), peaks_of(over_time, rate_hz)
         peaks["stroke", name] = not_sharper_in(by_time, by_stroke, rate_hz)
         peaks["time", name] = not_sharper_in(by_stroke, by_time, 1.0 / rate_hz)
         of_mains[name] = np.array([over_time.amplitudes_at(hz * MULTIPLES, rate_hz) for hz in MAINS_HZ])
@@ -122,17 +119,27 @@ def off_stroke(trial: TrackedTrial) -> OffStroke | None:
         struck[name] = strikes(lefts[name], resolution[name], rate_hz)
     if not peaks:
         return None
-    feed_mm_s = trial.trial.feed_mm_s
-    is_fed = not trial.trial.is_idle and feed_mm_s is not None
     return OffStroke(
         label=trial.trial.trial_id,
         is_idle=trial.trial.is_idle,
         rate_hz=rate_hz,
         near_harmonic=near_harmonic(n_strokes),
-        feed_a_stroke_m=1e-3 * feed_mm_s / rate_hz if is_fed and feed_mm_s is not None else float("nan"),
+        feed_a_stroke_m=_feed_m_s(trial) / rate_hz,
         peaks=peaks,
         of_mains=of_mains,
         struck=struck,
         answer=answer_of(lefts.get(FORCE.name), lefts.get(MOTOR_CURRENT.name), resolution.get(FORCE.name, np.inf)),
         slow=slow,
     )
+
+
+def _over_time(left: Floats, at_s: Floats) -> Spectrum:
+    """Of cells of the crank angle, shape (strokes, cells), at even times; `at_s` those of all cells."""
+    even_s = np.linspace(at_s[0], at_s[-1], left.size)
+    return Spectrum.of(np.interp(even_s, at_s, left.ravel()), float(even_s[1] - even_s[0]))
+
+
+def _feed_m_s(trial: TrackedTrial) -> float:
+    """NaN in air and where none is stated."""
+    feed_mm_s = None if trial.trial.is_idle else trial.trial.feed_mm_s
+    return float("nan") if feed_mm_s is None else 1e-3 * feed_mm_s

@@ -147,11 +147,12 @@ def test_amplitude_and_its_uncertainty_hold_the_truth():
 
 def test_the_whole_catalogue_at_once_says_what_each_effect_says_alone():
     problem = small_problem(8)
+    wave = EFFECT_BY_NAME["yoke_backlash"].n_signatures({"waves": 1.0})
     entries = {
         "edge_force": columns_of("edge_force", 3, 1, seed=9),
         "gear_eccentricity": columns_of("gear_eccentricity", 2, 2, seed=10),
         "force_sensor_lag": [],
-        "yoke_backlash": columns_of("yoke_backlash", 2, 20, seed=11),
+        "yoke_backlash": columns_of("yoke_backlash", 2, wave, seed=11),
         "preload_lift_off": columns_of("preload_lift_off", 2, 1, seed=12),
     }
     marginal = Marginal(problem, extra=np.random.default_rng(13).standard_normal((N_ROWS, 4)))
