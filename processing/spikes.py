@@ -66,7 +66,7 @@ def at_one_crank_angle(time_s: Floats, is_spike: NDArray[np.bool_], angle: Crank
     Returns
     -------
     ndarray of bool, shape (n,)
-        None where there is no angle, or where chance puts spikes as close together more than once in a million.
+        Nowhere without an angle, or where chance puts spikes as close together more than once in a million times.
 
     Notes
     -----

@@ -39,6 +39,8 @@ from sawbench.modeling.residuals import Equation
 from sawbench.modeling.state import TWO_PI
 
 Partition = Literal["crank_angle", "harmonic", "time", "start_up", "operating_point"]
+# Partition, equation, and the place of each cell.
+_Key = tuple[Partition, Equation, tuple[str, ...]]
 N_SECTORS: Final = 24
 _BANDS: Final = (0, 1, 2, 3, 4, 5, 7, 9, 13, 17, 25, 33, 65, 129)
 _LEAST_EXPECTED: Final = 1e-6
@@ -83,8 +85,7 @@ class _Piece:
 
     Attributes
     ----------
-    key : tuple
-        Partition, equation, and the place of each cell.
+    key : _Key
     block : int or None
         Time block of the part that it reads; None for the mean over all.
     probes : ndarray, shape (n_cells, n_probes, size)
@@ -95,7 +96,7 @@ class _Piece:
         Trials that share it.
     """
 
-    key: tuple[Partition, Equation, tuple[str, ...]]
+    key: _Key
     block: int | None
     probes: Floats
     common: Floats
@@ -166,7 +167,7 @@ def find_cells(problem: LinearProblem, small: Floats | None = None) -> tuple[Cel
     small = marginal.rest(np.zeros((len(taken), 0)) if small is None else small)
     columns = np.hstack([marginal.data_split[1][:, None], small, taken])
     repeats = Counter(p.setting.operating_point for p in problem.parts if p.state.kind == "running")
-    found: dict[tuple[Partition, Equation, tuple[str, ...]], _Sums] = {}
+    found: dict[_Key, _Sums] = {}
     for part in problem.parts:
         by_block = columns[part.place].reshape(part.blocks.shape[0], part.layout.size, -1)
         mean = by_block.mean(axis=0)
@@ -179,7 +180,7 @@ def find_cells(problem: LinearProblem, small: Floats | None = None) -> tuple[Cel
     return _judged(found)
 
 
-def _judged(found: dict[tuple[Partition, Equation, tuple[str, ...]], _Sums]) -> tuple[Cell, ...]:
+def _judged(found: dict[_Key, _Sums]) -> tuple[Cell, ...]:
     from scipy.special import chdtrc
 
     judged = {
@@ -220,7 +221,7 @@ def _false_discovery_rates(p_values: Sequence[float]) -> Floats:
 def _pieces(part: Part, n_repeats: int) -> Iterator[_Piece]:
     n_blocks = part.blocks.shape[0]
 
-    def piece(key: tuple[Partition, Equation, tuple[str, ...]], probes: Floats, block: int | None = None) -> _Piece:
+    def piece(key: _Key, probes: Floats, block: int | None = None) -> _Piece:
         return _Piece(key=key, block=block, probes=probes, common=part.common, n_repeats=n_repeats)
 
     for equation, place in part.layout.slices.items():

@@ -214,9 +214,10 @@ def _common_slow_waves(trials: Sequence[OffStroke]) -> Iterator[Finding]:
     in_air = counted[[t.is_idle for t, _ in told]].sum(axis=0)
     shown, n_told = (gains > 0.0).sum(axis=0), is_told.sum(axis=0)
     is_common = (shown >= _NUMBERS.in_most * n_told) & (n_told >= SETTINGS.noise.least_trials)
-    best = int(np.argmax(np.where(is_common & (in_air > _NUMBERS.by_chance), exact.sum(axis=0), -np.inf)))
+    is_the_machines = is_common & (in_air > _NUMBERS.by_chance)
+    best = int(np.argmax(np.where(is_the_machines, exact.sum(axis=0), -np.inf)))
     log_evidence = float(counted[:, best].sum() - np.log(len(FREQUENCIES_HZ)))
-    if not is_common[best] or in_air[best] <= _NUMBERS.by_chance or log_evidence <= 0.0:
+    if not is_the_machines[best] or log_evidence <= 0.0:
         return
     amplitude = float(np.nanmedian([wave.amplitude[best] for _, wave in told]))
     at_hz = float(FREQUENCIES_HZ[best])

@@ -144,7 +144,8 @@ class OffStroke:
     feed_error : float
         Relative, of the feed that a trial states.
     by_chance : float
-        Log likelihood by which one description of a line has to be better than another, nats.
+        Log likelihood by which one description of a line has to be better than another, nats; so much at most a single
+        place that fits neither counts, and so much at least a slow wave has to gain in air.
     most_per_trial : float
         Log evidence that one trial may give, nats.
     strike : float

@@ -117,11 +117,12 @@ def _soft_start(
     return (held_back(state, state.current_a, (1.0 - from_share) * missing * state.motor_voltage_v),)
 
 
+_COLD_TORQUE = Strength(name="torque_n_m", unit="N*m", typical=0.005, low=0.2, high=4.0, source="assumed")
 WARMING_FRICTION = Effect(
     name="friction that falls as the machine warms up",
     place="mechanical",
     equation="tau * exp(-t / T) on the motor shaft, again after each rest",
-    strength=Strength(name="torque_n_m", unit="N*m", typical=0.005, low=0.2, high=4.0, source="assumed"),
+    strength=_COLD_TORQUE,
     signature=_warming_friction,
     shapes=tuple(
         {"time_constant_s": float(tau), "viscous": viscous} for tau in (3.0, 10.0, 30.0) for viscous in (0.0, 1.0)
@@ -132,7 +133,7 @@ SOFTENING_FRICTION = Effect(
     name="friction that falls with what the machine has run in the session",
     place="mechanical",
     equation="tau * exp(-s q) on the motor shaft, T q' = w^2 / w_usual^2 - q",
-    strength=Strength(name="torque_n_m", unit="N*m", typical=0.005, low=0.2, high=4.0, source="assumed"),
+    strength=_COLD_TORQUE,
     signature=_softening_friction,
     shapes=tuple(
         {"time_constant_s": tau, "softens": softens}
