@@ -17,9 +17,18 @@ from sawbench.diagnosis.inference.peaks import Peak, Spectrum, near_harmonic, no
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.slow_wave import SlowWave, slow_wave
 from sawbench.diagnosis.inference.strikes import Answer, Strikes, answer_of, resolution_of, strikes
-from sawbench.diagnosis.inference.stroke_cells import filled, in_cells, is_read, without_lines, without_strokes
+from sawbench.diagnosis.inference.stroke_cells import (
+    beside_mean_stroke,
+    filled,
+    in_cells,
+    is_read,
+    without_lines,
+    without_strokes,
+)
 from sawbench.modeling.state import TWO_PI
 
+# Cycles a stroke up to which lines are looked for: a commutator has about a hundred.
+_HIGHEST_ORDER = 128
 MAINS_HZ, MULTIPLES = (50.0, 60.0), np.arange(1, 8)
 _NUMBERS: Final = SETTINGS.off_stroke
 
@@ -92,10 +101,9 @@ def off_stroke(trial: TrackedTrial) -> OffStroke | None:
     begins_s, ends_s = np.interp(TWO_PI * np.array([first, last]), angle.angle_rad, angle.time_s)
     rate_hz = n_strokes / float(ends_s - begins_s)
     channels = {name: s for name, s in trial.channels.items() if name in CHANNEL_BY_NAME and len(s.values) > 1}
-    cells = {
-        name: in_cells(np.interp(s.time_s, angle.time_s, angle.angle_rad), s.values, first, n_strokes)
-        for name, s in channels.items()
-    }
+    turned_rad = {name: np.interp(s.time_s, angle.time_s, angle.angle_rad) for name, s in channels.items()}
+    beside = {name: beside_mean_stroke(turned_rad[name], s.values, first, n_strokes) for name, s in channels.items()}
+    cells = {name: in_cells(turned_rad[name], beside[name], first, n_strokes) for name in channels}
     angle_is_read = is_read(cells.get(DISPLACEMENT.name), n_strokes)
     for name, its_cells in cells.items():
         if its_cells is None:
@@ -104,8 +112,18 @@ def off_stroke(trial: TrackedTrial) -> OffStroke | None:
         n_cells = left.shape[1]
         at = first + (np.arange(left.size) + 0.5) / n_cells
         at_s = np.interp(TWO_PI * at, angle.angle_rad, angle.time_s)
-        over_time = _over_time(left, at_s)
-        by_stroke, by_time = peaks_of(Spectrum.of(left.ravel(), 1.0 / n_cells), 1.0), peaks_of(over_time, rate_hz)
+        sample_hz = 1.0 / float(np.median(np.diff(channels[name].time_s)))
+        over_strokes = Spectrum.of(
+            turned_rad[name] / TWO_PI - first, beside[name], n_strokes, sample_hz / rate_hz, _HIGHEST_ORDER
+        )
+        over_time = Spectrum.of(
+            channels[name].time_s - begins_s,
+            beside[name],
+            ends_s - begins_s,
+            sample_hz,
+            min(_HIGHEST_ORDER * rate_hz, 0.5 * sample_hz),
+        )
+        by_stroke, by_time = peaks_of(over_strokes, 1.0), peaks_of(over_time, rate_hz)
         peaks["stroke", name] = not_sharper_in(by_time, by_stroke, rate_hz)
         peaks["time", name] = not_sharper_in(by_stroke, by_time, 1.0 / rate_hz)
         of_mains[name] = np.array([over_time.amplitudes_at(hz * MULTIPLES, rate_hz) for hz in MAINS_HZ])
@@ -131,12 +149,6 @@ def off_stroke(trial: TrackedTrial) -> OffStroke | None:
         answer=answer_of(lefts.get(FORCE.name), lefts.get(MOTOR_CURRENT.name), resolution.get(FORCE.name, np.inf)),
         slow=slow,
     )
-
-
-def _over_time(left: Floats, at_s: Floats) -> Spectrum:
-    """Of cells of the crank angle, shape (strokes, cells), at even times; `at_s` those of all cells."""
-    even_s = np.linspace(at_s[0], at_s[-1], left.size)
-    return Spectrum.of(np.interp(even_s, at_s, left.ravel()), float(even_s[1] - even_s[0]))
 
 
 def _feed_m_s(trial: TrackedTrial) -> float:

@@ -13,6 +13,8 @@ from sawbench.diagnosis.inference.settings import SETTINGS
 # Bins of a spectrum: of its floor, of a line, beside a line, and from the middle of a line to where its window ends.
 _FLOOR_BINS, _LINE_BINS, _FOOT_BINS, _WINDOW_BINS = 40, 3, (5, 8), 2
 _PEAKS = 4
+# Steps on which samples are placed, for one at the highest line: so fine that they are as good as where they were.
+_FINER = 4
 # A line of time is smeared over the cycles a stroke by as much as the speed changes in a trial, and its peak is lower.
 _SMEARED, _SHARPER = 0.05, 1.2
 _NUMBERS: Final = SETTINGS.off_stroke
@@ -50,26 +52,65 @@ def near_harmonic(n_strokes: float) -> float:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Spectrum:
-    """Of an evenly sampled series, through a Hann window.
+    """Of a series, through a Hann window.
 
     Attributes
     ----------
     place, power : ndarray, shape (n,)
         Hz or cycles a stroke, and the squares of the transform there.
     gain : float
-        Sum of the window.
+        Sum of the window at the samples.
+    sample_rate : float
+        Samples a second, or a stroke: around its multiples stand the images of lines.
+    total : float
+        Power of all up to half of the sample rate.
     """
 
     place: Floats
     power: Floats
     gain: float
+    sample_rate: float
+    total: float
 
     @classmethod
-    def of(cls, values: Floats, step: float) -> Spectrum:
-        """Transform a series, shape (n,), of that step in seconds or strokes."""
-        window = np.hanning(len(values))
-        power = np.abs(np.fft.rfft(values * window)) ** 2
-        return cls(place=np.fft.rfftfreq(len(values), step), power=power, gain=float(window.sum()))
+    def of(cls, at: Floats, values: Floats, span: float, sample_rate: float, highest: float) -> Spectrum:
+        """Transform samples where they were taken, each shape (n,).
+
+        Nothing stands between samples, so nothing is interpolated, and over the stroke, in which they are not even, a
+        line above half of the samples a stroke is where it is; only its images are blurred.
+
+        Parameters
+        ----------
+        at : ndarray
+            Seconds, or strokes; what is not within 0 and `span` is left out.
+        values : ndarray
+        span, sample_rate : float
+        highest : float
+            Place up to which lines are looked for.
+        """
+        n_steps = int(_FINER * span * highest)
+        steps = at * (n_steps / span)
+        inside = (steps >= 0.0) & (steps < n_steps - 1)
+        steps = steps[inside]
+        window = 0.5 - 0.5 * np.cos(2.0 * np.pi / n_steps * steps)
+        weighed = window * values[inside]
+        # The two steps beside a sample share it.
+        before = steps.astype(np.int64)
+        behind = (steps - before) * weighed
+        placed = np.bincount(before, weights=weighed - behind, minlength=n_steps)
+        placed += np.bincount(before + 1, weights=behind, minlength=n_steps)
+        n_lines = int(span * highest) + 1
+        return cls(
+            place=np.arange(n_lines) / span,
+            power=np.abs(np.fft.rfft(placed)[:n_lines]) ** 2,
+            gain=float(window.sum()),
+            sample_rate=sample_rate,
+            total=0.5 * len(weighed) * float(weighed @ weighed),
+        )
+
+    def sampled(self, place: Floats | float) -> Floats:
+        """Where a line of an even clock stands, seen no finer than the samples do: its place, or that of its image."""
+        return np.abs(place - self.sample_rate * np.round(place / self.sample_rate))
 
     def amplitude(self, k: int) -> float:
         """Amplitude of a sine of all that stands in the line around bin k."""
@@ -94,21 +135,28 @@ def peaks_of(spectrum: Spectrum, per_stroke: float) -> tuple[Peak, ...]:
     place, power = spectrum.place, spectrum.power
     order = place / per_stroke
     floor = median_filter(power, 2 * _FLOOR_BINS + 1) / np.log(2.0)
-    total = float(power[order > _NUMBERS.lowest_order].sum())
+    slow = order <= _NUMBERS.lowest_order
+    total = spectrum.total - float(power[slow].sum())
     if total <= 0:
         return ()
     ratio = power / np.maximum(floor, 1e-12 * total)
-    is_locked = np.abs(order - np.round(order)) < near_harmonic(1.0 / order[1])
-    ratio[(order < _NUMBERS.lowest_order) | is_locked | ~_is_narrow(power)] = 0.0
+    width = float(place[1])
+    is_locked = np.zeros(len(order), dtype=bool)
+    for one in (order, spectrum.sampled(place) / per_stroke):
+        is_locked |= np.abs(one - np.round(one)) < near_harmonic(1.0 / order[1])
+    ratio[slow | is_locked | ~_is_narrow(power)] = 0.0
     found: list[Peak] = []
     while len(found) < _PEAKS:
         k = int(np.argmax(ratio))
         if ratio[k] < _NUMBERS.seen_power:
             break
-        share = float(power[_around(k)].sum()) / total
-        at, width, height = float(place[k]), float(place[1]), float(ratio[k])
-        found.append(Peak(place=at, width=width, power=height, share=share, amplitude=spectrum.amplitude(k)))
+        at, height = float(place[k]), float(ratio[k])
         ratio[_around(k)] = 0.0
+        # Of a line and its images, the strongest is the line: over the stroke the others are blurred.
+        if any(abs(spectrum.sampled(at) - spectrum.sampled(p.place)) < _LINE_BINS * width for p in found):
+            continue
+        share = float(power[_around(k)].sum()) / total
+        found.append(Peak(place=at, width=width, power=height, share=share, amplitude=spectrum.amplitude(k)))
     return tuple(found)
 
 

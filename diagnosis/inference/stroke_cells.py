@@ -13,26 +13,40 @@ from sawbench.processing.binning import AngleGrid
 
 _CELLS, _FEWEST_CELLS, _SAMPLES_A_CELL = 64, 16, 1.5
 _MOST_EMPTY: Final = 0.02
+# Of the mean stroke: as fine as its samples allow, for they fall elsewhere in every stroke.
+_MEAN_CELLS, _SAMPLES_A_MEAN = 128, 16
 
 
-def in_cells(turned_rad: Floats, values: Floats, first_turn: int, n_strokes: int) -> Floats | None:
-    """What samples have beyond the mean stroke in each cell of the crank angle, shape (strokes, cells).
+def beside_mean_stroke(turned_rad: Floats, values: Floats, first_turn: int, n_strokes: int) -> Floats:
+    """What samples have beyond the mean of all strokes at their crank angle and a linear trend, shape (n,).
 
-    NaN where there is none; None where too many are empty. The mean stroke is taken off the samples, not off the means
-    of cells: a few samples lie now in the first, now in the last half of a cell, and where the stroke is steep their
-    means beat at orders that are not there.
+    It is taken off the samples, not off the means of cells: a few samples lie now in the first, now in the last half of
+    a cell, and where the stroke is steep their means beat at orders that are not there.
+    """
+    inside = AngleGrid(first_turn=first_turn, n_rows=1, n_bins=1, turns_per_row=n_strokes).place(turned_rad) >= 0
+    n_inside = np.count_nonzero(inside)
+    values = values - np.polynomial.Polynomial.fit(turned_rad[inside], values[inside], 1)(turned_rad)
+    for n_cells in (min(_MEAN_CELLS, n_inside // _SAMPLES_A_MEAN), min(_CELLS, n_inside // n_strokes)):
+        grid = AngleGrid(first_turn=first_turn, n_rows=1, n_bins=max(n_cells, 1), turns_per_row=n_strokes)
+        stroke = grid.means(grid.place(turned_rad), values)[0]
+        if not np.isnan(stroke).any():
+            return values - _periodic(stroke, turned_rad)
+    return values - np.nanmean(stroke)
+
+
+def in_cells(turned_rad: Floats, left: Floats, first_turn: int, n_strokes: int) -> Floats | None:
+    """Means over each cell of the crank angle of what samples have beside the mean stroke, shape (strokes, cells).
+
+    NaN where there is none; None where too many are empty.
     """
     per_stroke = len(turned_rad) / max(float(np.ptp(turned_rad)) / TWO_PI, 1e-9)
     n_cells = min(_CELLS, int(per_stroke / _SAMPLES_A_CELL))
     if n_cells < _FEWEST_CELLS:
         return None
     grid = AngleGrid(first_turn=first_turn, n_rows=n_strokes, n_bins=n_cells)
-    placed = grid.place(turned_rad)
-    cells = grid.means(placed, values)
+    cells = grid.means(grid.place(turned_rad), left)
     is_empty = np.isnan(cells)
-    if np.mean(is_empty) > _MOST_EMPTY or is_empty.all(axis=0).any():
-        return None
-    return grid.means(placed, values - _periodic(np.nanmean(cells, axis=0), turned_rad))
+    return None if np.mean(is_empty) > _MOST_EMPTY or is_empty.all(axis=0).any() else cells
 
 
 def _periodic(stroke: Floats, turned_rad: Floats) -> Floats:
