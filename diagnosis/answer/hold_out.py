@@ -293,8 +293,15 @@ class HoldOut:
         solution = np.asarray(np.linalg.solve(normal, moment), dtype=np.float64)
         if np.all((solution >= low) & (solution <= high)):
             return solution
-        root = np.linalg.cholesky(normal)
-        return lsq_linear(root.T, np.linalg.solve(root, moment), bounds=(low, high), method="bvls").x
+        # All that has no bounds follows: what is left is a small problem.
+        bounded = np.isfinite(low)
+        follows = np.linalg.solve(normal[np.ix_(~bounded, ~bounded)], normal[np.ix_(~bounded, bounded)])
+        root = np.linalg.cholesky(normal[np.ix_(bounded, bounded)] - normal[np.ix_(bounded, ~bounded)] @ follows)
+        pull = np.linalg.solve(root, moment[bounded] - follows.T @ moment[~bounded])
+        within = lsq_linear(root.T, pull, bounds=(low[bounded], high[bounded]), method="bvls").x
+        free = np.linalg.solve(normal[np.ix_(~bounded, ~bounded)], moment[~bounded])
+        solution[bounded], solution[~bounded] = within, free - follows @ within
+        return solution
 
 
 def _root_of_inverse(normal: Floats) -> Floats:
