@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.patchwork import Patchwork
 
 
 class Marginal:
@@ -39,8 +40,9 @@ class Marginal:
         self._rows = slice(None) if rows is None else rows
         self.data = problem.data[self._rows]
         design = problem.nuisance if scale is None else problem.nuisance * scale
-        self._blocks: tuple[Floats, ...] = (design[self._rows],)
-        self._root = _root_of(self._blocks[0].T @ self._blocks[0])
+        design = design[self._rows]
+        self._blocks: tuple[Patchwork, ...] = (Patchwork(design),)
+        self._root = _root_of(self._inner(design))
         if extra is not None:
             self._extend(extra[self._rows])
 
@@ -56,7 +58,7 @@ class Marginal:
         """Add columns: the Cholesky factor of all has that of the first ones in its corner."""
         taken = self.half(extra)
         own = _root_of(extra.T @ extra - taken.T @ taken)
-        self._blocks = (*self._blocks, extra)
+        self._blocks = (*self._blocks, Patchwork(extra))
         self._root = np.block([[self._root, np.zeros_like(taken)], [taken.T, own]])
 
     @cached_property
@@ -89,14 +91,15 @@ class Marginal:
         if known is None:
             return solve_triangular(self._root, self._inner(columns), lower=True)
         n = len(known)
-        rest = self._blocks[-1].T @ columns - self._root[n:, :n] @ known
+        rest = self._blocks[-1].transposed_times(columns) - self._root[n:, :n] @ known
         return np.vstack([known, solve_triangular(self._root[n:, n:], rest, lower=True)])
 
     def taken_up(self) -> Floats:
         """What the nuisances take up of every feature: H, shape (p, n), with M^-1 = I - H' H."""
         from scipy.linalg import solve_triangular
 
-        return solve_triangular(self._root, np.hstack(self._blocks).T, lower=True)
+        whole = np.hstack([block.times(np.eye(block.shape[1])) for block in self._blocks])
+        return solve_triangular(self._root, whole.T, lower=True)
 
     def gram(self, columns: Floats) -> tuple[Floats, Floats]:
         """S' M^-1 S, shape (q, q), and S' M^-1 y, shape (q,), for full-length columns S, shape (n, q)."""
@@ -125,7 +128,7 @@ class Marginal:
 
         best = cho_solve((self._root, True), self._inner(columns))
         ends = np.cumsum([block.shape[1] for block in self._blocks])[:-1]
-        taken = sum(block @ part for block, part in zip(self._blocks, np.split(best, ends), strict=True))
+        taken = sum(block.times(part) for block, part in zip(self._blocks, np.split(best, ends), strict=True))
         return best, columns - taken
 
     def weighted_sum(self, weights: Floats) -> tuple[float, float]:
@@ -149,7 +152,7 @@ class Marginal:
 
     def _inner(self, columns: Floats) -> Floats:
         """Inner products of the nuisances with columns, shape (n,) or (n, q)."""
-        return np.concatenate([block.T @ columns for block in self._blocks])
+        return np.concatenate([block.transposed_times(columns) for block in self._blocks])
 
 
 class Widened:
