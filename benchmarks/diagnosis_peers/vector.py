@@ -88,7 +88,7 @@ def _mean(rows: list[Floats], size: int) -> Floats:
 
 def _scatter(problem: LinearProblem, part: Part) -> Floats:
     """Logarithm of the standard deviation of each feature between units of a few strokes."""
-    features = part.layout.place(problem.campaign.plant.residuals(part.state), part.state.angle_rad.shape[0])
+    features = part.layout.place(problem.campaign.plant.residuals(part.state), part.state.speed_rad_s)
     return np.log10(np.std(np.diff(features, axis=0), axis=0) + 1e-9) if len(features) > 1 else np.zeros(0)
 
 

@@ -78,15 +78,28 @@ class Layout:
         """Length of a feature vector."""
         return max((part.stop for part in self.slices.values()), default=0)
 
-    def place(self, signature: Signature, n_units: int) -> Floats:
-        """Feature vectors of a residual or a signature, shape (n_units, size); absent equations are 0."""
-        out = np.zeros((n_units, self.size))
+    def place(self, signature: Signature, speed_rad_s: Floats) -> Floats:
+        """Feature vectors of a residual or a signature, shape (n_units, size); absent equations are 0.
+
+        Of a running machine, harmonics over the crank angle of what counts by its time. The mean over time of a speed
+        is the turns made, and that of an acceleration is none, however the angle is read within the stroke; over the
+        angle, a speed that is read to swing by a fifth has a mean that is a fiftieth too large, and a torque with it.
+
+        Parameters
+        ----------
+        signature : dict
+            Arrays of shape (n_units, n_points).
+        speed_rad_s : ndarray, shape (n_units, n_points)
+            Of the crank.
+        """
+        out = np.zeros((len(speed_rad_s), self.size))
+        times = 1.0 / speed_rad_s if self.kind == "running" else np.ones(1)
+        times = times / times.mean(axis=-1, keepdims=True)
         for equation, part in self.slices.items():
             if equation in signature:
+                rows = signature[equation]
                 out[:, part] = (
-                    harmonics(signature[equation], self.n_harmonics[equation])
-                    if self.kind == "running"
-                    else time_bins(signature[equation])
+                    harmonics(times * rows, self.n_harmonics[equation]) if self.kind == "running" else time_bins(rows)
                 )
         return out
 

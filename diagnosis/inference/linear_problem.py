@@ -80,7 +80,7 @@ class Part:
                 if equation in signature:
                     wave[k] = signature[equation]
             waves[equation] = wave.reshape(-1, n_points)
-        rows = self.layout.place(waves, len(signatures) * n_rows) @ self.whitener.T
+        rows = self.layout.place(waves, np.tile(self.smooth.speed_rad_s, (len(signatures), 1))) @ self.whitener.T
         return rows.reshape(len(signatures), n_rows * self.layout.size)
 
     def unwhiten(self, stacked: Floats) -> Floats:
@@ -203,7 +203,7 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True, settings: S
         residual = plant.residuals(state)
         layout = layout_of(state, residual, n_harmonics)
         if layout.equations:
-            found.append((state, layout, layout.place(residual, state.angle_rad.shape[0])))
+            found.append((state, layout, layout.place(residual, state.speed_rad_s)))
     scatter = scatter_of(found)
     rates = [float(state.speed_rad_s.mean()) / TWO_PI for state, _, _ in found if state.kind == "running"]
     rate_hz = float(np.mean(rates)) if rates else 1.0

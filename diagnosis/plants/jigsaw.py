@@ -192,7 +192,7 @@ class Jigsaw:
         """Covariance by independent errors of the blade's velocity, shape (n, n_points), shared by a trial's blocks."""
         is_cutting = self.baseline.cutting_speed(state).mean(axis=0) > 0.0
         force_n = state.k_guess_n_s_per_m * speed_m_s * is_cutting
-        moved = layout.place({"cutting": force_n}, len(force_n))
+        moved = layout.place({"cutting": force_n}, np.broadcast_to(state.speed_rad_s.mean(axis=0), force_n.shape))
         return N_BLOCKS * moved.T @ moved
 
     def _ripple_error(self, equation: Equation, order: Floats, state: State) -> Floats:

@@ -118,7 +118,7 @@ class LinearAxis:
         """
         floor_n = self.config.model_floor_n or SETTINGS.axis.floor_share * self.model.force_scale_n
         unsure = (residuals(self.model, state), self.model.known_signature(state))
-        features = [layout.place(one, len(state.angle_rad)).mean(axis=0) for one in unsure if one]
+        features = [layout.place(one, state.speed_rad_s).mean(axis=0) for one in unsure if one]
         unsure_n = float(np.linalg.norm(features))
         order = orders((layout.size - 1) // 2)
         shape = 1.0 / (1.0 + order / SETTINGS.axis.form_harmonic)
@@ -127,7 +127,7 @@ class LinearAxis:
         impulses = np.eye(len(speed))[speed < SETTINGS.axis.standstill_share * speed.max()]
         # White over the grid: on a finer one as much of it falls on each harmonic.
         size_n = unsure_n * np.sqrt(len(speed) / LEAST_POINTS)
-        standstill = size_n * layout.place({"mechanical": impulses}, len(impulses))
+        standstill = size_n * layout.place({"mechanical": impulses}, np.ones_like(impulses))
         return np.diag(floor**2) + standstill.T @ standstill
 
     def nuisances(self) -> tuple[Nuisance, ...]:

@@ -237,8 +237,8 @@ def test_what_stays_unexplained_counts_in_the_equations_where_an_effect_acts(pro
     data = with_columns(with_columns(problem, columns, RUBBING, 4.0), columns, FRICTION, 0.5)
     whitened = problem.project(lambda state: {equation: np.sign(np.sin(7.0 * state.angle_rad))})
     gain = np.sum(columns[FRICTION][0].columns[:, 0] ** 2)
-    # Sixty times as much as the friction explains, of either equation.
-    unexplained = replace(data, data=data.data + whitened * np.sqrt(60.0 * 0.5**2 * gain / np.sum(whitened**2)))
+    # Thirty times as much as the friction explains, of either equation.
+    unexplained = replace(data, data=data.data + whitened * np.sqrt(30.0 * 0.5**2 * gain / np.sum(whitened**2)))
     judged = certain_of(judge(data, columns), " + ".join(sorted((FRICTION, RUBBING))))
     held = held_to_predictions(unexplained, columns, judged, OfFeatures(unexplained, columns, judged))
     assert (FRICTION in held.best.effects) == is_named

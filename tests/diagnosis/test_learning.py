@@ -47,7 +47,7 @@ def problem(hidden, seed=0):
     for point in range(6):
         for repeat in range(2):
             state = strokes(point, repeat)
-            rows = LAYOUT.place(hidden(state), 3) @ whitener + rng.standard_normal((3, LAYOUT.size))
+            rows = LAYOUT.place(hidden(state), state.speed_rad_s) @ whitener + rng.standard_normal((3, LAYOUT.size))
             place = slice(start, start + rows.size)
             parts.append(
                 Part(

@@ -13,7 +13,7 @@ from sawbench.diagnosis.inference.features import START_UP_EDGES_S, Layout, harm
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.diagnosis.reduction import between_samples, running_state, start_up_state
 from sawbench.diagnosis.stroke_means import stroke_means
-from sawbench.modeling.state import TWO_PI
+from sawbench.modeling.state import TWO_PI, angle_derivative
 
 from tests.rigs.drawn_states import BASELINE, setting_of
 from tests.rigs.processed import processed_trial
@@ -265,3 +265,18 @@ def test_trials_that_are_used_in_part_are_named_and_many_of_them_in_one_line():
     (many,) = used_in_part([*trials_cut_from([None, 0.3, 0.4, 0.5, 0.6, 0.7])])
     assert "of 5 of the 6 trials only a part is used" in many
     assert "t1 0.30 to 3.00 s, t2 0.40 to 3.00 s, t3 0.50 to 3.00 s and 2 more" in many
+
+
+def test_a_swing_of_the_angle_read_changes_no_mean_of_speed_or_acceleration():
+    """A crank that turns evenly at 90 rad/s, read off a plunger with play: the speed read swings by a fifth."""
+    read_rad = (np.arange(256) + 0.5) * TWO_PI / 256
+    crank_per_read = 1.0 - 0.2 * np.cos(3 * read_rad) - 0.1 * np.sin(5 * read_rad)
+    speed = (90.0 / crank_per_read)[None]
+    acceleration = speed * angle_derivative(speed)
+    layout = Layout(
+        kind="running", equations=("electrical", "mechanical"), n_harmonics={"electrical": 2, "mechanical": 2}
+    )
+    features = layout.place({"electrical": speed, "mechanical": acceleration}, speed)[0]
+    assert speed.mean() > 91.5  # over the angle
+    assert features[layout.slices["electrical"]][0] == pytest.approx(90.0, abs=1e-6)
+    assert features[layout.slices["mechanical"]][0] == pytest.approx(0.0, abs=1e-6)
