@@ -20,7 +20,6 @@ from sawbench.diagnosis.inference.strikes import Answer, Strikes, answer_of, res
 from sawbench.diagnosis.inference.stroke_cells import (
     beside_mean_stroke,
     filled,
-    in_cells,
     is_read,
     without_lines,
     without_strokes,
@@ -102,27 +101,18 @@ def off_stroke(trial: TrackedTrial) -> OffStroke | None:
     rate_hz = n_strokes / float(ends_s - begins_s)
     channels = {name: s for name, s in trial.channels.items() if name in CHANNEL_BY_NAME and len(s.values) > 1}
     turned_rad = {name: np.interp(s.time_s, angle.time_s, angle.angle_rad) for name, s in channels.items()}
-    beside = {name: beside_mean_stroke(turned_rad[name], s.values, first, n_strokes) for name, s in channels.items()}
-    cells = {name: in_cells(turned_rad[name], beside[name], first, n_strokes) for name in channels}
-    angle_is_read = is_read(cells.get(DISPLACEMENT.name), n_strokes)
-    for name, its_cells in cells.items():
-        if its_cells is None:
-            continue
-        left = without_strokes(filled(its_cells))
-        n_cells = left.shape[1]
-        at = first + (np.arange(left.size) + 0.5) / n_cells
+    found = {name: beside_mean_stroke(turned_rad[name], s.values, first, n_strokes) for name, s in channels.items()}
+    beside = {name: one for name, one in found.items() if one is not None}
+    angle_is_read = is_read(beside[DISPLACEMENT.name][1] if DISPLACEMENT.name in beside else None, n_strokes)
+    for name, (samples, cells) in beside.items():
+        left = without_strokes(filled(cells))
+        at = first + (np.arange(left.size) + 0.5) / left.shape[1]
         at_s = np.interp(TWO_PI * at, angle.angle_rad, angle.time_s)
-        sample_hz = 1.0 / float(np.median(np.diff(channels[name].time_s)))
-        over_strokes = Spectrum.of(
-            turned_rad[name] / TWO_PI - first, beside[name], n_strokes, sample_hz / rate_hz, _HIGHEST_ORDER
-        )
-        over_time = Spectrum.of(
-            channels[name].time_s - begins_s,
-            beside[name],
-            ends_s - begins_s,
-            sample_hz,
-            min(_HIGHEST_ORDER * rate_hz, 0.5 * sample_hz),
-        )
+        time_s = channels[name].time_s
+        sample_hz = 1.0 / float(np.median(np.diff(time_s)))
+        turns, highest_hz = turned_rad[name] / TWO_PI - first, min(_HIGHEST_ORDER * rate_hz, 0.5 * sample_hz)
+        over_strokes = Spectrum.of(turns, samples, n_strokes, sample_hz / rate_hz, _HIGHEST_ORDER)
+        over_time = Spectrum.of(time_s - begins_s, samples, ends_s - begins_s, sample_hz, highest_hz)
         by_stroke, by_time = peaks_of(over_strokes, 1.0), peaks_of(over_time, rate_hz)
         peaks["stroke", name] = not_sharper_in(by_time, by_stroke, rate_hz)
         peaks["time", name] = not_sharper_in(by_stroke, by_time, 1.0 / rate_hz)
@@ -131,7 +121,7 @@ def off_stroke(trial: TrackedTrial) -> OffStroke | None:
         if name == FORCE.name:
             slow = slow_wave(at_s.reshape(left.shape), without_lines(left, at_s, by_time))
         # Where samples are missing, of the channel or of the angle, what stands in a stroke was not measured.
-        lefts[name] = (angle_is_read & is_read(its_cells, n_strokes))[:, None] * without_lines(
+        lefts[name] = (angle_is_read & is_read(cells, n_strokes))[:, None] * without_lines(
             left, at_s, peaks["time", name]
         )
         struck[name] = strikes(lefts[name], resolution[name], rate_hz)

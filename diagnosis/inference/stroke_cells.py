@@ -17,36 +17,42 @@ _MOST_EMPTY: Final = 0.02
 _MEAN_CELLS, _SAMPLES_A_MEAN = 128, 16
 
 
-def beside_mean_stroke(turned_rad: Floats, values: Floats, first_turn: int, n_strokes: int) -> Floats:
-    """What samples have beyond the mean of all strokes at their crank angle and a linear trend, shape (n,).
+def beside_mean_stroke(
+    turned_rad: Floats, values: Floats, first_turn: int, n_strokes: int
+) -> tuple[Floats, Floats] | None:
+    """What samples have beyond a linear trend and the mean of all strokes at their crank angle.
 
-    It is taken off the samples, not off the means of cells: a few samples lie now in the first, now in the last half of
-    a cell, and where the stroke is steep their means beat at orders that are not there.
+    The mean is taken off the samples, not off the means of cells: a few samples lie now in the first, now in the last
+    half of a cell, and where the stroke is steep their means beat at orders that are not there.
+
+    Parameters
+    ----------
+    turned_rad, values : ndarray, shape (n,)
+    first_turn, n_strokes : int
+
+    Returns
+    -------
+    tuple of ndarray, shapes (n,) and (n_strokes, n_cells), or None
+        Of the samples, and their means over each cell of the crank angle, NaN where there is none. None where there are
+        too few samples, or too many of the cells are empty.
     """
     inside = AngleGrid(first_turn=first_turn, n_rows=1, n_bins=1, turns_per_row=n_strokes).place(turned_rad) >= 0
     n_inside = np.count_nonzero(inside)
-    values = values - np.polynomial.Polynomial.fit(turned_rad[inside], values[inside], 1)(turned_rad)
-    for n_cells in (min(_MEAN_CELLS, n_inside // _SAMPLES_A_MEAN), min(_CELLS, n_inside // n_strokes)):
-        grid = AngleGrid(first_turn=first_turn, n_rows=1, n_bins=max(n_cells, 1), turns_per_row=n_strokes)
-        stroke = grid.means(grid.place(turned_rad), values)[0]
-        if not np.isnan(stroke).any():
-            return values - _periodic(stroke, turned_rad)
-    return values - np.nanmean(stroke)
-
-
-def in_cells(turned_rad: Floats, left: Floats, first_turn: int, n_strokes: int) -> Floats | None:
-    """Means over each cell of the crank angle of what samples have beside the mean stroke, shape (strokes, cells).
-
-    NaN where there is none; None where too many are empty.
-    """
-    per_stroke = len(turned_rad) / max(float(np.ptp(turned_rad)) / TWO_PI, 1e-9)
-    n_cells = min(_CELLS, int(per_stroke / _SAMPLES_A_CELL))
+    n_cells = min(_CELLS, int(n_inside / n_strokes / _SAMPLES_A_CELL))
     if n_cells < _FEWEST_CELLS:
         return None
+    level = values - np.polynomial.Polynomial.fit(turned_rad[inside], values[inside], 1)(turned_rad)
+    for n_means in (max(min(_MEAN_CELLS, n_inside // _SAMPLES_A_MEAN), n_cells), n_cells):
+        of_all = AngleGrid(first_turn=first_turn, n_rows=1, n_bins=n_means, turns_per_row=n_strokes)
+        stroke = of_all.means(of_all.place(turned_rad), level)[0]
+        if not np.isnan(stroke).any():
+            break
+    else:
+        return None
+    left = level - _periodic(stroke, turned_rad)
     grid = AngleGrid(first_turn=first_turn, n_rows=n_strokes, n_bins=n_cells)
     cells = grid.means(grid.place(turned_rad), left)
-    is_empty = np.isnan(cells)
-    return None if np.mean(is_empty) > _MOST_EMPTY or is_empty.all(axis=0).any() else cells
+    return None if np.mean(np.isnan(cells)) > _MOST_EMPTY else (left, cells)
 
 
 def _periodic(stroke: Floats, turned_rad: Floats) -> Floats:

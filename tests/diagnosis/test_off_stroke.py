@@ -465,3 +465,26 @@ def test_an_order_near_a_harmonic_is_no_wave_of_the_wood_where_the_feed_a_stroke
     assert finding is not None
     assert f"{order:.2f} cycles per stroke" in finding.text
     assert campaign(grain, plan=plan) is None
+
+
+def test_a_channel_that_ends_before_the_strokes_does_not_count():
+    time_s = np.arange(0.0, DURATION_S, 1.0 / RATE_HZ)
+    turns = 14.3 * time_s
+    wave = np.sin(2.0 * np.pi * turns) + 0.1 * np.random.default_rng(5).standard_normal(len(time_s))
+    early = time_s < 2.0
+    signals = {
+        FORCE.name: signal(FORCE.name, time_s[early], wave[early]),
+        MOTOR_CURRENT.name: signal(MOTOR_CURRENT.name, time_s, wave),
+    }
+    angle = CrankAngle(
+        time_s=time_s,
+        angle_rad=2.0 * np.pi * turns,
+        speed_rad_s=np.full(len(time_s), 2.0 * np.pi * 14.3),
+        angle_std_rad=np.zeros(len(time_s)),
+        radius_m=0.01,
+        source="displacement_mm",
+        is_absolute=True,
+    )
+    trial = Trial(trial_id="t", duty=0.5, material="none")
+    found = off_stroke(processed_trial(trial, signals, angle, 3.0, DURATION_S))
+    assert {name for _, name in found.peaks} == {MOTOR_CURRENT.name}
