@@ -112,6 +112,13 @@ class Spectrum:
         """Where a line of an even clock stands, seen no finer than the samples do: its place, or that of its image."""
         return np.abs(place - self.sample_rate * np.round(place / self.sample_rate))
 
+    def between(self, k: int) -> float:
+        """Place of a line whose largest bin is k, by the larger of its neighbours."""
+        before, middle, behind = np.sqrt(self.power[k - 1 : k + 2])
+        ratio = max(before, behind) / middle
+        off = min(max((2.0 * ratio - 1.0) / (ratio + 1.0), 0.0), 0.5)
+        return float((k + (off if behind > before else -off)) * self.place[1])
+
     def amplitude(self, k: int) -> float:
         """Amplitude of a sine of all that stands in the line around bin k."""
         # One of unit amplitude puts gain^2 / 4 into the middle of its line.
@@ -145,18 +152,22 @@ def peaks_of(spectrum: Spectrum, per_stroke: float) -> tuple[Peak, ...]:
     for one in (order, spectrum.sampled(place) / per_stroke):
         is_locked |= np.abs(one - np.round(one)) < near_harmonic(1.0 / order[1])
     ratio[slow | is_locked | ~_is_narrow(power)] = 0.0
+    ratio[-1] = 0.0  # one half of a line
     found: list[Peak] = []
     while len(found) < _PEAKS:
         k = int(np.argmax(ratio))
         if ratio[k] < _NUMBERS.seen_power:
             break
-        at, height = float(place[k]), float(ratio[k])
+        at, height = spectrum.between(k), float(ratio[k])
         ratio[_around(k)] = 0.0
-        # Of a line and its images, the strongest is the line: over the stroke the others are blurred.
-        if any(abs(spectrum.sampled(at) - spectrum.sampled(p.place)) < _LINE_BINS * width for p in found):
-            continue
         share = float(power[_around(k)].sum()) / total
-        found.append(Peak(place=at, width=width, power=height, share=share, amplitude=spectrum.amplitude(k)))
+        peak = Peak(place=at, width=width, power=height, share=share, amplitude=spectrum.amplitude(k))
+        images = [p for p in found if abs(spectrum.sampled(at) - spectrum.sampled(p.place)) < _LINE_BINS * width]
+        # Of a line and its images the lowest that is not blurred: an even speed blurs none, and all are alike.
+        if not images:
+            found.append(peak)
+        elif at < images[0].place and images[0].power < _SHARPER * height:
+            found[found.index(images[0])] = peak
     return tuple(found)
 
 

@@ -89,9 +89,9 @@ def without_strokes(cells: Floats) -> Floats:
 
 
 def without_lines(left: Floats, at_s: Floats, lines: Sequence[Peak]) -> Floats:
-    """Take out lines at fixed frequencies: a strike is to be far off what is no line."""
+    """Take out lines at fixed frequencies, each of which is known to half the resolution of its spectrum."""
     if not lines:
         return left
-    phase = TWO_PI * np.outer(at_s, [line.place for line in lines])
+    phase = TWO_PI * np.outer(at_s, [line.place + off * line.width for line in lines for off in (-0.5, 0.0, 0.5)])
     waves = np.hstack([np.cos(phase), np.sin(phase)])
     return left - (waves @ np.linalg.lstsq(waves, left.ravel())[0]).reshape(left.shape)

@@ -447,6 +447,18 @@ def test_a_zero_that_walks_and_what_is_not_in_air_is_no_slow_wave(disturb, seed)
     assert not [f for f in found if "sticks and slips" in f.text]
 
 
+@pytest.mark.parametrize("mains_hz", [59.92, 60.0, 60.08])
+def test_hum_between_two_places_of_the_spectrum_is_no_slow_wave(mains_hz):
+    """Read once a stroke of 24.7 a second it would be one of 10.6 Hz."""
+
+    def pickup(rng, time_s, turns, feed):
+        return {FORCE.name: 3.0 * np.sin(2.0 * np.pi * mains_hz * time_s + rng.uniform(0.0, 6.0))}
+
+    plan = ((24.71, None), (24.73, None), (24.7, None), (24.72, None))
+    quiet = {**NOISE, FORCE.name: 0.3}
+    assert campaign(pickup, plan=plan, noise=quiet, wander=0.0) is None
+
+
 def test_a_force_that_stands_still_has_no_slow_wave():
     at_s = np.arange(40)[:, None] / 15.0 + np.arange(64) / 960.0
     assert slow_wave(at_s, np.zeros((40, 64))) is None
