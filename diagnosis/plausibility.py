@@ -252,10 +252,15 @@ def _current_checks(baseline: Baseline, trial: Trial, reading: Reading) -> Itera
         seen = f"motor_current_a is {motor:.3g} A, the damping of the motor alone requires {least_a:.3g} A"
         yield "no load", _failed(motor < LEAST_CURRENT * least_a), seen
     if reading.battery_current_a is not None:
-        low, high = sorted(share * duty * motor for share in CONVERTER)
-        off = not low - CONVERTER_A <= reading.battery_current_a <= high + CONVERTER_A or motor < -CONVERTER_A
+        off = not is_drawn_by_motor(reading.battery_current_a, duty * motor) or motor < -CONVERTER_A
         seen = f"battery_current_a is {reading.battery_current_a:.3g} A, duty times motor_current_a"
         yield "converter", _failed(off), f"{seen} ({duty:g} * {motor:.3g} A) is {duty * motor:.3g} A"
+
+
+def is_drawn_by_motor(battery_current_a: float, expected_a: float) -> bool:
+    """Whether a battery current may be that of the motor, of which duty times motor current is expected."""
+    low, high = sorted(share * expected_a for share in CONVERTER)
+    return low - CONVERTER_A <= battery_current_a <= high + CONVERTER_A
 
 
 def blade_power_w(baseline: Baseline, reading: Reading) -> float | None:

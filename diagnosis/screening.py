@@ -11,13 +11,20 @@ from typing import Final
 import numpy as np
 from sawbench.bench.converter import clipped_levels
 from sawbench.bench.errors import InputError
-from sawbench.bench.plausible import Bounds
+from sawbench.bench.plausible import CONVERTER_A, Bounds
 from sawbench.bench.recording import Floats, Recording, Signal, Trial
 from sawbench.bench.second_core import on_two_cores
 from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, DISPLACEMENT, FORCE
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.trial_settings import Screening
-from sawbench.diagnosis.plausibility import Suspicion, check, cutting_power_w, explain_faults, settled_current_a
+from sawbench.diagnosis.plausibility import (
+    Suspicion,
+    check,
+    cutting_power_w,
+    explain_faults,
+    is_drawn_by_motor,
+    settled_current_a,
+)
 from sawbench.diagnosis.trial_reading import Readings, tracks_of
 from sawbench.modeling.residuals import Baseline
 from sawbench.processing.held_values import without_repeats
@@ -281,6 +288,7 @@ def _without_suspects(
         suspicion = explain_faults(baseline, trial, tracks_of(recording), in_air)
         if suspicion is not None:
             found[trial.trial_id] = suspicion
+    _keep_what_all_draw(recordings, readings, found, warnings)
     _keep_what_may_be_a_gap(recordings, found, warnings)
     _refuse_common(recordings, found)
     out = []
@@ -318,6 +326,41 @@ def _keep_what_may_be_a_gap(recordings: Sequence[Recording], found: dict[str, Su
     warnings.append(f"{_some(names)}: {first.text}: a large gap, or the same mistake in all trials: {first.remedy}")
     for name in names:
         del found[name]
+
+
+def _keep_what_all_draw(
+    recordings: Sequence[Recording], readings: Readings, found: dict[str, Suspicion], warnings: list[str]
+) -> None:
+    """Believe battery currents that are off by the same in most trials, in air as in a cut: no mistake does that.
+
+    A consumer beside the motor does, or a zero that is off: a gap, for the diagnosis to name.
+    """
+    read = {r.trial.trial_id: (readings.of(r), r.trial.duty or 0.0) for r in recordings}
+    currents_a = {
+        name: (reading.battery_current_a, duty * reading.motor_current_a)
+        for name, (reading, duty) in read.items()
+        if reading.battery_current_a is not None and reading.motor_current_a is not None
+    }
+    off_a = {name: drawn_a - expected_a for name, (drawn_a, expected_a) in currents_a.items()}
+    middle_a = float(np.median(list(off_a.values()))) if off_a else 0.0
+    alike_a = [expected_a for name, (_, expected_a) in currents_a.items() if abs(off_a[name] - middle_a) <= CONVERTER_A]
+    is_common = len(alike_a) >= (1.0 - _NUMBERS.at_odds) * len(off_a)
+    # Of currents that are swapped, or in another unit, the difference grows with the load.
+    if not is_common or len(alike_a) < 2 or max(alike_a) < 2.0 * min(alike_a):
+        return
+    kept = [
+        name
+        for name, suspicion in found.items()
+        if {fault.kind for fault in suspicion.faults} == {"converter"}
+        and is_drawn_by_motor(currents_a[name][0] - middle_a, currents_a[name][1])
+    ]
+    for name in kept:
+        del found[name]
+    if kept:
+        warnings.append(
+            f"battery_current_a is {middle_a:.2g} A more than duty times motor_current_a, in air as in a cut: something"
+            " besides the motor draws it, or its zero is off"
+        )
 
 
 def _is_about_the_cut(suspicion: Suspicion) -> bool:

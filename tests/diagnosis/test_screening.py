@@ -213,6 +213,18 @@ def test_a_mistake_in_one_trial_costs_that_trial_or_its_channels(good, case):
         assert any(wave is None for wave in waves)
 
 
+@pytest.mark.parametrize(("drawn_a", "is_common"), [([1.4], True), ([1.4, 0.2, 0.7], False)])
+def test_a_consumer_beside_the_motor_is_a_gap_and_no_mistake(good, drawn_a, is_common):
+    recordings, config = good
+    changed = [
+        with_values(r, **{BATTERY: values(r, BATTERY) + drawn_a[k % len(drawn_a)]}) for k, r in enumerate(recordings)
+    ]
+    campaign = reduce_campaign(changed, config)
+    have = {s.setting.label for s in campaign.states if s.battery_current_a is not None}
+    assert (have == {r.trial.trial_id for r in recordings}) == is_common
+    assert any("something besides the motor draws it" in text for text in campaign.warnings) == is_common
+
+
 def test_wrong_cutting_half_names_the_key_and_rubbing_does_not(good):
     recordings, config = good
     cutting = config.config.cutting.model_copy(update={"cutting_half": "zero_to_pi"})
