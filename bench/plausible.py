@@ -63,3 +63,9 @@ def excess(value: float, bounds: Bounds) -> float:
 def most_battery_current_a(duty: float, motor_current_a: float) -> float:
     """Largest plausible mean battery current at a duty and a mean motor current, A."""
     return max(share * duty * motor_current_a for share in CONVERTER) + CONVERTER_A
+
+
+def is_drawn_by_motor(battery_current_a: float, expected_a: float) -> bool:
+    """Whether a battery current may be that of the motor, of which duty times motor current is expected."""
+    low, high = sorted(share * expected_a for share in CONVERTER)
+    return low - CONVERTER_A <= battery_current_a <= high + CONVERTER_A

@@ -17,7 +17,6 @@ import numpy as np
 from sawbench.bench.plausible import (
     BATTERY_VOLTAGE,
     BLADE_POWER,
-    CONVERTER,
     CONVERTER_A,
     IDLE_POWER_SHARE,
     IDLE_POWER_W,
@@ -31,6 +30,7 @@ from sawbench.bench.plausible import (
     VOLTAGE_RIPPLE,
     Bounds,
     excess,
+    is_drawn_by_motor,
 )
 from sawbench.bench.recording import Trial
 from sawbench.diagnosis.inference.settings import SETTINGS
@@ -255,12 +255,6 @@ def _current_checks(baseline: Baseline, trial: Trial, reading: Reading) -> Itera
         off = not is_drawn_by_motor(reading.battery_current_a, duty * motor) or motor < -CONVERTER_A
         seen = f"battery_current_a is {reading.battery_current_a:.3g} A, duty times motor_current_a"
         yield "converter", _failed(off), f"{seen} ({duty:g} * {motor:.3g} A) is {duty * motor:.3g} A"
-
-
-def is_drawn_by_motor(battery_current_a: float, expected_a: float) -> bool:
-    """Whether a battery current may be that of the motor, of which duty times motor current is expected."""
-    low, high = sorted(share * expected_a for share in CONVERTER)
-    return low - CONVERTER_A <= battery_current_a <= high + CONVERTER_A
 
 
 def blade_power_w(baseline: Baseline, reading: Reading) -> float | None:

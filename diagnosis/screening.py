@@ -11,20 +11,13 @@ from typing import Final
 import numpy as np
 from sawbench.bench.converter import clipped_levels
 from sawbench.bench.errors import InputError
-from sawbench.bench.plausible import CONVERTER_A, Bounds
+from sawbench.bench.plausible import CONVERTER_A, Bounds, is_drawn_by_motor
 from sawbench.bench.recording import Floats, Recording, Signal, Trial
 from sawbench.bench.second_core import on_two_cores
 from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, DISPLACEMENT, FORCE
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.trial_settings import Screening
-from sawbench.diagnosis.plausibility import (
-    Suspicion,
-    check,
-    cutting_power_w,
-    explain_faults,
-    is_drawn_by_motor,
-    settled_current_a,
-)
+from sawbench.diagnosis.plausibility import Suspicion, check, cutting_power_w, explain_faults, settled_current_a
 from sawbench.diagnosis.trial_reading import Readings, tracks_of
 from sawbench.modeling.residuals import Baseline
 from sawbench.processing.held_values import without_repeats

@@ -295,12 +295,12 @@ class HoldOut:
             return solution
         # All that has no bounds follows: what is left is a small problem.
         bounded = np.isfinite(low)
-        follows = np.linalg.solve(normal[np.ix_(~bounded, ~bounded)], normal[np.ix_(~bounded, bounded)])
+        beside = np.column_stack([normal[np.ix_(~bounded, bounded)], moment[~bounded]])
+        follows, free = np.split(np.linalg.solve(normal[np.ix_(~bounded, ~bounded)], beside), [-1], axis=1)
         root = np.linalg.cholesky(normal[np.ix_(bounded, bounded)] - normal[np.ix_(bounded, ~bounded)] @ follows)
         pull = np.linalg.solve(root, moment[bounded] - follows.T @ moment[~bounded])
         within = lsq_linear(root.T, pull, bounds=(low[bounded], high[bounded]), method="bvls").x
-        free = np.linalg.solve(normal[np.ix_(~bounded, ~bounded)], moment[~bounded])
-        solution[bounded], solution[~bounded] = within, free - follows @ within
+        solution[bounded], solution[~bounded] = within, free[:, 0] - follows @ within
         return solution
 
 

@@ -93,14 +93,15 @@ class Layout:
             Of the crank.
         """
         out = np.zeros((len(speed_rad_s), self.size))
-        times = 1.0 / speed_rad_s if self.kind == "running" else np.ones(1)
-        times = times / times.mean(axis=-1, keepdims=True)
-        for equation, part in self.slices.items():
-            if equation in signature:
-                rows = signature[equation]
-                out[:, part] = (
-                    harmonics(times * rows, self.n_harmonics[equation]) if self.kind == "running" else time_bins(rows)
-                )
+        places = {equation: part for equation, part in self.slices.items() if equation in signature}
+        if self.kind != "running":
+            for equation, part in places.items():
+                out[:, part] = time_bins(signature[equation])
+            return out
+        times = 1.0 / speed_rad_s
+        times /= times.mean(axis=-1, keepdims=True)
+        for equation, part in places.items():
+            out[:, part] = harmonics(times * signature[equation], self.n_harmonics[equation])
         return out
 
 
