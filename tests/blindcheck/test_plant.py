@@ -164,6 +164,18 @@ def test_tolerance_governs_the_error():
     assert errors[2] < 1e-4
 
 
+@pytest.mark.parametrize("duty", [0.3, 0.4375, 0.6, 0.8])
+def test_cogging_takes_no_mean_torque(duty):
+    """Its torque is periodic in the angle and conservative, so the mean current is that without it (to 2nd order)."""
+    mean_a = []
+    for torque in (0.0, 0.002):
+        shape = {"cogging_torque": torque, "cogging_slots": 12.0, "cogging_phase": 1.0, "cogging_second": 0.25}
+        plant = Plant(PlantSettings(duty=duty, stroke_rel_std=0.0, extras=shape))
+        plant.advance(1.0)
+        mean_a.append(column(plant.advance(3.0), "current_a").mean())
+    assert mean_a[1] == pytest.approx(mean_a[0], rel=5e-4)
+
+
 def test_materials_reach_the_paper_s_peaks():
     peaks = {}
     for material in ("nylon", "black_locust", "oak"):
