@@ -19,6 +19,7 @@ from sawbench.diagnosis.inference.form_error import form_modes
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.strokes import StrokeWave
 
 # Forms of an effect that are asked, at most.
@@ -66,7 +67,8 @@ def detection_limits(
         Of `effect_columns`.
     posterior : Posterior
     least : float
-        Log odds from which an effect shows; they grow with the square of its amplitude.
+        Log odds from which an effect shows; they grow with the square of its amplitude. One of background size is
+        named only where the mean stroke differs by more than that of an intact machine does.
 
     Returns
     -------
@@ -91,20 +93,25 @@ def detection_limits(
         forms = forms_beside(every, others)
         if not (forms and isinstance(forms[0].effect.strokes, StrokeWave)):
             asked = forms[:: 1 + len(forms) // _N_FORMS]
-            found[name] = _of_forms(beside(others), columns_with_noise(problem, {name: asked}, noise)[name], least)
+            shown = columns_with_noise(problem, {name: asked}, noise)[name]
+            found[name] = _of_forms(beside(others), shown, least, gap=0.5 * problem.quiet * len(problem.data))
     return dict(sorted(found.items(), key=lambda item: item[1].log_odds))
 
 
-def _of_forms(marginal: Marginal, forms: Sequence[Column], least: float) -> DetectionLimit:
+def _of_forms(marginal: Marginal, forms: Sequence[Column], least: float, *, gap: float) -> DetectionLimit:
     # All columns of a form share its size: the mean over phases of what one unit explains.
     odds = np.array([0.5 * float(np.trace(marginal.gram(c.columns)[0])) / c.columns.shape[1] for c in forms])
     middle = float(np.median(odds)) if forms else 0.0
     if middle <= 0.0:
         return DetectionLimit(log_odds=0.0)
     strength, without = forms[0].effect.strength, forms[0].effect.strength_without(forms[0].shape)
-    # What is smaller than sizes that occur is background.
-    amplitudes = np.maximum(np.sqrt(least / np.maximum(odds, np.finfo(float).tiny)), strength.low)
-    of_typical, smallest = _magnitudes(forms, np.ones(len(forms))), _magnitudes(forms, amplitudes)
+    of_typical = _magnitudes(forms, np.ones(len(forms)))
+    # What is of background size is named only where it leaves a gap.
+    of_usual = 1.0 if strength.usual is None else np.abs(of_typical) / strength.usual
+    background = SETTINGS.forms.background_amplitude / np.maximum(of_usual, _SAME)
+    odds = np.maximum(odds, np.finfo(float).tiny)
+    named = np.maximum(np.sqrt(least / odds), np.minimum(np.sqrt(gap / odds), background))
+    smallest = _magnitudes(forms, np.maximum(named, strength.low))
     if np.array_equal(of_typical, smallest):
         return DetectionLimit(log_odds=middle)
     changes = np.abs(smallest - (without or 0.0))

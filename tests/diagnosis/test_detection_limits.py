@@ -22,11 +22,12 @@ WAVE = np.random.default_rng(1).standard_normal(400)
 NO_GAP = SimpleNamespace(best=Hypothesis(other="no_gap", log_evidence=0.0), little={}, dispersion=np.ones(len(WAVE)))
 
 
-def problem_of(data=0.0 * WAVE, nuisance=None):
+def problem_of(data=0.0 * WAVE, nuisance=None, quiet=0.0):
     columns = np.zeros((len(WAVE), 0)) if nuisance is None else nuisance[:, None]
     return LinearProblem(
         campaign=None, parts=(), data=data, known=0.0 * data, nuisance=columns,
         names=("n",) * columns.shape[1], prior_std=10.0 * np.ones(columns.shape[1]),
+        quiet=quiet,
     )  # fmt: skip
 
 
@@ -61,6 +62,14 @@ def test_a_nuisance_of_the_same_wave_raises_the_limit():
 def test_what_is_smaller_than_sizes_that_occur_does_not_show_however_quiet_the_bench_is():
     strength = EFFECT_BY_NAME["edge_force"].strength
     assert limit_of("edge_force", lambda _: 1e4).change == pytest.approx(strength.low * strength.typical)
+
+
+@pytest.mark.parametrize(("per_unit", "share"), [(1.0, 1.0 / 3.0), (2.0, 0.2)])
+def test_what_is_of_background_size_shows_from_where_it_leaves_a_gap(per_unit, share):
+    """The mean square over the features that an effect adds is that of an intact machine: a gap."""
+    quiet = (0.2 * 2.0) ** 2 * float(WAVE @ WAVE) / len(WAVE)
+    limit = limit_of("edge_force", lambda _: per_unit, quiet=quiet)
+    assert limit.change == pytest.approx(share * EFFECT_BY_NAME["edge_force"].strength.typical)
 
 
 def test_of_a_delay_the_smallest_that_shows_is_stated():
