@@ -174,7 +174,9 @@ class Plant:
     (1001, 7)
     """
 
-    def __init__(self, settings: PlantSettings, *, state: Floats | None = None, rtol: float = RELATIVE_TOLERANCE) -> None:
+    def __init__(
+        self, settings: PlantSettings, *, state: Floats | None = None, rtol: float = RELATIVE_TOLERANCE
+    ) -> None:
         self.settings = settings
         self.time_s = 0.0
         self.record = parameter_record(settings)
