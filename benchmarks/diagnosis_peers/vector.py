@@ -6,6 +6,7 @@ from collections import Counter
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.features import times_over_angles
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
 from sawbench.modeling.state import TrialSetting
 
@@ -88,7 +89,7 @@ def _mean(rows: list[Floats], size: int) -> Floats:
 
 def _scatter(problem: LinearProblem, part: Part) -> Floats:
     """Logarithm of the standard deviation of each feature between units of a few strokes."""
-    features = part.layout.place(problem.campaign.plant.residuals(part.state), part.state.speed_rad_s)
+    features = part.layout.place(problem.campaign.plant.residuals(part.state), times_over_angles(part.state))
     return np.log10(np.std(np.diff(features, axis=0), axis=0) + 1e-9) if len(features) > 1 else np.zeros(0)
 
 

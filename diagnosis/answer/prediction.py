@@ -81,11 +81,11 @@ class Predictions:
         by_trial : bool, optional
             Withhold trials, not operating points; default: where one operating point alone shows one of the effects.
         freed : tuple of str, optional
-            Numbers of the plant that a fit may move beyond what is stated of them; default: those of the posterior.
+            Numbers of the plant that a fit may move beyond what is stated of them; default: `_freed_with`.
         """
         if by_trial is None:
             by_trial = any(self.is_local(member) for member in hypothesis.members)
-        freed = self._posterior.freed if freed is None else freed
+        freed = self._freed_with(hypothesis) if freed is None else freed
         key = (hypothesis.effects, by_trial, freed)
         if key not in self._found:
             hold_out = self._hold_out(by_trial=by_trial, freed=freed)
@@ -137,6 +137,17 @@ class Predictions:
             self._retuned[hypothesis.effects] = (retuning.log_evidence, retuning.freed)
         log_evidence, freed = self._retuned[hypothesis.effects]
         return freed if log_evidence > gained else ()
+
+    def _freed_with(self, hypothesis: Hypothesis) -> tuple[str, ...]:
+        """Name the numbers of the plant that may be wrong where a cause is claimed.
+
+        Those that pay without any cause, unless the cause explains more than they do: then those that pay beside it.
+        Re-tuned by what is likelier an effect, the numbers would predict it as well as the effect does.
+        """
+        freed = self._posterior.freed
+        if not freed or self._posterior.of("parameters").log_evidence > hypothesis.of_means:
+            return freed
+        return self.freed_instead(hypothesis, 0.0)
 
     def is_local(self, member: Explanation) -> bool:
         """Whether the trials of one operating point alone know that the effect is there.

@@ -78,7 +78,7 @@ class Layout:
         """Length of a feature vector."""
         return max((part.stop for part in self.slices.values()), default=0)
 
-    def place(self, signature: Signature, speed_rad_s: Floats) -> Floats:
+    def place(self, signature: Signature, times: Floats) -> Floats:
         """Feature vectors of a residual or a signature, shape (n_units, size); absent equations are 0.
 
         Of a running machine, harmonics over the crank angle of what counts by its time. The mean over time of a speed
@@ -89,17 +89,16 @@ class Layout:
         ----------
         signature : dict
             Arrays of shape (n_units, n_points).
-        speed_rad_s : ndarray, shape (n_units, n_points)
-            Of the crank.
+        times : ndarray, shape (n_units, n_points)
+            Of `times_over_angles`, the same for a residual and for the signatures that it is compared with: what the
+            speed is read to do within the stroke would otherwise be left of every strong effect.
         """
-        out = np.zeros((len(speed_rad_s), self.size))
+        out = np.zeros((len(times), self.size))
         places = {equation: part for equation, part in self.slices.items() if equation in signature}
         if self.kind != "running":
             for equation, part in places.items():
                 out[:, part] = time_bins(signature[equation])
             return out
-        times = 1.0 / speed_rad_s
-        times /= times.mean(axis=-1, keepdims=True)
         for equation, part in places.items():
             out[:, part] = harmonics(times * signature[equation], self.n_harmonics[equation])
         return out
@@ -109,6 +108,14 @@ def layout_of(state: State, residual: Signature, n_harmonics: Mapping[Equation, 
     """Layout of the equations that a state's residuals hold."""
     allowed = EQUATIONS if state.kind == "running" else START_UP_EQUATIONS
     return Layout(kind=state.kind, equations=tuple(e for e in allowed if e in residual), n_harmonics=n_harmonics)
+
+
+def times_over_angles(state: State) -> Floats:
+    """Time that the crank takes over each angle, 1 on average of a stroke, shape (n_units, n_points); 1 in a start."""
+    if state.kind != "running":
+        return np.ones_like(state.speed_rad_s)
+    times = 1.0 / state.speed_rad_s
+    return np.asarray(times / times.mean(axis=-1, keepdims=True))
 
 
 def harmonics(waves: Floats, n: int) -> Floats:

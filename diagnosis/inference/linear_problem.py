@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.campaign import Campaign
-from sawbench.diagnosis.inference.features import Layout, block_matrix, layout_of
+from sawbench.diagnosis.inference.features import Layout, block_matrix, layout_of, times_over_angles
 from sawbench.diagnosis.inference.noise import contrast_misfit, noise_of, scatter_of
 from sawbench.diagnosis.inference.nuisances import Nuisance
 from sawbench.diagnosis.inference.sensor_faults import ROUNDING, SensorFaults
@@ -46,6 +46,8 @@ class Part:
         direction.
     scatter : ndarray, shape (size,)
         Root mean square of each whitened feature that the scatter of single strokes predicts; 0 where they are few.
+    times : ndarray, shape (n_blocks, n_points)
+        Time over each angle, 1 on average, of the strokes of a block: what residuals and signatures are weighted by.
     place : slice
         Of this part in the stacked vector.
     """
@@ -53,6 +55,7 @@ class Part:
     state: State
     smooth: State
     layout: Layout
+    times: Floats
     blocks: Floats
     whitener: Floats
     common: Floats
@@ -80,7 +83,7 @@ class Part:
                 if equation in signature:
                     wave[k] = signature[equation]
             waves[equation] = wave.reshape(-1, n_points)
-        rows = self.layout.place(waves, np.tile(self.smooth.speed_rad_s, (len(signatures), 1))) @ self.whitener.T
+        rows = self.layout.place(waves, np.tile(self.times, (len(signatures), 1))) @ self.whitener.T
         return rows.reshape(len(signatures), n_rows * self.layout.size)
 
     def unwhiten(self, stacked: Floats) -> Floats:
@@ -203,7 +206,7 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True, settings: S
         residual = plant.residuals(state)
         layout = layout_of(state, residual, n_harmonics)
         if layout.equations:
-            found.append((state, layout, layout.place(residual, state.speed_rad_s)))
+            found.append((state, layout, layout.place(residual, times_over_angles(state))))
     scatter = scatter_of(found)
     rates = [float(state.speed_rad_s.mean()) / TWO_PI for state, _, _ in found if state.kind == "running"]
     rate_hz = float(np.mean(rates)) if rates else 1.0
@@ -222,6 +225,7 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True, settings: S
         size = blocks.shape[0] * layout.size
         part = Part(
             state=state, smooth=plant.smooth(state, blocks), layout=layout, blocks=blocks, whitener=whitener,
+            times=blocks @ times_over_angles(state),
             common=whitener @ missed @ whitener.T, place=slice(start, start + size),
             scatter=np.sqrt(np.einsum("ij,jk,ik->i", whitener, noise, whitener)),
         )  # fmt: skip

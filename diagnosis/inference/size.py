@@ -83,7 +83,8 @@ def mixed(
     Returns
     -------
     Explanation
-        With `mixture`; as it was where the forms cannot be mixed, or where single strokes have said the size.
+        With `mixture`, of size 0 where no form has a positive weight; as it was where the forms cannot be mixed, or
+        where single strokes have said the size.
     """
     if member.mixture is not None or not is_mixable(columns):
         return member
@@ -96,6 +97,8 @@ def mixed(
     signs = np.array([_direction(c) for c in columns])
     marginal = Marginal(scaled, extra=stacked_with_noise(problem, fixed, variance))
     size, known, _ = _sum_of_weights(marginal, stacked, signs)
+    if not size:
+        return replace(member, mixture=(0.0, member.amplitude_std))
     beside_little = marginal.beside(stacked_with_noise(problem, others, variance))
     _, whole, shared = _sum_of_weights(beside_little, stacked, signs)
     std = max(whole, min(shared, problem.settings.forms.most_std * abs(size)))

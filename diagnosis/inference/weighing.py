@@ -149,11 +149,15 @@ def odds_of_further(together: Hypothesis, stronger: Hypothesis, n_effects: int) 
     n_effects : int
         Size of the catalogue.
     """
-    choice = worth_of_a_choice(n_effects)
-    missed = float(np.sqrt(together.shared * max(stronger.of_means, 0.0)))
+    choice, missed = worth_of_a_choice(n_effects), _missed(together, stronger)
     in_means = together.of_means - stronger.of_means
     in_strokes = together.of_strokes - stronger.of_strokes
     return (min(in_means, 0.0) + in_strokes) / choice + max(in_means, 0.0) / (choice + missed)
+
+
+def _missed(together: Hypothesis, stronger: Hypothesis) -> float:
+    """Standard deviation of the log evidence that a further effect has for what the stronger ones' form misses."""
+    return float(np.sqrt(together.shared * max(stronger.of_means, 0.0)))
 
 
 def _share_with_further(
@@ -185,7 +189,8 @@ def _share_within(
     believed = -float(np.logaddexp(0.0, -odds))
     total = score[stronger] + np.exp(believed) * max(float(added.max()), 0.0)
     score[stronger] = total - float(np.logaddexp(0.0, odds))
-    among = added + log_odds
+    # What mends the form of a strong one may explain more than a true one that acts where the strong one does not.
+    among = added - np.array([_missed(h, stronger) for h in family]) + log_odds
     among -= np.logaddexp.reduce(among)
     for h, share in zip(family, among, strict=True):
         score[h] = total + believed + float(share)

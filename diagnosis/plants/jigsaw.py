@@ -10,7 +10,14 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.beyond.table import BEYOND_CATALOGUE
 from sawbench.diagnosis.inference.clocks import clock_nuisances
-from sawbench.diagnosis.inference.features import HARMONICS, N_BLOCKS, START_UP_EDGES_S, Layout, orders
+from sawbench.diagnosis.inference.features import (
+    HARMONICS,
+    N_BLOCKS,
+    START_UP_EDGES_S,
+    Layout,
+    orders,
+    times_over_angles,
+)
 from sawbench.diagnosis.inference.nuisances import (
     READINGS,
     Nuisance,
@@ -192,7 +199,9 @@ class Jigsaw:
         """Covariance by independent errors of the blade's velocity, shape (n, n_points), shared by a trial's blocks."""
         is_cutting = self.baseline.cutting_speed(state).mean(axis=0) > 0.0
         force_n = state.k_guess_n_s_per_m * speed_m_s * is_cutting
-        moved = layout.place({"cutting": force_n}, np.broadcast_to(state.speed_rad_s.mean(axis=0), force_n.shape))
+        moved = layout.place(
+            {"cutting": force_n}, np.broadcast_to(times_over_angles(state).mean(axis=0), force_n.shape)
+        )
         return N_BLOCKS * moved.T @ moved
 
     def _ripple_error(self, equation: Equation, order: Floats, state: State) -> Floats:

@@ -13,7 +13,7 @@ from sawbench.bench.plain_digits import plain
 from sawbench.bench.recording import Floats, Recording
 from sawbench.bench.units import DISPLACEMENT
 from sawbench.diagnosis.campaign import Campaign
-from sawbench.diagnosis.inference.features import Layout, harmonics, orders
+from sawbench.diagnosis.inference.features import Layout, harmonics, orders, times_over_angles
 from sawbench.diagnosis.inference.nuisances import Nuisance, Reading, of_known
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plants.axis_friction import friction_by_direction, friction_n
@@ -118,7 +118,7 @@ class LinearAxis:
         """
         floor_n = self.config.model_floor_n or SETTINGS.axis.floor_share * self.model.force_scale_n
         unsure = (residuals(self.model, state), self.model.known_signature(state))
-        features = [layout.place(one, state.speed_rad_s).mean(axis=0) for one in unsure if one]
+        features = [layout.place(one, times_over_angles(state)).mean(axis=0) for one in unsure if one]
         unsure_n = float(np.linalg.norm(features))
         order = orders((layout.size - 1) // 2)
         shape = 1.0 / (1.0 + order / SETTINGS.axis.form_harmonic)

@@ -385,7 +385,7 @@ def test_unwhitened_features_are_those_of_the_signature(problem):
     stacked = problem.project(friction)
     for part in problem.parts:
         waves = {"mechanical": np.broadcast_to(friction(part.smooth)["mechanical"], part.smooth.angle_rad.shape)}
-        assert np.allclose(part.unwhiten(stacked), part.layout.place(waves, part.smooth.speed_rad_s), atol=1e-12)
+        assert np.allclose(part.unwhiten(stacked), part.layout.place(waves, part.times), atol=1e-12)
 
 
 def sharp_teeth(first, overtone, seed=5):

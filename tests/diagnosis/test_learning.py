@@ -11,7 +11,7 @@ import pytest
 from sawbench.diagnosis.answer.hold_out import HoldOut
 from sawbench.diagnosis.answer.learned_term import NOTHING, learned_answer, learned_warnings
 from sawbench.diagnosis.inference.columns import catalogue_columns
-from sawbench.diagnosis.inference.features import Layout
+from sawbench.diagnosis.inference.features import Layout, times_over_angles
 from sawbench.diagnosis.inference.learning import learn
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
@@ -47,13 +47,16 @@ def problem(hidden, seed=0):
     for point in range(6):
         for repeat in range(2):
             state = strokes(point, repeat)
-            rows = LAYOUT.place(hidden(state), state.speed_rad_s) @ whitener + rng.standard_normal((3, LAYOUT.size))
+            rows = LAYOUT.place(hidden(state), times_over_angles(state)) @ whitener + rng.standard_normal(
+                (3, LAYOUT.size)
+            )
             place = slice(start, start + rows.size)
             parts.append(
                 Part(
                     state=state,
                     smooth=state,
                     layout=LAYOUT,
+                    times=times_over_angles(state),
                     blocks=np.eye(3),
                     whitener=whitener,
                     common=np.zeros((LAYOUT.size, LAYOUT.size)),
@@ -140,7 +143,8 @@ def test_a_gap_of_the_run_up_is_not_put_into_running_strokes():
     state = replace(strokes(0, 0), kind="start_up")
     start = len(whole.data)
     part = Part(
-        state=state, smooth=state, layout=layout, blocks=np.eye(1), whitener=np.eye(layout.size),
+        state=state, smooth=state, layout=layout, times=times_over_angles(state), blocks=np.eye(1),
+        whitener=np.eye(layout.size),
         common=np.zeros((layout.size, layout.size)), scatter=np.zeros(layout.size),
         place=slice(start, start + layout.size),
     )  # fmt: skip

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from sawbench.bench.processed import CrankAngle, Cut
 from sawbench.bench.recording import Signal, Trial
 from sawbench.diagnosis.campaign import used_in_part
-from sawbench.diagnosis.inference.features import START_UP_EDGES_S, Layout, harmonics, time_bins
+from sawbench.diagnosis.inference.features import START_UP_EDGES_S, Layout, harmonics, time_bins, times_over_angles
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.diagnosis.reduction import between_samples, running_state, start_up_state
 from sawbench.diagnosis.stroke_means import stroke_means
@@ -276,7 +277,8 @@ def test_a_swing_of_the_angle_read_changes_no_mean_of_speed_or_acceleration():
     layout = Layout(
         kind="running", equations=("electrical", "mechanical"), n_harmonics={"electrical": 2, "mechanical": 2}
     )
-    features = layout.place({"electrical": speed, "mechanical": acceleration}, speed)[0]
+    state = SimpleNamespace(kind="running", speed_rad_s=speed)
+    features = layout.place({"electrical": speed, "mechanical": acceleration}, times_over_angles(state))[0]
     assert speed.mean() > 91.5  # over the angle
     assert features[layout.slices["electrical"]][0] == pytest.approx(90.0, abs=1e-6)
     assert features[layout.slices["mechanical"]][0] == pytest.approx(0.0, abs=1e-6)

@@ -135,14 +135,14 @@ def test_forms_that_carry_their_number_in_their_shape_are_not_mixed():
     assert mixed(problem, found, columns, beside=(), small={}, dispersion=1.0) is found
 
 
-def test_forms_that_are_alike_or_hidden_or_of_the_wrong_sign_have_no_size_of_their_own():
+def test_forms_that_are_alike_or_hidden_have_no_size_of_their_own_and_of_the_wrong_sign_there_is_none():
     twice = columns_of("edge_force", FIRST, FIRST, SECOND)
     assert size_of(problem_of(2.0 * FIRST + noise(7)), twice).mixture[0] == pytest.approx(2.0, abs=0.1)
     hidden = columns_of("edge_force", FIRST, 1e5 * OTHER)
     found = size_of(problem_of(FIRST + noise(8), 1e5 * OTHER), hidden)
     assert np.isfinite(found.strength) and found.strength_std < 40.0 * 2.0
     negative = problem_of(-2.0 * FIRST + noise(9))
-    assert size_of(negative, columns_of("edge_force", FIRST)).mixture is None
+    assert size_of(negative, columns_of("edge_force", FIRST)).strength == 0.0
 
 
 def state_of(**known):

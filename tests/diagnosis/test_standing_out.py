@@ -35,7 +35,7 @@ def trial(kind, point, start, rng):
         covariance[place, place] = np.eye(size) + mixed @ mixed.T / size
     state = SimpleNamespace(kind=kind, setting=SimpleNamespace(operating_point=point))
     return Part(
-        state=state, smooth=state, layout=layout, blocks=np.eye(n_blocks),
+        state=state, smooth=state, layout=layout, times=np.ones((n_blocks, 1)), blocks=np.eye(n_blocks),
         whitener=np.linalg.inv(np.linalg.cholesky(covariance)), common=np.eye(layout.size),
         scatter=np.ones(layout.size), place=slice(start, start + n_blocks * layout.size),
     )  # fmt: skip

@@ -113,8 +113,8 @@ def _block_variance(settings: Settings) -> float:
         for part in problem.parts:
             whitened = problem.data[part.place].reshape(-1, part.layout.size)
             # Hardness is one direction: that of the mean stroke, whitened.
-            force_n, speed_rad_s = (x.mean(axis=0)[None] for x in (part.state.force_n, part.state.speed_rad_s))
-            direction = part.whitener @ part.layout.place({"cutting": force_n}, speed_rad_s)[0]
+            force_n = part.state.force_n.mean(axis=0)[None]
+            direction = part.whitener @ part.layout.place({"cutting": force_n}, part.times[:1])[0]
             found.append(whitened @ direction / np.linalg.norm(direction))
     return float(np.var(np.array(found)))
 
