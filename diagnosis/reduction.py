@@ -28,6 +28,8 @@ MIN_SAMPLES_PER_BIN = 1.5
 _NUMBERS = SETTINGS.reading
 # A spline takes 1.4 % off a wave of four samples, 0.06 % off one of eight; longer steps than this miss samples.
 _SAMPLES_A_HARMONIC, _LONGEST_STEP = 4, 2.5
+# Of the highest current of a start-up: that much shows that it flows.
+_BEGUN = 0.05
 # Of a cubic spline, and of a mean over a time of a start-up.
 _LEAST_SAMPLES, _SAMPLES_A_MEAN = 4, 2
 # So many points of a spline in a cell: their middle is that of the cell even where they lie alike in every stroke.
@@ -343,7 +345,26 @@ def start_up_state(trial: TrackedTrial, setting: TrialSetting) -> State | None:
     motion = (crank, speed, np.gradient(speed, START_UP_STEP_S, axis=1))
     state = _assemble("start_up", setting, motion, waves, rates, np.array([[start_s]]))
     resolved_s = {CHANNEL_OF_STATE[n]: _SAMPLES_A_MEAN / s.rate_hz for n, s in slow.items()}
-    return replace(state, ripple_std_rad=angle.ripple_std_rad, resolved_s=resolved_s)
+    voltage = state.motor_voltage_v * share_switched_on(means["motor_current_a"])
+    return replace(state, motor_voltage_v=voltage, ripple_std_rad=angle.ripple_std_rad, resolved_s=resolved_s)
+
+
+def share_switched_on(current_a: Floats) -> Floats:
+    """Share of each cell of a start-up, shape (n,), in which the motor is switched on: current flows from then on.
+
+    Readings that come late are those of a motor without voltage at first, although the crank is in motion.
+
+    Parameters
+    ----------
+    current_a : ndarray, shape (n,)
+        Means of the cells.
+    """
+    rises = np.diff(current_a)
+    # Of a cell in which the current begins the mean is less than half of the rise to the next one.
+    flows = (current_a[:-1] >= _BEGUN * current_a.max()) & (current_a[:-1] >= 0.5 * rises)
+    first = int(np.argmax(flows))
+    onset = first + 0.5 - current_a[first] / rises[first] if rises[first] > 0.0 else 0.0
+    return np.clip(np.arange(1, len(current_a) + 1) - onset, 0.0, 1.0)
 
 
 def _drops_out(time_s: Floats, start_s: float, end_s: float) -> bool:

@@ -12,7 +12,7 @@ from sawbench.bench.recording import Signal, Trial
 from sawbench.diagnosis.campaign import used_in_part
 from sawbench.diagnosis.inference.features import START_UP_EDGES_S, Layout, harmonics, time_bins, times_over_angles
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
-from sawbench.diagnosis.reduction import between_samples, running_state, start_up_state
+from sawbench.diagnosis.reduction import between_samples, running_state, share_switched_on, start_up_state
 from sawbench.diagnosis.stroke_means import stroke_means
 from sawbench.modeling.state import TWO_PI, angle_derivative
 
@@ -266,6 +266,14 @@ def test_trials_that_are_used_in_part_are_named_and_many_of_them_in_one_line():
     (many,) = used_in_part([*trials_cut_from([None, 0.3, 0.4, 0.5, 0.6, 0.7])])
     assert "of 5 of the 6 trials only a part is used" in many
     assert "t1 0.30 to 3.00 s, t2 0.40 to 3.00 s, t3 0.50 to 3.00 s and 2 more" in many
+
+
+@pytest.mark.parametrize(("onset", "share"), [(-2.3, [1.0] * 6), (2.3, [0.0, 0.0, 0.7, 1.0, 1.0, 1.0])])
+def test_a_motor_has_voltage_from_where_its_current_rises(onset, share):
+    """A current that rises evenly from its onset, in cells: means of the cells."""
+    edges = np.arange(7.0)
+    charge = 0.5 * np.maximum(edges - onset, 0.0) ** 2
+    assert np.allclose(share_switched_on(np.diff(charge)), share, atol=0.05)
 
 
 def test_a_swing_of_the_angle_read_changes_no_mean_of_speed_or_acceleration():
