@@ -363,7 +363,7 @@ def share_switched_on(current_a: Floats) -> Floats:
     # Of a cell in which the current begins the mean is less than half of the rise to the next one.
     flows = (current_a[:-1] >= _BEGUN * current_a.max()) & (current_a[:-1] >= 0.5 * rises)
     first = int(np.argmax(flows))
-    onset = first + 0.5 - current_a[first] / rises[first] if rises[first] > 0.0 else 0.0
+    onset = first + 0.5 - current_a[first] / rises[first] if flows[first] and rises[first] > 0.0 else 0.0
     return np.clip(np.arange(1, len(current_a) + 1) - onset, 0.0, 1.0)
 
 
