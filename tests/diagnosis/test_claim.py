@@ -449,6 +449,24 @@ def test_a_further_effect_is_not_lost_to_a_number_that_would_have_to_be_far_off(
     assert set(held.best.effects) == {load, RUBBING}
 
 
+@pytest.mark.parametrize(("per_std", "is_compared_with_stated"), [(0.2, True), (0.35, False)])
+def test_an_effect_is_compared_with_stated_numbers_where_it_is_likelier_than_wrong_ones(
+    problem, columns, per_std, is_compared_with_stated
+):
+    """As seen: load-dependent friction, or a torque constant that is 12 or 7 stated standard deviations off."""
+    load, number = "load_dependent_friction", "torque_constant_n_m_per_a"
+    alike = np.where(np.array(problem.names) == number, per_std * columns[load][0].columns, problem.nuisance)
+    data = with_columns(replace(problem, nuisance=alike), columns, load, 2.4)
+    posterior = judge(data, columns)
+    predictions = OfFeatures(data, columns, posterior)
+    cause = next(h for h in posterior.claims if h.effects == (load,))
+    assert posterior.freed == (number,)
+    closed, _ = predictions.of(cause).ladder.closed_in(["mechanical"])
+    of_freed, _ = predictions.of(cause, freed=posterior.freed).ladder.closed_in(["mechanical"])
+    assert of_freed < 0.2
+    assert closed > 0.9 if is_compared_with_stated else closed == of_freed
+
+
 @pytest.mark.parametrize(("log_odds", "is_wear"), [(9.0, True), (4.0, True), (3.0, False)])
 def test_a_trend_is_there_by_its_odds_not_by_how_well_its_forms_agree_on_the_size(problem, columns, log_odds, is_wear):
     """As seen: nine nats for wear, whose linear and running-in forms state 0.1 and 0.02 of growth."""

@@ -388,6 +388,25 @@ def test_unwhitened_features_are_those_of_the_signature(problem):
         assert np.allclose(part.unwhiten(stacked), part.layout.place(waves, part.times), atol=1e-12)
 
 
+def test_a_gain_leaves_nothing_however_the_speed_is_read_within_the_stroke(campaign_states):
+    """A battery current that is a tenth too large, read beside an angle that swings: both are weighted alike."""
+    swing = 1.0 + 0.3 * np.cos(7.0 * campaign_states[0].angle_rad[:1])
+    states = [
+        replace(s, speed_rad_s=s.speed_rad_s * swing, battery_current_a=1.1 * s.setting.duty * s.current_a)
+        for s in campaign_states
+        if s.kind == "running"
+    ]
+    problem = problem_of(states)
+    for part in problem.parts:
+        place = part.layout.slices["converter"]
+        excess = {"converter": 0.1 * part.setting.duty * part.smooth.current_a}
+        data, column = (
+            x.reshape(-1, part.layout.size)[:, place] for x in (problem.data[part.place], part.whiten(excess))
+        )
+        left = data - column * (np.sum(data * column) / np.sum(column**2))
+        assert np.linalg.norm(left) < 0.02 * np.linalg.norm(data)
+
+
 def sharp_teeth(first, overtone, seed=5):
     """Evidence of a sharp tooth's six columns, and of its fundamental alone, for a gap of that composition."""
     problem = small_problem(1)

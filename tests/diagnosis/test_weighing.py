@@ -202,3 +202,16 @@ def test_what_sure_effects_leave_of_the_whole_gap_is_unknown_where_it_is_most_of
     assert beside_a_sure_pair(0.0, left=9.0)["unknown"] > 0.8
     assert beside_a_sure_pair(0.0, left=1.0)["unknown"] < 0.2
     assert beside_a_sure_pair(0.0, unknown=30.0)["unknown"] > 0.99
+
+
+def test_of_second_effects_one_elsewhere_ranks_before_one_that_may_mend_the_form_of_the_first():
+    """Beside 10 000 nats in an equation shared by a third, chance adds 58 nats to whatever acts there."""
+    strong, mends, elsewhere = NAMES
+    evidence = {"no_gap": 0.0, "parameters": 0.0, "unknown": -5.0, strong: 10_000.0, mends: 0.0, elsewhere: 0.0}
+    hypotheses = [named(name, value, left_over=WEIGHTS.quiet) for name, value in evidence.items()]
+    pairs = {
+        other: named(f"{strong} + {other}", 10_000.0 + added, left_over=WEIGHTS.quiet, shared=shared)
+        for other, added, shared in ((mends, 55.0, 1.0 / 3.0), (elsewhere, 33.0, 0.0))
+    }
+    found = {h.name: h.probability for h in weigh([*hypotheses, *pairs.values()], n_effects=N_EFFECTS)}
+    assert found[pairs[elsewhere].name] > 0.8 > 0.1 > found[pairs[mends].name]
