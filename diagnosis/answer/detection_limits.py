@@ -37,7 +37,8 @@ class DetectionLimit:
     log_odds : float
         Expected against no gap, of the effect at its typical size; 0 where no channel shows it.
     name, unit : str
-        Of the effect's magnitude; empty where its size has none (a frequency belongs to the form).
+        Of the effect's magnitude; empty where its size has none (a frequency belongs to the form), and where none that
+        occurs would show.
     change : float
         The effect shows where its magnitude differs by this much from that without effect.
     without : float or None
@@ -112,7 +113,7 @@ def _of_forms(marginal: Marginal, forms: Sequence[Column], least: float, *, gap:
     odds = np.maximum(odds, np.finfo(float).tiny)
     named = np.maximum(np.sqrt(least / odds), np.minimum(np.sqrt(gap / odds), background))
     smallest = _magnitudes(forms, np.maximum(named, strength.low))
-    if np.array_equal(of_typical, smallest):
+    if np.array_equal(of_typical, smallest) or named.min() > strength.high:
         return DetectionLimit(log_odds=middle)
     changes = np.abs(smallest - (without or 0.0))
     if np.ptp(np.abs(of_typical)) <= _SAME * np.abs(of_typical).max():

@@ -91,5 +91,6 @@ def test_an_exponent_is_stated_by_its_distance_from_that_of_a_straight_line():
 
 def test_a_frequency_has_no_smallest_one_and_a_hidden_effect_no_magnitude():
     assert limit_of("carriage_resonance", lambda _: 3.0).name == ""
+    assert limit_of("edge_force", lambda _: 1e-3).name == ""
     hidden = detection_limits(problem_of(), {"edge_force": []}, NO_GAP, LEAST)["edge_force"]
     assert (hidden.log_odds, hidden.name) == (0.0, "")
