@@ -37,6 +37,7 @@ from sawbench.diagnosis.inference.hypothesis import OTHERS, Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, build_problem
 from sawbench.diagnosis.inference.posterior import Posterior, judge
 from sawbench.diagnosis.inference.settings import SETTINGS
+from sawbench.diagnosis.inference.weighing import missed_by
 from sawbench.diagnosis.plants.choice import reduce_recordings
 from sawbench.modeling.machines.table import machine_of
 
@@ -225,15 +226,24 @@ def _alike(problem: LinearProblem, cause: Hypothesis, posterior: Posterior) -> l
     """Effects that this campaign cannot tell from one of the cause: in its place, they have nearly its evidence.
 
     By less than the standard deviation of a log evidence, its square root, or by odds below `settings.Report.odds`:
-    forms that are not nature's decide by that much between rivals that both explain the gap.
+    forms that are not nature's decide by that much between rivals that both explain the gap. Beside other effects of
+    the cause, of what each adds to these, less what their forms may add to it.
     """
-    scatter = max(np.sqrt(max(cause.log_evidence, 0.0)), np.log(problem.settings.report.odds))
-    least = cause.log_evidence - float(scatter)
     found = dict.fromkeys(name for m in cause.members for name in m.effect.same_as)
-    for h in sorted(posterior.claims, key=lambda h: -h.log_evidence):
-        if len(h.effects) == len(cause.effects) and h.log_evidence > least:
-            others = set(h.effects) - set(cause.effects)
-            found.update(dict.fromkeys(others if len(others) == 1 else ()))
+    claims = sorted(posterior.claims, key=lambda h: -h.log_evidence)
+    for name in cause.effects:
+        rest = cause.without(name)
+        base = next((h for h in claims if h.effects == rest), None)
+        added = {
+            h.effects: h.log_evidence - (0.0 if base is None else base.log_evidence + missed_by(base, h))
+            for h in claims
+            if len(h.effects) == len(cause.effects) and set(rest) < set(h.effects)
+        }
+        own = added[cause.effects]
+        scatter = max(np.sqrt(max(own, 0.0)), np.log(problem.settings.report.odds))
+        for effects, value in added.items():
+            if value > own - scatter:
+                found.update(dict.fromkeys(set(effects) - set(rest)))
     return [name for name in found if name not in cause.effects]
 
 

@@ -149,14 +149,21 @@ def odds_of_further(together: Hypothesis, stronger: Hypothesis, n_effects: int) 
     n_effects : int
         Size of the catalogue.
     """
-    choice, missed = worth_of_a_choice(n_effects), _missed(together, stronger)
+    choice, missed = worth_of_a_choice(n_effects), missed_by(stronger, together)
     in_means = together.of_means - stronger.of_means
     in_strokes = together.of_strokes - stronger.of_strokes
     return (min(in_means, 0.0) + in_strokes) / choice + max(in_means, 0.0) / (choice + missed)
 
 
-def _missed(together: Hypothesis, stronger: Hypothesis) -> float:
-    """Standard deviation of the log evidence that a further effect has for what the stronger ones' form misses."""
+def missed_by(stronger: Hypothesis, together: Hypothesis) -> float:
+    """Standard deviation of the log evidence that a further effect has for what the stronger ones' form misses.
+
+    Parameters
+    ----------
+    stronger : Hypothesis
+    together : Hypothesis
+        The stronger effects and the further one.
+    """
     return float(np.sqrt(together.shared * max(stronger.of_means, 0.0)))
 
 
@@ -190,7 +197,7 @@ def _share_within(
     total = score[stronger] + np.exp(believed) * max(float(added.max()), 0.0)
     score[stronger] = total - float(np.logaddexp(0.0, odds))
     # What mends the form of a strong one may explain more than a true one that acts where the strong one does not.
-    among = added - np.array([_missed(h, stronger) for h in family]) + log_odds
+    among = added - np.array([missed_by(stronger, h) for h in family]) + log_odds
     among -= np.logaddexp.reduce(among)
     for h, share in zip(family, among, strict=True):
         score[h] = total + believed + float(share)
