@@ -27,7 +27,7 @@ def test_recorded_processed_fitted_and_its_runtime_predicted(tmp_path, capsys):
     config = tmp_path / "bench_config.toml"
     config.write_text(CRANK, encoding="utf-8")
     out = tmp_path / "demo"
-    code, found = told(capsys, "demo", "--out", out, "--seconds", 4, "--no-view", "--config", config)
+    code, found = told(capsys, "demo", "--out", out, "--seconds", 8, "--no-view", "--config", config)
     truth = PlantSettings(**json.loads((out / "simulated_truth.json").read_text()))
     assert code == 0 and truth.rod_length_m == 0.025
     assert 'mechanism = "slider_crank"' in read_recording(found["files"]["recording"]).config_toml
