@@ -109,11 +109,16 @@ class Motion:
         return self.slowness.mean(axis=-1, keepdims=True)
 
     @cached_property
+    def times(self) -> Floats:
+        """Time over each angle, 1 on average of a stroke; rows as of `slowness`."""
+        return self.slowness / self.period_s
+
+    @cached_property
     def turns(self) -> NDArray[np.complexfloating]:
         """exp(j n 2 pi t / T) at each crank angle, shape (rows, orders, points)."""
         n_points = self.slowness.shape[-1]
         # 2 pi times the share of the period that has passed: the integral of the slowness.
-        spectrum = np.fft.rfft(self.slowness / self.period_s, axis=-1)
+        spectrum = np.fft.rfft(self.times, axis=-1)
         spectrum[..., 0] = 0.0
         spectrum[..., 1:] /= 1j * np.arange(1, spectrum.shape[-1])
         phase = (np.arange(n_points) + 0.5) * TWO_PI / n_points + np.fft.irfft(spectrum, n_points, axis=-1)

@@ -114,8 +114,7 @@ def times_over_angles(state: State) -> Floats:
     """Time that the crank takes over each angle, 1 on average of a stroke, shape (n_units, n_points); 1 in a start."""
     if state.kind != "running":
         return np.ones_like(state.speed_rad_s)
-    times = 1.0 / state.speed_rad_s
-    return np.asarray(times / times.mean(axis=-1, keepdims=True))
+    return np.broadcast_to(state.motion.times, state.speed_rad_s.shape)
 
 
 def harmonics(waves: Floats, n: int) -> Floats:

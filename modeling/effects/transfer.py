@@ -72,7 +72,7 @@ class Spectrum:
 def _of_strokes(wave: Floats, motion: Motion) -> tuple[Floats, Complexes]:
     """Frequencies of the orders of a stroke, shape (rows, n_points // 2), and the coefficients there."""
     turns, period_s = motion.turns, motion.period_s
-    weighted = wave * (motion.slowness / period_s) / wave.shape[-1]
+    weighted = wave * motion.times / wave.shape[-1]
     found = (turns.conj() @ weighted[..., None])[..., 0] if len(turns) > 1 else weighted @ turns[0].conj().T
     found[:, 1:] *= 2.0
     return np.arange(wave.shape[-1] // 2) / period_s, found
@@ -158,11 +158,11 @@ def _errors(waves: Sequence[Floats], state: State, transfer: TransferFunction) -
     """What a transfer function adds to each of many waves of one state."""
     if state.kind != "running" or not waves:
         return [Spectrum(wave, state).through(transfer) - wave for wave in waves]
-    turns, slowness, period_s = state.motion.turns, state.motion.slowness, state.motion.period_s
-    n_points = slowness.shape[-1]
+    turns, times, period_s = state.motion.turns, state.motion.times, state.motion.period_s
+    n_points = times.shape[-1]
     orders = np.arange(n_points // 2)
     change = np.where(orders > 0, 2.0, 1.0) * (transfer(orders / period_s) - 1.0)
-    weights = slowness / period_s / n_points
+    weights = times / n_points
     # By row: from the wave to its orders, weighed by time, and back; the rows of a state may have one motion.
     matrix = np.real(((turns.conj() * weights[:, None, :]).transpose(0, 2, 1) * change[:, None, :]) @ turns)
     return np.swapaxes(np.swapaxes(waves, 0, 1) @ matrix, 0, 1)

@@ -14,7 +14,7 @@ from sawbench.diagnosis.inference.features import START_UP_EDGES_S, Layout, harm
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.diagnosis.reduction import between_samples, running_state, share_switched_on, start_up_state
 from sawbench.diagnosis.stroke_means import stroke_means
-from sawbench.modeling.state import TWO_PI, angle_derivative
+from sawbench.modeling.state import TWO_PI, Motion, angle_derivative
 
 from tests.rigs.drawn_states import BASELINE, setting_of
 from tests.rigs.processed import processed_trial
@@ -285,7 +285,7 @@ def test_a_swing_of_the_angle_read_changes_no_mean_of_speed_or_acceleration():
     layout = Layout(
         kind="running", equations=("electrical", "mechanical"), n_harmonics={"electrical": 2, "mechanical": 2}
     )
-    state = SimpleNamespace(kind="running", speed_rad_s=speed)
+    state = SimpleNamespace(kind="running", speed_rad_s=speed, motion=Motion(read_rad[None], speed))
     features = layout.place({"electrical": speed, "mechanical": acceleration}, times_over_angles(state))[0]
     assert speed.mean() > 91.5  # over the angle
     assert features[layout.slices["electrical"]][0] == pytest.approx(90.0, abs=1e-6)
