@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.ladder import Ladder
+from sawbench.diagnosis.inference.left_over import log_density_of_left
 from sawbench.diagnosis.inference.settings import SETTINGS, Weights
 from sawbench.diagnosis.standard_error import jackknife_std
 from sawbench.modeling.residuals import Equation
@@ -57,8 +58,7 @@ def odds_of_unlisted(
 def _likelihood_of_the_right(share: float, std: float) -> float:
     """Density of the share that a correct claim leaves, averaged over what is not known of it."""
     shares = np.clip(share * np.exp(std * _DEVIATES), _LEAST_SHARE, 1.0)
-    mean = SETTINGS.ladder.left_by_the_right / np.log(10.0)
-    return float(_LIKELY @ np.exp(-shares / mean)) / mean
+    return float(_LIKELY @ np.exp(log_density_of_left(shares)))
 
 
 def leaves_a_gap(

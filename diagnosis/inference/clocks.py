@@ -16,7 +16,7 @@ from sawbench.bench.recording import Floats
 from sawbench.bench.units import BATTERY_CURRENT, DISPLACEMENT, FORCE, MOTOR_CURRENT
 from sawbench.diagnosis.inference.nuisances import Nuisance
 from sawbench.modeling.effects import clock_offset
-from sawbench.modeling.effects.transfer import Spectrum, delay
+from sawbench.modeling.effects.transfer import Spectrum, delay, force_error
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State, TrialSetting
 
@@ -63,23 +63,37 @@ def _delay(
     )  # fmt: skip
 
 
-def _late(baseline: Baseline, state: State, device: float) -> Signature:
-    (found,) = clock_offset.EFFECT.signature(baseline, state, device=device, tau_s=_STEP_S, drifts=0.0)
+def _late_can(baseline: Baseline, state: State) -> Signature:
+    (found,) = clock_offset.EFFECT.signature(baseline, state, device=clock_offset.CAN, tau_s=_STEP_S, drifts=0.0)
     return {name: wave / _STEP_S for name, wave in found.items()}
+
+
+def _late_force(baseline: Baseline, state: State) -> Signature:
+    """Of the measured force: where it is not of the linear law its edges are steeper, whatever the cause."""
+    if state.force_n is None:
+        return {}
+    mean = np.average(state.force_n, axis=0, weights=state.n_strokes)
+    return force_error(baseline, state, _late(np.broadcast_to(mean, state.force_n.shape), state))
+
+
+def _late_displacement(baseline: Baseline, state: State) -> Signature:
+    """It sets the crank angle: all others are early."""
+    return _sum(_sum({}, _late_can(baseline, state), -1.0), _late_force(baseline, state), -1.0)
 
 
 def _late_battery(_: Baseline, state: State) -> Signature:
     """Voltage and current of the battery late; the supply equation holds both and stays right."""
-
-    def change(wave: Floats) -> Floats:
-        return (Spectrum(wave, state).through(delay(_STEP_S)) - wave) / _STEP_S
-
     found: Signature = {}
     if state.battery_voltage_v is not None and state.current_a is not None:
-        found["electrical"] = change(state.motor_voltage_v)
+        found["electrical"] = _late(state.motor_voltage_v, state)
     if state.battery_current_a is not None:
-        found["converter"] = change(state.battery_current_a)
+        found["converter"] = _late(state.battery_current_a, state)
     return found
+
+
+def _late(wave: Floats, state: State) -> Floats:
+    """What a wave changes by where it comes late, per second."""
+    return (Spectrum(wave, state).through(delay(_STEP_S)) - wave) / _STEP_S
 
 
 def _sum(one: Signature, other: Signature, factor: float) -> Signature:
@@ -91,13 +105,13 @@ def _sum(one: Signature, other: Signature, factor: float) -> Signature:
 
 def _late_motor(baseline: Baseline, state: State) -> Signature:
     """Motor and battery are read by two nodes: the motor late is all of the bus late less the battery."""
-    return _sum(_late(baseline, state, clock_offset.CAN), _late_battery(baseline, state), -1.0)
+    return _sum(_late_can(baseline, state), _late_battery(baseline, state), -1.0)
 
 
 # Channel that stands for the others of its stream -> what happens if it is late, for a second.
 _LATE: Final[Mapping[str, Callable[[Baseline, State], Signature]]] = {
-    FORCE.name: lambda b, s: _late(b, s, clock_offset.FORCE),
-    DISPLACEMENT.name: lambda b, s: _late(b, s, clock_offset.DISPLACEMENT),
+    FORCE.name: _late_force,
+    DISPLACEMENT.name: _late_displacement,
     MOTOR_CURRENT.name: _late_motor,
     BATTERY_CURRENT.name: _late_battery,
 }

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal, side_by_side
+from sawbench.diagnosis.inference.settings import SETTINGS
 
 
 def left_over(
@@ -46,3 +48,14 @@ def left_by(problem: LinearProblem, dispersion: Floats, nominal: Marginal, membe
     """
     given = [member.column.of_any_size for member in members]
     return left_over(problem, dispersion, nominal.beside(side_by_side(given, len(problem.data))))
+
+
+def log_density_of_left(share: Floats | float) -> Floats | float:
+    """Logarithm of the density of the share of a gap that the right cause leaves: exponential.
+
+    Parameters
+    ----------
+    share : float or ndarray
+    """
+    mean = SETTINGS.ladder.left_by_the_right / np.log(10.0)
+    return -share / mean - np.log(mean)

@@ -11,6 +11,7 @@ from sawbench.diagnosis.inference.columns import Column
 from sawbench.diagnosis.inference.discrepancy import discrepancy
 from sawbench.diagnosis.inference.evidence import explain
 from sawbench.diagnosis.inference.forming import Forming
+from sawbench.diagnosis.inference.left_over import left_over, log_density_of_left
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.weighing import worth_of_a_choice
 
@@ -23,6 +24,9 @@ def beyond_catalogue(
     Of a form that a listed effect is the limit of, what it adds to that is a further thing about it. Where it adds less
     than a further effect must, nobody can tell, and the listed effect is the answer.
 
+    What a law leaves of the gap by itself says as much against it as it would against a listed effect: what its form
+    may miss takes up the most of a gap, where that is strong.
+
     Parameters
     ----------
     forming : Forming
@@ -31,18 +35,22 @@ def beyond_catalogue(
     listed : mapping of str to float
         Log evidence of the effects of the catalogue, each alone.
     """
-    worth = worth_of_a_choice(len(forming.problem.campaign.plant.effects))
+    problem = forming.problem
+    worth = worth_of_a_choice(len(problem.campaign.plant.effects))
+    gap = left_over(problem, forming.dispersion, nominal) - problem.quiet
 
     def weighed(entries: Sequence[Column]) -> float | None:
         rough = explain(nominal, entries)
         if rough is None:
             return None
-        is_worth_it = rough.log_evidence >= forming.problem.settings.forms.worth_forming
+        is_worth_it = rough.log_evidence >= problem.settings.forms.worth_forming
         found = (forming.single(rough, entries)[0] if is_worth_it else rough).log_evidence
         limits = [listed[other] for other in rough.effect.confused_with if other in listed]
         if limits and found <= max(limits) + worth:
             return None
-        return found - float(np.log(len(columns)))
+        left = left_over(problem, forming.dispersion, nominal, rough) - problem.quiet
+        of_right = log_density_of_left(max(left, 0.0) / gap) - log_density_of_left(0.0) if gap > 0.0 else 0.0
+        return found - float(np.log(len(columns))) + of_right
 
     found = zip(columns, on_two_cores(weighed, list(columns.values())), strict=True)
     return {name: log_evidence for name, log_evidence in found if log_evidence is not None}
