@@ -440,11 +440,12 @@ def _with_guesses(baseline: Baseline, states: list[State]) -> dict[str, float]:
     ]
     guesses: dict[str, float] = {}
     for _ in range(_REGRESSIONS if baseline.known else 1):
-        guesses = _regressed(baseline, states)
-        states[:] = [
-            replace(state, k_guess_n_s_per_m=0.0 if state.setting.is_idle else guesses.get(state.setting.stock, 0.0))
-            for state in states
-        ]
+        found = _regressed(baseline, states)
+        guesses = {stock: k_fc for stock, (k_fc, _) in found.items()}
+        none = (0.0, 0.0)
+        for at, state in enumerate(states):
+            k_fc, rad_s = none if state.setting.is_idle else found.get(state.setting.stock, none)
+            states[at] = replace(state, k_guess_n_s_per_m=k_fc, regressed_at_rad_s=rad_s)
     return guesses
 
 
@@ -457,15 +458,17 @@ def _below(baseline: Baseline, state: State, peak_n: float) -> float:
     return max(float(coefficient(force_n[low], speed_m_s[low])), 0.0) if low.any() else 0.0
 
 
-def _regressed(baseline: Baseline, states: Sequence[State]) -> dict[str, float]:
-    """Regress force on cutting speed, over all running trials of a stock."""
-    felt: dict[str, list[tuple[Floats, Floats]]] = {}
+def _regressed(baseline: Baseline, states: Sequence[State]) -> dict[str, tuple[float, float]]:
+    """Regress force on cutting speed over the running trials of each stock: k_Fc, and the crank speed that counts."""
+    felt: dict[str, list[tuple[Floats, Floats, Floats]]] = {}
     for state in states:
         if state.kind == "running" and not state.setting.is_idle and state.force_n is not None:
             force_n = state.force_n - baseline.known_signature(state).get("cutting", 0.0)
-            felt.setdefault(state.setting.stock, []).append((force_n, baseline.cutting_speed(state)))
-    found: dict[str, float] = {}
+            one = (force_n, baseline.cutting_speed(state), state.speed_rad_s)
+            felt.setdefault(state.setting.stock, []).append(one)
+    found: dict[str, tuple[float, float]] = {}
     for stock, trials in felt.items():
-        force_n, speed_m_s = (np.concatenate(of) for of in zip(*trials, strict=True))
-        found[stock] = max(float(coefficient(force_n, speed_m_s)), 0.0)
+        force_n, speed_m_s, rad_s = (np.concatenate(of) for of in zip(*trials, strict=True))
+        at_rad_s = float(np.sum(rad_s * speed_m_s**2) / max(float(np.sum(speed_m_s**2)), 1e-300))
+        found[stock] = (max(float(coefficient(force_n, speed_m_s)), 0.0), at_rad_s)
     return found

@@ -1,11 +1,12 @@
 """The blade (with clamp and workpiece) gives way: F + (k / k_b) dF/dt = k v, k_b its stiffness along the cut.
 
 The force lags the velocity by k/k_b and decays after the reversal. Stiffer stock lags longer, or all stock as long as
-one of 240 N*s/m (`by_stock` 0): where the force hardly grows with speed, its slope is not k. The reading
-is the true force, so current and speed feel the late force too and the mechanical residual stays 0: that
-tells it from a lag of the load cell. Second form: on the way back the retreating plunger unloads the
-spring, until the teeth are free (F >= 0). Axial steel alone would give 1e7 N/m; bending, clamp and carriage
-give 2e4 to 2e6 N/m: assumed.
+one of 240 N*s/m (`by_stock` 0): where the force hardly grows with speed, its slope is not k. A late force is small
+where the velocity is large: a coefficient that was regressed over it is too small, of stiff stock the more, and k is
+the one of which that much is left. The reading is the true force, so current and speed feel the late force too and the
+mechanical residual stays 0: that tells it from a lag of the load cell. Second form: on the way back the retreating
+plunger unloads the spring, until the teeth are free (F >= 0). Axial steel alone would give 1e7 N/m; bending, clamp and
+carriage give 2e4 to 2e6 N/m: assumed.
 """
 
 from __future__ import annotations
@@ -20,6 +21,10 @@ from sawbench.modeling.effects.transfer import Spectrum, low_pass
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import TWO_PI, State
 
+_RISES = np.linspace(1.0, 2.4, 71)
+# Power of the harmonics of half a sine, the blade's speed into the wood, over their sum.
+_ORDERS = np.array([0, 1, *range(2, 21, 2)])
+_HALF_SINE = 4.0 * np.array([1.0 / np.pi**2, 0.125, *(2.0 / (np.pi * (1.0 - _ORDERS[2:] ** 2.0)) ** 2)])
 _STIFFNESS_N_PER_M = tuple(float(k) for k in np.geomspace(2e4, 2e6, 16))
 
 
@@ -32,10 +37,27 @@ def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature
     def signature(stiffness_n_per_m: float, unloads: float, by_stock: float = BY_COEFFICIENT) -> tuple[Signature, ...]:
         slope_n_s_per_m = K_UNIT_N_S_PER_M if by_stock == ALIKE else state.k_guess_n_s_per_m
         tau_s = max(slope_n_s_per_m / stiffness_n_per_m, 1e-7)
+        rise = _rise(state.regressed_at_rad_s * tau_s, is_alike=by_stock == ALIKE)
+        tau_s *= 1.0 if by_stock == ALIKE else rise
         late = unloading(tau_s) if unloads else spectrum.through(low_pass(tau_s))
-        return ({"cutting": late - force},)
+        return ({"cutting": rise * late - force},)
 
     return signature
+
+
+def _rise(angle_rad: float, *, is_alike: bool) -> float:
+    """Cutting coefficient over the one that was regressed over a force that is late by an angle of the crank.
+
+    Late by k / k_b: the angle is that of the regressed coefficient, unless it is alike in all stock.
+    """
+    rises = np.ones_like(_RISES) if is_alike else _RISES
+    left = _left(angle_rad * rises)
+    return float(1.0 / left[0]) if is_alike else float(np.interp(1.0, _RISES * left, _RISES))
+
+
+def _left(angle_rad: Floats) -> Floats:
+    """Share of the coefficient that a regression through zero finds in a late half sine, shape of `angle_rad`."""
+    return (_HALF_SINE / (1.0 + (_ORDERS * angle_rad[..., None]) ** 2)).sum(axis=-1)
 
 
 def _unloading(drive: Floats, state: State) -> Callable[[float], Floats]:

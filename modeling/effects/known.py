@@ -74,7 +74,9 @@ class KnownEffect:
         if self.value == 0.0 and self.effect.carried_by(self.form) is None:
             return {}
         model = replace(model, known=(), **{k: v for k, v in self.scales.items() if hasattr(model, k)})
-        state = replace(state, **{k: v for k, v in self.scales.items() if hasattr(state, k)})
+        # Known effects are taken off the force before the coefficient is regressed.
+        scales = {k: v for k, v in self.scales.items() if hasattr(state, k)}
+        state = replace(state, regressed_at_rad_s=0.0, **scales)
         return self.effect.combined(model, state, self.shape, self.coefficients)
 
     def transfers(self, state: State) -> Mapping[str, TransferFunction]:

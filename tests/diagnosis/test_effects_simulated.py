@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 from sawbench.modeling.effects.yoke_backlash import swing
+from sawbench.modeling.parts.linear import coefficient
 
 from tests.rigs.jigsaw_in_time import (
     BASELINE,
+    DUTY,
     GEAR,
     JC,
     JM,
@@ -126,6 +128,25 @@ def test_blade_compliance(unloads):
     machine = Machine(memory_s=K_CUT / 1e5, unloads=unloads)
     shape = {"stiffness_n_per_m": 1e5, "unloads": float(unloads)}
     check(machine, "blade_compliance", 1.0, shape, tolerance=0.05)
+
+
+@pytest.mark.parametrize("unloads", [False, True])
+def test_blade_compliance_where_the_coefficient_is_regressed_over_the_late_force(unloads):
+    """At two speeds, as in a campaign: one coefficient for both, too small by more than a quarter."""
+    stiffness_n_per_m = 2.5e4
+    states = [
+        Machine(memory_s=K_CUT / stiffness_n_per_m, unloads=unloads, duty=duty).run() for duty in (0.6 * DUTY, DUTY)
+    ]
+    speeds = [BASELINE.cutting_speed(state) for state in states]
+    k_fc = coefficient(np.array([state.force_n for state in states]), np.array(speeds))
+    assert k_fc < 0.75 * K_CUT
+    weights = [float(np.sum(speed**2)) for speed in speeds]
+    at_rad_s = float(np.average([state.speed_rad_s.mean() for state in states], weights=weights))
+    for state in states:
+        regressed = replace(state, k_guess_n_s_per_m=float(k_fc), regressed_at_rad_s=at_rad_s)
+        shape = {"stiffness_n_per_m": stiffness_n_per_m, "unloads": float(unloads)}
+        (claimed,) = EFFECT_BY_NAME["blade_compliance"].signatures(BASELINE, regressed, shape)
+        compare(gap(regressed), claimed, 0.15)
 
 
 def test_return_stroke_rubbing():
