@@ -17,7 +17,7 @@ from sawbench.bench.units import BATTERY_CURRENT, DISPLACEMENT, FORCE, MOTOR_CUR
 from sawbench.diagnosis.inference.nuisances import Nuisance
 from sawbench.modeling.effects import clock_offset
 from sawbench.modeling.effects.transfer import Spectrum, delay, force_error
-from sawbench.modeling.residuals import Baseline, Signature
+from sawbench.modeling.residuals import Baseline, Signature, summed
 from sawbench.modeling.state import State, TrialSetting
 
 # A force has kinks: at 0.1 ms their second derivative would stay where all devices are late alike, and look like a
@@ -78,7 +78,7 @@ def _late_force(baseline: Baseline, state: State) -> Signature:
 
 def _late_displacement(baseline: Baseline, state: State) -> Signature:
     """It sets the crank angle: all others are early."""
-    return _sum(_sum({}, _late_can(baseline, state), -1.0), _late_force(baseline, state), -1.0)
+    return _early(summed([_late_can(baseline, state), _late_force(baseline, state)]))
 
 
 def _late_battery(_: Baseline, state: State) -> Signature:
@@ -96,16 +96,13 @@ def _late(wave: Floats, state: State) -> Floats:
     return (Spectrum(wave, state).through(delay(_STEP_S)) - wave) / _STEP_S
 
 
-def _sum(one: Signature, other: Signature, factor: float) -> Signature:
-    summed = dict(one)
-    for name, wave in other.items():
-        summed[name] = summed.get(name, 0.0) + factor * wave
-    return summed
+def _early(late: Signature) -> Signature:
+    return {name: -wave for name, wave in late.items()}
 
 
 def _late_motor(baseline: Baseline, state: State) -> Signature:
     """Motor and battery are read by two nodes: the motor late is all of the bus late less the battery."""
-    return _sum(_late_can(baseline, state), _late_battery(baseline, state), -1.0)
+    return summed([_late_can(baseline, state), _early(_late_battery(baseline, state))])
 
 
 # Channel that stands for the others of its stream -> what happens if it is late, for a second.

@@ -35,24 +35,25 @@ def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature
     unloading = _unloading(drive, state)
 
     def signature(stiffness_n_per_m: float, unloads: float, by_stock: float = BY_COEFFICIENT) -> tuple[Signature, ...]:
-        slope_n_s_per_m = K_UNIT_N_S_PER_M if by_stock == ALIKE else state.k_guess_n_s_per_m
-        tau_s = max(slope_n_s_per_m / stiffness_n_per_m, 1e-7)
-        rise = _rise(state.regressed_at_rad_s * tau_s, is_alike=by_stock == ALIKE)
-        tau_s *= 1.0 if by_stock == ALIKE else rise
+        if by_stock == ALIKE:
+            tau_s = max(K_UNIT_N_S_PER_M / stiffness_n_per_m, 1e-7)
+            rise = 1.0 / float(_left(np.array(state.regressed_at_rad_s * tau_s)))
+        else:
+            regressed_s = max(state.k_guess_n_s_per_m / stiffness_n_per_m, 1e-7)
+            rise = _rise(state.regressed_at_rad_s * regressed_s)
+            tau_s = rise * regressed_s
         late = unloading(tau_s) if unloads else spectrum.through(low_pass(tau_s))
         return ({"cutting": rise * late - force},)
 
     return signature
 
 
-def _rise(angle_rad: float, *, is_alike: bool) -> float:
-    """Cutting coefficient over the one that was regressed over a force that is late by an angle of the crank.
+def _rise(angle_rad: float) -> float:
+    """Cutting coefficient over the regressed one, of a force that is late by k / k_b.
 
-    Late by k / k_b: the angle is that of the regressed coefficient, unless it is alike in all stock.
+    `angle_rad` is what the crank turns in the time constant of the regressed coefficient.
     """
-    rises = np.ones_like(_RISES) if is_alike else _RISES
-    left = _left(angle_rad * rises)
-    return float(1.0 / left[0]) if is_alike else float(np.interp(1.0, _RISES * left, _RISES))
+    return float(np.interp(1.0, _RISES * _left(angle_rad * _RISES), _RISES))
 
 
 def _left(angle_rad: Floats) -> Floats:

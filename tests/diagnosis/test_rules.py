@@ -186,6 +186,26 @@ def test_friction_that_fades_within_each_trial_is_explained_beyond_the_catalogue
     assert found[WARMING_FRICTION.name] > constant.log_evidence + 5.0
 
 
+def test_what_a_law_leaves_by_itself_counts_against_it(states):
+    """Both gaps it explains with what its form may miss; of one of them that takes up a large share."""
+    lasting = [replace(s, time_s=np.linspace(0.5, 12.0, len(s.angle_rad))[:, None]) for s in states]
+
+    def lost(ripple):
+        def cold(state):
+            fading = np.exp(-np.broadcast_to(state.time_s, state.angle_rad.shape) / 3.0)
+            return {"mechanical": 0.02 * fading * (1.0 + ripple * np.cos(state.angle_rad))}
+
+        gap = with_gap(problem_of(lasting), cold)
+        beyond = catalogue_columns(gap, gap.campaign.plant.beyond_catalogue)
+        entries = beyond[WARMING_FRICTION.name]
+        alone, _ = forming(gap).single(explain(Marginal(gap), entries), entries)
+        found = beyond_catalogue(forming(gap), Marginal(gap), beyond, {})[WARMING_FRICTION.name]
+        return alone.log_evidence - np.log(len(beyond)) - found
+
+    assert abs(lost(0.0)) < 0.1
+    assert lost(1.5) > 2.0
+
+
 def test_friction_that_falls_over_the_session_is_explained_beyond_the_catalogue(states):
     """Trials one after another, each warmer than the one before; the law of the gap is linear, not the one sought."""
     warmer = [
