@@ -31,7 +31,7 @@ SCHEMA_VERSION = 1
 _SHARES: Mapping[str, float] = MappingProxyType(
     {"none": 0.125, "parameters": 0.125, "effect": 0.5, "pair": 0.1, "outside": 0.15}
 )
-_KIND_OF_COUNT: Mapping[int, str] = MappingProxyType({1: "effect", 2: "pair"})
+_KIND_OF_COUNT: Mapping[int, str] = MappingProxyType({0: "none", 1: "effect", 2: "pair"})
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

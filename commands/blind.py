@@ -82,8 +82,8 @@ def command() -> None:
          " faulty sensor.",
 )  # fmt: skip
 @click.option(
-    "--effects-per-case", type=click.IntRange(1, 4),
-    help="Number of hidden effects per case, each in different equations, severity 0.5 to 2.",
+    "--effects-per-case", type=click.IntRange(0, 4),
+    help="Number of hidden effects per case, each in different equations, severity 0.5 to 2; 0: intact machines only.",
 )  # fmt: skip
 @_workers_option
 @json_option

@@ -7,7 +7,8 @@ what the others leave where it acts: where a hundredth is added and the rest sta
 what explains the rest may well explain the hundredth. Nor may the simulated model with the cause miss the withheld
 channels by more than the re-tuned one does: two effects of one sensor that cancel in the harmonics compared need not
 cancel in the signal that they predict. What a claim leaves where it acts goes to "unknown" (`unlisted.py`). Where the
-answer is "unknown" for a law that is not in the catalogue, that law must close a tenth too.
+answer is "unknown" for a law that is not in the catalogue, that law must close a tenth too, and in a size that every
+machine may have only of a gap beyond what an intact machine leaves.
 Where the single strokes carry an effect, mean strokes hold little of what it closes: the report says so instead.
 """
 
@@ -196,7 +197,7 @@ def is_most_of_a_gap(
 
     What background effects explain is no gap.
     """
-    if posterior.of("no_gap").left_over <= problem.quiet:
+    if _is_quiet(problem, posterior):
         return False
     rest = posterior.best.without(member.effect.name)
     cause, rung = (_found(posterior, rest), "with_effect") if rest else (posterior.best, "retuned")
@@ -205,6 +206,11 @@ def is_most_of_a_gap(
         return False
     added, left = _added(problem, posterior, predictions, member)
     return float(added.sum()) > _MOST * left
+
+
+def _is_quiet(problem: LinearProblem, posterior: Posterior) -> bool:
+    """Whether the model without any effect leaves no more than an intact machine."""
+    return posterior.of("no_gap").left_over <= problem.quiet
 
 
 def _predicts(problem: LinearProblem, predictions: Predictions, cause: Hypothesis) -> bool:
@@ -273,12 +279,18 @@ def _is_sure(gains: Floats) -> bool:
 
 
 def _rests_on_a_law_that_fails(problem: LinearProblem, posterior: Posterior, predictions: Predictions) -> bool:
-    """Whether the answer is "unknown" for a law beyond the catalogue that does not close the withheld gap."""
+    """Whether the answer is "unknown" for a law beyond the catalogue that closes no gap.
+
+    It does not close the withheld one, or there is none beyond what an intact machine leaves and the law has a size
+    that every machine may have.
+    """
     laws = {law.name: law for law in problem.campaign.plant.beyond_catalogue}
     if posterior.best.other != "unknown" or posterior.resembles not in laws:
         return False
     found = predictions.of_law(laws[posterior.resembles])
-    return found is None or not _closes(*found)
+    if found is None or not _closes(found.ladder, acts_in(problem, found.member)):
+        return True
+    return is_background(found.member) and _is_quiet(problem, posterior)
 
 
 def _without_law(problem: LinearProblem, posterior: Posterior) -> Posterior:

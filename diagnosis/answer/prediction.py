@@ -12,7 +12,6 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.channel_gap import ChannelGap, forecast
 from sawbench.diagnosis.answer.hold_out import HoldOut
 from sawbench.diagnosis.answer.ladder import Ladder
-from sawbench.diagnosis.inference.acts_in import acts_in
 from sawbench.diagnosis.inference.columns import Column, columns_in, forms_beside
 from sawbench.diagnosis.inference.dispersion import background_with_noise, stacked_with_noise, with_noise
 from sawbench.diagnosis.inference.evidence import Explanation, explain
@@ -23,7 +22,6 @@ from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.settings import Z95
 from sawbench.modeling.effects.effect import Effect
-from sawbench.modeling.residuals import Equation
 
 _MOST_SWEEPS: Final = 4
 
@@ -43,6 +41,21 @@ class Prediction:
     hold_out: HoldOut
     ladder: Ladder
     forms: list[tuple[Column, ...]]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LawPrediction:
+    """A law beyond the catalogue on withheld trials.
+
+    Attributes
+    ----------
+    ladder : Ladder
+    member : Explanation
+        The law in its best form, fitted to all trials.
+    """
+
+    ladder: Ladder
+    member: Explanation
 
 
 class Predictions:
@@ -95,15 +108,15 @@ class Predictions:
             self._found[key] = Prediction(hold_out=hold_out, ladder=ladder, forms=forms)
         return self._found[key]
 
-    def of_law(self, law: Effect) -> tuple[Ladder, list[Equation]] | None:
-        """Climb the ladder of a law beyond the catalogue; return it and where that acts; None where it is not seen."""
+    def of_law(self, law: Effect) -> LawPrediction | None:
+        """Climb the ladder of a law beyond the catalogue; None where it is not seen."""
         columns = columns_in(self._problem, law, law.shapes)
         found = explain(Marginal(self._problem), columns)
         if found is None:
             return None
         hold_out = self._hold_out(by_trial=self.is_local(found), freed=self._posterior.freed)
         forms = [[c.columns] for c in columns if c.columns.shape == found.column.columns.shape]
-        return hold_out.climb(forms), acts_in(self._problem, found)
+        return LawPrediction(ladder=hold_out.climb(forms), member=found)
 
     def channels_of(self, hypothesis: Hypothesis) -> ChannelGap | None:
         """Predict the channels of withheld trials with one hypothesis; see `channel_gap.forecast`."""

@@ -150,6 +150,12 @@ def test_case_kinds_have_the_stated_shares():
     assert len({case.seed for case in cases}) == 2000
 
 
+def test_a_set_without_effects_holds_intact_machines_alone():
+    cases = sealing.draw_cases(3, 50, effects_per_case=0)
+    assert {(case.kind, len(case.effects)) for case in cases} == {("none", 0)}
+    assert len({case.seed for case in cases}) == 50
+
+
 @pytest.mark.parametrize(("count", "kind"), [(1, "effect"), (2, "pair"), (3, "several"), (4, "several")])
 def test_several_effects_of_a_case_share_no_equation(count, kind):
     cases = sealing.draw_cases(3, 200, effects_per_case=count)

@@ -22,7 +22,7 @@ from sawbench.diagnosis.answer.hold_out import HoldOut
 from sawbench.diagnosis.answer.ladder import Rungs
 from sawbench.diagnosis.answer.prediction import Predictions
 from sawbench.diagnosis.answer.where import locate
-from sawbench.diagnosis.inference.acts_in import equations_of
+from sawbench.diagnosis.inference.acts_in import acts_in, equations_of
 from sawbench.diagnosis.inference.columns import Column, catalogue_columns, columns_in
 from sawbench.diagnosis.inference.evidence import Explanation, explain
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
@@ -177,6 +177,24 @@ def test_unknown_that_rests_on_a_law_must_predict_too(problem, columns, is_in_ev
         assert (held.best.name, held.resembles) == ("unknown", law.name)
     else:
         assert (held.of("unknown").log_evidence, held.resembles) == (-2.0, "")
+
+
+@pytest.mark.parametrize(("size", "is_named"), [(0.2, False), (1.0, True)])
+def test_a_law_of_background_size_is_no_answer_where_no_gap_is_left(problem, columns, size, is_named):
+    """It closes the withheld gap in either size; what every machine may have is no cause of what is no gap."""
+    law = next(e for e in problem.campaign.plant.beyond_catalogue if e.name == "duty that changes with the load")
+    wave = columns_in(problem, law, [law.shapes[0]])[0].columns[:, 0]
+    quiet = 1.1 * float(size**2 * wave @ wave + problem.data @ problem.data) / len(wave)
+    data = replace(problem, data=problem.data + size * wave, quiet=quiet)
+    found = judge(data, columns)
+    declared = certain_of(replace(found, unlisted={law.name: 50.0, "": -2.0}), "unknown", sure_by=0.9)
+    predictions = OfFeatures(data, columns, declared)
+    predicted = predictions.of_law(law)
+    assert claim._closes(predicted.ladder, acts_in(data, predicted.member))
+    assert is_background(predicted.member) != is_named
+    assert declared.of("no_gap").left_over <= quiet
+    held = held_to_predictions(data, columns, declared, predictions)
+    assert (held.resembles == law.name) == is_named
 
 
 def test_claims_share_with_each_other_and_unknown_by_what_each_leaves(judged, problem, monkeypatch):
