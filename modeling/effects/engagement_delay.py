@@ -2,10 +2,10 @@
 
     F = 0 while travelled / stroke < d,  then k v  (sharp, or rising over a few per cent of the stroke)
 
-Fixed in position, at any speed; the reading is the true force. Baseline minus what is missing:
-negative residual at the start of the cut. Backlash delays by far less and also bends the displacement; a
-lag moves with the stroke rate. Range 2 to 40 % of the travel: assumed (play of blade and workpiece, tooth
-pitch over thickness).
+Fixed in position, at any speed; the reading is the true force. Residual: negative at the start of the cut, and
+positive after it where k_Fc was regressed over the whole cutting half: that is too small, by the share of the squared
+speed that is travelled without a force. Backlash delays by far less and also bends the displacement; a lag moves with
+the stroke rate. Range 2 to 40 % of the travel: assumed (play of blade and workpiece, tooth pitch over thickness).
 """
 
 from __future__ import annotations
@@ -21,7 +21,11 @@ _FRACTIONS = (0.02, 0.03, 0.04, 0.055, *np.arange(0.07, 0.25, 0.015).round(3).to
 def _signature(baseline: Baseline, state: State, fraction: float, ramp: float) -> tuple[Signature, ...]:
     travelled = baseline.travelled(state) / (2.0 * baseline.radius_m)
     engaged = np.clip((travelled - fraction) / ramp + 0.5, 0.0, 1.0)
-    return ({"cutting": -baseline.expected_force(state) * (1.0 - engaged)},)
+    force = baseline.expected_force(state)
+    rise = 1.0
+    if state.regressed_at_rad_s > 0.0:
+        rise = float(np.sum(force**2) / max(np.sum(force**2 * engaged), 1e-300))
+    return ({"cutting": force * (rise * engaged - 1.0)},)
 
 
 EFFECT = Effect(
@@ -38,7 +42,6 @@ EFFECT = Effect(
     strength=Strength(name="fraction", unit="1", typical=1.0, low=0.7, high=1.3, source="assumed"),
     signature=_signature,
     shapes=tuple({"fraction": d, "ramp": ramp} for d in _FRACTIONS for ramp in (0.01, 0.03, 0.08)),
-    # The amplitude says how far the coefficient of the whole half stroke is below that of the engaged part.
     continuous=("fraction", "ramp"),
     shape_strength=lambda amplitude, shape: shape["fraction"],
     carries=("fraction",),

@@ -208,6 +208,17 @@ def test_engagement_delay():
     check(machine, "engagement_delay", 1.0, {"fraction": 0.18, "ramp": 0.08})
 
 
+def test_engagement_delay_where_the_coefficient_is_regressed_over_the_whole_half_stroke():
+    machine = Machine(cut=lambda v, x, m: K_CUT * v * np.clip((x / (2 * RADIUS) - 0.32) / 0.08 + 0.5, 0, 1))
+    state = machine.run()
+    k_fc = float(coefficient(state.force_n, BASELINE.cutting_speed(state)))
+    assert k_fc < 0.8 * K_CUT
+    regressed = replace(state, k_guess_n_s_per_m=k_fc, regressed_at_rad_s=float(state.speed_rad_s.mean()))
+    shape = {"fraction": 0.32, "ramp": 0.08}
+    (claimed,) = EFFECT_BY_NAME["engagement_delay"].signatures(BASELINE, regressed, shape)
+    compare(gap(regressed), claimed, 0.03)
+
+
 def test_brush_voltage_drop():
     check(Machine(lost_voltage=lambda i, w: 0.9 * np.tanh(i / 0.1)), "brush_voltage_drop", 0.9)
 
