@@ -60,7 +60,8 @@ def held_to_predictions(
     -------
     Posterior
         Of an effect that fails, the probability goes to the cause without it, alone or with another effect instead; of
-        a single one, to the answers that name no effect; as they stand among themselves.
+        a single one, to it beside another effect as far as that is believed, and to the answers that name no effect; as
+        they stand among themselves.
     """
     kept = _those_that_hold(problem, columns, posterior, predictions)
     shared = _shared_with_unlisted(problem, kept, predictions)
@@ -314,17 +315,25 @@ def _found(posterior: Posterior, effects: tuple[str, ...]) -> Hypothesis:
 
 
 def _without(problem: LinearProblem, posterior: Posterior, name: str) -> Posterior:
-    """Take one effect out of the likeliest hypothesis, and hand its probability to the rest, alone or with another."""
+    """Take one effect out of the likeliest hypothesis, and hand its probability to the rest, alone or with another.
+
+    A single effect that fails may still be there beside another one, as far as that is believed; what remains goes to
+    the answers that name no effect.
+    """
     best, weights = posterior.best, problem.settings.weights
     n_effects = len(problem.campaign.plant.effects)
     rest = best.without(name)
     if rest:
         instead = [h for h in posterior.claims if h is not best and h.probability > 0.0 and _extends(h, rest, best)]
         weighed = among(_found(posterior, rest), instead, n_effects=n_effects, weights=weights)
+        to = {h.name: h.probability for h in weighed}
     else:
         others = [h for h in posterior.hypotheses if h.other is not None]
         weighed = weigh(others, n_effects=1, quiet=problem.quiet, weights=weights)
-    to = {h.name: h.probability for h in weighed}
+        beside = {h.name: h.probability for h in posterior.claims if set(best.effects) < set(h.effects)}
+        believed = sum(beside.values()) / (best.probability + sum(beside.values()))
+        to = {h.name: (1.0 - believed) * h.probability for h in weighed}
+        to |= {other: believed * value / sum(beside.values()) for other, value in beside.items() if value > 0.0}
     return _with_probabilities(
         posterior,
         {

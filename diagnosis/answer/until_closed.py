@@ -31,13 +31,14 @@ from sawbench.diagnosis.inference.dispersion import (
     stacked_with_noise,
     with_noise,
 )
-from sawbench.diagnosis.inference.effect_columns import distortion_of, effect_columns
+from sawbench.diagnosis.inference.effect_columns import effect_columns
 from sawbench.diagnosis.inference.evidence import Explanation, explain
 from sawbench.diagnosis.inference.forming import shared_energy
 from sawbench.diagnosis.inference.hypothesis import AND, Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, build_problem
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import Posterior, judge
+from sawbench.diagnosis.inference.shown_pair import distortion_of
 from sawbench.diagnosis.inference.size import together
 from sawbench.diagnosis.inference.stroke_evidence import sized_by_strokes
 from sawbench.diagnosis.inference.weighing import weigh_further

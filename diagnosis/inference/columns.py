@@ -7,7 +7,7 @@ comes a third of a period late has another phase than the sensor's own signature
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -132,6 +132,28 @@ def columns_in(
     return _as_columns(effect, shapes, _of_typical_size(problem, effect, shapes, distortion), distortion)
 
 
+class KeptForms:
+    """Columns of one effect, often of the same forms as other distortions show them: these are worked out once."""
+
+    def __init__(self, problem: LinearProblem, effect: Effect) -> None:
+        self._problem, self._effect = problem, effect
+        self._kept: dict[tuple[int, tuple[tuple[str, float], ...]], tuple[Signature, ...]] = {}
+
+    def columns_in(self, shapes: Sequence[dict[str, float]], distortion: Distortion) -> list[Column]:
+        """`columns_in` of the effect."""
+        sized = [(shape, self._effect.strength.typical) for shape in shapes]
+        found = _signatures(self._problem, self._effect, sized, distortion, worked_out=self._worked_out)
+        return _as_columns(self._effect, shapes, found, distortion)
+
+    def _worked_out(self, part: Part, shapes: Sequence[dict[str, float]]) -> list[tuple[Signature, ...]]:
+        keys = [(part.place.start, tuple(shape.items())) for shape in shapes]
+        missing = [at for at, key in enumerate(keys) if key not in self._kept]
+        baseline = self._problem.campaign.baseline
+        found = self._effect.signatures_of(baseline, part.smooth, [shapes[at] for at in missing]) if missing else []
+        self._kept |= {keys[at]: one for at, one in zip(missing, found, strict=True)}
+        return [self._kept[key] for key in keys]
+
+
 def forms_beside(columns: Sequence[Column], others: Collection[str] = ()) -> list[Column]:
     """Forms that an effect has beside some others: distorted ones only beside the effect that distorts them."""
     return [column for column in columns if column.is_there_beside(others)]
@@ -161,14 +183,16 @@ def _signatures(
     effect: Effect,
     sized: Sequence[tuple[dict[str, float], float]],
     distortion: Distortion | None = None,
+    worked_out: Callable[[Part, Sequence[dict[str, float]]], list[tuple[Signature, ...]]] | None = None,
 ) -> list[Floats | None]:
     """Whitened signatures of some shapes, each times a strength, (n, q); None where nothing of a typical one shows."""
     if not sized:
         return []
     baseline = problem.campaign.baseline
+    of_part = worked_out or (lambda part, shapes: effect.signatures_of(baseline, part.smooth, shapes))
     placed = []
     for part in problem.parts:
-        groups = effect.signatures_of(baseline, part.smooth, [shape for shape, _ in sized])
+        groups = of_part(part, [shape for shape, _ in sized])
         counts, signatures = [len(group) for group in groups], [one for group in groups for one in group]
         for transfers in _transfers(problem, part, distortion):
             signatures = shown_through(baseline, part.smooth, signatures, transfers)

@@ -10,25 +10,22 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
-from sawbench.bench.recording import Floats
 from sawbench.bench.second_core import on_two_cores
-from sawbench.diagnosis.inference.columns import Column, Distortion, catalogue_columns, columns_in, known_parts
+from sawbench.diagnosis.inference.columns import Column, catalogue_columns, columns_in, known_parts
 from sawbench.diagnosis.inference.dispersion import noise_factor_beside
-from sawbench.diagnosis.inference.evidence import Catalogue, Explanation, explain
+from sawbench.diagnosis.inference.evidence import Catalogue, Explanation
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.refining import (
     add_form,
-    climbed,
-    coefficients,
     likeliest_pairs,
     refined,
     worth_it,
 )
 from sawbench.diagnosis.inference.settings import SETTINGS
+from sawbench.diagnosis.inference.shown_pair import best_shown_pair, distortion_of
 
-# Of refining the effect of a sensor, and another one as that sensor shows it; and how many others are.
-_N_TURNS: Final = 2
+# Pairs of a sensor's effect and another one that are refined, and others beside the likeliest sensor's.
 _N_REFINED: Final = 3
 
 
@@ -59,18 +56,24 @@ def _as_shown(problem: LinearProblem, columns: dict[str, list[Column]]) -> list[
     of_sensors = [(sensor, other) for sensor, other in ordered if sensor.effect.distorts is not None]
     if not of_sensors:
         return []
-    likeliest, _ = of_sensors[0]
-    rows = distortion_of(likeliest).rows(problem)
-    left = noise_factor_beside(problem, np.hstack([e.column.of_any_size for e in pairs[0]]))[rows]
-    if left.max(initial=1.0) <= 1.0 + SETTINGS.ladder.left_by_an_intact:
+    left = noise_factor_beside(problem, np.hstack([e.column.of_any_size for e in pairs[0]]))
+
+    def leaves_much(sensor: Explanation) -> bool:
+        rows = distortion_of(sensor).rows(problem)
+        return bool(left[rows].max(initial=1.0) > 1.0 + SETTINGS.ladder.left_by_an_intact)
+
+    of_sensors = [(sensor, other) for sensor, other in of_sensors if leaves_much(sensor)]
+    if not of_sensors:
         return []
+    likeliest, _ = of_sensors[0]
     others = _others_shown(problem, alone, columns, likeliest)
-    starts = [(sensor.effect.name, other.column) for sensor, other in of_sensors[:_N_REFINED]]
-    starts += [(likeliest.effect.name, other.column) for other in others[:_N_REFINED]]
-    refined_forms = on_two_cores(
-        lambda start: _in_turn(problem, alone, columns, *start), starts, known=known_parts(columns)
-    )
-    return [column for forms in refined_forms for column in forms]
+    pairs_to_refine = [*of_sensors[:_N_REFINED], *((likeliest, other) for other in others[:_N_REFINED])]
+    starts = {(s.effect.name, o.effect.name): o.column for s, o in reversed(pairs_to_refine)}
+    found = on_two_cores(
+        lambda names: best_shown_pair(problem, alone, columns[names[0]], starts[names]), list(starts),
+        known=known_parts(columns),
+    )  # fmt: skip
+    return [part.column for pair in found if pair is not None for part in (pair.sensor, pair.shown)]
 
 
 def _others_shown(
@@ -90,60 +93,3 @@ def _others_shown(
     catalogue = Catalogue({effect.name: forms for effect, forms in zip(acting, shown, strict=True)}, problem.data)
     found = catalogue.explain(alone.beside(sensor.column.of_any_size), beside=(name,))
     return worth_it(found, problem.settings.forms.worth_forming)
-
-
-def _in_turn(
-    problem: LinearProblem, alone: Marginal, columns: Mapping[str, Sequence[Column]], name: str, other: Column
-) -> list[Column]:
-    """Best form of an effect of a sensor beside another effect, and of that as the sensor shows it, in turn.
-
-    Two effects of sensors change parts: each is refined as the other one shows it. None where what the sensor shows
-    explains no more than the effect itself.
-    """
-    of_sensor = columns[name]
-    sensor = _refined(problem, alone, beside=other, forms=of_sensor)
-    known, distortion = sensor.column, distortion_of(sensor)
-    shapes = {column.effect.name: _alike(column) for column in (known, other)}
-    itself = explain(alone.beside(known.of_any_size), columns[other.effect.name])
-    least = -np.inf if itself is None else itself.log_evidence + problem.settings.forms.worth_forming
-    pair: list[Column] = []
-    for _ in range(_N_TURNS):
-        forms = columns_in(problem, other.effect, shapes[other.effect.name], distortion)
-        if not forms:
-            break
-        found = _refined(problem, alone, beside=known, forms=forms)
-        if not pair and found.log_evidence < least:
-            break
-        shown = found.column
-        pair = [known, shown]
-        shapes[other.effect.name] = [shown.shape]
-        if other.effect.distorts is None:
-            sensor = _refined(problem, alone, beside=shown, forms=of_sensor)
-            known, distortion = sensor.column, distortion_of(sensor)
-        else:
-            plain = columns_in(problem, other.effect, [shown.shape])
-            if not plain:
-                break
-            other, known, distortion = known, plain[0], distortion_of(found)
-    return pair
-
-
-def _refined(problem: LinearProblem, alone: Marginal, *, beside: Column, forms: Sequence[Column]) -> Explanation:
-    """Best form of one effect beside a form of another, between those of the catalogue."""
-    marginal = alone.beside(beside.of_any_size)
-    found = explain(marginal, forms)
-    assert found is not None
-    return climbed(problem, marginal, found)
-
-
-def _alike(column: Column) -> list[dict[str, float]]:
-    """Shapes of an effect that differ from one in numbers that are continuous alone."""
-    effect, shape = column.effect, column.shape
-    choices = {name: value for name, value in shape.items() if name not in effect.continuous}
-    return [shape, *(other for other in effect.shapes if choices.items() <= other.items())]
-
-
-def distortion_of(sensor: Explanation) -> Distortion:
-    """How a sensor distorts by the size that its effect was found with."""
-    found: Floats = coefficients(sensor) * sensor.effect.strength.typical
-    return Distortion(effect=sensor.effect, shape=sensor.column.shape, coefficients=tuple(found.tolist()))

@@ -116,8 +116,10 @@ class Forming:
         # Of the second's own size beside the first: alone it may stand for all that the first explains.
         modes = form_modes(self.problem, second.contribution)
         forms = forms_beside(columns[second.effect.name], (first.effect.name,))
+        beside, own = (second.effect.name,), columns[first.effect.name]
+        shown = [c for c in own if c.distortion is not None and c.is_there_beside(beside)]
         shapes = [(first.column, shape) for shape in given]
-        shapes += [(c, c.of_any_size) for c in distorting(columns[first.effect.name], forms)]
+        shapes += [(c, c.of_any_size) for c in (*distorting(own, forms), *shown)]
         found_in_each = [
             (
                 column,
@@ -128,13 +130,24 @@ class Forming:
             for column, shape in shapes
         ]
         column, log_z, found = max(found_in_each, key=lambda each: each[1])
+        by_form = second.log_evidence
+        if column.distortion is not None:
+            by_form = max(by_form, self._added_by_form(first.column, column, found.column))
         if column is not first.column:
             fitted = explain(self.nominal.beside(found.column.of_any_size), [column])
             first = first if fitted is None else replace(fitted, log_evidence=first.log_evidence)
-        gained = _carried(second.log_evidence, log_z - self._alone(first, given))
+        gained = _carried(by_form, log_z - self._alone(first, given))
         shared = shared_energy(self.problem, self._acting(first), self._acting(found))
         left = left_by(self.problem, self.dispersion, self.nominal, (first, found))
         return replace(_together(first, found, first.log_evidence + gained), shared=shared, left_over=left)
+
+    def _added_by_form(self, alone: Column, shown: Column, second: Column) -> float:
+        """Log evidence that a second effect adds to a first one, which beside it has the form that it shows."""
+        beside = self.nominal.beside(second.of_any_size)
+        added, first = explain(beside, [shown]), explain(self.nominal, [alone])
+        if added is None or first is None:
+            return -np.inf
+        return beside.log_evidence - self.nominal.log_evidence + added.log_evidence - first.log_evidence
 
     def _acting(self, explanation: Explanation) -> Floats:
         """What an effect changes of the features: where it moves the blade, also the force of that motion.

@@ -6,17 +6,24 @@ nearest form leaves is larger than another effect, which would then be claimed b
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Final
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 from sawbench.bench.recording import Floats
 from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.inference.columns import Column, columns_in, known_parts
 from sawbench.diagnosis.inference.evidence import Catalogue, Explanation, explain
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
+
+
+class _Weighed(Protocol):
+    @property
+    def log_evidence(self) -> float: ...
+
+
+Found = TypeVar("Found", bound=_Weighed)
 
 _N_STEPS: Final = 8
 # A step that goes too far is halved; what gains less than a tenth of a nat is the same form.
@@ -125,43 +132,68 @@ def _kind(column: Column) -> frozenset[str]:
 
 def climbed(problem: LinearProblem, marginal: Marginal, explanation: Explanation) -> Explanation:
     """Go by Gauss-Newton steps from a form of the catalogue to the best one between its neighbours."""
-    best = explanation
-    around = _around(explanation.column)
-    names = list(around)
-    low, high = np.log(np.reshape([around[name] for name in names], (-1, 2))).T
+    effect, shape, distortion = explanation.effect, explanation.column.shape, explanation.column.distortion
+    bounds = _around(explanation.column)
 
-    def at(place: ArrayLike) -> Explanation | None:
-        shape = {**explanation.column.shape, **dict(zip(names, np.exp(place).tolist(), strict=True))}
-        return explain(marginal, columns_in(problem, best.effect, [shape], best.column.distortion))
+    def at(place: Floats) -> Explanation | None:
+        numbers = dict(zip(bounds, np.exp(place).tolist(), strict=True))
+        return explain(marginal, columns_in(problem, effect, [{**shape, **numbers}], distortion))
 
-    for _ in range(_N_STEPS if names else 0):
-        here = np.log([best.column.shape[name] for name in names])
-        beside = [at(here + step) for step in _DIFFERENCE * np.eye(len(names))]
-        slopes = [_slope(best, found) for found in beside if found is not None]
-        if len(slopes) < len(names):
+    return gauss_newton(
+        marginal, explanation, at, lambda found, fitted: found.column.columns @ coefficients(fitted)[:, None],
+        here=np.log([shape[name] for name in bounds]), bounds=np.log(np.reshape(list(bounds.values()), (-1, 2))),
+    )  # fmt: skip
+
+
+def gauss_newton(
+    marginal: Marginal,
+    begun: Found,
+    at: Callable[[Floats], Found | None],
+    signatures: Callable[[Found, Found], Floats],
+    *,
+    here: Floats,
+    bounds: Floats,
+) -> Found:
+    """Climb the log evidence over numbers of forms, with the sizes of the signatures free.
+
+    Parameters
+    ----------
+    marginal : Marginal
+    begun : Found
+        What is found at `here`.
+    at : callable
+        Numbers, shape (k,) -> what is found there, None where nothing shows.
+    signatures : callable
+        (found, fitted) -> the signatures of the first with the coefficients of the second, shape (n, m), whose sum is
+        all.
+    here : ndarray, shape (k,)
+        Where to begin.
+    bounds : ndarray, shape (k, 2)
+    """
+    best, (low, high) = begun, bounds.T
+    for _ in range(_N_STEPS if len(here) else 0):
+        own = signatures(best, best)
+        beside = [at(here + step) for step in _DIFFERENCE * np.eye(len(here))]
+        slopes = [(signatures(f, best) - own).sum(axis=1) / _DIFFERENCE for f in beside if f is not None]
+        if len(slopes) < len(here):
             break
-        gram, moments = marginal.gram(np.column_stack([best.contribution, *slopes]))
-        prior = np.diag([0.0, *(12.0 / (high - low) ** 2)])
-        best_place = here + np.linalg.solve(gram + prior, moments - gram[:, 0])[1:]
-        step = np.clip(best_place, low, high) - here
-        tried = (at(here + share * step) for share in _SHARES_OF_STEP)
-        better = (found for found in tried if found is not None and found.log_evidence > best.log_evidence + _SAME)
-        found = next(better, None)
+        m = own.shape[1]
+        gram, moments = marginal.gram(np.column_stack([own, *slopes]))
+        prior = np.diag([*np.zeros(m), *(12.0 / (high - low) ** 2)])
+        wanted = here + np.linalg.solve(gram + prior, moments - gram[:, :m].sum(axis=1))[m:]
+        step = np.clip(wanted, low, high) - here
+        tried = ((share, at(here + share * step)) for share in _SHARES_OF_STEP)
+        better = ((s, f) for s, f in tried if f is not None and f.log_evidence > best.log_evidence + _SAME)
+        share, found = next(better, (0.0, None))
         if found is None:
             break
-        best = found
+        here, best = here + share * step, found
     return best
 
 
 def coefficients(explanation: Explanation) -> Floats:
     """Coefficients of the columns of an explanation, in multiples of the typical size."""
     return np.linalg.lstsq(explanation.column.columns, explanation.contribution, rcond=None)[0]
-
-
-def _slope(here: Explanation, beside: Explanation) -> Floats:
-    """Change of the fitted signature with the logarithm of one number of the form, its coefficients kept."""
-    change = beside.column.columns - here.column.columns
-    return change @ coefficients(here) / _DIFFERENCE
 
 
 def _around(column: Column) -> dict[str, tuple[float, float]]:

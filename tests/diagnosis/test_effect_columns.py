@@ -11,6 +11,7 @@ from sawbench.diagnosis.inference.effect_columns import effect_columns
 from sawbench.diagnosis.inference.posterior import judge
 from sawbench.diagnosis.inference.refining import refined
 
+from tests.rigs.jigsaw_in_time import K_CUT, RADIUS
 from tests.rigs.scattered_strokes import problem_of, strokes
 
 pytestmark = pytest.mark.pipeline
@@ -72,3 +73,21 @@ def test_a_distorted_form_is_there_beside_the_effect_that_distorts_alone(columns
 def test_strokes_that_two_effects_explain_get_no_distorted_form():
     plain = problem_of([late(state) for state in strokes()])
     assert not any(c.distortion for entries in effect_columns(plain).values() for c in entries)
+
+
+def test_late_teeth_behind_a_load_cell_that_lags_are_found_together():
+    """As it is, a later engagement with a long ramp stands for both."""
+    fraction, tau_s, damping = 0.32, 0.7e-3, 0.66
+
+    def cut(speed, travelled, force):
+        return K_CUT * speed * np.clip((travelled / (2.0 * RADIUS) - fraction) / 0.03 + 0.5, 0.0, 1.0)
+
+    natural_hz = 2.0 * damping / tau_s / (2.0 * np.pi)
+    problem = problem_of(strokes(cut=cut, ring=(natural_hz, damping)))
+    best = judge(problem, effect_columns(problem)).best
+    assert best.effects == ("engagement_delay", "force_sensor_lag")
+    late, lag = best.members
+    assert late.column.distortion.effect.name == "force_sensor_lag"
+    assert late.strength == pytest.approx(fraction, abs=0.002)
+    assert lag.column.shape["tau_s"] == pytest.approx(tau_s, rel=0.05)
+    assert lag.column.shape["damping"] == pytest.approx(damping, rel=0.05)

@@ -1,0 +1,166 @@
+"""An effect of a sensor and another effect as that sensor shows it, their forms refined together.
+
+What the other effect adds is shown later, smaller or ringing by as much as the sensor's form says: neither form can be
+refined while the other one is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.columns import Column, Distortion, KeptForms, columns_in
+from sawbench.diagnosis.inference.evidence import Explanation, explain
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal
+from sawbench.diagnosis.inference.refining import climbed, coefficients, gauss_newton
+
+# Forms of the sensor's effect from which it begins: all over the catalogue, for the best one lies in a narrow valley.
+_N_BEGUN: Final = 12
+# Choices between forms, a device or an order, of which the best are climbed from.
+_N_CLIMBED: Final = 2
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ShownPair:
+    """Two effects.
+
+    Attributes
+    ----------
+    sensor, shown : Explanation
+        The effect of the sensor, and the other one as that shows it, each beside the other.
+    log_evidence : float
+        Of both: that of the data, with sizes of any amount.
+    """
+
+    sensor: Explanation
+    shown: Explanation
+    log_evidence: float
+
+
+def best_shown_pair(
+    problem: LinearProblem, alone: Marginal, of_sensor: Sequence[Column], other: Column
+) -> ShownPair | None:
+    """Best forms of an effect of a sensor and of another one as it shows that.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    alone : Marginal
+        Nuisances without any effect.
+    of_sensor : sequence of Column
+        Forms of the sensor's effect.
+    other : Column
+        Form of the other effect to begin with.
+
+    Returns
+    -------
+    ShownPair or None
+        None where the sensor's effect shows nothing beside the other one, or where what it shows explains no more than
+        the other effect itself.
+    """
+    own = [form for form in of_sensor if form.distortion is None]
+    beside_other = alone.beside(other.of_any_size)
+    as_they_are = explain(beside_other, own)
+    if as_they_are is None:
+        return None
+    as_they_are = climbed(problem, beside_other, as_they_are)
+    pairs = _Pairs(problem, alone, other)
+    begun = [as_they_are.column, *own[:: max(len(own) // _N_BEGUN, 1)]]
+    of_choice: dict[object, ShownPair] = {}
+    for form in begun:
+        pair = pairs.of(form, [other.shape])
+        known = of_choice.get(_choices(form))
+        if pair is not None and (known is None or pair.log_evidence > known.log_evidence):
+            of_choice[_choices(form)] = pair
+    best_first = sorted(of_choice.values(), key=lambda pair: -pair.log_evidence)[:_N_CLIMBED]
+    climbed_pairs = [pairs.climbed(pairs.of(pair.sensor.column, alike(other)) or pair) for pair in best_first]
+    best = max(climbed_pairs, key=lambda pair: pair.log_evidence, default=None)
+    least = beside_other.log_evidence + as_they_are.log_evidence + problem.settings.forms.worth_forming
+    return best if best is not None and best.log_evidence > least else None
+
+
+class _Pairs:
+    """Pairs of one effect of a sensor and one other effect."""
+
+    def __init__(self, problem: LinearProblem, alone: Marginal, other: Column) -> None:
+        self._problem, self._alone = problem, alone
+        self._forms = KeptForms(problem, other.effect)
+        self._beside_other = alone.beside(other.of_any_size)
+
+    def of(self, form: Column, shapes: Sequence[dict[str, float]]) -> ShownPair | None:
+        """Take one form of the sensor's effect and the best one, of some, of the other effect as that shows it."""
+        sensor = explain(self._beside_other, [form])
+        if sensor is None:
+            return None
+        forms = self._forms.columns_in(shapes, distortion_of(sensor))
+        beside = self._alone.beside(form.of_any_size)
+        shown = explain(beside, forms) if forms else None
+        if shown is None:
+            return None
+        sensor = explain(self._alone.beside(shown.column.of_any_size), [form]) or sensor
+        return ShownPair(sensor=sensor, shown=shown, log_evidence=beside.log_evidence + shown.log_evidence)
+
+    def climbed(self, begun: ShownPair) -> ShownPair:
+        """Go by Gauss-Newton steps to the best pair between the neighbours of both forms."""
+        parts = (begun.sensor.column, begun.shown.column)
+        ranges = {(k, name): of for k, part in enumerate(parts) for name, of in _ranges(part).items()}
+
+        def at(place: Floats) -> ShownPair | None:
+            shapes = [dict(part.shape) for part in parts]
+            for (k, name), value in zip(ranges, np.exp(place).tolist(), strict=True):
+                shapes[k][name] = value
+            forms = columns_in(self._problem, parts[0].effect, [shapes[0]])
+            return self.of(forms[0], [shapes[1]]) if forms else None
+
+        return gauss_newton(
+            self._alone, begun, at, _signatures,
+            here=np.log([parts[k].shape[name] for k, name in ranges]),
+            bounds=np.log(np.reshape(list(ranges.values()), (-1, 2))),
+        )  # fmt: skip
+
+
+def _signatures(found: ShownPair, fitted: ShownPair) -> Floats:
+    """Of both effects, with the coefficients that were fitted to others of their forms, shape (n, 2)."""
+    return np.column_stack(
+        [
+            found.sensor.column.columns @ coefficients(fitted.sensor),
+            found.shown.column.columns @ coefficients(fitted.shown),
+        ]
+    )
+
+
+def _ranges(column: Column) -> dict[str, tuple[float, float]]:
+    """Continuous numbers of a form, with the least and the largest one of the catalogue where all choices are the same.
+
+    0 is another kind of form.
+    """
+    found = {}
+    for name in column.effect.continuous:
+        values = [shape[name] for shape in alike(column) if shape.get(name, 0.0) > 0.0]
+        if column.shape.get(name, 0.0) > 0.0 and min(values) < max(values):
+            found[name] = (min(values), max(values))
+    return found
+
+
+def distortion_of(sensor: Explanation) -> Distortion:
+    """How a sensor distorts by the size that its effect was found with."""
+    found: Floats = coefficients(sensor) * sensor.effect.strength.typical
+    return Distortion(effect=sensor.effect, shape=sensor.column.shape, coefficients=tuple(found.tolist()))
+
+
+def _choices(form: Column) -> object:
+    """Numbers of a form that are no continuous ones, and which of these it has: one that is 0 is another kind."""
+    continuous = form.effect.continuous
+    chosen = frozenset((name, value) for name, value in form.shape.items() if name not in continuous)
+    return chosen, frozenset(name for name in continuous if form.shape.get(name))
+
+
+def alike(column: Column) -> list[dict[str, float]]:
+    """Shapes of an effect that differ from one in numbers that are continuous alone."""
+    effect, shape = column.effect, column.shape
+    choices = {name: value for name, value in shape.items() if name not in effect.continuous}
+    return [shape, *(other for other in effect.shapes if choices.items() <= other.items())]
