@@ -161,6 +161,22 @@ def test_what_predicts_nothing_hands_its_probability_to_what_is_left_without_it(
     assert sum(held.of(name).probability for name in ("no_gap", "parameters", "unknown")) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("of_pair", [0.4, 0.0])
+def test_an_effect_that_fails_alone_may_hold_beside_another_one_as_far_as_that_is_believed(judged, problem, of_pair):
+    pair = next(h for h in judged.claims if len(h.effects) == 2)
+    alone = next(h for h in judged.claims if h.effects == pair.effects[:1])
+    stranger = next(h for h in judged.claims if not set(h.effects) & set(alone.effects))
+    believed = {alone.name: 0.5, pair.name: of_pair, stranger.name: 0.3 - 0.5 * of_pair}
+    believed["unknown"] = 1.0 - sum(believed.values())
+    moved = [replace(h, probability=believed.get(h.name, 0.0)) for h in judged.hypotheses]
+    posterior = replace(judged, hypotheses=tuple(sorted(moved, key=lambda h: -h.probability)))
+    left = claim._without(problem, posterior, alone.effects[0])
+    assert left.of(alone.name).probability == 0.0
+    assert left.of(pair.name).probability == pytest.approx(of_pair + 0.5 * of_pair / (0.5 + of_pair))
+    assert left.of(stranger.name).probability == pytest.approx(believed[stranger.name])
+    assert sum(h.probability for h in left.hypotheses) == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize("is_in_every_trial", [True, False])
 def test_unknown_that_rests_on_a_law_must_predict_too(problem, columns, is_in_every_trial):
     """A law beyond the catalogue in every trial, or in one alone."""
