@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.diagnosis.inference.columns import Column
+from sawbench.diagnosis.inference.columns import Column, distorting
 from sawbench.diagnosis.inference.evidence import Catalogue, Explanation
 from sawbench.diagnosis.inference.features import orders
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
@@ -68,7 +68,10 @@ def _alike(problem: LinearProblem) -> list[np.ndarray]:
 
 
 def _rest_of_two(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue) -> Floats:
-    """What the nuisances and two effects leave, each of any size; the second is the best beside the first."""
+    """What the nuisances and two effects leave, each of any size.
+
+    The second is the best beside the first, or one of a sensor's that shows the first as its distorted form says.
+    """
     marginal = Marginal(problem)
     half = marginal.half(catalogue.stacked)
     first = _most_gain([*catalogue.explain(marginal, half).values(), *beyond.explain(marginal).values()])
@@ -79,7 +82,16 @@ def _rest_of_two(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue
         seconds = catalogue.explain(beside, beside.half(catalogue.stacked, half), beside=named).values()
         second = _most_gain([e for e in seconds if e.effect.name != first.effect.name])
         given = np.hstack([given, _of_any_size(problem, second)])
-    return marginal.beside(given).rest(problem.data)
+    beside = (marginal.beside(pair) for pair in (given, *_shown_pairs(catalogue)))
+    return min(beside, key=lambda one: one.misfit).rest(problem.data)
+
+
+def _shown_pairs(catalogue: Catalogue) -> list[Floats]:
+    """Every form of an effect as a sensor shows it with that form of the sensor's effect, of any size, (n, q)."""
+    columns = catalogue.columns
+    shown = [c for forms in columns.values() for c in forms if c.distortion is not None]
+    pairs = [(c, sensor) for c in shown for sensor in distorting(columns[c.distortion.effect.name], [c])]
+    return [np.hstack([c.of_any_size, sensor.of_any_size]) for c, sensor in pairs]
 
 
 def _most_gain(found: Sequence[Explanation]) -> Explanation | None:
