@@ -180,7 +180,8 @@ def gauss_newton(
         m = own.shape[1]
         gram, moments = marginal.gram(np.column_stack([own, *slopes]))
         prior = np.diag([*np.zeros(m), *(12.0 / (high - low) ** 2)])
-        wanted = here + np.linalg.solve(gram + prior, moments - gram[:, :m].sum(axis=1))[m:]
+        # Of two signatures that are one, or of one that is nothing, the least change.
+        wanted = here + np.linalg.lstsq(gram + prior, moments - gram[:, :m].sum(axis=1), rcond=None)[0][m:]
         step = np.clip(wanted, low, high) - here
         tried = ((share, at(here + share * step)) for share in _SHARES_OF_STEP)
         better = ((s, f) for s, f in tried if f is not None and f.log_evidence > best.log_evidence + _SAME)

@@ -69,16 +69,9 @@ def best_shown_pair(
         return None
     as_they_are = climbed(problem, beside_other, as_they_are)
     pairs = _Pairs(problem, alone, other)
-    begun = [as_they_are.column, *own[:: max(len(own) // _N_BEGUN, 1)]]
-    of_choice: dict[object, ShownPair] = {}
-    for form in begun:
-        pair = pairs.of(form, [other.shape])
-        known = of_choice.get(_choices(form))
-        if pair is not None and (known is None or pair.log_evidence > known.log_evidence):
-            of_choice[_choices(form)] = pair
-    best_first = sorted(of_choice.values(), key=lambda pair: -pair.log_evidence)[:_N_CLIMBED]
-    climbed_pairs = [pairs.climbed(pairs.of(pair.sensor.column, alike(other)) or pair) for pair in best_first]
-    best = max(climbed_pairs, key=lambda pair: pair.log_evidence, default=None)
+    begun = pairs.best_of_each_choice([as_they_are.column, *own[:: max(len(own) // _N_BEGUN, 1)]], other.shape)
+    found = [pairs.climbed(pairs.of(pair.sensor.column, alike(other)) or pair) for pair in begun[:_N_CLIMBED]]
+    best = max(found, key=lambda pair: pair.log_evidence, default=None)
     least = beside_other.log_evidence + as_they_are.log_evidence + problem.settings.forms.worth_forming
     return best if best is not None and best.log_evidence > least else None
 
@@ -104,8 +97,17 @@ class _Pairs:
         sensor = explain(self._alone.beside(shown.column.of_any_size), [form]) or sensor
         return ShownPair(sensor=sensor, shown=shown, log_evidence=beside.log_evidence + shown.log_evidence)
 
+    def best_of_each_choice(self, forms: Sequence[Column], shape: dict[str, float]) -> list[ShownPair]:
+        """Pairs of some forms of the sensor's effect with one of the other effect, most evidence first."""
+        best: dict[object, ShownPair] = {}
+        for form in forms:
+            pair, known = self.of(form, [shape]), best.get(_choices(form))
+            if pair is not None and (known is None or pair.log_evidence > known.log_evidence):
+                best[_choices(form)] = pair
+        return sorted(best.values(), key=lambda pair: -pair.log_evidence)
+
     def climbed(self, begun: ShownPair) -> ShownPair:
-        """Go by Gauss-Newton steps to the best pair between the neighbours of both forms."""
+        """Go by Gauss-Newton steps to the best pair within the ranges of the catalogue."""
         parts = (begun.sensor.column, begun.shown.column)
         ranges = {(k, name): of for k, part in enumerate(parts) for name, of in _ranges(part).items()}
 

@@ -74,12 +74,17 @@ class StruckTrial(Protocol):
 
 
 def _runs(left: Floats, resolution: float) -> tuple[np.ndarray, np.ndarray]:
-    """First cell of each strike and the one after its last: far off what the same cell does in other strokes."""
+    """First cell of each strike and the one after its last: far off what the same cell does in other strokes.
+
+    What is far off from the first stroke on is the end of the start.
+    """
     measured = left[_is_measured(left)]
     if not len(measured):
         return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
     spread = np.maximum(STD_OVER_MEDIAN * np.median(np.abs(measured), axis=0), resolution)
-    far = (np.abs(left) > _NUMBERS.strike * spread).ravel()
+    is_far = np.abs(left) > _NUMBERS.strike * spread
+    is_far &= np.logical_or.accumulate(~is_far.any(axis=1))[:, None]
+    far = is_far.ravel()
     beside = np.zeros_like(far)
     beside[1:] = far[:-1]
     beside[:-1] |= far[1:]

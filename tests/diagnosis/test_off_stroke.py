@@ -392,6 +392,18 @@ def test_where_most_strokes_lack_samples_the_others_are_no_bursts():
     assert strikes(np.zeros((80, 64)), 1e-3, 12.0).size == 0.0
 
 
+def test_what_the_start_leaves_in_the_first_strokes_is_no_strike():
+    rng = np.random.default_rng(4)
+    left = rng.standard_normal((60, 64))
+    start = 30.0 * np.exp(-np.arange(left.size).reshape(left.shape) / 70.0)
+    assert strikes(left + start, 1e-3, 12.0).per_s == 0.0
+    blow = np.zeros_like(left)
+    blow[30, 10:14] = 40.0
+    found = strikes(left + start + blow, 1e-3, 12.0)
+    assert found.per_s == pytest.approx(12.0 / len(left))
+    assert found.size == pytest.approx(40.0, abs=3.0)
+
+
 def test_a_few_samples_a_cell_of_a_steep_stroke_make_no_line():
     """4 kHz and up to 6.3 samples a cell: their means beat with 3 % of the stroke's height."""
 
