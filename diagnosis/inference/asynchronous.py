@@ -168,17 +168,34 @@ def _misfit(deviations: Floats) -> float:
 def _is_no_pickup(group: Sequence[OffStroke], lock: Lock, name: str, line: Sequence[tuple[OffStroke, Peak]]) -> bool:
     """A fixed frequency is hum of a sensor unless two currents or voltages show it; what follows the stroke is not.
 
-    At the mains' frequency it is hum in however many channels: no battery has that. Where all trials run at nearly one
-    speed, a fixed frequency stands at nearly one order of the stroke as well.
+    At the mains' frequency it is hum in however many channels, for no battery has that, unless both currents show it as
+    the converter relates them: a charger that stays connected. Where all trials run at nearly one speed, a fixed
+    frequency stands at nearly one order of the stroke as well.
     """
+    middle = max((p for _, p in line), key=lambda p: p.power)
     if is_mains(float(np.median([p.place if lock == "time" else p.place * trial.rate_hz for trial, p in line]))):
-        return False
+        return lock == "time" and name in _ELECTRICAL and _is_a_current(group, middle)
     if lock == "stroke":
         return True
-    middle = max((p for _, p in line), key=lambda p: p.power)
     channels = {n for t in group for _, n in t.peaks}
     seen = [n for n in channels if len(_at(group, lock, n, middle)) >= _enough(group, lock, middle)]
     return name in seen and sum(n in _ELECTRICAL for n in seen) > 1
+
+
+def _is_a_current(group: Sequence[OffStroke], line: Peak) -> bool:
+    """Whether the battery's current at a fixed frequency is duty times that of the motor.
+
+    Told by trials whose duty is far from 1: two cables may pick up as much.
+    """
+    motor, battery = (
+        {t.label: p.amplitude for t, p in _at(group, "time", name, line)}
+        for name in (MOTOR_CURRENT.name, BATTERY_CURRENT.name)
+    )
+    telling = [t for t in group if t.duty < _NUMBERS.duty_tells and t.label in motor and t.label in battery]
+    apart = np.array([abs(np.log(battery[t.label] / (t.duty * motor[t.label]))) for t in telling])
+    return len(telling) >= SETTINGS.noise.least_trials and bool(
+        np.mean(apart < _NUMBERS.same_current) >= _NUMBERS.in_most
+    )
 
 
 def _line_finding(group: Sequence[OffStroke], lock: Lock, name: str, line: Sequence[tuple[OffStroke, Peak]]) -> Finding:

@@ -46,6 +46,8 @@ class OffStroke:
         Cycles a stroke: nearer to a harmonic no line can be seen.
     feed_a_stroke_m : float
         NaN in air and where no feed is stated.
+    duty : float
+        NaN where none is stated.
     peaks : dict of (str, str) to tuple of Peak
         By "time" or "stroke", and channel.
     of_mains : dict of str to ndarray, shape (2, 7)
@@ -63,6 +65,7 @@ class OffStroke:
     rate_hz: float
     near_harmonic: float
     feed_a_stroke_m: float
+    duty: float
     peaks: dict[tuple[str, str], tuple[Peak, ...]]
     of_mains: dict[str, Floats]
     struck: dict[str, Strikes]
@@ -133,6 +136,7 @@ def off_stroke(trial: TrackedTrial) -> OffStroke | None:
         rate_hz=rate_hz,
         near_harmonic=near_harmonic(n_strokes),
         feed_a_stroke_m=_feed_m_s(trial) / rate_hz,
+        duty=float("nan") if trial.trial.duty is None else trial.trial.duty,
         peaks=peaks,
         of_mains=of_mains,
         struck=struck,

@@ -137,6 +137,10 @@ class OffStroke:
         Of the variance that does not follow the stroke: what is smaller is a matter of the sensor, not of the machine.
     most_of_it : float
         The same of a line that has no place in common with those of other trials.
+    same_current : float
+        Logarithm of the ratio of two amplitudes of one current, as two sensors measure them.
+    duty_tells : float
+        Below it the battery's current is told from that of the motor by its size.
     same_place : float
         Relative difference of two lines that are one.
     in_most : float
@@ -170,6 +174,8 @@ class OffStroke:
     foot_share: float = marked(0.1, "convention", "of a window's line nothing is left there, of a hump most is")
     least_share: float = marked(0.15, "convention", "less is hidden by the scatter itself")
     most_of_it: float = marked(0.5, "convention", "more than all else together")
+    same_current: float = marked(0.15, "convention", "of a line that stands out, amplitudes are known to a tenth each")
+    duty_tells: float = marked(0.75, "convention", "twice `same_current` below 1")
     same_place: float = marked(0.003, "convention", "clocks and speeds are known to better than that")
     in_most: float = marked(0.7, "convention", "more than two of three")
     feed_error: float = marked(0.05, "convention", "what a slide keeps under load")

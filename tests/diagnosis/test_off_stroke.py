@@ -294,6 +294,23 @@ def test_hum_in_several_cables_is_hum():
     assert {FORCE.name, MOTOR_CURRENT.name, BATTERY_CURRENT.name} <= found
 
 
+@pytest.mark.parametrize(("of_motor", "is_current"), [(0.5, True), (1.0, False), (0.3, False)])
+def test_a_charger_that_stays_connected_is_no_hum(of_motor, is_current):
+    """Both currents at twice the mains' frequency: the battery's is duty times that of the motor, or any."""
+
+    def charged(rng, time_s, turns, feed):
+        wave = np.cos(2.0 * np.pi * 100.0 * time_s + rng.uniform(0.0, 6.0))
+        return {BATTERY_VOLTAGE.name: 0.03 * wave, MOTOR_CURRENT.name: wave, BATTERY_CURRENT.name: of_motor * wave}
+
+    found = campaign(charged)
+    assert (found is not None) == is_current
+    picked_up = {line.channel for line in fixed_lines(trials(charged))}
+    assert picked_up == (set() if is_current else {BATTERY_VOLTAGE.name, MOTOR_CURRENT.name, BATTERY_CURRENT.name})
+    if is_current:
+        # Seven strokes of 14.3 Hz and six of 16.7 Hz take nearly as long.
+        assert re.search(r"at 100\.\d Hz at any stroke rate, in 4 of 6 trials", found.text)
+
+
 def test_hum_is_no_order_of_the_stroke_where_all_trials_run_at_one_speed():
     one_speed = tuple((13.7 + 0.02 * k, None) for k in range(6))
     assert campaign(mains, plan=one_speed) is None
