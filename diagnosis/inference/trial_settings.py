@@ -174,7 +174,7 @@ class OffStroke:
     foot_share: float = marked(0.1, "convention", "of a window's line nothing is left there, of a hump most is")
     least_share: float = marked(0.15, "convention", "less is hidden by the scatter itself")
     most_of_it: float = marked(0.5, "convention", "more than all else together")
-    same_current: float = marked(0.15, "convention", "of a line that stands out, amplitudes are known to a tenth each")
+    same_current: float = marked(0.15, "convention", "of a strong line, amplitudes are known to a tenth each")
     duty_tells: float = marked(0.75, "convention", "twice `same_current` below 1")
     same_place: float = marked(0.003, "convention", "clocks and speeds are known to better than that")
     in_most: float = marked(0.7, "convention", "more than two of three")
