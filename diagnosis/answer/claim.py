@@ -330,10 +330,10 @@ def _without(problem: LinearProblem, posterior: Posterior, name: str) -> Posteri
     else:
         others = [h for h in posterior.hypotheses if h.other is not None]
         weighed = weigh(others, n_effects=1, quiet=problem.quiet, weights=weights)
-        beside = {h.name: h.probability for h in posterior.claims if set(best.effects) < set(h.effects)}
-        believed = sum(beside.values()) / (best.probability + sum(beside.values()))
-        to = {h.name: (1.0 - believed) * h.probability for h in weighed}
-        to |= {other: believed * value / sum(beside.values()) for other, value in beside.items() if value > 0.0}
+        pairs = {h.name: h.probability for h in posterior.claims if set(best.effects) < set(h.effects)}
+        all_of_it = best.probability + sum(pairs.values())
+        to = {h.name: h.probability * best.probability / all_of_it for h in weighed}
+        to |= {pair: probability / all_of_it for pair, probability in pairs.items()}
     return _with_probabilities(
         posterior,
         {

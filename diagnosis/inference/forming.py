@@ -116,8 +116,8 @@ class Forming:
         # Of the second's own size beside the first: alone it may stand for all that the first explains.
         modes = form_modes(self.problem, second.contribution)
         forms = forms_beside(columns[second.effect.name], (first.effect.name,))
-        beside, own = (second.effect.name,), columns[first.effect.name]
-        shown = [c for c in own if c.distortion is not None and c.is_there_beside(beside)]
+        own = columns[first.effect.name]
+        shown = [c for c in forms_beside(own, (second.effect.name,)) if c.distortion is not None]
         shapes = [(first.column, shape) for shape in given]
         shapes += [(c, c.of_any_size) for c in (*distorting(own, forms), *shown)]
         found_in_each = [

@@ -119,13 +119,13 @@ def _between(problem: LinearProblem, marginal: Marginal, best: Explanation, colu
     """Best form between those of an effect: from its best one, and from the best one of every other kind."""
     others: dict[frozenset[str], list[Column]] = {}
     for column in columns:
-        if _kind(column) != _kind(best.column):
-            others.setdefault(_kind(column), []).append(column)
-    starts = [best, *(found for kind in others.values() if (found := explain(marginal, kind)) is not None)]
+        if kind(column) != kind(best.column):
+            others.setdefault(kind(column), []).append(column)
+    starts = [best, *(found for alike in others.values() if (found := explain(marginal, alike)) is not None)]
     return max((climbed(problem, marginal, start) for start in starts), key=lambda e: e.log_evidence).column
 
 
-def _kind(column: Column) -> frozenset[str]:
+def kind(column: Column) -> frozenset[str]:
     """Which of its continuous numbers a form has: one that is 0 is another kind of form."""
     return frozenset(name for name in column.effect.continuous if column.shape.get(name))
 

@@ -16,7 +16,7 @@ from sawbench.diagnosis.inference.columns import Column, Distortion, KeptForms, 
 from sawbench.diagnosis.inference.evidence import Explanation, explain
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
-from sawbench.diagnosis.inference.refining import climbed, coefficients, gauss_newton
+from sawbench.diagnosis.inference.refining import climbed, coefficients, gauss_newton, kind
 
 # Forms of the sensor's effect from which it begins: all over the catalogue, for the best one lies in a narrow valley.
 _N_BEGUN: Final = 12
@@ -68,9 +68,9 @@ def best_shown_pair(
     if as_they_are is None:
         return None
     as_they_are = climbed(problem, beside_other, as_they_are)
-    pairs = _Pairs(problem, alone, other)
+    pairs = _Pairs(problem, alone, other, beside_other)
     begun = pairs.best_of_each_choice([as_they_are.column, *own[:: max(len(own) // _N_BEGUN, 1)]], other.shape)
-    found = [pairs.climbed(pairs.of(pair.sensor.column, alike(other)) or pair) for pair in begun[:_N_CLIMBED]]
+    found = [pairs.climbed(pairs.of(pair.sensor.column, _alike(other)) or pair) for pair in begun[:_N_CLIMBED]]
     best = max(found, key=lambda pair: pair.log_evidence, default=None)
     least = beside_other.log_evidence + as_they_are.log_evidence + problem.settings.forms.worth_forming
     return best if best is not None and best.log_evidence > least else None
@@ -79,10 +79,9 @@ def best_shown_pair(
 class _Pairs:
     """Pairs of one effect of a sensor and one other effect."""
 
-    def __init__(self, problem: LinearProblem, alone: Marginal, other: Column) -> None:
-        self._problem, self._alone = problem, alone
+    def __init__(self, problem: LinearProblem, alone: Marginal, other: Column, beside_other: Marginal) -> None:
+        self._problem, self._alone, self._beside_other = problem, alone, beside_other
         self._forms = KeptForms(problem, other.effect)
-        self._beside_other = alone.beside(other.of_any_size)
 
     def of(self, form: Column, shapes: Sequence[dict[str, float]]) -> ShownPair | None:
         """Take one form of the sensor's effect and the best one, of some, of the other effect as that shows it."""
@@ -101,9 +100,10 @@ class _Pairs:
         """Pairs of some forms of the sensor's effect with one of the other effect, most evidence first."""
         best: dict[object, ShownPair] = {}
         for form in forms:
-            pair, known = self.of(form, [shape]), best.get(_choices(form))
+            choice = _chosen(form), kind(form)
+            pair, known = self.of(form, [shape]), best.get(choice)
             if pair is not None and (known is None or pair.log_evidence > known.log_evidence):
-                best[_choices(form)] = pair
+                best[choice] = pair
         return sorted(best.values(), key=lambda pair: -pair.log_evidence)
 
     def climbed(self, begun: ShownPair) -> ShownPair:
@@ -142,7 +142,7 @@ def _ranges(column: Column) -> dict[str, tuple[float, float]]:
     """
     found = {}
     for name in column.effect.continuous:
-        values = [shape[name] for shape in alike(column) if shape.get(name, 0.0) > 0.0]
+        values = [shape[name] for shape in _alike(column) if shape.get(name, 0.0) > 0.0]
         if column.shape.get(name, 0.0) > 0.0 and min(values) < max(values):
             found[name] = (min(values), max(values))
     return found
@@ -154,15 +154,12 @@ def distortion_of(sensor: Explanation) -> Distortion:
     return Distortion(effect=sensor.effect, shape=sensor.column.shape, coefficients=tuple(found.tolist()))
 
 
-def _choices(form: Column) -> object:
-    """Numbers of a form that are no continuous ones, and which of these it has: one that is 0 is another kind."""
-    continuous = form.effect.continuous
-    chosen = frozenset((name, value) for name, value in form.shape.items() if name not in continuous)
-    return chosen, frozenset(name for name in continuous if form.shape.get(name))
-
-
-def alike(column: Column) -> list[dict[str, float]]:
+def _alike(form: Column) -> list[dict[str, float]]:
     """Shapes of an effect that differ from one in numbers that are continuous alone."""
-    effect, shape = column.effect, column.shape
-    choices = {name: value for name, value in shape.items() if name not in effect.continuous}
-    return [shape, *(other for other in effect.shapes if choices.items() <= other.items())]
+    chosen = _chosen(form)
+    return [form.shape, *(other for other in form.effect.shapes if chosen <= other.items())]
+
+
+def _chosen(form: Column) -> frozenset[tuple[str, float]]:
+    """Numbers of a form that are not continuous."""
+    return frozenset((name, value) for name, value in form.shape.items() if name not in form.effect.continuous)
