@@ -1,10 +1,13 @@
-"""Balances of the electrical side that do not hold throughout a trial.
+"""Balances that do not hold throughout a trial.
 
 However hard the wood is, the voltages of the motor and the battery and the currents of the converter balance in every
 stroke: the equations take what was measured. A number of the machine that is off, and any effect of the catalogue,
 leaves something that goes with the currents or changes slowly; a sensor leaves its noise, its steps, and a zero that
 may wander by as much as it is stated to be uncertain. What varies beyond is the machine's: a contact that is loose, a
 duty that is not the one stated.
+
+The torques balance in every stroke too, but all that the machine does to them goes with the current. In air there is no
+load to vary: what is left there is a friction that does not stay what it is.
 """
 
 from __future__ import annotations
@@ -24,11 +27,17 @@ from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.residuals import Equation
 from sawbench.modeling.state import TWO_PI, State
 
-_WORDS: Final[Mapping[Equation, str]] = MappingProxyType(
+_CONTACT: Final = "more than currents and sensors explain: a loose contact or a duty that is not as stated"
+# What does not balance, and what is said of it.
+_WORDS: Final[Mapping[Equation, tuple[str, str]]] = MappingProxyType(
     {
-        "electrical": "the balance of voltages at the motor",
-        "supply": "the balance of voltages at the battery",
-        "converter": "the balance of currents at the converter",
+        "electrical": ("the balance of voltages at the motor", _CONTACT),
+        "supply": ("the balance of voltages at the battery", _CONTACT),
+        "converter": ("the balance of currents at the converter", _CONTACT),
+        "mechanical": (
+            "the balance of torques in air",
+            "more than sensors explain: something drags or seizes now and then, such as a bearing",
+        ),
     }
 )
 # Mean, slope and bend of a trial: what warms up and discharges.
@@ -36,6 +45,8 @@ _TREND: Final = 3
 _FEWEST_UNITS: Final = 8
 # Balances in which all that the machine may do grows with a current.
 _BY_CURRENT_ALONE: Final = ("supply",)
+# Balances whose current is the answer to whatever is missing from them.
+_IN_AIR_ALONE: Final = ("mechanical",)
 # Of least absolute values by least squares with weights; residuals below a share of their median weigh alike.
 _N_PASSES, _LEAST_SHARE = 10, 0.1
 _NUMBERS: Final = SETTINGS.off_stroke
@@ -82,7 +93,11 @@ def unsteady_balances(problem: LinearProblem) -> list[Finding]:
     running = [(part, plant.residuals(part.state)) for part in problem.parts if _is_long_enough(part.state)]
     found = []
     for equation in equations:
-        each = [_trial(problem, part, equation, wave[equation], faults) for part, wave in running if equation in wave]
+        each = [
+            _trial(problem, part, equation, wave[equation], faults)
+            for part, wave in running
+            if equation in wave and (part.setting.is_idle or equation not in _IN_AIR_ALONE)
+        ]
         found += list(_weighed(problem, equation, [trial for trial in each if trial.allowed > 0.0]))
     return found
 
@@ -108,33 +123,35 @@ def _weighed(problem: LinearProblem, equation: Equation, trials: Sequence[_Trial
     over = variance / allowed
     nats = 0.5 * free * np.where(over > 1.0, over - 1.0 - np.log(np.maximum(over, 1.0)), 0.0)
     shown = over > 1.0
-    # In air hardly a current flows through a contact that is loose.
-    groups = [group for group in (np.ones_like(shown), is_loaded) if _is_in_most(shown[group])]
+    # In air hardly a current flows through a contact that is loose, and few campaigns hold more than one trial in air.
+    fewest = 1 if equation in _IN_AIR_ALONE else SETTINGS.noise.least_trials
+    groups = [group for group in (np.ones_like(shown), is_loaded) if _is_in_most(shown[group], fewest)]
     if not groups:
         return
     group, form = groups[0], problem.campaign.plant.equations[equation]
     usual = float(np.sqrt(np.median(variance[group & shown])))
+    what, why = _WORDS[equation]
     yield Finding(
         log_evidence=float(np.minimum(nats, _NUMBERS.most_per_trial)[group].sum()),
         channel=form.channel,
         equation=form.place,
         text=(
-            f"{_WORDS[equation]} varies within a trial by {usual:.2g} {form.unit}, in {(group & shown).sum()} of"
-            f" {group.sum()} trials, more than currents and sensors explain: a loose contact or a duty that is not as"
-            " stated; no effect of the catalogue does this"
+            f"{what} varies within a trial by {usual:.2g} {form.unit}, in {(group & shown).sum()} of {group.sum()}"
+            f" {'trial' if group.sum() == 1 else 'trials'}, {why}; no effect of the catalogue does this"
         ),
     )
 
 
-def _is_in_most(shown: np.ndarray) -> bool:
-    return bool(shown.sum() >= max(_NUMBERS.in_most * len(shown), SETTINGS.noise.least_trials))
+def _is_in_most(shown: np.ndarray, fewest: int) -> bool:
+    return bool(shown.sum() >= max(_NUMBERS.in_most * len(shown), fewest))
 
 
 def _trial(problem: LinearProblem, part: Part, equation: Equation, wave: Floats, faults: SensorFaults) -> _Trial:
     """One trial, by the residual of the equation, shape (n, n_points)."""
     state = part.state
     rounding = faults.variance(part.layout, state)[part.layout.slices[equation].start]
-    rows = np.column_stack([wave.mean(axis=1), *_currents(state)])
+    currents = () if equation in _IN_AIR_ALONE else _currents(state)
+    rows = np.column_stack([wave.mean(axis=1), *currents])
     rows = _without(rows, np.vander(np.linspace(-1.0, 1.0, len(rows)), _TREND))
     return _Trial(
         rest=rows[:, 0], currents=rows[:, 1:], allowed=_by_sensors(problem, state, equation) + float(rounding),

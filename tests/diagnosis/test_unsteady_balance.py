@@ -104,6 +104,41 @@ def test_in_a_minority_of_trials_it_is_none():
     assert found_with(change_v) == []
 
 
+def dragging(drawn_a, *, in_air):
+    """Motors that draw more by `drawn_a(rng)`, one number a few strokes, in air or under load."""
+    rng = np.random.default_rng(5)
+    return [
+        replace(s, current_a=s.current_a + drawn_a(rng)[:, None]) if s.setting.is_idle == in_air else s
+        for s in strokes()
+    ]
+
+
+def of_torques(states):
+    return [found for found in unsteady_balances(problem_of(states)) if found.equation == "mechanical"]
+
+
+def test_a_bearing_that_seizes_now_and_then_shows_in_air():
+    """A drag in one stroke of three, by six times what the zero of the sensor may do."""
+    (finding,) = of_torques(dragging(lambda rng: 6.0 * ZERO_A * (rng.uniform(size=N_UNITS) < 1 / 3), in_air=True))
+    assert finding.channel == "motor_current_a"
+    assert finding.log_evidence > 5.0
+    assert "the balance of torques in air" in finding.text
+    assert "in 1 of 1 trial," in finding.text
+
+
+@pytest.mark.parametrize(
+    ("drawn_a", "in_air"),
+    [
+        pytest.param(lambda rng: 0.5 * ZERO_A * rng.standard_normal(N_UNITS), True, id="as much as sensors do"),
+        pytest.param(lambda rng: 50.0 * ZERO_A * (np.arange(N_UNITS) == 5), True, id="once"),
+        pytest.param(lambda rng: np.linspace(20.0 * ZERO_A, 0.0, N_UNITS), True, id="grease that warms up"),
+        pytest.param(lambda rng: 6.0 * ZERO_A * rng.standard_normal(N_UNITS), False, id="under load"),
+    ],
+)
+def test_a_current_that_sensors_or_warmth_or_the_load_explain_is_no_drag(drawn_a, in_air):
+    assert of_torques(dragging(drawn_a, in_air=in_air)) == []
+
+
 def test_it_makes_the_cause_unknown_and_says_so():
     problem = problem_of(with_voltage(strokes(), lambda s, rng: 4.0 * BY_ZEROS_V * rng.standard_normal(N_UNITS)))
     posterior = judge(problem, effect_columns(problem))
