@@ -45,7 +45,7 @@ _TREND: Final = 3
 _FEWEST_UNITS: Final = 8
 # Balances in which all that the machine may do grows with a current.
 _BY_CURRENT_ALONE: Final = ("supply",)
-# Balances whose current is the answer to whatever is missing from them.
+# Balances in which the current answers to whatever is missing from them.
 _IN_AIR_ALONE: Final = ("mechanical",)
 # Of least absolute values by least squares with weights; residuals below a share of their median weigh alike.
 _N_PASSES, _LEAST_SHARE = 10, 0.1
@@ -60,7 +60,7 @@ class _Trial:
     ----------
     rest : ndarray, shape (n,)
         Residual, in the unit of its equation.
-    currents : ndarray, shape (n, q)
+    beside : ndarray, shape (n, q)
         What may leave a part of it.
     allowed : float
         Variance that the sensors explain.
@@ -68,7 +68,7 @@ class _Trial:
     """
 
     rest: Floats
-    currents: Floats
+    beside: Floats
     allowed: float
     is_idle: bool
 
@@ -110,10 +110,10 @@ def _is_long_enough(state: State) -> bool:
 def _weighed(problem: LinearProblem, equation: Equation, trials: Sequence[_Trial]) -> Iterator[Finding]:
     if not trials:
         return
-    currents = np.concatenate([t.currents for t in trials])
-    rest = _without(np.concatenate([t.rest for t in trials])[:, None], currents)[:, 0]
+    beside = np.concatenate([t.beside for t in trials])
+    rest = _without(np.concatenate([t.rest for t in trials])[:, None], beside)[:, 0]
     parts = np.split(rest, np.cumsum([len(t.rest) for t in trials])[:-1])
-    free = np.array([len(part) - _TREND - currents.shape[1] / len(trials) for part in parts])
+    free = np.array([len(part) - _TREND - beside.shape[1] / len(trials) for part in parts])
     spread = np.array([robust_std(part) for part in parts])
     variance = spread**2 * np.array([len(part) for part in parts]) / np.maximum(free, 1.0)
     allowed, is_loaded = np.array([t.allowed for t in trials]), np.array([not t.is_idle for t in trials])
@@ -150,11 +150,11 @@ def _trial(problem: LinearProblem, part: Part, equation: Equation, wave: Floats,
     """One trial, by the residual of the equation, shape (n, n_points)."""
     state = part.state
     rounding = faults.variance(part.layout, state)[part.layout.slices[equation].start]
-    currents = () if equation in _IN_AIR_ALONE else _currents(state)
-    rows = np.column_stack([wave.mean(axis=1), *currents])
+    beside = _other_torques(problem, state) if equation in _IN_AIR_ALONE else _currents(state)
+    rows = np.column_stack([wave.mean(axis=1), *beside])
     rows = _without(rows, np.vander(np.linspace(-1.0, 1.0, len(rows)), _TREND))
     return _Trial(
-        rest=rows[:, 0], currents=rows[:, 1:], allowed=_by_sensors(problem, state, equation) + float(rounding),
+        rest=rows[:, 0], beside=rows[:, 1:], allowed=_by_sensors(problem, state, equation) + float(rounding),
         is_idle=state.setting.is_idle,
     )  # fmt: skip
 
@@ -163,14 +163,28 @@ def _by_sensors(problem: LinearProblem, state: State, equation: Equation) -> flo
     """Variance of a few strokes' balance by zeros that wander by their standard uncertainty, and by white noise."""
     plant = problem.campaign.plant
     unit_s = float(np.mean(state.n_strokes)) * TWO_PI / float(state.speed_rad_s.mean())
-    sources = [(nuisance.std, nuisance.signature) for nuisance in plant.nuisances() if nuisance.is_zero]
+    variance = 0.0
+    for nuisance in plant.nuisances():
+        wave = nuisance.signature(plant.model, state).get(equation) if nuisance.is_zero else None
+        if wave is not None:
+            variance += (nuisance.std * float(np.mean(wave))) ** 2
     for channel, reading in plant.readings().items():
         noise = [
             h.noise / np.sqrt(max(h.rate_hz * unit_s, 1.0)) for h in problem.campaign.health if h.channel == channel
         ]
-        sources.append((max(noise, default=0.0), reading.signature))
-    moved = [(std, signature(plant.model, state).get(equation)) for std, signature in sources]
-    return sum((std * float(np.mean(wave))) ** 2 for std, wave in moved if wave is not None)
+        wave = reading.signature(plant.model, state).get(equation)
+        if wave is not None:
+            # Noise that has no mean has no sign either: a lever that turns round does not cancel it.
+            variance += max(noise, default=0.0) ** 2 * float(np.mean(wave**2))
+    return variance
+
+
+def _other_torques(problem: LinearProblem, state: State) -> list[Floats]:
+    """Means over a few strokes of acceleration and load as measured, shape (n,): what goes with them is their noise."""
+    plant = problem.campaign.plant
+    per_newton = plant.readings()["force_n"].signature(plant.model, state).get("mechanical", 0.0)
+    force_n = np.zeros_like(state.speed_rad_s) if state.force_n is None else state.force_n
+    return [state.acceleration_rad_s2.mean(axis=1), (per_newton * force_n).mean(axis=1)]
 
 
 def _currents(state: State) -> list[Floats]:
