@@ -14,6 +14,7 @@ from sawbench.bench.recording import Floats
 from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.inference.columns import Column, columns_in, known_parts
 from sawbench.diagnosis.inference.evidence import Catalogue, Explanation, explain
+from sawbench.diagnosis.inference.form_numbers import kind, neighbours
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
 
@@ -30,7 +31,6 @@ _N_STEPS: Final = 8
 _SHARES_OF_STEP: Final = (1.0, 0.5, 0.25, 0.125)
 _SAME: Final = 0.1
 _DIFFERENCE: Final = 1e-3
-_ROUNDED: Final = 1.0 + 1e-9
 
 
 def refined(problem: LinearProblem, columns: Mapping[str, Sequence[Column]]) -> dict[str, list[Column]]:
@@ -117,7 +117,7 @@ def add_form(columns: dict[str, list[Column]], column: Column) -> None:
 
 def _between(problem: LinearProblem, marginal: Marginal, best: Explanation, columns: Sequence[Column]) -> Column:
     """Best form between those of an effect: from its best one, and from the best one of every other kind."""
-    others: dict[frozenset[str], list[Column]] = {}
+    others: dict[tuple[str, ...], list[Column]] = {}
     for column in columns:
         if kind(column) != kind(best.column):
             others.setdefault(kind(column), []).append(column)
@@ -125,15 +125,10 @@ def _between(problem: LinearProblem, marginal: Marginal, best: Explanation, colu
     return max((climbed(problem, marginal, start) for start in starts), key=lambda e: e.log_evidence).column
 
 
-def kind(column: Column) -> frozenset[str]:
-    """Which of its continuous numbers a form has: one that is 0 is another kind of form."""
-    return frozenset(name for name in column.effect.continuous if column.shape.get(name))
-
-
 def climbed(problem: LinearProblem, marginal: Marginal, explanation: Explanation) -> Explanation:
     """Go by Gauss-Newton steps from a form of the catalogue to the best one between its neighbours."""
     effect, shape, distortion = explanation.effect, explanation.column.shape, explanation.column.distortion
-    bounds = _around(explanation.column)
+    bounds = neighbours(explanation.column)
 
     def at(place: Floats) -> Explanation | None:
         numbers = dict(zip(bounds, np.exp(place).tolist(), strict=True))
@@ -195,22 +190,3 @@ def gauss_newton(
 def coefficients(explanation: Explanation) -> Floats:
     """Coefficients of the columns of an explanation, in multiples of the typical size."""
     return np.linalg.lstsq(explanation.column.columns, explanation.contribution, rcond=None)[0]
-
-
-def _around(column: Column) -> dict[str, tuple[float, float]]:
-    """Numbers of a form that are continuous, with the next smaller and the next larger one of the catalogue.
-
-    Where all other numbers are the same; 0 is another kind of form.
-    """
-    effect, shape = column.effect, column.shape
-    found = {}
-    for name in effect.continuous:
-        here = shape.get(name, 0.0)
-        rest = {key: value for key, value in shape.items() if key != name}
-        alike = [other[name] for other in effect.shapes if other == {**rest, name: other.get(name)}]
-        # A form at the edge of its range is that of the catalogue but for rounding.
-        smaller = max((value for value in alike if 0.0 < value < here / _ROUNDED), default=here)
-        larger = min((value for value in alike if value > here * _ROUNDED), default=here)
-        if 0.0 < smaller < larger:
-            found[name] = (smaller, larger)
-    return found

@@ -14,9 +14,10 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.columns import Column, Distortion, KeptForms, columns_in
 from sawbench.diagnosis.inference.evidence import Explanation, explain
+from sawbench.diagnosis.inference.form_numbers import choices, kind, of_same_choices, ranges
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
-from sawbench.diagnosis.inference.refining import climbed, coefficients, gauss_newton, kind
+from sawbench.diagnosis.inference.refining import climbed, coefficients, gauss_newton
 
 # Forms of the sensor's effect from which it begins: all over the catalogue, for the best one lies in a narrow valley.
 _N_BEGUN: Final = 12
@@ -70,7 +71,7 @@ def best_shown_pair(
     as_they_are = climbed(problem, beside_other, as_they_are)
     pairs = _Pairs(problem, alone, other, beside_other)
     begun = pairs.best_of_each_choice([as_they_are.column, *own[:: max(len(own) // _N_BEGUN, 1)]], other.shape)
-    found = [pairs.climbed(pairs.of(pair.sensor.column, _alike(other)) or pair) for pair in begun[:_N_CLIMBED]]
+    found = [pairs.climbed(pairs.of(pair.sensor.column, of_same_choices(other)) or pair) for pair in begun[:_N_CLIMBED]]
     best = max(found, key=lambda pair: pair.log_evidence, default=None)
     least = beside_other.log_evidence + as_they_are.log_evidence + problem.settings.forms.worth_forming
     return best if best is not None and best.log_evidence > least else None
@@ -100,7 +101,7 @@ class _Pairs:
         """Pairs of some forms of the sensor's effect with one of the other effect, most evidence first."""
         best: dict[object, ShownPair] = {}
         for form in forms:
-            choice = _chosen(form), kind(form)
+            choice = choices(form), kind(form)
             pair, known = self.of(form, [shape]), best.get(choice)
             if pair is not None and (known is None or pair.log_evidence > known.log_evidence):
                 best[choice] = pair
@@ -109,19 +110,19 @@ class _Pairs:
     def climbed(self, begun: ShownPair) -> ShownPair:
         """Go by Gauss-Newton steps to the best pair within the ranges of the catalogue."""
         parts = (begun.sensor.column, begun.shown.column)
-        ranges = {(k, name): of for k, part in enumerate(parts) for name, of in _ranges(part).items()}
+        bounds = {(k, name): of for k, part in enumerate(parts) for name, of in ranges(part).items()}
 
         def at(place: Floats) -> ShownPair | None:
             shapes = [dict(part.shape) for part in parts]
-            for (k, name), value in zip(ranges, np.exp(place).tolist(), strict=True):
+            for (k, name), value in zip(bounds, np.exp(place).tolist(), strict=True):
                 shapes[k][name] = value
             forms = columns_in(self._problem, parts[0].effect, [shapes[0]])
             return self.of(forms[0], [shapes[1]]) if forms else None
 
         return gauss_newton(
             self._alone, begun, at, _signatures,
-            here=np.log([parts[k].shape[name] for k, name in ranges]),
-            bounds=np.log(np.reshape(list(ranges.values()), (-1, 2))),
+            here=np.log([parts[k].shape[name] for k, name in bounds]),
+            bounds=np.log(np.reshape(list(bounds.values()), (-1, 2))),
         )  # fmt: skip
 
 
@@ -135,31 +136,7 @@ def _signatures(found: ShownPair, fitted: ShownPair) -> Floats:
     )
 
 
-def _ranges(column: Column) -> dict[str, tuple[float, float]]:
-    """Continuous numbers of a form, with the least and the largest one of the catalogue where all choices are the same.
-
-    0 is another kind of form.
-    """
-    found = {}
-    for name in column.effect.continuous:
-        values = [shape[name] for shape in _alike(column) if shape.get(name, 0.0) > 0.0]
-        if column.shape.get(name, 0.0) > 0.0 and min(values) < max(values):
-            found[name] = (min(values), max(values))
-    return found
-
-
 def distortion_of(sensor: Explanation) -> Distortion:
     """How a sensor distorts by the size that its effect was found with."""
     found: Floats = coefficients(sensor) * sensor.effect.strength.typical
     return Distortion(effect=sensor.effect, shape=sensor.column.shape, coefficients=tuple(found.tolist()))
-
-
-def _alike(form: Column) -> list[dict[str, float]]:
-    """Shapes of an effect that differ from one in numbers that are continuous alone."""
-    chosen = _chosen(form)
-    return [form.shape, *(other for other in form.effect.shapes if chosen <= other.items())]
-
-
-def _chosen(form: Column) -> frozenset[tuple[str, float]]:
-    """Numbers of a form that are not continuous."""
-    return frozenset((name, value) for name, value in form.shape.items() if name not in form.effect.continuous)

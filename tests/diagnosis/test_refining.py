@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from sawbench.bench.second_core import second_core
 from sawbench.diagnosis.inference.columns import catalogue_columns, columns_in
+from sawbench.diagnosis.inference.form_numbers import neighbours
 from sawbench.diagnosis.inference.posterior import judge
-from sawbench.diagnosis.inference.refining import _around, refined
+from sawbench.diagnosis.inference.refining import refined
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 
@@ -109,7 +110,7 @@ def test_rubbing_that_is_harder_at_the_start_of_the_way_back_is_found_with_its_r
 def test_a_form_refined_to_the_edge_of_its_range_can_be_refined_again(lagging):
     """It is the last of the catalogue but for rounding: no range between the two is divided by."""
     (column,) = columns_in(lagging, EFFECT_BY_NAME["edge_force"], [{"by_stock": 0.0, "onset_m_s": 0.12 * (1 + 2e-16)}])
-    low, high = _around(column)["onset_m_s"]
+    low, high = neighbours(column)["onset_m_s"]
     assert high > 1.5 * low
 
 
