@@ -14,7 +14,8 @@ from sawbench.diagnosis.answer.ladder import RUNGS, Fit, Ladder, Rungs
 from sawbench.diagnosis.inference.battery_curve import SeenCurve
 from sawbench.diagnosis.inference.columns import Column
 from sawbench.diagnosis.inference.linear_problem import Part
-from sawbench.diagnosis.inference.nuisances import Nuisance, further_batteries
+from sawbench.diagnosis.inference.nuisance import Nuisance
+from sawbench.diagnosis.inference.nuisances import further_batteries
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.bench.units import BATTERY_CURRENT, DISPLACEMENT, FORCE, MOTOR_CURRENT
-from sawbench.diagnosis.inference.nuisances import Nuisance
+from sawbench.diagnosis.inference.nuisance import Nuisance
 from sawbench.modeling.effects import clock_offset
 from sawbench.modeling.effects.transfer import Spectrum, delay, force_error
 from sawbench.modeling.residuals import Baseline, Signature, summed

@@ -15,7 +15,7 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.features import Layout, block_matrix, layout_of, times_over_angles
 from sawbench.diagnosis.inference.noise import contrast_misfit, noise_of, scatter_of
-from sawbench.diagnosis.inference.nuisances import Nuisance
+from sawbench.diagnosis.inference.nuisance import Nuisance
 from sawbench.diagnosis.inference.sensor_faults import ROUNDING, SensorFaults
 from sawbench.diagnosis.inference.settings import SETTINGS, Settings
 from sawbench.diagnosis.inference.zero_wander import ZeroWander

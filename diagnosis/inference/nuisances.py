@@ -7,110 +7,26 @@ uncertainty the configuration (or the sensor class) grants it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.battery_curve import deviation
 from sawbench.diagnosis.inference.beyond.bent_displacement import N_BEND_HARMONICS, bend_of_displacement
+from sawbench.diagnosis.inference.nuisance import Nuisance, Reading, SignatureFunction
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.known import KnownEffect
-from sawbench.modeling.residuals import Baseline, Equation, Signature, inertia_torque, plunger_swing, residuals
+from sawbench.modeling.residuals import Baseline, Signature, inertia_torque, plunger_swing, residuals
 from sawbench.modeling.state import TWO_PI, State, TrialSetting
 
 # Of the radius, for the derivative of a torque that is a smooth function of it.
 _RADIUS_STEP = 1e-4
 # Gains of amplifiers and of the reference of a converter, which warm up.
 DRIFTING: Final = ("motor_current_gain", "force_gain", "battery_current_gain", "battery_voltage_gain")
-# (model of the plant: here a Baseline, State) -> Signature
-SignatureFunction = Callable[[Any, State], Signature]
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Nuisance:
-    """One direction in which the baseline may be mistuned.
-
-    Attributes
-    ----------
-    name : str
-        Name of the `[plant]` or `[battery]` parameter, or of the sensor property.
-    nominal : float
-        0 for offsets.
-    std : float
-        Prior standard uncertainty, in the unit of `nominal`.
-    is_plant : bool
-        A number of the configuration (reported as a parameter shift), not of a sensor.
-    signature : callable
-        (baseline, state) -> change of the residuals for one unit.
-    is_effect : bool
-        Its error is an effect of the catalogue, and weighed as that: it is not re-tuned beyond its uncertainty.
-    is_zero : bool
-        Its error is that of a sensor's zero.
-    is_curve : bool
-        It is a shape of the battery's open-circuit curve: known as far as the charge was used.
-    is_shared : bool
-        All trials have it, although it is listed with what differs between them.
-    """
-
-    name: str
-    nominal: float
-    std: float
-    is_plant: bool
-    signature: SignatureFunction
-    is_effect: bool = False
-    is_zero: bool = False
-    is_curve: bool = False
-    is_shared: bool = False
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Reading:
-    """One channel, as a state holds it, and what its errors do.
-
-    Attributes
-    ----------
-    attribute : str
-        Of `State`.
-    signature : callable
-        (baseline, state) -> change of the residuals for one unit more in the reading.
-    of_rate : callable, optional
-        The same for one unit a second more in the rate of the reading, where an equation holds that.
-    """
-
-    attribute: str
-    signature: SignatureFunction
-    of_rate: SignatureFunction | None = None
-
-    def power(self, baseline: Baseline, state: State, order: Mapping[Equation, Floats]) -> dict[Equation, Floats]:
-        """Mean square of what one unit of error at some harmonics makes of the residuals, by equation.
-
-        Parameters
-        ----------
-        baseline : Baseline
-        state : State
-        order : mapping of str to ndarray
-            Of the harmonics, by equation: an equation with the rate of the reading has the more of it the faster it is.
-
-        Returns
-        -------
-        dict of str to ndarray
-            Shapes of `order`; without equations that the reading does not reach.
-        """
-        moved = self.signature(baseline, state)
-        found = {name: float(np.mean(moved[name] ** 2)) * np.ones_like(order[name]) for name in moved if name in order}
-        for name, by_rate in self.of_rate(baseline, state).items() if self.of_rate else ():
-            if name in order:
-                faster_rad_s = order[name] * float(state.speed_rad_s.mean())
-                found[name] = found.get(name, 0.0) + faster_rad_s**2 * float(np.mean(by_rate**2))
-        return found
-
-    def of(self, state: State) -> Floats | None:
-        """Values of a state, shape (n_units, n_points); None where it has none."""
-        return getattr(state, self.attribute)
 
 
 def nuisances_of(baseline: Baseline) -> tuple[Nuisance, ...]:
@@ -197,6 +113,23 @@ def _radius_signature(baseline: Baseline, state: State) -> Signature:
 
 
 def _battery_nuisances(baseline: Baseline) -> list[Nuisance]:
+    """Numbers of the battery and deviations of its curve, in the balance in which its voltage stands."""
+    return [replace(one, signature=_where_voltage_stands(one.signature)) for one in _of_supply(baseline)]
+
+
+def _where_voltage_stands(of_supply: SignatureFunction) -> SignatureFunction:
+    """In the motor's voltage where that of the battery was not measured, for it is the model's there."""
+
+    def signature(baseline: Baseline, state: State) -> Signature:
+        found = of_supply(baseline, state)
+        if state.battery_voltage_v is not None or "supply" not in found:
+            return found
+        return {"electrical": -state.setting.duty * found["supply"]}
+
+    return signature
+
+
+def _of_supply(baseline: Baseline) -> list[Nuisance]:
     battery = baseline.battery
     if battery is None:
         return []
@@ -214,7 +147,7 @@ def _battery_nuisances(baseline: Baseline) -> list[Nuisance]:
             nominal=battery.internal_resistance_ohm,
             std=max(rel_std["internal_resistance_ohm"] * battery.internal_resistance_ohm, 5e-4),
             is_plant=True,
-            signature=lambda _, s: {} if s.battery_current_a is None else {"supply": -s.battery_current_a},
+            signature=_internal_resistance,
             is_effect=True,
         ),
         Nuisance(
@@ -243,6 +176,14 @@ def _battery_nuisances(baseline: Baseline) -> list[Nuisance]:
             for name, share in SETTINGS.sensors.battery_curve.items()
         ),
     ]  # fmt: skip
+
+
+def _internal_resistance(baseline: Baseline, state: State) -> Signature:
+    """By the battery's current, and where that was not measured by the motor's."""
+    del baseline
+    if state.battery_current_a is not None:
+        return {"supply": -state.battery_current_a}
+    return {} if state.current_a is None else {"supply": -state.setting.duty * state.current_a}
 
 
 def _open_circuit_curve(baseline: Baseline, state: State, name: str) -> Signature:

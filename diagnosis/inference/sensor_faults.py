@@ -16,7 +16,7 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.asynchronous import Line, hum_lines
 from sawbench.diagnosis.inference.features import N_BLOCKS, Layout
-from sawbench.diagnosis.inference.nuisances import Nuisance, Reading
+from sawbench.diagnosis.inference.nuisance import Nuisance, Reading
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import TWO_PI, State
 

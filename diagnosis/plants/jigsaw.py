@@ -18,15 +18,8 @@ from sawbench.diagnosis.inference.features import (
     orders,
     times_over_angles,
 )
-from sawbench.diagnosis.inference.nuisances import (
-    READINGS,
-    Nuisance,
-    Reading,
-    force_offset,
-    further_batteries,
-    nuisances_of,
-    of_known,
-)
+from sawbench.diagnosis.inference.nuisance import Nuisance, Reading
+from sawbench.diagnosis.inference.nuisances import READINGS, force_offset, further_batteries, nuisances_of, of_known
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.zero_wander import ZeroWander, zero_readings, zero_wander
 from sawbench.diagnosis.plants.plant import EquationForm

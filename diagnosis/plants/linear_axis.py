@@ -14,7 +14,8 @@ from sawbench.bench.recording import Floats, Recording
 from sawbench.bench.units import DISPLACEMENT
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.features import Layout, harmonics, orders, times_over_angles
-from sawbench.diagnosis.inference.nuisances import Nuisance, Reading, of_known
+from sawbench.diagnosis.inference.nuisance import Nuisance, Reading
+from sawbench.diagnosis.inference.nuisances import of_known
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plants.axis_friction import friction_by_direction, friction_n
 from sawbench.diagnosis.plants.axis_motion import (

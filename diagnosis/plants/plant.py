@@ -18,7 +18,7 @@ from sawbench.modeling.state import State
 
 if TYPE_CHECKING:
     from sawbench.diagnosis.inference.features import Layout
-    from sawbench.diagnosis.inference.nuisances import Nuisance, Reading
+    from sawbench.diagnosis.inference.nuisance import Nuisance, Reading
     from sawbench.diagnosis.inference.zero_wander import ZeroWander
     from sawbench.modeling.effects.effect import Effect, Place
     from sawbench.modeling.effects.known import KnownEffect

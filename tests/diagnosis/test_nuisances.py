@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sawbench.diagnosis.campaign import _motor_voltage
 from sawbench.diagnosis.inference.nuisances import further_batteries, nuisances_of, still_to_warm_up
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
@@ -315,6 +316,26 @@ def test_a_further_battery_may_differ_from_the_first_in_its_own_trials_only(true
     seen = {"supply": gap(believed, second)["supply"]}
     compare(seen, {key: more * wave for key, wave in claimed.signature(believed, second).items()}, 0.03)
     assert claimed.signature(believed, first) == {}
+
+
+@pytest.mark.parametrize("current_is_read", [True, False])
+@pytest.mark.parametrize(("name", "share"), [("internal_resistance_ohm", 0.8), ("nominal_voltage_v", 0.03)])
+def test_without_a_measured_voltage_numbers_of_the_battery_stand_in_that_of_the_motor(
+    true, name, share, current_is_read
+):  # fmt: skip
+    more = share * getattr(BASELINE.battery, name)
+    battery = BASELINE.battery.model_copy(update={name: getattr(BASELINE.battery, name) - more})
+    believed = Baseline(plant=BASELINE.plant, battery=battery, cutting_sign=BASELINE.cutting_sign)
+    unread = replace(true, battery_voltage_v=None)
+    if not current_is_read:
+        unread = replace(unread, battery_current_a=None)
+    right, wrong = (
+        replace(unread, motor_voltage_v=_motor_voltage(b, unread, unread.charge_used_as)) for b in (BASELINE, believed)
+    )
+    seen = residuals(believed, wrong)["electrical"] - residuals(BASELINE, right)["electrical"]
+    claimed = nuisance(name, believed).signature(believed, wrong)
+    assert set(claimed) == {"electrical"}
+    compare({"electrical": seen}, {"electrical": more * claimed["electrical"]}, 0.03)
 
 
 def test_one_battery_has_no_numbers_beside_those_of_the_configuration(true):
