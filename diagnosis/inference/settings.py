@@ -133,6 +133,8 @@ class Strokes:
         Log evidence of the strokes below which they speak against an effect.
     least_strokes : int
         That a trial must have for its single strokes to be looked at.
+    least_read : float
+        Share of them of which there must be samples.
     depth_std : float
         Relative standard uncertainty of a wave's depth: the wood's wave is no sine.
     block : int
@@ -148,6 +150,7 @@ class Strokes:
 
     against: float = marked(-1.0, "convention", "odds of e to one against")
     least_strokes: int = marked(24, "convention", "two seconds, some waves of a wood")
+    least_read: float = marked(0.8, "convention", "what lies between the others is a small part of a wave")
     depth_std: float = marked(0.5, "convention", "a factor of two, as `Forms.most_std`")
     block: int = marked(20, "convention", "about 1.5 s; beyond it half of a wood's memory is gone")
     course_std: float = marked(0.15, "convention", "three times what pieces of a wood differ by")

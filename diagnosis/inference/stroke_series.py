@@ -97,10 +97,22 @@ def stroke_series(trial: TrackedTrial, *, mechanism: Mechanism, cutting_sign: in
     def mean(values: Floats) -> Floats:
         return strokes.means(placed, values)[:, 0]
 
-    work, square, mean_force, mean_speed = (mean(v) for v in (force_n * cutting, cutting**2, force_n, cutting))
-    if not np.all(square > 0):
+    work, square, mean_force, mean_speed, middle_s = (
+        mean(v) for v in (force_n * cutting, cutting**2, force_n, cutting, time_s)
+    )
+    is_read = square > 0
+    if is_read.mean() < SETTINGS.strokes.least_read:
         return None
-    hardness = work / square
+
+    work, square, mean_force, mean_speed, middle_s = (
+        of[is_read] for of in (work, square, mean_force, mean_speed, middle_s)
+    )
+
+    def filled(values: Floats) -> Floats:
+        """Where a stroke has no samples, what lies between those beside it."""
+        return np.interp(np.arange(len(is_read)), np.flatnonzero(is_read), values)
+
+    hardness = filled(work / square)
     middle = float(np.median(hardness))
     if middle <= 0:
         return None
@@ -116,8 +128,8 @@ def stroke_series(trial: TrackedTrial, *, mechanism: Mechanism, cutting_sign: in
         feed_m_s=1e-3 * feed_mm_s,
         rate_hz=float(rate_hz),
         log_k=log_k,
-        k_n_s_per_m=np.asarray(slope, dtype=np.float64),
-        time_s=mean(time_s),
+        k_n_s_per_m=filled(slope),
+        time_s=filled(middle_s),
     )
 
 

@@ -6,11 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sawbench.bench.processed import CrankAngle
+from sawbench.bench.recording import Signal, Trial
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.stroke_evidence import WAVE_IN_TIME, strokes_say, with_mean_strokes
-from sawbench.diagnosis.inference.stroke_series import StrokeSeries, StrokeSpectra
+from sawbench.diagnosis.inference.stroke_series import StrokeSeries, StrokeSpectra, stroke_series
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME, EFFECTS
 from sawbench.modeling.effects.known import KnownEffect
+
+from tests.rigs.jigsaw_in_time import BASELINE
+from tests.rigs.processed import processed_trial
 
 pytestmark = pytest.mark.unit
 
@@ -152,3 +157,30 @@ def test_mean_strokes_make_no_wave_where_the_strokes_show_none():
     said, looks = strokes_say(EFFECTS, [], trials, SETTINGS, ())
     assert said["grain_variation"].alone <= 0.0
     assert with_mean_strokes(looks, said, trials, {"grain_variation": 50.0}) == looks
+
+
+def cut_trial(seconds=12.0, strokes_hz=20.0, hole_s=0.0):
+    """A cut of constant hardness, and a hole in its force in the middle."""
+    time_s = np.arange(0.0, seconds, 5e-4)
+    turned = 2.0 * np.pi * strokes_hz * time_s
+    mechanism = BASELINE.mechanism
+    force_n = 300.0 * np.maximum(-mechanism.lever(turned) * 2.0 * np.pi * strokes_hz, 0.0)
+    kept = np.abs(time_s - 0.5 * seconds) >= 0.5 * hole_s
+    angle = CrankAngle(
+        time_s=time_s, angle_rad=turned, speed_rad_s=np.full(len(time_s), 2.0 * np.pi * strokes_hz),
+        angle_std_rad=np.zeros(len(time_s)), radius_m=mechanism.radius_m, source="displacement_mm", is_absolute=True,
+    )  # fmt: skip
+    force = Signal(channel="force_n", unit="N", time_s=time_s[kept], values=force_n[kept])
+    trial = Trial(trial_id="t", duty=0.5, material="oak", feed_mm_s=3.0)
+    return processed_trial(trial, {"force_n": force}, angle, 0.0, seconds)
+
+
+@pytest.mark.parametrize(("hole_s", "is_told"), [(0.0, True), (0.12, True), (6.0, False)])
+def test_strokes_without_samples_cost_themselves_and_no_trial(hole_s, is_told):
+    found = stroke_series(cut_trial(hole_s=hole_s), mechanism=BASELINE.mechanism, cutting_sign=-1)
+    assert (found is not None) == is_told
+    if found is not None:
+        assert np.isfinite(found.log_k).all()
+        assert np.all(np.diff(found.time_s) > 0.0)
+        # The stroke in which the hole begins is cut short: all others are of the hardness that was drawn.
+        assert np.median(np.abs(found.k_n_s_per_m - 300.0)) < 3.0
