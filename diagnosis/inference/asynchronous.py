@@ -93,12 +93,15 @@ def off_stroke_findings(trials: Sequence[OffStroke]) -> list[Finding]:
 
 def _common_lines(trials: Sequence[OffStroke]) -> Iterator[Finding]:
     idle, loaded = [t for t in trials if t.is_idle], [t for t in trials if not t.is_idle]
+    of_sensors = fixed_lines(trials)
     locks: tuple[Lock, ...] = ("stroke", "time")
     for lock in locks:
         for name in sorted({name for t in trials for _, name in t.peaks}):
             for group in (trials, idle, loaded):
                 line = common_line(group, lock, name)
-                if line and _is_not_the_wood(line, lock) and _is_no_pickup(group, lock, name, line):
+                if not line or (lock == "stroke" and _is_any_of(of_sensors, name, line)):
+                    continue
+                if _is_not_the_wood(line, lock) and _is_no_pickup(group, lock, name, line):
                     yield _line_finding(group, lock, name, line)
                     break
 
@@ -195,6 +198,15 @@ def _is_a_current(group: Sequence[OffStroke], line: Peak) -> bool:
     apart = np.array([abs(np.log(battery[t.label] / (t.duty * motor[t.label]))) for t in telling])
     return len(telling) >= SETTINGS.noise.least_trials and bool(
         np.mean(apart < _NUMBERS.same_current) >= _NUMBERS.in_most
+    )
+
+
+def _is_any_of(fixed: Sequence[Line], name: str, line: Sequence[tuple[OffStroke, Peak]]) -> bool:
+    """Whether a line over the stroke is one at a fixed frequency: in trials of one speed it is both."""
+    return any(
+        one.channel == name
+        and all(abs(p.place * t.rate_hz - one.frequency_hz) < _NUMBERS.same_place * one.frequency_hz for t, p in line)
+        for one in fixed
     )
 
 

@@ -85,6 +85,19 @@ def trials(
     return found
 
 
+def test_pickup_of_one_sensor_is_its_own_in_trials_of_one_speed_too():
+    """There it stands at one order of the stroke as well, as far as the speed is the same."""
+
+    def picked_up(rng, time_s, turns, feed_mm_s):
+        return {FORCE.name: 1.5 * np.sin(2.0 * np.pi * 37.3 * time_s + rng.uniform(0.0, 6.0))}
+
+    in_air = ((14.3, None), (14.32, None), (14.28, None))
+    at_one_speed = trials(picked_up, plan=(*in_air, *((strokes_hz, 3.0) for strokes_hz, _ in in_air)))
+    (line,) = fixed_lines(at_one_speed)
+    assert line.frequency_hz == pytest.approx(37.3, abs=0.1)
+    assert off_stroke_findings(at_one_speed) == []
+
+
 @pytest.mark.parametrize("seconds", [1.2, 6.0])
 def test_hum_of_one_sensor_is_found_in_trials_of_a_second_too(seconds):
     def hum(rng, time_s, turns, feed_mm_s):
