@@ -12,13 +12,15 @@ Bounds = tuple[float, float]
 
 # Peak to peak of the displacement over twice the crank radius.
 TRAVEL: Final[Bounds] = (0.85, 1.2)
-# Battery voltage over nominal, and the largest standard deviation of it over its mean.
+# Battery voltage over nominal, and the largest spread of it over its median, without spikes.
 BATTERY_VOLTAGE: Final[Bounds] = (0.75, 1.25)
 VOLTAGE_RIPPLE: Final = 0.04
 # Stroke rate over that without load.
 STROKE_RATE: Final[Bounds] = (0.2, 1.25)
 # Voltage that current and speed ask for over duty times battery voltage.
 MOTOR_VOLTAGE: Final[Bounds] = (0.58, 1.35)
+# What drops of brushes and diodes take off it at most, V: of a low voltage they are more than that share.
+DROPPED_V: Final = 2.0
 # Largest motor current over that of the blocked motor.
 TOP_CURRENT: Final = 2.0
 # Battery current over duty times motor current, and what it may be off besides, A.

@@ -19,6 +19,7 @@ from sawbench.bench.units import DISPLACEMENT
 from sawbench.diagnosis.inference.off_stroke import OffStroke, off_stroke
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.stroke_series import StrokeSeries, stroke_series
+from sawbench.diagnosis.late_clock import without_common_delay
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.diagnosis.plants.plant import Plant
 from sawbench.diagnosis.reduction import CHANNEL_OF_STATE, START_UP_S, lock_to_angle, running_state, start_up_state
@@ -302,20 +303,21 @@ def _setting(tracked: TrackedTrial, index: int, track: SlowTrack) -> TrialSettin
 
 def _refuse_foreign_angles(states: list[State], warnings: list[str]) -> None:
     """Take out trials whose force or current does not follow the measured crank angle as in the other trials."""
-    locks: dict[str, dict[str, complex]] = {}
+    locks: dict[str, dict[str, tuple[complex, float]]] = {}
     for state in states:
         lock = lock_to_angle(state) if state.kind == "running" else None
         if lock is not None:
-            locks.setdefault(lock[0], {})[state.setting.label] = lock[1]
+            locks.setdefault(lock[0], {})[state.setting.label] = lock[1:]
     remedy = "the displacement belongs to another trial, or the clocks of the devices differ"
     foreign: dict[str, str] = {}
     n_judged = 0
     for name, found in locks.items():
         spread_rad = _NUMBERS.phase_spread_rad[name]
-        usual = sum(lock / abs(lock) for lock in found.values()) if len(found) > 2 else 0.0
+        phases = without_common_delay(*map(np.array, zip(*found.values(), strict=True)))
+        usual = (phases / np.abs(phases)).sum() if len(found) > 2 else 0.0
         off = [
             label
-            for label, lock in found.items()
+            for label, lock in zip(found, phases.tolist(), strict=True)
             if abs(lock) < _NUMBERS.locked or (abs(usual) > 0 and abs(np.angle(lock / usual)) > spread_rad)
         ]
         reason = f"the {name} is not synchronous with the strokes of the displacement"

@@ -18,6 +18,7 @@ from sawbench.bench.plausible import (
     BATTERY_VOLTAGE,
     BLADE_POWER,
     CONVERTER_A,
+    DROPPED_V,
     IDLE_POWER_SHARE,
     IDLE_POWER_W,
     LEAST_CURRENT,
@@ -247,7 +248,8 @@ def _current_checks(baseline: Baseline, trial: Trial, reading: Reading) -> Itera
         speed = 2.0 * np.pi * reading.rate_hz * baseline.gear
         asked_v = plant.resistance_ohm.nominal * motor + plant.back_emf_constant_v_s_per_rad.nominal * speed
         seen = f"current and speed require {asked_v:.3g} V at the motor, duty times battery voltage is {drive_v:.3g} V"
-        yield "motor voltage", excess(asked_v / drive_v, MOTOR_VOLTAGE), seen
+        low, high = MOTOR_VOLTAGE
+        yield "motor voltage", excess(asked_v / drive_v, (max(min(low, 1.0 - DROPPED_V / drive_v), 0.0), high)), seen
         least_a = plant.motor_damping_n_m_s_per_rad.nominal * speed / plant.torque_constant_n_m_per_a.nominal
         seen = f"motor_current_a is {motor:.3g} A, the damping of the motor alone requires {least_a:.3g} A"
         yield "no load", _failed(motor < LEAST_CURRENT * least_a), seen
@@ -268,6 +270,41 @@ def settled_current_a(baseline: Baseline, reading: Reading) -> float | None:
         return None
     torque_n_m = float(baseline.inertia_kg_m2(np.zeros(()))) / baseline.gear * 2.0 * np.pi * reading.rate_gain_hz_s
     return reading.motor_current_a - torque_n_m / baseline.plant.torque_constant_n_m_per_a.nominal
+
+
+def idle_current_between(by_duty: Mapping[float, Bounds], duty: float) -> Bounds | None:
+    """Between which motor currents an idle run at a duty lies, by that at the nearest duty.
+
+    What a tool draws in air grows with its speed by a power of 0 (dry friction) to 2 (a fan).
+
+    Parameters
+    ----------
+    by_duty : mapping of float to (float, float)
+        Least and largest motor current of the idle runs by their duty, A; may be empty.
+    duty : float
+
+    Returns
+    -------
+    (float, float) or None
+        A; None where there is no idle run.
+
+    Examples
+    --------
+    >>> runs = {0.8: (1.6, 1.8)}
+    >>> idle_current_between(runs, 0.8), idle_current_between(runs, 0.4), idle_current_between({}, 0.4)
+    ((1.6, 1.8), (0.4, 1.8), None)
+    """
+    if not by_duty:
+        return None
+    nearest = min(by_duty, key=lambda d: abs(d - duty))
+    least, most = by_duty[nearest]
+    of_a_fan = (duty / nearest) ** 2
+    least, most = min(least, least * of_a_fan), max(most, most * of_a_fan)
+    # No nearer than every other run allows: the nearest may have been the first one, in cold grease.
+    for other, (low, high) in by_duty.items():
+        of_a_fan = (duty / other) ** 2
+        least, most = min(least, low * max(1.0, of_a_fan)), max(most, high * min(1.0, of_a_fan))
+    return least, most
 
 
 def cutting_power_w(baseline: Baseline, reading: Reading, idle_current_a: float) -> float | None:

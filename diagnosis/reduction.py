@@ -129,7 +129,7 @@ def derivative_over_turns(waves: Floats, gained: Floats, n_harmonics: int = N_HA
     return angle_derivative(waves) + gained[:, None] * np.fft.irfft(fall, n_points)
 
 
-def lock_to_angle(state: State) -> tuple[str, complex] | None:
+def lock_to_angle(state: State) -> tuple[str, complex, float] | None:
     """How force (in wood) or current (in air) repeats with the crank angle from unit to unit.
 
     A displacement that belongs to another trial drifts against the other channels: the phases of their first or
@@ -137,9 +137,10 @@ def lock_to_angle(state: State) -> tuple[str, complex] | None:
 
     Returns
     -------
-    (str, complex) or None
-        Which wave was judged; its mean phase, and as modulus how well the units agree (1 perfectly). None where
-        there is nothing to judge by: the harmonic is weak, or the mains may hum at its frequency.
+    (str, complex, float) or None
+        Which wave was judged; its mean phase, and as modulus how well the units agree (1 perfectly); its angular
+        frequency, rad/s. None where there is nothing to judge by: the harmonic is weak, or the mains may hum at its
+        frequency.
     """
     # In air the force is noise, and the reciprocating mass gives the current its second harmonic.
     name, wave, order = "current in air", state.current_a, 2
@@ -163,7 +164,7 @@ def lock_to_angle(state: State) -> tuple[str, complex] | None:
         return None
     parts = harmonics[:, order]
     size = float(np.abs(parts).sum())
-    return (name, complex(parts.sum() / size)) if size > 0 else None
+    return (name, complex(parts.sum() / size), TWO_PI * order * rate_hz) if size > 0 else None
 
 
 def running_state(trial: TrackedTrial, setting: TrialSetting) -> State | None:

@@ -4,34 +4,36 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from sawbench.bench.converter import clipped_levels
 from sawbench.bench.errors import InputError
 from sawbench.bench.plausible import CONVERTER_A, Bounds, is_drawn_by_motor
-from sawbench.bench.recording import Floats, Recording, Signal, Trial
-from sawbench.bench.second_core import on_two_cores
+from sawbench.bench.recording import Floats, Recording, Trial
 from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, DISPLACEMENT, FORCE
+from sawbench.diagnosis.channel_defects import without_defects
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.trial_settings import Screening
-from sawbench.diagnosis.plausibility import Suspicion, check, cutting_power_w, explain_faults, settled_current_a
+from sawbench.diagnosis.late_clock import keep_what_a_late_clock_does
+from sawbench.diagnosis.plausibility import (
+    Suspicion,
+    check,
+    cutting_power_w,
+    explain_faults,
+    idle_current_between,
+    settled_current_a,
+)
+from sawbench.diagnosis.trial_names import some
 from sawbench.diagnosis.trial_reading import Readings, tracks_of
 from sawbench.modeling.residuals import Baseline
-from sawbench.processing.held_values import without_repeats
-from sawbench.processing.spikes import find_spikes
 
 _NUMBERS = SETTINGS.screening
 NOT_A_SAW: Final = (
     "correct what is missing with `sawbench amend`, or in campaign.toml and import again; the configuration describes a"
     " saw: for a linear axis give --config a file with a [linear_axis] table"
 )
-# A rest at the end that is longer than a quarter of the record is no rest: the channel has died.
-_LONG_END = 4
-# In air these may hold one level of a coarse converter for long.
-_MAY_HOLD = frozenset({FORCE.name, BATTERY_CURRENT.name, BATTERY_VOLTAGE.name})
 
 
 def screen(recordings: Sequence[Recording], baseline: Baseline) -> tuple[list[Recording], list[str]]:
@@ -60,7 +62,7 @@ def screen(recordings: Sequence[Recording], baseline: Baseline) -> tuple[list[Re
     kept = _driven(kept, warnings)
     readings = Readings(kept)
     _note_stalls(kept, readings, baseline, warnings)
-    kept = _without_defects(kept, warnings)
+    kept = without_defects(kept, warnings)
     kept = _without_copies(kept, warnings)
     kept = _without_suspects(kept, readings, baseline, warnings)
     kept = _without_wrong_duty(kept, readings, baseline, warnings)
@@ -82,7 +84,7 @@ def _notes_on_order(recordings: Sequence[Recording]) -> list[str]:
     without = [r.trial.trial_id for r, start in zip(recordings, starts, strict=True) if start is None]
     if without and len(recordings) > 1:
         notes.append(
-            f"started_at is not stated for {_some(without)}: the order given is used, without rest between"
+            f"started_at is not stated for {some(without)}: the order given is used, without rest between"
             " trials, so heat, wear and charge carried over are uncertain"
         )
     known = [start for start in starts if start is not None]
@@ -94,13 +96,13 @@ def _notes_on_order(recordings: Sequence[Recording]) -> list[str]:
         stated = [getattr(r.trial, name) for r in recordings]
         if len(recordings) > 1 and None in stated and any(stated):
             nameless = [r.trial.trial_id for r, s in zip(recordings, stated, strict=True) if s is None]
-            notes.append(f"{name} is not stated for {_some(nameless)}: treated as a separate, new {name}")
+            notes.append(f"{name} is not stated for {some(nameless)}: treated as a separate, new {name}")
     if len({r.config_toml for r in recordings if r.config_toml}) > 1:
         notes.append("the recordings were made with different configurations; all are compared with a single one")
     vague = [r.trial.trial_id for r in recordings if not is_stock_stated(r.trial)]
     if vague:
         notes.append(
-            f"workpiece, thickness or feed is not stated for {_some(vague)}: each gets its own cutting coefficient,"
+            f"workpiece, thickness or feed is not stated for {some(vague)}: each gets its own cutting coefficient,"
             ' so it has less information on the cutting law (an idle run is workpiece = "none")'
         )
     return notes
@@ -109,10 +111,6 @@ def _notes_on_order(recordings: Sequence[Recording]) -> list[str]:
 def is_stock_stated(trial: Trial) -> bool:
     """Whether it is known what was cut, and how: trials of the same statement then share a cutting coefficient."""
     return trial.is_idle or None not in (trial.material, trial.thickness_mm, trial.feed_mm_s)
-
-
-def _some(names: Sequence[str]) -> str:
-    return ", ".join(names) if len(names) <= 4 else f"{', '.join(names[:3])} and {len(names) - 3} more trials"
 
 
 def _with_unique_ids(recordings: Sequence[Recording], warnings: list[str]) -> list[Recording]:
@@ -159,44 +157,6 @@ def _note_stalls(
             )
 
 
-def _without_defects(recordings: Sequence[Recording], warnings: list[str]) -> list[Recording]:
-    """Drop channels that are constant or stuck at an end of their range; one warning a channel and defect."""
-    out = []
-    found: dict[tuple[str, str], list[tuple[str, str]]] = {}
-    for recording, defects in zip(recordings, on_two_cores(_defects_of, recordings), strict=True):
-        for name, (seen, meaning) in defects.items():
-            found.setdefault((name, meaning), []).append((recording.trial.trial_id, seen))
-        intact = {name: signal for name, signal in recording.signals.items() if name not in defects}
-        out.append(replace(recording, signals=intact))
-    for (name, meaning), trials in found.items():
-        labels = _some([trial for trial, _ in trials])
-        warnings.append(f"{labels}: {name} left out: {trials[0][1]}: {meaning}")
-    return out
-
-
-def _defects_of(recording: Recording) -> dict[str, tuple[str, str]]:
-    """`_defect_of` every channel that has one, by its name."""
-    known = {name: signal for name, signal in recording.signals.items() if name in CHANNEL_BY_NAME}
-    return {name: defect for name, signal in known.items() if (defect := _defect_of(signal)) is not None}
-
-
-def _defect_of(signal: Signal) -> tuple[str, str] | None:
-    """What is seen in the first trial, and what it means."""
-    _, values = without_repeats(signal.time_s, signal.values)
-    if len(values) < 16:
-        return f"it has {len(values)} samples", "too few samples"
-    if values.min() == values.max():
-        return f"it is constant at {values[0] + 0.0:.6g} {signal.unit}", "dead sensor or missing cable"
-    at_end = len(values) - 1 - int(np.flatnonzero(values != values[-1])[-1])
-    if at_end > len(values) / _LONG_END and (values[-1] == 0.0 or signal.channel not in _MAY_HOLD):
-        return f"it stays at {values[-1] + 0.0:.6g} {signal.unit} to the end", "dead sensor or missing cable"
-    for level, n_there in clipped_levels(values[~find_spikes(values)]).items():
-        if n_there >= _NUMBERS.saturated_share * len(values):
-            seen = f"{n_there / len(values):.1%} of its samples are at {level:.6g} {signal.unit}".replace("%", " %")
-            return seen, "range of the sensor exceeded"
-    return None
-
-
 def _without_copies(recordings: Sequence[Recording], warnings: list[str]) -> list[Recording]:
     """Leave out trials that hold a channel of an earlier one: a copy is no repeat, it hides the scatter."""
     owner: dict[str, str] = {}
@@ -233,41 +193,6 @@ def _idle_currents(recordings: Sequence[Recording], readings: Readings, baseline
     return found
 
 
-def idle_current_between(by_duty: Mapping[float, Bounds], duty: float) -> Bounds | None:
-    """Between which motor currents an idle run at a duty lies, by that at the nearest duty.
-
-    What a tool draws in air grows with its speed by a power of 0 (dry friction) to 2 (a fan).
-
-    Parameters
-    ----------
-    by_duty : mapping of float to (float, float)
-        Least and largest motor current of the idle runs by their duty, A; may be empty.
-    duty : float
-
-    Returns
-    -------
-    (float, float) or None
-        A; None where there is no idle run.
-
-    Examples
-    --------
-    >>> runs = {0.8: (1.6, 1.8)}
-    >>> idle_current_between(runs, 0.8), idle_current_between(runs, 0.4), idle_current_between({}, 0.4)
-    ((1.6, 1.8), (0.4, 1.8), None)
-    """
-    if not by_duty:
-        return None
-    nearest = min(by_duty, key=lambda d: abs(d - duty))
-    least, most = by_duty[nearest]
-    of_a_fan = (duty / nearest) ** 2
-    least, most = min(least, least * of_a_fan), max(most, most * of_a_fan)
-    # No nearer than every other run allows: the nearest may have been the first one, in cold grease.
-    for other, (low, high) in by_duty.items():
-        of_a_fan = (duty / other) ** 2
-        least, most = min(least, low * max(1.0, of_a_fan)), max(most, high * min(1.0, of_a_fan))
-    return least, most
-
-
 def _without_suspects(
     recordings: list[Recording], readings: Readings, baseline: Baseline, warnings: list[str]
 ) -> list[Recording]:
@@ -282,6 +207,7 @@ def _without_suspects(
         if suspicion is not None:
             found[trial.trial_id] = suspicion
     _keep_what_all_draw(recordings, readings, found, warnings)
+    keep_what_a_late_clock_does(recordings, baseline, idle, found, warnings)
     _keep_what_may_be_a_gap(recordings, found, warnings)
     _refuse_common(recordings, found)
     out = []
@@ -300,7 +226,7 @@ def _without_suspects(
         texts.setdefault(key, f"{what} left out: {suspicion.text}; {suspicion.remedy}")
         if not whole:
             out.append(replace(recording, signals=rest))
-    warnings += [f"{_some(names)}{texts[key]}" for key, names in said.items()]
+    warnings += [f"{some(names)}{texts[key]}" for key, names in said.items()]
     for name in (BATTERY_CURRENT.name, BATTERY_VOLTAGE.name):
         n_wrong = sum(suspicion.channels == (name,) for suspicion in found.values())
         if 2 * n_wrong > len(recordings):
@@ -316,7 +242,7 @@ def _keep_what_may_be_a_gap(recordings: Sequence[Recording], found: dict[str, Su
     if 2 * len(names) <= len(_able(recordings, [found[name] for name in names])):
         return
     first = found[names[0]]
-    warnings.append(f"{_some(names)}: {first.text}: a large gap, or the same mistake in all trials: {first.remedy}")
+    warnings.append(f"{some(names)}: {first.text}: a large gap, or the same mistake in all trials: {first.remedy}")
     for name in names:
         del found[name]
 
@@ -480,7 +406,8 @@ def _without_wrong_labels(
             continue
         found = cutting_power_w(baseline, readings.of(recording), idle[recording.trial.duty][0])
         if found is not None:
-            power[recording.trial.trial_id] = found
+            # By the linear cutting law it grows with the square of the speed.
+            power[recording.trial.trial_id] = found / recording.trial.duty**2
     usual = float(np.median(list(power.values()))) if len(power) >= 3 else 0.0
     nothing = {name for name, value in power.items() if value < _NUMBERS.cuts_nothing * usual}
     for name in sorted(nothing):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from sawbench.bench.recording import Floats, Recording
 from sawbench.bench.second_core import on_two_cores
+from sawbench.bench.spread import robust_std
 from sawbench.bench.units import CHANNEL_BY_NAME, DISPLACEMENT, FORCE
 from sawbench.diagnosis.inference.settings import SETTINGS
 
@@ -184,7 +185,10 @@ def _ripple(track: Track | None, window: tuple[float, float]) -> float | None:
     if track is None:
         return None
     inside = track[1][(track[0] >= window[0]) & (track[0] < window[1])]
-    return float(inside.std() / max(abs(inside.mean()), 1e-9)) if len(inside) else None
+    if not len(inside):
+        return None
+    middle = float(np.median(inside))
+    return robust_std(inside - middle) / max(abs(middle), 1e-9)
 
 
 def _force_on_blade(

@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from sawbench.bench.recording import Signal
+from sawbench.diagnosis.channel_defects import defect_of
 from sawbench.diagnosis.inference.features import HARMONICS, START_UP_EDGES_S, Layout, harmonics
 from sawbench.diagnosis.inference.noise import contrast_misfit, noise_of, scatter_of
-from sawbench.diagnosis.screening import _defect_of
 from sawbench.diagnosis.smooth_state import _signal_share, power_by_chance
 from sawbench.modeling.state import TWO_PI
 
@@ -112,15 +112,33 @@ def coarse_current(peak_a, top_a=np.inf):
 
 
 def test_a_coarse_converter_at_rest_is_not_saturated():
-    assert _defect_of(coarse_current(8.0)) is None
+    assert defect_of(coarse_current(8.0)) is None
+
+
+def coarse_stroke(stops_s):
+    """A displacement in steps of 0.05 mm that stands still from some time on."""
+    time_s = coarse_current(8.0).time_s
+    values = np.round(10.0 * np.cos(TWO_PI * 12.0 * np.minimum(time_s, stops_s)) / 0.05) * 0.05
+    return Signal(channel="displacement_mm", unit="mm", time_s=time_s, values=values)
+
+
+def test_sensors_of_a_machine_at_rest_are_not_dead():
+    """The trigger is released at 6 s of 10 s, and the blade runs on for half a second."""
+    alive, stroke = coarse_current(8.0), coarse_stroke(6.5)
+    released = replace(alive, values=np.where(alive.time_s < 6.0, alive.values, 0.0))
+    assert defect_of(stroke, [released]) is None
+    assert defect_of(released, [stroke]) is None
+    # While the other one still runs, it is.
+    assert defect_of(stroke, [alive]) is not None
+    assert defect_of(released, [coarse_stroke(10.0)]) is not None
 
 
 def test_a_current_that_dies_is_found():
     alive = coarse_current(8.0)
     dead = replace(alive, values=np.where(alive.time_s < 3.0, alive.values, 0.0))
-    assert _defect_of(dead) is not None
+    assert defect_of(dead) is not None
 
 
 def test_a_saturated_current_is_still_found():
-    defect = _defect_of(coarse_current(8.0, top_a=7.0))
+    defect = defect_of(coarse_current(8.0, top_a=7.0))
     assert defect is not None and "7 A" in defect[0]

@@ -225,6 +225,29 @@ def test_a_consumer_beside_the_motor_is_a_gap_and_no_mistake(good, drawn_a, is_c
     assert any("something besides the motor draws it" in text for text in campaign.warnings) == is_common
 
 
+def test_a_force_that_is_late_by_a_quarter_of_a_stroke_may_be_the_gap(good):
+    """It seems to take no power; one clock makes all cuts so, and no clock makes one so."""
+    recordings, config = good
+    late_s = 0.018
+    campaign = reduce_campaign(spoil(recordings, shifted(FORCE, late_s)), config)
+    assert labels(campaign) == {r.trial.trial_id for r in recordings}
+    assert any("the clocks differ" in text for text in campaign.warnings)
+    one = reduce_campaign(spoil(recordings, shifted(FORCE, late_s), only=VICTIM), config)
+    assert recordings[VICTIM].trial.trial_id not in labels(one)
+
+
+def test_single_samples_without_voltage_cost_nothing(good):
+    recordings, config = good
+
+    def dropped(recording):
+        new = np.array(values(recording, VOLTAGE))
+        new[::150] = 0.0
+        return with_values(recording, **{VOLTAGE: new})
+
+    campaign = reduce_campaign(spoil(recordings, dropped), config)
+    assert all(s.battery_voltage_v is not None for s in campaign.states)
+
+
 def test_wrong_cutting_half_names_the_key_and_rubbing_does_not(good):
     recordings, config = good
     cutting = config.config.cutting.model_copy(update={"cutting_half": "zero_to_pi"})

@@ -78,11 +78,11 @@ def current_in_air(*, hum_a=0.0, ripple_a=0.05, noise_a=0.02, slip=0.0):
 
 
 def test_a_current_that_follows_the_strokes_is_locked_and_one_of_another_trial_is_not():
-    name, lock = lock_to_angle(state_of(20.0, idle=True, motor_current_a=current_in_air()))
+    name, lock, _ = lock_to_angle(state_of(20.0, idle=True, motor_current_a=current_in_air()))
     assert name == "current in air"
     assert abs(lock) > 0.98
     assert np.angle(lock) == pytest.approx(0.7, abs=0.1)
-    _, other = lock_to_angle(state_of(20.0, idle=True, motor_current_a=current_in_air(slip=0.05)))
+    _, other, _ = lock_to_angle(state_of(20.0, idle=True, motor_current_a=current_in_air(slip=0.05)))
     assert abs(other) < 0.5
 
 
