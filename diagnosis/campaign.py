@@ -153,12 +153,11 @@ def campaign_of(trials: Sequence[TrackedTrial], baseline: Baseline, warnings: li
     for of_trial, said in on_two_cores(lambda one: _states(baseline, *one), numbered):
         states += of_trial
         warnings += said
-    _refuse_foreign_angles(states, warnings)
+    states = _of_their_angles(states, warnings)
     if not states:
         raise InputError(f"no trial is long enough to be diagnosed: {summary(warnings)}")
     _refuse_without_equation(baseline, states)
-    states = _with_shared_steps(states)
-    guesses = _with_guesses(baseline, states)
+    states, guesses = _with_guesses(baseline, _with_shared_steps(states))
     session_s = max(state.setting.session_s + float(state.time_s.max()) for state in states)
     baseline = replace(baseline, load=load_of(baseline, states), session_s=max(session_s, 1.0))
     labels = {state.setting.label for state in states}
@@ -301,8 +300,8 @@ def _setting(tracked: TrackedTrial, index: int, track: SlowTrack) -> TrialSettin
     )
 
 
-def _refuse_foreign_angles(states: list[State], warnings: list[str]) -> None:
-    """Take out trials whose force or current does not follow the measured crank angle as in the other trials."""
+def _of_their_angles(states: Sequence[State], warnings: list[str]) -> list[State]:
+    """Return trials whose force or current follows the measured crank angle as in the other trials."""
     locks: dict[str, dict[str, tuple[complex, float]]] = {}
     for state in states:
         lock = lock_to_angle(state) if state.kind == "running" else None
@@ -330,7 +329,7 @@ def _refuse_foreign_angles(states: list[State], warnings: list[str]) -> None:
         first, reason = next(iter(foreign.items()))
         raise InputError(f"in {len(foreign)} of {n_judged} trials {reason}", where=first, remedy=remedy)
     warnings += [f"{label} left out: {reason}; {remedy}" for label, reason in foreign.items()]
-    states[:] = [s for s in states if s.setting.label not in foreign]
+    return [s for s in states if s.setting.label not in foreign]
 
 
 def _with_shared_steps(states: Sequence[State]) -> list[State]:
@@ -363,7 +362,7 @@ def _without_displacement(trials: Sequence[TrackedTrial], baseline: Baseline, wa
         for index, ((trial, found), track) in enumerate(zip(usable, tracks, strict=True))
     ]
     _refuse_without_equation(baseline, states)
-    guesses = _with_guesses(baseline, states)
+    states, guesses = _with_guesses(baseline, states)
     warnings.append(
         "no displacement in any trial: the stroke rate is read from the ripple of force or current, and only means over"
         " whole strokes are compared; no statement on friction, mechanism, cutting law or force sensor is possible"
@@ -419,13 +418,12 @@ def with_known(campaign: Campaign, known: Sequence[KnownEffect]) -> Campaign:
     plant = campaign.plant.with_known(known)
     if not isinstance(plant, Jigsaw):
         return replace(campaign, plant=plant)
-    states = list(campaign.states)
-    guesses = _with_guesses(plant.baseline, states)
+    states, guesses = _with_guesses(plant.baseline, campaign.states)
     return replace(campaign, plant=plant, states=tuple(states), k_guess_n_s_per_m=guesses)
 
 
-def _with_guesses(baseline: Baseline, states: list[State]) -> dict[str, float]:
-    """Regress k_Fc of each stock and write it, with the campaign's extremes, into the states.
+def _with_guesses(baseline: Baseline, states: Sequence[State]) -> tuple[list[State], dict[str, float]]:
+    """Regress k_Fc of each stock; return states with it and with the campaign's extremes, and all of them by stock.
 
     Known effects of the cut are taken off the force; most scale with the coefficient, so it is found again with them.
     """
@@ -436,19 +434,19 @@ def _with_guesses(baseline: Baseline, states: list[State]) -> dict[str, float]:
         if state.kind == "start_up" and state.current_a is not None:
             top_a = max(top_a, float(state.current_a.max()))
     below = {s.setting.label: _below(baseline, s, peak_n) for s in states if s.kind == "running"}
-    states[:] = [
+    found = [
         replace(state, peak_force_n=peak_n, top_current_a=top_a, k_below_n_s_per_m=below.get(state.setting.label, 0.0))
         for state in states
     ]
     guesses: dict[str, float] = {}
     for _ in range(_REGRESSIONS if baseline.known else 1):
-        found = _regressed(baseline, states)
-        guesses = {stock: k_fc for stock, (k_fc, _) in found.items()}
+        regressed = _regressed(baseline, found)
+        guesses = {stock: k_fc for stock, (k_fc, _) in regressed.items()}
         none = (0.0, 0.0)
-        for at, state in enumerate(states):
-            k_fc, rad_s = none if state.setting.is_idle else found.get(state.setting.stock, none)
-            states[at] = replace(state, k_guess_n_s_per_m=k_fc, regressed_at_rad_s=rad_s)
-    return guesses
+        for at, state in enumerate(found):
+            k_fc, rad_s = none if state.setting.is_idle else regressed.get(state.setting.stock, none)
+            found[at] = replace(state, k_guess_n_s_per_m=k_fc, regressed_at_rad_s=rad_s)
+    return found, guesses
 
 
 def _below(baseline: Baseline, state: State, peak_n: float) -> float:
