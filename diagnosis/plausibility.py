@@ -47,8 +47,6 @@ Outcome = tuple[Kind, float, str]
 _NUMBERS: Final = SETTINGS.screening
 # Checks that relate one channel to others through the model: a gap between the two can make them fail as well.
 _THROUGH_THE_MODEL: Final[frozenset[Kind]] = frozenset({"motor voltage", "stroke rate", "start-up", "blade power"})
-# What it is, channels it spoils, remedy, and the tracks as they would be without it.
-Mistake = tuple[str, tuple[str, ...], str, dict[str, Track]]
 # How a channel is multiplied if it is in the unit named.
 _UNITS: Final[tuple[tuple[tuple[str, ...], str, float], ...]] = (
     (("time_s",), "ms", 1e-3),
@@ -112,12 +110,18 @@ class Suspicion:
         Channels that must not be used; all of the trial where it holds the displacement or the time.
     faults : tuple of Fault
     remedy : str
+    numbers : str
+        Of this trial, for the mistake.
+    is_unit : bool
+        The mistake is that of a unit.
     """
 
     mistake: str
     channels: tuple[str, ...]
     faults: tuple[Fault, ...]
     remedy: str
+    numbers: str = ""
+    is_unit: bool = False
 
     @property
     def may_be_a_gap(self) -> bool:
@@ -130,7 +134,31 @@ class Suspicion:
     def text(self) -> str:
         """The mistake and what was seen."""
         seen = "; ".join(fault.seen for fault in self.faults)
-        return f"{self.mistake} ({seen})" if self.mistake else seen
+        return f"{self.mistake}{self.numbers} ({seen})" if self.mistake else seen
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Mistake:
+    """A simple mistake that may explain what is implausible.
+
+    Attributes
+    ----------
+    what, numbers : str
+        Its name, and what of this trial speaks for it.
+    channels : tuple of str
+        That it spoils.
+    remedy : str
+    mended : dict of str to (time_s, values)
+        The tracks as they would be without it.
+    is_unit : bool
+    """
+
+    what: str
+    channels: tuple[str, ...]
+    remedy: str
+    mended: dict[str, Track]
+    numbers: str = ""
+    is_unit: bool = False
 
 
 def check(baseline: Baseline, trial: Trial, reading: Reading, idle_current_a: Bounds | None = None) -> Checked:
@@ -183,16 +211,19 @@ def explain_faults(
     found = check(baseline, trial, reading, idle_current_a)
     if not found.faults:
         return None
-    for mistake, channels, remedy, mended in _simple_mistakes(baseline, trial, tracks):
-        reread = read_trial(mended)
-        if channels == ("force_n",) and not _is_on_one_half(reread):
+    for mistake in _simple_mistakes(baseline, trial, tracks):
+        reread = read_trial(mistake.mended)
+        if mistake.channels == ("force_n",) and not _is_on_one_half(reread):
             continue  # the force is wrong in phase, not in size
-        if {"displacement_mm", "time_s"} & {*channels} and reread.n_strokes < _NUMBERS.least_strokes:
+        if {"displacement_mm", "time_s"} & {*mistake.channels} and reread.n_strokes < _NUMBERS.least_strokes:
             continue
         after = check(baseline, trial, reread, idle_current_a)
         # A mistake explains nothing if without it there is nothing left to check.
         if not after.faults and after.done >= found.done - {"no cut"}:
-            return Suspicion(mistake=mistake, channels=channels, faults=found.faults, remedy=remedy)
+            return Suspicion(
+                mistake=mistake.what, numbers=mistake.numbers, channels=mistake.channels, faults=found.faults,
+                remedy=mistake.remedy, is_unit=mistake.is_unit,
+            )  # fmt: skip
     return Suspicion(
         mistake="", channels=_channels_of(found, reading, trial, tracks), faults=found.faults,
         remedy="check duty and workpiece of the trial, the channel's name, unit and scaling, the clocks of the devices,"
@@ -358,13 +389,16 @@ def _simple_mistakes(baseline: Baseline, trial: Trial, tracks: Mapping[str, Trac
             continue
         name = " and ".join(channels)
         remedy = f"multiply the column by {factor:g}, or import it with its unit"
-        yield f"{name} is probably in {unit}", channels, remedy, scaled
+        what = f"{name} is probably in {unit}"
+        yield Mistake(what=what, channels=channels, remedy=remedy, mended=scaled, is_unit=True)
     for one, other in combinations(sorted(tracks), 2):
         swapped = {**tracks, one: tracks[other], other: tracks[one]}
-        yield f"{one} and {other} are probably swapped", (one, other), "exchange the two columns", swapped
+        what = f"{one} and {other} are probably swapped"
+        yield Mistake(what=what, channels=(one, other), remedy="exchange the two columns", mended=swapped)
     for name in ("motor_current_a", "battery_current_a"):
         if name in tracks:
-            yield f"{name} has probably the wrong sign", (name,), "invert the column", _negative(tracks, name)
+            what = f"{name} has probably the wrong sign"
+            yield Mistake(what=what, channels=(name,), remedy="invert the column", mended=_negative(tracks, name))
 
 
 def _is_on_one_half(reading: Reading) -> bool:
@@ -379,15 +413,15 @@ def _sign_of_force(baseline: Baseline, tracks: Mapping[str, Track]) -> Mistake:
     falling, rising = reading.falling_force_n or 0.0, reading.rising_force_n or 0.0
     stated, other = (falling, rising) if baseline.cutting_sign < 0 else (rising, falling)
     if abs(other) > abs(stated) and other > 0:
-        mistake = (
-            f"the blade does not cut on the half of the turn given by cutting_half (mean force {other:.3g} N there,"
-            f" {stated:.3g} N on the stated half)"
-        )
+        what = "the blade does not cut on the half of the turn given by cutting_half"
+        numbers = f" (mean force {other:.3g} N there, {stated:.3g} N on the stated half)"
         remedy = f'set cutting_half = "{half}", or invert the displacement if it is measured from the other dead centre'
     else:
-        mistake = f"force_n has probably the wrong sign (mean {stated:.3g} N on the cutting half; positive is cutting)"
+        what = "force_n has probably the wrong sign"
+        numbers = f" (mean {stated:.3g} N on the cutting half; positive is cutting)"
         remedy = "invert the column"
-    return mistake, ("force_n",), remedy, _negative(tracks, "force_n")
+    mended = _negative(tracks, "force_n")
+    return Mistake(what=what, numbers=numbers, channels=("force_n",), remedy=remedy, mended=mended)
 
 
 def _negative(tracks: Mapping[str, Track], name: str) -> dict[str, Track]:

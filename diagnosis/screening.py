@@ -221,7 +221,7 @@ def _without_suspects(
         rest = {n: s for n, s in recording.signals.items() if n not in suspicion.channels}
         whole = "time_s" in suspicion.channels or DISPLACEMENT.name not in rest or _is_about_the_cut(suspicion)
         what = "" if whole else f": {' and '.join(suspicion.channels)}"
-        key = f"{what}|{suspicion.mistake.split(' (')[0]}|{[fault.kind for fault in suspicion.faults]}"
+        key = f"{what}|{suspicion.mistake}|{[fault.kind for fault in suspicion.faults]}"
         said.setdefault(key, []).append(recording.trial.trial_id)
         texts.setdefault(key, f"{what} left out: {suspicion.text}; {suspicion.remedy}")
         if not whole:
@@ -284,7 +284,7 @@ def _keep_what_all_draw(
 
 def _is_about_the_cut(suspicion: Suspicion) -> bool:
     """Whether force and displacement contradict each other, and it is open which of them is wrong."""
-    return FORCE.name in suspicion.channels and "probably in" not in suspicion.mistake
+    return FORCE.name in suspicion.channels and not suspicion.is_unit
 
 
 def _able(recordings: Sequence[Recording], suspicions: Sequence[Suspicion]) -> list[Recording]:
@@ -299,8 +299,7 @@ def _refuse_common(recordings: Sequence[Recording], found: dict[str, Suspicion])
     groups: dict[tuple[str, tuple[str, ...]], list[str]] = {}
     for name, suspicion in found.items():
         if suspicion.mistake or suspicion.channels not in spared:
-            key = suspicion.mistake.split(" (")[0]
-            groups.setdefault((key, suspicion.channels if key else ()), []).append(name)
+            groups.setdefault((suspicion.mistake, suspicion.channels if suspicion.mistake else ()), []).append(name)
     for (_, channels), names in sorted(groups.items(), key=lambda group: -len(group[1])):
         first = found[names[0]]
         able = [
@@ -315,7 +314,7 @@ def _refuse_common(recordings: Sequence[Recording], found: dict[str, Suspicion])
     at_odds = [
         name for name in cuts if name in found and {fault.kind for fault in found[name].faults} == {"blade power"}
     ]
-    at_odds = [name for name in at_odds if not found[name].mistake.startswith("force_n is")]
+    at_odds = [name for name in at_odds if not found[name].is_unit]
     if len(cuts) >= 3 and len(at_odds) > _NUMBERS.at_odds * len(cuts):
         raise InputError(
             f"in {len(at_odds)} of {len(cuts)} cutting trials force and displacement contradict each other in different"
