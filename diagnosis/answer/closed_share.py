@@ -17,7 +17,8 @@ def closed_share(energy: dict[str, Floats]) -> tuple[float, tuple[float, float]]
     time: what repetitions of these trials would say. A root mean square scatters alike however little is left, where
     the logarithm of nearly nothing scatters without bound; what noise takes below nothing keeps its sign
     (docs/decisions/0006-channel-prediction.md). Where the trials' gains are surely positive together, so is the share:
-    it is no less than the least gain of the largest room.
+    it is no less than the least gain of the largest room. That holds where the noise is stated so large that there
+    seems to be no room, too: what is surely gained was there to be closed.
 
     Parameters
     ----------
@@ -49,17 +50,22 @@ def closed_share(energy: dict[str, Floats]) -> tuple[float, tuple[float, float]]
 
     n = len(energy["retuned"])
     everything = np.arange(n)
-    if energy["retuned"].sum() <= (1.0 + _NUMBERS.least_rest) * energy["noise_floor"].sum():
-        return 0.0, (-1.0, 1.0)
-    whole = root_of_left(everything)
+    gained, room = (energy["retuned"] - energy[k] for k in ("with_effect", "noise_floor"))
+    has_room = room.sum() > _NUMBERS.least_rest * energy["noise_floor"].sum()
     if n < _NUMBERS.least_groups:
-        return _closed(whole), (-1.0, 1.0)
+        return (_closed(root_of_left(everything)) if has_room else 0.0), (-1.0, 1.0)
+    times = float(stdtrit(n - 1, 0.975))
+    error = times * std_of_sum(gained)
+    least = gained.sum() - error
+    if not has_room:
+        # No less than all that may have been gained was there.
+        share = float(least / (least + 2.0 * error)) if least > _NUMBERS.by_chance else 0.0
+        return (1.0, (share, 1.0)) if share > 0.0 else (0.0, (-1.0, 1.0))
+    whole = root_of_left(everything)
     without_one = np.array([root_of_left(np.delete(everything, k)) for k in everything])
     reach = float(stdtrit(n - 2, 0.975)) * jackknife_std(without_one)
     low, high = _closed(whole + reach), _closed(whole - reach)
-    gained, room = (energy["retuned"] - energy[k] for k in ("with_effect", "noise_floor"))
-    times = float(stdtrit(n - 1, 0.975))
-    least, most = gained.sum() - times * std_of_sum(gained), room.sum() + times * std_of_sum(room)
+    most = room.sum() + times * std_of_sum(room)
     closed = _closed(whole)
     return closed, (max(low, min(float(least / most), closed)) if least > 0.0 else low, high)
 
