@@ -84,10 +84,7 @@ def result_table(columns: Mapping[str, Sequence[Score]]) -> list[str]:
     )
     add(
         "median error of a stated parameter, each set",
-        [
-            " and ".join(f"{100 * s['parameters']['relative_error']['value']:.1f} %" for s in one)
-            for one in columns.values()
-        ],
+        [" and ".join(_percent(s["parameters"]["relative_error"]) + " %" for s in one) for one in columns.values()],
     )
     add(
         "median runtime error: as configured, re-tuned, with the claimed effect, each set",
@@ -125,7 +122,12 @@ def _errors(score: Score) -> str:
 
 
 def _runtimes(score: Score) -> str:
-    return ", ".join(f"{100 * one['value']:.1f}" for one in score["runtime"].values()) + " %"
+    return ", ".join(map(_percent, score["runtime"].values())) + " %"
+
+
+def _percent(found: Mapping[str, float | None]) -> str:
+    """Of a set without correct claims, or without runtimes, there is none."""
+    return "-" if found["value"] is None else f"{100 * found['value']:.1f}"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

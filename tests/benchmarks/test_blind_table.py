@@ -47,6 +47,18 @@ def test_the_calibration_error_of_sets_together_is_that_of_all_their_cases():
     assert "0.200, 0.200 (0.050 and 0.060 by chance) and 0.200, 0.200" in row
 
 
+def test_a_set_without_claims_has_no_medians():
+    none = {"value": None}
+    intact = score(0, 0, error=0.1) | {
+        "parameters": {"coverage": {"hits": 0, "n": 0}, "relative_error": none},
+        "runtime": {"nominal": none, "retuned": none, "with_effect": none},
+    }
+    lines = blind_table.result_table({"intact": [intact, score(9, 10, error=0.04)]})
+    for words, cells in (("median error", "- % and 4.0 %"), ("median runtime", "-, -, - % and 4.0, 4.0, 4.0 %")):
+        (row,) = [line for line in lines if words in line]
+        assert row.endswith(f"| {cells} |")
+
+
 def test_what_was_not_drawn_has_no_share():
     (row,) = [line for line in blind_table.result_table({"own": [score(0, 0, error=0.1)]}) if "consistent" in line]
     assert "none drawn" in row
