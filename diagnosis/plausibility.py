@@ -144,7 +144,7 @@ class Mistake:
     Attributes
     ----------
     what, numbers : str
-        Its name, and what of this trial speaks for it.
+        Its name, and what was measured in this trial.
     channels : tuple of str
         That it spoils.
     remedy : str
