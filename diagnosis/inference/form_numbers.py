@@ -21,6 +21,11 @@ def kind(form: Column) -> tuple[str, ...]:
     return tuple(name for name in form.effect.continuous if form.shape.get(name))
 
 
+def _scalable(form: Column) -> tuple[str, ...]:
+    """Those that may be anything in a range: they are above 0, and are looked for on a scale of factors."""
+    return tuple(name for name in kind(form) if form.shape[name] > 0.0)
+
+
 def choices(form: Column) -> frozenset[tuple[str, float]]:
     """Numbers of a form that are not continuous."""
     return frozenset((name, value) for name, value in form.shape.items() if name not in form.effect.continuous)
@@ -34,8 +39,8 @@ def of_same_choices(form: Column) -> list[dict[str, float]]:
 def ranges(form: Column) -> Ranges:
     """Least and largest value of each continuous number that a form has, over the forms of the same choices."""
     found = {}
-    for name in kind(form):
-        values = [shape[name] for shape in of_same_choices(form) if shape.get(name)]
+    for name in _scalable(form):
+        values = [shape[name] for shape in of_same_choices(form) if shape.get(name, 0.0) > 0.0]
         if min(values) < max(values):
             found[name] = (min(values), max(values))
     return found
@@ -44,7 +49,7 @@ def ranges(form: Column) -> Ranges:
 def neighbours(form: Column) -> Ranges:
     """Next smaller and next larger value in the catalogue of each such number, where all other numbers are the same."""
     found = {}
-    for name in kind(form):
+    for name in _scalable(form):
         here = form.shape[name]
         values = [other[name] for other in form.effect.shapes if other == {**form.shape, name: other.get(name)}]
         # A form at the edge of its range is that of the catalogue but for rounding.

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sawbench.bench.second_core import second_core
-from sawbench.diagnosis.inference.columns import catalogue_columns, columns_in
-from sawbench.diagnosis.inference.form_numbers import neighbours
+from sawbench.diagnosis.inference.columns import Column, catalogue_columns, columns_in
+from sawbench.diagnosis.inference.form_numbers import neighbours, ranges
 from sawbench.diagnosis.inference.posterior import judge
 from sawbench.diagnosis.inference.refining import refined
 from sawbench.diagnosis.inference.settings import SETTINGS
-from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
+from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME, EFFECTS
 
 from tests.rigs.scattered_strokes import problem_of, strokes
 
@@ -148,3 +148,15 @@ def test_a_choice_is_not_taken_for_a_number(lagging):
         fixed = [key for key in effect.shapes[0] if key not in effect.continuous]
         known = {tuple(shape[key] for key in fixed) for shape in effect.shapes}
         assert {tuple(column.shape[key] for key in fixed) for column in found} <= known
+
+
+def test_numbers_that_are_climbed_are_above_zero():
+    """As seen: a number of a form that is below 0 has no logarithm, and the diagnosis ended in an error."""
+    below = 0
+    for effect in EFFECTS:
+        for shape in effect.shapes:
+            form = Column(effect=effect, shape=shape, columns=np.ones((1, 1)))
+            below += any(value < 0.0 for value in shape.values())
+            for least, most in (*ranges(form).values(), *neighbours(form).values()):
+                assert 0.0 < least < most
+    assert below, "no form has such a number: the test says nothing"
