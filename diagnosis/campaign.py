@@ -431,8 +431,10 @@ def _with_guesses(baseline: Baseline, states: Sequence[State]) -> tuple[list[Sta
     for state in states:
         if state.kind == "running" and not state.setting.is_idle and state.force_n is not None:
             peak_n = max(peak_n, float(state.force_n.mean(axis=0).max()))
-        if state.kind == "start_up" and state.current_a is not None:
-            top_a = max(top_a, float(state.current_a.max()))
+        if state.current_a is not None:
+            # Recordings that begin on a running machine hold no start-up: a limit acts in their cuts.
+            current_a = state.current_a if state.kind == "start_up" else state.current_a.mean(axis=0)
+            top_a = max(top_a, float(current_a.max()))
     below = {s.setting.label: _below(baseline, s, peak_n) for s in states if s.kind == "running"}
     found = [
         replace(state, peak_force_n=peak_n, top_current_a=top_a, k_below_n_s_per_m=below.get(state.setting.label, 0.0))

@@ -161,7 +161,8 @@ class State:
         k_Fc of the trial by its own force far below the campaign's peak, which a clipped peak does not lower; 0 in air
         or where it is not known.
     peak_force_n, top_current_a : float
-        Largest mean-stroke force and start-up current of the campaign; 0 where there is none.
+        Largest force of a mean stroke, and largest current of a mean stroke or a start-up, of the campaign; 0 where
+        there is none.
     n_strokes : ndarray, shape (n_units,)
     motion : Motion
         Of `angle_rad` and `speed_rad_s`; made here.

@@ -9,15 +9,17 @@ import numpy as np
 import pytest
 from sawbench.bench.processed import CrankAngle, Cut
 from sawbench.bench.recording import Signal, Trial
-from sawbench.diagnosis.campaign import used_in_part
+from sawbench.diagnosis.campaign import _with_guesses, used_in_part
 from sawbench.diagnosis.inference.features import START_UP_EDGES_S, Layout, harmonics, time_bins, times_over_angles
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.diagnosis.reduction import between_samples, running_state, share_switched_on, start_up_state
 from sawbench.diagnosis.stroke_means import stroke_means
+from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 from sawbench.modeling.state import TWO_PI, Motion, angle_derivative
 
 from tests.rigs.drawn_states import BASELINE, setting_of
 from tests.rigs.processed import processed_trial
+from tests.rigs.scattered_strokes import strokes
 
 pytestmark = pytest.mark.unit
 
@@ -290,3 +292,13 @@ def test_a_swing_of_the_angle_read_changes_no_mean_of_speed_or_acceleration():
     assert speed.mean() > 91.5  # over the angle
     assert features[layout.slices["electrical"]][0] == pytest.approx(90.0, abs=1e-6)
     assert features[layout.slices["mechanical"]][0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_largest_current_is_that_of_a_cut_where_no_start_up_was_recorded():
+    """A current limit is a share of it: without one, the effect had no form at all."""
+    running = strokes()
+    found, _ = _with_guesses(BASELINE, running)
+    largest_a = max(float(s.current_a.mean(axis=0).max()) for s in running)
+    assert {s.top_current_a for s in found} == {largest_a}
+    limited = EFFECT_BY_NAME["current_limit"].signatures(BASELINE, found[0], {"share": 0.7, "soft": 1.0})
+    assert np.abs(limited[0]["converter"]).max() > 0.0
