@@ -12,9 +12,8 @@ load to vary: what is left there is a friction that does not stay what it is.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -27,29 +26,44 @@ from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.residuals import Equation
 from sawbench.modeling.state import TWO_PI, State
 
-_CONTACT: Final = "more than currents and sensors explain: a loose contact or a duty that is not as stated"
-# What does not balance, and what is said of it.
-_WORDS: Final[Mapping[Equation, tuple[str, str]]] = MappingProxyType(
-    {
-        "electrical": ("the balance of voltages at the motor", _CONTACT),
-        "supply": ("the balance of voltages at the battery", _CONTACT),
-        "converter": ("the balance of currents at the converter", _CONTACT),
-        "mechanical": (
-            "the balance of torques in air",
-            "more than sensors explain: something drags or seizes now and then, such as a bearing",
-        ),
-    }
-)
 # Mean, slope and bend of a trial: what warms up and discharges.
 _TREND: Final = 3
 _FEWEST_UNITS: Final = 8
-# Balances in which all that the machine may do grows with a current.
-_BY_CURRENT_ALONE: Final = ("supply",)
-# Balances in which the current answers to whatever is missing from them.
-_IN_AIR_ALONE: Final = ("mechanical",)
 # Of least absolute values by least squares with weights; residuals below a share of their median weigh alike.
 _N_PASSES, _LEAST_SHARE = 10, 0.1
 _NUMBERS: Final = SETTINGS.off_stroke
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Balance:
+    """One equation, and when it is looked at.
+
+    Attributes
+    ----------
+    equation : Equation
+    name, why : str
+        What does not balance, and what is said of it.
+    is_by_current : bool
+        All that the machine may do to it grows with a current: what varies in air is the reading.
+    is_in_air : bool
+        It is compared in air alone, where the current answers to nothing but what is missing from it.
+    """
+
+    equation: Equation
+    name: str
+    why: str
+    is_by_current: bool = False
+    is_in_air: bool = False
+
+
+_CONTACT: Final = "more than currents and sensors explain: a loose contact or a duty that is not as stated"
+_DRAGS: Final = "more than sensors explain: something drags or seizes now and then, such as a bearing"
+_BALANCES: Final = (
+    _Balance(equation="electrical", name="the balance of voltages at the motor", why=_CONTACT),
+    _Balance(equation="supply", name="the balance of voltages at the battery", why=_CONTACT, is_by_current=True),
+    _Balance(equation="converter", name="the balance of currents at the converter", why=_CONTACT),
+    _Balance(equation="mechanical", name="the balance of torques in air", why=_DRAGS, is_in_air=True),
+)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -86,19 +100,19 @@ def unsteady_balances(problem: LinearProblem) -> list[Finding]:
         One for each balance that varies by more in most of the trials.
     """
     plant = problem.campaign.plant
-    equations: list[Equation] = [equation for equation in _WORDS if equation in plant.equations]
-    if not equations:
+    balances = [balance for balance in _BALANCES if balance.equation in plant.equations]
+    if not balances:
         return []
     faults = SensorFaults(problem.campaign)
     running = [(part, plant.residuals(part.state)) for part in problem.parts if _is_long_enough(part.state)]
     found = []
-    for equation in equations:
+    for balance in balances:
         each = [
-            _trial(problem, part, equation, wave[equation], faults)
+            _trial(problem, part, balance, wave[balance.equation], faults)
             for part, wave in running
-            if equation in wave and (part.setting.is_idle or equation not in _IN_AIR_ALONE)
+            if balance.equation in wave and (part.setting.is_idle or not balance.is_in_air)
         ]
-        found += list(_weighed(problem, equation, [trial for trial in each if trial.allowed > 0.0]))
+        found += list(_weighed(problem, balance, [trial for trial in each if trial.allowed > 0.0]))
     return found
 
 
@@ -107,7 +121,7 @@ def _is_long_enough(state: State) -> bool:
     return state.kind == "running" and state.battery_voltage_v is not None and len(state.angle_rad) >= _FEWEST_UNITS
 
 
-def _weighed(problem: LinearProblem, equation: Equation, trials: Sequence[_Trial]) -> Iterator[Finding]:
+def _weighed(problem: LinearProblem, balance: _Balance, trials: Sequence[_Trial]) -> Iterator[Finding]:
     if not trials:
         return
     beside = np.concatenate([t.beside for t in trials])
@@ -117,27 +131,27 @@ def _weighed(problem: LinearProblem, equation: Equation, trials: Sequence[_Trial
     spread = np.array([robust_std(part) for part in parts])
     variance = spread**2 * np.array([len(part) for part in parts]) / np.maximum(free, 1.0)
     allowed, is_loaded = np.array([t.allowed for t in trials]), np.array([not t.is_idle for t in trials])
-    if equation in _BY_CURRENT_ALONE and not is_loaded.all():
+    if balance.is_by_current and not is_loaded.all():
         # In air hardly a current flows: what varies there is the reading, whose noise may be of lower frequencies too.
         allowed = np.maximum(allowed, np.median(variance[~is_loaded]))
     over = variance / allowed
     nats = 0.5 * free * np.where(over > 1.0, over - 1.0 - np.log(np.maximum(over, 1.0)), 0.0)
     shown = over > 1.0
     # In air hardly a current flows through a contact that is loose, and few campaigns hold more than one trial in air.
-    fewest = 1 if equation in _IN_AIR_ALONE else SETTINGS.noise.least_trials
+    fewest = 1 if balance.is_in_air else SETTINGS.noise.least_trials
     groups = [group for group in (np.ones_like(shown), is_loaded) if _is_in_most(shown[group], fewest)]
     if not groups:
         return
-    group, form = groups[0], problem.campaign.plant.equations[equation]
+    group, form = groups[0], problem.campaign.plant.equations[balance.equation]
     usual = float(np.sqrt(np.median(variance[group & shown])))
-    what, why = _WORDS[equation]
     yield Finding(
         log_evidence=float(np.minimum(nats, _NUMBERS.most_per_trial)[group].sum()),
         channel=form.channel,
         equation=form.place,
         text=(
-            f"{what} varies within a trial by {usual:.2g} {form.unit}, in {(group & shown).sum()} of {group.sum()}"
-            f" {'trial' if group.sum() == 1 else 'trials'}, {why}; no effect of the catalogue does this"
+            f"{balance.name} varies within a trial by {usual:.2g} {form.unit}, in {(group & shown).sum()} of"
+            f" {group.sum()} {'trial' if group.sum() == 1 else 'trials'}, {balance.why}; no effect of the catalogue"
+            " does this"
         ),
     )
 
@@ -146,16 +160,16 @@ def _is_in_most(shown: np.ndarray, fewest: int) -> bool:
     return bool(shown.sum() >= max(_NUMBERS.in_most * len(shown), fewest))
 
 
-def _trial(problem: LinearProblem, part: Part, equation: Equation, wave: Floats, faults: SensorFaults) -> _Trial:
+def _trial(problem: LinearProblem, part: Part, balance: _Balance, wave: Floats, faults: SensorFaults) -> _Trial:
     """One trial, by the residual of the equation, shape (n, n_points)."""
     state = part.state
-    rounding = faults.variance(part.layout, state)[part.layout.slices[equation].start]
-    beside = _other_torques(problem, state) if equation in _IN_AIR_ALONE else _currents(state)
+    rounding = faults.variance(part.layout, state)[part.layout.slices[balance.equation].start]
+    beside = _other_torques(problem, state) if balance.is_in_air else _currents(state)
     rows = np.column_stack([wave.mean(axis=1), *beside])
     rows = _without(rows, np.vander(np.linspace(-1.0, 1.0, len(rows)), _TREND))
     return _Trial(
-        rest=rows[:, 0], beside=rows[:, 1:], allowed=_by_sensors(problem, state, equation) + float(rounding),
-        is_idle=state.setting.is_idle,
+        rest=rows[:, 0], beside=rows[:, 1:], is_idle=state.setting.is_idle,
+        allowed=_by_sensors(problem, state, balance.equation) + float(rounding),
     )  # fmt: skip
 
 
