@@ -312,13 +312,11 @@ def _of_their_angles(states: Sequence[State], warnings: list[str]) -> list[State
     n_judged = 0
     for name, found in locks.items():
         spread_rad = _NUMBERS.phase_spread_rad[name]
-        phases = without_common_delay(*map(np.array, zip(*found.values(), strict=True)))
-        usual = (phases / np.abs(phases)).sum() if len(found) > 2 else 0.0
-        off = [
-            label
-            for label, lock in zip(found, phases.tolist(), strict=True)
-            if abs(lock) < _NUMBERS.locked or (abs(usual) > 0 and abs(np.angle(lock / usual)) > spread_rad)
-        ]
+        phases, rad_s = map(np.array, zip(*found.values(), strict=True))
+        is_off = _is_off(phases, spread_rad)
+        # One trial alone is no matter of clocks.
+        is_off = _is_off(without_common_delay(phases, rad_s), spread_rad) if is_off.sum() > 1 else is_off
+        off = [label for label, one in zip(found, is_off.tolist(), strict=True) if one]
         reason = f"the {name} is not synchronous with the strokes of the displacement"
         if name == "current in air" and len(off) > _NUMBERS.foreign_share * len(found):
             warnings.append(f"in most trials {reason}: it has another source")
@@ -330,6 +328,13 @@ def _of_their_angles(states: Sequence[State], warnings: list[str]) -> list[State
         raise InputError(f"in {len(foreign)} of {n_judged} trials {reason}", where=first, remedy=remedy)
     warnings += [f"{label} left out: {reason}; {remedy}" for label, reason in foreign.items()]
     return [s for s in states if s.setting.label not in foreign]
+
+
+def _is_off(locks: Floats, spread_rad: float) -> np.ndarray:
+    """Which of the trials repeat badly with the angle, or at another phase than most."""
+    usual = (locks / np.abs(locks)).sum() if len(locks) > 2 else 0.0
+    badly = np.abs(locks) < _NUMBERS.locked
+    return badly | (np.abs(np.angle(locks / usual)) > spread_rad) if abs(usual) > 0 else badly
 
 
 def _with_shared_steps(states: Sequence[State]) -> list[State]:

@@ -72,7 +72,7 @@ def defect_of(signal: Signal, others: Sequence[Signal] = ()) -> tuple[str, str] 
     at_end = len(values) - 1 - int(np.flatnonzero(values != values[-1])[-1])
     is_long = at_end > len(values) / _LONG_END and (values[-1] == 0.0 or signal.channel not in _MAY_HOLD)
     # In the second half of that time: a blade runs on for a while without current.
-    if is_long and not _stands_still(others, since_s=0.5 * float(time_s[-at_end] + time_s[-1])):
+    if is_long and not _stands_still([signal, *others], since_s=0.5 * float(time_s[-at_end] + time_s[-1])):
         return f"it stays at {values[-1] + 0.0:.6g} {signal.unit} to the end", "dead sensor or missing cable"
     for level, n_there in clipped_levels(values[~find_spikes(values)]).items():
         if n_there >= SETTINGS.screening.saturated_share * len(values):
@@ -82,9 +82,9 @@ def defect_of(signal: Signal, others: Sequence[Signal] = ()) -> tuple[str, str] 
 
 
 def _stands_still(signals: Sequence[Signal], since_s: float) -> bool:
-    """Whether the machine rests from then on, by all that tells: stroke and current."""
+    """Whether the machine rests from then on, by all that tells: stroke and current, both of them."""
     telling = [signal for signal in signals if signal.channel in (DISPLACEMENT.name, MOTOR_CURRENT.name)]
-    return bool(telling) and all(_rests(signal, since_s) for signal in telling)
+    return len(telling) > 1 and all(_rests(signal, since_s) for signal in telling)
 
 
 def _rests(signal: Signal, since_s: float) -> bool:

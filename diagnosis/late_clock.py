@@ -9,6 +9,7 @@ import numpy as np
 from sawbench.bench.plausible import Bounds
 from sawbench.bench.recording import Floats, Recording
 from sawbench.bench.units import DISPLACEMENT, FORCE
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plausibility import Suspicion, blade_power_w, check, idle_current_between
 from sawbench.diagnosis.trial_names import some
 from sawbench.diagnosis.trial_reading import read_trial, tracks_of
@@ -28,6 +29,7 @@ def keep_what_a_late_clock_does(
     """Believe cuts whose force takes too little power, where one delay gives all cuts theirs: a gap that has a name.
 
     A delay of some milliseconds is a quarter of a fast stroke: it takes power from all cuts, from the fast ones most.
+    One of half a stroke would be a wrong sign; so it is less than a quarter of the slowest.
     """
     contradicted = [name for name, one in found.items() if {fault.kind for fault in one.faults} == {"blade power"}]
     cuts = [
@@ -37,6 +39,10 @@ def keep_what_a_late_clock_does(
     ]  # fmt: skip
     cuts.sort(key=lambda r: r.trial.trial_id not in contradicted)
     contradicted = [r.trial.trial_id for r in cuts if r.trial.trial_id in contradicted]
+    if not contradicted or len(cuts) < SETTINGS.noise.least_trials:
+        return
+    rates_hz = [rate_hz for r in cuts if (rate_hz := read_trial(tracks_of(r)).rate_hz) is not None]
+    longest_s = 0.25 / min(rates_hz, default=np.inf)
 
     def is_right(recording: Recording, delay_s: float) -> bool:
         tracks = tracks_of(recording)
@@ -47,12 +53,12 @@ def keep_what_a_late_clock_does(
         in_air = idle_current_between(idle, recording.trial.duty or 0.0)
         return gains and not check(baseline, recording.trial, moved, in_air).faults
 
-    for delay_s in _DELAYS_S if contradicted else ():
+    for delay_s in (delay_s for delay_s in _DELAYS_S if abs(delay_s) < longest_s):
         if all(is_right(recording, delay_s) for recording in cuts):
             warnings.append(
                 f"{some(contradicted)}: {found[contradicted[0]].text}: with the force at least"
                 f" {abs(1e3 * delay_s):.0f} ms {'earlier' if delay_s > 0 else 'later'} it would fit in all cuts: the"
-                " clocks differ"
+                " clocks of the devices may differ"
             )
             for name in contradicted:
                 del found[name]

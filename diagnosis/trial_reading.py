@@ -38,7 +38,7 @@ class Reading:
         By what the stroke rate grows in a second, on average.
     motor_current_a, battery_current_a, battery_voltage_v : float or None
     voltage_ripple : float or None
-        Standard deviation of the battery voltage over its mean.
+        Spread of the battery voltage, without spikes, over its median.
     top_current_a : float or None
         99.9 percent of the samples of the whole trial stay below, start-up included.
     blade_power_w : float or None

@@ -100,7 +100,9 @@ def stroke_series(trial: TrackedTrial, *, mechanism: Mechanism, cutting_sign: in
     work, square, mean_force, mean_speed, middle_s = (
         mean(v) for v in (force_n * cutting, cutting**2, force_n, cutting, time_s)
     )
-    is_read = square > 0
+    # Of a stroke in which a hole begins too little is left to be regressed.
+    read = strokes.sums(placed, cutting**2)[0][:, 0]
+    is_read = read > 0.5 * np.median(read)
     if is_read.mean() < SETTINGS.strokes.least_read:
         return None
 
@@ -109,7 +111,7 @@ def stroke_series(trial: TrackedTrial, *, mechanism: Mechanism, cutting_sign: in
     )
 
     def filled(values: Floats) -> Floats:
-        """Where a stroke has no samples, what lies between those beside it."""
+        """Where a stroke has too few samples, what lies between those beside it."""
         return np.interp(np.arange(len(is_read)), np.flatnonzero(is_read), values)
 
     hardness = filled(work / square)

@@ -6,7 +6,8 @@ residual negative, by the same share of the current). Forms: hard (the voltage i
 campaign's top current, a low one where the duty comes back slowly), soft (the duty falls in proportion to the
 excess over a knee; the unit is then all the voltage that R times the top current leaves), slow to let go (what the
 largest excess held back returns with a time constant; the unit is all the voltage at 40 % above). Without a limit the
-left-over voltage at the top of a start-up is 0, so is the signature. Limits of 10 to 40 A: assumed.
+left-over voltage at the top of a start-up is 0, so is the signature; where only running machines were recorded, the top
+current is that of the hardest cut. Limits of 10 to 40 A: assumed.
 """
 
 from __future__ import annotations

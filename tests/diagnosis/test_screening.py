@@ -7,12 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sawbench.bench.errors import InputError
+from sawbench.bench.recording import Recording, Signal, Trial
+from sawbench.bench.units import CHANNEL_BY_NAME
 from sawbench.blindcheck.campaign import make_campaign
 from sawbench.diagnosis.campaign import reduce_campaign
+from sawbench.diagnosis.late_clock import keep_what_a_late_clock_does
+from sawbench.diagnosis.plausibility import Fault, Suspicion
 from sawbench.processing.process import process_recording
 from sawbench.storage.importers.campaign import load_campaign
 from sawbench.storage.importers.dispatch import import_path
 from sawbench.storage.reader import read_recording
+
+from tests.rigs.jigsaw_in_time import BASELINE
 
 pytestmark = pytest.mark.unit
 
@@ -231,9 +237,42 @@ def test_a_force_that_is_late_by_a_quarter_of_a_stroke_may_be_the_gap(good):
     late_s = 0.018
     campaign = reduce_campaign(spoil(recordings, shifted(FORCE, late_s)), config)
     assert labels(campaign) == {r.trial.trial_id for r in recordings}
-    assert any("the clocks differ" in text for text in campaign.warnings)
+    assert any("clocks of the devices may differ" in text for text in campaign.warnings)
     one = reduce_campaign(spoil(recordings, shifted(FORCE, late_s), only=VICTIM), config)
     assert recordings[VICTIM].trial.trial_id not in labels(one)
+
+
+@pytest.mark.parametrize("strokes_hz", [16.0, 36.0])
+def test_a_force_of_the_wrong_sign_is_no_late_clock(strokes_hz):
+    """Half of a stroke at 36 strokes a second is 14 ms: a delay within the catalogue turns the sign of the power."""
+    load_n, moment = 100.0, np.arange(0.0, 4.0, 5e-4)
+    plant = BASELINE.plant
+    speed_rad_s = 2.0 * np.pi * strokes_hz
+    radius_m = plant.crank_radius_m.nominal
+    velocity_m_s = radius_m * speed_rad_s * np.sin(speed_rad_s * moment)
+    force_n = load_n * np.maximum(BASELINE.cutting_sign * velocity_m_s, 0.0) / (radius_m * speed_rad_s)
+    cutting_w = float(np.mean(BASELINE.cutting_sign * force_n * velocity_m_s))
+    current_a = cutting_w / (plant.torque_constant_n_m_per_a.nominal * speed_rad_s * BASELINE.gear)
+    channels = {
+        FORCE: -force_n, DISPLACEMENT: 1e3 * radius_m * (1.0 - np.cos(speed_rad_s * moment)),
+        MOTOR: np.full(len(moment), current_a),
+    }  # fmt: skip
+    recordings = [
+        Recording(
+            trial=Trial(trial_id=f"cut-{k}", duty=0.9, material="oak", thickness_mm=20.0, feed_mm_s=3.0),
+            signals={
+                name: Signal(channel=name, unit=CHANNEL_BY_NAME[name].unit, time_s=moment, values=series)
+                for name, series in channels.items()
+            },
+        )
+        for k in range(4)
+    ]
+    wrong = Suspicion(
+        mistake="", channels=(FORCE,), faults=(Fault(kind="blade power", seen="too little", excess=np.inf),), remedy=""
+    )
+    found = {r.trial.trial_id: wrong for r in recordings}
+    keep_what_a_late_clock_does(recordings, BASELINE, {0.9: (0.0, 0.0)}, found, [])
+    assert len(found) == 4
 
 
 def test_single_samples_without_voltage_cost_nothing(good):
