@@ -12,7 +12,7 @@ from sawbench.bench.units import DISPLACEMENT, FORCE
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plausibility import Suspicion, blade_power_w, check, idle_current_between
 from sawbench.diagnosis.trial_names import some
-from sawbench.diagnosis.trial_reading import read_trial, tracks_of
+from sawbench.diagnosis.trial_reading import Readings, read_trial, tracks_of
 from sawbench.modeling.residuals import Baseline
 
 # By which a clock may be late (`modeling.effects.clock_offset`), the least first.
@@ -21,6 +21,7 @@ _DELAYS_S: Final = tuple(sign * 1e-3 * ms for ms in range(1, 11) for sign in (1,
 
 def keep_what_a_late_clock_does(
     recordings: Sequence[Recording],
+    readings: Readings,
     baseline: Baseline,
     idle: Mapping[float, Bounds],
     found: dict[str, Suspicion],
@@ -41,14 +42,14 @@ def keep_what_a_late_clock_does(
     contradicted = [r.trial.trial_id for r in cuts if r.trial.trial_id in contradicted]
     if not contradicted or len(cuts) < SETTINGS.noise.least_trials:
         return
-    rates_hz = [rate_hz for r in cuts if (rate_hz := read_trial(tracks_of(r)).rate_hz) is not None]
+    rates_hz = [rate_hz for r in cuts if (rate_hz := readings.of(r).rate_hz) is not None]
     longest_s = 0.25 / min(rates_hz, default=np.inf)
 
     def is_right(recording: Recording, delay_s: float) -> bool:
         tracks = tracks_of(recording)
         time_s, force_n = tracks[FORCE.name]
-        as_is, moved = read_trial(tracks), read_trial({**tracks, FORCE.name: (time_s - delay_s, force_n)})
-        before_w, after_w = blade_power_w(baseline, as_is), blade_power_w(baseline, moved)
+        moved = read_trial({**tracks, FORCE.name: (time_s - delay_s, force_n)})
+        before_w, after_w = blade_power_w(baseline, readings.of(recording)), blade_power_w(baseline, moved)
         gains = before_w is not None and after_w is not None and after_w > before_w
         in_air = idle_current_between(idle, recording.trial.duty or 0.0)
         return gains and not check(baseline, recording.trial, moved, in_air).faults

@@ -207,7 +207,7 @@ def _without_suspects(
         if suspicion is not None:
             found[trial.trial_id] = suspicion
     _keep_what_all_draw(recordings, readings, found, warnings)
-    keep_what_a_late_clock_does(recordings, baseline, idle, found, warnings)
+    keep_what_a_late_clock_does(recordings, readings, baseline, idle, found, warnings)
     _keep_what_may_be_a_gap(recordings, found, warnings)
     _refuse_common(recordings, found)
     out = []

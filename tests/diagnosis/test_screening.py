@@ -13,6 +13,7 @@ from sawbench.blindcheck.campaign import make_campaign
 from sawbench.diagnosis.campaign import reduce_campaign
 from sawbench.diagnosis.late_clock import keep_what_a_late_clock_does
 from sawbench.diagnosis.plausibility import Fault, Suspicion
+from sawbench.diagnosis.trial_reading import Readings
 from sawbench.processing.process import process_recording
 from sawbench.storage.importers.campaign import load_campaign
 from sawbench.storage.importers.dispatch import import_path
@@ -271,7 +272,7 @@ def test_a_force_of_the_wrong_sign_is_no_late_clock(strokes_hz):
         mistake="", channels=(FORCE,), faults=(Fault(kind="blade power", seen="too little", excess=np.inf),), remedy=""
     )
     found = {r.trial.trial_id: wrong for r in recordings}
-    keep_what_a_late_clock_does(recordings, BASELINE, {0.9: (0.0, 0.0)}, found, [])
+    keep_what_a_late_clock_does(recordings, Readings(recordings), BASELINE, {0.9: (0.0, 0.0)}, found, [])
     assert len(found) == 4
 
 
