@@ -117,11 +117,16 @@ def common_line(group: Sequence[OffStroke], lock: Lock, name: str) -> list[tuple
     return [] if is_rare or np.median([p.share for _, p in best]) < _NUMBERS.least_share else best
 
 
+def enough_trials(n_trials: int, fewest: int = SETTINGS.noise.least_trials) -> float:
+    """How many of `n_trials` make what they show the machine's: most of them, and never fewer than `fewest`."""
+    return max(_NUMBERS.in_most * n_trials, fewest)
+
+
 def _enough(group: Sequence[OffStroke], lock: Lock, line: Peak) -> float:
     """Most of the trials in which the line does not fall on a harmonic of the stroke."""
     orders = [line.place / t.rate_hz if lock == "time" else line.place for t in group]
     open_to_it = sum(abs(x - round(x)) > 1.5 * t.near_harmonic for x, t in zip(orders, group, strict=True))
-    return max(_NUMBERS.in_most * open_to_it, SETTINGS.noise.least_trials)
+    return enough_trials(open_to_it)
 
 
 def _at(group: Sequence[OffStroke], lock: Lock, name: str, wanted: Peak) -> list[tuple[OffStroke, Peak]]:
@@ -267,8 +272,7 @@ def _common_bursts(trials: Sequence[OffStroke]) -> Iterator[Finding]:
     struck = {t.label: [n for n, found in t.struck.items() if found.share > _NUMBERS.least_struck] for t in trials}
     hit = [t for t in trials if struck[t.label]]
     idle, hit_idle = [t for t in trials if t.is_idle], [t for t in hit if t.is_idle]
-    most = max(_NUMBERS.in_most * len(trials), SETTINGS.noise.least_trials)
-    if not idle or len(hit_idle) < _NUMBERS.in_most * len(idle) or len(hit) < most:
+    if not idle or len(hit_idle) < _NUMBERS.in_most * len(idle) or len(hit) < enough_trials(len(trials)):
         return
     if foreign_bursts(trials):
         return

@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.bench.spread import robust_std
-from sawbench.diagnosis.inference.asynchronous import Finding
+from sawbench.diagnosis.inference.asynchronous import Finding, enough_trials
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
 from sawbench.diagnosis.inference.sensor_faults import SensorFaults
 from sawbench.diagnosis.inference.settings import SETTINGS
@@ -139,10 +139,11 @@ def _weighed(problem: LinearProblem, balance: _Balance, trials: Sequence[_Trial]
     shown = over > 1.0
     # In air hardly a current flows through a contact that is loose, and few campaigns hold more than one trial in air.
     fewest = 1 if balance.is_in_air else SETTINGS.noise.least_trials
-    groups = [group for group in (np.ones_like(shown), is_loaded) if _is_in_most(shown[group], fewest)]
-    if not groups:
+    shown_in = (np.ones_like(shown), is_loaded)
+    group = next((group for group in shown_in if shown[group].sum() >= enough_trials(group.sum(), fewest)), None)
+    if group is None:
         return
-    group, form = groups[0], problem.campaign.plant.equations[balance.equation]
+    form = problem.campaign.plant.equations[balance.equation]
     usual = float(np.sqrt(np.median(variance[group & shown])))
     yield Finding(
         log_evidence=float(np.minimum(nats, _NUMBERS.most_per_trial)[group].sum()),
@@ -154,10 +155,6 @@ def _weighed(problem: LinearProblem, balance: _Balance, trials: Sequence[_Trial]
             " does this"
         ),
     )
-
-
-def _is_in_most(shown: np.ndarray, fewest: int) -> bool:
-    return bool(shown.sum() >= max(_NUMBERS.in_most * len(shown), fewest))
 
 
 def _trial(problem: LinearProblem, part: Part, balance: _Balance, wave: Floats, faults: SensorFaults) -> _Trial:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from sawbench.diagnosis.inference.asynchronous import common_line
+from sawbench.diagnosis.inference.asynchronous import common_line, enough_trials
 from sawbench.diagnosis.inference.off_stroke import OffStroke
 from sawbench.diagnosis.inference.peaks import Peak
 from sawbench.diagnosis.inference.settings import SETTINGS
@@ -53,8 +53,7 @@ def wandering_lines(trials: Sequence[OffStroke]) -> list[WanderingLine]:
         firsts = [(t, _first(t, channel)) for t in trials if ("time", channel) in t.peaks]
         shown = [peak for _, peak in firsts if peak is not None]
         in_air = [peak for t, peak in firsts if t.is_idle]
-        enough = max(_NUMBERS.in_most * len(firsts), SETTINGS.noise.least_trials)
-        if len(shown) < enough or not in_air or None in in_air:
+        if len(shown) < enough_trials(len(firsts)) or not in_air or None in in_air:
             continue
         if common_line(trials, "time", channel) or common_line(trials, "stroke", channel):
             continue
