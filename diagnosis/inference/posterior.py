@@ -208,10 +208,9 @@ def _singles_and_pairs(bench: _Bench) -> tuple[list[Hypothesis], list[Hypothesis
         lambda e: bench.forming.single(e, forms_beside(catalogue.columns[e.effect.name])), rough[: numbers.n_formed],
         known=known_parts(catalogue.columns),
     )  # fmt: skip
-    given = {e.effect.name: _in_either_shape(e, column) for e, column in formed}
-    explanations = [*(e for e, _ in formed), *rough[numbers.n_formed :]]
+    formed.sort(key=lambda one: -one.explanation.log_evidence)
+    explanations = [*(one.explanation for one in formed), *rough[numbers.n_formed :]]
     explanations.sort(key=lambda e: -e.log_evidence)
-    firsts = [e for e in explanations if e.effect.name in given][: numbers.n_first]
     singles = [
         Hypothesis(
             effects=(e.effect.name,), members=(e,), log_evidence=e.log_evidence,
@@ -220,16 +219,8 @@ def _singles_and_pairs(bench: _Bench) -> tuple[list[Hypothesis], list[Hypothesis
         for e in explanations
     ]  # fmt: skip
     alone = {h.name: h.left_over for h in singles}
-    return singles, [_leaving_no_more(h, alone) for h in bench.forming.pairs(firsts, given, catalogue, half)]
-
-
-def _in_either_shape(explanation: Explanation, formed: Column) -> list[Floats]:
-    """Columns of any size for the shape that is best as it is, and for the one that is best with what it may miss.
-
-    Which of them is nature's shows only once the other effect is there too.
-    """
-    shapes = [explanation.column] if explanation.column is formed else [explanation.column, formed]
-    return [column.of_any_size for column in shapes]
+    pairs = bench.forming.pairs(formed[: numbers.n_first], catalogue, half)
+    return singles, [_leaving_no_more(h, alone) for h in pairs]
 
 
 def _leaving_no_more(pair: Hypothesis, alone: Mapping[str, float]) -> Hypothesis:

@@ -44,7 +44,7 @@ def beyond_catalogue(
         if rough is None:
             return None
         is_worth_it = rough.log_evidence >= problem.settings.forms.worth_forming
-        found = (forming.single(rough, entries)[0] if is_worth_it else rough).log_evidence
+        found = (forming.single(rough, entries).explanation if is_worth_it else rough).log_evidence
         limits = [listed[other] for other in rough.effect.confused_with if other in listed]
         if limits and found <= max(limits) + worth:
             return None

@@ -10,7 +10,7 @@ from sawbench.diagnosis.inference.beyond.drive import SOFTENING_FRICTION, WARMIN
 from sawbench.diagnosis.inference.columns import catalogue_columns
 from sawbench.diagnosis.inference.evidence import explain
 from sawbench.diagnosis.inference.form_error import form_modes
-from sawbench.diagnosis.inference.forming import Forming, shared_energy
+from sawbench.diagnosis.inference.forming import Formed, Forming, shared_energy
 from sawbench.diagnosis.inference.linear_problem import build_problem
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import uncertain_by_left_over
@@ -51,8 +51,7 @@ def forming(problem):
 
 def formed(problem, name):
     columns, rough = explained(problem, name)
-    found, _ = forming(problem).single(rough, columns[name])
-    return rough, found
+    return rough, forming(problem).single(rough, columns[name]).explanation
 
 
 def bent_friction(state):
@@ -198,7 +197,7 @@ def test_what_a_law_leaves_by_itself_counts_against_it(states):
         gap = with_gap(problem_of(lasting), cold)
         beyond = catalogue_columns(gap, gap.campaign.plant.beyond_catalogue)
         entries = beyond[WARMING_FRICTION.name]
-        alone, _ = forming(gap).single(explain(Marginal(gap), entries), entries)
+        alone = forming(gap).single(explain(Marginal(gap), entries), entries).explanation
         found = beyond_catalogue(forming(gap), Marginal(gap), beyond, {})[WARMING_FRICTION.name]
         return alone.log_evidence - np.log(len(beyond)) - found
 
@@ -249,8 +248,8 @@ def test_a_second_effect_may_miss_no_more_than_goes_with_its_size_beside_the_fir
     windage_columns, windage_alone = explained(gap, "windage_drag")
     weighed = forming(gap)
     weighed.single(windage_alone, windage_columns["windage_drag"])
-    given = [friction_alone.column.columns * friction_alone.effect.strength.high]
-    beside = explain(Marginal(gap, extra=given[0]), windage_columns["windage_drag"])
+    first = Formed(explanation=friction_alone, column=friction_alone.column, with_modes=friction_alone.log_evidence)
+    beside = explain(Marginal(gap, extra=first.shapes[0]), windage_columns["windage_drag"])
     assert np.linalg.norm(beside.contribution) < 0.5 * np.linalg.norm(windage_alone.contribution)
     asked = []
 
@@ -261,5 +260,5 @@ def test_a_second_effect_may_miss_no_more_than_goes_with_its_size_beside_the_fir
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("sawbench.diagnosis.inference.forming.form_modes", noted)
         shown = replace(beside, log_evidence=2.0 * SETTINGS.forms.worth_forming)
-        weighed._pair(friction_alone, given, shown, columns | windage_columns)
+        weighed._pair(first, shown, columns | windage_columns)
     assert sorted(asked) == pytest.approx(sorted([np.linalg.norm(e.contribution) for e in (friction_alone, beside)]))
