@@ -94,3 +94,16 @@ def test_late_teeth_behind_a_load_cell_that_lags_are_found_together():
     assert late.strength == pytest.approx(fraction, abs=0.002)
     assert lag.column.shape["tau_s"] == pytest.approx(tau_s, rel=0.05)
     assert lag.column.shape["damping"] == pytest.approx(damping, rel=0.05)
+
+
+@pytest.mark.parametrize("law", [0.64, 0.5])
+def test_a_law_of_cutting_is_found_behind_a_carriage_that_rings(law):
+    """As the carriage shows them, teeth or a force without speed, each with what its form may miss, explain as much."""
+    ringing = strokes(cut=lambda speed, travelled, force: 170.0 * speed**law, ring=(130.0, 0.036))
+    problem = problem_of(ringing)
+    best = judge(problem, effect_columns(problem)).best
+    assert best.effects == ("carriage_resonance", EXPONENT)
+    carriage, exponent = best.members
+    assert exponent.column.distortion.effect.name == "carriage_resonance"
+    assert carriage.strength == pytest.approx(130.0, rel=0.01)
+    assert exponent.strength == pytest.approx(law, abs=0.1)
