@@ -44,12 +44,12 @@ class Formed:
 
     @property
     def shapes(self) -> list[Floats]:
-        """Columns of any size, shape (n, q) each, of the form that is best as it is and of the one that misses most.
+        """Columns of any size, shape (n, q) each: the form that is best as it is, and the one best with what it misses.
 
         Which of them is nature's shows only once another effect is there too.
         """
-        alike = self.explanation.column is self.column
-        return [column.of_any_size for column in ([self.column] if alike else [self.explanation.column, self.column])]
+        forms = [self.column] if self.explanation.column is self.column else [self.explanation.column, self.column]
+        return [form.of_any_size for form in forms]
 
 
 class Forming:
@@ -117,11 +117,11 @@ class Forming:
 
         def weighed(orders: Sequence[tuple[float, Formed, Explanation]]) -> Hypothesis:
             # In either order, where both may come first: only the second one's size and form are integrated out.
-            found = [self._pair(one, two, catalogue.columns) for _, one, two in orders]
-            pair = max((pair for pair, _ in found), key=lambda pair: pair.log_evidence)
+            pairs = [self._pair(one, two, catalogue.columns) for _, one, two in orders]
+            pair = max((pair for pair, _ in pairs), key=lambda pair: pair.log_evidence)
             # An effect that explains as much alone needs no second one, however little of it its form carries.
             most = max((one for _, one, _ in orders), key=lambda one: one.with_modes)
-            gained = max(with_modes for _, with_modes in found) - most.with_modes
+            gained = max(with_modes for _, with_modes in pairs) - most.with_modes
             return replace(pair, log_evidence=min(pair.log_evidence, most.explanation.log_evidence + gained))
 
         found = on_two_cores(weighed, best, known=known)

@@ -72,9 +72,9 @@ def best_shown_pair(
     pairs = _Pairs(problem, alone, other, beside_other)
     begun = pairs.best_of_each_choice([as_they_are.column, *own[:: max(len(own) // _N_BEGUN, 1)]], other.shape)
     same = of_same_choices(other)
-    # Where no sensor distorts, what the other effect is best by may be another law than where one does.
-    alike = [same, [shape for shape in other.effect.shapes if shape not in same]]
-    found = [pairs.of(pair.sensor.column, shapes) for pair in begun[:_N_CLIMBED] for shapes in alike]
+    # The law that is best by itself need not be the best one as the sensor shows it.
+    laws = [same, [shape for shape in other.effect.shapes if shape not in same]]
+    found = [pairs.of(pair.sensor.column, law) for pair in begun[:_N_CLIMBED] for law in laws if law]
     chosen = sorted((pair for pair in found if pair is not None), key=lambda pair: -pair.log_evidence)
     best = max(map(pairs.climbed, chosen[:_N_CLIMBED]), key=lambda pair: pair.log_evidence, default=None)
     least = beside_other.log_evidence + as_they_are.log_evidence + problem.settings.forms.worth_forming

@@ -139,8 +139,8 @@ def _weighed(problem: LinearProblem, balance: _Balance, trials: Sequence[_Trial]
     shown = over > 1.0
     # In air hardly a current flows through a contact that is loose, and few campaigns hold more than one trial in air.
     fewest = 1 if balance.is_in_air else SETTINGS.noise.least_trials
-    shown_in = (np.ones_like(shown), is_loaded)
-    group = next((group for group in shown_in if shown[group].sum() >= enough_trials(group.sum(), fewest)), None)
+    groups = (np.ones_like(shown), is_loaded)
+    group = next((group for group in groups if shown[group].sum() >= enough_trials(group.sum(), fewest)), None)
     if group is None:
         return
     form = problem.campaign.plant.equations[balance.equation]
