@@ -39,7 +39,8 @@ def detail(problem: LinearProblem, posterior: Posterior, channels: ChannelGap | 
     -------
     dict
         "frame" of a machine that is no saw, "strokes", "map", "standing_out", "probabilities", "log_evidence",
-        "resembles", "alike", "runtime_of", "known_effects" (magnitudes of those that the model as configured has);
+        "resembles", "alike", "runtime_of", "known_effects" (magnitudes of those that the model as configured has,
+        but for those of sensors alone, which are in `signals`);
         plain values, some 80 kB as JSON.
     """
     frame = problem.campaign.plant.machine.frame
@@ -58,6 +59,7 @@ def detail(problem: LinearProblem, posterior: Posterior, channels: ChannelGap | 
         "known_effects": {
             known.name: {"value": known.value, "std": known.std, "unit": known.effect.strength.unit}
             for known in problem.campaign.plant.known
+            if known.effect not in problem.campaign.plant.machine.sensor_properties
         },
     }
 

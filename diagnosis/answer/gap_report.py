@@ -28,13 +28,13 @@ from sawbench.diagnosis.answer.until_closed import until_closed as close
 from sawbench.diagnosis.answer.where import locate
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.acts_in import equations_of
+from sawbench.diagnosis.inference.cell_resonance import with_cell_resonance
 from sawbench.diagnosis.inference.columns import Column
 from sawbench.diagnosis.inference.dispersion import stacked_with_noise, with_noise
-from sawbench.diagnosis.inference.effect_columns import effect_columns
 from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.gain_drift import GainDrift, gain_drifts
 from sawbench.diagnosis.inference.hypothesis import OTHERS, Hypothesis
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, build_problem
+from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.posterior import Posterior, judge
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.weighing import missed_by
@@ -103,9 +103,8 @@ def diagnose(
     campaign = reduce_recordings(
         recordings, loaded, on_trial=lambda done, total, name: say(_REDUCED * done // total, 100, f"reading {name}")
     )
-    problem = build_problem(campaign)
     say(_REDUCED, 100, "computing the signature of every effect")
-    columns = effect_columns(problem)
+    problem, columns = with_cell_resonance(campaign)
     say(_SIGNED, 100, "weighing causes")
     answer = held(problem, columns, judge(problem, columns))
     further: dict[str, Any] = {}

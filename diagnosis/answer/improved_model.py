@@ -121,7 +121,9 @@ def improved_model(
     for known in problem.campaign.plant.known:
         again = _sharpened(known, found)
         effects[known.effect.name] = entry_of(again if learned is not None else with_true_scales(again, found))
-        comments["effects", known.effect.name] = ("known effect; magnitude re-estimated from this campaign",)
+        is_of_sensor = known.effect in problem.campaign.plant.machine.sensor_properties
+        said = "property of the sensor" if is_of_sensor else "known effect"
+        comments["effects", known.effect.name] = (f"{said}; magnitude estimated from this campaign",)
     for known in [] if learned is not None else _found_effects(problem, posterior, members, found):
         effects[known.effect.name] = entry_of(with_true_scales(known, found))
         cause = causes[0]

@@ -52,6 +52,7 @@ def signal_findings(
     found = [
         *_lines(campaign.off_stroke, by_channel),
         *_bursts(campaign.off_stroke),
+        *_resonances(campaign),
         *_wander(wander, by_channel),
         *_drifts(drifts),
     ]
@@ -105,6 +106,18 @@ def _bursts(trials: Sequence[OffStroke]) -> Iterator[Entry]:
             " motor: interference; check relays and drives nearby"
         )
         yield _entry(channel, "bursts", strikes.size, unit, words, strikes.per_s)
+
+
+def _resonances(campaign: Campaign) -> Iterator[Entry]:
+    """Of the sensors by themselves: in the model, be it as configured or as this campaign tells."""
+    for known in campaign.plant.known:
+        if known.effect in campaign.plant.machine.sensor_properties and known.effect.words is not None:
+            hz, damping = known.value, known.form["damping"]
+            words = (
+                f"{known.effect.words.happens} at {hz:.0f} Hz, damping ratio {damping:.2g}, in the model and no gap:"
+                f" {known.effect.words.mend} where what happens above {0.3 * hz:.0f} Hz matters"
+            )
+            yield _entry(FORCE.name, "resonance", 0.5 / damping, "1", words, hz)
 
 
 def _wander(wander: ZeroWander | None, health: dict[str, list[ChannelHealth]]) -> Iterator[Entry]:

@@ -29,6 +29,7 @@ from sawbench.modeling.effects import (
     gear_eccentricity,
     grain_variation,
     guide_friction,
+    load_cell_resonance,
     load_dependent_friction,
     magnet_weakening,
     motor_coulomb_friction,
@@ -75,6 +76,8 @@ EFFECTS: Final[tuple[Effect, ...]] = (
     cogging_torque.EFFECT,
     elastic_load.EFFECT,
 )
+# Of a sensor alone: a model may hold them, and a campaign may show them, but no gap of the machine is due to them.
+SENSOR_PROPERTIES: Final[tuple[Effect, ...]] = (load_cell_resonance.EFFECT,)
 EFFECT_BY_NAME: Final[dict[str, Effect]] = {effect.name: effect for effect in EFFECTS}
 MEMORIES: Final = tuple(dict.fromkeys(memory for effect in EFFECTS for memory in effect.memories))
 

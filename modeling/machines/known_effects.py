@@ -62,7 +62,7 @@ def known_effects(config: BenchConfig, *, path: str, model: Any = None) -> tuple
     if not config.effects:
         return ()
     machine = machine_of(config, path=path)
-    offered = {effect.name: effect for effect in machine.effects(model)}
+    offered = {effect.name: effect for effect in (*machine.effects(model), *machine.sensor_properties)}
     found = []
     for name, entry in config.effects.items():
         where = f"{path}: [effects] {name}"

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from sawbench.bench.processed import Frame
-from sawbench.modeling.effects.catalogue import EFFECTS
+from sawbench.modeling.effects.catalogue import EFFECTS, SENSOR_PROPERTIES
 from sawbench.modeling.effects.effect import Effect, Part
 from sawbench.modeling.load import OAK
 from sawbench.modeling.machines.words import MachineWords, words_of
@@ -61,3 +61,8 @@ class Machine:
             load = OAK if model is None else model.load
             return tuple(replace(effect, strength=effect.strength.at(load)) for effect in offered)
         return tuple(e.variants[self.frame](model) if self.frame in e.variants else e for e in offered)
+
+    @property
+    def sensor_properties(self) -> tuple[Effect, ...]:
+        """What its sensors may have by themselves: part of a model, and never the cause of a gap."""
+        return tuple(one for one in SENSOR_PROPERTIES if self.parts.issuperset(one.parts))

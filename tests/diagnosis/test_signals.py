@@ -39,7 +39,9 @@ def findings(change=lambda rng, time_s, force_n: (time_s, force_n), wander=STILL
         }
         trial = process_recording(Recording(trial=Trial(trial_id=f"t{seed}"), signals=signals), BenchConfig())
         health += channel_health(trial)
-    listed = signal_findings(SimpleNamespace(off_stroke=(), health=tuple(health)), wander)
+    listed = signal_findings(
+        SimpleNamespace(plant=SimpleNamespace(known=()), off_stroke=(), health=tuple(health)), wander
+    )
     assert all(set(s) == {"channel", "finding", "frequency_hz", "magnitude", "unit", "words"} for s in listed)
     assert all(s["channel"] == "force_n" for s in listed)
     return {s["finding"]: s for s in listed}
@@ -107,7 +109,7 @@ def test_a_zero_that_wanders_and_one_that_restarts_elsewhere():
     ("change", "std", "is_named"), [(0.006, 0.001, True), (0.006, 0.004, False), (5e-4, 1e-5, False)]
 )
 def test_a_gain_that_drifts_is_named_where_it_is_certain_and_matters(change, std, is_named):
-    clean = SimpleNamespace(off_stroke=(), health=())
+    clean = SimpleNamespace(plant=SimpleNamespace(known=()), off_stroke=(), health=())
     listed = signal_findings(clean, None, {"motor_current_gain": GainDrift(change=-change, std=std)})
     found = [(s["channel"], s["finding"], s["magnitude"], s["unit"]) for s in listed]
     assert found == ([("motor_current_a", "gain_drift", 0.006, "1")] if is_named else [])

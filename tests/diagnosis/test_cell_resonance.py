@@ -1,0 +1,98 @@
+"""A load cell that rings by itself is found beside whatever else there is, and is no gap; nothing else is one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sawbench.diagnosis.answer.signals import signal_findings
+from sawbench.diagnosis.campaign import with_known
+from sawbench.diagnosis.inference.cell_resonance import with_cell_resonance
+from sawbench.diagnosis.inference.posterior import judge
+from sawbench.diagnosis.signal_health import ChannelHealth
+
+from tests.rigs.jigsaw_in_time import K_CUT, RADIUS
+from tests.rigs.scattered_strokes import problem_of, strokes
+
+pytestmark = pytest.mark.pipeline
+
+RING_HZ, DAMPING = 690.0, 0.05
+RATE_HZ = 5000.0
+
+
+def campaign_of(states, rate_hz=RATE_HZ):
+    health = ChannelHealth(
+        channel="force_n", seconds=10.0, rate_hz=rate_hz, noise=0.5, step=0.0, spikes=0, impacts=0,
+        missing_share=0.0, jitter_share=0.0,
+    )  # fmt: skip
+    return replace(problem_of(states).campaign, health=(health,))
+
+
+@pytest.fixture(scope="module")
+def ringing():
+    return campaign_of(strokes(ring=(RING_HZ, DAMPING)))
+
+
+def test_a_cell_that_rings_is_found_and_no_gap(ringing):
+    problem, columns = with_cell_resonance(ringing)
+    (ring,) = problem.campaign.plant.known
+    assert ring.name == "load_cell_resonance.frequency_hz"
+    assert ring.value == pytest.approx(RING_HZ, abs=max(0.01 * RING_HZ, 3.0 * ring.std))
+    assert ring.form["damping"] == pytest.approx(DAMPING, rel=0.3)
+    assert judge(problem, columns).verdict == "no_gap"
+
+
+def test_it_is_listed_among_the_signals(ringing):
+    problem, _ = with_cell_resonance(ringing)
+    (found,) = [one for one in signal_findings(problem.campaign, None) if one["finding"] == "resonance"]
+    assert found["channel"] == "force_n"
+    assert found["frequency_hz"] == pytest.approx(RING_HZ, rel=0.01)
+    assert found["magnitude"] == pytest.approx(0.5 / DAMPING, rel=0.3)
+    assert f"{found['frequency_hz']:.0f} Hz" in found["words"]
+
+
+def test_one_that_the_configuration_states_is_not_looked_for_again(ringing):
+    (ring,) = with_cell_resonance(ringing)[0].campaign.plant.known
+    stated = with_known(ringing, (ring.at(RING_HZ),))
+    (again,) = with_cell_resonance(stated)[0].campaign.plant.known
+    assert again.value == RING_HZ
+
+
+def test_the_law_of_cutting_is_named_behind_a_cell_that_rings():
+    law = 0.6
+    cut = strokes(cut=lambda speed, travelled, force: 170.0 * speed**law, ring=(RING_HZ, DAMPING))
+    problem, columns = with_cell_resonance(campaign_of(cut))
+    (ring,) = problem.campaign.plant.known
+    assert ring.value == pytest.approx(RING_HZ, rel=0.02)
+    best = judge(problem, columns).best
+    assert best.effects == ("cutting_speed_exponent",)
+    assert best.members[0].strength == pytest.approx(law, abs=0.1)
+
+
+def _late(speed, travelled, force):
+    return K_CUT * speed * np.clip((travelled / (2.0 * RADIUS) - 0.3) / 0.03 + 0.5, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    "machine",
+    [
+        {},
+        {"cut": _late},
+        {"cut": lambda speed, travelled, force: 170.0 * speed**0.6},
+        {"cut": lambda speed, travelled, force: (K_CUT * speed + 12.0) * (speed > 0.0)},
+        {"guide": lambda speed: 6.0 * np.tanh(speed / 0.01)},
+        {"ring": (130.0, 0.04)},
+        {"ring": (380.0, 0.04)},
+        {"lag_force_s": 1e-3},
+    ],
+    ids=["intact", "late teeth", "law", "edge force", "friction", "carriage", "fast carriage", "lag"],
+)
+def test_nothing_else_is_taken_for_it(machine):
+    assert with_cell_resonance(campaign_of(strokes(**machine)))[0].campaign.plant.known == ()
+
+
+def test_what_the_force_was_not_sampled_for_is_not_looked_for(ringing):
+    (health,) = ringing.health
+    slow = replace(ringing, health=(replace(health, rate_hz=900.0),))
+    assert with_cell_resonance(slow)[0].campaign.plant.known == ()
