@@ -90,7 +90,7 @@ def cell_resonance(
     found = _likeliest(with_noise(problem, noise), scaled, scaled.pop(resonance.name))
     if not found.is_shown:
         return None
-    base = next((c for c in effects.get(found.name, ()) if found.base is not None and c.is_form_of(found.base)), None)
+    base = found.base and next(c for c in effects[found.base.effect.name] if c.is_form_of(found.base))
     return _known(problem, _refined(problem, forms, found.ring.column.shape, base), noise)
 
 
@@ -114,11 +114,6 @@ class _Ringing:
     base: Column | None
     gained: float
     scatter: float
-
-    @property
-    def name(self) -> str:
-        """Of the effect beside it; empty without one."""
-        return "" if self.base is None else self.base.effect.name
 
     @property
     def is_shown(self) -> bool:

@@ -98,6 +98,9 @@ may differ (`docs/linear_axis.md`), and without a machine they are those of an a
 _WORKSHOP = """
 ## In the workshop
 
+The last row is of a sensor alone: a model may hold it in `[effects]`, `sawbench diagnose` adds it where a campaign shows
+it, and no gap of the machine is due to it.
+
 | effect | what it is | what to measure | what to do |
 |---|---|---|---|
 """
@@ -109,11 +112,12 @@ def page() -> str:
     Returns
     -------
     str
-        Markdown, one row per effect in each of two tables.
+        Markdown, one row per effect in each of two tables; the second also has the properties of sensors.
 
     Examples
     --------
-    >>> sum(line.startswith("| `") for line in page().splitlines()) == 2 * len(EFFECTS)
+    >>> rows = 2 * len(EFFECTS) + len(SENSOR_PROPERTIES)
+    >>> sum(line.startswith("| `") for line in page().splitlines()) == rows
     True
     """
     return (
@@ -123,7 +127,7 @@ def page() -> str:
         + "|\n"
         + "".join(map(_row, EFFECTS))
         + _WORKSHOP
-        + "".join(map(_words_row, EFFECTS))
+        + "".join(map(_words_row, (*EFFECTS, *SENSOR_PROPERTIES)))
     )
 
 

@@ -289,7 +289,8 @@ def test_hum_that_hides_beside_a_harmonic_is_as_large_as_what_stands_there():
     assert lines[1].amplitude == pytest.approx(0.4, rel=0.1)
     assert max(line.amplitude for n, line in lines.items() if n > 3) < 0.02
     assert {n for n, line in lines.items() if not line.hides} == set(seen)
-    said = [one["words"] for one in signal_findings(SimpleNamespace(health=(), off_stroke=found), None)]
+    campaign = SimpleNamespace(plant=SimpleNamespace(known=()), health=(), off_stroke=found)
+    said = [one["words"] for one in signal_findings(campaign, None)]
     assert len(said) == 3
     assert re.match(r"hum of up to 0\.\d+ A at 50\.\d Hz, beside a harmonic of the stroke: mains pickup", said[-1])
     assert hum_lines(trials(lambda *_: {})) == []
