@@ -98,8 +98,8 @@ may differ (`docs/linear_axis.md`), and without a machine they are those of an a
 _WORKSHOP = """
 ## In the workshop
 
-The last row is of a sensor alone: a model may hold it in `[effects]`, `sawbench diagnose` adds it where a campaign shows
-it, and no gap of the machine is due to it.
+The last row is of a sensor alone: a model may hold it in `[effects]`, `sawbench diagnose` adds it where a campaign
+shows it, and no gap of the machine is due to it.
 
 | effect | what it is | what to measure | what to do |
 |---|---|---|---|
