@@ -84,6 +84,8 @@ def cell_resonance(
         return None
     effects = {name: list(entries) for name, entries in columns.items() if entries}
     rough = _likeliest(problem, effects, forms)
+    if not rough.is_shown:
+        return None
     shown = [rough.ring.column, *([] if rough.base is None else [rough.base])]
     noise = noise_factor_beside(problem, np.hstack([column.of_any_size for column in shown]))
     scaled = columns_with_noise(problem, {**effects, resonance.name: forms}, noise)
