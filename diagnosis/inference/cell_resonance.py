@@ -162,16 +162,19 @@ def _refined(
 
 def _known(problem: LinearProblem, ring: Explanation, noise: Floats) -> KnownEffect:
     """A ring as a model can hold it, its frequency as uncertain as noise, (n,), that nothing explains leaves it."""
-    effect, shape, size = ring.effect, ring.column.shape, coefficients(ring)
+    effect, shape = ring.effect, ring.column.shape
     name = effect.strength.name
     (near,) = columns_in(problem, effect, [{**shape, name: (1.0 + _DIFFERENCE) * shape[name]}])
-    slope = (near.columns - ring.column.columns) @ size[:, None] / _DIFFERENCE
+    slope = (near.columns - ring.column.columns) @ coefficients(ring)[:, None] / _DIFFERENCE
     gram, _ = Marginal(with_noise(problem, noise)).gram(stacked_with_noise(problem, [slope], noise))
     return KnownEffect(
-        effect=effect, value=shape[name], std=shape[name] / float(np.sqrt(gram[0, 0])),
-        form={key: value for key, value in shape.items() if key != name},
-        direction=tuple((size * effect.strength.typical).tolist()),
+        effect=effect, value=_rounded(shape[name]), std=_rounded(shape[name] / float(np.sqrt(gram[0, 0]))),
+        form={key: _rounded(value) for key, value in shape.items() if key != name},
     )  # fmt: skip
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.5g}")
 
 
 def _sampled(campaign: Campaign, resonance: Effect) -> list[dict[str, float]]:

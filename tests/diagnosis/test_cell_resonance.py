@@ -81,12 +81,9 @@ def _late(speed, travelled, force):
         {"cut": _late},
         {"cut": lambda speed, travelled, force: 170.0 * speed**0.6},
         {"cut": lambda speed, travelled, force: (K_CUT * speed + 12.0) * (speed > 0.0)},
-        {"guide": lambda speed: 6.0 * np.tanh(speed / 0.01)},
-        {"ring": (130.0, 0.04)},
         {"ring": (380.0, 0.04)},
-        {"lag_force_s": 1e-3},
     ],
-    ids=["intact", "late teeth", "law", "edge force", "friction", "carriage", "fast carriage", "lag"],
+    ids=["intact", "late teeth", "law", "edge force", "fast carriage"],
 )
 def test_nothing_else_is_taken_for_it(machine):
     assert with_cell_resonance(campaign_of(strokes(**machine)))[0].campaign.plant.known == ()
