@@ -18,12 +18,11 @@ from tests.rigs.scattered_strokes import problem_of, strokes
 pytestmark = pytest.mark.pipeline
 
 RING_HZ, DAMPING = 690.0, 0.05
-RATE_HZ = 5000.0
 
 
-def campaign_of(states, rate_hz=RATE_HZ):
+def campaign_of(states):
     health = ChannelHealth(
-        channel="force_n", seconds=10.0, rate_hz=rate_hz, noise=0.5, step=0.0, spikes=0, impacts=0,
+        channel="force_n", seconds=10.0, rate_hz=5000.0, noise=0.5, step=0.0, spikes=0, impacts=0,
         missing_share=0.0, jitter_share=0.0,
     )  # fmt: skip
     return replace(problem_of(states).campaign, health=(health,))
@@ -34,8 +33,13 @@ def ringing():
     return campaign_of(strokes(ring=(RING_HZ, DAMPING)))
 
 
-def test_a_cell_that_rings_is_found_and_no_gap(ringing):
-    problem, columns = with_cell_resonance(ringing)
+@pytest.fixture(scope="module")
+def found(ringing):
+    return with_cell_resonance(ringing)
+
+
+def test_a_cell_that_rings_is_found_and_no_gap(found):
+    problem, columns = found
     (ring,) = problem.campaign.plant.known
     assert ring.name == "load_cell_resonance.frequency_hz"
     assert ring.value == pytest.approx(RING_HZ, abs=max(0.01 * RING_HZ, 3.0 * ring.std))
@@ -43,17 +47,16 @@ def test_a_cell_that_rings_is_found_and_no_gap(ringing):
     assert judge(problem, columns).verdict == "no_gap"
 
 
-def test_it_is_listed_among_the_signals(ringing):
-    problem, _ = with_cell_resonance(ringing)
-    (found,) = [one for one in signal_findings(problem.campaign, None) if one["finding"] == "resonance"]
-    assert found["channel"] == "force_n"
-    assert found["frequency_hz"] == pytest.approx(RING_HZ, rel=0.01)
-    assert found["magnitude"] == pytest.approx(0.5 / DAMPING, rel=0.3)
-    assert f"{found['frequency_hz']:.0f} Hz" in found["words"]
+def test_it_is_listed_among_the_signals(found):
+    (listed,) = [one for one in signal_findings(found[0].campaign, None) if one["finding"] == "resonance"]
+    assert listed["channel"] == "force_n"
+    assert listed["frequency_hz"] == pytest.approx(RING_HZ, rel=0.01)
+    assert listed["magnitude"] == pytest.approx(0.5 / DAMPING, rel=0.3)
+    assert f"{listed['frequency_hz']:.0f} Hz" in listed["words"]
 
 
-def test_one_that_the_configuration_states_is_not_looked_for_again(ringing):
-    (ring,) = with_cell_resonance(ringing)[0].campaign.plant.known
+def test_one_that_the_configuration_states_is_not_looked_for_again(ringing, found):
+    (ring,) = found[0].campaign.plant.known
     stated = with_known(ringing, (ring.at(RING_HZ),))
     (again,) = with_cell_resonance(stated)[0].campaign.plant.known
     assert again.value == RING_HZ
