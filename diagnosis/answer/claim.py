@@ -154,7 +154,11 @@ def is_background(member: Explanation, *, surely: bool = False) -> bool:
 def _failing(
     problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior, predictions: Predictions
 ) -> str | None:
-    """Effect of the likeliest hypothesis that must not be declared, the one that adds least; None where all may."""
+    """Effect of the likeliest hypothesis that must not be declared; None where all may.
+
+    Of several, one that is too small for a cause goes first, then the one that adds least: what is there a little on
+    every machine must not take the place of a cause.
+    """
     best = posterior.best
     carried = carried_by_strokes(problem, posterior, best)
     in_means = tuple(name for name in best.effects if name not in carried)
@@ -162,7 +166,7 @@ def _failing(
     closes = bool(in_means) and any(
         _predicts(problem, predictions, cause) for cause in (_found(posterior, in_means), best)
     )
-    failing: dict[str, float] = {}
+    failing: dict[str, tuple[bool, float]] = {}
     for member in sized_members(problem, columns, posterior, best):
         name = member.effect.name
         added, left = _added(problem, posterior, predictions, member)
@@ -171,15 +175,16 @@ def _failing(
         is_enough = is_cause(problem, posterior, predictions, member, by_strokes=name in carried)
         said = posterior.strokes.get(name) if name in carried else None
         if not (predicts and is_enough and is_there(member, said)):
-            failing[name] = float(added.sum())
+            failing[name] = (is_enough, float(added.sum()))
     return min(failing, key=lambda name: failing[name], default=None)
 
 
 def is_cause(
     problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation, *, by_strokes: bool
 ) -> bool:
-    """Whether an effect is more than what every machine has, or most of a gap.
+    """Whether an effect is more than what every machine has, or alone most of a gap.
 
+    A machine has a little of many effects: beside a cause, what is small is one of those.
     A wave of any form explains all that is fixed in angle, and a trend of single strokes all that drifts: where that is
     surely of background size, it is something else. Of an effect whose number belongs to its form and may be any (a
     frequency), how much of the form is there says no more.
@@ -188,22 +193,21 @@ def is_cause(
         return not is_background(member, surely=True)
     has_size = not member.effect.carries or member.effect.strength.usual is not None
     is_small = is_background(member, surely=not has_size)
-    return not is_small or is_most_of_a_gap(problem, posterior, predictions, member)
+    is_alone = len(posterior.best.effects) == 1
+    return not is_small or (is_alone and is_most_of_a_gap(problem, posterior, predictions, member))
 
 
 def is_most_of_a_gap(
     problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation
 ) -> bool:
-    """Whether the model without one effect of the likeliest hypothesis leaves a gap where that acts, and most by it.
+    """Whether the model without the only effect of the likeliest hypothesis leaves a gap where that acts, most by it.
 
     What background effects explain is no gap.
     """
     if _is_quiet(problem, posterior):
         return False
-    rest = posterior.best.without(member.effect.name)
-    cause, rung = (_found(posterior, rest), "with_effect") if rest else (posterior.best, "retuned")
-    ladder, weights = predictions.of(cause).ladder, problem.settings.weights
-    if not leaves_a_gap(ladder, acts_in(problem, member), rung=rung, quiet=problem.quiet, weights=weights):
+    ladder, weights = predictions.of(posterior.best).ladder, problem.settings.weights
+    if not leaves_a_gap(ladder, acts_in(problem, member), rung="retuned", quiet=problem.quiet, weights=weights):
         return False
     added, left = _added(problem, posterior, predictions, member)
     return float(added.sum()) > _MOST * left

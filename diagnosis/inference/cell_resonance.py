@@ -2,13 +2,13 @@
 
 All of the force goes through the cell, so a ring has one size only, and a frequency and a damping that are the same in
 every trial. What the edges of a force do that no form of the catalogue has right may look like a ring too. So the ring
-is compared beside the best effect, with the best second effect in its place.
+is compared beside the best effect as it shows that, with the best second effect in its place.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -34,6 +34,8 @@ from sawbench.modeling.effects.known import KnownEffect
 # Above this share of the sample rate a filter before the converter takes off what rings, or it appears elsewhere.
 _HIGHEST: Final = 0.45
 _DIFFERENCE: Final = 1e-3
+_INSIDE: Final = 1.0 + 1e-6
+_MOST_EFFECTS: Final = 2
 
 
 def with_cell_resonance(campaign: Campaign) -> tuple[LinearProblem, dict[str, list[Column]]]:
@@ -77,87 +79,105 @@ def cell_resonance(
     Returns
     -------
     KnownEffect or None
-        None where the best second effect of the catalogue explains as much in its place.
+        None where the best further effect of the catalogue explains as much in its place.
     """
     forms = columns_in(problem, resonance, _sampled(problem.campaign, resonance))
     if not forms:
         return None
     effects = {name: list(entries) for name, entries in columns.items() if entries}
-    rough = _likeliest(problem, effects, forms)
-    if not rough.is_shown:
+    weighing = _Weighing(problem, effects)
+    found = weighing.likeliest(forms)
+    if not (_is_inside(found.ring.column, forms) and weighing.is_shown(found, n_forms=len(forms))):
         return None
-    shown = [rough.ring.column, *([] if rough.base is None else [rough.base])]
-    noise = noise_factor_beside(problem, np.hstack([column.of_any_size for column in shown]))
-    scaled = columns_with_noise(problem, {**effects, resonance.name: forms}, noise)
-    found = _likeliest(with_noise(problem, noise), scaled, scaled.pop(resonance.name))
-    if not found.is_shown:
+    noise = noise_factor_beside(problem, np.hstack([column.of_any_size for column in found.columns]))
+    weighing = _Weighing(with_noise(problem, noise), columns_with_noise(problem, effects, noise))
+    if not weighing.is_shown(found.with_noise(problem, noise), n_forms=len(forms)):
         return None
-    base = found.base and next(c for c in effects[found.base.effect.name] if c.is_form_of(found.base))
-    return _known(problem, _refined(problem, forms, found.ring.column.shape, base), noise)
+    return _known(problem, found.ring, noise)
+
+
+def _is_inside(ring: Column, forms: Sequence[Column]) -> bool:
+    """Whether a ring has a frequency between those of its forms: at the end of their range what rings is beyond."""
+    name = ring.effect.strength.name
+    every = [form.shape[name] for form in forms]
+    return min(every) * _INSIDE < ring.shape[name] < max(every) / _INSIDE
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Ringing:
-    """The likeliest ring.
+    """A ring beside the effect that explains most with it.
 
     Attributes
     ----------
     ring : Explanation
-        Beside the effect that leaves most evidence with it.
     base : Column, optional
-        Best form of that effect; None where the ring is best alone.
-    gained : float
-        Log evidence beyond that of the best effect with the best second one in the ring's place.
-    scatter : float
-        Standard deviation of that one's log evidence, its square root; at least `settings.Report.odds`.
+        Of the effect as the ring shows it; None where the ring is best alone.
     """
 
     ring: Explanation
     base: Column | None
-    gained: float
-    scatter: float
 
     @property
-    def is_shown(self) -> bool:
-        return self.gained > self.scatter
+    def columns(self) -> list[Column]:
+        """Of the ring, and of the effect if there is one."""
+        return [self.ring.column, *([] if self.base is None else [self.base])]
+
+    def with_noise(self, problem: LinearProblem, variance: Floats) -> _Ringing:
+        """Both whitened for noise whose variance is that much larger, (n,)."""
+        ring, *base = columns_with_noise(problem, {"": self.columns}, variance)[""]
+        return _Ringing(ring=replace(self.ring, column=ring), base=next(iter(base), None))
 
 
-def _likeliest(problem: LinearProblem, effects: dict[str, list[Column]], forms: Sequence[Column]) -> _Ringing:
-    alone, catalogue = Marginal(problem), Catalogue(effects, problem.data)
-    half = alone.half(catalogue.stacked)
-    found = worth_it(catalogue.explain(alone, half), problem.settings.forms.worth_forming)
-    best = [None, *(e.column for e in found[: problem.settings.forms.n_first])]
-    given = [alone if column is None else alone.beside(column.of_any_size) for column in best]
-    rings = [
-        (explain(marginal, forms), column, marginal.log_evidence) for marginal, column in zip(given, best, strict=True)
-    ]
-    ring, base, with_ring = max(
-        ((ring, column, before + ring.log_evidence) for ring, column, before in rings if ring is not None),
-        key=lambda each: each[2],
-    )
-    first = max(range(len(given)), key=lambda k: given[k].log_evidence)
-    column = best[first]
-    names = () if column is None else (column.effect.name,)
-    of_first = half if column is None else given[first].half(catalogue.stacked, half)
-    seconds = catalogue.explain(given[first], of_first, beside=names)
-    second = max((e.log_evidence for name, e in seconds.items() if name not in names), default=0.0)
-    without = given[first].log_evidence + max(second, 0.0)
-    scatter = max(np.sqrt(max(without - alone.log_evidence, 0.0)), np.log(problem.settings.report.odds))
-    return _Ringing(ring=ring, base=base, gained=with_ring - without, scatter=float(scatter))
+class _Weighing:
+    """What a ring explains beside the best effects of the catalogue, and what these explain without it."""
 
+    def __init__(self, problem: LinearProblem, effects: dict[str, list[Column]]) -> None:
+        self._problem, self._alone = problem, Marginal(problem)
+        self._catalogue = Catalogue(effects, problem.data)
+        self._half = self._alone.half(self._catalogue.stacked)
+        numbers = problem.settings.forms
+        found = worth_it(self._catalogue.explain(self._alone, self._half), numbers.worth_forming)
+        best = [one.column for one in found[: numbers.n_first]]
+        self._given = [(None, self._alone), *((column, self._beside(column)) for column in best)]
 
-def _refined(
-    problem: LinearProblem, forms: Sequence[Column], shape: dict[str, float], base: Column | None
-) -> Explanation:
-    """Refine the ring, from a shape of its forms, beside an effect as the ring shows that."""
-    alone = Marginal(problem)
-    pair = None if base is None else best_shown_pair(problem, alone, forms, base)
-    if pair is not None:
-        return pair.sensor
-    marginal = alone if base is None else alone.beside(base.of_any_size)
-    begun = explain(marginal, [form for form in forms if form.shape == shape])
-    assert begun is not None
-    return climbed(problem, marginal, begun)
+    def likeliest(self, forms: Sequence[Column]) -> _Ringing:
+        """Best ring, with the effect beside which it is best; both between the forms of the catalogue."""
+        rings = [(base, marginal, explain(marginal, forms)) for base, marginal in self._given]
+        base, marginal, ring = max(
+            ((base, marginal, ring) for base, marginal, ring in rings if ring is not None),
+            key=lambda each: each[1].log_evidence + each[2].log_evidence,
+        )
+        pair = None if base is None else best_shown_pair(self._problem, self._alone, forms, base)
+        if pair is not None:
+            return _Ringing(ring=pair.sensor, base=pair.shown.column)
+        return _Ringing(ring=climbed(self._problem, marginal, ring), base=base)
+
+    def is_shown(self, found: _Ringing, *, n_forms: int) -> bool:
+        """Whether a ring, the best of so many forms, gains more than the best further effect in its place.
+
+        Beside one effect, or beside two. More by the standard deviation of the log evidence without it, its square
+        root; at least by `settings.Report.odds`.
+        """
+        least = np.log(self._problem.settings.report.odds)
+        best, without = max(self._given, key=lambda each: each[1].log_evidence)
+        names = [] if best is None else [best.effect.name]
+        shown, stacked = self._beside(found.base), self._catalogue.stacked
+        half = self._half if best is None else without.half(stacked, self._half)
+        for _ in range(_MOST_EFFECTS):
+            ring = explain(shown, [found.ring.column])
+            others = self._catalogue.explain(without, half, beside=names)
+            further = max((one for name, one in others.items() if name not in names), key=lambda one: one.log_evidence)
+            rival = without.log_evidence + max(further.log_evidence, 0.0)
+            scatter = max(np.sqrt(max(rival - self._alone.log_evidence, 0.0)), least)
+            if ring is not None and shown.log_evidence + ring.log_evidence - np.log(n_forms) - rival > scatter:
+                return True
+            names.append(further.effect.name)
+            without, shown = (one.beside(further.column.of_any_size) for one in (without, shown))
+            half = without.half(stacked, half)
+        return False
+
+    def _beside(self, column: Column | None) -> Marginal:
+        return self._alone if column is None else self._alone.beside(column.of_any_size)
 
 
 def _known(problem: LinearProblem, ring: Explanation, noise: Floats) -> KnownEffect:

@@ -39,7 +39,7 @@ EFFECT = Effect(
     ),
     parts=("blade",),
     silent_in=("air",),
-    strength=Strength(name="fraction", unit="1", typical=1.0, low=0.7, high=1.3, source="assumed"),
+    strength=Strength(name="fraction", unit="1", typical=1.0, low=0.7, high=1.3, usual=0.1, source="assumed"),
     signature=_signature,
     shapes=tuple({"fraction": d, "ramp": ramp} for d in _FRACTIONS for ramp in (0.01, 0.03, 0.08)),
     continuous=("fraction", "ramp"),
@@ -49,10 +49,6 @@ EFFECT = Effect(
     grows_with=("position",),
     confused_with=("yoke_backlash", "cutting_speed_exponent", "force_sensor_lag"),
     told_apart_by="trials at several speeds: it stays at the same blade position",
-    background=(
-        ({"fraction": 0.003, "ramp": 0.0005}, 1.0),
-        ({"fraction": 0.003, "ramp": 0.003}, 1.0),
-        ({"fraction": 0.006, "ramp": 0.003}, 1.0),
-        ({"fraction": 0.01, "ramp": 0.01}, 0.5),
-    ),
+    # From half of the force at the very start to all of it at half of the ramp.
+    background=tuple(({"fraction": 0.0, "ramp": ramp}, 1.0) for ramp in (0.01, 0.02, 0.04, 0.08, 0.16)),
 )

@@ -26,7 +26,7 @@ EFFECT = replace(
     ),
     strength=Strength(name="frequency_hz", unit="Hz", typical=1.0, low=0.8, high=1.25, source="assumed"),
     n_signatures=lambda shape: 1,
-    shapes=tuple({"frequency_hz": f, "damping": z} for f in _FREQUENCIES_HZ for z in (0.02, 0.04, 0.08, 0.16)),
+    shapes=tuple({"frequency_hz": f, "damping": z} for f in _FREQUENCIES_HZ for z in (0.01, 0.02, 0.04, 0.08, 0.16)),
     continuous=("frequency_hz", "damping"),
     leading=0,
     confused_with=(),

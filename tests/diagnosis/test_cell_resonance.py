@@ -73,6 +73,17 @@ def test_the_law_of_cutting_is_named_behind_a_cell_that_rings():
     assert best.members[0].strength == pytest.approx(law, abs=0.1)
 
 
+def test_a_narrow_one_behind_sharper_edges_is_found():
+    """It falls between the forms, and an edge force that rings is another wave than the two side by side."""
+    ring_hz, damping = 623.0, 0.015
+    cut = strokes(
+        cut=lambda speed, travelled, force: K_CUT * speed + 60.0 * np.tanh(speed / 0.08), ring=(ring_hz, damping)
+    )
+    (ring,) = with_cell_resonance(campaign_of(cut))[0].campaign.plant.known
+    assert ring.value == pytest.approx(ring_hz, rel=0.01)
+    assert ring.form["damping"] < 2.0 * damping
+
+
 def _late(speed, travelled, force):
     return K_CUT * speed * np.clip((travelled / (2.0 * RADIUS) - 0.3) / 0.03 + 0.5, 0.0, 1.0)
 
@@ -85,8 +96,9 @@ def _late(speed, travelled, force):
         {"cut": lambda speed, travelled, force: 170.0 * speed**0.6},
         {"cut": lambda speed, travelled, force: (K_CUT * speed + 12.0) * (speed > 0.0)},
         {"ring": (380.0, 0.04)},
+        {"ring": (445.0, 0.06)},
     ],
-    ids=["intact", "late teeth", "law", "edge force", "fast carriage"],
+    ids=["intact", "late teeth", "law", "edge force", "fast carriage", "just below the range"],
 )
 def test_nothing_else_is_taken_for_it(machine):
     assert with_cell_resonance(campaign_of(strokes(**machine)))[0].campaign.plant.known == ()

@@ -32,6 +32,7 @@ from sawbench.diagnosis.inference.stroke_evidence import StrokesSay
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 from sawbench.modeling.state import State
 
+from tests.rigs.jigsaw_in_time import K_CUT, RADIUS
 from tests.rigs.scattered_strokes import problem_of, strokes
 
 pytestmark = pytest.mark.pipeline
@@ -429,11 +430,49 @@ def test_a_little_of_an_effect_is_a_cause_where_it_alone_is_the_gap(problem, col
     assert not held(0.0)
 
 
+def test_a_little_of_an_effect_is_no_cause_beside_another_one(problem, columns):
+    """A machine has a little of many effects: beside a friction, a fifth of a rubbing is one of these."""
+
+    def declared(size):
+        both = with_columns(with_columns(problem, columns, FRICTION, 1.0), columns, RUBBING, size)
+        return answered(both, columns)
+
+    whole, _, _ = declared(1.0)
+    assert set(whole.best.effects) == {FRICTION, RUBBING}, "else there is no pair to begin with"
+    before, after, _ = declared(0.2)
+    assert set(before.best.effects) == {FRICTION, RUBBING}, "else there is nothing to take out"
+    assert after.best.effects == (FRICTION,)
+
+
+def test_what_is_small_is_taken_out_before_what_adds_less(problem, columns, monkeypatch):
+    """A weakening of the magnets lost its place to two per cent of a late engagement, which adds more where it acts."""
+    data = with_columns(with_columns(problem, columns, FRICTION, 1.0), columns, RUBBING, 0.2)
+    pair = certain_of(judge(data, columns), f"{FRICTION} + {RUBBING}")
+    added = {FRICTION: -1.0, RUBBING: 5.0}
+    monkeypatch.setattr(claim, "_added", lambda *given: (np.full(3, added[given[3].effect.name]), 100.0))
+    held = held_to_predictions(data, columns, pair, OfFeatures(data, columns, pair))
+    assert FRICTION in held.best.effects
+
+
 def test_a_hundredth_of_a_millimetre_of_play_is_in_every_yoke(problem, columns):
     """In air it is crossed elsewhere than under load; as one wave for both it was an unknown cause with 70 nats."""
     in_air, under_load = np.split(columns["yoke_backlash"][0].columns, 2, axis=1)
     play = 0.04 * (in_air[:, 0] - under_load[:, 1] - in_air[:, 3] + under_load[:, 2])
     assert judge(replace(problem, data=problem.data + play), columns).best.name == "no_gap"
+
+
+def test_teeth_that_take_the_cut_up_one_after_the_other_are_on_every_saw():
+    """Behind a soft start of the cut, the magnets' weakening was a late engagement of 2 %."""
+
+    def verdict(share_of_travel):
+        def cut(speed, travelled, force):
+            return K_CUT * speed * (1.0 - np.exp(-travelled / (share_of_travel * 2.0 * RADIUS)))
+
+        soft = problem_of(strokes(cut=cut))
+        return judge(soft, catalogue_columns(soft, soft.campaign.plant.effects)).verdict
+
+    assert verdict(0.03) == "no_gap"
+    assert verdict(0.15) != "no_gap"
 
 
 @pytest.mark.parametrize(("size", "is_declared"), [(0.06, False), (1.0, True)])
