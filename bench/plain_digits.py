@@ -34,6 +34,17 @@ def fitting_unit(value: float, unit: str) -> tuple[str, float]:
     return next((name, factor) for least, name, factor in steps if abs(value) >= least or least == 0.0)
 
 
+def rounded(value: float, digits: int = 5) -> float:
+    """Round to so many significant digits.
+
+    Examples
+    --------
+    >>> rounded(742.123456), rounded(0.000123456, 2), rounded(0.0)
+    (742.12, 0.00012, 0.0)
+    """
+    return float(f"{value:.{digits}g}")
+
+
 def plain(value: float, unit: str = "", *, digits: int = 2) -> str:
     """Write a number to so many significant digits, without an exponent, in a unit of fitting size.
 

@@ -20,6 +20,7 @@ from typing import Any, Final, get_args
 import numpy as np
 from sawbench.bench.config import BatteryConfig
 from sawbench.bench.errors import InputError, UntrustedResult
+from sawbench.bench.plain_digits import rounded
 from sawbench.modeling.battery_fit import BatteryFit, BatteryModel, charge_left, fit_battery
 from sawbench.modeling.measured_discharge import MeasuredDischarge, common_cutoff
 
@@ -32,6 +33,8 @@ _LARGEST_REL_STD: Final = 1.0
 _LONGEST_RUN: Final = 3.0
 _A_S_PER_AH: Final = 3600.0
 _CURVE_POINTS, _TABLE_POINTS, _LEAST_SLOPE = 400, 41, 1e-5
+# Significant digits of what goes into a configuration.
+_DIGITS: Final = 6
 # The state of charge at which the voltage alone ends a run: 0, but for the limit of the configuration.
 _EMPTY_SOC: Final = 1e-3
 
@@ -243,7 +246,7 @@ def _jackknife(folds: Sequence[BatteryFit], cutoff_v: float) -> dict[str, float]
     names = [name for name, value in tables[0].items() if isinstance(value, float) and name != "cutoff_voltage_v"]
     values = np.array([[table[name] for name in names] for table in tables])
     spread = np.sqrt((len(folds) - 1) / len(folds) * np.sum((values - values.mean(axis=0)) ** 2, axis=0))
-    return {name: _rounded(std, 2) for name, std in zip(names, spread, strict=True) if std > 0}
+    return {name: rounded(std, 2) for name, std in zip(names, spread, strict=True) if std > 0}
 
 
 def battery_table(fit: BatteryFit, cutoff_voltage_v: float) -> dict[str, Any]:
@@ -258,20 +261,23 @@ def battery_table(fit: BatteryFit, cutoff_voltage_v: float) -> dict[str, Any]:
         rising_v = np.maximum.accumulate(voltage_v) + _LEAST_SLOPE * voltage_v[-1] * (soc - 1.0)
         full_v, curve = float(rising_v[-1]), {"soc": [round(float(s), 4) for s in soc]}
         curve["share"] = [round(float(v / full_v), 7) for v in rising_v]
-        own: dict[str, Any] = {"nominal_voltage_v": _rounded(full_v), "capacity_ah": _rounded(fit.capacity_ah)}
+        own: dict[str, Any] = {
+            "nominal_voltage_v": rounded(full_v, _DIGITS),
+            "capacity_ah": rounded(fit.capacity_ah, _DIGITS),
+        }
         own["open_circuit"] = curve
     else:
         assert fit.nominal_voltage_v is not None and fit.beta is not None
         left = charge_left(cutoff_voltage_v, fit.nominal_voltage_v, fit.beta)
         own = {
-            "nominal_voltage_v": _rounded(fit.nominal_voltage_v),
-            "capacity_ah": _rounded(fit.capacity_ah * (1.0 - left)),
+            "nominal_voltage_v": rounded(fit.nominal_voltage_v, _DIGITS),
+            "capacity_ah": rounded(fit.capacity_ah * (1.0 - left), _DIGITS),
             # The end of a flat curve lies in 1 - beta: rounded itself, beta could become 1.
-            "beta": round(1.0 - _rounded(1.0 - fit.beta), 15),
-            "shape_ratio": _rounded(1.0 / (1.0 - left)),
+            "beta": round(1.0 - rounded(1.0 - fit.beta, _DIGITS), 15),
+            "shape_ratio": rounded(1.0 / (1.0 - left), _DIGITS),
         }
-    own["internal_resistance_ohm"] = _rounded(fit.internal_resistance_ohm)
-    return own | {"cutoff_voltage_v": _rounded(cutoff_voltage_v)}
+    own["internal_resistance_ohm"] = rounded(fit.internal_resistance_ohm, _DIGITS)
+    return own | {"cutoff_voltage_v": rounded(cutoff_voltage_v, _DIGITS)}
 
 
 def battery_config(choice: BatteryChoice, *, cutoff_soc: float | None = None) -> dict[str, Any]:
@@ -294,7 +300,7 @@ def battery_config(choice: BatteryChoice, *, cutoff_soc: float | None = None) ->
     fitted: dict[str, Any] = {
         "variant": choice.fit.model,
         "n_discharges": len(discharges),
-        "runtime_rel_std": _rounded(choice.chosen.rel_std, 3),
+        "runtime_rel_std": rounded(choice.chosen.rel_std, 3),
         "current_a": _range([d.mean_current_a for d in discharges]),
         "soc": [max(0.0, round(1.0 - most_ah / table["capacity_ah"], 3)), 1.0],
     }
@@ -312,11 +318,7 @@ def battery_config(choice: BatteryChoice, *, cutoff_soc: float | None = None) ->
 
 
 def _range(values: Sequence[float]) -> list[float]:
-    return [_rounded(min(values), 4), _rounded(max(values), 4)]
-
-
-def _rounded(value: float, n_digits: int = 6) -> float:
-    return float(f"{value:.{n_digits}g}")
+    return [rounded(min(values), 4), rounded(max(values), 4)]
 
 
 def _nothing_holds(trials: Sequence[ModelTrial], largest_own_miss: float) -> UntrustedResult:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from sawbench.bench.plain_digits import rounded
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.channel_gap import CHANNELS, MODELS, ChannelGap, Cycle
 from sawbench.diagnosis.answer.standing_out import Cell, find_cells
@@ -23,7 +24,6 @@ _N_STROKES = 3
 _N_POINTS = 64
 _N_SECTORS = 36
 _N_ALIKE, _N_EVIDENCE = 10, 20
-_DIGITS = 5
 
 
 def detail(problem: LinearProblem, posterior: Posterior, channels: ChannelGap | None) -> dict[str, Any]:
@@ -109,11 +109,7 @@ def _stroke(cycle: Cycle) -> dict[str, Any]:
 
 def _curve(wave: Floats) -> list[float]:
     pairs = wave.reshape(_N_POINTS, -1).mean(axis=1)
-    return [_rounded(value) for value in pairs]
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.{_DIGITS}g}")
+    return [rounded(value) for value in pairs]
 
 
 def _map(problem: LinearProblem, posterior: Posterior) -> dict[str, Any]:
@@ -136,7 +132,7 @@ def _map(problem: LinearProblem, posterior: Posterior) -> dict[str, Any]:
             equation: {
                 "unit": forms[equation].unit,  # type: ignore[index]
                 "values": [
-                    [_rounded(v) for v in np.mean(by_point[point], axis=0)] if point in by_point else None
+                    [rounded(v) for v in np.mean(by_point[point], axis=0)] if point in by_point else None
                     for point in points
                 ],
             }

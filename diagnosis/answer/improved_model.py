@@ -16,6 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 from sawbench.bench.config import MOST_REL_STD, BatteryConfig, LoadedConfig, SensorConfig
+from sawbench.bench.plain_digits import rounded
 from sawbench.bench.recording import Floats
 from sawbench.bench.toml_writing import toml_text
 from sawbench.diagnosis.answer.learned_term import LearnedAnswer
@@ -239,9 +240,7 @@ def _sharpened(known: KnownEffect, found: Solution) -> KnownEffect:
     k = found.names.index(known.name)
     value = known.value + float(found.values[k]) * known.std
     is_possible = value > 0.0 or known.value < 0.0
-    return (
-        replace(known, value=_rounded(value), std=_rounded(float(found.stds[k]) * known.std)) if is_possible else known
-    )
+    return replace(known, value=rounded(value), std=rounded(float(found.stds[k]) * known.std)) if is_possible else known
 
 
 def found_effects(problem: LinearProblem, posterior: Posterior, members: Sequence[Explanation]) -> list[KnownEffect]:
@@ -275,11 +274,11 @@ def _found_effects(
         known.append(
             KnownEffect(
                 effect=effect,
-                value=_rounded(value),
-                std=_rounded(float(np.hypot(std, value - stated))),
+                value=rounded(value),
+                std=rounded(float(np.hypot(std, value - stated))),
                 form={key: number for key, number in member.column.shape.items() if key not in carried},
-                direction=(1.0,) if count == 1 else tuple(_rounded(s) for s in sizes / np.abs(sizes).max()),
-                scales={name: _rounded(_scale(problem, name)) for name in effect.scales},
+                direction=(1.0,) if count == 1 else tuple(rounded(s) for s in sizes / np.abs(sizes).max()),
+                scales={name: rounded(_scale(problem, name)) for name in effect.scales},
             )
         )
     return known
@@ -327,7 +326,7 @@ def with_true_scales(known: KnownEffect, found: Solution) -> KnownEffect:
     def true(name: str, value: float) -> float:
         if name not in _CHANNEL_OF:
             return value
-        return _rounded(float(_read_by(found, _CHANNEL_OF[name]).true(np.array(value))))
+        return rounded(float(_read_by(found, _CHANNEL_OF[name]).true(np.array(value))))
 
     return replace(known, scales={name: true(name, value) for name, value in known.scales.items()})
 
@@ -341,7 +340,3 @@ def _scale(problem: LinearProblem, name: str) -> float:
 def _read_by(found: Solution, channel: str) -> SensorConfig:
     gain, offset = _SENSORS[channel]
     return SensorConfig().after(1.0 + found.shift(gain), found.shift(offset))
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.5g}")

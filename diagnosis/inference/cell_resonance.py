@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from sawbench.bench.plain_digits import rounded
 from sawbench.bench.recording import Floats
 from sawbench.bench.units import FORCE
 from sawbench.diagnosis.campaign import Campaign, with_known
@@ -188,13 +189,9 @@ def _known(problem: LinearProblem, ring: Explanation, noise: Floats) -> KnownEff
     slope = (near.columns - ring.column.columns) @ coefficients(ring)[:, None] / _DIFFERENCE
     gram, _ = Marginal(with_noise(problem, noise)).gram(stacked_with_noise(problem, [slope], noise))
     return KnownEffect(
-        effect=effect, value=_rounded(shape[name]), std=_rounded(shape[name] / float(np.sqrt(gram[0, 0]))),
-        form={key: _rounded(value) for key, value in shape.items() if key != name},
+        effect=effect, value=rounded(shape[name]), std=rounded(shape[name] / float(np.sqrt(gram[0, 0]))),
+        form={key: rounded(value) for key, value in shape.items() if key != name},
     )  # fmt: skip
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.5g}")
 
 
 def _sampled(campaign: Campaign, resonance: Effect) -> list[dict[str, float]]:

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 from sawbench.bench.errors import ConfigError
+from sawbench.bench.plain_digits import rounded
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.effects.learned import (
@@ -137,4 +138,4 @@ def _array(stated: Any, key: str, where: str) -> Floats:
 
 
 def _rounded(values: Floats) -> Any:
-    return np.vectorize(lambda v: float(f"{v:.5g}"), otypes=[float])(values).tolist()
+    return np.vectorize(rounded, otypes=[float])(values).tolist()
