@@ -2,7 +2,7 @@
 
 All of the force goes through the cell, so a ring has one size only, and a frequency and a damping that are the same in
 every trial. What the edges of a force do that no form of the catalogue has right may look like a ring too. So the ring
-is compared beside the best effect as it shows that, with the best second effect in its place.
+is compared beside the best effect as it shows that, or the best two, with the best further effect in its place.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ from sawbench.modeling.effects.known import KnownEffect
 # Above this share of the sample rate a filter before the converter takes off what rings, or it appears elsewhere.
 _HIGHEST: Final = 0.45
 _DIFFERENCE: Final = 1e-3
+# A ring that was refined to the end of its range is there but for rounding.
 _INSIDE: Final = 1.0 + 1e-6
-_MOST_EFFECTS: Final = 2
 
 
 def with_cell_resonance(campaign: Campaign) -> tuple[LinearProblem, dict[str, list[Column]]]:
@@ -164,7 +164,7 @@ class _Weighing:
         names = [] if best is None else [best.effect.name]
         shown, stacked = self._beside(found.base), self._catalogue.stacked
         half = self._half if best is None else without.half(stacked, self._half)
-        for _ in range(_MOST_EFFECTS):
+        for is_last in (False, True):
             ring = explain(shown, [found.ring.column])
             others = self._catalogue.explain(without, half, beside=names)
             further = max((one for name, one in others.items() if name not in names), key=lambda one: one.log_evidence)
@@ -172,6 +172,8 @@ class _Weighing:
             scatter = max(np.sqrt(max(rival - self._alone.log_evidence, 0.0)), least)
             if ring is not None and shown.log_evidence + ring.log_evidence - np.log(n_forms) - rival > scatter:
                 return True
+            if is_last:
+                break
             names.append(further.effect.name)
             without, shown = (one.beside(further.column.of_any_size) for one in (without, shown))
             half = without.half(stacked, half)

@@ -6,6 +6,8 @@ Fixed in position, at any speed; the reading is the true force. Residual: negati
 positive after it where k_Fc was regressed over the whole cutting half: that is too small, by the share of the squared
 speed that is travelled without a force. Backlash delays by far less and also bends the displacement; a lag moves with
 the stroke rate. Range 2 to 40 % of the travel: assumed (play of blade and workpiece, tooth pitch over thickness).
+On every saw the teeth take the cut up one after the other, within a tooth pitch (up to 4 mm): a force that rises softly
+from the very start, over up to a twelfth of the travel, is background.
 """
 
 from __future__ import annotations

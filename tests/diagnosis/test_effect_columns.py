@@ -58,17 +58,20 @@ def test_a_law_of_cutting_is_found_beside_a_late_force(problem, columns):
 def test_the_sum_of_two_signatures_leaves_more(problem, columns):
     alone = Marginal(problem)
 
-    def left_by_both(entries):
-        """Least that a late force and a law of cutting leave together, each in any form."""
+    def by_both(entries):
+        """Least that a late force and a law of cutting leave together, each in any form, and most log evidence."""
         found = []
         for form in forms_beside(entries[LATE]):
             beside = alone.beside(form.of_any_size)
             law = explain(beside, forms_beside(entries[EXPONENT], (LATE,)))
-            found.append(beside.beside(law.column.of_any_size).misfit)
-        return min(found)
+            found.append((beside.beside(law.column.of_any_size).misfit, beside.log_evidence + law.log_evidence))
+        left, log_evidence = zip(*found, strict=True)
+        return min(left), max(log_evidence)
 
     plain = refined(problem, catalogue_columns(problem, problem.campaign.plant.effects))
-    assert left_by_both(columns) < 0.5 * left_by_both(plain)
+    (left, log_evidence), (left_by_sum, of_sum) = by_both(columns), by_both(plain)
+    assert left < 0.5 * left_by_sum
+    assert log_evidence > of_sum + 10.0
 
 
 def test_a_distorted_form_is_there_beside_the_effect_that_distorts_alone(columns):
