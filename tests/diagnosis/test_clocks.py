@@ -78,6 +78,18 @@ def test_each_trial_has_its_alignment_and_all_share_the_latency_of_a_stream():
     assert found == pytest.approx(latency | clocks)
 
 
+def test_a_latency_counts_from_the_middle_of_the_smallest_one():
+    setting = replace(
+        setting_of(is_idle=False),
+        alignments=known("force_n", latency_s=4e-4) | known("motor_current_a", latency_s=2e-3),
+    )
+    found = {n.name: n.std for n in clock_nuisances([setting])}
+    # Even from 0 to 2 ms about the middle of 0 to 0.4 ms: the root of the mean of (t - 0.2 ms)^2.
+    late_s = np.linspace(0.0, 2e-3, 100_001)
+    assert found["latency of motor_current_a"] == pytest.approx(np.sqrt(np.mean((late_s - 2e-4) ** 2)), rel=1e-3)
+    assert found["latency of force_n"] == pytest.approx(4e-4 / np.sqrt(12.0))
+
+
 def test_what_states_nothing_leaves_nothing_open():
     assert list(clock_nuisances([setting_of(is_idle=False)])) == []
 
