@@ -4,11 +4,12 @@ Evidence alone finds the best name for whatever is in the data, a sensor's wande
 withheld data has no evidence. So the magnitude of every effect of a declared cause differs from zero in its own 95 %
 interval, the cause closes a tenth at least of the withheld gap where it acts, and so does each of several effects of
 what the others leave where it acts: where a hundredth is added and the rest stays unexplained,
-what explains the rest may well explain the hundredth. Nor may the simulated model with the cause miss the withheld
-channels by more than the re-tuned one does: two effects of one sensor that cancel in the harmonics compared need not
-cancel in the signal that they predict. What a claim leaves where it acts goes to "unknown" (`unlisted.py`). Where the
-answer is "unknown" for a law that is not in the catalogue, that law must close a tenth too, and in a size that every
-machine may have only of a gap beyond what an intact machine leaves.
+what explains the rest may well explain the hundredth. Where no more is left without an effect than an intact machine
+leaves, the effect closes most of that: if the rest is no gap, all of it may be none. Nor may the simulated model with
+the cause miss the withheld channels by more than the re-tuned one does: two effects of one sensor that cancel in the
+harmonics compared need not cancel in the signal that they predict. What a claim leaves where it acts goes to "unknown"
+(`unlisted.py`). Where the answer is "unknown" for a law that is not in the catalogue, that law must close a tenth too,
+and in a size that every machine may have only of a gap beyond what an intact machine leaves.
 Where the single strokes carry an effect, mean strokes hold little of what it closes: the report says so instead.
 """
 
@@ -20,7 +21,7 @@ from typing import Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.diagnosis.answer.ladder import Ladder
+from sawbench.diagnosis.answer.ladder import Ladder, Rung
 from sawbench.diagnosis.answer.prediction import Predictions
 from sawbench.diagnosis.answer.unlisted import leaves_a_gap, odds_of_unlisted
 from sawbench.diagnosis.inference.acts_in import acts_in, equations_of
@@ -172,7 +173,9 @@ def _failing(
         added, left = _added(problem, posterior, predictions, member)
         is_worth = _is_sure(added) and added.sum() > SETTINGS.ladder.least_added * left
         predicts = name in carried or (closes and (len(best.effects) == 1 or is_worth))
-        is_enough = is_cause(problem, posterior, predictions, member, by_strokes=name in carried)
+        is_enough = is_cause(problem, posterior, predictions, member, by_strokes=name in carried) and (
+            name in carried or added.sum() > _MOST * left or _is_missed(problem, posterior, predictions, member)
+        )
         said = posterior.strokes.get(name) if name in carried else None
         if not (predicts and is_enough and is_there(member, said)):
             failing[name] = (is_enough, float(added.sum()))
@@ -211,6 +214,13 @@ def is_most_of_a_gap(
         return False
     added, left = _added(problem, posterior, predictions, member)
     return float(added.sum()) > _MOST * left
+
+
+def _is_missed(problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation) -> bool:
+    """Whether the likeliest hypothesis without an effect leaves more than an intact machine somewhere that it acts."""
+    _, fewer, rung = _with_and_without(posterior, predictions, member)
+    numbers = problem.settings.weights
+    return leaves_a_gap(fewer, acts_in(problem, member), rung=rung, quiet=problem.quiet, weights=numbers, in_all=True)
 
 
 def _is_quiet(problem: LinearProblem, posterior: Posterior) -> bool:
@@ -260,19 +270,26 @@ def _added(
     the effect acts: what it gains elsewhere is not its, nor is what stays unexplained there. Of several effects numbers
     of the plant take the place of one only where the data are likelier with these numbers wrong than with the effect.
     """
-    best, equations = posterior.best, acts_in(problem, member)
+    equations = acts_in(problem, member)
+    whole, fewer, rung = _with_and_without(posterior, predictions, member)
+    without = fewer.by_group(fewer.energy_in(equations)[rung])
+    with_it = whole.by_group(whole.energy_in(equations)["with_effect"])
+    return 0.5 * (without - with_it), 0.5 * fewer.left_in(equations, rung=rung)
+
+
+def _with_and_without(
+    posterior: Posterior, predictions: Predictions, member: Explanation
+) -> tuple[Ladder, Ladder, Rung]:
+    """Ladder of the likeliest hypothesis, that without one of its effects, and the rung there that has not got it."""
+    best = posterior.best
     rest = best.without(member.effect.name)
     if not rest:
         alone = predictions.of(best).ladder
-        energy = {name: alone.by_group(values) for name, values in alone.energy_in(equations).items()}
-        added = energy["retuned"] - energy["with_effect"]
-        return 0.5 * added, 0.5 * float(np.sum(energy["retuned"] - energy["noise_floor"]))
+        return alone, alone, "retuned"
     others = _found(posterior, rest)
     freed = predictions.freed_instead(others, best.log_evidence - others.log_evidence)
     whole = predictions.of(best, freed=freed).ladder
-    fewer = predictions.of(others, by_trial=whole.held_out == "trials", freed=freed).ladder
-    without, with_it = (one.by_group(one.energy_in(equations)["with_effect"]) for one in (fewer, whole))
-    return 0.5 * (without - with_it), 0.5 * fewer.left_in(equations)
+    return whole, predictions.of(others, by_trial=whole.held_out == "trials", freed=freed).ladder, "with_effect"
 
 
 def _is_sure(gains: Floats) -> bool:

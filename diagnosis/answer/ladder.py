@@ -12,7 +12,8 @@ from sawbench.diagnosis.answer.closed_share import closed_share
 from sawbench.modeling.residuals import Equation
 
 HeldOut = Literal["operating points", "trials", "nothing"]
-RUNGS = ("nominal", "retuned", "with_effect", "noise_floor")
+Rung = Literal["nominal", "retuned", "with_effect", "noise_floor"]
+RUNGS: tuple[Rung, ...] = ("nominal", "retuned", "with_effect", "noise_floor")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -125,7 +126,7 @@ class Ladder:
             for name, found in self.squares.items()
         }
 
-    def left_in(self, equations: Sequence[Equation]) -> float:
-        """Sum of squares above the noise that the cause leaves in some equations, each at least 0."""
-        effect, floor = (self.squares[name] for name in ("with_effect", "noise_floor"))
-        return sum(max(float(np.sum(effect[e] - floor[e])), 0.0) for e in equations)
+    def left_in(self, equations: Sequence[Equation], *, rung: Rung) -> float:
+        """Sum of squares above the noise that one rung leaves in some equations, each at least 0."""
+        model, floor = (self.squares[name] for name in (rung, "noise_floor"))
+        return sum(max(float(np.sum(model[e] - floor[e])), 0.0) for e in equations)

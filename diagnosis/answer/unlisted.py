@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.diagnosis.answer.ladder import Ladder
+from sawbench.diagnosis.answer.ladder import Ladder, Rung
 from sawbench.diagnosis.inference.left_over import log_density_of_left
 from sawbench.diagnosis.inference.settings import SETTINGS, Weights
 from sawbench.diagnosis.standard_error import jackknife_std
@@ -62,8 +62,9 @@ def _likelihood_of_the_right(share: float, std: float) -> float:
 
 
 def leaves_a_gap(
-    ladder: Ladder, equations: Sequence[Equation], *, rung: str, quiet: float, weights: Weights = SETTINGS.weights
-) -> bool:
+    ladder: Ladder, equations: Sequence[Equation], *, rung: Rung, quiet: float, weights: Weights = SETTINGS.weights,
+    in_all: bool = False,
+) -> bool:  # fmt: skip
     """Whether one rung leaves more of one of some equations, in one withheld group, than an intact machine.
 
     Parameters
@@ -73,12 +74,16 @@ def leaves_a_gap(
     rung : {"retuned", "with_effect"}
     quiet : float
     weights : Weights
+    in_all : bool
+        In all withheld groups together, not in one of them.
     """
-    return any(
-        np.any(ladder.squares_in([equation])[rung] > _left_by_an_intact(ladder, equation, quiet, weights))
-        for equation in equations
-        if equation in ladder.n_features
-    )
+
+    def more(equation: Equation) -> bool:
+        left = ladder.squares_in([equation])[rung]
+        intact = _left_by_an_intact(ladder, equation, quiet, weights)
+        return bool(left.sum() > intact.sum() if in_all else np.any(left > intact))
+
+    return any(more(equation) for equation in equations if equation in ladder.n_features)
 
 
 def left_share(
