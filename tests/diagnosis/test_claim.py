@@ -28,6 +28,7 @@ from sawbench.diagnosis.inference.evidence import Explanation, explain
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import judge
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.stroke_evidence import StrokesSay
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 from sawbench.modeling.state import State
@@ -85,6 +86,29 @@ class Forecast(Predictions):
 
     def channels_of(self, hypothesis):
         return self._stated
+
+
+class Leaving(OfFeatures):
+    """Predictions of which is stated what they leave: without a cause `level` of what an intact machine leaves."""
+
+    def __init__(self, problem, columns, posterior, *, level, closed):
+        super().__init__(problem, columns, posterior)
+        self._intact = max(1.0 + SETTINGS.ladder.left_by_an_intact, problem.quiet)
+        self._level, self._closed = level, closed
+
+    def of(self, hypothesis, **kwargs):
+        found = super().of(hypothesis, **kwargs)
+        ladder = found.ladder
+        n_trials = ladder.by_group(np.ones(len(ladder.group_of)))
+        squares = {name: {} for name in ladder.squares}
+        for equation, n in ladder.n_features.items():
+            noise = (n / n_trials)[ladder.group_of]
+            gap = (self._level * self._intact - 1.0) * noise
+            shares = {"nominal": 1.0, "retuned": 1.0, "with_effect": 1.0 - self._closed, "noise_floor": 0.0}
+            for name, share in shares.items():
+                squares[name][equation] = noise + share * gap
+        energy = {name: ladder.by_group(np.sum(list(found.values()), axis=0)) for name, found in squares.items()}
+        return replace(found, ladder=replace(ladder, squares=squares, energy=energy))
 
 
 def with_columns(problem, columns, name, size):
@@ -428,6 +452,21 @@ def test_a_little_of_an_effect_is_a_cause_where_it_alone_is_the_gap(problem, col
 
     assert held(1.0)
     assert not held(0.0)
+
+
+@pytest.mark.parametrize(
+    ("level", "closed", "is_claimed"),
+    [(0.6, 0.3, False), (0.6, 0.8, True), (1.1, 0.3, True)],
+    ids=["a part of no gap", "most of no gap", "a part of a gap"],
+)
+def test_a_part_of_what_an_intact_machine_leaves_has_no_cause(problem, columns, level, closed, is_claimed):
+    """On an intact bench a lag of the current closed 44 % of what was half of what an intact machine leaves."""
+    data = with_columns(problem, columns, RUBBING, 1.0)
+    declared = certain_of(judge(data, columns), RUBBING)
+    predictions = Leaving(data, columns, declared, level=level, closed=closed)
+    held = held_to_predictions(data, columns, declared, predictions)
+    assert (held.best.name == RUBBING) == is_claimed
+    assert held.best.effects == ((RUBBING,) if is_claimed else ())
 
 
 def test_a_little_of_an_effect_is_no_cause_beside_another_one(problem, columns):
