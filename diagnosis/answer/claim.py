@@ -2,10 +2,9 @@
 
 Evidence alone finds the best name for whatever is in the data, a sensor's wandering zero too. What predicts no
 withheld data has no evidence. So the magnitude of every effect of a declared cause differs from zero in its own 95 %
-interval, the cause closes a tenth at least of the withheld gap where it acts, and so does each of several effects of
-what the others leave where it acts: where a hundredth is added and the rest stays unexplained,
-what explains the rest may well explain the hundredth. Where no more is left without an effect than an intact machine
-leaves, the effect closes most of that: if the rest is no gap, all of it may be none. Nor may the simulated model with
+interval, the cause closes some of the withheld gap where it acts, beyond doubt, and each of its effects most of what
+the others leave above the noise where it acts: where more than half stays unexplained, what explains the rest may well
+explain the other half, and if the rest is no gap, all of it may be none. Nor may the simulated model with
 the cause miss the withheld channels by more than the re-tuned one does: two effects of one sensor that cancel in the
 harmonics compared need not cancel in the signal that they predict. What a claim leaves where it acts goes to "unknown"
 (`unlisted.py`). Where the answer is "unknown" for a law that is not in the catalogue, that law must close a tenth too,
@@ -171,11 +170,9 @@ def _failing(
     for member in sized_members(problem, columns, posterior, best):
         name = member.effect.name
         added, left = _added(problem, posterior, predictions, member)
-        is_worth = _is_sure(added) and added.sum() > SETTINGS.ladder.least_added * left
-        predicts = name in carried or (closes and (len(best.effects) == 1 or is_worth))
-        is_enough = is_cause(problem, posterior, predictions, member, by_strokes=name in carried) and (
-            name in carried or added.sum() > _MOST * left or _is_missed(problem, posterior, predictions, member)
-        )
+        is_worth = added.sum() > _MOST * left and (len(best.effects) == 1 or _is_sure(added))
+        predicts = name in carried or (closes and is_worth)
+        is_enough = is_cause(problem, posterior, predictions, member, by_strokes=name in carried)
         said = posterior.strokes.get(name) if name in carried else None
         if not (predicts and is_enough and is_there(member, said)):
             failing[name] = (is_enough, float(added.sum()))
@@ -214,13 +211,6 @@ def is_most_of_a_gap(
         return False
     added, left = _added(problem, posterior, predictions, member)
     return float(added.sum()) > _MOST * left
-
-
-def _is_missed(problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation) -> bool:
-    """Whether the likeliest hypothesis without an effect leaves more than an intact machine somewhere that it acts."""
-    _, fewer, rung = _with_and_without(posterior, predictions, member)
-    numbers = problem.settings.weights
-    return leaves_a_gap(fewer, acts_in(problem, member), rung=rung, quiet=problem.quiet, weights=numbers, in_all=True)
 
 
 def _is_quiet(problem: LinearProblem, posterior: Posterior) -> bool:

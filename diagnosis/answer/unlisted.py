@@ -62,9 +62,8 @@ def _likelihood_of_the_right(share: float, std: float) -> float:
 
 
 def leaves_a_gap(
-    ladder: Ladder, equations: Sequence[Equation], *, rung: Rung, quiet: float, weights: Weights = SETTINGS.weights,
-    in_all: bool = False,
-) -> bool:  # fmt: skip
+    ladder: Ladder, equations: Sequence[Equation], *, rung: Rung, quiet: float, weights: Weights = SETTINGS.weights
+) -> bool:
     """Whether one rung leaves more of one of some equations, in one withheld group, than an intact machine.
 
     Parameters
@@ -74,16 +73,12 @@ def leaves_a_gap(
     rung : {"retuned", "with_effect"}
     quiet : float
     weights : Weights
-    in_all : bool
-        In all withheld groups together, not in one of them.
     """
-
-    def more(equation: Equation) -> bool:
-        left = ladder.squares_in([equation])[rung]
-        intact = _left_by_an_intact(ladder, equation, quiet, weights)
-        return bool(left.sum() > intact.sum() if in_all else np.any(left > intact))
-
-    return any(more(equation) for equation in equations if equation in ladder.n_features)
+    return any(
+        np.any(ladder.squares_in([equation])[rung] > _left_by_an_intact(ladder, equation, quiet, weights))
+        for equation in equations
+        if equation in ladder.n_features
+    )
 
 
 def left_share(

@@ -456,10 +456,10 @@ def test_a_little_of_an_effect_is_a_cause_where_it_alone_is_the_gap(problem, col
 
 @pytest.mark.parametrize(
     ("level", "closed", "is_claimed"),
-    [(0.6, 0.3, False), (0.6, 0.8, True), (1.1, 0.3, True)],
-    ids=["a part of no gap", "most of no gap", "a part of a gap"],
+    [(0.6, 0.4, False), (0.6, 0.6, True), (1.5, 0.4, False), (1.5, 0.6, True)],
+    ids=["a part of no gap", "most of no gap", "a part of a gap", "most of a gap"],
 )
-def test_a_part_of_what_an_intact_machine_leaves_has_no_cause(problem, columns, level, closed, is_claimed):
+def test_what_removes_less_than_half_of_a_gap_is_no_cause(problem, columns, level, closed, is_claimed):
     """On an intact bench a lag of the current closed 44 % of what was half of what an intact machine leaves."""
     data = with_columns(problem, columns, RUBBING, 1.0)
     declared = certain_of(judge(data, columns), RUBBING)
@@ -487,8 +487,13 @@ def test_what_is_small_is_taken_out_before_what_adds_less(problem, columns, monk
     """A weakening of the magnets lost its place to two per cent of a late engagement, which adds more where it acts."""
     data = with_columns(with_columns(problem, columns, FRICTION, 1.0), columns, RUBBING, 0.2)
     pair = certain_of(judge(data, columns), f"{FRICTION} + {RUBBING}")
-    added = {FRICTION: -1.0, RUBBING: 5.0}
-    monkeypatch.setattr(claim, "_added", lambda *given: (np.full(3, added[given[3].effect.name]), 100.0))
+    beside = {FRICTION: -1.0, RUBBING: 5.0}
+
+    def added(problem, posterior, predictions, member):
+        alone = len(posterior.best.effects) == 1
+        return np.full(3, 30.0 if alone else beside[member.effect.name]), 100.0
+
+    monkeypatch.setattr(claim, "_added", added)
     held = held_to_predictions(data, columns, pair, OfFeatures(data, columns, pair))
     assert FRICTION in held.best.effects
 
