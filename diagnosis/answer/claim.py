@@ -1,14 +1,15 @@
 """What may be declared: causes whose magnitude is there and which predict what was withheld.
 
-Evidence alone finds the best name for whatever is in the data, a sensor's wandering zero too. What predicts no
-withheld data has no evidence. So the magnitude of every effect of a declared cause differs from zero in its own 95 %
-interval, the cause closes some of the withheld gap where it acts, beyond doubt, and each of its effects most of what
-the others leave above the noise where it acts: where more than half stays unexplained, what explains the rest may well
-explain the other half, and if the rest is no gap, all of it may be none. Nor may the simulated model with
-the cause miss the withheld channels by more than the re-tuned one does: two effects of one sensor that cancel in the
-harmonics compared need not cancel in the signal that they predict. What a claim leaves where it acts goes to "unknown"
-(`unlisted.py`). Where the answer is "unknown" for a law that is not in the catalogue, that law must close a tenth too,
-and in a size that every machine may have only of a gap beyond what an intact machine leaves.
+Evidence alone finds the best name for whatever is in the data, a sensor's wandering zero too. What predicts no withheld
+data has no evidence. So the magnitude of every effect of a declared cause differs from zero in its own 95 % interval,
+the cause closes a tenth at least of the withheld gap where it acts, and so does each of several effects of what the
+others leave where it acts: where a hundredth is added and the rest stays unexplained, what explains the rest may well
+explain the hundredth. Where half of what is left without an effect would be no gap, it closes more than half: if the
+rest is no gap, all of it may be none. Nor may the simulated model with the cause miss the withheld channels by more
+than the re-tuned one does: two effects of one sensor that cancel in the harmonics compared need not cancel in the
+signal that they predict. What a claim leaves where it acts goes to "unknown" (`unlisted.py`). Where the answer is
+"unknown" for a law that is not in the catalogue, that law must close a tenth too, and in a size that every machine may
+have only of a gap beyond what an intact machine leaves.
 Where the single strokes carry an effect, mean strokes hold little of what it closes: the report says so instead.
 """
 
@@ -22,7 +23,7 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.ladder import Ladder, Rung
 from sawbench.diagnosis.answer.prediction import Predictions
-from sawbench.diagnosis.answer.unlisted import leaves_a_gap, odds_of_unlisted
+from sawbench.diagnosis.answer.unlisted import leaves_a_gap, odds_of_unlisted, times_an_intact
 from sawbench.diagnosis.inference.acts_in import acts_in, equations_of
 from sawbench.diagnosis.inference.columns import Column
 from sawbench.diagnosis.inference.evidence import Explanation
@@ -170,7 +171,8 @@ def _failing(
     for member in sized_members(problem, columns, posterior, best):
         name = member.effect.name
         added, left = _added(problem, posterior, predictions, member)
-        is_worth = added.sum() > _MOST * left and (len(best.effects) == 1 or _is_sure(added))
+        least = _least_removed(problem, posterior, predictions, member)
+        is_worth = added.sum() > least * left and (len(best.effects) == 1 or _is_sure(added))
         predicts = name in carried or (closes and is_worth)
         is_enough = is_cause(problem, posterior, predictions, member, by_strokes=name in carried)
         said = posterior.strokes.get(name) if name in carried else None
@@ -211,6 +213,20 @@ def is_most_of_a_gap(
         return False
     added, left = _added(problem, posterior, predictions, member)
     return float(added.sum()) > _MOST * left
+
+
+def _least_removed(
+    problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation
+) -> float:  # fmt: skip
+    """Share of what the likeliest hypothesis leaves without an effect that it removes: half of what is hardly a gap.
+
+    Of a larger gap, what remains counts against the claim by itself; see `odds_of_unlisted`.
+    """
+    _, fewer, rung = _with_and_without(posterior, predictions, member)
+    left = times_an_intact(
+        fewer, acts_in(problem, member), rung=rung, quiet=problem.quiet, weights=problem.settings.weights
+    )  # fmt: skip
+    return SETTINGS.ladder.least_added if (1.0 - _MOST) * left > 1.0 else _MOST
 
 
 def _is_quiet(problem: LinearProblem, posterior: Posterior) -> bool:

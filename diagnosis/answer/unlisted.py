@@ -81,6 +81,27 @@ def leaves_a_gap(
     )
 
 
+def times_an_intact(
+    ladder: Ladder, equations: Sequence[Equation], *, rung: Rung, quiet: float, weights: Weights = SETTINGS.weights
+) -> float:
+    """What one rung leaves over all withheld groups in the worst of some equations, over what an intact machine leaves.
+
+    Parameters
+    ----------
+    ladder : Ladder
+    equations : sequence of Equation
+    rung : {"retuned", "with_effect"}
+    quiet : float
+    weights : Weights
+    """
+    ratios = [
+        ladder.squares_in([equation])[rung].sum() / _left_by_an_intact(ladder, equation, quiet, weights).sum()
+        for equation in equations
+        if equation in ladder.n_features
+    ]
+    return float(max(ratios, default=0.0))
+
+
 def left_share(
     ladder: Ladder, equations: Sequence[Equation], *, quiet: float, weights: Weights = SETTINGS.weights
 ) -> tuple[float, float]:

@@ -77,7 +77,7 @@ class Ladder:
     left_by_an_intact : float
         Of the noise at withheld points: what a machine without a fault leaves in addition.
     least_added : float
-        Of the withheld gap where a cause acts: one that closes less is not named.
+        Of what the other effects of a cause leave above the noise: a further one that takes away less is not named.
     most_harm : float
         Of the squared error of the predicted channels without a cause: by how much it may raise that.
     """
