@@ -7,7 +7,7 @@ strong the gap is: what its form misses is a small share of it. The nearest wron
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from sawbench.bench.recording import Floats
@@ -74,11 +74,8 @@ def leaves_a_gap(
     quiet : float
     weights : Weights
     """
-    return any(
-        np.any(ladder.squares_in([equation])[rung] > _left_by_an_intact(ladder, equation, quiet, weights))
-        for equation in equations
-        if equation in ladder.n_features
-    )
+    each = _left_beside_an_intact(ladder, equations, rung, quiet, weights)
+    return any(np.any(left > intact) for left, intact in each)
 
 
 def times_an_intact(
@@ -94,12 +91,8 @@ def times_an_intact(
     quiet : float
     weights : Weights
     """
-    ratios = [
-        ladder.squares_in([equation])[rung].sum() / _left_by_an_intact(ladder, equation, quiet, weights).sum()
-        for equation in equations
-        if equation in ladder.n_features
-    ]
-    return float(max(ratios, default=0.0))
+    each = _left_beside_an_intact(ladder, equations, rung, quiet, weights)
+    return max((float(left.sum() / intact.sum()) for left, intact in each), default=0.0)
 
 
 def left_share(
@@ -139,6 +132,15 @@ def left_share(
         return share(everything), 1.0
     logs: Floats = np.log([share(np.delete(everything, k)) for k in everything])
     return share(everything), jackknife_std(logs)
+
+
+def _left_beside_an_intact(
+    ladder: Ladder, equations: Sequence[Equation], rung: Rung, quiet: float, weights: Weights
+) -> Iterator[tuple[Floats, Floats]]:
+    """Sums of squares in each group, (n_groups,) each, of one rung and of an intact machine, by equation."""
+    for equation in equations:
+        if equation in ladder.n_features:
+            yield ladder.squares_in([equation])[rung], _left_by_an_intact(ladder, equation, quiet, weights)
 
 
 def _left_by_an_intact(ladder: Ladder, equation: Equation, quiet: float, weights: Weights) -> Floats:
