@@ -4,13 +4,15 @@ Only the reading rings; the motor feels the force itself, so the mechanical resi
 reading, shows the same error with the other sign. Fixed in Hz at every speed, where tooth ripple keeps its
 blade position. Part of the force may bypass the spring (amplitude below 1), and a carriage has upper modes: a
 second form adds one at 1.4 to 3 times the first, of its own size; it does not count without the first.
-f_n = 60 to 450 Hz (carriage of 0.5 to 3 kg on a cell of 1e6 N/m) and zeta = 0.02 to 0.2: assumed.
+f_n = 60 to 410 Hz and zeta = 0.02 to 0.2: assumed (a carriage of 0.5 to 3 kg on a cell of 1e6 N/m, 400 Hz at most, and
+what an estimate of the frequency may miss).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +22,8 @@ from sawbench.modeling.effects.transfer import Spectrum, force_reading
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
-_FREQUENCIES_HZ = tuple(float(f) for f in np.geomspace(60.0, 450.0, 42))
+HIGHEST_HZ: Final = 410.0
+_FREQUENCIES_HZ = tuple(float(f) for f in np.geomspace(60.0, HIGHEST_HZ, 40))
 # Frequency of the upper mode over that of the first.
 _UPPER = (1.4, 1.8, 2.3, 3.0)
 

@@ -13,7 +13,7 @@ import numpy as np
 from sawbench.modeling.effects import carriage_resonance
 from sawbench.modeling.effects.effect import Strength, Words
 
-_FREQUENCIES_HZ = tuple(float(f) for f in np.geomspace(450.0, 1500.0, 26))
+_FREQUENCIES_HZ = tuple(float(f) for f in np.geomspace(carriage_resonance.HIGHEST_HZ, 1500.0, 28))
 
 EFFECT = replace(
     carriage_resonance.EFFECT,
