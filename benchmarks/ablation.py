@@ -4,10 +4,10 @@
 
 Every second campaign is of the paper's jigsaw on a clean bench, every other one of a foreign bench with faulty sensors;
 what they hide is drawn as for `development_campaigns`. Each is reduced once and weighed with the settings as they are,
-and once for every row of `ABLATIONS` with one of them neutral. Then one line a row: how many campaigns are answered
-rightly, how many claims are made and are right, how many campaigns without an effect are accused, and the log-loss of
-the truth. The rows are of the weighing; the last one is what `diagnose` says, with claims held to their predictions.
-Resumable: one file a campaign in OUT; about a minute of one core each.
+and once for every row of `ABLATIONS` with one of them neutral; its claims are held to their predictions once for every
+row of `PREDICTIONS`. Then one line a row: how many campaigns are answered rightly, how many claims are made and are
+right, how many campaigns without an effect are accused, and the log-loss of the truth. Resumable: one file a campaign in
+OUT; about a minute of one core each.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from benchmarks.development_campaigns import COUNTED, counted, plan, truth
 
 AS_IT_IS: Final = "as it is"
 HELD: Final = "held to predictions: the answer"
+_HELD_BUT: Final = "held, but"
 # Of the plan of the calibration: every kind and effect comes up within a few dozen of them.
 _EVERY: Final = 3
 
@@ -60,6 +61,18 @@ NOISES: Final[Mapping[str, Settings]] = MappingProxyType(
         "no floor under what an intact machine leaves": _with("weights", quiet=0.0),
     }
 )
+# Numbers of what a claim must predict, each without which it may do less.
+PREDICTIONS: Final[Mapping[str, Settings]] = MappingProxyType(
+    {
+        HELD: SETTINGS,
+        f"{_HELD_BUT} what is small counts as what is large": _with(
+            "forms", background_amplitude=0.0, least_amplitude=0.0
+        ),
+        f"{_HELD_BUT} of a gap hardly any need be removed": _with("ladder", least_added=0.0, most_of_a_gap=0.0),
+        f"{_HELD_BUT} of hardly a gap a tenth is enough": _with("ladder", most_of_a_gap=SETTINGS.ladder.least_added),
+        f"{_HELD_BUT} the channels may be missed by any amount": _with("ladder", most_harm=1e9),
+    }
+)
 
 
 def rows(n_cases: int) -> list[dict[str, Any]]:
@@ -76,8 +89,11 @@ def case(row: Mapping[str, Any]) -> dict[str, Any]:
     columns = effect_columns(problem)
     found = {words: judge(replace(problem, settings=settings), columns) for words, settings in ABLATIONS.items()}
     found |= {words: _in_other_noise(campaign, settings) for words, settings in NOISES.items()}
-    answered = held(problem, columns, found[AS_IT_IS]).posterior
-    return {**row, "answers": {words: _probabilities(one) for words, one in (found | {HELD: answered}).items()}}
+    found |= {
+        words: held(replace(problem, settings=settings), columns, found[AS_IT_IS]).posterior
+        for words, settings in PREDICTIONS.items()
+    }
+    return {**row, "answers": {words: _probabilities(one) for words, one in found.items()}}
 
 
 def _in_other_noise(campaign: Campaign, settings: Settings) -> Posterior:

@@ -30,7 +30,7 @@ from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.posterior import Posterior
-from sawbench.diagnosis.inference.settings import SETTINGS, Z95
+from sawbench.diagnosis.inference.settings import SETTINGS, Z95, Forms, Settings
 from sawbench.diagnosis.inference.size import sized
 from sawbench.diagnosis.inference.stroke_evidence import StrokesSay
 from sawbench.diagnosis.inference.weighing import among, weigh
@@ -41,7 +41,6 @@ from sawbench.modeling.residuals import Equation
 
 # Of a magnitude that is there against none, at which none is outside of a 95 % interval.
 _LOG_ODDS95: Final = float(np.log(0.975 / 0.025))
-_MOST: Final = 0.5
 
 
 def held_to_predictions(
@@ -92,7 +91,7 @@ def _shared_with_unlisted(problem: LinearProblem, posterior: Posterior, predicti
     for claim in posterior.claims:
         carried = carried_by_strokes(problem, posterior, claim)
         in_means = [m for m in claim.members if m.effect.name not in carried]
-        if claim.probability > SETTINGS.report.shown_probability and in_means:
+        if claim.probability > problem.settings.report.shown_probability and in_means:
             ladder, equations = predictions.of(claim).ladder, equations_of(problem, in_means)
             odds[claim] = odds_of_unlisted(ladder, equations, quiet=problem.quiet, weights=problem.settings.weights)
     shared = sum(claim.probability for claim in odds)
@@ -145,10 +144,9 @@ def is_there(member: Explanation, said: StrokesSay | None = None) -> bool:
     return is_form_there and abs(member.strength - member.absent) > Z95 * member.strength_std
 
 
-def is_background(member: Explanation, *, surely: bool = False) -> bool:
+def is_background(member: Explanation, *, surely: bool = False, forms: Forms = SETTINGS.forms) -> bool:
     """Whether the magnitude is one that every machine may have: far below the typical one, or all of its interval."""
     size, std = member.in_typical_sizes
-    forms = SETTINGS.forms
     return abs(size) + Z95 * std < forms.least_amplitude if surely else abs(size) < forms.background_amplitude
 
 
@@ -191,10 +189,11 @@ def is_cause(
     surely of background size, it is something else. Of an effect whose number belongs to its form and may be any (a
     frequency), how much of the form is there says no more.
     """
+    forms = problem.settings.forms
     if by_strokes or member.effect.size_of is not None:
-        return not is_background(member, surely=True)
+        return not is_background(member, surely=True, forms=forms)
     has_size = not member.effect.carries or member.effect.strength.usual is not None
-    is_small = is_background(member, surely=not has_size)
+    is_small = is_background(member, surely=not has_size, forms=forms)
     is_alone = len(posterior.best.effects) == 1
     return not is_small or (is_alone and is_most_of_a_gap(problem, posterior, predictions, member))
 
@@ -212,7 +211,7 @@ def is_most_of_a_gap(
     if not leaves_a_gap(ladder, acts_in(problem, member), rung="retuned", quiet=problem.quiet, weights=weights):
         return False
     added, left = _added(problem, posterior, predictions, member)
-    return float(added.sum()) > _MOST * left
+    return float(added.sum()) > problem.settings.ladder.most_of_a_gap * left
 
 
 def _least_removed(
@@ -222,11 +221,13 @@ def _least_removed(
 
     Of a larger gap, what remains counts against the claim by itself; see `odds_of_unlisted`.
     """
+    numbers = problem.settings.ladder
     _, fewer, rung = _with_and_without(posterior, predictions, member)
     left = times_an_intact(
         fewer, acts_in(problem, member), rung=rung, quiet=problem.quiet, weights=problem.settings.weights
     )  # fmt: skip
-    return SETTINGS.ladder.least_added if (1.0 - _MOST) * left > 1.0 else _MOST
+    most = numbers.most_of_a_gap
+    return numbers.least_added if (1.0 - most) * left > 1.0 else most
 
 
 def _is_quiet(problem: LinearProblem, posterior: Posterior) -> bool:
@@ -237,17 +238,17 @@ def _is_quiet(problem: LinearProblem, posterior: Posterior) -> bool:
 def _predicts(problem: LinearProblem, predictions: Predictions, cause: Hypothesis) -> bool:
     """Whether a cause closes the withheld gap, and its model does not surely miss the channels by more than without."""
     ladder = predictions.of(cause).ladder
-    if not _closes(ladder, equations_of(problem, cause.members)):
+    if not _closes(ladder, equations_of(problem, cause.members), problem.settings):
         return False
     channels, forms = predictions.channels_of(cause), problem.campaign.plant.equations
     unseen = {form.channel for form in forms.values()} - {forms[equation].channel for equation in ladder.n_features}
     if channels is None:
         return True
     harm = channels.harm(unseen)
-    return not (harm.sum() >= SETTINGS.ladder.most_harm and _is_sure(harm))
+    return not (harm.sum() >= problem.settings.ladder.most_harm and _is_sure(harm))
 
 
-def _closes(ladder: Ladder, equations: Sequence[Equation]) -> bool:
+def _closes(ladder: Ladder, equations: Sequence[Equation], settings: Settings = SETTINGS) -> bool:
     """Whether a cause closes the withheld gap in the equations where it acts, beyond doubt.
 
     It does where the 95 % interval lies above 0, and where no withheld operating point is predicted worse than the
@@ -258,7 +259,7 @@ def _closes(ladder: Ladder, equations: Sequence[Equation]) -> bool:
     if ladder.held_out == "nothing":
         return True  # the report says that nothing could be withheld
     energy = {name: ladder.by_group(values) for name, values in ladder.energy_in(equations).items()}
-    numbers = SETTINGS.ladder
+    numbers = settings.ladder
     worse = energy["with_effect"] - energy["retuned"]
     allowed = np.maximum(numbers.least_rest * energy["noise_floor"], numbers.by_chance)
     lost, gained = float(worse[worse > allowed].sum()), -float(worse[worse < 0.0].sum())
@@ -316,9 +317,9 @@ def _rests_on_a_law_that_fails(problem: LinearProblem, posterior: Posterior, pre
     if posterior.best.other != "unknown" or posterior.resembles not in laws:
         return False
     found = predictions.of_law(laws[posterior.resembles])
-    if found is None or not _closes(found.ladder, acts_in(problem, found.member)):
+    if found is None or not _closes(found.ladder, acts_in(problem, found.member), problem.settings):
         return True
-    return is_background(found.member) and _is_quiet(problem, posterior)
+    return is_background(found.member, forms=problem.settings.forms) and _is_quiet(problem, posterior)
 
 
 def _without_law(problem: LinearProblem, posterior: Posterior) -> Posterior:

@@ -78,6 +78,8 @@ class Ladder:
         Of the noise at withheld points: what a machine without a fault leaves in addition.
     least_added : float
         Of what the other effects of a cause leave above the noise: a further one that takes away less is not named.
+    most_of_a_gap : float
+        Of what would be hardly a gap without an effect: that must remove more than this share.
     most_harm : float
         Of the squared error of the predicted channels without a cause: by how much it may raise that.
     """
@@ -93,6 +95,7 @@ class Ladder:
     left_by_the_right: float = marked(0.1, "convention", "what a correct claim may leave of what can be closed")
     left_by_an_intact: float = marked(2.0, "measured", "24 of 25 intact campaigns of three simulators: less")
     least_added: float = marked(0.1, "convention", "one direction of ten smooth ones takes up as much by chance")
+    most_of_a_gap: float = marked(0.5, "convention", "what most of it means")
     most_harm: float = marked(1.0, "convention", "a factor of two")
 
 
