@@ -6,8 +6,8 @@ Every second campaign is of the paper's jigsaw on a clean bench, every other one
 what they hide is drawn as for `development_campaigns`. Each is reduced once and weighed with the settings as they are,
 and once for every row of `ABLATIONS` with one of them neutral; its claims are held to their predictions once for every
 row of `PREDICTIONS`. Then one line a row: how many campaigns are answered rightly, how many claims are made and are
-right, how many campaigns without an effect are accused, and the log-loss of the truth. Resumable: one file a campaign in
-OUT; about a minute of one core each.
+right, how many campaigns without an effect are accused, and the log-loss of the truth. Resumable: one file a campaign
+in OUT; about a minute of one core each.
 """
 
 from __future__ import annotations
