@@ -13,7 +13,7 @@ from sawbench.bench.second_core import on_two_cores
 from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, DISPLACEMENT, FORCE, MOTOR_CURRENT
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.trial_names import some
-from sawbench.processing.held_values import without_repeats
+from sawbench.processing.interpolated_rows import own_samples
 from sawbench.processing.spikes import find_spikes
 
 # A rest at the end that is longer than a quarter of the record is no rest: the channel has died.
@@ -64,7 +64,7 @@ def defect_of(signal: Signal, others: Sequence[Signal] = ()) -> tuple[str, str] 
     (str, str) or None
         What is seen, and what it means.
     """
-    time_s, values = without_repeats(signal.time_s, signal.values)
+    time_s, values = own_samples(signal.time_s, signal.values)
     if len(values) < 16:
         return f"it has {len(values)} samples", "too few samples"
     if values.min() == values.max():

@@ -59,19 +59,39 @@ def without_repeats(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     updates = np.flatnonzero(np.diff(values) != 0.0) + 1
     if len(updates) < _LEAST_UPDATES or len(updates) > (1.0 - _LEAST_EQUAL) * len(values):
         return time_s, values
-    row_s, at_s = float(np.median(np.diff(time_s))), time_s[updates]
-    explained, period_s = _likeliest_period(time_s[updates - 1], at_s)
-    singles = np.round(np.diff(at_s) / period_s) == 1.0
-    if explained < _EXPLAINED or period_s < _LEAST_ROWS * row_s or np.mean(singles) < _SINGLE_SHARE:
+    clock = clock_of(time_s[updates - 1], time_s[updates])
+    if clock is None or clock[1] < _LEAST_ROWS * float(np.median(np.diff(time_s))):
         return time_s, values
     # In the middle of its period a value surely stands in the table; where an update does not change it, it is one too.
-    middle_s = _phase(time_s[updates - 1], at_s, period_s) + 0.5 * period_s
+    update_s, period_s = clock
+    middle_s = update_s + 0.5 * period_s
     first, last = (np.round((end - middle_s) / period_s) for end in (time_s[0], time_s[-1]))
     middle_s = middle_s + period_s * np.arange(first, last + 1.0)
     rows = np.clip(np.searchsorted(time_s, middle_s), 1, len(time_s) - 1)
     rows -= middle_s - time_s[rows - 1] < time_s[rows] - middle_s
     is_there = np.abs(time_s[rows] - middle_s) < 0.5 * period_s
     return middle_s[is_there] - 0.5 * period_s, values[rows[is_there]]
+
+
+def clock_of(before_s: Floats, at_s: Floats) -> tuple[float, float] | None:
+    """Time and period of the clock that an instrument's updates keep, each of which came between two times.
+
+    Parameters
+    ----------
+    before_s, at_s : ndarray, shape (n,)
+
+    Returns
+    -------
+    (float, float) or None
+        One of its times and its period, s; None where no clock explains most of the updates.
+    """
+    if len(at_s) < _LEAST_UPDATES:
+        return None
+    explained, period_s = _likeliest_period(before_s, at_s)
+    singles = np.round(np.diff(at_s) / period_s) == 1.0
+    if explained < _EXPLAINED or np.mean(singles) < _SINGLE_SHARE:
+        return None
+    return _phase(before_s, at_s, period_s), period_s
 
 
 def _likeliest_period(before_s: Floats, at_s: Floats) -> tuple[float, float]:

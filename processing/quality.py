@@ -13,7 +13,8 @@ from sawbench.bench.plausible import BATTERY_VOLTAGE, LENGTH_UNITS, TRAVEL, is_o
 from sawbench.bench.processed import ChannelQuality, CrankAngle
 from sawbench.bench.recording import Alignment, Floats, Recording, Signal
 from sawbench.bench.units import CHANNEL_BY_NAME
-from sawbench.processing.held_values import alignment_of_rows, without_repeats
+from sawbench.processing.held_values import alignment_of_rows
+from sawbench.processing.interpolated_rows import own_samples
 from sawbench.processing.noise import robust_range, white_noise_std
 from sawbench.processing.spikes import at_one_crank_angle, find_spikes
 
@@ -51,7 +52,7 @@ class CleanChannel:
 
 
 def clean_channel(signal: Signal, angle: CrankAngle | None = None) -> CleanChannel:
-    """Judge one channel; drop its spikes, and the rows in which a table repeats a slow instrument's last value.
+    """Judge one channel; drop its spikes, and the rows of a table between the samples of a slow instrument.
 
     Parameters
     ----------
@@ -68,7 +69,7 @@ def clean_channel(signal: Signal, angle: CrankAngle | None = None) -> CleanChann
     >>> clean_channel(Signal(channel="force_n", unit="N", time_s=t, values=y)).quality.n_spikes
     1
     """
-    time, values = without_repeats(signal.time_s, signal.values)
+    time, values = own_samples(signal.time_s, signal.values)
     noise = white_noise_std(values, time)
     is_far_off = find_spikes(values, noise)
     is_impact = at_one_crank_angle(time, is_far_off, angle)
@@ -89,7 +90,7 @@ def clean_channel(signal: Signal, angle: CrankAngle | None = None) -> CleanChann
     problems = _health_problems(values, n_spikes, n_impacts, n_clipped, n_missing, signal.unit)
     alignment = signal.alignment
     if len(values) < len(signal.values):
-        problems += (_repeated(len(signal.values) / len(values)),)
+        problems += (_rows_between(len(signal.values) / len(values)),)
         alignment = alignment_of_rows(signal.time_s, time)
     return CleanChannel(
         channel=signal.channel,
@@ -148,8 +149,8 @@ def without_spikes(recording: Recording, channels: Mapping[str, CleanChannel]) -
     return found
 
 
-def _repeated(rows: float) -> str:
-    return f"each value is repeated in {rows:.3g} rows on average; the repeats are left out"
+def _rows_between(rows: float) -> str:
+    return f"there are {rows:.3g} rows for each sample of the instrument; the rows between the samples are left out"
 
 
 def _count_missing(step: Floats, typical: float, longest: float) -> int:

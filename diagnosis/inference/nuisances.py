@@ -367,8 +367,12 @@ def _force_gain(baseline: Baseline, state: State) -> Signature:
 
 def force_offset(baseline: Baseline, state: State) -> Signature:
     """Change of the residuals for one newton on the zero of the force."""
-    ones = np.ones_like(state.angle_rad)
-    return {"mechanical": -baseline.load_torque(state, ones), "cutting": ones}
+    return force_reads(baseline, state, np.ones_like(state.angle_rad))
+
+
+def force_reads(baseline: Baseline, state: State, too_much_n: Floats) -> Signature:
+    """Change of the residuals where the reading of the force has a wave on it, N, of the state's shape."""
+    return {"mechanical": -baseline.load_torque(state, too_much_n), "cutting": too_much_n}
 
 
 def _battery_current_gain(baseline: Baseline, state: State) -> Signature:

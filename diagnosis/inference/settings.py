@@ -196,6 +196,8 @@ class Sensors:
         Of the force's zero where its wander is read, and of its drift in 1000 s.
     bend_std_rad : float
         Of each harmonic k, times k, of the angle that a displacement sensor reads between the ends of the stroke.
+    vibration_share : float
+        Of the inertia force of the reciprocating mass: what the load cell may read of it.
     """
 
     std: Mapping[str, float] = marked(
@@ -246,6 +248,7 @@ class Sensors:
     bend_std_rad: float = marked(
         0.0025, "convention", "inductive sensors are sold as straight to 0.25 % of their range: two standard deviations"
     )
+    vibration_share: float = marked(0.05, "convention", "as of other things that every machine has, `BACKGROUND_SHARE`")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

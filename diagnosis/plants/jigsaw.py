@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.bandwidth import bandwidth_nuisances
 from sawbench.diagnosis.inference.beyond.table import BEYOND_CATALOGUE
 from sawbench.diagnosis.inference.clocks import clock_nuisances
 from sawbench.diagnosis.inference.features import (
@@ -21,6 +22,7 @@ from sawbench.diagnosis.inference.features import (
 from sawbench.diagnosis.inference.nuisance import Nuisance, Reading
 from sawbench.diagnosis.inference.nuisances import READINGS, force_offset, further_batteries, nuisances_of, of_known
 from sawbench.diagnosis.inference.settings import SETTINGS
+from sawbench.diagnosis.inference.vibration import vibration_nuisances
 from sawbench.diagnosis.inference.zero_wander import ZeroWander, zero_readings, zero_wander
 from sawbench.diagnosis.plants.plant import EquationForm
 from sawbench.diagnosis.smooth_state import smooth_state
@@ -213,14 +215,15 @@ class Jigsaw:
 
     def nuisances(self) -> tuple[Nuisance, ...]:
         """See `diagnosis.inference.nuisances.nuisances_of`."""
-        return (*nuisances_of(self.baseline), *map(of_known, self.known))
+        baseline = self.baseline
+        return (*nuisances_of(baseline), *vibration_nuisances(baseline), *map(of_known, self.known))
 
     def readings(self) -> Mapping[str, Reading]:
         """See `diagnosis.inference.nuisances.READINGS`."""
         return READINGS
 
     def trial_nuisances(self, states: Sequence[State]) -> tuple[Nuisance, ...]:
-        """Hardness of each stock and of each piece of it, numbers of each further battery, delay of each link."""
+        """Hardness of each stock and piece, numbers of each further battery, delays and filters of instruments."""
         cut = [s for s in states if not s.setting.is_idle]
         felt = [s for s in cut if s.kind == "running" and s.force_n is not None]
         stocks = dict.fromkeys(s.setting.stock for s in felt)
@@ -228,7 +231,8 @@ class Jigsaw:
         std = _spread_std(self.baseline, felt)
         pieces = (*(_stock(name) for name in stocks), *(_spread(name, std) for name in labels))
         settings = [s.setting for s in states]
-        return (*pieces, *further_batteries(self.baseline, settings), *clock_nuisances(settings))
+        instruments = (*clock_nuisances(settings), *bandwidth_nuisances(settings))
+        return (*pieces, *further_batteries(self.baseline, settings), *instruments)
 
     def zero_wander(self, states: Sequence[State]) -> ZeroWander | None:
         """From the return strokes; see `diagnosis.inference.zero_wander`."""

@@ -1,0 +1,86 @@
+"""What slow instruments take off the ripple of a current: that is no gap either.
+
+An instrument that sends a value every few milliseconds sends the mean of that time, or what it read last; nothing in a
+recording says which. And the sensor of a battery is there for the charge: its filter may be anything up to some
+milliseconds, of current and voltage alike, so that the balance of the battery holds and that of the converter does not.
+A filter of the motor current is an effect of the catalogue (`current_sensor_lag`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from sawbench.bench.recording import Floats
+from sawbench.bench.units import BATTERY_CURRENT, MOTOR_CURRENT
+from sawbench.diagnosis.inference.nuisance import Nuisance
+from sawbench.modeling.effects.effect import TransferFunction
+from sawbench.modeling.effects.transfer import Spectrum, current_reading, low_pass, time_derivative
+from sawbench.modeling.residuals import Baseline, Signature
+from sawbench.modeling.state import State, TrialSetting
+
+# From none to all of it, evenly.
+_AVERAGED_STD: Final = 1.0 / np.sqrt(3.0)
+# Time constants of a battery's sensor: one of them, or between two.
+_BATTERY_S: Final = (2e-4, 5e-4, 1.2e-3, 3e-3)
+_BATTERY_STD: Final = 1.0 / np.sqrt(len(_BATTERY_S))
+# Of what an average takes more than half of, twice the reading stands for what was there.
+_MOST_TAKEN: Final = 0.5
+
+
+def bandwidth_nuisances(settings: Sequence[TrialSetting]) -> Iterator[Nuisance]:
+    """List what the instruments of a campaign may take off the ripple of the currents.
+
+    Parameters
+    ----------
+    settings : sequence of TrialSetting
+        Of every state.
+
+    Yields
+    ------
+    Nuisance
+        Averages over the time for which a value stands, and filters of the battery's sensor.
+    """
+    stated = [setting.alignments for setting in settings]
+    for channel, signature in ((MOTOR_CURRENT.name, _motor), (BATTERY_CURRENT.name, _battery)):
+        period_s = max((one[channel].latency_s for one in stated if channel in one), default=0.0)
+        if period_s:
+            yield _nuisance(f"average of {channel}", _AVERAGED_STD, partial(signature, transfer=_average(period_s)))
+    for tau_s in _BATTERY_S:
+        name = f"filter of {BATTERY_CURRENT.name}, {1e3 * tau_s:g} ms"
+        yield _nuisance(name, _BATTERY_STD, partial(_battery, transfer=low_pass(tau_s)))
+
+
+def _nuisance(name: str, std: float, signature: partial[Signature]) -> Nuisance:
+    return Nuisance(name=name, nominal=0.0, std=std, is_plant=False, signature=signature, is_shared=True)
+
+
+def _average(period_s: float) -> TransferFunction:
+    return lambda f: np.sinc(f * period_s).astype(np.complex128)
+
+
+def _motor(baseline: Baseline, state: State, *, transfer: TransferFunction) -> Signature:
+    if state.current_a is None:
+        return {}
+
+    def undone(f: Floats) -> NDArray[np.complexfloating]:
+        gain = transfer(f)
+        return 1.0 / np.maximum(np.abs(gain), _MOST_TAKEN)
+
+    error = state.current_a - Spectrum(state.current_a, state).through(undone)
+    return current_reading(baseline, state, error, time_derivative(error, state))
+
+
+def _battery(baseline: Baseline, state: State, *, transfer: TransferFunction) -> Signature:
+    """By the current that the converter draws; the voltage over the internal resistance goes with it."""
+    if state.battery_current_a is None or state.current_a is None:
+        return {}
+    drawn = state.setting.duty * state.current_a
+    error = Spectrum(drawn, state).through(transfer) - drawn
+    if state.battery_voltage_v is None or baseline.battery is None:
+        return {"converter": error}
+    drop = baseline.battery.internal_resistance_ohm * error
+    return {"converter": error, "electrical": -state.setting.duty * drop}
