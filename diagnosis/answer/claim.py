@@ -92,7 +92,7 @@ def _shared_with_unlisted(problem: LinearProblem, posterior: Posterior, predicti
         carried = carried_by_strokes(problem, posterior, claim)
         in_means = [m for m in claim.members if m.effect.name not in carried]
         if claim.probability > problem.settings.report.shown_probability and in_means:
-            ladder, equations = predictions.of(claim).ladder, equations_of(problem, in_means)
+            ladder, equations = predictions.beyond_a_little(claim), equations_of(problem, in_means)
             odds[claim] = odds_of_unlisted(ladder, equations, quiet=problem.quiet, weights=problem.settings.weights)
     shared = sum(claim.probability for claim in odds)
     likely = {claim.name: claim.probability / of_unlisted for claim, of_unlisted in odds.items()}

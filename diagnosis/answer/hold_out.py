@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -116,6 +117,13 @@ class HoldOut:
             inside, data = design[without], self.problem.data[without]
             noise[without] = data - inside @ _ridge(inside, data)
         return noise
+
+    def of(self, data: Floats) -> HoldOut:
+        """The same groups, nuisances and noise with other data, shape (n,), of the same features."""
+        found = copy(self)
+        found.__dict__.pop("_withheld", None)
+        found.problem = replace(self.problem, data=data)
+        return found
 
     def climb(self, forms: Sequence[Sequence[Floats]]) -> Ladder:
         """Hold out each group in turn and predict it from the others.

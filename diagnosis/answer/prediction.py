@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -21,7 +21,7 @@ from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.settings import Z95
-from sawbench.modeling.effects.effect import Effect
+from sawbench.modeling.effects.effect import BACKGROUND_SHARE, Effect
 
 _MOST_SWEEPS: Final = 4
 
@@ -107,6 +107,27 @@ class Predictions:
             ladder = hold_out.climb([[of_any_size[id(column)] for column in form] for form in forms])
             self._found[key] = Prediction(hold_out=hold_out, ladder=ladder, forms=forms)
         return self._found[key]
+
+    def beyond_a_little(self, hypothesis: Hypothesis) -> Ladder:
+        """Ladder of one hypothesis that leaves what it does where a little of the other effects is taken off first.
+
+        That is what fits best beside the hypothesis, of each effect no more than background is at most: a machine that
+        has a cause has a little of other effects too, and quiet sensors show it.
+        """
+        prediction = self.of(hypothesis)
+        little = [columns for name, columns in self._posterior.little.items() if name not in hypothesis.effects]
+        if not little:
+            return prediction.ladder
+        dispersion, of_others = self._posterior.dispersion, np.hstack(little)
+        noisy = with_noise(self._problem, dispersion)
+        cause = stacked_with_noise(noisy, [stacked([m.column for m in hypothesis.members])], dispersion)
+        beside = Marginal(noisy, extra=np.hstack([cause, stacked_with_noise(noisy, [of_others], dispersion)]))
+        fitted = beside.data_split[0][-of_others.shape[1] :]
+        most = self._problem.settings.forms.least_amplitude / BACKGROUND_SHARE
+        data = self._problem.data - of_others @ np.clip(fitted, -most, most)
+        forms = [[column.of_any_size for column in form] for form in prediction.forms]
+        left = prediction.hold_out.of(data).climb(forms).squares["with_effect"]
+        return replace(prediction.ladder, squares=prediction.ladder.squares | {"with_effect": left})
 
     def of_law(self, law: Effect) -> LawPrediction | None:
         """Climb the ladder of a law beyond the catalogue; None where it is not seen."""
