@@ -114,7 +114,7 @@ def test_the_channel_says_so_and_has_the_rate_of_its_instrument():
     clean = clean_channel(Signal(channel="motor_current_a", unit="A", time_s=time_s, values=repeated))
     assert clean.quality.rate_hz == pytest.approx(500.0, rel=1e-3)
     assert len(clean.values) == len(values)
-    assert any("repeated in 8 rows" in problem for problem in clean.quality.problems)
+    assert any("8 rows for each sample" in problem for problem in clean.quality.problems)
     assert clean.quality.n_missing == 0
 
 

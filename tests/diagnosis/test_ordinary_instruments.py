@@ -1,0 +1,118 @@
+"""A load cell that reads the machine's vibration, and slow instruments that average: no gap, and no cause."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sawbench.bench.recording import Alignment
+from sawbench.diagnosis.inference.bandwidth import bandwidth_nuisances
+from sawbench.diagnosis.inference.effect_columns import effect_columns
+from sawbench.diagnosis.inference.posterior import judge
+from sawbench.diagnosis.inference.vibration import vibration_nuisances
+
+from tests.rigs.jigsaw_in_time import BASELINE, GEAR, MASS, RADIUS, Machine, compare, gap
+from tests.rigs.scattered_strokes import problem_of, strokes
+
+pytestmark = pytest.mark.pipeline
+
+SHAKE = 0.08  # of the inertia force
+INTACT = Machine().run()
+
+
+def shaken(state, *, share=SHAKE, late_rad=0.0, soft=0.0):
+    """The state with what a load cell reads of the plunger that goes back and forth, on a bench that may be soft."""
+    mean = np.sqrt(np.mean(state.speed_rad_s**2, axis=-1, keepdims=True))
+    usual = BASELINE.load.motor_speed_rad_s / GEAR
+    inertia_n = MASS * RADIUS * mean**2 * (1.0 + soft * (mean / usual) ** 2)
+    return replace(state, force_n=state.force_n + share * inertia_n * np.cos(state.angle_rad - late_rad))
+
+
+@pytest.mark.parametrize("cuts", [True, False])
+@pytest.mark.parametrize(("late_rad", "phase"), [(0.0, "in phase"), (0.5 * np.pi, "a quarter of a turn late")])
+@pytest.mark.parametrize("soft", [0.0, 1.0])
+def test_vibration_leaves_what_its_nuisances_say(cuts, late_rad, phase, soft):
+    state = Machine(cuts=cuts).run()
+    seen = gap(shaken(state, late_rad=late_rad, soft=soft))
+    claimed = {name: np.zeros_like(wave) for name, wave in seen.items()}
+    names = {f"vibration in the force, {phase}": 1.0, f"vibration in the force, {phase}, of a soft bench": soft}
+    for nuisance in vibration_nuisances(BASELINE):
+        size = SHAKE * names.get(nuisance.name, 0.0)
+        for equation, wave in nuisance.signature(BASELINE, state).items():
+            claimed[equation] = claimed[equation] + size * wave
+    intact = gap(state)
+    compare({name: wave - intact[name] for name, wave in seen.items()}, claimed, 0.02)
+
+
+def filtered(wave, state, gain):
+    """A wave through a filter, by its harmonics at the mean speed."""
+    rate_hz = np.mean(state.speed_rad_s) / (2 * np.pi)
+    spectrum = np.fft.rfft(wave, axis=-1)
+    return np.fft.irfft(spectrum * gain(np.arange(spectrum.shape[-1]) * rate_hz), wave.shape[-1], axis=-1)
+
+
+def of(name, setting, state):
+    (nuisance,) = (n for n in bandwidth_nuisances([setting]) if n.name == name)
+    return nuisance.signature(BASELINE, state)
+
+
+def held_for(period_s, *channels):
+    return replace(INTACT.setting, alignments={c: Alignment(std_s=1e-4, latency_s=period_s) for c in channels})
+
+
+def test_a_battery_sensor_with_a_filter_leaves_what_its_nuisance_says():
+    def gain(f):
+        return 1.0 / (1.0 + 2j * np.pi * f * 1.2e-3)
+
+    state = INTACT
+    read = replace(
+        state, battery_current_a=filtered(state.battery_current_a, state, gain),
+        battery_voltage_v=filtered(state.battery_voltage_v, state, gain),
+    )  # fmt: skip
+    intact, seen = gap(state), gap(read)
+    seen = {name: seen[name] - intact[name] for name in ("converter", "electrical")}
+    compare(seen, of("filter of battery_current_a, 1.2 ms", state.setting, state), 0.1)
+    assert gap(read)["supply"] == pytest.approx(intact["supply"], abs=1e-3)
+
+
+def test_an_instrument_that_sends_means_leaves_what_its_nuisance_says():
+    period_s = 5e-3
+    state = INTACT
+    setting = held_for(period_s, "motor_current_a", "battery_current_a")
+    mean = filtered(state.current_a, state, lambda f: np.sinc(f * period_s))
+    drawn = filtered(state.battery_current_a, state, lambda f: np.sinc(f * period_s))
+    intact = gap(state)
+    motor = gap(replace(state, current_a=mean))
+    battery = gap(replace(state, battery_current_a=drawn))
+    seen = {name: motor[name] - intact[name] for name in ("mechanical", "converter")}
+    claimed = of("average of motor_current_a", setting, replace(state, current_a=mean))
+    compare(seen, {name: claimed[name] for name in seen}, 0.15)
+    claimed = of("average of battery_current_a", setting, state)
+    compare({"converter": battery["converter"] - intact["converter"]}, {"converter": claimed["converter"]}, 0.1)
+
+
+def test_no_average_where_nothing_says_how_long_a_value_stands():
+    assert [n.name for n in bandwidth_nuisances([INTACT.setting]) if n.name.startswith("average")] == []
+
+
+@pytest.mark.parametrize("late_rad", [0.0, 0.9])
+def test_a_bench_that_shakes_is_no_gap(late_rad):
+    """Nine tenths of what the diagnosis takes for ordinary twice over, at all three duties."""
+    states = [shaken(state, share=0.09, late_rad=late_rad) for state in strokes()]
+    problem = problem_of(states)
+    assert judge(problem, effect_columns(problem)).verdict == "no_gap"
+
+
+def test_a_battery_sensor_of_a_few_hertz_is_no_gap():
+    def slow(state):
+        def gain(f):
+            return np.sinc(f * 4e-3) / (1.0 + 2j * np.pi * f * 8e-4)
+
+        return replace(
+            state, battery_current_a=filtered(state.battery_current_a, state, gain),
+            battery_voltage_v=filtered(state.battery_voltage_v, state, gain),
+        )  # fmt: skip
+
+    problem = problem_of([slow(state) for state in strokes()])
+    assert judge(problem, effect_columns(problem)).verdict == "no_gap"
