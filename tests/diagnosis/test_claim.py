@@ -110,6 +110,9 @@ class Leaving(OfFeatures):
         energy = {name: ladder.by_group(np.sum(list(found.values()), axis=0)) for name, found in squares.items()}
         return replace(found, ladder=replace(ladder, squares=squares, energy=energy))
 
+    def beyond_a_little(self, hypothesis):
+        return self.of(hypothesis).ladder
+
 
 def with_columns(problem, columns, name, size):
     """The problem with an effect of so many times its typical size in the data."""
@@ -202,6 +205,28 @@ def test_an_effect_that_fails_alone_may_hold_beside_another_one_as_far_as_that_i
     assert sum(h.probability for h in left.hypotheses) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("size", [0.12, 1.5])
+def test_a_little_of_another_effect_is_not_left_by_a_claim_but_a_whole_one_is(problem, columns, size):
+    """Beside a friction the gear is off its centre: by a tenth of what is typical, or by far more."""
+    wave = columns["gear_eccentricity"][0].columns[:, 0]
+    loud = replace(problem, data=problem.data + 8.0 * columns[FRICTION][0].columns[:, 0] + size * 8.0 * wave)
+    posterior = judge(problem, columns)
+    friction = judge(loud, columns).of(FRICTION)
+    posterior = replace(posterior, little={name: 8.0 * found for name, found in posterior.little.items()})
+    predictions = OfFeatures(loud, columns, posterior)
+    as_it_is, beyond = (
+        ladder.squares_in(["mechanical"])
+        for ladder in (predictions.of(friction).ladder, predictions.beyond_a_little(friction))
+    )
+    floor = as_it_is["noise_floor"].sum()
+    assert np.array_equal(beyond["retuned"], as_it_is["retuned"])
+    over = [squares["with_effect"].sum() - floor for squares in (beyond, as_it_is)]
+    if size < 1.0:
+        assert over[0] < 0.25 * over[1]
+    else:
+        assert over[0] > 0.4 * over[1]
+
+
 @pytest.mark.parametrize("is_in_every_trial", [True, False])
 def test_unknown_that_rests_on_a_law_must_predict_too(problem, columns, is_in_every_trial):
     """A law beyond the catalogue in every trial, or in one alone."""
@@ -244,7 +269,7 @@ def test_claims_share_with_each_other_and_unknown_by_what_each_leaves(judged, pr
     odds = {one.effects: 4.0, other.effects: 0.25}
     monkeypatch.setattr(claim, "odds_of_unlisted", lambda ladder, *_, **__: odds[ladder])
     monkeypatch.setattr(claim, "carried_by_strokes", lambda *_: [])
-    predictions = SimpleNamespace(of=lambda hypothesis: SimpleNamespace(ladder=hypothesis.effects))
+    predictions = SimpleNamespace(beyond_a_little=lambda hypothesis: hypothesis.effects)
 
     def shared(**believed):
         of = {one.name: believed.get("one", 0.0), other.name: believed.get("other", 0.0), "no_gap": believed["no_gap"]}
@@ -336,6 +361,9 @@ def test_a_cause_is_named_by_what_it_closes(problem, columns, retuned, with_effe
                 n_features={"mechanical": energy["noise_floor"]},
             )  # fmt: skip
             return replace(found, ladder=ladder)
+
+        def beyond_a_little(self, hypothesis):
+            return self.of(hypothesis).ladder
 
     held = held_to_predictions(data, columns, declared, Predicted(data, columns, declared))
     assert (held.best.effects == (FRICTION,)) == is_named
