@@ -41,6 +41,8 @@ from sawbench.modeling.residuals import Equation
 
 # Of a magnitude that is there against none, at which none is outside of a 95 % interval.
 _LOG_ODDS95: Final = float(np.log(0.975 / 0.025))
+# A size that is read off a free wave is right to this factor.
+_RIGHT_TO: Final = 2.0
 
 
 def held_to_predictions(
@@ -186,10 +188,12 @@ def is_cause(
 
     A machine has a little of many effects: beside a cause, what is small is one of those.
     A wave of any form explains all that is fixed in angle, and a trend of single strokes all that drifts: where that is
-    surely of background size, it is something else. Of an effect whose number belongs to its form and may be any (a
-    frequency), how much of the form is there says no more.
+    surely of background size, or larger than the effect ever is, it is something else. Of an effect whose number
+    belongs to its form and may be any (a frequency), how much of the form is there says no more.
     """
     forms = problem.settings.forms
+    if member.effect.size_of is not None and member.in_typical_sizes[0] > _RIGHT_TO * member.effect.strength.high:
+        return False
     if by_strokes or member.effect.size_of is not None:
         return not is_background(member, surely=True, forms=forms)
     has_size = not member.effect.carries or member.effect.strength.usual is not None

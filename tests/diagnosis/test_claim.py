@@ -547,9 +547,9 @@ def test_teeth_that_take_the_cut_up_one_after_the_other_are_on_every_saw():
     assert verdict(0.15) != "no_gap"
 
 
-@pytest.mark.parametrize(("size", "is_declared"), [(0.06, False), (1.0, True)])
+@pytest.mark.parametrize(("size", "is_declared"), [(0.06, False), (1.0, True), (15.0, False)])
 def test_a_wave_of_any_form_is_play_only_where_it_is_as_large_as_play(problem, columns, size, is_declared):
-    """As seen: a belt that slips was called a play of 0.02 mm; a wave fixed in angle explains that too."""
+    """As seen: a belt that slips was called a play of 0.02 mm, a carriage that lifts off one of 1.7 mm."""
     waves = columns["yoke_backlash"][0].columns
     in_air, under_load = np.split(waves, 2, axis=1)
     data = replace(problem, data=0.02 * problem.data + size * (in_air[:, 0] + under_load[:, 0]))
