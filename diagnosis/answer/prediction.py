@@ -115,29 +115,38 @@ class Predictions:
         has a cause has a little of other effects too, and quiet sensors show it.
         """
         prediction = self.of(hypothesis)
-        little = [columns for name, columns in self._posterior.little.items() if name not in hypothesis.effects]
-        if not little:
-            return prediction.ladder
-        dispersion, of_others = self._posterior.dispersion, np.hstack(little)
-        noisy = with_noise(self._problem, dispersion)
-        cause = stacked_with_noise(noisy, [stacked([m.column for m in hypothesis.members])], dispersion)
-        beside = Marginal(noisy, extra=np.hstack([cause, stacked_with_noise(noisy, [of_others], dispersion)]))
-        fitted = beside.data_split[0][-of_others.shape[1] :]
-        most = self._problem.settings.forms.least_amplitude / BACKGROUND_SHARE
-        data = self._problem.data - of_others @ np.clip(fitted, -most, most)
         forms = [[column.of_any_size for column in form] for form in prediction.forms]
+        data = self._without_a_little([m.column for m in hypothesis.members])
         left = prediction.hold_out.of(data).climb(forms).squares["with_effect"]
         return replace(prediction.ladder, squares=prediction.ladder.squares | {"with_effect": left})
 
+    def _without_a_little(self, cause: Sequence[Column]) -> Floats:
+        """Take off the data, (n,), what fits best beside a cause of all effects that it does not name."""
+        named = {column.effect.name for column in cause}
+        dispersion = self._posterior.dispersion
+        of_others = np.hstack(
+            [
+                np.zeros((len(dispersion), 0)),
+                *(found for name, found in self._posterior.little.items() if name not in named),
+            ]
+        )
+        noisy = with_noise(self._problem, dispersion)
+        beside = Marginal(noisy, extra=stacked_with_noise(noisy, [stacked(cause), of_others], dispersion))
+        fitted = beside.data_split[0][len(beside.data_split[0]) - of_others.shape[1] :]
+        most = self._problem.settings.forms.least_amplitude / BACKGROUND_SHARE
+        taken: Floats = of_others @ np.clip(fitted, -most, most)
+        return self._problem.data - taken
+
     def of_law(self, law: Effect) -> LawPrediction | None:
-        """Climb the ladder of a law beyond the catalogue; None where it is not seen."""
+        """Climb the ladder of a law beyond the catalogue without a little of all effects; None where it is not seen."""
         columns = columns_in(self._problem, law, law.shapes)
         found = explain(Marginal(self._problem), columns)
         if found is None:
             return None
         hold_out = self._hold_out(by_trial=self.is_local(found), freed=self._posterior.freed)
         forms = [[c.columns] for c in columns if c.columns.shape == found.column.columns.shape]
-        return LawPrediction(ladder=hold_out.climb(forms), member=found)
+        data = self._without_a_little([found.column])
+        return LawPrediction(ladder=hold_out.of(data).climb(forms), member=found)
 
     def channels_of(self, hypothesis: Hypothesis) -> ChannelGap | None:
         """Predict the channels of withheld trials with one hypothesis; see `channel_gap.forecast`."""
