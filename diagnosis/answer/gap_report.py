@@ -37,6 +37,7 @@ from sawbench.diagnosis.inference.hypothesis import OTHERS, Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.posterior import Posterior, judge
 from sawbench.diagnosis.inference.settings import SETTINGS
+from sawbench.diagnosis.inference.vibration_read import Vibration, vibration_of
 from sawbench.diagnosis.inference.weighing import missed_by
 from sawbench.diagnosis.plants.choice import reduce_recordings
 from sawbench.modeling.machines.table import machine_of
@@ -169,7 +170,7 @@ def _report(
         "probabilities": {name: posterior.of(name).probability for name in OTHERS},
         "parameter_shifts": shifts,
         "gap": gap,
-        "signals": signal_findings(campaign, problem.wander, _gain_drifts(problem, posterior)),
+        "signals": signal_findings(campaign, problem.wander, *_of_sensors(problem, posterior)),
         "learned_term": None if learned is None else learned.report(),
         "improved_model": improved,
         "next_trial": _NONE_YET if contradicted else next_trial(problem, posterior),
@@ -188,11 +189,14 @@ def _report(
     }  # fmt: skip
 
 
-def _gain_drifts(problem: LinearProblem, posterior: Posterior) -> Mapping[str, GainDrift]:
+def _of_sensors(
+    problem: LinearProblem, posterior: Posterior
+) -> tuple[Mapping[str, GainDrift], Vibration | None]:  # fmt: skip
     """Estimate by the noise of this bench, together with the likeliest cause and background effects."""
     noise = posterior.dispersion
     beside = [posterior.small, *(m.column.of_any_size for m in posterior.best.members)]
-    return gain_drifts(with_noise(problem, noise), stacked_with_noise(problem, beside, noise))
+    noisy, stacked = with_noise(problem, noise), stacked_with_noise(problem, beside, noise)
+    return gain_drifts(noisy, stacked), vibration_of(noisy, stacked)
 
 
 def _shown_causes(posterior: Posterior) -> list[Hypothesis]:

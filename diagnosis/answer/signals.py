@@ -14,6 +14,7 @@ from sawbench.diagnosis.inference.gain_drift import GainDrift
 from sawbench.diagnosis.inference.off_stroke import OffStroke
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.strikes import foreign_bursts
+from sawbench.diagnosis.inference.vibration_read import Vibration
 from sawbench.diagnosis.inference.wandering_line import wandering_lines
 from sawbench.diagnosis.inference.zero_wander import ZeroWander
 from sawbench.diagnosis.signal_health import ChannelHealth
@@ -29,7 +30,10 @@ Entry = dict[str, Any]
 
 
 def signal_findings(
-    campaign: Campaign, wander: ZeroWander | None, drifts: Mapping[str, GainDrift] = MappingProxyType({})
+    campaign: Campaign,
+    wander: ZeroWander | None,
+    drifts: Mapping[str, GainDrift] = MappingProxyType({}),
+    vibration: Vibration | None = None,
 ) -> list[Entry]:
     """Faults of the sensors of a campaign.
 
@@ -40,6 +44,8 @@ def signal_findings(
         Of the force's zero.
     drifts : mapping of str to GainDrift
         Of `gain_drifts`.
+    vibration : Vibration, optional
+        Of the force.
 
     Returns
     -------
@@ -55,6 +61,7 @@ def signal_findings(
         *_resonances(campaign),
         *_wander(wander, by_channel),
         *_drifts(drifts),
+        *_vibration(vibration),
     ]
     for channel, trials in by_channel.items():
         found += _faults(channel, trials)
@@ -141,6 +148,15 @@ def _drifts(drifts: Mapping[str, GainDrift]) -> Iterator[Entry]:
                 " the first trial"
             )
             yield _entry(_CHANNEL_OF_GAIN[gain], "gain_drift", abs(drift.change), "1", words)
+
+
+def _vibration(found: Vibration | None) -> Iterator[Entry]:
+    if found is not None and found.amplitude_n > max(_LEAST["vibration_n"], SETTINGS.report.wander_stds * found.std_n):
+        words = (
+            f"{found.amplitude_n:.2g} N of the machine's vibration at the stroke rate, in air too: use a stiffer or"
+            " heavier base for the load cell"
+        )
+        yield _entry(FORCE.name, "vibration", found.amplitude_n, "N", words)
 
 
 def _faults(channel: str, trials: Sequence[ChannelHealth]) -> Iterator[Entry]:

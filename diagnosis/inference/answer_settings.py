@@ -147,7 +147,10 @@ class Report:
     worth: float = marked(1.0, "convention", "odds of e")
     wander_stds: float = marked(3.0, "convention", "three standard deviations")
     least_fault: Mapping[str, float] = marked(
-        {"missing": 1e-3, "jitter": 0.05, "spikes_hz": 0.05, "wander_n": 0.1, "restart_n": 0.5, "gain_drift": 1e-3},
+        {
+            "missing": 1e-3, "jitter": 0.05, "spikes_hz": 0.05, "wander_n": 0.1, "restart_n": 0.5, "gain_drift": 1e-3,
+            "vibration_n": 0.1,
+        },
         "convention",
         "less than the floors of `Sensors`",
     )  # fmt: skip

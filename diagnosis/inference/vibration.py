@@ -20,9 +20,9 @@ from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
-_PHASES: Final = {"in phase": 0.0, "a quarter of a turn late": 0.5 * np.pi}
+PHASES: Final = {"in phase": 0.0, "a quarter of a turn late": 0.5 * np.pi}
 # A soft bench carries 1 + (w / w_n)^2 + ... of it: the second term counts as much at the usual speed.
-_POWERS: Final = {"": 2, ", of a soft bench": 4}
+POWERS: Final = {"": 2, ", of a soft bench": 4}
 
 
 def vibration_nuisances(baseline: Baseline) -> Iterator[Nuisance]:
@@ -37,20 +37,33 @@ def vibration_nuisances(baseline: Baseline) -> Iterator[Nuisance]:
     Nuisance
         In shares of the inertia force of the reciprocating mass.
     """
-    for of_bench, power in _POWERS.items():
-        for phase, late_rad in _PHASES.items():
+    for of_bench, power in POWERS.items():
+        for phase, late_rad in PHASES.items():
             yield Nuisance(
-                name=f"vibration in the force, {phase}{of_bench}", nominal=0.0,
+                name=name_of(phase, of_bench), nominal=0.0,
                 std=SETTINGS.sensors.vibration_share, is_plant=False,
                 signature=partial(_shaken, power=power, late_rad=late_rad),
             )  # fmt: skip
 
 
+def name_of(phase: str, of_bench: str) -> str:
+    """Name of one of the waves: of `PHASES` and `POWERS`."""
+    return f"vibration in the force, {phase}{of_bench}"
+
+
+def usual_rad_s(baseline: Baseline) -> float:
+    """Speed of the crank in the usual trial."""
+    return baseline.load.motor_speed_rad_s / baseline.gear
+
+
+def inertia_n(baseline: Baseline, speed_rad_s: Floats) -> Floats:
+    """Amplitude of the inertia force of the reciprocating mass at some speeds of the crank."""
+    return baseline.plant.reciprocating_mass_kg.nominal * baseline.radius_m * speed_rad_s**2
+
+
 def _shaken(baseline: Baseline, state: State, *, power: int, late_rad: float) -> Signature:
     if state.force_n is None:
         return {}
-    plant, usual_rad_s = baseline.plant, baseline.load.motor_speed_rad_s / baseline.gear
     speed_rad_s: Floats = np.sqrt(np.mean(state.speed_rad_s**2, axis=-1, keepdims=True))
-    inertia_n = plant.reciprocating_mass_kg.nominal * baseline.radius_m * speed_rad_s**2
-    wave_n = inertia_n * (speed_rad_s / usual_rad_s) ** (power - 2) * np.cos(state.angle_rad - late_rad)
-    return force_reads(baseline, state, wave_n)
+    softer = (speed_rad_s / usual_rad_s(baseline)) ** (power - 2)
+    return force_reads(baseline, state, inertia_n(baseline, speed_rad_s) * softer * np.cos(state.angle_rad - late_rad))
