@@ -46,18 +46,28 @@ def test_time_constant_and_damping_between_those_of_the_catalogue_are_found(lagg
 
 
 def test_forms_are_found_beside_the_other_effect():
-    """Alone, the knee also stands for what the edge does to the current, and is off by more than a hundredth."""
-    problem = problem_of(
-        strokes(
-            lost_voltage=lambda i, w: 0.9 * np.tanh(i / KNEE_A),
-            cut=lambda speed, travelled, force: 240.0 * speed + 40.0 * np.tanh(speed / ONSET_M_S),
+    """Alone, the knee also stands for what the edge does to the current, and is off by more than a hundredth.
+
+    The noise of one campaign moves the onset by half a hundredth, so it is the mean of several that is compared.
+    """
+    knees, onsets = [], []
+    for seed in (21, 22, 23, 24):
+        problem = problem_of(
+            strokes(
+                seed=seed,
+                lost_voltage=lambda i, w: 0.9 * np.tanh(i / KNEE_A),
+                cut=lambda speed, travelled, force: 240.0 * speed + 40.0 * np.tanh(speed / ONSET_M_S),
+            )
         )
-    )
-    _, better = weighed(problem, ["brush_voltage_drop", "edge_force", "cutting_speed_exponent"])
-    knees = [column.shape["knee_a"] for column in better["brush_voltage_drop"]]
-    onsets = [column.shape.get("onset_m_s", 0.0) for column in better["edge_force"]]
-    assert min(abs(knee - KNEE_A) for knee in knees) < 0.005 * KNEE_A
-    assert min(abs(onset - ONSET_M_S) for onset in onsets) < 0.005 * ONSET_M_S
+        _, better = weighed(problem, ["brush_voltage_drop", "edge_force", "cutting_speed_exponent"])
+        found = [column.shape["knee_a"] for column in better["brush_voltage_drop"]]
+        knees.append(min(found, key=lambda knee: abs(knee - KNEE_A)))
+        found = [column.shape.get("onset_m_s", 0.0) for column in better["edge_force"]]
+        onsets.append(min(found, key=lambda onset: abs(onset - ONSET_M_S)))
+    assert abs(np.mean(knees) - KNEE_A) < 0.005 * KNEE_A
+    assert abs(np.mean(onsets) - ONSET_M_S) < 0.005 * ONSET_M_S
+    # Each by itself far closer than the forms of the catalogue are to each other.
+    assert max(abs(onset - ONSET_M_S) for onset in onsets) < 0.02 * ONSET_M_S
 
 
 def test_an_edge_that_ploughs_over_some_travel_is_found_with_its_travel():
