@@ -17,6 +17,8 @@ _LEAST_STRAIGHT = 0.4
 # A corner between two rows bends the line at both, and at the next one where a sample came early or late.
 _MOST_BENT = 3
 _LEAST_ROWS = 3.0
+# Rows that are further apart than this many usual ones have a hole between them.
+_HOLE_ROWS = 1.5
 # Of the channel's standard deviation: what lines between the corners may miss the rows by.
 _MISSED = 0.05
 # Where a row changes the value by less than its last digit, every fourth one may show the corners, or every sixteenth.
@@ -71,7 +73,7 @@ def without_interpolated_rows(time_s: Floats, values: Floats) -> tuple[Floats, F
             at_s, period_s = clock
             first, last = (some_s[1] - at_s) / period_s, (some_s[-2] - at_s) / period_s
             own_s = at_s + period_s * np.arange(np.ceil(first), np.floor(last) + 1.0)
-            own = _corners(some_s, some, own_s)
+            own_s, own = _corners(some_s, some, own_s)
             within = slice(*np.searchsorted(time_s, own_s[[0, -1]]))
             missed = values[within] - np.interp(time_s[within], own_s, own)
             if np.std(missed) < _MISSED * np.std(values):
@@ -97,13 +99,16 @@ def _clock_of_corners(time_s: Floats, values: Floats, digit: float) -> tuple[flo
     return None if clock is None or clock[1] < _LEAST_ROWS * np.median(rows_s) else clock
 
 
-def _corners(time_s: Floats, values: Floats, at_s: Floats) -> Floats:
-    """Where the lines before and after each time meet: the mean of both there."""
-    slope = np.diff(values) / np.diff(time_s)
+def _corners(time_s: Floats, values: Floats, at_s: Floats) -> tuple[Floats, Floats]:
+    """Times between two rows, and where the lines before and after each meet: the mean of both; none in a hole."""
+    rows_s = np.diff(time_s)
+    slope = np.diff(values) / rows_s
     row = np.clip(np.searchsorted(time_s, at_s, side="right") - 1, 1, len(time_s) - 3)
+    is_there = rows_s[row] < _HOLE_ROWS * np.median(rows_s)
+    at_s, row = at_s[is_there], row[is_there]
     before = values[row] + slope[row - 1] * (at_s - time_s[row])
     after = values[row + 1] - slope[row + 1] * (time_s[row + 1] - at_s)
-    return np.asarray(0.5 * (before + after), dtype=np.float64)
+    return at_s, np.asarray(0.5 * (before + after), dtype=np.float64)
 
 
 def _last_digit(values: Floats) -> float:

@@ -66,6 +66,20 @@ def test_what_interpolation_takes_off_the_ripple_is_there_again():
     assert second_harmonic(found_s, found) == pytest.approx(0.8, rel=0.02)
 
 
+def test_nothing_is_made_up_where_rows_are_missing():
+    """Rows are lost for a while, twice, and single ones here and there."""
+    at_s, values, time_s, rows = table(200.0)
+    is_lost = (np.abs(time_s - 2.0) < 0.06) | (np.abs(time_s - 4.0) < 0.02)
+    is_lost[np.random.default_rng(6).choice(len(time_s), 100, replace=False)] = True
+    time_s, rows = time_s[~is_lost], rows[~is_lost]
+    found_s, found = without_interpolated_rows(time_s, rows)
+    assert len(found) < 0.1 * len(rows)
+    assert not np.any((np.abs(found_s - 2.0) < 0.055) | (np.abs(found_s - 4.0) < 0.015))
+    assert np.max(np.abs(found - np.interp(found_s, at_s, values))) < 0.05 * np.std(values)
+    clean = clean_channel(Signal(channel="battery_current_a", unit="A", time_s=time_s, values=rows))
+    assert [round(begin) for begin, _ in clean.holes] == [2, 4]
+
+
 T = np.arange(0.0, SECONDS, 1.0 / 20_000.0)
 
 
