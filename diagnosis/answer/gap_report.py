@@ -35,6 +35,7 @@ from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.gain_drift import GainDrift, gain_drifts
 from sawbench.diagnosis.inference.hypothesis import OTHERS, Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import Posterior, judge
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.vibration_read import Vibration, vibration_of
@@ -195,8 +196,9 @@ def _of_sensors(
     """Estimate by the noise of this bench, together with the likeliest cause and background effects."""
     noise = posterior.dispersion
     beside = [posterior.small, *(m.column.of_any_size for m in posterior.best.members)]
-    noisy, stacked = with_noise(problem, noise), stacked_with_noise(problem, beside, noise)
-    return gain_drifts(noisy, stacked), vibration_of(noisy, stacked)
+    noisy = with_noise(problem, noise)
+    marginal = Marginal(noisy, extra=stacked_with_noise(problem, beside, noise))
+    return gain_drifts(noisy, marginal), vibration_of(noisy, marginal)
 
 
 def _shown_causes(posterior: Posterior) -> list[Hypothesis]:

@@ -103,8 +103,7 @@ class Predictions:
         if key not in self._found:
             hold_out = self._hold_out(by_trial=by_trial, freed=freed)
             forms = self._forms(hypothesis.members)
-            of_any_size = {id(column): column.of_any_size for form in forms for column in form}
-            ladder = hold_out.climb([[of_any_size[id(column)] for column in form] for form in forms])
+            ladder = hold_out.climb(_of_any_size(forms))
             self._found[key] = Prediction(hold_out=hold_out, ladder=ladder, forms=forms)
         return self._found[key]
 
@@ -115,9 +114,8 @@ class Predictions:
         has a cause has a little of other effects too, and quiet sensors show it.
         """
         prediction = self.of(hypothesis)
-        forms = [[column.of_any_size for column in form] for form in prediction.forms]
         data = self._without_a_little([m.column for m in hypothesis.members])
-        left = prediction.hold_out.of(data).climb(forms).squares["with_effect"]
+        left = prediction.hold_out.of(data).climb(_of_any_size(prediction.forms)).squares["with_effect"]
         return replace(prediction.ladder, squares=prediction.ladder.squares | {"with_effect": left})
 
     def _without_a_little(self, cause: Sequence[Column]) -> Floats:
@@ -130,8 +128,7 @@ class Predictions:
                 *(found for name, found in self._posterior.little.items() if name not in named),
             ]
         )
-        noisy = with_noise(self._problem, dispersion)
-        beside = Marginal(noisy, extra=stacked_with_noise(noisy, [stacked(cause), of_others], dispersion))
+        beside = self._of_all.beside(stacked_with_noise(self._problem, [stacked(cause), of_others], dispersion))
         fitted = beside.data_split[0][len(beside.data_split[0]) - of_others.shape[1] :]
         most = self._problem.settings.forms.least_amplitude / BACKGROUND_SHARE
         taken: Floats = of_others @ np.clip(fitted, -most, most)
@@ -250,6 +247,12 @@ class Predictions:
             if all(old is new for old, new in zip(before, best, strict=True)):
                 break
         return best
+
+
+def _of_any_size(forms: Sequence[Sequence[Column]]) -> list[list[Floats]]:
+    """Columns of forms at the largest amplitude that occurs: one array for a column that several forms share."""
+    found = {id(column): column.of_any_size for form in forms for column in form}
+    return [[found[id(column)] for column in form] for form in forms]
 
 
 def stacked(columns: Sequence[Column]) -> Floats:

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.nuisances import DRIFTING, still_to_warm_up, warm_up_of
@@ -20,21 +19,21 @@ class GainDrift:
     std: float
 
 
-def gain_drifts(problem: LinearProblem, beside: Floats) -> Mapping[str, GainDrift]:
+def gain_drifts(problem: LinearProblem, marginal: Marginal) -> Mapping[str, GainDrift]:
     """Estimate the drift of every gain that may have one, together with all other nuisances.
 
     Parameters
     ----------
     problem : LinearProblem
-    beside : ndarray, shape (n, q)
-        Whitened columns of effects that may explain the same, times their prior standard deviation.
+    marginal : Marginal
+        Of all nuisances, beside effects that may explain the same.
 
     Returns
     -------
     dict of str to GainDrift
         By the name of the gain; empty where the plant has none.
     """
-    marginal, place = Marginal(problem, extra=beside), {name: k for k, name in enumerate(problem.names)}
+    place = {name: k for k, name in enumerate(problem.names)}
     times_s = [s.setting.session_s + s.time_s.ravel()[[0, -1]] for s in problem.campaign.states]
     begins_s, ends_s = np.min(times_s), np.max(times_s)
     model, found = problem.campaign.plant.model, {}

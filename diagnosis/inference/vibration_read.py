@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.vibration import PHASES, POWERS, inertia_n, name_of, usual_rad_s
@@ -19,14 +18,14 @@ class Vibration:
     std_n: float
 
 
-def vibration_of(problem: LinearProblem, beside: Floats) -> Vibration | None:
+def vibration_of(problem: LinearProblem, marginal: Marginal) -> Vibration | None:
     """Estimate what the load cell reads of the machine's vibration, together with all other nuisances.
 
     Parameters
     ----------
     problem : LinearProblem
-    beside : ndarray, shape (n, q)
-        Whitened columns of effects that may explain the same, times their prior standard deviation.
+    marginal : Marginal
+        Of all nuisances, beside effects that may explain the same.
 
     Returns
     -------
@@ -37,7 +36,7 @@ def vibration_of(problem: LinearProblem, beside: Floats) -> Vibration | None:
     parts = [[place.get(name_of(phase, of_bench)) for of_bench in POWERS] for phase in PHASES]
     if all(k is None for part in parts for k in part):
         return None
-    baseline, marginal = problem.campaign.plant.model, Marginal(problem, extra=beside)
+    baseline = problem.campaign.plant.model
     unit_n = float(inertia_n(baseline, np.array(usual_rad_s(baseline))))
     found = []
     for part in parts:

@@ -10,6 +10,7 @@ from sawbench.bench.recording import Alignment
 from sawbench.diagnosis.answer.signals import signal_findings
 from sawbench.diagnosis.inference.bandwidth import bandwidth_nuisances
 from sawbench.diagnosis.inference.effect_columns import effect_columns
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import judge
 from sawbench.diagnosis.inference.vibration import vibration_nuisances
 from sawbench.diagnosis.inference.vibration_read import vibration_of
@@ -104,7 +105,7 @@ def test_a_bench_that_shakes_is_no_gap(late_rad):
     states = [shaken(state, share=0.09, late_rad=late_rad) for state in strokes()]
     problem = problem_of(states)
     assert judge(problem, effect_columns(problem)).verdict == "no_gap"
-    found = vibration_of(problem, np.zeros((len(problem.data), 0)))
+    found = vibration_of(problem, Marginal(problem))
     usual = BASELINE.load.motor_speed_rad_s / GEAR
     expected_n = 0.09 * MASS * RADIUS * usual**2
     assert found.amplitude_n == pytest.approx(expected_n, abs=max(3.0 * found.std_n, 0.1 * expected_n))
@@ -115,7 +116,7 @@ def test_a_bench_that_shakes_is_no_gap(late_rad):
 
 def test_a_vibration_that_is_not_there_is_not_listed():
     problem = problem_of(strokes())
-    found = vibration_of(problem, np.zeros((len(problem.data), 0)))
+    found = vibration_of(problem, Marginal(problem))
     assert signal_findings(problem.campaign, None, {}, found) == []
 
 

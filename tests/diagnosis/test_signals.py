@@ -10,6 +10,7 @@ from sawbench.bench.config import BenchConfig
 from sawbench.bench.recording import Recording, Signal, Trial
 from sawbench.diagnosis.answer.signals import signal_findings
 from sawbench.diagnosis.inference.gain_drift import GainDrift, gain_drifts
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.zero_wander import ZeroWander
 from sawbench.diagnosis.signal_health import channel_health
@@ -133,7 +134,7 @@ def test_the_drift_of_a_gain_is_estimated_beside_what_else_may_be_off():
             plant=SimpleNamespace(model=SimpleNamespace(session_s=1800.0)),
         ),
     )  # fmt: skip
-    found = gain_drifts(problem, np.zeros((400, 0)))
+    found = gain_drifts(problem, Marginal(problem))
     assert set(found) == {"force_gain", "motor_current_gain"}
     true = -0.012
     assert abs(found["force_gain"].change - true) < 3.0 * found["force_gain"].std < 0.1 * abs(true)
