@@ -13,12 +13,17 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
-from sawbench.bench.recording import Floats
 from sawbench.bench.units import BATTERY_CURRENT, MOTOR_CURRENT
 from sawbench.diagnosis.inference.nuisance import Nuisance
 from sawbench.modeling.effects.effect import TransferFunction
-from sawbench.modeling.effects.transfer import Spectrum, current_reading, low_pass, time_derivative
+from sawbench.modeling.effects.transfer import (
+    Spectrum,
+    average,
+    before_average,
+    current_reading,
+    low_pass,
+    time_derivative,
+)
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State, TrialSetting
 
@@ -27,8 +32,6 @@ _AVERAGED_STD: Final = 1.0 / np.sqrt(3.0)
 # Time constants of a battery's sensor: one of them, or between two.
 _BATTERY_S: Final = (2e-4, 5e-4, 1.2e-3, 3e-3)
 _BATTERY_STD: Final = 1.0 / np.sqrt(len(_BATTERY_S))
-# Of what an average takes more than half of, twice the reading stands for what was there.
-_MOST_TAKEN: Final = 0.5
 
 
 def bandwidth_nuisances(settings: Sequence[TrialSetting]) -> Iterator[Nuisance]:
@@ -45,10 +48,11 @@ def bandwidth_nuisances(settings: Sequence[TrialSetting]) -> Iterator[Nuisance]:
         Averages over the time for which a value stands, and filters of the battery's sensor.
     """
     stated = [setting.alignments for setting in settings]
-    for channel, signature in ((MOTOR_CURRENT.name, _motor), (BATTERY_CURRENT.name, _battery)):
+    averages = ((MOTOR_CURRENT.name, _motor, before_average), (BATTERY_CURRENT.name, _battery, average))
+    for channel, signature, of in averages:
         period_s = max((one[channel].latency_s for one in stated if channel in one), default=0.0)
         if period_s:
-            yield _nuisance(f"average of {channel}", _AVERAGED_STD, partial(signature, transfer=_average(period_s)))
+            yield _nuisance(f"average of {channel}", _AVERAGED_STD, partial(signature, transfer=of(period_s)))
     for tau_s in _BATTERY_S:
         name = f"filter of {BATTERY_CURRENT.name}, {1e3 * tau_s:g} ms"
         yield _nuisance(name, _BATTERY_STD, partial(_battery, transfer=low_pass(tau_s)))
@@ -58,19 +62,11 @@ def _nuisance(name: str, std: float, signature: partial[Signature]) -> Nuisance:
     return Nuisance(name=name, nominal=0.0, std=std, is_plant=False, signature=signature, is_shared=True)
 
 
-def _average(period_s: float) -> TransferFunction:
-    return lambda f: np.sinc(f * period_s).astype(np.complex128)
-
-
 def _motor(baseline: Baseline, state: State, *, transfer: TransferFunction) -> Signature:
+    """By the reading, and what was there before the average: `transfer` undoes that."""
     if state.current_a is None:
         return {}
-
-    def undone(f: Floats) -> NDArray[np.complexfloating]:
-        gain = transfer(f)
-        return 1.0 / np.maximum(np.abs(gain), _MOST_TAKEN)
-
-    error = state.current_a - Spectrum(state.current_a, state).through(undone)
+    error = state.current_a - Spectrum(state.current_a, state).through(transfer)
     return current_reading(baseline, state, error, time_derivative(error, state))
 
 

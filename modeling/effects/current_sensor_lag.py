@@ -11,14 +11,19 @@ Range: amplifiers' and Hall sensors' filters of 30 Hz to 1.6 kHz: assumed.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
-from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.effect import Effect, Prepared, Strength, Words
-from sawbench.modeling.effects.transfer import Spectrum, current_reading, lag_on_axis, low_pass, time_derivative
+from sawbench.modeling.effects.transfer import (
+    Spectrum,
+    before_average,
+    current_reading,
+    delay,
+    lag_on_axis,
+    low_pass,
+    time_derivative,
+)
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -26,7 +31,6 @@ if TYPE_CHECKING:
     from sawbench.modeling.machines.linear_axis import AxisBaseline, AxisState
 
 _TAUS_S = tuple(float(tau) for tau in np.geomspace(1.5e-4, 1e-2, 18))
-_MOST_TAKEN = 0.5
 
 
 def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
@@ -38,16 +42,11 @@ def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature
     def signature(tau_s: float, moving: float = 0.0) -> tuple[Signature, ...]:
         if not moving:
             return (current_reading(baseline, state, -tau_s * rate, -tau_s * bend),)
-        error = current - reading.through(partial(_before_average, tau_s))
+        undone, early = before_average(2.0 * tau_s), delay(-tau_s)
+        error = current - reading.through(lambda f: undone(f) * early(f))
         return (current_reading(baseline, state, error, time_derivative(error, state)),)
 
     return signature
-
-
-def _before_average(tau_s: float, f: Floats) -> NDArray[np.complexfloating]:
-    """What a moving average of 2 tau is undone by; of what it takes more than half of, twice the reading."""
-    kept: Floats = np.maximum(np.sinc(2.0 * f * tau_s), _MOST_TAKEN)
-    return np.asarray(np.exp(2j * np.pi * f * tau_s) / kept, dtype=np.complex128)
 
 
 def _axis_signature(_: AxisBaseline, state: AxisState, tau_s: float) -> tuple[Signature, ...]:

@@ -17,6 +17,8 @@ from sawbench.modeling.state import START_UP_STEP_S, TWO_PI, Motion, State, angl
 # Delays and time constants that a sensor of a linear axis may have.
 AXIS_TIMES_S: Final = tuple(float(tau) for tau in np.geomspace(3e-4, 3e-2, 8))
 Complexes = NDArray[np.complexfloating]
+# Of an amplitude, by an average: beyond, nobody can undo it.
+_MOST_TAKEN: Final = 0.5
 # A start-up with what is put before and behind it, in lengths of the start-up.
 _START_LENGTHS: Final = 4
 
@@ -103,6 +105,16 @@ def low_pass(tau_s: float, damping: float = 0.0) -> TransferFunction:
         return lambda f: 1.0 / (1.0 + 2j * np.pi * f * tau_s)
     natural_rad_s = 2.0 * damping / tau_s
     return lambda f: 1.0 / (1.0 + 2j * np.pi * f * tau_s - (2.0 * np.pi * f / natural_rad_s) ** 2)
+
+
+def average(period_s: float) -> TransferFunction:
+    """Mean over a time about each moment: nothing is late."""
+    return lambda f: np.sinc(f * period_s).astype(np.complex128)
+
+
+def before_average(period_s: float) -> TransferFunction:
+    """What `average` is undone by; of what it takes more than half of, twice the reading stands for what was there."""
+    return lambda f: 1.0 / np.maximum(average(period_s)(f).real, _MOST_TAKEN)
 
 
 def stroke_rate_hz(state: State) -> Floats:
