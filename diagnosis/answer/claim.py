@@ -4,12 +4,13 @@ Evidence alone finds the best name for whatever is in the data, a sensor's wande
 data has no evidence. So the magnitude of every effect of a declared cause differs from zero in its own 95 % interval,
 the cause closes a tenth at least of the withheld gap where it acts, and so does each of several effects of what the
 others leave where it acts: where a hundredth is added and the rest stays unexplained, what explains the rest may well
-explain the hundredth. Where half of what is left without an effect would be no gap, it closes more than half: if the
-rest is no gap, all of it may be none. Nor may the simulated model with the cause miss the withheld channels by more
-than the re-tuned one does: two effects of one sensor that cancel in the harmonics compared need not cancel in the
-signal that they predict. What a claim leaves where it acts, beyond a little of the other effects, goes to "unknown"
-(`unlisted.py`). Where the answer is "unknown" for a law that is not in the catalogue, that law must close a tenth too,
-and in a size that every machine may have only of a gap beyond what an intact machine leaves.
+explain the hundredth. Where half of what is left without an effect would be no gap, it closes more than half of what a
+little of the other effects does not explain: if the rest is no gap, all of it may be none. Nor may the simulated model
+with the cause miss the withheld channels by more than the re-tuned one does: two effects of one sensor that cancel in
+the harmonics compared need not cancel in the signal that they predict. What a claim leaves where it acts, beyond a
+little of the other effects, goes to "unknown" (`unlisted.py`). Where the answer is "unknown" for a law that is not in
+the catalogue, that law must close a tenth too, and in a size that every machine may have only of a gap beyond what an
+intact machine leaves.
 Where the single strokes carry an effect, mean strokes hold little of what it closes: the report says so instead.
 """
 
@@ -17,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
@@ -171,8 +172,9 @@ def _failing(
     for member in sized_members(problem, columns, posterior, best):
         name = member.effect.name
         added, left = _added(problem, posterior, predictions, member)
-        least = _least_removed(problem, posterior, predictions, member)
-        is_worth = added.sum() > least * left and (len(best.effects) == 1 or _is_sure(added))
+        is_worth = added.sum() > problem.settings.ladder.least_added * left
+        is_worth = is_worth and _is_more_than_usual(problem, posterior, predictions, member)
+        is_worth = is_worth and (len(best.effects) == 1 or _is_sure(added))
         predicts = name in carried or (closes and is_worth)
         is_enough = is_cause(problem, posterior, predictions, member, by_strokes=name in carried)
         said = posterior.strokes.get(name) if name in carried else None
@@ -218,20 +220,23 @@ def is_most_of_a_gap(
     return float(added.sum()) > problem.settings.ladder.most_of_a_gap * left
 
 
-def _least_removed(
+def _is_more_than_usual(
     problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation
-) -> float:  # fmt: skip
-    """Share of what the likeliest hypothesis leaves without an effect that it removes: half of what is hardly a gap.
+) -> bool:  # fmt: skip
+    """Whether the likeliest hypothesis leaves a clear gap without an effect, or the effect removes most of what it is.
 
-    Of a larger gap, what remains counts against the claim by itself; see `odds_of_unlisted`.
+    What is hardly a gap may be a little of many effects, which no hypothesis names: that is taken off first. Of a
+    larger gap, what remains counts against the claim by itself; see `odds_of_unlisted`.
     """
-    numbers = problem.settings.ladder
+    most = problem.settings.ladder.most_of_a_gap
     _, fewer, rung = _with_and_without(posterior, predictions, member)
     left = times_an_intact(
         fewer, acts_in(problem, member), rung=rung, quiet=problem.quiet, weights=problem.settings.weights
     )  # fmt: skip
-    most = numbers.most_of_a_gap
-    return numbers.least_added if (1.0 - most) * left > 1.0 else most
+    if (1.0 - most) * left > 1.0:
+        return True
+    added, rest = _added(problem, posterior, predictions, member, beside_a_little=True)
+    return bool(added.sum() > most * rest)
 
 
 def _is_quiet(problem: LinearProblem, posterior: Posterior) -> bool:
@@ -273,34 +278,46 @@ def _closes(ladder: Ladder, equations: Sequence[Equation], settings: Settings = 
 
 
 def _added(
-    problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation
+    problem: LinearProblem,
+    posterior: Posterior,
+    predictions: Predictions,
+    member: Explanation,
+    *,
+    beside_a_little: bool = False,
 ) -> tuple[Floats, float]:
     """What an effect of the likeliest hypothesis adds to what the others predict, and what these leave to be added.
 
     Log probability of each withheld group, and of what the others leave above the noise, both in the equations where
     the effect acts: what it gains elsewhere is not its, nor is what stays unexplained there. Of several effects numbers
     of the plant take the place of one only where the data are likelier with these numbers wrong than with the effect.
+    `beside_a_little`: for data off which a little of the effects that the hypothesis does not name is taken.
     """
     equations = acts_in(problem, member)
-    whole, fewer, rung = _with_and_without(posterior, predictions, member)
+    whole, fewer, rung = _with_and_without(posterior, predictions, member, beside_a_little=beside_a_little)
     without = fewer.by_group(fewer.energy_in(equations)[rung])
     with_it = whole.by_group(whole.energy_in(equations)["with_effect"])
     return 0.5 * (without - with_it), 0.5 * fewer.left_in(equations, rung=rung)
 
 
 def _with_and_without(
-    posterior: Posterior, predictions: Predictions, member: Explanation
+    posterior: Posterior, predictions: Predictions, member: Explanation, *, beside_a_little: bool = False
 ) -> tuple[Ladder, Ladder, Rung]:
     """Ladder of the likeliest hypothesis, that without one of its effects, and the rung there that has not got it."""
     best = posterior.best
     rest = best.without(member.effect.name)
+
+    def ladder(hypothesis: Hypothesis, **withheld: Any) -> Ladder:
+        if beside_a_little:
+            return predictions.beside_a_little(hypothesis, best, **withheld)
+        return predictions.of(hypothesis, **withheld).ladder
+
     if not rest:
-        alone = predictions.of(best).ladder
+        alone = ladder(best)
         return alone, alone, "retuned"
     others = _found(posterior, rest)
     freed = predictions.freed_instead(others, best.log_evidence - others.log_evidence)
-    whole = predictions.of(best, freed=freed).ladder
-    return whole, predictions.of(others, by_trial=whole.held_out == "trials", freed=freed).ladder, "with_effect"
+    whole = ladder(best, freed=freed)
+    return whole, ladder(others, by_trial=whole.held_out == "trials", freed=freed), "with_effect"
 
 
 def _is_sure(gains: Floats) -> bool:

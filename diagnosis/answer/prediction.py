@@ -113,10 +113,22 @@ class Predictions:
         That is what fits best beside the hypothesis, of each effect no more than background is at most: a machine that
         has a cause has a little of other effects too, and quiet sensors show it.
         """
-        prediction = self.of(hypothesis)
-        data = self._without_a_little([m.column for m in hypothesis.members])
-        left = prediction.hold_out.of(data).climb(_of_any_size(prediction.forms)).squares["with_effect"]
-        return replace(prediction.ladder, squares=prediction.ladder.squares | {"with_effect": left})
+        ladder = self.of(hypothesis).ladder
+        left = self.beside_a_little(hypothesis, hypothesis).squares["with_effect"]
+        return replace(ladder, squares=ladder.squares | {"with_effect": left})
+
+    def beside_a_little(
+        self,
+        hypothesis: Hypothesis,
+        cause: Hypothesis,
+        *,
+        by_trial: bool | None = None,
+        freed: tuple[str, ...] | None = None,
+    ) -> Ladder:
+        """Ladder of one hypothesis for data off which a little of all effects is taken that a cause does not name."""
+        prediction = self.of(hypothesis, by_trial=by_trial, freed=freed)
+        data = self._without_a_little([m.column for m in cause.members])
+        return prediction.hold_out.of(data).climb(_of_any_size(prediction.forms))
 
     def _without_a_little(self, cause: Sequence[Column]) -> Floats:
         """Take off the data, (n,), what fits best beside a cause of all effects that it does not name."""

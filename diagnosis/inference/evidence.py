@@ -85,15 +85,16 @@ class Explanation:
     def strength_std(self) -> float:
         """Its standard uncertainty: from the noise, between the shapes, and from what nature's form differs.
 
-        From the noise: half of what one standard deviation of the amplitude either way changes, tempered as sizes are.
-        Forms disagree by factors, not by sums: with them a magnitude is right to a factor of two, unless the noise
-        alone hides it. So is one that is read off a free wave.
+        From the noise: half of what one standard deviation of the amplitude either way changes; with what nature's form
+        differs, tempered as sizes are. Forms disagree by factors, not by sums: with them a magnitude is right to a
+        factor of two, unless the noise alone hides it. So is one that is read off a free wave.
         """
         size, most = abs(self.strength - self.absent), SETTINGS.forms.most_std
         if self.effect.size_of is not None and self.mixture is None:
             return most * size
-        by_noise, by_form = self._noise_and_form()
-        return max(by_noise, min(float(np.hypot(by_noise, by_form * size)), most * size))
+        by_form = self.form_share if self.mixture is not None else np.hypot(self.shape_spread, self.form_share)
+        with_form = float(np.hypot(self._by_noise(self.size_temperature), by_form * size))
+        return max(self._by_noise(), min(with_form, most * size))
 
     @property
     def in_typical_sizes(self) -> tuple[float, float]:
@@ -106,17 +107,16 @@ class Explanation:
             return self.amplitude, self.strength_std / self.effect.strength.typical
         return self.amplitude, self.amplitude_std
 
-    def _noise_and_form(self) -> tuple[float, float]:
-        """Standard deviation of the strength from the noise, and a relative one of its form."""
-        typical = self.effect.strength.typical
+    def _by_noise(self, temperature: float = 1.0) -> float:
+        """Standard deviation of the strength from the noise."""
         if self.mixture is not None:
-            return self.mixture[1] * typical, self.form_share
-        step = np.sqrt(self.size_temperature) * self.amplitude_std
+            return self.mixture[1] * self.effect.strength.typical
+        typical, step = self.effect.strength.typical, np.sqrt(temperature) * self.amplitude_std
         high, low = (
             self.effect.reported_strength(typical * max(self.amplitude + sign * step, 1e-6), self.column.shape)
             for sign in (1.0, -1.0)
         )
-        return 0.5 * abs(high - low), float(np.hypot(self.shape_spread, self.form_share))
+        return 0.5 * abs(high - low)
 
 
 @lru_cache(maxsize=256)

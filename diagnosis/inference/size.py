@@ -88,20 +88,24 @@ def mixed(
     """
     if member.mixture is not None or not is_mixable(columns):
         return member
-    variance = problem.settings.forms.size_temperature * dispersion
     named = {member.effect.name, *(other.effect.name for other in beside)}
     fixed = [other.column.of_any_size for other in beside]
     others = [entries for name, entries in small.items() if name not in named]
-    scaled = with_noise(problem, variance)
-    stacked = stacked_with_noise(problem, [c.columns for c in columns], variance)
     signs = np.array([_direction(c) for c in columns])
-    marginal = Marginal(scaled, extra=stacked_with_noise(problem, fixed, variance))
-    size, known, _ = _sum_of_weights(marginal, stacked, signs)
+
+    tempered = problem.settings.forms.size_temperature * dispersion
+
+    def sums(marginal: Marginal, variance: Floats | float) -> tuple[float, float, float]:
+        return _sum_of_weights(marginal, stacked_with_noise(problem, [c.columns for c in columns], variance), signs)
+
+    marginal = Marginal(with_noise(problem, tempered), extra=stacked_with_noise(problem, fixed, tempered))
+    size, known, _ = sums(marginal, tempered)
     if not size:
         return replace(member, mixture=(0.0, member.amplitude_std))
-    beside_little = marginal.beside(stacked_with_noise(problem, others, variance))
-    _, whole, shared = _sum_of_weights(beside_little, stacked, signs)
-    std = max(whole, min(shared, problem.settings.forms.most_std * abs(size)))
+    _, _, with_form = sums(marginal.beside(stacked_with_noise(problem, others, tempered)), tempered)
+    every = stacked_with_noise(problem, [*fixed, *others], dispersion)
+    _, by_noise, _ = sums(Marginal(with_noise(problem, dispersion), extra=every), dispersion)
+    std = max(by_noise, min(with_form, problem.settings.forms.most_std * abs(size)))
     return replace(member, mixture=(size, std)) if np.isfinite(known + std) else member
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sawbench.diagnosis.answer.claim import is_there
 from sawbench.diagnosis.inference.columns import Column, catalogue_columns
 from sawbench.diagnosis.inference.dispersion import with_noise
 from sawbench.diagnosis.inference.evidence import Catalogue, Explanation, amplitudes, explain, explain_formed
@@ -451,3 +452,16 @@ def test_the_form_of_an_exponent_misses_a_share_of_what_it_differs_from_one():
     assert exponent.strength_std == pytest.approx(0.25 * 0.2, rel=1e-3)
     assert force.absent == 0.0
     assert force.strength_std == pytest.approx(0.25 * force.strength, rel=1e-3)
+
+
+@pytest.mark.parametrize(("amplitude_std", "is_seen"), [(0.25, True), (0.45, True), (0.6, False)])
+def test_forms_make_a_magnitude_uncertain_and_only_noise_makes_an_effect_doubtful(amplitude_std, is_seen):
+    """A compliant blade of 1.6 typical sizes, 3.6 standard deviations of the noise, was "no gap" for its forms."""
+    effect = EFFECT_BY_NAME["guide_friction"]
+    column = Column(effect=effect, shape=effect.shapes[0], columns=np.ones((3, 1)))
+    found = Explanation(
+        effect=effect, log_evidence=6.0, column=column, amplitude=1.0, amplitude_std=amplitude_std, gain=6.0,
+        contribution=np.ones(3), form_share=0.4,
+    )  # fmt: skip
+    assert found.strength_std == pytest.approx(max(0.5, amplitude_std) * found.strength)
+    assert is_there(found) == is_seen

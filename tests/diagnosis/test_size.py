@@ -104,6 +104,15 @@ def test_a_little_of_another_effect_widens_the_size_and_does_not_move_it():
     assert own.mixture == pytest.approx(without.mixture)
 
 
+def test_what_noise_leaves_of_a_mixture_is_half_of_its_size_at_most():
+    """A size four standard deviations of the noise from zero is there, whatever nature's form may be."""
+    columns = columns_of("brush_voltage_drop", FIRST, SECOND)
+    size, std = size_of(problem_of(4.0 / np.linalg.norm(FIRST) * FIRST), columns).mixture
+    assert 0.2 * size < std <= 0.5 * size
+    size, std = size_of(problem_of(1.5 / np.linalg.norm(FIRST) * FIRST), columns).mixture
+    assert std > 0.6 * size
+
+
 def test_of_two_effects_each_is_sized_beside_the_other():
     both = {"edge_force": columns_of("edge_force", FIRST), "blade_wear": columns_of("blade_wear", 0.7 * FIRST + OTHER)}
     problem = problem_of(1.5 * FIRST + 1.0 * (0.7 * FIRST + OTHER) + noise(4))
