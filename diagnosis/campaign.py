@@ -249,6 +249,8 @@ def _states(
     running = running_state(trial, setting)
     if running is None:
         return [], [*warnings, f"{name} left out: it has less than two steady strokes"]
+    if not np.all(running.speed_rad_s > 0.0):
+        return [], [*warnings, f"{name} left out: the crank stands still or turns back within its strokes"]
     for channel, attribute in CHANNEL_OF_STATE.items():
         if channel in trial.channels and getattr(running, attribute) is None:
             warnings.append(f"{name}: {channel} left out: it is missing in most of the strokes")

@@ -32,8 +32,8 @@ def contradiction(
     Returns
     -------
     str
-        What is impossible and what to check; empty where nothing is. Parameters are judged only where the verdict is
-        that they explain the gap: a model that lacks a cause bends its parameters towards it.
+        What is impossible and what to check; empty where nothing is. Parameters are judged only where the re-tuned
+        model is the answer: a model that lacks a cause bends its parameters towards it.
 
     Examples
     --------
@@ -52,7 +52,7 @@ def contradiction(
     found += [
         f"{name} would have to be {plain(p['value'])} ± {plain(p['std'])}, {p['nominal']:g} is stated"
         for name, p in shifts.items()
-        if verdict == "parameters" and _is_of_another(p)
+        if verdict in ("parameters", "no_gap") and _is_of_another(p)
     ]
     if not found:
         return ""

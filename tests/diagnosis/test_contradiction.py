@@ -107,6 +107,7 @@ def shifted(value, std, *, nominal=95.0, stated=9.5):
 )
 def test_a_parameter_of_another_machine_is_told_from_one_that_is_off(shift, is_impossible):
     assert bool(contradiction("parameters", shift, {"by_channel": {}}, {})) is is_impossible
+    assert bool(contradiction("no_gap", shift, {"by_channel": {}}, {})) is is_impossible
     assert contradiction("unknown", shift, {"by_channel": {}}, {}) == ""
 
 

@@ -10,9 +10,11 @@ from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Recording, Signal, Trial
 from sawbench.bench.units import CHANNEL_BY_NAME
 from sawbench.blindcheck.campaign import make_campaign
+from sawbench.diagnosis import campaign as campaigns
 from sawbench.diagnosis.campaign import reduce_campaign
 from sawbench.diagnosis.late_clock import keep_what_a_late_clock_does
 from sawbench.diagnosis.plausibility import Fault, Suspicion
+from sawbench.diagnosis.reduction import running_state
 from sawbench.diagnosis.trial_reading import Readings
 from sawbench.processing.process import process_recording
 from sawbench.storage.importers.campaign import load_campaign
@@ -328,6 +330,23 @@ def test_without_displacement_only_means_are_offered(good):
         measured = running(whole, state.setting.label)
         rate = float(np.average(1.0 / np.mean(1.0 / measured.speed_rad_s, axis=1), weights=measured.n_strokes))
         assert state.speed_rad_s.mean() == pytest.approx(rate, rel=0.01)
+
+
+def test_a_trial_whose_crank_turns_back_within_a_stroke_is_left_out(good, monkeypatch):
+    """A cut ten times too hard nearly stalls a saw; probabilities were not a number, and the report said "no gap"."""
+    recordings, config = good
+    victim = recordings[VICTIM].trial.trial_id
+
+    def stalling(trial, setting):
+        state = running_state(trial, setting)
+        turns_back = trial.trial.trial_id == victim
+        return replace(state, speed_rad_s=state.speed_rad_s - turns_back * 1.01 * state.speed_rad_s.min())
+
+    monkeypatch.setattr(campaigns, "running_state", stalling)
+    campaign = reduce_campaign(recordings, config)
+    assert f"{victim} left out: the crank stands still or turns back within its strokes" in campaign.warnings
+    assert victim not in {state.setting.label for state in campaign.states}
+    assert len(campaign.states) > 0
 
 
 @pytest.mark.parametrize("name", CHANNELS)
