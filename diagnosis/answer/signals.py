@@ -138,6 +138,12 @@ def _wander(wander: ZeroWander | None, health: dict[str, list[ChannelHealth]]) -
     if wander.restart_n > _LEAST["restart_n"]:
         words = f"the zero differs by {wander.restart_n:.2g} N from trial to trial: tare before each trial"
         yield _entry(FORCE.name, "zero_steps", wander.restart_n, "N", words)
+    if abs(wander.level_n) > max(_LEAST["level_n"], SETTINGS.report.wander_stds * wander.restart_n):
+        words = (
+            f"the load cell reads {wander.level_n:.2g} N in air in all trials: tare it; every force is off by that, and"
+            " what is worked out from mean forces is wrong"
+        )
+        yield _entry(FORCE.name, "zero_level", wander.level_n, "N", words)
 
 
 def _drifts(drifts: Mapping[str, GainDrift]) -> Iterator[Entry]:

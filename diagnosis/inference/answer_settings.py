@@ -131,7 +131,7 @@ class Report:
         Significance of a zero that wanders.
     least_fault : mapping of str to float
         Below these a fault of a sensor costs nothing: share of samples missing, jitter in sample periods, spikes a
-        second, wander and jumps at restarts in N, drift of a gain.
+        second, wander, jumps at restarts and level of the zero in N, drift of a gain.
     """
 
     odds: float = marked(20.0, "convention", "95 %, as every interval")
@@ -149,7 +149,7 @@ class Report:
     least_fault: Mapping[str, float] = marked(
         {
             "missing": 1e-3, "jitter": 0.05, "spikes_hz": 0.05, "wander_n": 0.1, "restart_n": 0.5, "gain_drift": 1e-3,
-            "vibration_n": 0.1,
+            "vibration_n": 0.1, "level_n": 2.0,
         },
         "convention",
         "less than the floors of `Sensors`",

@@ -84,6 +84,8 @@ class ZeroWander:
         Whether every restart is a step from where the zero stood before.
     is_drifting : bool
         Whether a lasting trend says of the zeros of later trials what the wander alone does not.
+    level_n : float
+        Mean zero of the trials in air; 0 where there are none.
     """
 
     density_n2_s: float
@@ -93,6 +95,7 @@ class ZeroWander:
     restart_n: float
     restarts_add_up: bool = False
     is_drifting: bool = False
+    level_n: float = 0.0
 
     def covariance(self, at_s: Floats, trial: np.ndarray) -> Floats:
         """Of the zero at some times of some trials, N^2, shape (n, n).
@@ -108,7 +111,8 @@ class ZeroWander:
         walked = 0.5 * self.density_n2_s * self.memory_s * np.exp(-apart_s / self.memory_s)
         # Restarts that two readings have in common.
         shared = 1.0 + np.minimum(trial[:, None], trial) if self.restarts_add_up else trial[:, None] == trial
-        return walked + self.restart_n**2 * shared
+        # A load cell that was not tared is off by any amount, in all trials alike: no step from trial to trial.
+        return walked + self.restart_n**2 * shared + self.level_n**2
 
 
 def zero_readings(baseline: Baseline, states: Sequence[State]) -> list[ZeroReadings]:
@@ -162,10 +166,13 @@ def zero_wander(trials: Sequence[ZeroReadings]) -> ZeroWander | None:
     if len(long) < SETTINGS.noise.least_trials:
         return None
     density, density_std, white = _within(long)
+    in_air = [float(t.zero_n.mean()) for t in trials if not t.not_zero.any()]
+    level_n = float(np.mean(in_air)) if in_air else 0.0
     means = _Means.of(trials, density, white)
     walk = ZeroWander(
-        density_n2_s=density, density_std_n2_s=density_std, white_n=white, memory_s=_MEMORIES_S[0], restart_n=0.0
-    )
+        density_n2_s=density, density_std_n2_s=density_std, white_n=white, memory_s=_MEMORIES_S[0], restart_n=0.0,
+        level_n=level_n,
+    )  # fmt: skip
     wander = _between(means, walk)
     return replace(wander, is_drifting=_is_drifting(means, wander))
 

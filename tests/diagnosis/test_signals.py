@@ -106,6 +106,20 @@ def test_a_zero_that_wanders_and_one_that_restarts_elsewhere():
     assert found["zero_steps"]["magnitude"] == 1.5
 
 
+@pytest.mark.parametrize(("level_n", "is_named"), [(85.0, True), (-6.0, True), (1.2, False), (4.0, False)])
+def test_a_load_cell_that_was_not_tared_is_named(level_n, is_named):
+    """Forces that were 85 N too large in all trials were "no gap" without a word; a few restarts scatter by some N."""
+    wander = ZeroWander(
+        density_n2_s=1e-6, density_std_n2_s=1.0, white_n=0.05, memory_s=10.0, restart_n=1.5 if level_n == 4.0 else 0.3,
+        level_n=level_n,
+    )  # fmt: skip
+    found = findings(wander=wander)
+    assert ("zero_level" in found) == is_named
+    if is_named:
+        assert found["zero_level"]["magnitude"] == level_n
+        assert f"{level_n:.2g} N in air" in found["zero_level"]["words"]
+
+
 @pytest.mark.parametrize(
     ("change", "std", "is_named"), [(0.006, 0.001, True), (0.006, 0.004, False), (5e-4, 1e-5, False)]
 )

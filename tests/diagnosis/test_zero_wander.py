@@ -63,6 +63,22 @@ def test_the_scatter_of_restarts_is_found():
     assert np.median([w.restart_n for w in found]) == pytest.approx(0.8, rel=0.25)
 
 
+def test_a_load_cell_that_was_not_tared_is_off_in_all_trials_alike():
+    """85 N in every trial were "the zero differs by 10 N from trial to trial"."""
+    for level_n in (0.0, 85.0, -40.0):
+        found = [
+            zero_wander(
+                [
+                    replace(t, zero_n=t.zero_n + level_n)
+                    for t in readings(np.random.default_rng(seed), size_n=0.02, restart_n=0.8)
+                ]
+            )
+            for seed in range(20)
+        ]
+        assert np.median([w.restart_n for w in found]) == pytest.approx(0.8, rel=0.25)
+        assert np.median([w.level_n for w in found]) == pytest.approx(level_n, abs=0.5)
+
+
 def test_a_still_zero_does_not_wander():
     found = zero_wander(readings(np.random.default_rng(1), size_n=0.0))
     assert np.sqrt(found.density_n2_s * LENGTH_S) < 0.05
