@@ -117,6 +117,7 @@ def read_discharges(
             ]
             notes += said
             if table is tables[0]:
+                notes += [f"warning: {path.name}: {text}" for text in table.warnings]
                 notes += [f"{path.name}: {channel} <- {words}" for channel, words in table.taken.items()]
     return found, notes
 

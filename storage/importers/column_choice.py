@@ -91,7 +91,7 @@ def choose_columns(raw: RawTable, table_map: TableMap | None = None) -> Choice:
             left_out.append(item.column)
         else:
             taken[item.channel] = item
-    warnings: list[str] = []
+    warnings = list(raw.warnings)
     values, units, words = {}, {}, {}
     for channel, item in taken.items():
         if item.raw.problem is not None:
@@ -235,19 +235,22 @@ def _tables(
             del others[name]
             continue
         raise InputError(f"{name} has {len(found)} values but {TIME_COLUMN} has {len(time_s)}", where=raw.path)
-    if table_map.table.repeated_times == "drop":
-        time_s, others = _without_repeated(time_s, others, warnings)
-    return (Table(path=raw.path, time_s=time_s, columns=others, units=units),)
+    table = Table(path=raw.path, time_s=time_s, columns=others, units=units, place=raw.place)
+    return (_without_repeated(table, warnings) if table_map.table.repeated_times == "drop" else table,)
 
 
-def _without_repeated(
-    time_s: Floats, columns: dict[str, Floats], warnings: list[str]
-) -> tuple[Floats, dict[str, Floats]]:
-    is_new = np.concatenate(([True], np.diff(time_s) != 0))
+def _without_repeated(table: Table, warnings: list[str]) -> Table:
+    is_new = np.concatenate(([True], np.diff(table.time_s) != 0))
     n_dropped = int(np.sum(~is_new))
     if n_dropped:
         warnings.append(f"{n_dropped} rows with a repeated time are left out, as set in the map")
-    return time_s[is_new], {name: values[is_new] for name, values in columns.items()}
+    rows = np.flatnonzero(is_new)
+    return replace(
+        table,
+        time_s=table.time_s[is_new],
+        columns={name: values[is_new] for name, values in table.columns.items()},
+        place=lambda row: table.place(int(rows[row])),
+    )
 
 
 def _no_time(raw: RawTable) -> InputError:

@@ -64,6 +64,8 @@ class DischargeTable:
     temperature_c, cycle : ndarray, shape (n,), or None
     taken : mapping of str to str
         Channel -> the column it was taken from, in words.
+    warnings : tuple of str
+        What of the table could not be used.
     """
 
     label: str
@@ -73,6 +75,7 @@ class DischargeTable:
     temperature_c: Floats | None
     cycle: Floats | None
     taken: Mapping[str, str]
+    warnings: tuple[str, ...] = ()
 
 
 def read_discharge_tables(path: str | Path, table_map: TableMap | None = None) -> list[DischargeTable]:
@@ -203,4 +206,5 @@ def _table(raw: RawTable, table_map: TableMap, label: str) -> DischargeTable:
         temperature_c=further(TEMPERATURE),
         cycle=further(CYCLE),
         taken=choice.words,
+        warnings=raw.warnings,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -14,6 +14,17 @@ from sawbench.bench.recording import Floats
 from sawbench.storage.importers.unit_conversion import split_unit
 
 _N_NAMES_SHOWN: Final = 12
+
+
+def data_row(row: int) -> str:
+    """Say where a row, counted from 0, stands in a file that has no lines.
+
+    Examples
+    --------
+    >>> data_row(0)
+    'data row 1'
+    """
+    return f"data row {row + 1}"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -52,11 +63,17 @@ class RawTable:
         In the order of the file; a name inside groups or structs is joined with points.
     notes : tuple of str
         How the file was read, where that was not plain.
+    warnings : tuple of str
+        What of the file could not be used.
+    place : callable
+        Says where a row, counted from 0, stands in the file.
     """
 
     path: Path
     columns: Mapping[str, RawColumn]
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    place: Callable[[int], str] = data_row
 
     def find(self, wanted: str | int) -> str:
         """Return the name of a column.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -14,6 +14,7 @@ from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Floats, Gap, Signal
 from sawbench.bench.units import CHANNEL_BY_NAME, TIME_COLUMN, Channel
 from sawbench.storage.assembly import find_time_jumps
+from sawbench.storage.importers.raw_table import data_row
 from sawbench.storage.importers.unit_conversion import stored_unit
 
 # Slower than this no stroke of a jigsaw can be seen: the times are probably not in seconds.
@@ -41,12 +42,15 @@ class Table:
         NaN where a cell is empty.
     units : mapping of str to str
         By column; absent where nobody said.
+    place : callable
+        Says where a row, counted from 0, stands in the file.
     """
 
     path: Path
     time_s: Floats
     columns: Mapping[str, Floats]
     units: Mapping[str, str] = field(default_factory=dict)
+    place: Callable[[int], str] = data_row
 
 
 def signals_of(
@@ -83,8 +87,7 @@ def signals_of(
     warnings = _time_warnings(table.time_s)
     for name, values in table.columns.items():
         if np.isinf(values).any():
-            row = int(np.flatnonzero(np.isinf(values))[0]) + 1
-            raise InputError(f"column {name} is infinite in data row {row}", where=table.path)
+            raise InputError(f"column {name} is infinite", where=_where(table, np.isinf(values)))
         is_there = ~np.isnan(values)
         if not is_there.any():
             warnings.append(f"column {name} is empty and left out")
@@ -117,21 +120,24 @@ def _check_time(table: Table) -> None:
     if not len(time_s):
         raise InputError("has no data rows", where=table.path)
     if not np.isfinite(time_s).all():
-        row = int(np.flatnonzero(~np.isfinite(time_s))[0]) + 1
         raise InputError(
-            f"{TIME_COLUMN} is empty or not a finite number in data row {row}",
-            where=table.path,
+            f"{TIME_COLUMN} is empty or not a finite number",
+            where=_where(table, ~np.isfinite(time_s)),
             remedy="remove the row",
         )
     step = np.diff(time_s)
     if len(step) and step.min() <= 0:
-        row = int(np.flatnonzero(step <= 0)[0]) + 2
+        row = int(np.flatnonzero(step <= 0)[0]) + 1
         raise InputError(
-            f"{TIME_COLUMN} does not increase in data row {row}: {time_s[row - 2]:.9g} s is followed by "
-            f"{time_s[row - 1]:.9g} s",
-            where=table.path,
+            f"{TIME_COLUMN} does not increase: {time_s[row - 1]:.9g} s is followed by {time_s[row]:.9g} s",
+            where=f"{table.path}, {table.place(row)}",
             remedy="sort the rows by time and drop repeated ones",
         )
+
+
+def _where(table: Table, is_wrong: NDArray[np.bool_]) -> str:
+    """Return the first row that is wrong, for an error."""
+    return f"{table.path}, {table.place(int(np.argmax(is_wrong)))}"
 
 
 def _signal(name: str, unit: str, time_s: Floats, values: Floats, jumps: NDArray[np.int64]) -> Signal:

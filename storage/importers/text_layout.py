@@ -54,6 +54,11 @@ class TextLayout:
     comment: str | None
     n_remarks: int
 
+    @property
+    def n_named(self) -> int:
+        """Cells of a row up to the last column that has a name."""
+        return max((place for place, name in enumerate(self.names, start=1) if name), default=0)
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Line:
@@ -138,11 +143,12 @@ def _parsed(lines: list[str], separator: str, *, skip_first: bool) -> list[_Line
             continue
         sign = next((sign for sign in COMMENT_SIGNS if line.lstrip().startswith(sign)), None)
         text = line.strip("\r\n") if sign is None else line.strip()[len(sign) :]
-        parsed.append(_Line(number=number, cells=_cells(text, separator), is_comment=sign is not None))
+        parsed.append(_Line(number=number, cells=split_cells(text, separator), is_comment=sign is not None))
     return parsed
 
 
-def _cells(line: str, separator: str) -> list[str]:
+def split_cells(line: str, separator: str) -> list[str]:
+    """Return the cells of a line, without the spaces around them."""
     if separator == " ":
         return line.split()
     (cells,) = csv.reader([line], delimiter=separator, skipinitialspace=True)
@@ -156,7 +162,7 @@ def _find_separator(lines: list[str]) -> str:
         return ","
 
     def score(separator: str) -> tuple[float, bool, int]:
-        rows = [_cells(line, separator) for line in judged]
+        rows = [split_cells(line, separator) for line in judged]
         numeric = [row for row in rows if any(map(_is_value, row))]
         n_cells = sum(bool(cell) for row in numeric for cell in row)
         share = sum(_is_value(cell) for row in numeric for cell in row) / max(n_cells, 1)
@@ -220,12 +226,12 @@ def _check_names(path: Path, header: _Line) -> list[str]:
 
 
 def _check_lengths(path: Path, names: list[str], rows: list[_Line], separator: str) -> None:
-    for number, line in enumerate(rows, start=1):
+    for line in rows:
         n_cells = len(line.cells) - (len(line.cells) > len(names) and not line.cells[-1])
         if n_cells > len(names):
             is_comma = separator == "," and n_cells == 2 * len(names)
             raise InputError(
-                f"data row {number} has {n_cells} cells, the header has {len(names)}",
+                f"the row has {n_cells} cells, the header has {len(names)}",
                 where=f"{path}, line {line.number}",
                 remedy="decimal commas need semicolons between the cells, or quotes around them"
                 if is_comma

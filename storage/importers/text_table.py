@@ -17,6 +17,7 @@ from sawbench.bench.recording import Floats
 from sawbench.storage.importers.raw_table import RawColumn, RawTable
 from sawbench.storage.importers.table_map import ReadingRules
 from sawbench.storage.importers.text_layout import TextLayout, find_layout
+from sawbench.storage.importers.text_rows import TextRows, without_cut_line
 from sawbench.storage.importers.unit_conversion import split_unit
 
 if TYPE_CHECKING:
@@ -30,8 +31,6 @@ _N_PROBED_CHARACTERS: Final = 1_000_000
 _MOST_BYTES: Final = 4_000_000_000
 # As pandas says it.
 _TOO_LONG: Final = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
-# A last line is compared with those before it, in so many characters.
-_LAST_CHARACTERS, _LEAST_LINES = 10_000, 10
 
 
 def read_text_table(path: Path, rules: ReadingRules | None = None) -> RawTable:
@@ -51,11 +50,14 @@ def read_text_table(path: Path, rules: ReadingRules | None = None) -> RawTable:
     Raises
     ------
     InputError
-        If the file is missing, is no text, has a row that is too long, or its numbers can be read in two ways.
+        If the file is missing, is no text, has a row that is too long or too short, or its numbers can be read in two
+        ways.
     """
     rules = rules or ReadingRules()
     text, encoding = _decode(path, _read_bytes(path), rules)
     layout = find_layout(path, _first_lines(text), rules)
+    text, warning = without_cut_line(text, layout)
+    rows = TextRows(path=path, text=text, layout=layout)
     decimal = layout.decimal or "."
     frame = _frame(path, text, layout, decimal, rules)
     if layout.decimal is None and any(frame[position].dtype.kind not in "fiu" for position in frame):
@@ -63,13 +65,21 @@ def read_text_table(path: Path, rules: ReadingRules | None = None) -> RawTable:
         other = _frame(path, text, layout, ",", rules)
         if sum(c.dtype.kind in "fiu" for _, c in other.items()) > sum(c.dtype.kind in "fiu" for _, c in frame.items()):
             frame, decimal = other, ","
+    if layout.n_named and bool(frame[layout.n_named - 1].isna().to_numpy().any()):
+        rows.refuse_short()
     columns = {}
     named = zip(layout.names, layout.units, frame.items(), strict=True)
     for position, (name, unit, (_, cells)) in enumerate(named, start=1):
         if name or not bool(cells.isna().to_numpy().all()):
             column = name or str(position)
-            columns[column] = _column(path, column, unit or split_unit(name)[1], cells, decimal)
-    return RawTable(path=path, columns=columns, notes=_notes(layout, encoding, decimal, text))
+            columns[column] = _column(rows, column, unit or split_unit(name)[1], cells, decimal)
+    return RawTable(
+        path=path,
+        columns=columns,
+        notes=_notes(layout, encoding, decimal),
+        warnings=(warning,) if warning else (),
+        place=rows.place,
+    )
 
 
 def _first_lines(text: str) -> list[str]:
@@ -155,20 +165,20 @@ def _frame(path: Path, text: str, layout: TextLayout, decimal: str, rules: Readi
     return frame
 
 
-def _column(path: Path, name: str, unit: str, cells: pd.Series, decimal: str) -> RawColumn:
+def _column(rows: TextRows, name: str, unit: str, cells: pd.Series, decimal: str) -> RawColumn:
     if cells.dtype.kind in "fiu":
         return RawColumn(values=cells.to_numpy(dtype=np.float64), unit=unit)
     of_day_s = _seconds_of_day(cells)
     if of_day_s is not None:
         return RawColumn(values=of_day_s - of_day_s[0], unit="s", first_of_day_s=float(of_day_s[0]))
-    problem = InputError(f"column {name} does not contain numbers", where=path)
+    problem = InputError(f"column {name} does not contain numbers", where=rows.path)
     # One cell that is no number leaves all of its column as text.
-    for row, cell in enumerate(cells.tolist(), start=1):
+    for row, cell in enumerate(cells.tolist()):
         if isinstance(cell, str) and not _is_number(cell, decimal):
             remedy = "use a point as decimal sign, or semicolons between the cells" if "," in cell else None
             problem = InputError(
-                f"column {name} has {cell!r} in data row {row}, not a number",
-                where=path,
+                f"column {name} has {cell!r}, not a number",
+                where=f"{rows.path}, {rows.place(row)}",
                 remedy=remedy or "correct the cell, or leave it empty where the sample is missing",
             )
             break
@@ -194,18 +204,7 @@ def _is_number(cell: str, decimal: str) -> bool:
     return True
 
 
-def _cut_line(text: str, separator: str) -> str:
-    """Last line, if it has no end and its last cell is missing or shorter than in each of the lines before."""
-    lines = text[-_LAST_CHARACTERS:].splitlines()[1:]
-    if text.endswith(("\n", "\r")) or len(lines) < _LEAST_LINES:
-        return ""
-    cells = [line.split() if separator == " " else line.split(separator) for line in lines]
-    *before, last = [(len(row), len(row[-1])) for row in cells if row]
-    is_cut = last[0] < min(count for count, _ in before) or last[1] < min(length for _, length in before)
-    return lines[-1] if is_cut else ""
-
-
-def _notes(layout: TextLayout, encoding: str, decimal: str, text: str) -> tuple[str, ...]:
+def _notes(layout: TextLayout, encoding: str, decimal: str) -> tuple[str, ...]:
     """Say how the text was read where that is not what every program writes."""
     said = []
     if encoding not in ("utf-8", "utf-8-sig"):
@@ -216,6 +215,4 @@ def _notes(layout: TextLayout, encoding: str, decimal: str, text: str) -> tuple[
         said.append(f"{layout.n_remarks} lines before the header left out")
     if any(layout.units):
         said.append("a row of units under the header")
-    if cut := _cut_line(text, layout.separator):
-        said.append(f"the last line looks cut off: {cut!r}; compare it with the original")
     return tuple(said)
