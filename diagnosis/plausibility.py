@@ -398,7 +398,7 @@ def _simple_mistakes(baseline: Baseline, trial: Trial, tracks: Mapping[str, Trac
     for name in ("motor_current_a", "battery_current_a"):
         if name in tracks:
             what = f"{name} has probably the wrong sign"
-            yield Mistake(what=what, channels=(name,), remedy="invert the column", mended=_negative(tracks, name))
+            yield Mistake(what=what, channels=(name,), remedy=_inverted(name), mended=_negative(tracks, name))
 
 
 def _is_on_one_half(reading: Reading) -> bool:
@@ -419,9 +419,13 @@ def _sign_of_force(baseline: Baseline, tracks: Mapping[str, Track]) -> Mistake:
     else:
         what = "force_n has probably the wrong sign"
         numbers = f" (mean {stated:.3g} N on the cutting half; positive is cutting)"
-        remedy = "invert the column"
+        remedy = _inverted("force_n")
     mended = _negative(tracks, "force_n")
     return Mistake(what=what, numbers=numbers, channels=("force_n",), remedy=remedy, mended=mended)
+
+
+def _inverted(name: str) -> str:
+    return f"invert the column: write sign = -1 for {name} into the map of the import, or remove it there (--map)"
 
 
 def _negative(tracks: Mapping[str, Track], name: str) -> dict[str, Track]:

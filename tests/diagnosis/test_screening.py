@@ -206,6 +206,14 @@ def test_a_force_that_most_trials_read_too_large_may_be_the_gap(good):
         reduce_campaign([scaled(FORCE, 6.0)(r) for r in recordings], loaded)
 
 
+@pytest.mark.parametrize(("channel", "case"), [(FORCE, "force inverted"), (MOTOR, "current inverted")])
+def test_the_remedy_for_a_wrong_sign_is_a_key_of_the_map(good, channel, case):
+    recordings, config = good
+    with pytest.raises(InputError) as caught:
+        reduce_campaign(spoil(recordings, COMMON_MISTAKES[case][0]), config)
+    assert f"write sign = -1 for {channel} into the map of the import" in caught.value.remedy
+
+
 @pytest.mark.parametrize("case", COMMON_MISTAKES)
 def test_a_mistake_in_one_trial_costs_that_trial_or_its_channels(good, case):
     recordings, config = good
