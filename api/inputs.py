@@ -5,15 +5,16 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, overload
+from typing import TYPE_CHECKING, Final, TypeVar, overload
 
 from sawbench.bench.errors import InputError
-from sawbench.storage.places import FoundFile, Place, find_recording, list_recordings
+from sawbench.storage.places import AMENDMENTS, JOURNAL, FoundFile, Place, find_recording, list_recordings
 
 if TYPE_CHECKING:
     from sawbench.bench.config import LoadedConfig
     from sawbench.bench.recording import Recording
 
+P = TypeVar("P", bound=Place)
 DEFAULT_CONFIG: Final = Path("bench_config.toml")
 _LOG: Final = logging.getLogger("sawbench")
 
@@ -34,13 +35,25 @@ def find_recordings(paths: Iterable[Place]) -> Sequence[Place]:
     return [file.place for file in find_files(paths)]
 
 
+def without_own_files(paths: Sequence[P]) -> Sequence[P]:
+    """Leave out what sawbench writes beside recordings, which `recordings/*` names too: journals and amendments.
+
+    Where nothing else is named, they stay: what is read says that they are not recordings.
+
+    Parameters
+    ----------
+    paths : sequence of Path or StoreFile
+    """
+    return [path for path in paths if path.name != JOURNAL and not path.name.endswith(AMENDMENTS)] or paths
+
+
 def find_files(paths: Iterable[Place]) -> list[FoundFile]:
     """Expand directories to the finished recordings in them, in the order of their names.
 
     Parameters
     ----------
     paths : iterable of Path or StoreFile
-        Files, or directories that hold recordings, on the disk or in an object store.
+        Files, or directories that hold recordings, on the disk or in an object store; see `without_own_files`.
 
     Raises
     ------
@@ -48,7 +61,7 @@ def find_files(paths: Iterable[Place]) -> list[FoundFile]:
         If a path does not exist or a directory has no recording.
     """
     found: list[FoundFile] = []
-    for path in paths:
+    for path in without_own_files(list(paths)):
         file = find_recording(path)
         if file is not None:
             found.append(file)

@@ -20,7 +20,7 @@ from sawbench.commands.options import (
     refuse_unwritable_folder,
 )
 from sawbench.commands.terminal import emit, stepper, table
-from sawbench.inputs import default_config_file, find_recordings
+from sawbench.inputs import default_config_file, find_recordings, without_own_files
 from sawbench.storage.digest import sha256_of
 from sawbench.storage.places import AMENDMENTS
 
@@ -141,8 +141,9 @@ def _diagnose_each(request: DiagnosisRequest, batch: Batch, *, force: bool, as_j
     refuse_unwritable_folder(request.out_dir)
     from sawbench.reporting.cause_words import name_of
 
-    failures, rows = Failures(len(request.paths)), []
-    pieces = [_piece(request, path) for path in request.paths]
+    campaigns = without_own_files(request.paths)
+    failures, rows = Failures(len(campaigns)), []
+    pieces = [_piece(request, path) for path in campaigns]
     for row in batch.rows(pieces, diagnosed_row, request.out_dir, "diagnosing", overwrites=force):
         with failures.collected():
             rows.append({"campaign": row.name, **row.checked()})

@@ -17,6 +17,8 @@ from sawbench.bench.errors import InputError, RecordingError, SawbenchError
 
 # Corrections of a recording lie beside it, under its name with this ending (`storage/amendments.py`).
 AMENDMENTS: Final = ".amendments.jsonl"
+# A batch whose results are files keeps a journal in their folder (`archive/journal.py`).
+JOURNAL: Final = "batch.jsonl"
 _MARK: Final = "://"
 # What stores say of a version of a file, the most telling first.
 _STAMPS: Final = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "created")

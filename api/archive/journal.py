@@ -8,13 +8,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from sawbench.archive.batch import Workers, run_batch
 from sawbench.bench.errors import InputError, SawbenchError
 from sawbench.storage.json_lines import append_line
-
-JOURNAL: Final = "batch.jsonl"
+from sawbench.storage.places import JOURNAL
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

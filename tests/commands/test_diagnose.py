@@ -178,6 +178,18 @@ def test_each_campaign_is_diagnosed_once_in_a_folder_of_its_own(tmp_path, capsys
     assert asked == ["one", "two", "bad", "two"]
 
 
+def test_the_journal_of_an_import_is_no_campaign(tmp_path, capsys):
+    for name in ("one", "two"):
+        (tmp_path / "imported" / name).mkdir(parents=True)
+        (tmp_path / "imported" / name / "a.mcap").write_text("not a recording")
+    (tmp_path / "imported" / "batch.jsonl").write_text("{}\n")
+    named = map(str, (tmp_path / "imported").glob("*"))
+    assert main(["diagnose", *named, "--each", "--out", str(tmp_path / "gaps")]) == 2
+    shown = capsys.readouterr()
+    assert "0 of 2 campaigns" in shown.out
+    assert "batch.jsonl" not in shown.err
+
+
 def test_jobs_of_one_campaign_are_wrong_usage(tmp_path, capsys):
     assert main(["diagnose", str(SAMPLES), "--out", str(tmp_path / "g"), "--jobs", "2"]) == 2
     assert "--each" in capsys.readouterr().err

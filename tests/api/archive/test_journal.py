@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 from sawbench.archive.batch import Workers
-from sawbench.archive.journal import JOURNAL, Journal, Piece
+from sawbench.archive.journal import Journal, Piece
 from sawbench.bench.errors import InputError, SawbenchError
+from sawbench.storage.places import JOURNAL
 
 pytestmark = pytest.mark.unit
 

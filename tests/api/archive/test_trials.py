@@ -37,6 +37,13 @@ def evaluate(folder, root, *, config=None, retries=False):
     return sorted(Path(one.item.file.place).name for one in archive.evaluate(archive.missing(find_files([folder]))))
 
 
+def test_what_lies_beside_recordings_is_no_recording(folder):
+    for name in ("batch.jsonl", "idle.mcap.amendments.jsonl"):
+        (folder / name).write_text("{}\n")
+    assert [file.place.name for file in find_files(sorted(folder.iterdir()))] == ["bad.mcap", "idle.mcap"]
+    assert [file.place.name for file in find_files([folder / "batch.jsonl"])] == ["batch.jsonl"]
+
+
 def test_a_second_run_does_nothing_and_the_bad_file_is_named(folder, tmp_path):
     root = tmp_path / "archive"
     assert evaluate(folder, root) == ["bad.mcap", "idle.mcap"]
