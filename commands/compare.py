@@ -31,7 +31,7 @@ _SHORT: Final = {
 
 @click.command(name="compare", epilog="Example: sawbench compare recordings --out report.html")
 @click.argument("paths", metavar="DIR...", nargs=-1, required=True, type=PLACE)
-@click.option("--out", "out_path", required=True, type=PLACE, help="HTML page.")
+@click.option("--out", "out_path", required=True, type=PLACE, help="HTML page; its folder is created if missing.")
 @click.option(
     "--csv", "csv_path", type=PLACE, help="Table of the trials; default: next to the page, like the HDF5 file."
 )
@@ -65,8 +65,11 @@ def command(
             remedy="give a page name that ends in .html",
         )
     for path in targets:
-        refuse_unwritable(path, force=force)
+        refuse_unwritable(path, force=force, makes_folder=True)
     rows, left_out = compared(_outcomes(paths, config_path, batch))
+    for path in targets:
+        if isinstance(path, Path):
+            path.parent.mkdir(parents=True, exist_ok=True)
     save_comparison(rows, left_out, targets, overwrite=force)
     text = [describe(compare(rows, left_out)), *(str(path) for path in targets)]
     emit(comparison_json(rows, left_out), "\n".join(text), as_json=as_json)

@@ -158,16 +158,9 @@ def test_trial_id_is_no_path(tmp_path, capsys):
     assert not list(tmp_path.rglob("*.mcap*"))
 
 
-@pytest.mark.parametrize(
-    "call",
-    [
-        ["simulate", "--config", CONFIG, "--seconds", "0.1", "--out", "nowhere/x.csv"],
-        ["compare", CONFIG.with_name("recordings"), "--out", "nowhere/x.html"],
-    ],
-    ids=["simulate", "compare"],
-)
-def test_missing_folder_is_said_before_the_work(call, tmp_path, capsys, monkeypatch):
+def test_missing_folder_is_said_before_the_work(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    call = ["simulate", "--config", CONFIG, "--seconds", "0.1", "--out", "nowhere/x.csv"]
     code, out, err = run(capsys, *call)
     assert code == 2 and not out
     assert "nowhere/x" in err and "create nowhere first" in err
@@ -195,6 +188,16 @@ def test_folder_that_cannot_be_made_is_said_before_the_work(call, tmp_path, caps
     code, out, err = run(capsys, *call, "--out", "file/out")
     assert code == 2 and not out
     assert "file/out: cannot be written to: Not a directory" in err and "give another folder" in err
+
+
+def test_compare_makes_the_folder_of_its_page(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    recording = CONFIG.with_name("recordings") / "oak-01.mcap"
+    assert run(capsys, "compare", recording, "--out", "new/folder/x.html")[0] == 0
+    assert sorted(path.name for path in Path("new/folder").iterdir()) == ["x.csv", "x.h5", "x.html"]
+    Path("file").touch()
+    code, out, err = run(capsys, "compare", recording, "--out", "file/x.html")
+    assert code == 2 and not out and "file: cannot be written to: Not a directory" in err
 
 
 @pytest.mark.parametrize("options", [["--out", "a.csv"], ["--out", "a.html", "--csv", "a.html"], ["--out", "a.h5"]])
