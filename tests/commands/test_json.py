@@ -73,6 +73,18 @@ def test_an_error_is_json_with_the_exit_code(capsys, arguments, where, words):
     assert words in found["error"]["what"]
 
 
+def test_what_could_be_used_is_printed_with_the_exit_code_of_what_could_not(capsys, tmp_path):
+    """As the page says of several recordings, and of a path that does not exist."""
+    page = (Path(__file__).parents[2] / "docs" / "json_output.md").read_text(encoding="utf-8")
+    (tmp_path / "bad.mcap").write_bytes(b"")
+    code, found = printed(capsys, "fit", OAK, tmp_path / "bad.mcap")
+    assert [one["trial"] for one in found] == ["oak-01"]
+    assert f"{code} for a wrong file" in page
+    code, found = printed(capsys, "fit", OAK, tmp_path / "nowhere.mcap")
+    assert found["error"]["where"] == str(tmp_path / "nowhere.mcap")
+    assert f"however many paths there are; the exit code is {code}" in page
+
+
 def test_the_schema_refuses_what_it_should():
     with pytest.raises(jsonschema.ValidationError):
         check_json("fit", [{"trial": "oak-01"}])
