@@ -361,7 +361,11 @@ class Recording:
         """Where an incomplete recording is cut off, in words; empty for a complete one."""
         if self.is_complete:
             return ()
-        lost = [f"{event.text}, at {event.time_s:.2f} s" for event in self.events if event.kind == "interrupted"]
+        lost = [
+            f"it ends at {event.time_s:.2f} s, what came after is lost ({event.text})"
+            for event in self.events
+            if event.kind == "interrupted"
+        ]
         return (f"the recording is incomplete{': ' if lost else ''}{'; '.join(lost)}",)
 
     def signal(self, channel: str) -> Signal:

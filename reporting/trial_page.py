@@ -137,7 +137,7 @@ def write_trial_page(
         "verdict": verdict(processed, report.fit, report.runtime),
         "tiles": _tiles(processed, report.fit, report.runtime),
         "trust": trust_in(report),
-        "is_complete": not any(row.n_missing for row in processed.quality),
+        "is_complete": is_complete(report),
         "sections": _sections(report, preview_s),
         "quality": [_quality_row(row) for row in sorted(processed.quality, key=_place)],
         "provenance": _provenance(processed, files or {}, path),
@@ -285,6 +285,12 @@ def trust_in(report: TrialReport) -> Trust:
     if warn:
         return Trust(level="warn", words="Usable, with remarks.", reasons=reasons)
     return Trust(level="good", words="No problem found in this trial.", reasons=())
+
+
+def is_complete(report: TrialReport) -> bool:
+    """Whether every sample of a trial is there, up to the end of its recording."""
+    is_cut = report.recording is not None and not report.recording.is_complete
+    return not is_cut and not any(row.n_missing for row in report.processed.quality)
 
 
 def _sections(report: TrialReport, preview_s: float) -> list[Section]:

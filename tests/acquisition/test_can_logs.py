@@ -65,7 +65,8 @@ def test_a_log_that_is_cut_off_gives_the_frames_before(tmp_path):
     assert len(recording.signal("motor_current_a").values) == 199
     assert not recording.is_complete
     (text,) = recording.interruptions
-    assert text == "the recording is incomplete: the log is cut off or damaged after 199 frames, at 1.98 s"
+    said = "it ends at 1.98 s, what came after is lost (the log is cut off or damaged after 199 frames)"
+    assert text == f"the recording is incomplete: {said}"
 
 
 def test_wrong_input_is_said(tmp_path):

@@ -157,7 +157,9 @@ def test_what_is_left_of_an_interrupted_recording_is_fitted_and_said():
     left = replace(whole, recording=replace(whole.recording, is_complete=False, events=(cut,)))
     found = sawbench.fit(left).cutting
     assert found.status == "ok"
-    assert "the recording is incomplete: the file is cut off, at 1.90 s" in found.notes
+    assert (
+        "the recording is incomplete: it ends at 1.90 s, what came after is lost (the file is cut off)" in found.notes
+    )
     assert not any("incomplete" in note for note in sawbench.fit(whole).cutting.notes)
 
 

@@ -6,9 +6,10 @@ import json
 
 import numpy as np
 import pytest
-from sawbench.bench.recording import Gap, Recording, Signal, Trial
+from sawbench.bench.recording import Gap, Recording, SampleBlock, Signal, Trial
 from sawbench.commands.main import main
 from sawbench.storage.reader import write_recording
+from sawbench.storage.writer import RecordingWriter
 
 pytestmark = pytest.mark.contract
 
@@ -110,3 +111,25 @@ def test_export_refuses_two_recordings_of_one_name(bench, tmp_path, capsys):
     assert main(["export", str(bench / "a.mcap"), other, "--out", str(bench / "tables")]) == 2
     assert "same name" in capsys.readouterr().err
     assert not (bench / "tables").exists()
+
+
+def test_recover_says_in_samples_and_seconds_what_is_left(tmp_path, capsys):
+    whole = write(tmp_path, "a")
+    cut, settings = tmp_path / "cut.mcap", {"config_toml": "", "provenance": {}, "started_at": None}
+    with RecordingWriter(**settings, path=cut, trial=Trial(trial_id="cut"), flush_every_s=1e9) as writer:
+        for first in range(0, 400, 100):
+            values = np.random.default_rng(first).standard_normal(100)
+            time_s = np.arange(first, first + 100) / 100
+            writer.write_block(
+                SampleBlock(device="cell", channel="force_n", unit="N", first_index=first, time_s=time_s, values=values)
+            )
+            writer.flush()
+    content = cut.read_bytes()
+    chunks = [at for at in range(len(content)) if content[at : at + 8] == b"\x04\x00\x00\x00zstd"]
+    cut.write_bytes(content[: chunks[2] + 50])
+    assert main(["recover", str(cut)]) == 1
+    out = capsys.readouterr().out
+    assert "\n200 samples of 1 channel kept, known to be lost: 0.98 s\n" in out
+    assert "\nthe recording ends at 1.99 s; what came after is lost\n" in out
+    assert main(["recover", whole]) == 0
+    assert capsys.readouterr().out.endswith("100 samples of 1 channel kept, none of them damaged\n")

@@ -441,6 +441,12 @@ def test_a_lossy_trial_is_bad_and_an_idle_one_says_why_it_has_no_fit(tmp_path):
     assert "No problem found" in page.shown
 
 
+def test_a_page_of_a_cut_off_recording_does_not_call_its_samples_complete(tmp_path):
+    cut = replace(make_recording(), is_complete=False)
+    path = write_trial_page(tmp_path / "cut.html", TrialReport(processed=make_processed(), recording=cut))
+    assert "No sample was lost." not in Page(path.read_text(encoding="utf-8")).shown
+
+
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
