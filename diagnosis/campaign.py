@@ -397,14 +397,14 @@ def _stock(trial: Trial) -> str:
         return _AIR
     if not is_stock_stated(trial):
         return f"what {trial.trial_id} cut"
-    return f"{trial.material}, {trial.thickness_mm} mm"
+    return f"{trial.material}, {trial.thickness_mm:g} mm"
 
 
 def _operating_point(trial: Trial) -> str:
     if trial.is_idle:
         return f"idle, duty {trial.duty:g}"
-    thickness = "thickness not stated" if trial.thickness_mm is None else f"{trial.thickness_mm} mm"
-    feed = "feed not stated" if trial.feed_mm_s is None else f"feed {trial.feed_mm_s} mm/s"
+    thickness = "thickness not stated" if trial.thickness_mm is None else f"{trial.thickness_mm:g} mm"
+    feed = "feed not stated" if trial.feed_mm_s is None else f"feed {trial.feed_mm_s:g} mm/s"
     return f"{trial.material or 'material not stated'}, {thickness}, {feed}, duty {trial.duty:g}"
 
 

@@ -12,9 +12,10 @@ pytestmark = pytest.mark.unit
 @pytest.mark.parametrize(
     ("stated", "name"),
     [
-        ({"thickness_mm": 20.0, "feed_mm_s": 4.0}, "oak, 20.0 mm, feed 4.0 mm/s, duty 0.44"),
-        ({"thickness_mm": 20.0}, "oak, 20.0 mm, feed not stated, duty 0.44"),
-        ({"feed_mm_s": 4.0}, "oak, thickness not stated, feed 4.0 mm/s, duty 0.44"),
+        ({"thickness_mm": 20.0, "feed_mm_s": 4.0}, "oak, 20 mm, feed 4 mm/s, duty 0.44"),
+        ({"thickness_mm": 2.5, "feed_mm_s": 1.7999999999999998}, "oak, 2.5 mm, feed 1.8 mm/s, duty 0.44"),
+        ({"thickness_mm": 20.0}, "oak, 20 mm, feed not stated, duty 0.44"),
+        ({"feed_mm_s": 4.0}, "oak, thickness not stated, feed 4 mm/s, duty 0.44"),
         ({"material": None}, "material not stated, thickness not stated, feed not stated, duty 0.44"),
     ],
 )
