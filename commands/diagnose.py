@@ -218,7 +218,7 @@ def _as_text(report: dict[str, Any]) -> str:
     said = (resembled(report), report["detail"]["contradiction"])
     lines += ["", *(f"note: {text}" for text in report["warnings"] if text not in said)]
     lines.append(f"next trial: {report['next_trial']}")
-    text = "\n".join([*lines, *(["", *_plan_lines(report["plan"])] if "plan" in report else [])])
+    text = "\n".join([*lines, *(["", *_plan_lines(report)] if "plan" in report else [])])
     return in_words_of(report, text)
 
 
@@ -248,9 +248,10 @@ def _closing_lines(report: dict[str, Any]) -> list[str]:
     ]
 
 
-def _plan_lines(plan: dict[str, Any]) -> list[str]:
+def _plan_lines(report: dict[str, Any]) -> list[str]:
     """Lay out the proposed trials, in their order."""
     from sawbench.reporting.trial_plan import PLAN_COLUMNS, plan_rows, plan_sentences
 
-    rows = [[row[key] for key, _ in PLAN_COLUMNS] for row in plan_rows(plan)]
-    return [*([table([words for _, words in PLAN_COLUMNS], rows)] if rows else []), *plan_sentences(plan)]
+    rows = [[row[key] for key, _ in PLAN_COLUMNS] for row in plan_rows(report["plan"])]
+    shown = [table([words for _, words in PLAN_COLUMNS], rows)] if rows else []
+    return [*shown, *plan_sentences(report["plan"], report["next_trial"])]

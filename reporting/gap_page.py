@@ -91,7 +91,7 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         "closing_sentences": closing_sentences(report["until_closed"]) if "until_closed" in report else [],
         "plan_columns": PLAN_COLUMNS,
         "plan_rows": plan_rows(report["plan"]) if "plan" in report else [],
-        "plan_sentences": plan_sentences(report["plan"]) if "plan" in report else [],
+        "plan_sentences": plan_sentences(report["plan"], report["next_trial"]) if "plan" in report else [],
         "where": [_spot(spot, detail.get("standing_out")) for spot in report["where"]],
         "standing_out_words": _standing_out_words(report, detail),
         "causes": [_cause(cause) for cause in report["causes"]],

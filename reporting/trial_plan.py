@@ -17,6 +17,11 @@ PLAN_COLUMNS: Final = (
 )  # fmt: skip
 _ANSWERS: Final = {"no_gap": "no gap", "parameters": "re-tuned parameters"}
 _AND: Final = " + "
+_BESIDE_THE_PLAN: Final = (
+    "A plan counts only what tells hypotheses apart, with the duties, feeds and workpieces of this campaign;"
+    " the next trial named above may add a setting that the campaign lacks, or make the magnitude of a cause more"
+    " precise."
+)
 
 
 def plan_rows(plan: Mapping[str, Any]) -> list[dict[str, str]]:
@@ -49,13 +54,15 @@ def plan_rows(plan: Mapping[str, Any]) -> list[dict[str, str]]:
     ]
 
 
-def plan_sentences(plan: Mapping[str, Any]) -> list[str]:
-    """State the expected benefit of the proposed trials,  and which causes none of them tells apart.
+def plan_sentences(plan: Mapping[str, Any], next_trial: str = "none") -> list[str]:
+    """State the expected benefit of the proposed trials, and which causes none of them tells apart.
 
     Parameters
     ----------
     plan : mapping
         `plan` of the report.
+    next_trial : str
+        Of the report, which names one for other reasons too.
 
     Examples
     --------
@@ -65,6 +72,8 @@ def plan_sentences(plan: Mapping[str, Any]) -> list[str]:
     rows, said = plan["trials"], []
     if not rows:
         said.append(f"No trial is proposed: {plan['reason']}.")
+        if not next_trial.startswith("none"):
+            said.append(_BESIDE_THE_PLAN)
     else:
         minutes = sum(row["minutes"] for row in rows)
         now, then = _percent(plan["expected_probability"]), _percent(rows[-1]["expected_probability"])

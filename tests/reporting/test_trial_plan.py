@@ -56,6 +56,13 @@ def test_words_say_what_the_plan_is_worth_and_what_it_cannot_do():
     )
 
 
+def test_a_next_trial_beside_an_empty_plan_is_explained():
+    _, why, *_ = plan_sentences(NOTHING, "a repeat of oak, 20 mm: it reduces the uncertainty of the magnitude most")
+    assert "the next trial named above may" in why
+    assert "next trial" not in " ".join(plan_sentences(NOTHING, "none: the model explains the measurements"))
+    assert "next trial" not in " ".join(plan_sentences(PLAN, "an idle run"))
+
+
 def saved(folder, plan, **options):
     report = copy.deepcopy(REPORT) | ({} if plan is None else {"plan": plan})
     return GapReport(report=report).save(folder, **options)[1].read_text(encoding="utf-8")
@@ -78,6 +85,7 @@ def test_a_plan_of_an_earlier_diagnosis_is_removed_or_kept_as_asked(tmp_path):
     saved(tmp_path, PLAN)
     with pytest.raises(InputError, match="already exists"):
         saved(tmp_path, PLAN)
-    assert "No trial is proposed" in saved(tmp_path, NOTHING, overwrite=True)
+    empty = saved(tmp_path, NOTHING, overwrite=True)
+    assert "No trial is proposed" in empty and "the next trial named above may" in empty
     assert not (tmp_path / "plan.csv").exists()
     assert "Trials to run next" not in saved(tmp_path, None, overwrite=True)
