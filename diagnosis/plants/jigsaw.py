@@ -53,6 +53,8 @@ _CHANNELS: Final[dict[Equation, tuple[str, ...]]] = {
 _START_UP_CHANNELS: Final = {**_CHANNELS, "electrical": ("current_a", "battery_voltage_v")}
 # Floors above the others: nothing is compared there.
 _UNRESOLVED: Final = 1e4
+# What goes with the speed, with its square and not at all is told apart by three speeds.
+_LEAST_DUTIES: Final = 3
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -278,8 +280,12 @@ class Jigsaw:
         settings = [s.setting for s in states if s.kind == "running"]
         if not any(s.is_idle for s in settings):
             return "an idle run (blade in air): it separates friction and supply from the cutting force"
-        if len({s.duty for s in settings}) < 3:
-            return "the same stock at another duty: a speed sweep separates friction, windage and voltage drops"
+        n_duties = len({s.duty for s in settings})
+        if n_duties < _LEAST_DUTIES:
+            return (
+                f"the same stock at another duty ({n_duties} of at least {_LEAST_DUTIES} so far): a speed sweep"
+                " separates friction, windage and voltage drops"
+            )
         if len({s.operating_point for s in settings}) == len(settings):
             return "a repeat of one operating point: without repeats no statement beyond noise is possible"
         if len({s.feed_m_s for s in settings if not s.is_idle}) < 2:

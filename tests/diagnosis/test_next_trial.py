@@ -57,3 +57,10 @@ def test_a_likely_rival_does(problem):
 
 def test_a_sure_cause_is_confirmed_against_its_nearest_rival(problem):
     assert advised(problem, {NAMES[0]: 0.99, NAMES[1]: 1e-6}).startswith("none is needed to identify the cause")
+
+
+def test_a_campaign_of_two_duties_is_told_how_many_there_have_to_be(problem):
+    states = [state for state in problem.campaign.states if state.setting.duty > 0.4]
+    advice = problem.campaign.plant.next_trial(states, has_gap=True)
+    assert "another duty (2 of at least 3 so far)" in advice
+    assert "duty" not in (problem.campaign.plant.next_trial(problem.campaign.states, has_gap=True) or "")
