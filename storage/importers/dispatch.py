@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Final
 
 from sawbench.bench.errors import InputError
@@ -124,7 +125,7 @@ def import_path(
     Raises
     ------
     InputError
-        If the campaign, a map or a table is wrong; then nothing is written but the trials of the campaign before it.
+        If the campaign, a map or a table is wrong; then no recording is written, of no trial.
     RecordingError
         If a recording exists and `overwrite` is False; no trial is imported then.
     FramesNeedDbc
@@ -136,6 +137,21 @@ def import_path(
     else:
         jobs = [_job_of_table(path, table_map, trial, config_toml)]
     _refuse_existing([out_dir / f"{job.trial.trial_id}.mcap" for job in jobs], overwrite=overwrite)
+    is_new = not out_dir.exists()
+    out_dir.mkdir(parents=True, exist_ok=True)
+    try:
+        # A campaign that lacks trials would be taken for a whole one: all are moved to their place, or none.
+        with TemporaryDirectory(prefix=".import-", dir=out_dir) as folder:
+            report = _write_all(jobs, Path(folder), on_trial)
+            return replace(report, paths=tuple(written.replace(out_dir / written.name) for written in report.paths))
+    finally:
+        if is_new and not any(out_dir.iterdir()):
+            out_dir.rmdir()
+
+
+def _write_all(
+    jobs: Sequence[_Job], folder: Path, on_trial: Callable[[int, int, str], None] | None
+) -> ImportReport:  # fmt: skip
     paths, warnings, notes, taken, n_samples = [], [], [], {}, 0
     for number, job in enumerate(jobs):
         if on_trial is not None:
@@ -147,7 +163,7 @@ def import_path(
         ]
         words = _taken(job.sources, contents)
         recording = _recording(job, contents, words)
-        target = write_recording(recording, out_dir / f"{job.trial.trial_id}.mcap", overwrite)
+        target = write_recording(recording, folder / f"{job.trial.trial_id}.mcap")
         paths.append(target)
         taken[target.name] = words
         for source, content in zip(job.sources, contents, strict=True):

@@ -293,6 +293,21 @@ def test_wrong_campaigns_are_refused(tmp_path, change, message):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_campaign_with_a_wrong_table_leaves_no_part_of_it_behind(tmp_path):
+    """Two of six trials stayed: they were diagnosed as a campaign, and stood in the way of the corrected call."""
+    whole = campaign(tmp_path)
+    good = (tmp_path / "trial-02.csv").read_text()
+    (tmp_path / "trial-02.csv").write_text(good.replace("\n0.003,", "\n0.001,"))
+    kept = tmp_path / "out" / "notes.txt"
+    kept.parent.mkdir()
+    kept.write_text("of the user")
+    with pytest.raises(InputError, match="does not increase"):
+        import_path(whole, tmp_path / "out")
+    assert list((tmp_path / "out").iterdir()) == [kept]
+    (tmp_path / "trial-02.csv").write_text(good)
+    assert [path.parent for path in import_path(whole, tmp_path / "out").paths] == [tmp_path / "out"] * 2
+
+
 TWO_TABLES = """
 [[trial]]
 file = "daq.csv"
