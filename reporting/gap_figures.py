@@ -172,8 +172,10 @@ def ladder_picture(by_channel: Mapping[str, Mapping[str, Any]], rungs: Sequence[
         )
     return Picture(
         svg=svg,
-        caption="RMSE of the simulated stroke. The last bar is the scatter of the measurement, the"
-        " lower limit for any model.",
+        caption="RMSE of the simulated mean stroke. Noise: standard uncertainty of a measured mean stroke, from the"
+        " scatter of single strokes within a trial or, where larger, of repeats. What is fitted to each trial, such as"
+        " k_Fc, follows a part of this scatter, so the RMSE can be below the noise; differences that small are not"
+        " significant.",
     )
 
 

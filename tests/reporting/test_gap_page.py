@@ -272,6 +272,12 @@ def test_cards_credit_re_tuning_and_the_cause_apart(tmp_path):
     assert "<dd>1.5 → 0.20 A<span>as configured → re-tuned; noise 0.020 A</span>" in text
 
 
+def test_the_caption_of_the_ladder_allows_what_the_numbers_show(tmp_path):
+    text = page(tmp_path)
+    assert "lower limit" not in text
+    assert "standard uncertainty of a measured mean stroke" in text and "the RMSE can be below the noise" in text
+
+
 def test_the_picture_comes_before_any_explanation_and_a_simulated_bench_is_announced(tmp_path):
     text = page(tmp_path)
     assert text.index("<svg") < text.index("What it means")
