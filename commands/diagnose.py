@@ -140,6 +140,7 @@ def _diagnose_each(request: DiagnosisRequest, batch: Batch, *, force: bool, as_j
     """Diagnose every campaign that the journal of the folder does not hold yet."""
     refuse_unwritable_folder(request.out_dir)
     from sawbench.reporting.cause_words import name_of
+    from sawbench.reporting.quantities import format_share
 
     campaigns = without_own_files(request.paths)
     failures, rows = Failures(len(campaigns)), []
@@ -150,7 +151,8 @@ def _diagnose_each(request: DiagnosisRequest, batch: Batch, *, force: bool, as_j
     shown = [
         (row["campaign"], "no answer" if row["contradiction"] else row["verdict"].replace("_", " "),
          " + ".join(map(name_of, row["effects"])),
-         f"{row['probability']:.1%}", "-" if row["gap_closed"] is None else f"{row['gap_closed']:.0%}")
+         format_share(row["probability"]),
+         "-" if row["gap_closed"] is None else f"{round(100 * row['gap_closed'])} %")
         for row in rows
     ]  # fmt: skip
     text = table(("campaign", "verdict", "most probable cause", "probability", "gap closed"), shown)
@@ -224,14 +226,15 @@ def _as_text(report: dict[str, Any]) -> str:
 
 def _cause_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:
     from sawbench.reporting.cause_words import in_words_of, interval_words, name_of
+    from sawbench.reporting.quantities import format_share
 
     rows = []
     for cause in report["causes"]:
         names = in_words_of(report, " + ".join(map(name_of, cause["effects"])))
         closed, interval = f"{round(100 * cause['gap_closed'])} %", interval_words(cause["gap_closed_ci95"])
-        rows.append((names, f"{cause['probability']:.1%}", closed, interval))
+        rows.append((names, format_share(cause["probability"]), closed, interval))
     others = sorted(report["probabilities"].items(), key=lambda item: -item[1])
-    return [*rows, *((name.replace("_", " "), f"{p:.1%}", "", "") for name, p in others)]
+    return [*rows, *((name.replace("_", " "), format_share(p), "", "") for name, p in others)]
 
 
 def _closing_lines(report: dict[str, Any]) -> list[str]:

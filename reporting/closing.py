@@ -8,6 +8,7 @@ from typing import Any, Final
 from sawbench.reporting.cause_words import interval_words, is_undetermined, magnitude_words, name_of
 from sawbench.reporting.figures import INK, QUIET, WIDTH_IN, figure_style
 from sawbench.reporting.html import Picture, figure_to_svg
+from sawbench.reporting.quantities import format_share
 
 MODELS: Final = (("nominal", "as configured"), ("retuned", "re-tuned"))
 _CAUSE_COLOUR: Final = "#00507f"
@@ -66,7 +67,7 @@ def closing_rows(closing: Mapping[str, Any]) -> list[dict[str, str]]:
         rows.append(
             {
                 "model": f"+ {name_of(rung['effect'])}",
-                "probability": f"{rung['probability']:.1%}",
+                "probability": format_share(rung["probability"]),
                 "magnitude": _magnitude(rung),
                 "rms": f"{rung['with_effect']:.3g}",
                 "closed": f"{round(100 * rung['gap_closed'])} %",

@@ -33,7 +33,7 @@ from sawbench.reporting.gap_figures import (
 )
 from sawbench.reporting.html import render, software_version
 from sawbench.reporting.learned_figure import learned_picture, learned_sentences
-from sawbench.reporting.quantities import format_duration, format_number, format_quantity, format_to
+from sawbench.reporting.quantities import format_duration, format_number, format_quantity, format_share, format_to
 from sawbench.reporting.standing_out_figure import standing_out_picture, standing_out_sentence, stands_out
 from sawbench.reporting.trial_plan import PLAN_COLUMNS, plan_rows, plan_sentences
 from sawbench.storage.output import write_whole
@@ -96,15 +96,18 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         "standing_out_words": _standing_out_words(report, detail),
         "causes": [_cause(cause) for cause in report["causes"]],
         "others": [
-            ("no gap", report["probabilities"]["no_gap"]),
-            ("re-tuned parameters alone", report["probabilities"]["parameters"]),
-            ("cause outside the catalogue", report["probabilities"]["unknown"]),
+            (words, format_share(report["probabilities"][name]))
+            for name, words in (
+                ("no_gap", "no gap"),
+                ("parameters", "re-tuned parameters alone"),
+                ("unknown", "cause outside the catalogue"),
+            )
         ],
         "wide": f"{SETTINGS.noise.wide:g}",
         "shifts": [_shift_row(name, p) for name, p in report["parameter_shifts"].items()],
         "ladder_rows": _ladder_rows(report),
         "log_evidence": [
-            (name_of(n), format_to(value, 1), _percent(detail.get("probabilities", {}).get(n, 0.0)))
+            (name_of(n), format_to(value, 1), format_share(detail.get("probabilities", {}).get(n, 0.0)))
             for n, value in detail.get("log_evidence", {}).items()
         ],
         "limits": [(name_of(effect), limit_words(one)) for effect, one in detail.get("detection_limits", {}).items()],
@@ -153,18 +156,18 @@ def verdict_sentence(report: Mapping[str, Any]) -> str:
     verdict, probability = report["verdict"], report["probabilities"]
     if verdict == "no_gap":
         subject = "with re-tuned parameters the model" if _shifted(report) else "the model"
-        share = _percent(probability["no_gap"])
+        share = format_share(probability["no_gap"])
         return f"No gap: {subject} explains the measurements within their noise and its own uncertainty ({share})."
     if verdict == "parameters":
         return (
             "The model form is right, but some parameters differ from their stated values by more than their"
             " uncertainty"
-            f" ({_percent(probability['parameters'])})."
+            f" ({format_share(probability['parameters'])})."
         )
     if verdict == "unknown":
-        return f"There is a gap, and no known cause explains it ({_percent(probability['unknown'])})."
+        return f"There is a gap, and no known cause explains it ({format_share(probability['unknown'])})."
     cause = report["causes"][0]
-    names = f"{' and '.join(name_of(name) for name in cause['effects'])} ({_percent(cause['probability'])})"
+    names = f"{' and '.join(name_of(name) for name in cause['effects'])} ({format_share(cause['probability'])})"
     start = "Most probable cause" if cause["probability"] >= _SURE else "Most probable cause, not certain"
     magnitudes = [magnitude_words(name, p) for name, p in cause["parameters"].items()] + cause.get("form", [])
     return in_words_of(
@@ -192,13 +195,6 @@ def _heading(report: Mapping[str, Any]) -> str:
     if report["verdict"] in fixed:
         return fixed[report["verdict"]]
     return "Gap: " + " and ".join(name_of(name) for name in report["causes"][0]["effects"])
-
-
-def _percent(share: float) -> str:
-    """Percent without claiming certainty."""
-    if share > 0.995:
-        return "over 99 %"
-    return f"{100 * share:.0f} %" if share >= 0.01 else "under 1 %"
 
 
 def closest_description(report: Mapping[str, Any]) -> list[str]:
@@ -313,7 +309,7 @@ def _is_line(spot: Mapping[str, Any]) -> bool:
 def _place_sentence(spot: Mapping[str, Any]) -> str:
     place = _PLACES.get(spot["equation"], f"in the {spot['equation']} equation")
     grows = f"; it grows with {' and '.join(spot['grows_with'])}" if spot["grows_with"] else ""
-    share = _percent(spot["share"])
+    share = format_share(spot["share"])
     return f"{share[0].upper()}{share[1:]} of the gap lies {place}, {_angles(spot['crank_angle_rad'])}{grows}."
 
 
@@ -435,7 +431,7 @@ def _spot(spot: Mapping[str, Any], found: Mapping[str, Any] | None) -> dict[str,
         "is_quiet": not _is_line(spot) and found is not None and not stands_out(spot, found),
         "equation": EQUATION_WORDS.get(spot["equation"], spot["equation"]),
         "channel": CHANNEL_WORDS.get(spot["channel"], spot["channel"]),
-        "share": "asynchronous" if _is_line(spot) else _percent(spot["share"]),
+        "share": "asynchronous" if _is_line(spot) else format_share(spot["share"]),
         "angles": _spot_angles(spot),
         "grows_with": ", ".join(spot["grows_with"]) or "none found",
     }
@@ -458,7 +454,7 @@ def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "name": " and ".join(name_of(name) for name in cause["effects"]),
         "words": ", and ".join(what_happens(name) for name in cause["effects"]),
-        "probability": _percent(cause["probability"]),
+        "probability": format_share(cause["probability"]),
         "closed": f"{round(100 * cause['gap_closed'])} %".replace("-", "\N{MINUS SIGN}"),
         "interval": interval_words(cause["gap_closed_ci95"]).replace("-", "\N{MINUS SIGN}"),
         "strengths": [magnitude_words(name, p) for name, p in cause["parameters"].items()] + cause.get("form", []),

@@ -117,6 +117,19 @@ def format_to(value: float, decimals: int, unit: str = "") -> str:
     return _signed(_fixed(value, decimals)) + (f"{_NBSP}{unit}" if unit else "")
 
 
+def format_share(share: float) -> str:
+    """Write a probability or a share in whole per cent, without claiming certainty.
+
+    Examples
+    --------
+    >>> format_share(0.911), format_share(0.9991), format_share(0.004)
+    ('91 %', 'over 99 %', 'under 1 %')
+    """
+    if share > 0.995:
+        return "over 99 %"
+    return f"{100 * share:.0f} %" if share >= 0.01 else "under 1 %"
+
+
 def format_interval(low: float, high: float, unit: str = "") -> str:
     r"""Write an interval, its ends to two significant digits of its half-width.
 

@@ -168,7 +168,7 @@ def test_each_campaign_is_diagnosed_once_in_a_folder_of_its_own(tmp_path, capsys
     call = ["diagnose", *(str(tmp_path / name) for name in ("one", "two", "bad")), "--each", "--out"]
     assert main([*call, str(tmp_path / "gaps")]) == 2
     shown = capsys.readouterr()
-    assert "guide friction" in shown.out and "90.0%" in shown.out
+    assert "guide friction" in shown.out and "90 %" in shown.out
     assert "2 of 3 campaigns" in shown.out
     assert "bad: " in shown.err and "has no trial" in shown.err
     shutil.copy(SAMPLES / "oak-01.mcap", tmp_path / "two")

@@ -34,6 +34,7 @@ def test_rows_go_from_the_configured_model_to_the_noise():
     assert [row["rms"] for row in rows] == ["4", "2", "1", "1", "0.5"]
     assert rows[2]["magnitude"] == "force 8.30\xa0±\xa00.40\xa0N"
     assert (rows[2]["closed"], rows[2]["interval"], rows[2]["added"]) == ("75 %", "60 to 85 %", "75 %")
+    assert rows[2]["probability"] == "97 %"
     assert rows[3]["added"] == "seen in single strokes"
 
 
@@ -80,3 +81,5 @@ def test_the_page_has_the_ladder_only_where_it_was_asked_for(tmp_path):
     assert text.index("Causes, added one by one") < text.index("<h2>Causes</h2>")
     assert text.count("<svg role") == plain.count("<svg role") + 1
     assert "until_closed" not in REPORT
+    shown = re.sub(r"<(style|script|svg).*?</\1>|<[^>]*>", "", text, flags=re.DOTALL)
+    assert re.search(r"\d %", shown) and not re.search(r"\d%", shown)
