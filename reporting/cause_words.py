@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from sawbench.bench.plain_digits import fitting_unit
+from sawbench.diagnosis.inference.settings import Z95
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 from sawbench.modeling.machines.words import SAW, MachineWords, words_of
 from sawbench.reporting.quantities import format_quantity
@@ -148,15 +149,45 @@ def magnitude_words(name: str, parameter: Mapping[str, Any]) -> str:
     >>> magnitude_words("gap_m", {"value": 0.0057, "std": 0.0004, "unit": "m"})
     'gap 5.70\xa0±\xa00.40\xa0mm'
     """
+    words, unit, factor = _words_of_magnitude(name, parameter)
+    value, std = factor * parameter["value"], None if parameter["std"] is None else factor * parameter["std"]
+    unit, factor = fitting_unit(value, unit)
+    value, std = factor * value, None if std is None else factor * std
+    return f"{words} {format_quantity(value, std, '' if unit == '1' else unit.replace('*', '·'), digits=3)}"
+
+
+def _words_of_magnitude(name: str, parameter: Mapping[str, Any]) -> tuple[str, str, float]:
+    """What a magnitude is called, after the effect where that is told, its unit, and the factor to it."""
     effect, _, name = name.rpartition(".")
     words, unit, factor = _RATES.get(name) or (
         name_of(name.removesuffix(_SUFFIX.get(parameter["unit"], ""))), parameter["unit"], 1.0
     )  # fmt: skip
-    value, std = factor * parameter["value"], None if parameter["std"] is None else factor * parameter["std"]
-    unit, factor = fitting_unit(value, unit)
-    value, std = factor * value, None if std is None else factor * std
-    whose = f"{name_of(effect)}: " if effect else ""
-    return f"{whose}{words} {format_quantity(value, std, '' if unit == '1' else unit.replace('*', '·'), digits=3)}"
+    return f"{name_of(effect)}: {words}" if effect else words, unit, factor
+
+
+def strength_words(cause: Mapping[str, Any], limits: Mapping[str, Any], *, is_named: bool) -> list[str]:
+    """Write the magnitudes of a cause; of one that is not named, those alone whose 95 % interval excludes no effect.
+
+    Parameters
+    ----------
+    cause : mapping
+        Of the report.
+    limits : mapping
+        `detail.detection_limits` of the report: what the parameter of an effect is without it.
+    is_named : bool
+        Whether the verdict names the cause: its magnitude is there.
+    """
+    of_cause = [limits[effect] for effect in cause["effects"] if effect in limits]
+    absent = {limit["name"]: limit["without_effect"] or 0.0 for limit in of_cause}
+    said = []
+    for name, one in cause["parameters"].items():
+        without = absent.get(name.rpartition(".")[2], 0.0)
+        is_open = one["std"] is not None and abs(one["value"] - without) < Z95 * one["std"]
+        if is_open and not is_named:
+            said.append(f"{_words_of_magnitude(name, one)[0]} not determined")
+        else:
+            said.append(magnitude_words(name, one))
+    return said
 
 
 def limit_words(limit: Mapping[str, Any]) -> str:

@@ -17,6 +17,7 @@ from sawbench.reporting.cause_words import (
     limit_words,
     magnitude_words,
     name_of,
+    strength_words,
     what_happens,
     what_to_do,
     withheld_words,
@@ -94,7 +95,7 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         "plan_sentences": plan_sentences(report["plan"], report["next_trial"]) if "plan" in report else [],
         "where": [_spot(spot, detail.get("standing_out")) for spot in report["where"]],
         "standing_out_words": _standing_out_words(report, detail),
-        "causes": [_cause(cause) for cause in report["causes"]],
+        "causes": [_cause(report, number) for number in range(len(report["causes"]))],
         "others": [
             (words, format_share(report["probabilities"][name]))
             for name, words in (
@@ -448,7 +449,9 @@ def _spot_angles(spot: Mapping[str, Any]) -> str:
     )
 
 
-def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
+def _cause(report: Mapping[str, Any], number: int) -> dict[str, Any]:
+    cause, limits = report["causes"][number], report.get("detail", {}).get("detection_limits", {})
+    is_named = number == 0 and _has_cause(report)
     alike = [name_of(name) for name in cause["indistinguishable_from"]]
     n_shown = _MOST_ALIKE if len(alike) > _MOST_ALIKE + 1 else len(alike)
     return {
@@ -457,7 +460,7 @@ def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
         "probability": format_share(cause["probability"]),
         "closed": f"{round(100 * cause['gap_closed'])} %".replace("-", "\N{MINUS SIGN}"),
         "interval": interval_words(cause["gap_closed_ci95"]).replace("-", "\N{MINUS SIGN}"),
-        "strengths": [magnitude_words(name, p) for name, p in cause["parameters"].items()] + cause.get("form", []),
+        "strengths": strength_words(cause, limits, is_named=is_named) + cause.get("form", []),
         "alike": ", ".join(alike[:n_shown]) or "none",
         "more_alike": alike[n_shown:],
     }

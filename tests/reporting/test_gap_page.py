@@ -254,6 +254,24 @@ def test_sizes_are_written_without_powers_of_ten(tmp_path, name, parameter, word
     assert words in page(tmp_path, causes=[{**CAUSE, "parameters": {name: parameter}}, RUNNER_UP])
 
 
+def test_a_magnitude_that_may_be_nothing_is_not_determined_unless_its_cause_is_named(tmp_path):
+    def wide(value):
+        return {"exponent": {"value": value, "std": 0.2, "unit": "1"}}
+
+    limits = {"cutting_speed_exponent": {"name": "exponent", "unit": "1", "change": 0.5, "without_effect": 1.0}}
+    detail = {**copy.deepcopy(REPORT["detail"]), "detection_limits": limits}
+    causes = [
+        {**CAUSE, "parameters": {"force_n": {"value": 8.3, "std": 20.0, "unit": "N"}}},
+        {**RUNNER_UP, "parameters": {"torque_n_m": {"value": 2.5, "std": 11.7, "unit": "N*m"}}},
+        {**RUNNER_UP, "effects": ["cutting_speed_exponent"], "parameters": wide(1.1)},
+        {**RUNNER_UP, "effects": ["cutting_speed_exponent"], "parameters": wide(0.3)},
+    ]
+    text = page(tmp_path, causes=causes, detail=detail)
+    assert "force 8 ± 20 N" in text
+    assert "torque not determined" in text and "± 12 N·m" not in text
+    assert text.count("exponent not determined") == 1 and "exponent 0.30 ± 0.20" in text
+
+
 def test_large_magnitudes_and_whole_minutes_read_as_people_write_them(tmp_path):
     stiff = {"stiffness_n_per_m": {"value": 2.0e15, "std": 4.46e14, "unit": "N/m"}}
     gap = {**REPORT["gap"], "runtime_s": {"nominal": 4319.7, "measured": 59.6}}
