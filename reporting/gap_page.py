@@ -331,7 +331,7 @@ def _shifted(report: Mapping[str, Any]) -> str:
 
 
 def _to_do(report: Mapping[str, Any]) -> list[str]:
-    verdict, until_when = report["verdict"], "Until then"
+    verdict, start = report["verdict"], "Until then use the improved model in the folder of this page"
     steps = []
     if _contradiction(report):
         steps.append("Correct channels, units or configuration and diagnose again.")
@@ -339,7 +339,7 @@ def _to_do(report: Mapping[str, Any]) -> list[str]:
         steps.append("Check the stated values of the shifted parameters.")
     elif verdict == "no_gap":
         steps.append("Use the model as it is.")
-        until_when = "For the smallest error"
+        start = "Optional: the same model with parameters re-tuned within their uncertainty, in the folder of this page"
     elif verdict == "parameters":
         steps.append("Check the re-tuned parameters (table below) on a new trial.")
     elif verdict == "unknown":
@@ -353,8 +353,8 @@ def _to_do(report: Mapping[str, Any]) -> list[str]:
         ]
     if report.get("improved_model"):
         steps.append(
-            f"{until_when} use the improved model in the folder of this page, for example"
-            f" `{improved_command(report, 'improved_model.toml')}`; every command for this machine accepts it."
+            f"{start}, for example `{improved_command(report, 'improved_model.toml')}`; every command for this machine"
+            " accepts it."
         )
     return [*steps, f"Next trial: {report['next_trial']}."]
 

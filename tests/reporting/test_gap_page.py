@@ -132,7 +132,10 @@ def test_a_page_without_a_gap_agrees_with_its_re_tuned_parameters(tmp_path):
     text = page(tmp_path, **no_gap, parameter_shifts=within)
     assert "No gap: the model explains the measurements" in text and "Use the model as it is." in text
     assert "Largest shifts" not in text
-    assert "For the smallest error use the improved model" in text
+    # Advice to use the model as it is must not be followed by advice to use another one.
+    assert "use the improved model" not in text
+    assert "Optional: the same model with parameters re-tuned within their uncertainty" in text
+    assert "--config improved_model.toml" in text
 
 
 def test_the_closest_description_is_that_of_an_unknown_cause_alone():
