@@ -199,7 +199,7 @@ def _piece(request: DiagnosisRequest, path: Path) -> Piece:
 
 def _as_text(report: dict[str, Any]) -> str:
     from sawbench.reporting.cause_words import in_words_of, withheld_words
-    from sawbench.reporting.gap_page import closest_description, known_effects, resembled, verdict_sentence
+    from sawbench.reporting.gap_page import closest_description, known_effects, notes_of, verdict_sentence
     from sawbench.reporting.quantities import format_number
 
     gap = report["gap"]
@@ -217,8 +217,7 @@ def _as_text(report: dict[str, Any]) -> str:
     if "runtime_s" in gap:
         times = ", ".join(f"{name.replace('_', ' ')} {seconds:.0f} s" for name, seconds in gap["runtime_s"].items())
         lines += ["", f"battery runtime: {times}"]
-    said = (resembled(report), report["detail"]["contradiction"])
-    lines += ["", *(f"note: {text}" for text in report["warnings"] if text not in said)]
+    lines += ["", *(f"note: {text}" for text in notes_of(report))]
     lines.append(f"next trial: {report['next_trial']}")
     text = "\n".join([*lines, *(["", *_plan_lines(report)] if "plan" in report else [])])
     return in_words_of(report, text)

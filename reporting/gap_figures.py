@@ -49,6 +49,18 @@ def point_words(operating_point: str) -> str:
     return re.sub(r"\d+\.\d+", lambda found: f"{float(found[0]):.4g}", operating_point)
 
 
+def in_channel_words(text: str) -> str:
+    """Write the channels that a sentence of the report names as the pages call them.
+
+    Examples
+    --------
+    >>> in_channel_words("bursts in battery_current_a, force_n, in 18 of 18 trials")
+    'bursts in battery current, force, in 18 of 18 trials'
+    """
+    names = "|".join(CHANNEL_WORDS)
+    return re.sub(rf"(?<![\w.])({names})(?!\w)", lambda found: CHANNEL_WORDS[found[0]], text)
+
+
 def strokes_picture(strokes: Sequence[Mapping[str, Any]], after: str, after_words: str) -> Picture | None:
     """Measured strokes and the model before and after the diagnosis.
 

@@ -27,6 +27,7 @@ from sawbench.reporting.gap_figures import (
     CHANNEL_WORDS,
     EQUATION_WORDS,
     alike_rows,
+    in_channel_words,
     ladder_picture,
     map_picture,
     point_words,
@@ -116,7 +117,7 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
         "alike_odds": _ALIKE_ODDS,
         "alike": alike_rows(detail["alike"]) if detail.get("alike") else [],
         "signals": [(CHANNEL_WORDS.get(s["channel"], s["channel"]), s["words"]) for s in report.get("signals", [])],
-        "warnings": [text for text in report["warnings"] if text not in (detail.get("resembles"), contradicted)],
+        "warnings": notes_of(report),
         "report": report,
         "version": software_version(),
     }
@@ -206,8 +207,20 @@ def closest_description(report: Mapping[str, Any]) -> list[str]:
     report : mapping
         `gap_report.json`.
     """
-    resembles = resembled(report)
+    resembles = in_channel_words(resembled(report))
     return [f"Closest description: {resembles}."] if resembles else []
+
+
+def notes_of(report: Mapping[str, Any]) -> list[str]:
+    """Limits of an answer, less what its verdict says already, with channels by their plain names.
+
+    Parameters
+    ----------
+    report : mapping
+        `gap_report.json`.
+    """
+    said = (resembled(report), _contradiction(report))
+    return [in_channel_words(text) for text in report["warnings"] if text not in said]
 
 
 def known_effects(report: Mapping[str, Any]) -> list[str]:
