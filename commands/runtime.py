@@ -105,7 +105,8 @@ def describe(name: str, result: RuntimePrediction) -> str:
         f" {'cut-off state of charge' if result.ended_by == 'soc' else 'cut-off voltage'}"
     ]
     lines.append(
-        f"  mean battery current {result.mean_battery_current_a:.3f} A, motor {result.mean_motor_current_a:.3f} A"
+        f"  means of the model over the discharge: battery current {result.mean_battery_current_a:.3f} A,"
+        f" motor current {result.mean_motor_current_a:.3f} A"
     )
     if result.appendix_a_runtime_s is not None:
         lines.append(f"  from the measured mean current (Appendix A): {result.appendix_a_runtime_s:.0f} s")

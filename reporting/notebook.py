@@ -87,8 +87,8 @@ def runtime_block(trial_id: str, found: RuntimePrediction) -> str:
     lasts = f"{format_quantity(found.runtime_s, found.std_s, 's')} ({format_duration(found.runtime_s)})"
     rows = [
         ("runtime", lasts),
-        ("mean battery current", format_quantity(found.mean_battery_current_a, None, "A")),
-        ("mean motor current", format_quantity(found.mean_motor_current_a, None, "A")),
+        ("mean battery current of the model", format_quantity(found.mean_battery_current_a, None, "A")),
+        ("mean motor current of the model", format_quantity(found.mean_motor_current_a, None, "A")),
     ]
     if found.appendix_a_runtime_s is not None:
         rows.append(("runtime from the measured mean current", format_quantity(found.appendix_a_runtime_s, None, "s")))

@@ -240,7 +240,7 @@ def _tiles(processed: ProcessedTrial, fit: CuttingFit | None, runtime: RuntimePr
     ):
         if channel.name in values:
             shown = format_quantity(values[channel.name], None, channel.unit)
-            tiles.append(Tile(label=label, value=shown, detail="while running"))
+            tiles.append(Tile(label=label, value=shown, detail="measured, while running"))
     return tiles
 
 
@@ -409,9 +409,9 @@ def _fit_words(fit: CuttingFit) -> tuple[str, ...]:
 def _runtime_words(runtime: RuntimePrediction) -> tuple[str, ...]:
     end = {"soc": "the cut-off state of charge", "voltage": "the cut-off voltage"}[runtime.ended_by]
     texts = [
-        f"{format_quantity(runtime.runtime_s, runtime.std_s, 's')} from full charge to {end}, at a mean "
-        f"battery current of {_short(runtime.mean_battery_current_a, 'A')} and a mean motor current of "
-        f"{_short(runtime.mean_motor_current_a, 'A')}. The numerical error is below "
+        f"{format_quantity(runtime.runtime_s, runtime.std_s, 's')} from full charge to {end}. Over this discharge the "
+        f"model has a mean battery current of {_short(runtime.mean_battery_current_a, 'A')} and a mean motor current "
+        f"of {_short(runtime.mean_motor_current_a, 'A')}. The numerical error is below "
         f"{_short(runtime.numerical_error_s, 's')}."
     ]
     if runtime.appendix_a_runtime_s is not None:

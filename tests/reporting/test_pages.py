@@ -24,6 +24,7 @@ from sawbench.bench.processed import (
     RemovedForce,
 )
 from sawbench.bench.recording import Gap, Recording, Signal, Trial
+from sawbench.commands.runtime import describe
 from sawbench.modeling.discharge import DischargeCurves
 from sawbench.modeling.results import CuttingFit, RuntimePrediction
 from sawbench.processing.spectrum import power_spectrum
@@ -414,6 +415,15 @@ def test_trial_page_shows_every_figure_and_the_facts(trial_path):
         "Provenance",
     ):  # fmt: skip
         assert words in page.shown, words
+
+
+def test_a_mean_current_is_called_measured_or_the_models(tmp_path):
+    processed = make_processed(mean_values={"battery_current_a": 4.7}, rms_values={})
+    path = write_trial_page(tmp_path / "mean.html", TrialReport(processed=processed, runtime=make_runtime()))
+    shown = Page(path.read_text(encoding="utf-8")).shown
+    assert "Mean battery current 4.700 A measured, while running" in shown
+    assert "the model has a mean battery current of 4.66 A" in shown
+    assert "means of the model over the discharge: battery current 4.660 A" in describe("oak-01", make_runtime())
 
 
 def test_deviations_are_those_of_the_curves():
