@@ -19,8 +19,8 @@ _ANSWERS: Final = {"no_gap": "no gap", "parameters": "re-tuned parameters"}
 _AND: Final = " + "
 _BESIDE_THE_PLAN: Final = (
     "A plan counts only what tells hypotheses apart, with the duties, feeds and workpieces of this campaign;"
-    " the next trial named above may add a setting that the campaign lacks, or make the magnitude of a cause more"
-    " precise."
+    " the next trial named above may add a setting that the campaign lacks, show more of an unexplained residual, or"
+    " make the magnitude of a cause more precise."
 )
 
 
