@@ -185,9 +185,8 @@ def ladder_picture(by_channel: Mapping[str, Mapping[str, Any]], rungs: Sequence[
     return Picture(
         svg=svg,
         caption="RMSE of the simulated mean stroke. Noise: standard uncertainty of a measured mean stroke, from the"
-        " scatter of single strokes within a trial or, where larger, of repeats. What is fitted to each trial, such as"
-        " k_Fc, follows a part of this scatter, so the RMSE can be below the noise; differences that small are not"
-        " significant.",
+        " scatter of single strokes within a trial or, where larger, of repeats. What is fitted to each trial follows"
+        " a part of this scatter, so the RMSE can be below the noise; differences that small are not significant.",
     )
 
 
