@@ -77,6 +77,9 @@ class Predictions:
         self._hold_outs: dict[tuple[bool, tuple[str, ...]], HoldOut] = {}
         self._found: dict[tuple[tuple[str, ...], bool, tuple[str, ...]], Prediction] = {}
         self._channels: dict[tuple[str, ...], ChannelGap | None] = {}
+        # By cause, the data beyond a little of what it does not name; and ladders of them.
+        self._beyond: dict[tuple[str, ...], Floats] = {}
+        self._beside_a_little: dict[tuple[object, ...], Ladder] = {}
         # Beside each cause: log evidence that numbers of the plant are wrong, and which.
         self._retuned: dict[tuple[str, ...], tuple[float, tuple[str, ...]]] = {}
         # A model that is solved does not know what the form of a known effect may miss: the rest is fitted alone there.
@@ -126,9 +129,14 @@ class Predictions:
         freed: tuple[str, ...] | None = None,
     ) -> Ladder:
         """Ladder of one hypothesis for data off which a little of all effects is taken that a cause does not name."""
-        prediction = self.of(hypothesis, by_trial=by_trial, freed=freed)
-        data = self._without_a_little([m.column for m in cause.members])
-        return prediction.hold_out.of(data).climb(_of_any_size(prediction.forms))
+        key = (hypothesis.effects, cause.effects, by_trial, freed)
+        if key not in self._beside_a_little:
+            prediction = self.of(hypothesis, by_trial=by_trial, freed=freed)
+            if cause.effects not in self._beyond:
+                self._beyond[cause.effects] = self._without_a_little([m.column for m in cause.members])
+            hold_out = prediction.hold_out.of(self._beyond[cause.effects])
+            self._beside_a_little[key] = hold_out.climb(_of_any_size(prediction.forms))
+        return self._beside_a_little[key]
 
     def _without_a_little(self, cause: Sequence[Column]) -> Floats:
         """Take off the data, (n,), what fits best beside a cause of all effects that it does not name."""
