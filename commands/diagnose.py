@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -124,7 +127,8 @@ def diagnosed(
     from sawbench.results import GapReport
 
     on_step(0, 100, "reading")
-    trials = on_two_cores(lambda path: open_trial(path, request.config_path), find_recordings(request.paths))
+    readings = [partial(open_trial, path, request.config_path) for path in find_recordings(request.paths)]
+    _, *trials = on_two_cores(operator.call, [_import_diagnosis, *readings])
     report = diagnose_trials(
         trials,
         until_closed=request.until_closed,
@@ -134,6 +138,11 @@ def diagnosed(
     on_step(_DRAWING, 100, "writing the page")
     GapReport(report=report).save(request.out_dir, overwrite=True)
     return report
+
+
+def _import_diagnosis() -> None:
+    """Load what a diagnosis needs, while the other core begins to read."""
+    importlib.import_module("sawbench.diagnosis.answer.gap_report")
 
 
 def _diagnose_each(request: DiagnosisRequest, batch: Batch, *, force: bool, as_json: bool) -> int:

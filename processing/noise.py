@@ -53,8 +53,8 @@ def white_noise_std(values: Floats, time_s: Floats | None = None) -> float:
     first = max(len(values) // 2 - 200_000, 0)
     part, at_s = values[first : first + 400_000], None if time_s is None else time_s[first : first + 400_000]
     spread = _spread([np.diff(part, order) / np.sqrt(comb(2 * order, order)) for order in _ORDERS])
-    if at_s is not None and _jitters(np.diff(at_s)):
-        spread = min(spread, _spread([_divided_differences(part, at_s, order) for order in _ORDERS]))
+    if at_s is not None and _jitters(steps_s := np.diff(at_s), usual_s := float(np.median(steps_s))):
+        spread = min(spread, _spread([_divided_differences(part, at_s / usual_s, order) for order in _ORDERS]))
     step = np.abs(np.diff(part))
     quantum = float(step[step > 0].min()) if (step > 0).any() else 0.0
     is_quantised = float(np.mean(step == 0)) > 0.05
@@ -66,18 +66,20 @@ def _spread(differences: list[Floats]) -> float:
     return high if high < _SURELY_LESS * low else low
 
 
-def _jitters(steps_s: Floats) -> bool:
-    usual_s = float(np.median(steps_s))
+def _jitters(steps_s: Floats, usual_s: float) -> bool:
     return float(np.median(np.abs(steps_s - usual_s))) > _JITTER_SHARE * usual_s
 
 
-def _divided_differences(values: Floats, time_s: Floats, order: int) -> Floats:
-    """Divided differences of some windows spread over a signal, each for white noise of 1 a standard deviation of 1."""
+def _divided_differences(values: Floats, times: Floats, order: int) -> Floats:
+    """Divided differences of some windows spread over a signal, each for white noise of 1 a standard deviation of 1.
+
+    `times` are those of the samples in units of their usual step.
+    """
     n_windows = len(values) - order
     starts = np.linspace(0, n_windows - 1, min(n_windows, _JITTERED_WINDOWS)).astype(np.int64)
     at = np.arange(order + 1)[:, None] + starts
-    times = (time_s[at] - time_s[starts]) / np.median(np.diff(time_s))
-    weights = 1.0 / np.array([np.prod(times[k] - np.delete(times, k, axis=0), axis=0) for k in range(order + 1)])
+    since = times[at] - times[starts]
+    weights = 1.0 / np.array([np.prod(since[k] - np.delete(since, k, axis=0), axis=0) for k in range(order + 1)])
     return np.asarray(np.sum(weights * values[at], axis=0) / np.linalg.norm(weights, axis=0))
 
 

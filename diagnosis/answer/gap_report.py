@@ -141,10 +141,12 @@ def _report(
     problem, columns, posterior, predictions = answer.problem, answer.columns, answer.posterior, answer.predictions
     campaign = problem.campaign
     shown_causes = _shown_causes(posterior)
-    causes = [_cause(problem, columns, posterior, predictions, hypothesis) for hypothesis in shown_causes]
     learned = learned_answer(problem, columns, posterior)
     first = shown_causes[0] if shown_causes else posterior.of("no_gap")
     channels = predictions.channels_of(first)
+
+    def of_causes() -> list[dict[str, Any]]:
+        return [_cause(problem, columns, posterior, predictions, hypothesis) for hypothesis in shown_causes]
 
     def where() -> list[dict[str, Any]]:
         return [] if posterior.verdict == "no_gap" else _where(problem, posterior)
@@ -152,8 +154,9 @@ def _report(
     def detectable() -> dict[str, DetectionLimit]:
         return detection_limits(problem, columns, posterior, SETTINGS.report.shown_log_odds)
 
-    weighed: list[Callable[[], Any]] = [where, detectable, lambda: detail(problem, posterior, channels)]
-    places, limits, details = on_two_cores(operator.call, weighed)
+    # This process takes the first one, for which it knows the predictions already.
+    parts: list[Callable[[], Any]] = [of_causes, where, lambda: detail(problem, posterior, channels), detectable]
+    causes, places, details, limits = on_two_cores(operator.call, parts)
     members = sized_members(problem, columns, posterior, posterior.best)
     shifts = _shifts(problem, posterior, members)
     retuned = {name: shift["value"] for name, shift in shifts.items()}

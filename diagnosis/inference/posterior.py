@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import operator
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from sawbench.bench.recording import Floats
@@ -117,14 +119,22 @@ def judge(
     Posterior
     """
     columns = {name: entries for name, entries in columns.items() if entries}
-    plant, settings = problem.campaign.plant, problem.settings
-    little = little_of_each(problem, columns)
-    bench = _bench_of(problem, columns, little)
+    campaign, settings = problem.campaign, problem.settings
+    plant, effects = campaign.plant, campaign.plant.effects
+
+    def bench_with_background() -> tuple[_Bench, Mapping[str, Floats]]:
+        little = little_of_each(problem, columns)
+        return _bench_of(problem, columns, little), little
+
+    def beside_mean_strokes() -> tuple[Any, ...]:
+        asynchronous = [*off_stroke_findings(campaign.off_stroke), *unsteady_balances(problem)]
+        beside = max(asynchronous, key=lambda finding: finding.log_evidence, default=None)
+        return *strokes_say(effects, campaign.states, campaign.strokes, settings, plant.known), beside
+
+    # This process takes the first one, whose result is large.
+    parts: list[Callable[[], tuple[Any, ...]]] = [bench_with_background, beside_mean_strokes]
+    (bench, little), (said, of_strokes, beside) = on_two_cores(operator.call, parts, known=effects)
     singles, pairs = _singles_and_pairs(bench)
-    campaign = problem.campaign
-    said, of_strokes = strokes_say(plant.effects, campaign.states, campaign.strokes, settings, plant.known)
-    asynchronous = [*off_stroke_findings(campaign.off_stroke), *unsteady_balances(problem)]
-    beside = max(asynchronous, key=lambda finding: finding.log_evidence, default=None)
     listed = {h.name: h.log_evidence for h in singles}
     beyond = beyond_catalogue(bench.forming, bench.nominal, bench.beyond, listed)
     of_strokes = with_mean_strokes(of_strokes, said, campaign.strokes, listed)
@@ -132,7 +142,7 @@ def judge(
     retuning = Retuning(bench.problem, bench.nominal, bench.forming.small)
     hypotheses = [*_without_effects(bench, retuning), *singles, *pairs]
     hypotheses.append(Hypothesis(other="unknown", log_evidence=max(nobodys.values())))
-    known = {e.name: e for e in plant.effects}
+    known = {e.name: e for e in effects}
     for one in said.values():
         hypotheses = with_strokes(hypotheses, one, known, settings)
     resting, gap = [_resting(bench, h, said) for h in hypotheses], None
@@ -140,7 +150,7 @@ def judge(
         beside_known = BesideKnown(bench.problem, bench.dispersion, bench.forming.small)
         resting, gap = [beside_known.paid(h) for h in resting], beside_known.gap
     weighed = weigh(
-        resting, n_effects=len(plant.effects), gap=gap, quiet=problem.quiet, weights=settings.weights
+        resting, n_effects=len(effects), gap=gap, quiet=problem.quiet, weights=settings.weights
     )  # fmt: skip
     stated = _Stated(problem, columns, bench.dispersion, said)
     explanations = stated.singles(singles, no_gap=hypotheses[0])
