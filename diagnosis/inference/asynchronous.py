@@ -114,7 +114,13 @@ def common_line(group: Sequence[OffStroke], lock: Lock, name: str) -> list[tuple
         if sum(np.log(p.power) for _, p in same) > sum(np.log(p.power) for _, p in best):
             best = same
     is_rare = not best or len(best) < _enough(group, lock, max((p for _, p in best), key=lambda p: p.power))
-    return [] if is_rare or np.median([p.share for _, p in best]) < _NUMBERS.least_share else best
+    return [] if is_rare or _share_of(best) < _NUMBERS.least_share else best
+
+
+def _share_of(line: Sequence[tuple[OffStroke, Peak]]) -> float:
+    """Of what does not follow the stroke: in all of the trials, or in air, where there is no wood that scatters."""
+    in_air = [peak.share for trial, peak in line if trial.is_idle]
+    return float(max(np.median([peak.share for _, peak in line]), np.median(in_air) if in_air else 0.0))
 
 
 def enough_trials(n_trials: int, fewest: int = SETTINGS.noise.least_trials) -> float:

@@ -2,9 +2,9 @@
 
 However hard the wood is, the voltages of the motor and the battery and the currents of the converter balance in every
 stroke: the equations take what was measured. A number of the machine that is off, and any effect of the catalogue,
-leaves something that goes with the currents or changes slowly; a sensor leaves its noise, its steps, and a zero that
-may wander by as much as it is stated to be uncertain. What varies beyond is the machine's: a contact that is loose, a
-duty that is not the one stated.
+leaves something that goes with the currents in that balance or changes slowly; a sensor leaves its noise, its steps,
+and a zero that may wander by as much as it is stated to be uncertain. What varies beyond is the machine's: a contact
+that is loose, a duty that is not the one stated.
 
 The torques balance in every stroke too, but all that the machine does to them goes with the current. In air there is no
 load to vary: what is left there is a friction that does not stay what it is.
@@ -12,7 +12,7 @@ load to vary: what is left there is a friction that does not stay what it is.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -45,6 +45,9 @@ class _Balance:
         What does not balance, and what is said of it.
     is_by_current : bool
         All that the machine may do to it grows with a current: what varies in air is the reading.
+    beside : callable
+        (problem, state) -> what may leave a part of it, shape (n,) each. No more than that: the battery's current over
+        that of the motor is the duty, and with both at hand a duty that wanders leaves nothing of the motor's voltages.
     is_in_air : bool
         It is compared in air alone, where the current answers to nothing but what is missing from it.
     """
@@ -52,18 +55,9 @@ class _Balance:
     equation: Equation
     name: str
     why: str
+    beside: Callable[[LinearProblem, State], list[Floats]]
     is_by_current: bool = False
     is_in_air: bool = False
-
-
-_CONTACT: Final = "more than currents and sensors explain: a loose contact or a duty that is not as stated"
-_DRAGS: Final = "more than sensors explain: something drags or seizes now and then, such as a bearing"
-_BALANCES: Final = (
-    _Balance(equation="electrical", name="the balance of voltages at the motor", why=_CONTACT),
-    _Balance(equation="supply", name="the balance of voltages at the battery", why=_CONTACT, is_by_current=True),
-    _Balance(equation="converter", name="the balance of currents at the converter", why=_CONTACT),
-    _Balance(equation="mechanical", name="the balance of torques in air", why=_DRAGS, is_in_air=True),
-)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -161,8 +155,7 @@ def _trial(problem: LinearProblem, part: Part, balance: _Balance, wave: Floats, 
     """One trial, by the residual of the equation, shape (n, n_points)."""
     state = part.state
     rounding = faults.variance(part.layout, state)[part.layout.slices[balance.equation].start]
-    beside = _other_torques(problem, state) if balance.is_in_air else _currents(state)
-    rows = np.column_stack([wave.mean(axis=1), *beside])
+    rows = np.column_stack([wave.mean(axis=1), *balance.beside(problem, state)])
     rows = _without(rows, np.vander(np.linspace(-1.0, 1.0, len(rows)), _TREND))
     return _Trial(
         rest=rows[:, 0], beside=rows[:, 1:], is_idle=state.setting.is_idle,
@@ -198,26 +191,27 @@ def _other_torques(problem: LinearProblem, state: State) -> list[Floats]:
     return [state.acceleration_rad_s2.mean(axis=1), (per_newton * force_n).mean(axis=1)]
 
 
-def _currents(state: State) -> list[Floats]:
-    """Means over a few strokes of the currents, of the motor's square and change, and of what a battery remembers.
+def _of_motor(problem: LinearProblem, state: State) -> list[Floats]:
+    """Means over a few strokes of the motor's current, its square and its change.
 
-    Shape (n,) each; zeros where a current was not measured. The change is that of the means from row to row, and from
-    the first to the last place of a row: where the wood is harder every other stroke the two differ.
+    The change is that of the means from row to row, and from the first to the last place of a row: where the wood is
+    harder every other stroke the two differ. Zeros where it was not measured.
     """
-    motor_a, battery_a = (
-        np.zeros_like(state.speed_rad_s) if measured is None else measured
-        for measured in (state.current_a, state.battery_current_a)
-    )
-    remembered = [track[:, 0] for memory, track in state.slow.items() if memory.drive == "battery_current_a"]
+    motor_a = np.zeros_like(state.speed_rad_s) if state.current_a is None else state.current_a
     mean_a = motor_a.mean(axis=1)
-    return [
-        mean_a,
-        (motor_a**2).mean(axis=1),
-        np.gradient(mean_a),
-        motor_a[:, -1] - motor_a[:, 0],
-        battery_a.mean(axis=1),
-        *remembered,
-    ]
+    return [mean_a, (motor_a**2).mean(axis=1), np.gradient(mean_a), motor_a[:, -1] - motor_a[:, 0]]
+
+
+def _of_battery(problem: LinearProblem, state: State) -> list[Floats]:
+    """Means over a few strokes of the battery's current, their change, and what the battery remembers of it."""
+    battery_a = np.zeros_like(state.speed_rad_s) if state.battery_current_a is None else state.battery_current_a
+    mean_a = battery_a.mean(axis=1)
+    remembered = [track[:, 0] for memory, track in state.slow.items() if memory.drive == "battery_current_a"]
+    return [mean_a, np.gradient(mean_a), *remembered]
+
+
+def _of_both(problem: LinearProblem, state: State) -> list[Floats]:
+    return [*_of_motor(problem, state), *_of_battery(problem, state)]
 
 
 def _without(rows: Floats, design: Floats) -> Floats:
@@ -229,3 +223,21 @@ def _without(rows: Floats, design: Floats) -> Floats:
         # Few strokes that were not measured well have no weight.
         weight = 1.0 / np.sqrt(np.maximum(size, _LEAST_SHARE * np.median(size) + 1e-300))
     return left
+
+
+_CONTACT: Final = "more than currents and sensors explain: a loose contact or a duty that is not as stated"
+_DRAGS: Final = "more than sensors explain: something drags or seizes now and then, such as a bearing"
+_BALANCES: Final = (
+    _Balance(equation="electrical", name="the balance of voltages at the motor", why=_CONTACT, beside=_of_motor),
+    _Balance(
+        equation="supply",
+        name="the balance of voltages at the battery",
+        why=_CONTACT,
+        beside=_of_battery,
+        is_by_current=True,
+    ),
+    _Balance(equation="converter", name="the balance of currents at the converter", why=_CONTACT, beside=_of_both),
+    _Balance(
+        equation="mechanical", name="the balance of torques in air", why=_DRAGS, beside=_other_torques, is_in_air=True
+    ),
+)

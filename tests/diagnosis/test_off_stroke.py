@@ -522,6 +522,22 @@ def test_an_order_near_a_harmonic_is_no_wave_of_the_wood_where_the_feed_a_stroke
     assert campaign(grain, plan=plan) is None
 
 
+@pytest.mark.parametrize(("n_in_air", "is_found"), [(1, True), (0, False)])
+def test_in_air_a_line_is_compared_with_what_scatters_without_the_wood(n_in_air, is_found):
+    """As seen: a rotor out of balance of 1.5 N, below a tenth of what the wood scatters by from stroke to stroke."""
+
+    def unbalance_in_uneven_wood(rng, time_s, turns, feed):
+        hardness = 0.0 if feed is None else 14.0 * rng.standard_normal(int(turns[-1]) + 2)[turns.astype(int)]
+        cut = hardness * np.maximum(np.sin(2.0 * np.pi * turns), 0.0)
+        return {FORCE.name: cut + 1.5 * np.cos(2.0 * np.pi * 8.215 * turns + rng.uniform(0.0, 6.0))}
+
+    loaded = ((14.8, 3.0), (11.9, 3.0), (11.8, 6.0), (14.7, 6.0), (11.75, 3.0))
+    found = trials(unbalance_in_uneven_wood, plan=(*[(23.1, None)] * n_in_air, *loaded))
+    shares = [peak.share for t in found if not t.is_idle for peak in t.peaks["stroke", FORCE.name]]
+    assert np.median(shares) < 0.1
+    assert bool(off_stroke_findings(found)) == is_found
+
+
 def test_a_channel_that_ends_before_the_strokes_does_not_count():
     time_s = np.arange(0.0, DURATION_S, 1.0 / RATE_HZ)
     turns = 14.3 * time_s

@@ -42,6 +42,20 @@ def test_a_duty_that_wanders_is_found_where_it_acts():
     assert "in 5 of 5 trials" in finding.text
 
 
+def test_a_duty_that_wanders_is_found_though_the_battery_s_current_follows_it():
+    """As seen: the battery's current over that of the motor is the duty, so it says all that the voltages leave."""
+    rng = np.random.default_rng(7)
+    states = []
+    for state in strokes():
+        more = 4.0 * BY_ZEROS_V * rng.standard_normal(N_UNITS)[:, None] / state.battery_voltage_v.mean()
+        battery_a = state.battery_current_a + more * state.current_a
+        motor_v = state.motor_voltage_v - more * state.battery_voltage_v
+        states.append(replace(state, battery_current_a=battery_a, motor_voltage_v=motor_v))
+    found = {finding.equation: finding for finding in unsteady_balances(problem_of(states))}
+    assert "in 5 of 5 trials" in found["electrical"].text
+    assert found["electrical"].log_evidence > 20.0
+
+
 def test_no_more_than_the_zeros_of_sensors_do_is_theirs():
     assert found_with(lambda s, rng: 0.5 * BY_ZEROS_V * rng.standard_normal(N_UNITS)) == []
 
