@@ -1,0 +1,60 @@
+"""Numbers that were probably stated in another unit are named; those of machines at hand are not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from sawbench.bench.config import Uncertain, load_config
+from sawbench.bench.errors import InputError
+from sawbench.bench.recording import Trial
+from sawbench.diagnosis.unusual_numbers import naming, unusual_numbers, unusual_settings
+
+pytestmark = pytest.mark.unit
+
+CONFIG = load_config(Path(__file__).parents[2] / "bench_config.toml").config
+
+
+def with_plant(key, factor):
+    stated = getattr(CONFIG.plant, key)
+    changed = Uncertain(nominal=stated.nominal * factor) if isinstance(stated, Uncertain) else stated * factor
+    return CONFIG.model_copy(update={"plant": CONFIG.plant.model_copy(update={key: changed})})
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "resistance_ohm", "inductance_h", "back_emf_constant_v_s_per_rad", "torque_constant_n_m_per_a",
+        "rotor_inertia_kg_m2", "yoke_inertia_kg_m2", "reciprocating_mass_kg", "crank_radius_m",
+        "motor_damping_n_m_s_per_rad",
+    ],
+)  # fmt: skip
+def test_a_number_in_a_unit_a_thousand_times_smaller_is_named_and_half_or_twice_of_it_is_not(key):
+    (said,) = unusual_numbers(with_plant(key, 1000.0))
+    assert said.startswith(f"[plant] {key} = ")
+    assert said.endswith("check its unit")
+    assert unusual_numbers(with_plant(key, 2.0)) == unusual_numbers(with_plant(key, 0.5)) == []
+
+
+def test_a_capacity_in_milliampere_hours_is_named():
+    battery = CONFIG.battery.model_copy(update={"capacity_ah": 1000.0 * CONFIG.battery.capacity_ah})
+    (said,) = unusual_numbers(CONFIG.model_copy(update={"battery": battery}))
+    assert said.startswith("[battery] capacity_ah = 1500 ")
+
+
+def test_a_thickness_in_metres_is_named_once_for_all_trials_and_none_in_air_is_not():
+    trials = [Trial(trial_id=name, material="oak", thickness_mm=0.02, feed_mm_s=4.0) for name in "abcdef"]
+    in_air = Trial(trial_id="air", material="none", thickness_mm=0.0, feed_mm_s=0.0)
+    (said,) = unusual_settings([in_air, *trials])
+    assert said.startswith("a, b, c and 3 more trials: thickness_mm = 0.02 ")
+    assert unusual_settings([in_air, Trial(trial_id="g", thickness_mm=20.0, feed_mm_s=4.0)]) == []
+
+
+@pytest.mark.parametrize("remedy", [None, "check the clocks"])
+def test_a_refusal_names_what_is_unusual_first(remedy):
+    with pytest.raises(InputError) as refused, naming(["a is unusual"]):
+        raise InputError("no trial can be used", where="t1", remedy=remedy)
+    assert str(refused.value) == "t1: no trial can be used\n  -> a is unusual" + (f"; {remedy}" if remedy else "")
+    with pytest.raises(InputError) as plain, naming([]):
+        raise InputError("no trial can be used", where="t1", remedy=remedy)
+    assert plain.value.remedy == remedy
