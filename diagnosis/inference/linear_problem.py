@@ -161,12 +161,20 @@ class LinearProblem:
     @property
     def wide_scale(self) -> Floats:
         """Factor on the prior of each nuisance where the plant is re-tuned freely: that of its numbers alone, (p,)."""
-        plant = {n.name for n in self.campaign.plant.nuisances() if n.is_plant and not n.is_effect}
-        return np.array([self.settings.noise.wide if name in plant else 1.0 for name in self.names])
+        return self._wide(is_effect=False)
+
+    @property
+    def wide_if_less(self) -> Floats:
+        """The same of the numbers that are an effect of the catalogue where they are more than stated, shape (p,)."""
+        return self._wide(is_effect=True)
 
     def scale_of(self, freed: Collection[str]) -> Floats:
-        """`wide_scale` of the numbers of those names alone, shape (p,)."""
-        return np.where(np.isin(self.names, list(freed)), self.wide_scale, 1.0)
+        """Factor on the prior of each nuisance where the numbers of those names are re-tuned freely, shape (p,)."""
+        return np.where(np.isin(self.names, list(freed)), np.maximum(self.wide_scale, self.wide_if_less), 1.0)
+
+    def _wide(self, *, is_effect: bool) -> Floats:
+        plant = {n.name for n in self.campaign.plant.nuisances() if n.is_plant and n.is_effect == is_effect}
+        return np.array([self.settings.noise.wide if name in plant else 1.0 for name in self.names])
 
     def rows_by_equation(self) -> dict[tuple[Equation, str], np.ndarray]:
         """Indices of the features of each equation, running and starting apart."""

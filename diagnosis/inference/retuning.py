@@ -3,6 +3,8 @@
 How many, and which, is not known: each further number is half as likely, and all sets of as many are alike. Widening
 every number at once would pay for each of a dozen what one that is wrong gains: 13 nats on a well measured bench, so
 that a resistance four standard deviations off was no finding.
+
+A number that is an effect of the catalogue where it has grown is a wrong number where it is less than stated.
 """
 
 from __future__ import annotations
@@ -37,16 +39,20 @@ class Retuning:
 
     def __init__(self, problem: LinearProblem, nominal: Marginal, extra: Floats | None = None) -> None:
         self._problem, self._nominal, self._extra = problem, nominal, extra
-        is_wide = problem.wide_scale > 1.0
-        added = problem.wide_scale[is_wide] ** 2 - 1.0
-        self._names = [name for name, wide in zip(problem.names, is_wide, strict=True) if wide]
+        scale = np.maximum(problem.wide_scale, problem.wide_if_less)
+        wide = np.flatnonzero(scale > 1.0)
         # Inner products of what widening adds to each number, of unit prior, and with the data.
-        self._own, self._moment = nominal.gram(problem.nuisance[:, is_wide] * np.sqrt(added))
+        own, moment = nominal.gram(problem.nuisance[:, wide] * np.sqrt(scale[wide] ** 2 - 1.0))
+        kept = (problem.wide_scale[wide] > 1.0) | (moment < 0.0)
+        self._own, self._moment, wide = own[np.ix_(kept, kept)], moment[kept], wide[kept]
+        self._names = [problem.names[k] for k in wide]
+        self._scale = np.ones(len(scale))
+        self._scale[wide] = scale[wide]
 
     @cached_property
     def wide(self) -> Marginal:
         """`nominal` with every number widened."""
-        return Marginal(self._problem, scale=self._problem.wide_scale, extra=self._extra)
+        return Marginal(self._problem, scale=self._scale, extra=self._extra)
 
     @property
     def log_evidence(self) -> float:

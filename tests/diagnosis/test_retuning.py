@@ -30,7 +30,7 @@ def bench(seed, n_numbers, off_std=()):
     truth[: len(off_std)] = off_std
     return SimpleNamespace(
         nuisance=columns, data=columns @ truth + rng.standard_normal(N_POINTS), settings=SETTINGS,
-        wide_scale=np.array([WIDE] * n_numbers + [1.0]),
+        wide_scale=np.array([WIDE] * n_numbers + [1.0]), wide_if_less=np.ones(n_numbers + 1),
         names=(*(f"number {k}" for k in range(n_numbers)), "zero"),
     )  # fmt: skip
 
@@ -112,3 +112,14 @@ def test_a_crank_radius_that_the_strokes_contradict_is_a_wrong_number(off):
     assert ("crank_radius_m" in answer.freed) == (off != 0.0)
     assert answer.verdict == ("parameters" if off else "no_gap")
     assert problem.data[-1] == pytest.approx(100.0 * off)
+
+
+@pytest.mark.parametrize(("off_std", "is_freed"), [(-9.0, True), (9.0, False)])
+def test_a_number_that_is_an_effect_where_it_grew_is_re_tuned_where_it_is_less(off_std, is_freed):
+    """As seen: a battery resistance stated thirty times too large was "no gap", ten standard uncertainties off."""
+    problem = bench(2, 4, (off_std,))
+    numbers, alone = problem.wide_scale, np.arange(5) == 0
+    problem.wide_scale, problem.wide_if_less = np.where(alone, 1.0, numbers), np.where(alone, WIDE, 1.0)
+    retuning = Retuning(problem, Marginal(problem))
+    assert ("number 0" in retuning.freed) == is_freed
+    assert (retuning.log_evidence > 20.0) == is_freed
