@@ -34,7 +34,7 @@ from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.settings import SETTINGS, Z95, Forms, Settings
 from sawbench.diagnosis.inference.size import sized
 from sawbench.diagnosis.inference.stroke_evidence import StrokesSay
-from sawbench.diagnosis.inference.weighing import among, weigh
+from sawbench.diagnosis.inference.weighing import among, prior_odds_of_one, weigh
 from sawbench.diagnosis.standard_error import exceeds_its_error
 from sawbench.modeling.effects.effect import Effect
 from sawbench.modeling.effects.strokes import ZeroTrend
@@ -367,7 +367,7 @@ def _without(problem: LinearProblem, posterior: Posterior, name: str) -> Posteri
     """Take one effect out of the likeliest hypothesis, and hand its probability to the rest, alone or with another.
 
     A single effect that fails may still be there beside another one, as far as that is believed; what remains goes to
-    the answers that name no effect.
+    the answers that name no effect. What predicts nothing has no evidence: beside "no gap" it keeps its prior odds.
     """
     best, weights = posterior.best, problem.settings.weights
     n_effects = len(problem.campaign.plant.effects)
@@ -381,12 +381,15 @@ def _without(problem: LinearProblem, posterior: Posterior, name: str) -> Posteri
         weighed = weigh(others, n_effects=1, quiet=problem.quiet, weights=weights)
         pairs = {h.name: h.probability for h in posterior.claims if set(best.effects) < set(h.effects)}
         all_of_it = best.probability + sum(pairs.values())
-        to = {h.name: h.probability * best.probability / all_of_it for h in weighed}
+        alone = {h.name: float(h.probability) for h in weighed}
+        alone[best.name] = prior_odds_of_one(n_effects, weights) * alone["no_gap"]
+        whole = sum(alone.values()) * all_of_it / best.probability
+        to = {name: probability / whole for name, probability in alone.items()}
         to |= {pair: probability / all_of_it for pair, probability in pairs.items()}
     return _with_probabilities(
         posterior,
         {
-            h.name: 0.0 if h is best else h.probability + best.probability * to.get(h.name, 0.0)
+            h.name: (0.0 if h is best else h.probability) + best.probability * to.get(h.name, 0.0)
             for h in posterior.hypotheses
         },
     )

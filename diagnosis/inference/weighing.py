@@ -46,7 +46,7 @@ def weigh(
     w = weights
     of = {(h.effects, h.other): h for h in hypotheses}
     no_gap, unknown = of[(), "no_gap"], of[(), "unknown"]
-    each = (1.0 - w.prior_no_gap - w.prior_parameters - w.prior_unknown) / max(n_effects, 1)
+    each = prior_odds_of_one(n_effects, w) * w.prior_no_gap
     priors = {"no_gap": w.prior_no_gap, "parameters": w.prior_parameters}
     score = {
         h: float(np.log(priors.get(h.name, each))) + h.log_evidence
@@ -127,6 +127,12 @@ def _open_score(score: dict[Hypothesis, float], unknown: Hypothesis, *, gap: flo
     left = max(best.left_over - quiet, 0.0)
     odds = (left + w.floor_left) / (max(gap - best.left_over, 0.0) + w.floor_gap)
     return max(float(np.log(w.prior_unknown)) + unknown.log_evidence, score[best] + float(np.log(odds)))
+
+
+def prior_odds_of_one(n_effects: int, weights: Weights = SETTINGS.weights) -> float:
+    """Odds that a certain one of so many effects is there against "no gap", before any evidence."""
+    of_effects = 1.0 - weights.prior_no_gap - weights.prior_parameters - weights.prior_unknown
+    return of_effects / max(n_effects, 1) / weights.prior_no_gap
 
 
 def worth_of_a_choice(n_effects: int) -> float:
