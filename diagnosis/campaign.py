@@ -26,7 +26,7 @@ from sawbench.diagnosis.reduction import CHANNEL_OF_STATE, START_UP_S, lock_to_a
 from sawbench.diagnosis.screening import NOT_A_SAW, is_stock_stated, screen, summary
 from sawbench.diagnosis.signal_health import ChannelHealth, channel_health
 from sawbench.diagnosis.slow_states import SlowTrack, slow_tracks
-from sawbench.diagnosis.unusual_numbers import naming, unusual_numbers, unusual_settings
+from sawbench.diagnosis.unusual_numbers import naming, slow_channels, unusual_numbers, unusual_settings
 from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.load import load_of
 from sawbench.modeling.machines.saw_baseline import baseline_of
@@ -112,10 +112,11 @@ def reduce_campaign(
     """
     baseline = baseline_of(loaded)
     true = [with_true_values(recording, loaded.config) for recording in recordings]
-    unusual = [*unusual_numbers(loaded.config), *unusual_settings([recording.trial for recording in true])]
+    stated = [*unusual_numbers(loaded.config), *unusual_settings([recording.trial for recording in true])]
+    unusual = [*stated, *slow_channels(true, baseline)]
     with naming(unusual):
         ordered, warnings = screen(_in_order(true), baseline)
-    warnings += unusual
+    warnings[:0] = unusual
     # Taken back already: the screening judges true values too.
     config = loaded.config.model_copy(update={"sensors": {}})
     if not any(DISPLACEMENT.name in recording.signals for recording in ordered):
