@@ -39,7 +39,7 @@ from sawbench.processing.quality import (
     with_impacts,
     without_spikes,
 )
-from sawbench.processing.return_stroke import zero_return_stroke
+from sawbench.processing.return_stroke import stands_at_a_level, zero_return_stroke
 from sawbench.processing.settled import find_steady_part
 from sawbench.processing.spectrum import power_spectrum, steady_stretch
 from sawbench.processing.stroke_clock import Slip, find_slips
@@ -466,6 +466,11 @@ def _cutting(
     peak = estimate_peak_force(
         cutting, angle.time_s, angle.angle_rad, channel.time_s, channel.values, cycles[_FORCE].index
     )
+    if peak is not None and not removed.looks_swapped and stands_at_a_level(removed, peak.mean_n):
+        warnings += (
+            f"the force stands at {removed.mean_n:.3g} N while the blade returns: is the load cell tared? If not, every"
+            " force is off by that, the peak too: tare it, or state it as offset in [sensors.force_n]",
+        )
     return status, cutting, removed, peak, warnings
 
 

@@ -82,6 +82,18 @@ def test_the_wrong_cutting_half_is_said():
     assert any("cutting_half" in warning for warning in swapped.warnings)
 
 
+@pytest.mark.parametrize(("level_n", "rubbing_n"), [(60.0, 0.0), (-60.0, 0.0), (0.0, 60.0)])
+def test_a_load_cell_that_was_not_tared_is_said_and_a_blade_that_rubs_is_not(level_n, rubbing_n):
+    channels = make()
+    t, force_n = channels["force_n"]
+    _, angle = trial_angle()
+    channels["force_n"] = (t, force_n + level_n + rubbing_n * np.sin(2.0 * angle) * (np.sin(angle) > 0.0))
+    said = [warning for warning in process(channels).warnings if "tared" in warning]
+    assert len(said) == bool(level_n)
+    if level_n:
+        assert float(said[0].split(" N while")[0].split()[-1]) == pytest.approx(level_n, rel=0.02)
+
+
 @pytest.mark.parametrize("material", ["none", "oak"])
 def test_no_cutting(material):
     channels = make()
