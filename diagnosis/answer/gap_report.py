@@ -272,8 +272,9 @@ def _where(problem: LinearProblem, posterior: Posterior) -> list[dict[str, Any]]
     beside = posterior.finding
     if beside is None or not (beside.lines_hz or beside.equation):
         return found
-    # Mean strokes, and so the shares, hold nothing of it; where they hold no gap, it is all there is.
-    is_all = posterior.of("parameters").left_over < problem.quiet
+    # Mean strokes, and so the shares, hold nothing of it. It is the place where they hold no gap, or it is the answer.
+    is_answer = posterior.verdict == "unknown" and posterior.resembles == beside.text
+    is_all = is_answer or posterior.of("parameters").left_over < problem.quiet
     line = {
         "equation": beside.equation or _EQUATION_OF_CHANNEL.get(beside.channel, "sensing"), "channel": beside.channel,
         "share": 1.0 if is_all else 0.0, "crank_angle_rad": [], "frequency_hz": list(beside.lines_hz) or None,
