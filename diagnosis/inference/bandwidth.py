@@ -3,7 +3,9 @@
 An instrument that sends a value every few milliseconds sends the mean of that time, or what it read last; nothing in a
 recording says which. And the sensor of a battery is there for the charge: its filter may be anything up to some
 milliseconds, of current and voltage alike, so that the balance of the battery holds and that of the converter does not.
-A filter of the motor current is an effect of the catalogue (`current_sensor_lag`).
+A filter of the motor current is an effect of the catalogue (`current_sensor_lag`). In the balance of the converter it
+is a filter of the battery's sensor with the other sign, and no filter reads ahead: where the battery's current is ahead
+of that of the motor, its sensor has no filter to be seen.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from typing import Final
 import numpy as np
 from sawbench.bench.units import BATTERY_CURRENT, MOTOR_CURRENT
 from sawbench.diagnosis.inference.nuisance import Nuisance
+from sawbench.diagnosis.standard_error import exceeds_its_error
 from sawbench.modeling.effects.effect import TransferFunction
 from sawbench.modeling.effects.transfer import (
     Spectrum,
@@ -34,13 +37,15 @@ _BATTERY_S: Final = (2e-4, 5e-4, 1.2e-3, 3e-3)
 _BATTERY_STD: Final = 1.0 / np.sqrt(len(_BATTERY_S))
 
 
-def bandwidth_nuisances(settings: Sequence[TrialSetting]) -> Iterator[Nuisance]:
+def bandwidth_nuisances(settings: Sequence[TrialSetting], *, is_battery_ahead: bool = False) -> Iterator[Nuisance]:
     """List what the instruments of a campaign may take off the ripple of the currents.
 
     Parameters
     ----------
     settings : sequence of TrialSetting
         Of every state.
+    is_battery_ahead : bool
+        See `is_battery_ahead`.
 
     Yields
     ------
@@ -53,9 +58,26 @@ def bandwidth_nuisances(settings: Sequence[TrialSetting]) -> Iterator[Nuisance]:
         period_s = max((one[channel].latency_s for one in stated if channel in one), default=0.0)
         if period_s:
             yield _nuisance(f"average of {channel}", _AVERAGED_STD, partial(signature, transfer=of(period_s)))
-    for tau_s in _BATTERY_S:
+    for tau_s in () if is_battery_ahead else _BATTERY_S:
         name = f"filter of {BATTERY_CURRENT.name}, {1e3 * tau_s:g} ms"
         yield _nuisance(name, _BATTERY_STD, partial(_battery, transfer=low_pass(tau_s)))
+
+
+def is_battery_ahead(states: Sequence[State]) -> bool:
+    """Whether the battery's current is ahead of what the converter draws, over the ripple of the running strokes.
+
+    Parameters
+    ----------
+    states : sequence of State
+        Those without either current, and those of starts, do not count.
+    """
+    ahead = []
+    for state in states:
+        current_a, rate_a_s, battery_a = state.current_a, state.current_rate_a_s, state.battery_current_a
+        if state.kind == "running" and current_a is not None and rate_a_s is not None and battery_a is not None:
+            missed_a = battery_a - state.setting.duty * current_a
+            ahead.append(float(np.sum(rate_a_s * (missed_a - missed_a.mean(axis=-1, keepdims=True)))))
+    return len(ahead) > 1 and exceeds_its_error(np.array(ahead))
 
 
 def _nuisance(name: str, std: float, signature: partial[Signature]) -> Nuisance:
