@@ -112,11 +112,10 @@ def reduce_campaign(
     """
     baseline = baseline_of(loaded)
     true = [with_true_values(recording, loaded.config) for recording in recordings]
-    stated = [*unusual_numbers(loaded.config), *unusual_settings([recording.trial for recording in true])]
-    unusual = [*stated, *slow_channels(true, baseline)]
+    unusual = [*unusual_numbers(loaded.config), *unusual_settings([recording.trial for recording in true])]
     with naming(unusual):
         ordered, warnings = screen(_in_order(true), baseline)
-    warnings[:0] = unusual
+    warnings[:0] = [*unusual, *slow_channels(ordered, baseline)]
     # Taken back already: the screening judges true values too.
     config = loaded.config.model_copy(update={"sensors": {}})
     if not any(DISPLACEMENT.name in recording.signals for recording in ordered):

@@ -33,7 +33,7 @@ from sawbench.bench.plausible import (
     excess,
     is_drawn_by_motor,
 )
-from sawbench.bench.recording import Trial
+from sawbench.bench.recording import Floats, Trial
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.trial_reading import Reading, Track, read_trial
 from sawbench.modeling.residuals import Baseline
@@ -45,6 +45,8 @@ Kind = Literal[
 # One check: what it is, by which factor it lies outside of its bounds (above 1 it fails), what was seen and expected.
 Outcome = tuple[Kind, float, str]
 _NUMBERS: Final = SETTINGS.screening
+# For each stroke: the shape of a stroke needs its second and third harmonic.
+_LEAST_SAMPLES: Final = 8
 # Checks that relate one channel to others through the model: a gap between the two can make them fail as well.
 _THROUGH_THE_MODEL: Final[frozenset[Kind]] = frozenset({"motor voltage", "stroke rate", "start-up", "blade power"})
 # How a channel is multiplied if it is in the unit named.
@@ -224,10 +226,14 @@ def explain_faults(
                 mistake=mistake.what, numbers=mistake.numbers, channels=mistake.channels, faults=found.faults,
                 remedy=mistake.remedy, is_unit=mistake.is_unit,
             )  # fmt: skip
+    slow = too_slow(baseline, trial, {name: _rate_hz(time_s) for name, (time_s, _) in tracks.items()})
+    usual = (
+        "check duty and workpiece of the trial, the channel's name, unit and scaling, the clocks of the devices, and"
+        " [plant] and [battery] of the configuration"
+    )
     return Suspicion(
         mistake="", channels=_channels_of(found, reading, trial, tracks), faults=found.faults,
-        remedy="check duty and workpiece of the trial, the channel's name, unit and scaling, the clocks of the devices,"
-        " and [plant] and [battery] of the configuration",
+        remedy="; ".join([*slow.values(), usual]),
     )  # fmt: skip
 
 
@@ -235,6 +241,38 @@ def _drive_v(baseline: Baseline, trial: Trial, reading: Reading) -> float | None
     nominal = None if baseline.battery is None else baseline.battery.nominal_voltage_v
     voltage = reading.battery_voltage_v if nominal is None else nominal
     return None if voltage is None else (trial.duty or 0.0) * voltage
+
+
+def free_rate_hz(baseline: Baseline, drive_v: float) -> float:
+    """Strokes a second without load, at a mean voltage of the motor, V."""
+    return drive_v / (baseline.plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * 2.0 * np.pi)
+
+
+def too_slow(baseline: Baseline, trial: Trial, rates_hz: Mapping[str, float]) -> dict[str, str]:
+    """Say which channels have too few samples for each stroke at the speed without load, by channel.
+
+    Parameters
+    ----------
+    baseline : Baseline
+    trial : Trial
+    rates_hz : mapping of str to float
+        Samples a second, by channel.
+    """
+    if baseline.battery is None or not trial.duty:
+        return {}
+    strokes_hz = free_rate_hz(baseline, trial.duty * baseline.battery.nominal_voltage_v)
+    return {
+        name: f"{name} has {rates_hz[name]:.3g} samples a second, too few for up to {strokes_hz:.2g} strokes a second:"
+        f" record {_LEAST_SAMPLES} or more for each stroke"
+        for name in ("displacement_mm", "force_n")
+        if 0.0 < rates_hz.get(name, 0.0) < _LEAST_SAMPLES * strokes_hz
+    }
+
+
+def _rate_hz(time_s: Floats) -> float:
+    """Median samples a second; 0 where the times tell none."""
+    step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    return 1.0 / step_s if step_s > 0.0 else 0.0
 
 
 def _failed(failed: bool) -> float:
@@ -261,7 +299,7 @@ def _motion_checks(baseline: Baseline, trial: Trial, reading: Reading) -> Iterat
         return
     drive_v = _drive_v(baseline, trial, reading)
     if drive_v is not None:
-        free_hz = drive_v / (baseline.plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * 2.0 * np.pi)
+        free_hz = free_rate_hz(baseline, drive_v)
         seen = f"{reading.rate_hz:.3g} strokes/s; without load at duty {trial.duty:g} it is {free_hz:.3g}"
         yield "stroke rate", excess(reading.rate_hz / free_hz, STROKE_RATE), seen
 

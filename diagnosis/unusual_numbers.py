@@ -12,12 +12,11 @@ from itertools import product
 from types import MappingProxyType
 from typing import Final
 
-import numpy as np
 from sawbench.bench.config import BenchConfig, Uncertain
 from sawbench.bench.errors import InputError
 from sawbench.bench.plausible import is_outside
 from sawbench.bench.recording import Recording, Trial
-from sawbench.bench.units import DISPLACEMENT, FORCE
+from sawbench.diagnosis.plausibility import too_slow
 from sawbench.diagnosis.trial_names import some
 from sawbench.modeling.residuals import Baseline
 
@@ -32,8 +31,6 @@ _PLANT: Final = MappingProxyType(
 _BATTERY: Final = MappingProxyType(
     {"nominal_voltage_v": (3.0, 130.0), "capacity_ah": (0.2, 60.0), "internal_resistance_ohm": (0.0, 1.0)}
 )
-# For each stroke: the shape of a stroke needs its second and third harmonic.
-_LEAST_SAMPLES: Final = 8
 _TRIAL: Final = MappingProxyType({"thickness_mm": (0.3, 300.0), "feed_mm_s": (0.05, 200.0)})
 
 
@@ -86,22 +83,12 @@ def slow_channels(recordings: Sequence[Recording], baseline: Baseline) -> list[s
     recordings : sequence of Recording
     baseline : Baseline
     """
-    if baseline.battery is None:
-        return []
-    volt_a_hz = 2.0 * np.pi * baseline.gear * baseline.plant.back_emf_constant_v_s_per_rad.nominal
-    found: dict[str, dict[str, tuple[float, float]]] = {}
-    for recording, channel in product(recordings, (DISPLACEMENT.name, FORCE.name)):
-        signal, duty = recording.signals.get(channel), recording.trial.duty
-        if signal is not None and len(signal.values) > 1 and duty:
-            strokes_hz = duty * baseline.battery.nominal_voltage_v / volt_a_hz
-            if signal.rate_hz < _LEAST_SAMPLES * strokes_hz:
-                found.setdefault(channel, {})[recording.trial.trial_id] = signal.rate_hz, strokes_hz
-    return [
-        f"{some(list(trials))}: {channel} has {min(trials.values())[0]:.3g} samples a second, too few for up to"
-        f" {max(strokes_hz for _, strokes_hz in trials.values()):.2g} strokes a second: record {_LEAST_SAMPLES} or more"
-        " for each stroke"
-        for channel, trials in found.items()
-    ]
+    found: dict[str, list[tuple[str, str]]] = {}
+    for recording in recordings:
+        rates_hz = {name: signal.rate_hz for name, signal in recording.signals.items()}
+        for channel, words in too_slow(baseline, recording.trial, rates_hz).items():
+            found.setdefault(channel, []).append((recording.trial.trial_id, words))
+    return [f"{some([name for name, _ in said])}: {said[0][1]}" for said in found.values()]
 
 
 @contextmanager

@@ -28,7 +28,7 @@ from sawbench.modeling.effects.transfer import (
     time_derivative,
 )
 from sawbench.modeling.residuals import Baseline, Signature
-from sawbench.modeling.state import State, TrialSetting
+from sawbench.modeling.state import State
 
 # From none to all of it, evenly.
 _AVERAGED_STD: Final = 1.0 / np.sqrt(3.0)
@@ -37,28 +37,26 @@ _BATTERY_S: Final = (2e-4, 5e-4, 1.2e-3, 3e-3)
 _BATTERY_STD: Final = 1.0 / np.sqrt(len(_BATTERY_S))
 
 
-def bandwidth_nuisances(settings: Sequence[TrialSetting], *, is_battery_ahead: bool = False) -> Iterator[Nuisance]:
+def bandwidth_nuisances(states: Sequence[State]) -> Iterator[Nuisance]:
     """List what the instruments of a campaign may take off the ripple of the currents.
 
     Parameters
     ----------
-    settings : sequence of TrialSetting
-        Of every state.
-    is_battery_ahead : bool
-        See `is_battery_ahead`.
+    states : sequence of State
+        Of the campaign.
 
     Yields
     ------
     Nuisance
         Averages over the time for which a value stands, and filters of the battery's sensor.
     """
-    stated = [setting.alignments for setting in settings]
+    stated = [state.setting.alignments for state in states]
     averages = ((MOTOR_CURRENT.name, _motor, before_average), (BATTERY_CURRENT.name, _battery, average))
     for channel, signature, of in averages:
         period_s = max((one[channel].latency_s for one in stated if channel in one), default=0.0)
         if period_s:
             yield _nuisance(f"average of {channel}", _AVERAGED_STD, partial(signature, transfer=of(period_s)))
-    for tau_s in () if is_battery_ahead else _BATTERY_S:
+    for tau_s in () if is_battery_ahead(states) else _BATTERY_S:
         name = f"filter of {BATTERY_CURRENT.name}, {1e3 * tau_s:g} ms"
         yield _nuisance(name, _BATTERY_STD, partial(_battery, transfer=low_pass(tau_s)))
 

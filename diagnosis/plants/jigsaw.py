@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.diagnosis.inference.bandwidth import bandwidth_nuisances, is_battery_ahead
+from sawbench.diagnosis.inference.bandwidth import bandwidth_nuisances
 from sawbench.diagnosis.inference.beyond.table import BEYOND_CATALOGUE
 from sawbench.diagnosis.inference.clocks import clock_nuisances
 from sawbench.diagnosis.inference.features import (
@@ -233,8 +233,7 @@ class Jigsaw:
         std = _spread_std(self.baseline, felt)
         pieces = (*(_stock(name) for name in stocks), *(_spread(name, std) for name in labels))
         settings = [s.setting for s in states]
-        filters = bandwidth_nuisances(settings, is_battery_ahead=is_battery_ahead(states))
-        instruments = (*clock_nuisances(settings), *filters)
+        instruments = (*clock_nuisances(settings), *bandwidth_nuisances(states))
         return (*pieces, *further_batteries(self.baseline, settings), *instruments)
 
     def zero_wander(self, states: Sequence[State]) -> ZeroWander | None:

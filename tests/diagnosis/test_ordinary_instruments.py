@@ -56,7 +56,7 @@ def filtered(wave, state, gain):
 
 
 def of(name, setting, state):
-    (nuisance,) = (n for n in bandwidth_nuisances([setting]) if n.name == name)
+    (nuisance,) = (n for n in bandwidth_nuisances([replace(state, setting=setting)]) if n.name == name)
     return nuisance.signature(BASELINE, state)
 
 
@@ -96,7 +96,7 @@ def test_an_instrument_that_sends_means_leaves_what_its_nuisance_says():
 
 
 def test_no_average_where_nothing_says_how_long_a_value_stands():
-    assert [n.name for n in bandwidth_nuisances([INTACT.setting]) if n.name.startswith("average")] == []
+    assert [n.name for n in bandwidth_nuisances([INTACT]) if n.name.startswith("average")] == []
 
 
 @pytest.mark.parametrize("late_rad", [0.0, 0.9])

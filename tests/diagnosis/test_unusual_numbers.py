@@ -9,6 +9,7 @@ import pytest
 from sawbench.bench.config import Uncertain, load_config
 from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Recording, Signal, Trial
+from sawbench.diagnosis.plausibility import explain_faults
 from sawbench.diagnosis.unusual_numbers import naming, slow_channels, unusual_numbers, unusual_settings
 from sawbench.modeling.residuals import Baseline
 
@@ -76,3 +77,20 @@ def test_a_channel_with_too_few_samples_for_a_stroke_is_named_with_its_rate(rate
     if is_named:
         expected = f"t1: displacement_mm has {rate_hz:.3g} samples a second, too few for up to 21 strokes a second"
         assert said[0].startswith(expected)
+
+
+def test_a_time_in_ms_is_named_as_that_and_not_as_a_slow_rate():
+    """As seen: a thousand times too few samples a second came first, and the wrong unit after it."""
+    time_s = np.arange(0.0, 4.0, 1e-3)
+    angle = 2.0 * np.pi * 15.0 * time_s
+    tracks = {"displacement_mm": 10.0 * (1.0 - np.cos(angle)), "motor_current_a": 7.0 + 0.0 * angle}
+    trial, saw = Trial(trial_id="t", material="oak", duty=0.4375), Baseline(
+        plant=CONFIG.plant, battery=CONFIG.battery, cutting_sign=-1
+    )  # fmt: skip
+    in_s = explain_faults(saw, trial, {name: (time_s, values) for name, values in tracks.items()})
+    in_ms = explain_faults(saw, trial, {name: (1e3 * time_s, values) for name, values in tracks.items()})
+    assert in_s is None
+    assert in_ms.mistake == "time_s is probably in ms"
+    assert "samples a second" not in in_ms.remedy
+    slow = {name: (time_s[::50], values[::50]) for name, values in tracks.items()}
+    assert "displacement_mm has 20 samples a second" in explain_faults(saw, trial, slow).remedy
