@@ -88,7 +88,9 @@ class Spectrum:
         highest : float
             Place up to which lines are looked for.
         """
-        n_steps = int(_FINER * span * highest)
+        from scipy.fft import next_fast_len
+
+        n_steps = next_fast_len(int(_FINER * span * highest), real=True)
         steps = at * (n_steps / span)
         inside = (steps >= 0.0) & (steps < n_steps - 1)
         steps = steps[inside]
