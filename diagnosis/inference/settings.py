@@ -131,8 +131,8 @@ class Strokes:
     ----------
     against : float
         Log evidence of the strokes below which they speak against an effect.
-    least_strokes : int
-        That a trial must have for its single strokes to be looked at.
+    least_strokes, of_wave : int
+        That a trial must have for its single strokes to be looked at, and for a wave to be looked for in them.
     least_read : float
         Share of them of which there must be samples.
     depth_std : float
@@ -149,7 +149,8 @@ class Strokes:
     """
 
     against: float = marked(-1.0, "convention", "odds of e to one against")
-    least_strokes: int = marked(24, "convention", "two seconds, some waves of a wood")
+    least_strokes: int = marked(12, "convention", "two blocks, whose scatter hardly depends on single strokes")
+    of_wave: int = marked(24, "convention", "two seconds, some waves of a wood")
     least_read: float = marked(0.8, "convention", "what lies between the others is a small part of a wave")
     depth_std: float = marked(0.5, "convention", "a factor of two, as `Forms.most_std`")
     block: int = marked(20, "convention", "about 1.5 s; beyond it half of a wood's memory is gone")

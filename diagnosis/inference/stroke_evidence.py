@@ -126,12 +126,13 @@ def strokes_say(
         in time and one in the wood are the same: the catalogue's name is taken for twice as likely. See
         `with_mean_strokes`.
     """
-    spectra = StrokeSpectra(strokes) if strokes else None
-    if spectra is None:
+    if not strokes:
         return {}, {}
+    long = [one for one in strokes if len(one.log_k) >= settings.strokes.of_wave]
+    spectra = StrokeSpectra(long) if long else None
     said: dict[str, StrokesSay] = {}
     for effect in effects:
-        if isinstance(effect.strokes, StrokeWave):
+        if spectra is not None and isinstance(effect.strokes, StrokeWave):
             wave = spectra.wave(effect.strokes)
             said[effect.name] = StrokesSay(
                 effect=effect, alone=wave.log_evidence, beside_cutting=wave.log_evidence, size=wave.depth,
@@ -148,11 +149,9 @@ def strokes_say(
             effect=by_name[name], alone=trend.alone, beside_cutting=trend.beside_cutting, size=trend.size,
             size_std=trend.size_std,
         )  # fmt: skip
+    in_time = 0.0 if spectra is None else _wave_in_time(spectra, known)
     one_look = math.log(settings.strokes.looks)
-    return said, {
-        WAVE_IN_TIME: _wave_in_time(spectra, known) - one_look - math.log(2.0),
-        SHARED_COURSE: shared_course(blocks) - one_look,
-    }
+    return said, {WAVE_IN_TIME: in_time - one_look - math.log(2.0), SHARED_COURSE: shared_course(blocks) - one_look}
 
 
 def with_mean_strokes(

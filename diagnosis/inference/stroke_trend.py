@@ -84,17 +84,15 @@ def blocks_of(
     stocks = {name: k for k, name in enumerate(dict.fromkeys(s.setting.stock for s in running.values()))}
     speeds = _speeds(running.values())
     trials: list[Floats] = []
-    block = SETTINGS.strokes.block
     for series in strokes:
-        state = running.get(series.label)
-        n = 0 if state is None else len(series.k_n_s_per_m) // block
-        if state is None or n < 2:
+        state, n_strokes = running.get(series.label), len(series.k_n_s_per_m)
+        # A short trial is two blocks, which are shorter.
+        of_block = min(SETTINGS.strokes.block, n_strokes // 2)
+        n = n_strokes // of_block
+        hardness = series.k_n_s_per_m[: n * of_block].reshape(n, of_block).mean(axis=1)
+        if state is None or not np.all(hardness > 0.0):
             continue
-        cut = slice(0, n * block)
-        hardness = series.k_n_s_per_m[cut].reshape(n, block).mean(axis=1)
-        if not np.all(hardness > 0.0):
-            continue
-        at_s = series.time_s[cut].reshape(n, block).mean(axis=1)
+        at_s = series.time_s[: n * of_block].reshape(n, of_block).mean(axis=1)
         distance = np.interp(at_s, state.time_s[:, 0], state.cut_distance_m[:, 0])
         setting = state.setting
         of_trial = (speeds[setting.operating_point], np.log(series.feed_m_s), len(trials), stocks[setting.stock])

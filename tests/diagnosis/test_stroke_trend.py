@@ -15,7 +15,6 @@ from sawbench.diagnosis.inference.shared_course import shared_course
 from sawbench.diagnosis.inference.stroke_evidence import (
     StrokesSay,
     sized_by_strokes,
-    strokes_say,
     with_strokes,
 )
 from sawbench.diagnosis.inference.stroke_series import StrokeSeries
@@ -124,10 +123,17 @@ def test_wood_that_is_harder_in_some_places_is_neither_worn_nor_thick():
         assert max(max(t[effect].alone, t[effect].beside_cutting) for t in found) < 4.0
 
 
-def test_trials_too_short_to_tell_wear_from_uneven_wood_say_nothing_for_it():
-    short = tuple((duty, feed, 2.5) for duty, feed, _ in TRIALS[:6])
-    said, _ = strokes_say([EFFECT_BY_NAME[WEAR]], *campaign(3, trials=short, growth_per_10_m=0.4), SETTINGS)
-    assert (said[WEAR].alone, said[WEAR].beside_cutting) == (0.0, 0.0)
+@pytest.mark.parametrize("seconds", [1.3, 2.2])
+def test_short_trials_of_uneven_wood_show_no_trend(seconds):
+    """They cannot tell a slope along the cut from a piece's own hardness, so a trial is as good as one number.
+
+    Odds of 20 to one come by chance once in 20 times at most, where they are what they say.
+    """
+    trials = [(duty, feed, seconds) for duty, feed, _ in TRIALS]
+    found = [trend(seed, trials=trials, uneven=0.045) for seed in range(40)]
+    for effect in (WEAR, CHIP):
+        assert np.mean([t[effect].alone > np.log(20.0) for t in found]) <= 1.0 / 20.0
+        assert np.mean([t[effect].beside_cutting > np.log(20.0) for t in found]) <= 1.0 / 20.0
 
 
 def test_a_hard_piece_that_slows_the_saw_is_no_thin_chip():
@@ -235,6 +241,17 @@ def test_trials_with_one_state_each_say_nothing_of_a_course():
     blocks = blocks_of(one, strokes)
     assert shared_course(blocks) == 0.0
     assert np.isfinite(trend_evidence(blocks, TRENDS)[WEAR].alone)
+
+
+@pytest.mark.parametrize("seconds", [1.3, 2.2])
+def test_the_thickness_of_a_chip_is_found_in_short_trials(seconds):
+    trials = [(duty, feed, seconds) for duty, feed, _ in TRIALS]
+    cut = campaign(4, trials=trials, exponent=0.7, piece=0.01)
+    assert max(len(series.log_k) for series in cut[1]) < 2 * SETTINGS.strokes.block
+    found = trend_evidence(blocks_of(*cut), TRENDS)[CHIP]
+    assert found.alone > 5.0
+    assert found.size == pytest.approx(0.7, abs=2.0 * found.size_std)
+    assert found.size_std < 0.2
 
 
 def test_few_trials_say_nothing():
