@@ -11,6 +11,7 @@ from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.bandwidth import bandwidth_nuisances
 from sawbench.diagnosis.inference.beyond.table import BEYOND_CATALOGUE
 from sawbench.diagnosis.inference.clocks import clock_nuisances
+from sawbench.diagnosis.inference.common_filter import common_filter_nuisances
 from sawbench.diagnosis.inference.features import (
     HARMONICS,
     N_BLOCKS,
@@ -218,7 +219,12 @@ class Jigsaw:
     def nuisances(self) -> tuple[Nuisance, ...]:
         """See `diagnosis.inference.nuisances.nuisances_of`."""
         baseline = self.baseline
-        return (*nuisances_of(baseline), *vibration_nuisances(baseline), *map(of_known, self.known))
+        return (
+            *nuisances_of(baseline),
+            *vibration_nuisances(baseline),
+            *common_filter_nuisances(),
+            *map(of_known, self.known),
+        )
 
     def readings(self) -> Mapping[str, Reading]:
         """See `diagnosis.inference.nuisances.READINGS`."""

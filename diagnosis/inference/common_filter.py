@@ -1,0 +1,69 @@
+"""What the filter of a recorder takes off the edges of a force: that is no gap.
+
+A recorder has a filter before its converter, the same for all of its channels. Nothing is late there, force against
+displacement, and equations that are sums of channels hold as before. But a force that begins and ends at the dead
+centres has kinks, which the filter rounds, and the angles of the cutting half are those of a smooth motion, which it
+leaves alone: the cutting law alone misses the rounding. A filter of the force alone makes it late: that is an effect
+(`force_sensor_lag`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from itertools import product
+from typing import Final
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.nuisance import Nuisance
+from sawbench.modeling.effects.effect import TransferFunction
+from sawbench.modeling.effects.transfer import Spectrum
+from sawbench.modeling.residuals import Baseline, Signature
+from sawbench.modeling.state import State
+
+# Corners of filters before a converter, and their orders.
+_CORNERS_HZ: Final = (250.0, 400.0, 650.0, 1000.0)
+_ORDERS: Final = (1, 2, 4)
+# One of them, or between two.
+_STD: Final = 1.0 / np.sqrt(len(_CORNERS_HZ) * len(_ORDERS))
+
+
+def common_filter_nuisances() -> Iterator[Nuisance]:
+    """List what filters that all channels have in common may take off the force.
+
+    Yields
+    ------
+    Nuisance
+        Of each corner and order.
+    """
+    for corner_hz, order in product(_CORNERS_HZ, _ORDERS):
+        yield Nuisance(
+            name=f"common filter, {corner_hz:g} Hz, order {order}", nominal=0.0, std=_STD, is_plant=False,
+            signature=partial(_rounded, transfer=butterworth_in_time(corner_hz, order)), is_shared=True,
+        )  # fmt: skip
+
+
+def butterworth_in_time(corner_hz: float, order: int) -> TransferFunction:
+    """Low-pass of Butterworth, with the delay of slow signals taken off.
+
+    Parameters
+    ----------
+    corner_hz : float
+    order : int
+    """
+    poles = np.exp(0.5j * np.pi * (1.0 + (2.0 * np.arange(order) + 1.0) / order))
+    late = float(np.sum(1.0 / -poles).real)
+
+    def transfer(f: Floats) -> np.ndarray:
+        s = 1j * f / corner_hz
+        return np.exp(late * s) / np.prod([1.0 - s / pole for pole in poles], axis=0)
+
+    return transfer
+
+
+def _rounded(baseline: Baseline, state: State, *, transfer: TransferFunction) -> Signature:
+    if state.force_n is None:
+        return {}
+    expected = baseline.expected_force(state)
+    return {"cutting": Spectrum(expected, state).through(transfer) - expected}
