@@ -112,10 +112,14 @@ def _corners(time_s: Floats, values: Floats, at_s: Floats) -> tuple[Floats, Floa
 
 
 def _last_digit(values: Floats) -> float:
-    """Power of ten that all values are multiples of; 0 where they have more digits than a table writes."""
+    """What all values are multiples of: a power of ten, or the larger step of a converter, which need not be one.
+
+    0 where they have more digits than a table writes.
+    """
     some = values[(len(values) * (np.arange(_LOOKED_AT) * _GOLDEN % 1.0)).astype(np.int64)]
+    steps = np.diff(np.unique(some))
     for digits in range(_MOST_DIGITS + 1):
         whole = some * 10.0**digits
         if np.all(np.abs(whole - np.round(whole)) < 1e-4 * np.maximum(1.0, np.abs(whole) * 1e-8)):
-            return float(10.0**-digits)
+            return float(max(10.0**-digits, np.min(steps, initial=np.inf) if len(steps) else 0.0))
     return 0.0

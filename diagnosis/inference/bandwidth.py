@@ -35,6 +35,9 @@ _AVERAGED_STD: Final = 1.0 / np.sqrt(3.0)
 # Time constants of a battery's sensor: one of them, or between two.
 _BATTERY_S: Final = (2e-4, 5e-4, 1.2e-3, 3e-3)
 _BATTERY_STD: Final = 1.0 / np.sqrt(len(_BATTERY_S))
+# Times over which its values may be means, or lines between samples, where the rows do not show it.
+_MEAN_S: Final = (2e-3, 5e-3, 1e-2)
+_MEAN_STD: Final = 1.0 / np.sqrt(len(_MEAN_S))
 
 
 def bandwidth_nuisances(states: Sequence[State]) -> Iterator[Nuisance]:
@@ -56,6 +59,9 @@ def bandwidth_nuisances(states: Sequence[State]) -> Iterator[Nuisance]:
         period_s = max((one[channel].latency_s for one in stated if channel in one), default=0.0)
         if period_s:
             yield _nuisance(f"average of {channel}", _AVERAGED_STD, partial(signature, transfer=of(period_s)))
+    for period_s in _MEAN_S:
+        name = f"mean of {BATTERY_CURRENT.name} over {1e3 * period_s:g} ms"
+        yield _nuisance(name, _MEAN_STD, partial(_battery, transfer=average(period_s)))
     for tau_s in () if is_battery_ahead(states) else _BATTERY_S:
         name = f"filter of {BATTERY_CURRENT.name}, {1e3 * tau_s:g} ms"
         yield _nuisance(name, _BATTERY_STD, partial(_battery, transfer=low_pass(tau_s)))

@@ -135,6 +135,23 @@ def test_a_battery_sensor_of_a_few_hertz_is_no_gap():
     assert judge(problem, effect_columns(problem)).verdict == "no_gap"
 
 
+@pytest.mark.parametrize("period_s", [5e-3, 14e-3])
+def test_lines_between_samples_of_a_battery_that_no_row_shows_are_no_gap(period_s):
+    """As seen: coarse steps hid the corners of lines at 200 Hz, and a lag of the motor current was declared."""
+
+    def drawn_as_lines(state):
+        def gain(f):
+            return np.sinc(f * period_s) ** 2
+
+        return replace(
+            state, battery_current_a=filtered(state.battery_current_a, state, gain),
+            battery_voltage_v=filtered(state.battery_voltage_v, state, gain),
+        )  # fmt: skip
+
+    problem = problem_of([drawn_as_lines(state) for state in strokes()])
+    assert judge(problem, effect_columns(problem)).verdict == "no_gap"
+
+
 def behind(wave, state, tau_s):
     return filtered(wave, state, lambda f: 1.0 / (1.0 + 2j * np.pi * f * tau_s))
 

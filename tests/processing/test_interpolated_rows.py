@@ -51,6 +51,15 @@ def test_each_sample_comes_back_at_its_time(slow_hz, written):
     assert np.percentile(missed, 90) < 0.05 * np.std(values)
 
 
+@pytest.mark.parametrize(("slow_hz", "rate_hz", "step"), [(200.0, 2000.0, 0.0122), (200.0, 4000.0, 0.0244)])
+def test_each_sample_comes_back_where_the_rows_have_the_steps_of_a_converter(slow_hz, rate_hz, step):
+    """As seen: 14 bits of 100 A, written with four digits, are no multiples of a power of ten."""
+    _, values, time_s, rows = table(slow_hz, rate_hz=rate_hz, digits=9)
+    found_s, found = without_interpolated_rows(time_s, np.round(np.round(rows / step) * step, 4))
+    assert abs(len(found) - len(values)) <= 0.01 * len(values) + 2
+    assert np.median(np.diff(found_s)) == pytest.approx(1.0 / slow_hz, rel=1e-3)
+
+
 def test_what_interpolation_takes_off_the_ripple_is_there_again():
     """At 50 Hz lines between samples have a third of a ripple of 34 Hz, the samples themselves all of it."""
     _, _, time_s, rows = table(50.0, noise=0.0)
