@@ -189,18 +189,17 @@ def is_cause(
     """Whether an effect is more than what every machine has, or alone most of a gap.
 
     A machine has a little of many effects: beside a cause, what is small is one of those.
-    A wave of any form explains all that is fixed in angle, and a trend of single strokes all that drifts: where that is
-    surely of background size, or larger than the effect ever is, it is something else. Of an effect whose number
+    A wave of any form explains all that is fixed in angle, and a trend of single strokes alone all that drifts: where
+    that is surely of background size, or larger than the effect ever is, it is something else. Of an effect whose number
     belongs to its form and may be any (a frequency), how much of the form is there says no more.
     """
-    forms = problem.settings.forms
+    forms, is_alone = problem.settings.forms, len(posterior.best.effects) == 1
     if member.effect.size_of is not None and member.in_typical_sizes[0] > _RIGHT_TO * member.effect.strength.high:
         return False
-    if by_strokes or member.effect.size_of is not None:
+    if member.effect.size_of is not None or (by_strokes and is_alone):
         return not is_background(member, surely=True, forms=forms)
-    has_size = not member.effect.carries or member.effect.strength.usual is not None
+    has_size = by_strokes or not member.effect.carries or member.effect.strength.usual is not None
     is_small = is_background(member, surely=not has_size, forms=forms)
-    is_alone = len(posterior.best.effects) == 1
     return not is_small or (is_alone and is_most_of_a_gap(problem, posterior, predictions, member))
 
 

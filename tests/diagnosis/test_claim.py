@@ -492,6 +492,17 @@ def test_a_little_of_an_effect_is_a_cause_where_it_alone_is_the_gap(problem, col
     assert not held(0.0)
 
 
+@pytest.mark.parametrize(("size", "is_claimed"), [(0.2, False), (0.6, True)])
+def test_a_little_of_a_trend_beside_a_cause_is_what_every_machine_has(problem, columns, size, is_claimed):
+    """As seen: a growth of a fifth of the typical one beside weakened magnets was a worn blade, with 54 %."""
+    declared = certain_of(judge(with_columns(problem, columns, RUBBING, 1.0), columns), RUBBING)
+    member = replace(declared.best.members[0], mixture=(size, 0.1))
+    both = replace(declared.best, effects=(FRICTION, RUBBING), members=(declared.best.members[0], member))
+    beside = replace(declared, hypotheses=(both, *declared.hypotheses[1:]))
+    predictions = OfFeatures(problem, columns, declared)
+    assert is_cause(problem, beside, predictions, member, by_strokes=True) == is_claimed
+
+
 @pytest.mark.parametrize(
     ("level", "closed", "is_claimed"),
     [(0.6, 0.4, False), (0.6, 0.6, True), (1.5, 0.4, False), (1.5, 0.6, True), (2.1, 0.5, True)],
