@@ -193,7 +193,7 @@ def behind_a_common_filter(state, corner_hz, order):
     return replace(state, **{name: filtered(getattr(state, name), state, gain) for name in names})
 
 
-@pytest.mark.parametrize(("corner_hz", "order"), [(400.0, 1), (400.0, 2), (650.0, 4)])
+@pytest.mark.parametrize(("corner_hz", "order"), [(400.0, 2), (400.0, 4), (650.0, 4)])
 def test_a_common_filter_leaves_what_its_nuisance_says(corner_hz, order):
     intact, seen = gap(INTACT), gap(behind_a_common_filter(INTACT, corner_hz, order))
     (nuisance,) = (n for n in common_filter_nuisances() if n.name.endswith(f" {corner_hz:g} Hz, order {order}"))
@@ -205,6 +205,6 @@ def test_a_common_filter_leaves_what_its_nuisance_says(corner_hz, order):
 
 @pytest.mark.parametrize(("corner_hz", "order"), [(300.0, 4), (400.0, 2), (500.0, 1)])
 def test_a_recorder_that_filters_all_of_its_channels_is_no_gap(corner_hz, order):
-    """As seen: four of 48 benches of a simulator whose recorders filter at 400 Hz had a resonance or a soft blade."""
+    """As seen: on benches of a simulator whose recorders filter at 400 Hz it was a resonance or a soft blade."""
     problem = problem_of([behind_a_common_filter(state, corner_hz, order) for state in strokes()])
     assert judge(problem, effect_columns(problem)).verdict == "no_gap"
