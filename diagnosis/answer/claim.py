@@ -190,8 +190,8 @@ def is_cause(
 
     A machine has a little of many effects: beside a cause, what is small is one of those.
     A wave of any form explains all that is fixed in angle, and a trend of single strokes alone all that drifts: where
-    that is surely of background size, or larger than the effect ever is, it is something else. Of an effect whose number
-    belongs to its form and may be any (a frequency), how much of the form is there says no more.
+    that is surely of background size, or larger than the effect ever is, it is something else. Of an effect whose
+    number belongs to its form and may be any (a frequency), how much of the form is there says no more.
     """
     forms, is_alone = problem.settings.forms, len(posterior.best.effects) == 1
     if member.effect.size_of is not None and member.in_typical_sizes[0] > _RIGHT_TO * member.effect.strength.high:
