@@ -205,6 +205,6 @@ def test_a_common_filter_leaves_what_its_nuisance_says(corner_hz, order):
 
 @pytest.mark.parametrize(("corner_hz", "order"), [(300.0, 4), (400.0, 2), (500.0, 1)])
 def test_a_recorder_that_filters_all_of_its_channels_is_no_gap(corner_hz, order):
-    """As seen: on benches of a simulator whose recorders filter at 400 Hz it was a resonance or a soft blade."""
+    """As seen: on benches of a simulator whose recorders filter at 400 Hz it was a resonance or a lag."""
     problem = problem_of([behind_a_common_filter(state, corner_hz, order) for state in strokes()])
     assert judge(problem, effect_columns(problem)).verdict == "no_gap"
