@@ -121,5 +121,5 @@ def _last_digit(values: Floats) -> float:
     for digits in range(_MOST_DIGITS + 1):
         whole = some * 10.0**digits
         if np.all(np.abs(whole - np.round(whole)) < 1e-4 * np.maximum(1.0, np.abs(whole) * 1e-8)):
-            return float(max(10.0**-digits, np.min(steps, initial=np.inf) if len(steps) else 0.0))
+            return float(max(10.0**-digits, min(steps, default=0.0)))
     return 0.0

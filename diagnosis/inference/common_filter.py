@@ -51,7 +51,13 @@ def butterworth_in_time(corner_hz: float, order: int) -> TransferFunction:
     Parameters
     ----------
     corner_hz : float
+        Where half of the power is left.
     order : int
+
+    Returns
+    -------
+    callable
+        Frequency in Hz, of any shape -> complex gain of that shape.
     """
     poles = np.exp(0.5j * np.pi * (1.0 + (2.0 * np.arange(order) + 1.0) / order))
     late = float(np.sum(1.0 / -poles).real)
