@@ -15,10 +15,9 @@ from itertools import product
 from typing import Final
 
 import numpy as np
-from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.nuisance import Nuisance
 from sawbench.modeling.effects.effect import TransferFunction
-from sawbench.modeling.effects.transfer import Spectrum
+from sawbench.modeling.effects.transfer import Spectrum, delay, low_pass
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -53,20 +52,17 @@ def butterworth_in_time(corner_hz: float, order: int) -> TransferFunction:
     corner_hz : float
         Where half of the power is left.
     order : int
+        Even.
 
     Returns
     -------
     callable
         Frequency in Hz, of any shape -> complex gain of that shape.
     """
-    poles = np.exp(0.5j * np.pi * (1.0 + (2.0 * np.arange(order) + 1.0) / order))
-    late = float(np.sum(1.0 / -poles).real)
-
-    def transfer(f: Floats) -> np.ndarray:
-        s = 1j * f / corner_hz
-        return np.exp(late * s) / np.prod([1.0 - s / pole for pole in poles], axis=0)
-
-    return transfer
+    dampings = np.sin(0.5 * np.pi * np.arange(1, order, 2) / order)
+    late_s = [float(damping) / (np.pi * corner_hz) for damping in dampings]
+    parts = [delay(-sum(late_s)), *map(low_pass, late_s, dampings)]
+    return lambda f: np.prod([part(f) for part in parts], axis=0)
 
 
 def _rounded(baseline: Baseline, state: State, *, transfer: TransferFunction) -> Signature:

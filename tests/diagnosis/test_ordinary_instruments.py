@@ -56,6 +56,14 @@ def filtered(wave, state, gain):
     return np.fft.irfft(spectrum * gain(np.arange(spectrum.shape[-1]) * rate_hz), wave.shape[-1], axis=-1)
 
 
+def battery_through(state, gain):
+    """The state with both readings of the battery's sensor filtered."""
+    return replace(
+        state, battery_current_a=filtered(state.battery_current_a, state, gain),
+        battery_voltage_v=filtered(state.battery_voltage_v, state, gain),
+    )  # fmt: skip
+
+
 def of(name, setting, state):
     (nuisance,) = (n for n in bandwidth_nuisances([replace(state, setting=setting)]) if n.name == name)
     return nuisance.signature(BASELINE, state)
@@ -70,10 +78,7 @@ def test_a_battery_sensor_with_a_filter_leaves_what_its_nuisance_says():
         return 1.0 / (1.0 + 2j * np.pi * f * 1.2e-3)
 
     state = INTACT
-    read = replace(
-        state, battery_current_a=filtered(state.battery_current_a, state, gain),
-        battery_voltage_v=filtered(state.battery_voltage_v, state, gain),
-    )  # fmt: skip
+    read = battery_through(state, gain)
     intact, seen = gap(state), gap(read)
     seen = {name: seen[name] - intact[name] for name in ("converter", "electrical")}
     compare(seen, of("filter of battery_current_a, 1.2 ms", state.setting, state), 0.1)
@@ -122,16 +127,10 @@ def test_a_vibration_that_is_not_there_is_not_listed():
 
 
 def test_a_battery_sensor_of_a_few_hertz_is_no_gap():
-    def slow(state):
-        def gain(f):
-            return np.sinc(f * 4e-3) / (1.0 + 2j * np.pi * f * 8e-4)
+    def gain(f):
+        return np.sinc(f * 4e-3) / (1.0 + 2j * np.pi * f * 8e-4)
 
-        return replace(
-            state, battery_current_a=filtered(state.battery_current_a, state, gain),
-            battery_voltage_v=filtered(state.battery_voltage_v, state, gain),
-        )  # fmt: skip
-
-    problem = problem_of([slow(state) for state in strokes()])
+    problem = problem_of([battery_through(state, gain) for state in strokes()])
     assert judge(problem, effect_columns(problem)).verdict == "no_gap"
 
 
@@ -139,16 +138,10 @@ def test_a_battery_sensor_of_a_few_hertz_is_no_gap():
 def test_lines_between_samples_of_a_battery_that_no_row_shows_are_no_gap(period_s):
     """As seen: coarse steps hid the corners of lines at 200 Hz, and a lag of the motor current was declared."""
 
-    def drawn_as_lines(state):
-        def gain(f):
-            return np.sinc(f * period_s) ** 2
+    def gain(f):
+        return np.sinc(f * period_s) ** 2
 
-        return replace(
-            state, battery_current_a=filtered(state.battery_current_a, state, gain),
-            battery_voltage_v=filtered(state.battery_voltage_v, state, gain),
-        )  # fmt: skip
-
-    problem = problem_of([drawn_as_lines(state) for state in strokes()])
+    problem = problem_of([battery_through(state, gain) for state in strokes()])
     assert judge(problem, effect_columns(problem)).verdict == "no_gap"
 
 
