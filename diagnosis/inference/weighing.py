@@ -202,8 +202,9 @@ def _share_within(
     believed = -float(np.logaddexp(0.0, -odds))
     total = score[stronger] + np.exp(believed) * max(float(added.max()), 0.0)
     score[stronger] = total - float(np.logaddexp(0.0, odds))
-    # What mends the form of a strong one may explain more than a true one that acts where the strong one does not.
-    among = added - np.array([missed_by(stronger, h) for h in family]) + log_odds
+    # What mends the form of a strong one may explain more than a true one that acts where the strong one does not: only
+    # what lies beyond it speaks for one against another. Where nothing does, the odds of each stand alone.
+    among = np.maximum(added - np.array([missed_by(stronger, h) for h in family]), 0.0) + log_odds
     among -= np.logaddexp.reduce(among)
     for h, share in zip(family, among, strict=True):
         score[h] = total + believed + float(share)

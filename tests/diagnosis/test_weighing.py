@@ -99,6 +99,20 @@ def pair_odds(more, *, alone=80.0, shared=1.0):
     return found[PAIR] / found["edge_force"]
 
 
+def test_what_a_second_effect_is_given_goes_to_the_one_that_has_evidence():
+    """Also where a strong form may miss more than that, and another one, which adds nothing, acts elsewhere."""
+    alone = 1400.0
+    quiet = {"no_gap": 10.0, "parameters": 10.0}
+    evidence = {"no_gap": 0.0, "parameters": 0.0, "unknown": -5.0, "edge_force": alone}
+    hypotheses = [named(name, value, left_over=quiet.get(name, WEIGHTS.quiet)) for name, value in evidence.items()]
+    beside, elsewhere = PAIR, "edge_force + guide_friction"
+    for name, more, shared in ((beside, 7.0, 1.0), (elsewhere, -3.0, 0.0)):
+        hypotheses.append(named(name, alone + more, left_over=WEIGHTS.quiet, shared=shared))
+    found = {h.name: h.probability for h in weigh(hypotheses, n_effects=N_EFFECTS)}
+    assert found[beside] > 0.1
+    assert found[elsewhere] < 0.01
+
+
 def test_a_second_effect_pays_for_itself():
     """Hardly any evidence more names one; from there the pair gains with every step, but in e-folds, not in nats."""
     odds = [pair_odds(more) for more in (0.0, 5.0, 30.0, 200.0, 1000.0)]
