@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from sawbench.bench.recording import Alignment
 from sawbench.diagnosis.answer.signals import signal_findings
+from sawbench.diagnosis.answer.until_closed import held
 from sawbench.diagnosis.inference.bandwidth import bandwidth_nuisances, is_battery_ahead
 from sawbench.diagnosis.inference.common_filter import common_filter_nuisances
 from sawbench.diagnosis.inference.effect_columns import effect_columns
@@ -201,3 +202,16 @@ def test_a_recorder_that_filters_all_of_its_channels_is_no_gap(corner_hz, order)
     """As seen: on benches of a simulator whose recorders filter at 400 Hz it was a resonance or a lag."""
     problem = problem_of([behind_a_common_filter(state, corner_hz, order) for state in strokes()])
     assert judge(problem, effect_columns(problem)).verdict == "no_gap"
+
+
+@pytest.mark.parametrize(("frequency_hz", "damping"), [(115.0, 0.07), (171.0, 0.03)])
+def test_a_light_mode_of_the_carriage_is_no_gap(frequency_hz, damping):
+    """As seen: on a bench where it had 3 % of the force, between the frequencies that background had."""
+
+    def gain(f):
+        ratio = f / frequency_hz
+        return 1.0 + 0.03 * (1.0 / (1.0 - ratio**2 + 2j * damping * ratio) - 1.0)
+
+    problem = problem_of([replace(s, force_n=filtered(s.force_n, s, gain)) for s in strokes()])
+    columns = effect_columns(problem)
+    assert held(problem, columns, judge(problem, columns)).posterior.verdict == "no_gap"
