@@ -17,7 +17,7 @@ from sawbench.diagnosis.inference.dispersion import background_with_noise, stack
 from sawbench.diagnosis.inference.evidence import Explanation, explain
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import FORM_OF_KNOWN, LinearProblem
-from sawbench.diagnosis.inference.marginal import Marginal
+from sawbench.diagnosis.inference.marginal import Marginal, best_within
 from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.settings import Z95
@@ -139,7 +139,7 @@ class Predictions:
         return self._beside_a_little[key]
 
     def _without_a_little(self, cause: Sequence[Column]) -> Floats:
-        """Take off the data, (n,), what fits best beside a cause of all effects that it does not name."""
+        """Take off the data, (n,), what fits best beside a cause of all effects that it does not name, each a little."""
         named = {column.effect.name for column in cause}
         dispersion = self._posterior.dispersion
         of_others = np.hstack(
@@ -148,10 +148,12 @@ class Predictions:
                 *(found for name, found in self._posterior.little.items() if name not in named),
             ]
         )
-        beside = self._of_all.beside(stacked_with_noise(self._problem, [stacked(cause), of_others], dispersion))
-        fitted = beside.data_split[0][len(beside.data_split[0]) - of_others.shape[1] :]
+        beside = stacked_with_noise(self._problem, [stacked(cause), of_others], dispersion)
         most = self._problem.settings.forms.least_amplitude / BACKGROUND_SHARE
-        taken: Floats = of_others @ np.clip(fitted, -most, most)
+        limits = np.full(beside.shape[1], np.inf)
+        limits[beside.shape[1] - of_others.shape[1] :] = most
+        fitted = best_within(*self._of_all.gram(beside), limits)[beside.shape[1] - of_others.shape[1] :]
+        taken: Floats = of_others @ fitted
         return self._problem.data - taken
 
     def of_law(self, law: Effect) -> LawPrediction | None:

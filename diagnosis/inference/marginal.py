@@ -195,6 +195,29 @@ class Widened:
         return self._alone.log_evidence + gained, data_half, half
 
 
+def best_within(gram: Floats, moment: Floats, limits: Floats) -> Floats:
+    """Likeliest sizes of columns with a unit prior, none beyond its limit, shape (q,).
+
+    Parameters
+    ----------
+    gram : ndarray, shape (q, q)
+    moment : ndarray, shape (q,)
+        Of `Marginal.gram`.
+    limits : ndarray, shape (q,)
+        Largest size of either sign; inf where there is none.
+
+    Examples
+    --------
+    >>> best_within(np.array([[3.0, 2.0], [2.0, 3.0]]), np.array([6.0, 6.0]), np.array([0.5, np.inf])).round(6).tolist()
+    [0.5, 1.25]
+    """
+    from scipy.linalg import solve_triangular
+    from scipy.optimize import lsq_linear
+
+    root = _root_of(gram)
+    return lsq_linear(root.T, solve_triangular(root, moment, lower=True), bounds=(-limits, limits)).x
+
+
 def side_by_side(columns: Sequence[Floats], n: int) -> Floats:
     """Columns of shape (n, q) each as one matrix, column by column in memory: many narrow ones are copied whole."""
     return np.concatenate([np.zeros((0, n)), *(part.T for part in columns)]).T
