@@ -139,7 +139,7 @@ class Predictions:
         return self._beside_a_little[key]
 
     def _without_a_little(self, cause: Sequence[Column]) -> Floats:
-        """Take off the data, (n,), what fits best beside a cause of all effects that it does not name, each a little."""
+        """Take off the data, (n,), a little of all effects that a cause does not name: what fits best beside it."""
         named = {column.effect.name for column in cause}
         dispersion = self._posterior.dispersion
         of_others = np.hstack(
@@ -148,11 +148,11 @@ class Predictions:
                 *(found for name, found in self._posterior.little.items() if name not in named),
             ]
         )
-        beside = stacked_with_noise(self._problem, [stacked(cause), of_others], dispersion)
-        most = self._problem.settings.forms.least_amplitude / BACKGROUND_SHARE
+        named_columns = stacked(cause)
+        beside = stacked_with_noise(self._problem, [named_columns, of_others], dispersion)
         limits = np.full(beside.shape[1], np.inf)
-        limits[beside.shape[1] - of_others.shape[1] :] = most
-        fitted = best_within(*self._of_all.gram(beside), limits)[beside.shape[1] - of_others.shape[1] :]
+        limits[named_columns.shape[1] :] = self._problem.settings.forms.least_amplitude / BACKGROUND_SHARE
+        fitted = best_within(*self._of_all.gram(beside), limits)[named_columns.shape[1] :]
         taken: Floats = of_others @ fitted
         return self._problem.data - taken
 

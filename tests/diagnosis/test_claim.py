@@ -215,7 +215,7 @@ def test_an_effect_that_fails_alone_may_hold_beside_another_one_as_far_as_that_i
     assert sum(h.probability for h in left.hypotheses) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("size", [0.12, 1.5])
+@pytest.mark.parametrize("size", [0.12, 3.0])
 def test_a_little_of_another_effect_is_not_left_by_a_claim_but_a_whole_one_is(problem, columns, size):
     """Beside a friction the gear is off its centre: by a tenth of what is typical, or by far more."""
     wave = columns["gear_eccentricity"][0].columns[:, 0]
