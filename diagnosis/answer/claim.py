@@ -81,7 +81,10 @@ def _those_that_hold(
         elif _rests_on_a_law_that_fails(problem, posterior, predictions):
             posterior = _without_law(problem, posterior)
         else:
-            return posterior
+            tried = _with_background(problem, columns, posterior, predictions)
+            if tried is None:
+                return posterior
+            posterior = _without(problem, *tried)
 
 
 def _shared_with_unlisted(problem: LinearProblem, posterior: Posterior, predictions: Predictions) -> Posterior:
@@ -181,6 +184,24 @@ def _failing(
         if not (predicts and is_enough and is_there(member, said)):
             failing[name] = (is_enough, float(added.sum()))
     return min(failing, key=lambda name: failing[name], default=None)
+
+
+def _with_background(
+    problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior, predictions: Predictions
+) -> tuple[Posterior, str] | None:
+    """A claim of the likeliest cause and of another effect that is only background, as if likeliest; that effect."""
+    best, least = posterior.best, problem.settings.report.shown_probability
+    for claim in posterior.claims:
+        if claim.probability > least and best.effects and set(best.effects) < set(claim.effects):
+            others = (h for h in posterior.hypotheses if h is not claim)
+            tried = replace(posterior, hypotheses=(claim, *others))
+            carried = carried_by_strokes(problem, tried, claim)
+            for member in sized_members(problem, columns, tried, claim):
+                name, by_strokes = member.effect.name, member.effect.name in carried
+                is_further = name not in best.effects
+                if is_further and not is_cause(problem, tried, predictions, member, by_strokes=by_strokes):
+                    return tried, name
+    return None
 
 
 def is_cause(
