@@ -46,17 +46,21 @@ def take_screenshot(
         deadline = time.monotonic() + timeout_s
         client = _connect(viewer, deadline)
         return write_whole(png_path, _settled_picture(client, deadline), overwrite=True)
+    except ConnectionError as error:  # it listens, and ends when it is to draw
+        raise _without_graphics(f"the viewer broke off: {error}") from error
     finally:
         viewer.kill()
+
+
+def _without_graphics(why: str) -> UntrustedResult:
+    remedy = "install a Vulkan driver, on Debian `apt install mesa-vulkan-drivers`"
+    return UntrustedResult(f"no screenshot: {why}", remedy=remedy)
 
 
 def _connect(viewer: ViewerProcess, deadline: float) -> rr.experimental.ViewerClient:
     while time.monotonic() < deadline:
         if not viewer.is_running:
-            raise UntrustedResult(
-                f"no screenshot: {viewer.why_ended()}",
-                remedy="install a Vulkan driver, on Debian `apt install mesa-vulkan-drivers`",
-            )
+            raise _without_graphics(viewer.why_ended())
         if viewer.is_listening():
             client = rr.experimental.ViewerClient.connect(viewer.url)
             state = client.get_state()
