@@ -191,16 +191,19 @@ def _with_background(
 ) -> tuple[Posterior, str] | None:
     """A claim of the likeliest cause and of another effect that is only background, as if likeliest; that effect."""
     best, least = posterior.best, problem.settings.report.shown_probability
-    for claim in posterior.claims:
-        if claim.probability > least and best.effects and set(best.effects) < set(claim.effects):
-            others = (h for h in posterior.hypotheses if h is not claim)
-            tried = replace(posterior, hypotheses=(claim, *others))
-            carried = carried_by_strokes(problem, tried, claim)
-            for member in sized_members(problem, columns, tried, claim):
-                name, by_strokes = member.effect.name, member.effect.name in carried
-                is_further = name not in best.effects
-                if is_further and not is_cause(problem, tried, predictions, member, by_strokes=by_strokes):
-                    return tried, name
+    for claim in posterior.claims if best.effects else ():
+        further = [name for name in claim.effects if claim.without(name) == best.effects]
+        if not further or claim.probability <= least:
+            continue
+        others = (h for h in posterior.hypotheses if h is not claim)
+        tried = replace(posterior, hypotheses=(claim, *others))
+        carried = carried_by_strokes(problem, tried, claim)
+        for member in sized_members(problem, columns, tried, claim):
+            by_strokes = member.effect.name in carried
+            if member.effect.name in further and not is_cause(
+                problem, tried, predictions, member, by_strokes=by_strokes
+            ):
+                return tried, member.effect.name
     return None
 
 
