@@ -192,18 +192,14 @@ def _with_background(
     """A claim of the likeliest cause and of another effect that is only background, as if likeliest; that effect."""
     best, least = posterior.best, problem.settings.report.shown_probability
     for claim in posterior.claims if best.effects else ():
-        further = [name for name in claim.effects if claim.without(name) == best.effects]
-        if not further or claim.probability <= least:
+        further = next((name for name in claim.effects if claim.without(name) == best.effects), None)
+        if further is None or claim.probability <= least:
             continue
-        others = (h for h in posterior.hypotheses if h is not claim)
-        tried = replace(posterior, hypotheses=(claim, *others))
-        carried = carried_by_strokes(problem, tried, claim)
-        for member in sized_members(problem, columns, tried, claim):
-            by_strokes = member.effect.name in carried
-            if member.effect.name in further and not is_cause(
-                problem, tried, predictions, member, by_strokes=by_strokes
-            ):
-                return tried, member.effect.name
+        tried = replace(posterior, hypotheses=(claim, *(h for h in posterior.hypotheses if h is not claim)))
+        member = next(m for m in sized_members(problem, columns, tried, claim) if m.effect.name == further)
+        by_strokes = further in carried_by_strokes(problem, tried, claim)
+        if not is_cause(problem, tried, predictions, member, by_strokes=by_strokes):
+            return tried, further
     return None
 
 

@@ -203,7 +203,7 @@ def _share_within(
     total = score[stronger] + np.exp(believed) * max(float(added.max()), 0.0)
     score[stronger] = total - float(np.logaddexp(0.0, odds))
     # What mends the form of a strong one may explain more than a true one that acts where the strong one does not: only
-    # what lies beyond it speaks for one against another. Where nothing does, the odds of each stand alone.
+    # evidence beyond that is compared, and where there is none the odds of each alone.
     among = np.maximum(added - np.array([missed_by(stronger, h) for h in family]), 0.0) + log_odds
     among -= np.logaddexp.reduce(among)
     for h, share in zip(family, among, strict=True):

@@ -309,8 +309,8 @@ def test_another_effect_takes_the_place_of_one_that_is_not_there(problem, column
     assert held.best.probability > 0.5
 
 
-@pytest.mark.parametrize(("size", "is_background"), [(0.2, True), (1.0, False)])
-def test_the_cause_has_the_probability_of_itself_beside_background(problem, columns, size, is_background):
+@pytest.mark.parametrize(("size", "is_little"), [(0.2, True), (1.0, False)])
+def test_the_cause_has_the_probability_of_itself_beside_background(problem, columns, size, is_little):
     """A pair that is less likely than the cause alone: a tenth of a typical friction is no second cause."""
     both = " + ".join(sorted((FRICTION, RUBBING)))
     data = with_columns(with_columns(problem, columns, RUBBING, 4.0), columns, FRICTION, size)
@@ -319,7 +319,7 @@ def test_the_cause_has_the_probability_of_itself_beside_background(problem, colu
     moved = [replace(h, probability=believed.get(h.name, 0.0)) for h in judged.hypotheses]
     posterior = replace(judged, hypotheses=tuple(sorted(moved, key=lambda h: -h.probability)))
     tried = claim._with_background(data, columns, posterior, OfFeatures(data, columns, posterior))
-    assert (tried is not None) == is_background
+    assert (tried is not None) == is_little
     if tried is not None:
         assert tried[1] == FRICTION
         left = claim._without(data, *tried)
