@@ -20,6 +20,7 @@ from typing import Final, Literal
 from sawbench.acquisition.busy_watch import BusyWatch
 from sawbench.acquisition.device_reader import DeviceReader, LinkBack, LinkLost, Message, Samples
 from sawbench.acquisition.devices.device import Device
+from sawbench.acquisition.end_signals import EndSignals
 from sawbench.acquisition.live_warnings import LiveWarnings
 from sawbench.acquisition.observers import Observer, ObserverFeed
 from sawbench.acquisition.pre_trigger import Touch, TouchWatch
@@ -109,8 +110,8 @@ def record(
     devices : sequence of Device
         Not opened yet; they are stopped when this returns or raises.
     writer : BlockWriter, or callable RecordingStart -> BlockWriter
-        A callable is called at t = 0, when start time, alignment and calibration are known. Finishing the
-        file is up to the caller.
+        A callable is called at t = 0, when start time, alignment and calibration are known. It is closed at the end;
+        where this raises, that is up to the caller.
     seconds : float, optional
         Without it, until stopped.
     stop : threading.Event, optional
@@ -131,6 +132,8 @@ def record(
         If at the start a device is missing, silent, or sends at another rate than configured.
     InputError
         If there is no device or `seconds` is not positive.
+    KeyboardInterrupt
+        By Ctrl-C before t = 0 or once the end has come, and by one a second or more after the first.
     """
     if not devices:
         raise InputError("there is no instrument to record", remedy="add a [devices.*] table to the configuration")
@@ -140,9 +143,13 @@ def record(
     try:
         run.start_devices()
         run.wait_until_settled(stop)
-        start = run.begin(seconds, run.wait_for_touch(stop))
-        target = writer if isinstance(writer, BlockWriter) else writer(start)
-        return run.loop(target, start, seconds, stop, status)
+        touched_s = run.wait_for_touch(stop)
+        with EndSignals() as signals:
+            start = run.begin(seconds, touched_s)
+            target = writer if isinstance(writer, BlockWriter) else writer(start)
+            summary = run.loop(target, start, seconds, stop, status, signals)
+            target.close(provenance=summary.provenance, is_complete=summary.is_complete)
+        return summary
     finally:
         run.close()
 
@@ -199,17 +206,7 @@ class _Run:
         """Wait until every stream delivers and its clock has settled."""
         begun_s = self._clock()
         while not self._is_ready(self._clock() - begun_s):
-            if stop is not None and stop.is_set():
-                raise InputError("stopped before the recording began")
-            message = self._next_message()
-            if isinstance(message, LinkLost):
-                raise DeviceError(
-                    message.reason,
-                    where=self._where(message.device),
-                    remedy="check cable and power, then start again",
-                )
-            if message is not None:
-                self._take(message)
+            self._take_next(stop, before="the recording began")
             waited_s = self._clock() - begun_s
             for (device, stream), recorder in self._streams.items():
                 if not recorder.timer.has_data and waited_s > self._limits.first_sample_s:
@@ -246,13 +243,7 @@ class _Run:
             each.keep(touch.before_s + _LATEST_TOUCH_S)
         seen_s = -float("inf")
         while True:
-            if stop is not None and stop.is_set():
-                raise InputError("stopped before the contact")
-            message = self._next_message()
-            if isinstance(message, LinkLost):
-                raise DeviceError(message.reason, where=self._where(message.device), remedy="check cable and power")
-            if message is not None:
-                self._take(message)
+            self._take_next(stop, before="the contact")
             for block in recorder.kept:
                 if block.time_s[-1] <= seen_s:
                     continue
@@ -260,6 +251,17 @@ class _Run:
                 touched_s = watch.first_above(block.time_s, block.raw[:, column])
                 if touched_s is not None:
                     return self._zero_before(touch, touched_s)
+
+    def _take_next(self, stop: threading.Event | None, *, before: str) -> None:
+        """Take one message while nothing is recorded yet: a link that is lost, or a stop, ends it."""
+        if stop is not None and stop.is_set():
+            raise InputError(f"stopped before {before}")
+        message = self._next_message()
+        if isinstance(message, LinkLost):
+            where, remedy = self._where(message.device), "check cable and power, then start again"
+            raise DeviceError(message.reason, where=where, remedy=remedy)
+        if message is not None:
+            self._take(message)
 
     def _stream_with(self, channel: str) -> tuple[StreamRecorder, int]:
         for recorder in self._streams.values():
@@ -299,6 +301,7 @@ class _Run:
         seconds: float | None,
         stop: threading.Event | None,
         status: Callable[[RecordingStatus], object] | None,
+        signals: EndSignals,
     ) -> RecordingSummary:
         """Move everything from the readers to the writer until the end."""
         self._pending.appendleft(Event(kind="start", time_s=0.0, text=f"t = 0 at {start.started_at.isoformat()}"))
@@ -308,18 +311,16 @@ class _Run:
         next_status_s = self._clock()
         reason: tuple[Literal["stop", "interrupted"], str] | None = None
         while reason is None:
-            try:
-                message = self._next_message()
-                if message is not None:
-                    self._pending += self._take(message)
-                self._warn()
-                self._write(writer)
-                if status is not None and self._clock() >= next_status_s:
-                    next_status_s = self._clock() + self._limits.status_every_s
-                    status = self._report(status)
-                reason = self._end_reason(seconds, stop)
-            except KeyboardInterrupt as stopped:
-                reason = ("stop", str(stopped) or "stopped by the operator (Ctrl-C)")
+            message = self._next_message()
+            if message is not None:
+                self._pending += self._take(message)
+            self._warn()
+            self._write(writer)
+            if status is not None and self._clock() >= next_status_s:
+                next_status_s = self._clock() + self._limits.status_every_s
+                status = self._report(status)
+            words = signals.take()
+            reason = self._end_reason(seconds, stop) if words is None else ("stop", words)
         if status is not None:
             self._report(status, phase="finishing")
         return self._finish(writer, start, *reason, seconds)
@@ -392,7 +393,6 @@ class _Run:
         for text in self._feed.failures():
             self._pending.append(self._event("warning", text))
         while self._pending:
-            # Taken out first: a Ctrl-C in the middle of writing must not write it twice.
             item = self._pending.popleft()
             if isinstance(item, SampleBlock):
                 writer.write_block(item)

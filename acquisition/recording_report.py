@@ -23,6 +23,10 @@ class BlockWriter(Protocol):
         """Store one event."""
         ...
 
+    def close(self, *, provenance: Mapping[str, str], is_complete: bool) -> Any:
+        """Finish what was stored, with what only the end knows of it."""
+        ...
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RecordingStart:

@@ -85,6 +85,9 @@ class _Writer:
     def write_event(self, event: Event) -> None:
         self.events.append(event)
 
+    def close(self, **_: Any) -> None:
+        pass
+
     def signal(self, channel: str) -> Signal:
         own = [block for block in self.blocks if block.channel == channel]
         time_s, values = (np.concatenate([getattr(b, name) for b in own]) for name in ("time_s", "values"))

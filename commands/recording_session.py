@@ -103,7 +103,7 @@ def record_trial(
     DeviceError
         If an instrument is missing, silent or wrong; then no file is left.
     KeyboardInterrupt
-        If Ctrl-C comes again before the file is finished; it says what is left of it.
+        By Ctrl-C once the end has come, or where writing hangs; it says where the recording is.
     """
     from sawbench.acquisition.calibration_book import (
         CalibrationBook,
@@ -142,7 +142,7 @@ def record_trial(
 
     try:
         limits = RecorderLimits(preload_n=settings.preload_n, folder=options.path.parent, touch=options.touch)
-        summary = record(
+        return record(
             devices, open_writer, seconds=options.seconds, observers=observers, status=status, stop=stop, limits=limits
         )
     except BaseException as error:
@@ -151,18 +151,25 @@ def record_trial(
     finally:
         if notes is not None:
             notes.detach()
-    opened[0].close(provenance=summary.provenance, is_complete=summary.is_complete)
-    return summary
 
 
 def _close_broken_off(opened: Sequence[RecordingWriter], error: BaseException) -> None:
-    """Close what an error broke off, as not complete; say of a second Ctrl-C where the recording is."""
+    """Close what an error broke off, as not complete; say of a Ctrl-C where the recording is."""
     for writer in opened:
+        was_closed = writer.is_closed
         writer.__exit__(type(error), error, error.__traceback__)
-    path = next((writer.path for writer in opened if writer.path.exists()), None)
-    if isinstance(error, KeyboardInterrupt) and path is not None:
-        why = str(error) or "interrupted while the recording was being finished"
-        raise KeyboardInterrupt(f"{why}: {path} has what was recorded, marked as not complete") from error
+        if isinstance(error, KeyboardInterrupt):
+            why = str(error) or "interrupted while the recording was being finished"
+            raise KeyboardInterrupt(f"{why}: {_what_is_left(writer, was_closed=was_closed)}") from error
+
+
+def _what_is_left(writer: RecordingWriter, *, was_closed: bool) -> str:
+    part = Path(f"{writer.path}.part")
+    if part.exists():
+        return f"{part} has what was recorded; read it with `sawbench recover`"
+    return (
+        f"{writer.path} is finished" if was_closed else f"{writer.path} has what was recorded, marked as not complete"
+    )
 
 
 class NoteBook:

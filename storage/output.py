@@ -257,8 +257,8 @@ class Output:
 
     def write(self, content: bytes) -> int:
         """Append to both files."""
-        self._on_copy("write", content)
-        return self._first.write(content)
+        with self._then_copy("write", content):
+            return self._first.write(content)
 
     def tell(self) -> int:
         """Return the bytes written so far."""
@@ -266,31 +266,39 @@ class Output:
 
     def flush(self) -> None:
         """Flush both files."""
-        self._on_copy("flush")
-        self._first.flush()
+        with self._then_copy("flush"):
+            self._first.flush()
 
     def sync(self) -> None:
         """Wait until both files are on their disks."""
-        self._on_copy("sync")
-        self._first.sync()
+        with self._then_copy("sync"):
+            self._first.sync()
 
     def finish(self) -> Path:
         """Give both files their final names; return that of the first."""
-        self._on_copy("finish")
-        return self._first.finish()
+        with self._then_copy("finish"):
+            return self._first.finish()
 
     def abandon(self) -> None:
         """Close both files under their `.part` names."""
-        self._on_copy("abandon")
-        self._first.abandon()
+        with self._then_copy("abandon"):
+            self._first.abandon()
 
-    def _on_copy(self, action: str, *arguments: bytes) -> None:
-        if self._second is None:
-            return
+    @contextmanager
+    def _then_copy(self, action: str, *arguments: bytes) -> Iterator[None]:
+        """Do the same with the copy afterwards, also where the first file fails: the copy is for that."""
         try:
-            getattr(self._second, action)(*arguments)
-        except (OSError, RecordingError) as error:
-            self.copy_problem = f"the second copy {self._second.part_path} was abandoned: {error}"
-            given_up, self._second = self._second, None
-            with suppress(OSError):
-                given_up.abandon()
+            yield
+        finally:
+            # Another thread may give it up meanwhile, and has said why then.
+            second = self._second
+            if second is not None:
+                try:
+                    getattr(second, action)(*arguments)
+                except (OSError, ValueError, RecordingError) as error:
+                    self._second = None
+                    self.copy_problem = (
+                        self.copy_problem or f"the second copy {second.part_path} was abandoned: {error}"
+                    )
+                    with suppress(OSError):
+                        second.abandon()

@@ -244,6 +244,11 @@ class RecordingWriter:
             finally:
                 self._output = None
 
+    @property
+    def is_closed(self) -> bool:
+        """Whether nothing more can be written."""
+        return self._output is None
+
     def __enter__(self) -> RecordingWriter:
         return self
 

@@ -31,6 +31,9 @@ def recorded(touch, seconds):
     class Writer:
         write_block = write_event = staticmethod(items.append)
 
+        def close(self, **_):
+            pass
+
     with resting_bench(BENCH) as rig:
         devices = build_devices(load_config(CONFIG).config, rig.ports, clock=rig.clock)
         limits = RecorderLimits(queue_length=1, touch=touch)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import signal
 import threading
 from collections import defaultdict
 from dataclasses import replace
@@ -96,21 +97,25 @@ class Scripted:
 
 
 class Writer:
-    def __init__(self, fail_at=None, error=None):
+    def __init__(self, at=None, do=None):
         self.items = []
         self.devices = []
-        self.fail_at, self.error = fail_at, error
+        self.at, self.do = at, do
+        self.closed_as = None
 
     def write_block(self, block):
-        if len(self.items) == self.fail_at:
-            self.fail_at = None
-            raise self.error
+        if len(self.items) == self.at:
+            self.at = None
+            self.do()
         self.items.append(block)
 
     def write_event(self, event):
         for device in self.devices:
             device.has_begun = True
         self.items.append(event)
+
+    def close(self, *, provenance, is_complete):
+        self.closed_as = is_complete
 
     def blocks(self):
         return [x for x in self.items if isinstance(x, SampleBlock)]
@@ -230,19 +235,36 @@ def test_stop_event_ends_it():
     assert writer.events("stop")
 
 
-def test_ctrl_c_ends_it_and_writes_nothing_twice():
-    writer = Writer(fail_at=8, error=KeyboardInterrupt())
+def test_ctrl_c_in_the_middle_of_writing_ends_it_and_loses_nothing():
+    writer = Writer(at=8, do=lambda: signal.raise_signal(signal.SIGINT))
     summary, _ = run(Scripted(), writer)
     assert "Ctrl-C" in summary.end_reason
-    first = [b.first_index for b in writer.blocks()]
-    assert len(set(first)) == len(first)
+    index = np.concatenate([b.first_index + np.arange(len(b.time_s)) for b in writer.blocks()])
+    assert np.all(np.diff(index) == 1)
+    assert len(index) == summary.channels[0].n_samples
     assert writer.events("stop")
+    assert writer.closed_as is True
+
+
+def test_ctrl_c_while_the_file_is_finished_is_raised_when_it_is():
+    class Finishing(Writer):
+        def close(self, **how):
+            signal.raise_signal(signal.SIGINT)
+            super().close(**how)
+
+    writer = Finishing()
+    with pytest.raises(KeyboardInterrupt, match="Ctrl-C"):
+        run(Scripted(), writer, seconds=1.0)
+    assert writer.closed_as is True
 
 
 def test_a_writer_that_fails_ends_it_and_frees_the_devices():
+    def full():
+        raise OSError("disk full")
+
     device = Scripted()
     with pytest.raises(OSError, match="disk full"):
-        run(device, Writer(fail_at=5, error=OSError("disk full")), seconds=10.0)
+        run(device, Writer(at=5, do=full), seconds=10.0)
     assert not device.is_open
 
 

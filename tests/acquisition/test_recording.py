@@ -41,6 +41,9 @@ class Writer:
     def write_event(self, event: Event):
         self.events.append(event)
 
+    def close(self, **_):
+        pass
+
     def joined(self, channel):
         blocks = [b for b in self.blocks if b.channel == channel]
         index = np.concatenate([b.first_index + np.arange(len(b.time_s)) for b in blocks])

@@ -31,6 +31,28 @@ def test_a_second_ctrl_c_says_where_the_recording_is(tmp_path, monkeypatch):
     assert not read_recording(options.path).is_complete
 
 
+@pytest.mark.parametrize("finishes", [False, True])
+def test_ctrl_c_at_the_end_says_whether_the_file_is_finished(tmp_path, monkeypatch, finishes):
+    def finished(_devices, open_writer, **_):
+        writer = open_writer(RecordingStart(started_at=datetime(2026, 3, 2, 9, tzinfo=UTC), provenance={}))
+        if not finishes:
+            monkeypatch.setattr("sawbench.storage.output.PartFile.finish", interrupted)
+        writer.close()
+        interrupted()
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("sawbench.acquisition.recorder.record", finished)
+    options = SessionOptions(path=tmp_path / "t.mcap", trial=Trial(trial_id="t", material="oak"), seconds=1.0)
+    said = (
+        r"t\.mcap is finished" if finishes else r"t\.mcap\.part has what was recorded; read it with `sawbench recover`"
+    )
+    with pytest.raises(KeyboardInterrupt, match=said):
+        record_trial(load_config(CONFIG), options)
+    assert options.path.exists() is finishes
+
+
 def test_the_words_of_an_interruption_are_said(monkeypatch, capsys):
     def interrupted(*_):
         raise KeyboardInterrupt("x.mcap has what was recorded")

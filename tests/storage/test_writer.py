@@ -166,6 +166,45 @@ def test_a_lost_second_copy_is_an_event_and_no_more(tmp_path):
     assert "second copy" in recording.events[0].text
 
 
+def test_a_second_copy_that_two_threads_find_lost_is_one_event(tmp_path):
+    path = tmp_path / "T1.mcap"
+    with open_writer(path, second_copy=tmp_path / "stick") as writer:
+        output = writer._output
+        copy = output._second
+
+        def pulled_out(*_):
+            # While this thread waits in the system call the one that syncs meets the same error.
+            copy.write = refused
+            output.sync()
+            refused()
+
+        def refused(*_):
+            raise OSError(5, "Input/output error")
+
+        copy.write, copy.sync = pulled_out, refused
+        writer.write_block(block(0))
+        writer.flush()
+        writer.write_block(block(10))
+    recording = read_recording(path)
+    assert len(recording.signal("force_n").values) == 20
+    assert [event.text.partition("stick")[0][:16] for event in recording.events] == ["the second copy "]
+
+
+def test_the_second_copy_is_finished_where_the_disk_fails_at_the_end(tmp_path):
+    def refused():
+        raise OSError(5, "Input/output error")
+
+    writer = open_writer(tmp_path / "T1.mcap", second_copy=tmp_path / "stick")
+    writer.write_block(block(0))
+    writer._output._first.sync = refused
+    with pytest.raises(RecordingError, match="Input/output error"):
+        writer.close()
+    assert not writer.path.exists()
+    recording = read_recording(tmp_path / "stick" / "T1.mcap")
+    assert recording.is_complete
+    assert np.array_equal(recording.signal("force_n").values, np.arange(10.0))
+
+
 def test_an_exception_is_the_reason_in_the_record(tmp_path):
     path = tmp_path / "T1.mcap"
     with pytest.raises(ValueError, match="boom"), open_writer(path) as writer:
