@@ -119,12 +119,34 @@ class Scan:
         Chunks that were read whole.
     n_unpacked : int
         Bytes that they held.
+    earliest_ns, latest_ns : int or None
+        Log times that they state.
     """
 
     damages: list[Damage] = field(default_factory=list)
     is_finished: bool = False
     n_chunks: int = 0
     n_unpacked: int = 0
+    earliest_ns: int | None = None
+    latest_ns: int | None = None
+
+    def take_times_of(self, chunk: Chunk) -> None:
+        """Note when the messages of a whole chunk are from."""
+        if chunk.message_end_time:  # 0 where it holds none
+            start_ns, end_ns = chunk.message_start_time, chunk.message_end_time
+            self.earliest_ns = start_ns if self.earliest_ns is None else min(self.earliest_ns, start_ns)
+            self.latest_ns = end_ns if self.latest_ns is None else max(self.latest_ns, end_ns)
+
+    def forget_impossible_times(self) -> None:
+        """Drop times of damages further from the whole chunks than these are long: that header is damaged too."""
+        if self.earliest_ns is None or self.latest_ns is None:
+            return
+        length_ns = self.latest_ns - self.earliest_ns
+        for damage in self.damages:
+            if damage.start_ns is not None and damage.end_ns is not None:
+                before_ns, after_ns = self.earliest_ns - damage.start_ns, damage.end_ns - self.latest_ns
+                if max(before_ns, after_ns) > length_ns:
+                    damage.start_ns = damage.end_ns = None
 
 
 def read_records(path: Path, scan: Scan) -> Iterator[McapRecord]:
@@ -228,6 +250,7 @@ def _unpack(chunk: Chunk, n_read: int, scan: Scan) -> list[McapRecord]:
     if scan.n_unpacked + claimed > _UNPACKED_ALLOWANCE + _LARGEST_RATIO * n_read:
         raise McapError(f"claims to unpack to {claimed} bytes")
     records = _taken_apart(chunk)
+    scan.take_times_of(chunk)
     scan.n_chunks += 1
     scan.n_unpacked += chunk.uncompressed_size
     if not chunk.uncompressed_crc:
@@ -299,7 +322,7 @@ def _add_chunk_times(damage: Damage, content: mmap.mmap, offset: int) -> None:
     head = offset + _FRAME.size
     if content[offset] == Opcode.CHUNK and head + _CHUNK_HEAD.size <= len(content):
         start_ns, end_ns, _, _ = _CHUNK_HEAD.unpack_from(content, head)
-        if start_ns <= end_ns:
+        if start_ns <= end_ns < 2**63:
             damage.start_ns, damage.end_ns = start_ns, end_ns
 
 
@@ -341,6 +364,7 @@ def _check_data_section(content: mmap.mmap, end: int, data_end: DataEnd, scan: S
 
 
 def _check_end(scan: Scan, offset: int, size: int) -> None:
+    scan.forget_impossible_times()
     n_behind = size - offset - len(MAGIC)
     if scan.is_finished and n_behind > 0:
         what = f"{n_behind} bytes after the end of the recording are not read: another file was appended"

@@ -187,6 +187,31 @@ def test_a_lost_chunk_is_a_gap_that_says_what_was_in_it(tmp_path):
     assert saved.provenance["recovered_from"] == "damaged.mcap"
 
 
+@pytest.mark.parametrize("n_chunks", [1, 4])
+@pytest.mark.parametrize("stated_ns", [(2**64 - 1, 2**64 - 1), (10**18, 2 * 10**18)])
+def test_times_of_a_damaged_chunk_that_cannot_be_are_not_believed(tmp_path, n_chunks, stated_ns):
+    whole = write(
+        tmp_path / "a.mcap",
+        *(block(100 * k, np.arange(100 * k, 100 * k + 100) / 1000) for k in range(n_chunks)),
+        flush_after=range(n_chunks),
+    )
+    content = bytearray(whole.read_bytes())
+    marks = [at for at in range(len(content)) if content[at : at + 8] == b"\x04\x00\x00\x00zstd"]
+    head = marks[n_chunks // 2] - 28
+    content[head : head + 16] = struct.pack("<QQ", *stated_ns)
+    content[head + 300] ^= 0x10
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(content)
+    report = recover_recording(damaged, tmp_path / "saved.mcap")
+    assert report.n_chunks_bad == 1
+    assert report.seconds_lost == 0.0
+    for path in (damaged, report.path):
+        recording = read_recording(path)
+        assert all(event.time_s < 1.0 for event in recording.events)
+        kept = recording.signal("force_n").time_s if n_chunks > 1 else []
+        assert len(kept) == 100 * (n_chunks - 1)
+
+
 @pytest.mark.skipif(os.name != "posix", reason="needs a limit of file sizes")
 def test_recovery_to_a_full_disk_leaves_nothing_and_says_where(tmp_path):
     """Half a file would stand in the way of the next try, as a recording that runs."""
