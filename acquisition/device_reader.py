@@ -40,11 +40,10 @@ class Samples:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LinkLost:
-    """The device is gone or silent; `is_final`: nobody will try again."""
+    """The device is gone or silent."""
 
     device: str
     reason: str
-    is_final: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -107,7 +106,8 @@ class DeviceReader(threading.Thread):
             self._read_and_reconnect()
         except Exception as error:
             # A fault in a driver must not end the other instruments' recording.
-            self._send(LinkLost(device=self.device.name, reason=f"driver failed: {error!r}", is_final=True))
+            reason = f"driver failed: {error!r}; it is not tried again in this recording"
+            self._send(LinkLost(device=self.device.name, reason=reason))
         finally:
             self.device.stop()
 
@@ -148,19 +148,20 @@ class DeviceReader(threading.Thread):
     def _reconnect(self) -> None:
         pause_s = _FIRST_PAUSE_S
         self.device.stop()
-        refused: set[str] = set()
+        said: set[str] = set()
         while not self._stopping.wait(pause_s):
             try:
                 self.device.open()
                 self._require_same_instrument()
                 self.device.start()
-            except DeviceError as error:
+            except Exception as error:
                 # Still away: this is what the pause is for. The gap is in the record since the link was lost.
                 self.device.stop()
                 pause_s = min(2.0 * pause_s, _LONGEST_PAUSE_S)
-                if isinstance(error, OtherInstrumentError) and error.what not in refused:
-                    refused.add(error.what)
-                    self._send(LinkLost(device=self.device.name, reason=error.what))
+                reason = _beyond_absence(error)
+                if reason is not None and reason not in said:
+                    said.add(reason)
+                    self._send(LinkLost(device=self.device.name, reason=reason))
                 continue
             self.n_reconnects += 1
             self._send(LinkBack(device=self.device.name))
@@ -182,6 +183,13 @@ class DeviceReader(threading.Thread):
             except queue.Full:
                 continue
             return
+
+
+def _beyond_absence(error: Exception) -> str | None:
+    """What keeps a device from being taken up again, if it is not just away."""
+    if isinstance(error, OtherInstrumentError):
+        return error.what
+    return None if isinstance(error, DeviceError) else f"driver failed: {error!r}"
 
 
 class _Reads:

@@ -22,11 +22,32 @@ class _Counter:
     n_samples: int = 0
     n_gaps: int = 0
     n_missing: int = 0
+    latest: float | None = None
     first_s: float = 0.0
     last_s: float = 0.0
+    # From the first sample to the last one: losses, and intervals between samples that arrived, out of range or not.
     gap_s: float = 0.0
+    n_intervals: int = 0
+    # Behind the last sample: they count once another one follows.
     gap_behind_s: float = 0.0
-    latest: float | None = None
+    n_intervals_behind: int = 0
+
+    @property
+    def rate_hz(self) -> float:
+        span_s = self.last_s - self.first_s - self.gap_s
+        return self.n_intervals / span_s if span_s > 0 else 0.0
+
+    def take(self, time_s: NDArray[np.float64], values: NDArray[np.float64]) -> None:
+        """Count samples that follow each other."""
+        if self.n_samples:
+            self.gap_s += self.gap_behind_s
+            self.n_intervals += self.n_intervals_behind + 1
+        else:
+            self.first_s = float(time_s[0])
+        self.gap_behind_s, self.n_intervals_behind = 0.0, 0
+        self.n_samples += len(time_s)
+        self.n_intervals += len(time_s) - 1
+        self.last_s, self.latest = float(time_s[-1]), float(values[-1])
 
 
 class StreamRecorder:
@@ -96,13 +117,12 @@ class StreamRecorder:
 
     def _status(self, channel: StreamChannel) -> ChannelStatus:
         c = self._counters[channel.name]
-        span_s = c.last_s - c.first_s - c.gap_s
         return ChannelStatus(
             device=self.device,
             channel=channel.name,
             unit=channel.unit,
             n_samples=c.n_samples,
-            rate_hz=(c.n_samples - 1 - c.n_gaps) / span_s if c.n_samples > 1 and span_s > 0 else 0.0,
+            rate_hz=c.rate_hz,
             n_gaps=c.n_gaps,
             n_missing=c.n_missing,
             latest=c.latest,
@@ -154,8 +174,9 @@ class StreamRecorder:
             counter = self._counters[channel.name]
             counter.n_gaps += 1
             counter.n_missing += n_missing
-            # Only once samples follow is it in the span that the rate is taken over.
-            counter.gap_behind_s += end_s - start_s if is_inside else 0.0
+            if is_inside:
+                counter.gap_behind_s += end_s - start_s
+                counter.n_intervals_behind -= 1
             events.append(self._gap_event(channel, start_s, end_s, n_missing, reason))
         return events
 
@@ -202,6 +223,7 @@ class StreamRecorder:
             counter.n_missing += len(bad)
             reason = f"{OUTSIDE}, {low:g}..{high:g} {channel.unit}"
             out.append(self._gap_event(channel, float(time_s[bad[0]]), float(time_s[bad[-1]]), len(bad), reason))
+        end = 0
         for a, b in _runs(is_valid):
             out.append(
                 SampleBlock(
@@ -215,12 +237,10 @@ class StreamRecorder:
                     period_s=block.period_s,
                 )
             )
-            if not counter.n_samples:
-                counter.first_s = float(time_s[a])
-            counter.n_samples += b - a
-            counter.gap_s, counter.gap_behind_s = counter.gap_s + counter.gap_behind_s, 0.0
-            counter.last_s = float(time_s[b - 1])
-            counter.latest = float(values[b - 1])
+            counter.n_intervals_behind += a - end
+            counter.take(time_s[a:b], values[a:b])
+            end = b
+        counter.n_intervals_behind += len(time_s) - end
         return out
 
 

@@ -15,7 +15,7 @@ from sawbench.analysis import (
     process_opened,
     runtime_of,
 )
-from sawbench.bench.errors import UntrustedResult
+from sawbench.bench.errors import InputError, UntrustedResult
 from sawbench.comparison import compare_files
 from sawbench.gap import diagnose_trials
 from sawbench.inputs import config_for, find_recordings
@@ -83,7 +83,7 @@ def process(trial: Source, *, config: str | Path | None = None) -> AnalysedTrial
     Raises
     ------
     InputError
-        As `read`.
+        As `read`; if `config` is given with an `OpenedTrial`.
 
     Examples
     --------
@@ -92,6 +92,8 @@ def process(trial: Source, *, config: str | Path | None = None) -> AnalysedTrial
     'high'
     """
     if isinstance(trial, OpenedTrial):
+        if config is not None:
+            raise InputError("an opened trial holds its configuration", remedy="give `config` to `read` instead")
         return process_opened(trial)
     return load_and_process(Path(trial), None if config is None else Path(config))
 
@@ -303,7 +305,7 @@ def diagnose(
             opened.append(source)
         else:
             opened += [read(path, config=config) for path in find_recordings([Path(source)])]
-    loaded = config_for(opened[0].recording, Path(config)) if config is not None else None
+    loaded = config_for(opened[0].recording, Path(config)) if opened and config is not None else None
     return GapReport(report=diagnose_trials(opened, loaded, until_closed=until_closed, plan=plan))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from google.protobuf.message import DecodeError
 from mcap.reader import SeekingReader
 from sawbench.bench.errors import InputError
-from sawbench.bench.recording import Event, Gap, Recording, SampleBlock, Signal
+from sawbench.bench.recording import Event, Gap, Recording, SampleBlock, Signal, Trial
 from sawbench.storage.amendments import amended
 from sawbench.storage.assembly import join_blocks
 from sawbench.storage.codec import EVENT_TOPIC, SIGNAL_TOPIC, decode_event
@@ -97,6 +97,8 @@ def content_pieces(
         is_told=summary is not None,
         with_raw=with_raw,
     )
+    # Known once samples come. Amendments name the file by its hash, which is worked out once, not with each piece.
+    trial: Trial | None = None
     for item in iter_samples(content):
         if isinstance(item, Event):
             pending.events.append(item)
@@ -105,10 +107,12 @@ def content_pieces(
         if pending.n_samples >= 1.5 * n_samples:
             end_s = pending.cut_s(n_samples)
             if end_s is not None:
-                yield _piece(content, pending, end_s)
+                trial = trial or amended(content.trial(), content.path)
+                yield _piece(content, trial, pending, end_s)
     require_sawbench(content)
+    trial = trial or amended(content.trial(), content.path)
     pending.events += damage_events(content, max(pending.last_s.values(), default=0.0))
-    yield _piece(content, pending, np.inf)
+    yield _piece(content, trial, pending, np.inf)
 
 
 def read_span(path: str | Path, start_s: float, end_s: float, n_samples: int = SAMPLES_A_PIECE) -> Recording:
@@ -252,7 +256,7 @@ def _split(block: SampleBlock, end_s: float) -> tuple[SampleBlock | None, Sample
     return before, after
 
 
-def _piece(content: Content, pending: _Pending, end_s: float) -> Recording:
+def _piece(content: Content, trial: Trial, pending: _Pending, end_s: float) -> Recording:
     """What lies before a time, as a recording of its own."""
     signals: dict[str, Signal] = {}
     events = [event for event in pending.events if event.time_s < end_s]
@@ -269,7 +273,7 @@ def _piece(content: Content, pending: _Pending, end_s: float) -> Recording:
         signals[channel] = signal
         pending.given[channel] = (float(last.time_s[-1]), last.first_index + len(last.time_s))
     return Recording(
-        trial=amended(content.trial(), content.path),
+        trial=trial,
         signals=signals,
         events=tuple(events),
         config_toml=content.config_toml or "",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Mapping
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -26,7 +27,7 @@ from sawbench.bench.processed import (
 )
 from sawbench.bench.units import CHANNEL_BY_NAME, CHANNELS
 from sawbench.storage.codec import trial_from_metadata, trial_to_metadata
-from sawbench.storage.output import write_whole
+from sawbench.storage.output import folder_held, write_whole
 from sawbench.storage.places import Place, find_file, read_bytes
 
 _FORMAT: Final = "sawbench processed trial"
@@ -308,6 +309,11 @@ def append_summary_rows(trials: Iterable[ProcessedTrial], path: Place) -> Place:
     ]
     if not added:
         return path
+    with folder_held(path) if isinstance(path, Path) else nullcontext():
+        return _with_rows(path, added)
+
+
+def _with_rows(path: Place, added: list[dict[str, str]]) -> Place:
     columns, replaced = list(added[0]), {row["source_path"] for row in added}
     rows: list[dict[str, str]] = []
     if find_file(path) is not None:

@@ -191,6 +191,25 @@ def test_unplugged_and_back_goes_on_in_the_same_recording():
     assert np.diff(index).max() == channel.n_missing + 1
 
 
+def test_a_driver_that_fails_while_the_link_comes_back_is_tried_again_and_said_once():
+    def unplugged(device):
+        device.clock.now_s += 0.5
+        raise DeviceError("the link broke")
+
+    class Confused(Scripted):
+        def start(self):
+            if 1 < self.n_opened < 4:
+                raise ZeroDivisionError("nonsense in the start dialogue")
+
+    device = Confused(at={30: unplugged})
+    summary, writer = run(device, seconds=5.0)
+    assert summary.devices[0].n_reconnects == 1
+    assert device.n_opened == 4
+    assert summary.is_complete
+    said = [e.text for e in writer.events("device") if e.text.startswith("link lost: driver failed")]
+    assert said == ["link lost: driver failed: ZeroDivisionError('nonsense in the start dialogue')"]
+
+
 def test_a_link_that_comes_back_with_another_instrument_is_not_believed():
     def unplugged(device):
         device.clock.now_s += 0.5
@@ -225,6 +244,14 @@ def test_values_no_sensor_can_mean_become_a_gap():
     assert "outside the valid range of the instrument" in gap.text
     assert summary.channels[0].n_missing == 10
     assert max(b.values.max() for b in writer.blocks()) < 1e6
+
+
+def test_samples_out_of_range_do_not_make_the_rate_look_low():
+    saturated = dict.fromkeys(range(30, 300, 2), lambda device: [device.chunk(value=1e30)])
+    summary, _ = run(Scripted(at=saturated, valid=(-1.0, 1e6)), seconds=4.0)
+    (channel,) = summary.channels
+    assert channel.n_missing > 0.2 * channel.n_samples
+    assert channel.rate_hz == pytest.approx(RATE_HZ, rel=1e-3)
 
 
 def test_stop_event_ends_it():

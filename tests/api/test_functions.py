@@ -190,6 +190,11 @@ def test_wrong_input_is_one_clear_error(tmp_path):
         sawbench.read(tmp_path / "none.mcap")
     with pytest.raises(InputError, match="no trial to diagnose"):
         sawbench.diagnose([])
+    with pytest.raises(InputError, match="no trial to diagnose"):
+        sawbench.diagnose([], config="bench_config.toml")
+    opened = sawbench.simulate(k_fc_n_s_per_m=200.0, duration_s=0.1).recording()
+    with pytest.raises(InputError, match="holds its configuration"):
+        sawbench.process(opened, config="bench_config.toml")
     with pytest.raises(InputError, match=r"has no \.mcap file"):
         sawbench.compare(tmp_path)
 

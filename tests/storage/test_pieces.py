@@ -97,6 +97,25 @@ def test_a_file_that_was_cut_off_is_one_piece_and_says_so(path, tmp_path):
     assert all(np.array_equal(piece.signals[name].values, one.values) for name, one in whole.signals.items())
 
 
+def test_settings_are_read_once_however_many_pieces(path, monkeypatch):
+    read = []
+    monkeypatch.setattr("sawbench.storage.pieces.amended", lambda trial, _: read.append(trial) or trial)
+    assert len(list(read_pieces(path, 5_000))) > 2
+    assert len(read) == 1
+
+
+@pytest.mark.parametrize("n_samples", [5_000, 10**6])
+def test_lost_settings_are_told_once(path, tmp_path, n_samples):
+    damaged = tmp_path / "damaged.mcap"
+    content = path.read_bytes()
+    at = content.index(b"trial_id")
+    damaged.write_bytes(content[:at] + b"trial_??" + content[at + 8 :])
+    pieces = list(read_pieces(damaged, n_samples))
+    assert pieces[0].trial.source == "damaged recording"
+    told = [event.text for piece in pieces for event in piece.events if "settings of the trial" in event.text]
+    assert len(told) == 1
+
+
 def test_a_part_is_read_without_the_rest(path):
     part = read_span(path, 9.5, 14.0, 3_000)
     force = part.signals["force_n"]

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import threading
+import time
 from datetime import UTC, datetime
 
 import h5py
 import numpy as np
 import pytest
+import sawbench.storage.results
 from sawbench.bench.errors import InputError
 from sawbench.bench.folded import FoldedCycle
 from sawbench.bench.processed import (
@@ -202,6 +205,26 @@ def test_the_table_has_one_line_a_recording(tmp_path):
     assert rows[0]["peak_force_n"] == ""
     assert rows[1]["rms_motor_current_a"] == "11.0"
     assert [p.name for p in tmp_path.iterdir()] == ["summary.csv"]
+
+
+def test_two_that_write_the_table_at_once_lose_no_line(tmp_path, monkeypatch):
+    write_whole = sawbench.storage.results.write_whole
+
+    def slow(*arguments, **options):
+        time.sleep(0.2)
+        return write_whole(*arguments, **options)
+
+    monkeypatch.setattr("sawbench.storage.results.write_whole", slow)
+    path, names = tmp_path / "summary.csv", [f"recordings/T{k}.mcap" for k in range(3)]
+    writers = [
+        threading.Thread(target=append_summary_rows, args=([processed(source_path=name)], path)) for name in names
+    ]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join()
+    with path.open(newline="") as stream:
+        assert sorted(row["source_path"] for row in csv.DictReader(stream)) == names
 
 
 def test_a_row_of_nothing_has_the_same_columns():
