@@ -279,14 +279,12 @@ def read_key(key_path: Path) -> dict[str, Any]:
     return key
 
 
-def verify(out_dir: Path, key_path: Path, *, with_files: bool = True) -> dict[str, dict[str, Any]]:
+def verify(out_dir: Path, key_path: Path) -> dict[str, dict[str, Any]]:
     """Check that key, commitments and campaigns belong together, and return the labels by case.
 
     Parameters
     ----------
     out_dir, key_path : Path
-    with_files : bool
-        Also hash every file of every campaign.
 
     Returns
     -------
@@ -313,7 +311,7 @@ def verify(out_dir: Path, key_path: Path, *, with_files: bool = True) -> dict[st
             found.append(f"{name}: the label in the key is not the sealed one")
         if not (out_dir / name).is_dir():
             found.append(f"{name}: its folder is missing")
-        elif with_files:
+        else:
             now = file_hashes(out_dir / name)
             changed = [file for file, digest in sealed[name]["files"].items() if now.get(file) != digest]
             found += [f"{name}/{file} was changed or removed" for file in changed]

@@ -25,6 +25,8 @@ from sawbench.processing.settled import MOVING_RAD_S
 N_POINTS = 128
 N_HARMONICS = 40
 MIN_SAMPLES_PER_BIN = 1.5
+# So many units of whole turns, or up to twice as many, where the samples allow it.
+_TARGET_UNITS = 16
 _NUMBERS = SETTINGS.reading
 # A spline takes 1.4 % off a wave of four samples, 0.06 % off one of eight; longer steps than this miss samples.
 _SAMPLES_A_HARMONIC, _LONGEST_STEP = 4, 2.5
@@ -49,9 +51,7 @@ CHANNEL_OF_STATE: Final = MappingProxyType(
 _NONE: Final = np.zeros(1)
 
 
-def lay_grid(
-    angle: CrankAngle, start_s: float, end_s: float, slowest_rate_hz: float, *, target_units: int = 16
-) -> AngleGrid | None:
+def lay_grid(angle: CrankAngle, start_s: float, end_s: float, slowest_rate_hz: float) -> AngleGrid | None:
     """Choose units of whole turns between two times, long enough to fill every bin.
 
     Returns
@@ -69,7 +69,7 @@ def lay_grid(
         return None
     period_s = (angle.time_s[inside][-1] - angle.time_s[inside][0]) / (turns[-1] - turns[0])
     needed = int(np.ceil(MIN_SAMPLES_PER_BIN * N_POINTS / max(slowest_rate_hz * period_s, 1e-9)))
-    per_unit = min(max(needed, n_turns // target_units, 1), n_turns)
+    per_unit = min(max(needed, n_turns // _TARGET_UNITS, 1), n_turns)
     return AngleGrid(first_turn=first, n_rows=n_turns // per_unit, n_bins=N_POINTS, turns_per_row=per_unit)
 
 

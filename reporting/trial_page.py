@@ -63,7 +63,8 @@ class Row:
     is_hash: bool = False
 
 
-# The plot in detail begins so much of its length before the first motion.
+# The plot in detail is so long, and begins so much of its length before the first motion.
+_DETAIL_S: Final = 1.0
 _BEFORE_MOTION: Final = 0.05
 # The whole trial is plotted where it is so many times longer than the plot in detail.
 _LONGER: Final = 1.5
@@ -106,7 +107,6 @@ def write_trial_page(
     report: TrialReport,
     *,
     files: Mapping[str, str | Path] | None = None,
-    preview_s: float = 1.0,
     overwrite: bool = False,
 ) -> Path:
     """Write the page of one trial.
@@ -118,8 +118,6 @@ def write_trial_page(
     report : TrialReport
     files : mapping of str to path, optional
         Files to name on the page, by what they are ("Recording", "Rerun view", ...).
-    preview_s : float
-        How much of the signals is plotted in detail, s.
     overwrite : bool
 
     Raises
@@ -138,7 +136,7 @@ def write_trial_page(
         "tiles": _tiles(processed, report.fit, report.runtime),
         "trust": trust_in(report),
         "is_complete": is_complete(report),
-        "sections": _sections(report, preview_s),
+        "sections": _sections(report),
         "quality": [_quality_row(row) for row in sorted(processed.quality, key=_place)],
         "provenance": _provenance(processed, files or {}, path),
     }
@@ -293,10 +291,10 @@ def is_complete(report: TrialReport) -> bool:
     return not is_cut and not any(row.n_missing for row in report.processed.quality)
 
 
-def _sections(report: TrialReport, preview_s: float) -> list[Section]:
+def _sections(report: TrialReport) -> list[Section]:
     processed, fit, runtime = report.processed, report.fit, report.runtime
     words = words_of(processed.frame)
-    found = [Section(heading="Signals over time", pictures=_signal_pictures(report, preview_s))]
+    found = [Section(heading="Signals over time", pictures=_signal_pictures(report))]
     if processed.period is not None:
         spectrum = period_picture(report.spectra, processed.period, words)
         found.append(
@@ -329,16 +327,16 @@ def _drawn(*pictures: Picture | None) -> tuple[Picture, ...]:
     return tuple(picture for picture in pictures if picture is not None)
 
 
-def _signal_pictures(report: TrialReport, preview_s: float) -> tuple[Picture, ...]:
+def _signal_pictures(report: TrialReport) -> tuple[Picture, ...]:
     """A stretch that begins at the first motion, and the whole trial where that is longer."""
     recording, phases, steady = report.recording, report.processed.phases, report.processed.steady
     if recording is None:
         return ()
-    start_s = -np.inf if steady is None else steady.first_motion_s - _BEFORE_MOTION * preview_s
+    start_s = -np.inf if steady is None else steady.first_motion_s - _BEFORE_MOTION * _DETAIL_S
     words = words_of(report.processed.frame)
-    detail = signals_picture(recording, phases, words, seconds=preview_s, start_s=start_s)
+    detail = signals_picture(recording, phases, words, seconds=_DETAIL_S, start_s=start_s)
     longest_s = max((signal.duration_s for signal in recording.signals.values()), default=0.0)
-    if longest_s <= _LONGER * preview_s:
+    if longest_s <= _LONGER * _DETAIL_S:
         return _drawn(detail)
     return _drawn(detail, signals_picture(recording, phases, words, seconds=np.inf, name="whole"))
 

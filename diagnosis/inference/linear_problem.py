@@ -193,13 +193,12 @@ class LinearProblem:
         return found
 
 
-def build_problem(campaign: Campaign, *, with_start_up: bool = True, settings: Settings = SETTINGS) -> LinearProblem:
+def build_problem(campaign: Campaign, *, settings: Settings = SETTINGS) -> LinearProblem:
     """Lay out features, noise and nuisances of a campaign.
 
     Parameters
     ----------
     campaign : Campaign
-    with_start_up : bool
     settings : Settings
 
     Returns
@@ -208,9 +207,8 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True, settings: S
     """
     plant = campaign.plant
     n_harmonics: dict[Equation, int] = {equation: form.n_harmonics for equation, form in plant.equations.items()}
-    states = [s for s in campaign.states if with_start_up or s.kind == "running"]
     found = []
-    for state in states:
+    for state in campaign.states:
         residual = plant.residuals(state)
         layout = layout_of(state, residual, n_harmonics)
         if layout.equations:
@@ -261,7 +259,7 @@ def build_problem(campaign: Campaign, *, with_start_up: bool = True, settings: S
         ),
         settings=settings,
     )
-    return _with_readings(_with_nuisances(empty, [one for state in states for one in faults.roundings(state)]))
+    return _with_readings(_with_nuisances(empty, [one for state in campaign.states for one in faults.roundings(state)]))
 
 
 def _with_readings(problem: LinearProblem) -> LinearProblem:

@@ -80,11 +80,10 @@ class MeasuredForce:
         *,
         n_nodes: int = 128,
         cutting_half: CuttingHalf = "pi_to_2pi",
-        zero_return: bool = True,
     ) -> MeasuredForce:
         """Take a force sampled at any increasing angles of one turn, shape (n,), rad and N.
 
-        With `zero_return` the half that does not cut is set to zero, as section 4.1 does.
+        The half that does not cut is set to zero, as section 4.1 does.
         """
         from scipy.interpolate import CubicSpline
 
@@ -101,8 +100,7 @@ class MeasuredForce:
         turn = CubicSpline(np.append(angle, angle[0] + 2 * np.pi), np.append(force, force[0]), bc_type="periodic")
         nodes = 2 * np.pi * np.arange(n_nodes) / n_nodes
         values = turn(nodes)
-        if zero_return:
-            values[sign_of(cutting_half) * np.sin(nodes) <= 1e-12] = 0.0
+        values[sign_of(cutting_half) * np.sin(nodes) <= 1e-12] = 0.0
         return cls(force_n=values, cutting_half=cutting_half)
 
     def spline(self) -> NDArray[np.float64]:
