@@ -49,15 +49,19 @@ def compared(outcomes: Iterable[Outcome[Place, ComparedTrial]]) -> tuple[list[Co
 
     rows: list[ComparedTrial] = []
     left_out: list[LeftOut] = []
-    seen: dict[tuple[str, datetime], str] = {}
     for outcome in sorted(outcomes, key=lambda one: one.index):
         try:
             trial = outcome.result()
             _refuse_axis(trial)
-            _refuse_twin(trial, seen)
             rows.append(trial)
         except SawbenchError as error:
             left_out.append(LeftOut(name=outcome.item.name, reason=error.what, remedy=error.remedy or ""))
+    fullest = _fullest(rows)
+    for trial in rows:
+        if (kept := fullest.get(_taken(trial), trial)) is not trial:
+            reason = f"is the same trial as {Path(kept.processed.source_path).name}, which holds no fewer samples"
+            left_out.append(LeftOut(name=Path(trial.processed.source_path).name, reason=reason, remedy=""))
+    rows = [trial for trial in rows if fullest.get(_taken(trial), trial) is trial]
     if not rows:
         reasons = "; ".join(f"{item.name}: {item.reason}" for item in left_out)
         raise InputError(f"none of {len(left_out)} recordings can be compared: {reasons}")
@@ -73,14 +77,22 @@ def _refuse_axis(trial: ComparedTrial) -> None:
         )
 
 
-def _refuse_twin(trial: ComparedTrial, seen: dict[tuple[str, datetime], str]) -> None:
-    """Refuse a second file of the same trial, as `recover` leaves it: it is no second repetition."""
-    own, path = trial.processed.trial, trial.processed.source_path
-    if own.started_at is None:
-        return
-    first = seen.setdefault((own.trial_id, own.started_at), path)
-    if first != path:
-        raise InputError(f"is the same trial as {Path(first).name} ({own.trial_id}, {own.started_at.isoformat()})")
+def _taken(trial: ComparedTrial) -> tuple[str, datetime | None]:
+    return trial.processed.trial.trial_id, trial.processed.trial.started_at
+
+
+def _fullest(trials: Iterable[ComparedTrial]) -> dict[tuple[str, datetime | None], ComparedTrial]:
+    """Of each trial whose start is known the file with most samples: another one, as `recover` leaves it, is a copy."""
+    found: dict[tuple[str, datetime | None], ComparedTrial] = {}
+    for trial in trials:
+        if trial.processed.trial.started_at is not None:
+            kept = found.setdefault(_taken(trial), trial)
+            found[_taken(trial)] = max(kept, trial, key=_n_samples)
+    return found
+
+
+def _n_samples(trial: ComparedTrial) -> int:
+    return sum(row.n_samples for row in trial.processed.quality)
 
 
 def save_comparison(

@@ -49,5 +49,5 @@ class ComparedTrial:
         if self.processed.trial.material is None:
             return "the material is not stated"
         if self.processed.losses:
-            return f"too many samples lost:  {', '.join(self.processed.losses)}"
+            return f"too many samples lost: {', '.join(self.processed.losses)}"
         return reasons.get(self.processed.status, "")

@@ -114,6 +114,16 @@ def test_compare_takes_no_trial_twice(table, tmp_path, capsys):
     assert "is the same trial as" in out
 
 
+def test_compare_takes_the_fullest_copy_of_a_trial(table, tmp_path, capsys):
+    recording = imported(table, tmp_path, started_at="2026-03-02T09:00:00Z")
+    cut = recording.with_name("a-cut.mcap")
+    cut.write_bytes(recording.read_bytes()[: 2 * recording.stat().st_size // 3])
+    _code, out, _ = run(capsys, "compare", recording.parent, "--out", tmp_path / "report.html", "--json")
+    (left_out,) = json.loads(out)["left_out"]
+    assert left_out["name"] == cut.name
+    assert f"the same trial as {recording.name}" in left_out["reason"]
+
+
 def test_compare_shows_no_value_of_a_doubted_channel(table, tmp_path, capsys):
     recording = imported(WRONG_CHANNELS["current in mA"](table), tmp_path)
     page = tmp_path / "report.csv"
