@@ -113,9 +113,11 @@ def fit_trial(trial: AnalysedTrial, method: FitMethod | None = None) -> tuple[Cu
     processed, loaded = trial.processed, trial.loaded
     plant = loaded.plant()
     if processed.status != "cutting":
+        reasons = processed.doubts(*(row.channel for row in processed.quality)) or processed.warnings
         raise InputError(
-            f"is not a cutting trial ({processed.status.replace('_', ' ')}), so it has no k_Fc",
+            "; ".join([f"is not a cutting trial ({processed.status.replace('_', ' ')}), so it has no k_Fc", *reasons]),
             where=trial.where,
+            remedy="`sawbench report` shows its signals",
         )
     cycles = measured_cycles(processed) if trial.strokes is None else trial.strokes
     method = method or available_method(cycles)

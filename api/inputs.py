@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar, overload
 
@@ -94,14 +95,17 @@ def config_for(recording: Recording | None, config_path: Path | LoadedConfig | N
         If the configuration cannot be read or is not valid.
     """
     from sawbench.bench.config import LoadedConfig, load_config, parse_config
+    from sawbench.bench.unusual_numbers import unusual_numbers
 
     if isinstance(config_path, LoadedConfig):
         return config_path
-    if config_path is not None:
-        return load_config(config_path)
-    if recording is not None and recording.config_toml:
-        return parse_config(recording.config_toml, where=f"configuration inside {recording.path}")
-    return load_config(default_config_path())
+    if config_path is None and recording is not None and recording.config_toml:
+        loaded = parse_config(recording.config_toml, where=f"configuration inside {recording.path}")
+    else:
+        loaded = load_config(config_path or default_config_path())
+    for text in unusual_numbers(loaded.config):
+        _say_once(f"{loaded.path}: {text}")
+    return loaded
 
 
 def default_config_file() -> Path:
@@ -113,5 +117,11 @@ def default_config_path() -> Path:
     """./bench_config.toml, else the one that ships with sawbench."""
     if DEFAULT_CONFIG.exists():
         return DEFAULT_CONFIG
-    _LOG.warning("no %s in this folder: using the one of the package", DEFAULT_CONFIG)
+    _say_once(f"no {DEFAULT_CONFIG} in this folder: using the one of the package")
     return shipped_config()
+
+
+@cache
+def _say_once(text: str) -> None:
+    """Warn of what holds for many recordings, once a process."""
+    _LOG.warning("%s", text)

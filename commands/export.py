@@ -7,7 +7,13 @@ from typing import Any
 
 import click
 from sawbench.commands.failures import Failures
-from sawbench.commands.options import force_option, json_option, recordings_argument, refuse_unwritable
+from sawbench.commands.options import (
+    force_option,
+    json_option,
+    recordings_argument,
+    refuse_same_result,
+    refuse_unwritable,
+)
 from sawbench.commands.terminal import emit, progress
 from sawbench.inputs import find_recordings
 
@@ -39,8 +45,7 @@ def command(
 
     files = find_recordings(paths)
     targets = {path: metadata_path(path, out_dir, file_format) for path in files}
-    if len(set(targets.values())) < len(files):
-        raise click.UsageError("two recordings have the same name; export them to different folders")
+    refuse_same_result(targets)
     for target in targets.values():
         refuse_unwritable(target, force=force, makes_folder=True)
     failures = Failures(len(files))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -323,7 +324,7 @@ def _state(place: Place) -> str:
 
 
 def _summary(path: Path, places: Sequence[Place], simulated: bool) -> str:
-    options = "" if path == DEFAULT_CONFIG else f" --config {path}"
+    options = "" if path == DEFAULT_CONFIG else f" --config {shlex.quote(str(path))}"
     if simulated:
         return f"wrote {path}\nnext: sawbench record{options} --material oak --seconds 10 --simulated"
     rows = [

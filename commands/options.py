@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -102,6 +102,29 @@ def refuse_unwritable(path: Place, *, force: bool, makes_folder: bool = False) -
     is_device = path.exists() and not path.is_file()
     if not is_device:
         refuse_unwritable_folder(path.parent)
+
+
+def refuse_same_result(results: Mapping[Place, Place]) -> None:
+    """Raise, before any work is done, if the results of two files would have one name.
+
+    Parameters
+    ----------
+    results : mapping of Path or StoreFile to Path or StoreFile
+        File to what is made of it.
+
+    Raises
+    ------
+    InputError
+        Names both files and the result.
+    """
+    first: dict[Place, Place] = {}
+    for path, result in results.items():
+        if first.setdefault(result, path) != path:
+            raise InputError(
+                f"would be made of two recordings, {first[result]} and {path}",
+                where=result,
+                remedy="give the recordings one by one, each with a folder of its own (--out)",
+            )
 
 
 def refuse_unwritable_folder(folder: Path) -> None:

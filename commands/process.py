@@ -17,6 +17,7 @@ from sawbench.commands.options import (
     force_option,
     json_option,
     places_argument,
+    refuse_same_result,
     refuse_unwritable_folder,
 )
 from sawbench.commands.terminal import emit, table
@@ -67,8 +68,7 @@ def _refuse_targets(files: Sequence[FoundFile], out_dir: Place | None) -> None:
     """Results that are there already are looked at one by one: those of an earlier run are kept."""
     if out_dir is None:
         return
-    if len({result_path(file.place, out_dir) for file in files}) < len(files):
-        raise click.UsageError("two recordings have the same name; process them into different folders")
+    refuse_same_result({file.place: result_path(file.place, out_dir) for file in files})
     if isinstance(out_dir, Path):
         refuse_unwritable_folder(out_dir)
 

@@ -8,7 +8,14 @@ from typing import Any, Final
 
 import click
 from sawbench.commands.failures import Failures
-from sawbench.commands.options import config_option, force_option, json_option, recordings_argument, refuse_unwritable
+from sawbench.commands.options import (
+    config_option,
+    force_option,
+    json_option,
+    recordings_argument,
+    refuse_same_result,
+    refuse_unwritable,
+)
 from sawbench.commands.terminal import emit, stepper
 from sawbench.inputs import find_recordings
 
@@ -33,8 +40,7 @@ def command(paths: tuple[Path, ...], out_dir: Path, config_path: Path | None, fo
     """
     files = find_recordings(paths)
     pages = {path: out_dir / f"{path.stem}.html" for path in files}
-    if len(set(pages.values())) < len(files):
-        raise click.UsageError("two recordings have the same name; write their pages to different folders")
+    refuse_same_result(pages)
     for page in pages.values():
         refuse_unwritable(page, force=force, makes_folder=True)
     out_dir.mkdir(parents=True, exist_ok=True)

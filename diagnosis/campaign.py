@@ -16,6 +16,7 @@ from sawbench.bench.recording import Floats, Recording, Trial
 from sawbench.bench.second_core import on_two_cores
 from sawbench.bench.true_values import with_true_values
 from sawbench.bench.units import DISPLACEMENT
+from sawbench.bench.unusual_numbers import unusual_numbers
 from sawbench.diagnosis.inference.off_stroke import OffStroke, off_stroke
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.stroke_series import StrokeSeries, stroke_series
@@ -26,7 +27,7 @@ from sawbench.diagnosis.reduction import CHANNEL_OF_STATE, START_UP_S, lock_to_a
 from sawbench.diagnosis.screening import NOT_A_SAW, is_stock_stated, screen, summary
 from sawbench.diagnosis.signal_health import ChannelHealth, channel_health
 from sawbench.diagnosis.slow_states import SlowTrack, slow_tracks
-from sawbench.diagnosis.unusual_numbers import naming, slow_channels, unusual_numbers, unusual_settings
+from sawbench.diagnosis.unusual_numbers import naming, slow_channels, unusual_settings
 from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.load import load_of
 from sawbench.modeling.machines.saw_baseline import baseline_of

@@ -72,8 +72,6 @@ def plan_sentences(plan: Mapping[str, Any], next_trial: str = "none") -> list[st
     rows, said = plan["trials"], []
     if not rows:
         said.append(f"No trial is proposed: {plan['reason']}.")
-        if not next_trial.startswith("none"):
-            said.append(_BESIDE_THE_PLAN)
     else:
         minutes = sum(row["minutes"] for row in rows)
         now, then = _percent(plan["expected_probability"]), _percent(rows[-1]["expected_probability"])
@@ -84,6 +82,8 @@ def plan_sentences(plan: Mapping[str, Any], next_trial: str = "none") -> list[st
         )
         if any(row["is_new"] for row in rows):
             said.append("Combinations of duty, feed and workpiece that were not yet run are predicted by the model.")
+    if not next_trial.startswith("none"):
+        said.append(_BESIDE_THE_PLAN)
     for pair in plan.get("inseparable", []):
         one, other = pair["causes"]
         said.append(

@@ -366,7 +366,7 @@ def _greedy(
     problem: LinearProblem, answers: Sequence[Hypothesis], trials: Sequence[Candidate], campaign: Products,
     each: Sequence[Floats], n_trials: int,
 ) -> TrialPlan:  # fmt: skip
-    """Choose trial after trial."""
+    """Choose trial after trial, of those worth it the one that makes a wrong answer least probable for its time."""
     settings = problem.settings
     minutes = np.array([t.seconds + t.rest_s + settings.planning.handling_s for t in trials]) / 60.0
     probability = np.array([h.probability for h in answers])
@@ -380,14 +380,17 @@ def _greedy(
     offered = with_one_more(campaign)
     most = np.max([np.zeros_like(base), *offered], axis=0)
     gained, products, chosen = np.zeros_like(base), campaign, []
-    while len(chosen) < n_trials and most.max() >= settings.report.worth:
+    while trials and len(chosen) < n_trials:
+        told_apart = [_told_apart(probability, gained, one) for one in offered]
+        worth = np.array([one[pair] - gained[pair] for one, pair in zip(offered, told_apart, strict=True)])
         falls = np.array([_wrong(probability, gained) - _wrong(probability, one) for one in offered]) / minutes
-        best = int(np.argmax(falls))
-        right, wrong = _told_apart(probability, gained, offered[best])
+        best = int(np.argmax(np.where(worth >= settings.report.worth, falls, -np.inf)))
+        if worth[best] < settings.report.worth:
+            break
+        right, wrong = told_apart[best]
         chosen.append(
             Chosen(
-                trial=trials[best], between=(answers[right].name, answers[wrong].name),
-                log_odds=float(offered[best][right, wrong] - gained[right, wrong]),
+                trial=trials[best], between=(answers[right].name, answers[wrong].name), log_odds=float(worth[best]),
                 expected_probability=expected_probability(probability, offered[best]), minutes=float(minutes[best]),
             )
         )  # fmt: skip

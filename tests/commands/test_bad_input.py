@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -208,6 +209,20 @@ def test_compare_makes_the_folder_of_its_page(tmp_path, capsys, monkeypatch):
     Path("file").touch()
     code, out, err = run(capsys, "compare", recording, "--out", "file/x.html")
     assert code == 2 and not out and "file: cannot be written to: Not a directory" in err
+
+
+@pytest.mark.parametrize("command", ["process", "report", "export"])
+def test_two_recordings_with_one_result_are_both_named(command, table, tmp_path, capsys):
+    one, other = (tmp_path / name / "trial.mcap" for name in ("a", "b"))
+    recording = imported(table, tmp_path)
+    for path in (one, other):
+        path.parent.mkdir()
+        shutil.copy(recording, path)
+    capsys.readouterr()
+    code, out, err = run(capsys, command, one, other, "--out", tmp_path / "out")
+    assert code == 2 and not out
+    assert f"{one} and {other}" in err
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("options", [["--out", "a.csv"], ["--out", "a.html", "--csv", "a.html"], ["--out", "a.h5"]])

@@ -137,6 +137,14 @@ def test_causes_that_differ_with_speed_are_told_apart_by_another_speed(problem, 
     assert steps[0] < steps[1] < steps[2] <= 1.0
 
 
+def test_every_trial_of_a_plan_is_worth_it(problem, confused):
+    settings = problem.settings
+    demanding = replace(problem, settings=replace(settings, report=replace(settings.report, worth=3.0)))
+    plan = trial_plan(demanding, confused, 12, MATERIALS)
+    assert 0 < len(plan.chosen) < 12
+    assert min(one.log_odds for one in plan.chosen) >= 3.0
+
+
 def test_a_form_between_those_of_the_catalogue_is_planned_with(problem):
     between = {"power": 1.83}
     assert between not in EFFECT_BY_NAME[DRAG].shapes

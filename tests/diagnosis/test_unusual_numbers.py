@@ -9,8 +9,10 @@ import pytest
 from sawbench.bench.config import Uncertain, load_config
 from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Recording, Signal, Trial
+from sawbench.bench.unusual_numbers import unusual_numbers
 from sawbench.diagnosis.plausibility import explain_faults
-from sawbench.diagnosis.unusual_numbers import naming, slow_channels, unusual_numbers, unusual_settings
+from sawbench.diagnosis.unusual_numbers import naming, slow_channels, unusual_settings
+from sawbench.inputs import config_for
 from sawbench.modeling.residuals import Baseline
 
 pytestmark = pytest.mark.unit
@@ -43,6 +45,16 @@ def test_a_capacity_in_milliampere_hours_is_named():
     battery = CONFIG.battery.model_copy(update={"capacity_ah": 1000.0 * CONFIG.battery.capacity_ah})
     (said,) = unusual_numbers(CONFIG.model_copy(update={"battery": battery}))
     assert said.startswith("[battery] capacity_ah = 1500 ")
+
+
+def test_a_configuration_with_an_unusual_number_is_named_once_with_its_file(tmp_path, caplog):
+    path = tmp_path / "bench_config.toml"
+    text = (Path(__file__).parents[2] / "bench_config.toml").read_text(encoding="utf-8")
+    path.write_text(text.replace("capacity_ah = 1.5", "capacity_ah = 1500"), encoding="utf-8")
+    for _ in range(2):
+        config_for(None, path)
+    (said,) = caplog.messages
+    assert said.startswith(f"{path}: [battery] capacity_ah = 1500 is unusual")
 
 
 def test_a_thickness_in_metres_is_named_once_for_all_trials_and_none_in_air_is_not():
