@@ -125,7 +125,8 @@ def import_path(
     Raises
     ------
     InputError
-        If the campaign, a map or a table is wrong; then no recording is written, of no trial.
+        If the campaign, a map or a table is wrong; then no recording is written, of no trial. All wrong tables are
+        named.
     RecordingError
         If a recording exists and `overwrite` is False; no trial is imported then.
     FramesNeedDbc
@@ -153,16 +154,18 @@ def _write_all(
     jobs: Sequence[_Job], folder: Path, on_trial: Callable[[int, int, str], None] | None
 ) -> ImportReport:  # fmt: skip
     paths, warnings, notes, taken, n_samples = [], [], [], {}, 0
+    refused: list[InputError] = []
     for number, job in enumerate(jobs):
         if on_trial is not None:
             on_trial(number, len(jobs), job.trial.trial_id)
-        is_saw, expected = _machine(job.config_toml)
-        contents = [
-            read_table(source.path, source.table_map, is_idle=job.trial.is_idle, is_saw=is_saw, expected=expected)
-            for source in job.sources
-        ]
-        words = _taken(job.sources, contents)
-        recording = _recording(job, contents, words)
+        try:
+            contents = _contents(job)
+            words = _taken(job.sources, contents)
+            recording = _recording(job, contents, words)
+        except InputError as error:
+            refused.append(error)
+        if refused:
+            continue
         target = write_recording(recording, folder / f"{job.trial.trial_id}.mcap")
         paths.append(target)
         taken[target.name] = words
@@ -170,9 +173,21 @@ def _write_all(
             warnings += [f"{source.path.name}: {text}" for text in content.warnings]
             notes += [f"{source.path.name}: {text}" for text in content.notes]
         n_samples += sum(len(signal.values) for signal in recording.signals.values())
+    if len(refused) > 1:
+        raise InputError("\n  ".join([f"{len(refused)} of {len(jobs)} trials cannot be imported:", *map(str, refused)]))
+    if refused:
+        raise refused[0]
     return ImportReport(
         paths=tuple(paths), warnings=tuple(warnings), notes=tuple(notes), n_samples=n_samples, taken=taken
     )
+
+
+def _contents(job: _Job) -> list[TableContent]:
+    is_saw, expected = _machine(job.config_toml)
+    return [
+        read_table(source.path, source.table_map, is_idle=job.trial.is_idle, is_saw=is_saw, expected=expected)
+        for source in job.sources
+    ]
 
 
 def stem_of(path: Path) -> str:

@@ -27,7 +27,7 @@ def read_json_table(path: Path) -> RawTable:
         If the file is missing or is not JSON.
     """
     try:
-        columns = dict(_lists(json.loads(path.read_bytes()), ""))
+        columns = dict(_lists(json.loads(path.read_bytes()), path, ""))
     except FileNotFoundError:
         raise InputError("no such file", where=path, remedy="check the path") from None
     except (OSError, ValueError, OverflowError, RecursionError) as error:
@@ -35,11 +35,13 @@ def read_json_table(path: Path) -> RawTable:
     return RawTable(path=path, columns=columns)
 
 
-def _lists(content: Any, prefix: str, names: list[str] | None = None) -> Iterator[tuple[str, RawColumn]]:
+def _lists(content: Any, path: Path, prefix: str, names: list[str] | None = None) -> Iterator[tuple[str, RawColumn]]:
     if isinstance(content, Mapping):
         stated = content.get("columns")
         for key, value in content.items():
-            yield from _lists(value, f"{prefix}.{key}" if prefix else key, stated if value is not stated else None)
+            yield from _lists(
+                value, path, f"{prefix}.{key}" if prefix else key, stated if value is not stated else None
+            )
     elif isinstance(content, list) and content:
         if all(isinstance(item, Mapping) for item in content):
             keys = dict.fromkeys(key for record in content for key in record)
@@ -52,6 +54,11 @@ def _lists(content: Any, prefix: str, names: list[str] | None = None) -> Iterato
         else:
             columns = {"": content}
         for key, values in columns.items():
-            if all(value is None or isinstance(value, int | float) for value in values):
-                name = ".".join(part for part in (prefix, key) if part)
+            name = ".".join(part for part in (prefix, key) if part)
+            text = next((value for value in values if isinstance(value, str)), None)
+            if text is not None:
+                what, remedy = f"column {name} has {text!r}, not a number", "write numbers without quotes"
+                problem = InputError(what, where=path, remedy=remedy)
+                yield name, RawColumn(values=np.full(len(values), np.nan), problem=problem)
+            elif all(value is None or isinstance(value, int | float) for value in values):
                 yield name, RawColumn(values=np.array([np.nan if v is None else v for v in values], dtype=np.float64))

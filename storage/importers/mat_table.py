@@ -19,7 +19,7 @@ def read_mat_table(path: Path) -> RawTable:
     ----------
     path : Path
         A vector in a struct is named with it, `run.force`; one in an array of structs with its number from 1,
-        `cycle.3.voltage`.
+        `cycle.3.voltage`; a column of a matrix with its place, `M.1`. The longer side of a matrix holds the samples.
 
     Raises
     ------
@@ -46,5 +46,10 @@ def _vectors(content: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Raw
             yield from _vectors(value, f"{prefix}{key}.")
         elif isinstance(value, list):
             yield from _vectors({f"{key}.{k}": one for k, one in enumerate(value, start=1)}, prefix)
-        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and 1 < value.size == max(value.shape):
-            yield f"{prefix}{key}", RawColumn(values=value.ravel().astype(np.float64))
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and value.size > 1:
+            if value.size == max(value.shape):
+                yield f"{prefix}{key}", RawColumn(values=value.ravel().astype(np.float64))
+            elif value.ndim == 2:
+                columns = value if value.shape[0] > value.shape[1] else value.T
+                for k, column in enumerate(columns.T, start=1):
+                    yield f"{prefix}{key}.{k}", RawColumn(values=column.astype(np.float64))

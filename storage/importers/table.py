@@ -128,10 +128,13 @@ def _check_time(table: Table) -> None:
     step = np.diff(time_s)
     if len(step) and step.min() <= 0:
         row = int(np.flatnonzero(step <= 0)[0]) + 1
+        is_repeated = step.min() == 0
         raise InputError(
             f"{TIME_COLUMN} does not increase: {time_s[row - 1]:.9g} s is followed by {time_s[row]:.9g} s",
             where=f"{table.path}, {table.place(row)}",
-            remedy="sort the rows by time and drop repeated ones",
+            remedy="drop the repeated rows, or have them dropped by a map (--map): [table] repeated_times = 'drop'"
+            if is_repeated
+            else "sort the rows by time, or import the parts before and after as trials of their own",
         )
 
 

@@ -291,6 +291,16 @@ def test_matlab_5_and_7_3_are_the_same(tmp_path):
         assert recording.signal("force_n").time_s.tolist() == columns["t"].tolist()
 
 
+@pytest.mark.parametrize("is_upright", [True, False])
+def test_columns_of_a_matlab_matrix_go_by_their_places(is_upright, tmp_path):
+    matrix = np.column_stack([np.arange(5) / 1e3, np.arange(5) / 10, np.ones(5)])
+    savemat(tmp_path / "m.mat", {"M": matrix if is_upright else matrix.T})
+    mapped = table_map(tmp_path, '[columns]\ntime_s = "M.1"\nforce_n = "M.2"\n')
+    recording = read_recording(import_path(tmp_path / "m.mat", tmp_path / "out", table_map=mapped).paths[0])
+    assert recording.signal("force_n").time_s.tolist() == matrix[:, 0].tolist()
+    assert recording.signal("force_n").values.tolist() == matrix[:, 1].tolist()
+
+
 @pytest.mark.parametrize(
     "content",
     [
@@ -305,6 +315,14 @@ def test_json(content, tmp_path):
     recording, _ = taken_in(tmp_path, "t.json", json.dumps(content), mapped)
     assert recording.signal("force_n").values.tolist() == [-1000.0, -3000.0]
     assert recording.signal("force_n").time_s.tolist() == [0.0, 0.002]
+
+
+def test_json_text_for_numbers_is_said_where_it_is_asked_for(tmp_path):
+    content = {"time_s": [0, 0.001], "force_n": ["0,5", "1,0"], "operator": ["J", "J"]}
+    with pytest.raises(InputError, match=r"t\.json: column force_n has '0,5', not a number\n  -> write numbers"):
+        taken_in(tmp_path, "t.json", json.dumps(content))
+    recording, _ = taken_in(tmp_path, "t.json", json.dumps(content | {"force_n": [1, 2]}))
+    assert list(recording.signals) == ["force_n"]
 
 
 def test_json_rows_without_names(tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -306,6 +307,19 @@ def test_a_campaign_with_a_wrong_table_leaves_no_part_of_it_behind(tmp_path):
     assert list((tmp_path / "out").iterdir()) == [kept]
     (tmp_path / "trial-02.csv").write_text(good)
     assert [path.parent for path in import_path(whole, tmp_path / "out").paths] == [tmp_path / "out"] * 2
+
+
+def test_all_wrong_tables_of_a_campaign_are_named(tmp_path):
+    whole = campaign(tmp_path)
+    for name, wrong in (("trial-01.csv", "\n0.003,"), ("trial-02.csv", "\n0.002,")):
+        text = (tmp_path / name).read_text()
+        assert wrong in text
+        (tmp_path / name).write_text(text.replace(wrong, "\n0.001,"))
+    with pytest.raises(InputError, match=r"^2 of 2 trials cannot be imported") as refused:
+        import_path(whole, tmp_path / "out")
+    assert re.findall(r"trial-0\d\.csv, line \d+: time_s does not increase", str(refused.value))
+    assert str(refused.value).count("does not increase") == 2
+    assert "repeated_times = 'drop'" in str(refused.value)
 
 
 TWO_TABLES = """
