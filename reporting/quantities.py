@@ -73,6 +73,8 @@ def format_quantity(value: float | None, std: float | None = None, unit: str = "
     '240.3\xa0±\xa01.2\xa0N·s/m'
     >>> format_quantity(927.4, 48.0, "s")
     '927\xa0±\xa048\xa0s'
+    >>> format_quantity(75.4716964, 2.3e-7, "ms")
+    '75.47169640\xa0±\xa00.00000023\xa0ms'
     """
     if value is None or not math.isfinite(value):
         return "not known"
@@ -81,7 +83,7 @@ def format_quantity(value: float | None, std: float | None = None, unit: str = "
         return format_number(value, digits=digits) + tail
     decimals = decimals_of(std)
     exponent = 1 - decimals if value == 0.0 else math.floor(math.log10(abs(value)))
-    if decimals > 6 or decimals < -4:
+    if (decimals > 6 or decimals < -4) and not -4 <= exponent < 6:
         shift = max(exponent, 1 - decimals)
         scaled = [f"{number / 10.0**shift:.{decimals + shift}f}" for number in (value, std)]
         inner = f"({_signed(scaled[0])}{_NBSP}±{_NBSP}{scaled[1]})"
