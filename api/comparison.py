@@ -59,7 +59,7 @@ def compared(outcomes: Iterable[Outcome[Place, ComparedTrial]]) -> tuple[list[Co
     fullest = _fullest(rows)
     for trial in rows:
         if (kept := fullest.get(_taken(trial), trial)) is not trial:
-            reason = f"is the same trial as {Path(kept.processed.source_path).name}, which holds no fewer samples"
+            reason = f"is the same trial as {Path(kept.processed.source_path).name}, which has as many samples or more"
             left_out.append(LeftOut(name=Path(trial.processed.source_path).name, reason=reason, remedy=""))
     rows = [trial for trial in rows if fullest.get(_taken(trial), trial) is trial]
     if not rows:
