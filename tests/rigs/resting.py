@@ -10,6 +10,7 @@ import array
 import contextlib
 import fcntl
 import queue
+import select
 import tempfile
 import termios
 import threading
@@ -131,6 +132,10 @@ def _n_waiting(side: int) -> int:
     """Bytes that can be read from one side of a pty; none where it is unplugged."""
     count = array.array("i", [0])
     if side >= 0:
+        # On a busy machine what was written is on its way for a while; to be asked whether it is there brings it there.
+        there = select.poll()
+        there.register(side, select.POLLIN)
+        there.poll(0)
         fcntl.ioctl(side, termios.FIONREAD, count)
     return count[0]
 
