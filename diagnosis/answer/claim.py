@@ -4,7 +4,8 @@ Evidence alone finds the best name for whatever is in the data, a sensor's wande
 data has no evidence. So the magnitude of every effect of a declared cause differs from zero in its own 95 % interval,
 the cause closes a tenth at least of the withheld gap where it acts, and so does each of several effects of what the
 others leave where it acts: where a hundredth is added and the rest stays unexplained, what explains the rest may well
-explain the hundredth. Where half of what is left without an effect would be no gap, it closes more than half of what a
+explain the hundredth. Where a little of the effects that are not named explains the rest, it adds most of what that
+leaves. Where half of what is left without an effect would be no gap, it closes more than half of what a
 little of the other effects does not explain: if the rest is no gap, all of it may be none. Nor may the simulated model
 with the cause miss the withheld channels by more than the re-tuned one does: two effects of one sensor that cancel in
 the harmonics compared need not cancel in the signal that they predict. What a claim leaves where it acts, beyond a
@@ -171,13 +172,15 @@ def _failing(
     closes = bool(in_means) and any(
         _predicts(problem, predictions, cause) for cause in (_found(posterior, in_means), best)
     )
+    is_alone = len(best.effects) == 1
     failing: dict[str, tuple[bool, float]] = {}
     for member in sized_members(problem, columns, posterior, best):
         name = member.effect.name
         added, left = _added(problem, posterior, predictions, member)
         is_worth = added.sum() > problem.settings.ladder.least_added * left
+        is_worth = is_worth or (not is_alone and _is_most_beside_a_little(problem, posterior, predictions, member))
         is_worth = is_worth and _is_more_than_usual(problem, posterior, predictions, member)
-        is_worth = is_worth and (len(best.effects) == 1 or _is_sure(added))
+        is_worth = is_worth and (is_alone or _is_sure(added))
         predicts = name in carried or (closes and is_worth)
         is_enough = is_cause(problem, posterior, predictions, member, by_strokes=name in carried)
         said = posterior.strokes.get(name) if name in carried else None
@@ -252,10 +255,15 @@ def _is_more_than_usual(
     left = times_an_intact(
         fewer, acts_in(problem, member), rung=rung, quiet=problem.quiet, weights=problem.settings.weights
     )  # fmt: skip
-    if (1.0 - most) * left > 1.0:
-        return True
+    return (1.0 - most) * left > 1.0 or _is_most_beside_a_little(problem, posterior, predictions, member)
+
+
+def _is_most_beside_a_little(
+    problem: LinearProblem, posterior: Posterior, predictions: Predictions, member: Explanation
+) -> bool:
+    """Whether an effect adds most of what the others leave where it acts, once a little of other effects is off."""
     added, rest = _added(problem, posterior, predictions, member, beside_a_little=True)
-    return bool(added.sum() > most * rest)
+    return bool(added.sum() > problem.settings.ladder.most_of_a_gap * rest)
 
 
 def _is_quiet(problem: LinearProblem, posterior: Posterior) -> bool:

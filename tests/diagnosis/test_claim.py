@@ -548,6 +548,39 @@ def test_most_of_hardly_a_gap_is_most_of_what_a_little_of_other_effects_is_not(p
     assert held_to_predictions(data, columns, declared, predictions).best.effects == ((RUBBING,) if is_claimed else ())
 
 
+class LeavingToPairs(Leaving):
+    """A rubbing closes a twentieth of what a friction leaves of a large gap, and a share of it once a little is off."""
+
+    def __init__(self, problem, columns, posterior, *, closed_beside_a_little):
+        super().__init__(problem, columns, posterior, level=100.0, closed=0.0)
+        self._left = {(FRICTION,): 0.3, (RUBBING,): 1.0, (FRICTION, RUBBING): 0.95 * 0.3}
+        self._left_beside_a_little = {(FRICTION,): 0.03, (FRICTION, RUBBING): 0.03 * (1.0 - closed_beside_a_little)}
+
+    def of(self, hypothesis, **kwargs):
+        found = super().of(hypothesis, **kwargs)
+        left = self._left.get(tuple(sorted(hypothesis.effects)), 1.0)
+        return replace(found, ladder=self._leaving(found.ladder, 1.0 - left))
+
+    def beside_a_little(self, hypothesis, cause, **kwargs):
+        left = self._left_beside_a_little.get(tuple(sorted(hypothesis.effects)), 1.0)
+        return self._leaving(super().of(hypothesis, **kwargs).ladder, 1.0 - left)
+
+    def beyond_a_little(self, hypothesis):
+        return self.beside_a_little(hypothesis, hypothesis)
+
+
+@pytest.mark.parametrize(("closed", "is_claimed"), [(0.8, True), (0.3, False)])
+def test_a_second_effect_adds_most_of_what_a_little_of_others_does_not_explain(problem, columns, closed, is_claimed):
+    """A lag of the current closed 53 of 888 beside another cause: a little of other effects explains 838 of them."""
+    data = with_columns(with_columns(problem, columns, FRICTION, 1.0), columns, RUBBING, 1.0)
+    pair = " + ".join(sorted((FRICTION, RUBBING)))
+    declared = certain_of(judge(data, columns), pair)
+    predictions = LeavingToPairs(data, columns, declared, closed_beside_a_little=closed)
+    held = held_to_predictions(data, columns, declared, predictions)
+    assert (RUBBING in held.best.effects) == is_claimed
+    assert FRICTION in held.best.effects
+
+
 def test_a_little_of_an_effect_is_no_cause_beside_another_one(problem, columns):
     """A machine has a little of many effects: beside a friction, a fifth of a rubbing is one of these."""
 
