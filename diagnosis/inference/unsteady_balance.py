@@ -47,7 +47,8 @@ class _Balance:
         All that the machine may do to it grows with a current: what varies in air is the reading.
     beside : callable
         (problem, state) -> what may leave a part of it, shape (n,) each. No more than that: the battery's current over
-        that of the motor is the duty, and with both at hand a duty that wanders leaves nothing of the motor's voltages.
+        that of the motor is the duty, and with both at hand a duty that wanders leaves nothing of the motor's voltages,
+        nor anything at all of the converter's currents.
     is_in_air : bool
         It is compared in air alone, where the current answers to nothing but what is missing from it.
     """
@@ -210,8 +211,13 @@ def _of_battery(problem: LinearProblem, state: State) -> list[Floats]:
     return [mean_a, np.gradient(mean_a), *remembered]
 
 
-def _of_both(problem: LinearProblem, state: State) -> list[Floats]:
-    return [*_of_motor(problem, state), *_of_battery(problem, state)]
+def _of_converter(problem: LinearProblem, state: State) -> list[Floats]:
+    """What goes with the motor's current, and with the share of it that the battery gives by the duty.
+
+    Not with the battery's own: less that share it is the balance.
+    """
+    of_motor = _of_motor(problem, state)
+    return [*of_motor, *(state.setting.duty * found for found in of_motor)]
 
 
 def _without(rows: Floats, design: Floats) -> Floats:
@@ -226,6 +232,7 @@ def _without(rows: Floats, design: Floats) -> Floats:
 
 
 _CONTACT: Final = "more than currents and sensors explain: a loose contact or a duty that is not as stated"
+_DRAWS: Final = "more than currents and sensors explain: another load of the battery, or a duty that is not as stated"
 _DRAGS: Final = "more than sensors explain: something drags or seizes now and then, such as a bearing"
 _BALANCES: Final = (
     _Balance(equation="electrical", name="the balance of voltages at the motor", why=_CONTACT, beside=_of_motor),
@@ -236,7 +243,7 @@ _BALANCES: Final = (
         beside=_of_battery,
         is_by_current=True,
     ),
-    _Balance(equation="converter", name="the balance of currents at the converter", why=_CONTACT, beside=_of_both),
+    _Balance(equation="converter", name="the balance of currents at the converter", why=_DRAWS, beside=_of_converter),
     _Balance(
         equation="mechanical", name="the balance of torques in air", why=_DRAGS, beside=_other_torques, is_in_air=True
     ),

@@ -56,6 +56,33 @@ def test_a_duty_that_wanders_is_found_though_the_battery_s_current_follows_it():
     assert found["electrical"].log_evidence > 20.0
 
 
+def test_another_load_of_the_battery_is_found_where_it_draws():
+    """As seen: 0.8 A beside a current of 2.7 A. Its two currents explain all of the balance, whatever else draws."""
+    rng = np.random.default_rng(11)
+    states = []
+    for state in strokes():
+        drawn_a = 2.0 * rng.uniform(size=N_UNITS)
+        battery_a = state.battery_current_a + drawn_a[:, None]
+        states.append(replace(state, battery_current_a=battery_a))
+    (finding,) = unsteady_balances(problem_of(states))
+    assert finding.channel == "battery_current_a"
+    assert finding.log_evidence > 20.0
+    assert "another load of the battery" in finding.text
+
+
+@pytest.mark.parametrize("unsteady", [0.0, 0.1])
+def test_losses_and_gains_leave_the_currents_of_the_converter_steady(unsteady):
+    """A share of the current that is lost, and wood that is harder every now and then."""
+    rng = np.random.default_rng(12)
+    states = []
+    for state in strokes():
+        harder = 1.0 + unsteady * rng.standard_normal(N_UNITS)[:, None]
+        current_a = state.current_a * harder
+        battery_a = 1.01 * state.setting.duty * current_a * 1.07 + 0.02
+        states.append(replace(state, current_a=current_a, battery_current_a=battery_a))
+    assert "battery_current_a" not in {finding.channel for finding in unsteady_balances(problem_of(states))}
+
+
 def test_no_more_than_the_zeros_of_sensors_do_is_theirs():
     assert found_with(lambda s, rng: 0.5 * BY_ZEROS_V * rng.standard_normal(N_UNITS)) == []
 
