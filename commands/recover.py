@@ -51,7 +51,10 @@ def _what_is_left(report: RecoveryReport, info: RecordingInfo) -> list[str]:
     lost = [f"{number} {what}" for number, what in numbers if number]
     lost += [f"{report.seconds_lost:.2f} s"] if report.seconds_lost else []
     lines = [f"{kept} kept, {'none of them damaged' if not lost else 'known to be lost: ' + ', '.join(lost)}"]
-    if report.is_tail_cut:
+    stops = [event.time_s for event in info.events if event.kind == "stop"]
+    if report.is_tail_cut and stops and not lost:
+        lines.append(f"the recording had stopped at {stops[-1]:.2f} s; only the end of the file is missing")
+    elif report.is_tail_cut:
         ends = [f"ends at {event.time_s:.2f} s" for event in info.events if event.kind == "interrupted"]
         lines.append(f"the recording {' and '.join(ends) or 'is cut off'}; what came after is lost")
     return lines

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from sawbench.bench.recording import Gap, Recording, SampleBlock, Signal, Trial
+from sawbench.bench.recording import Event, Gap, Recording, SampleBlock, Signal, Trial
 from sawbench.commands.main import main
 from sawbench.storage.reader import write_recording
 from sawbench.storage.writer import RecordingWriter
@@ -109,7 +109,7 @@ def test_export_refuses_two_recordings_of_one_name(bench, tmp_path, capsys):
     (tmp_path / "other").mkdir()
     other = write(tmp_path / "other", "a")
     assert main(["export", str(bench / "a.mcap"), other, "--out", str(bench / "tables")]) == 2
-    assert "same name" in capsys.readouterr().err
+    assert f"would be made of two recordings, {bench / 'a.mcap'} and {other}" in capsys.readouterr().err
     assert not (bench / "tables").exists()
 
 
@@ -133,3 +133,18 @@ def test_recover_says_in_samples_and_seconds_what_is_left(tmp_path, capsys):
     assert "\nthe recording ends at 1.99 s; what came after is lost\n" in out
     assert main(["recover", whole]) == 0
     assert capsys.readouterr().out.endswith("100 samples of 1 channel kept, none of them damaged\n")
+
+
+def test_recover_says_that_a_recording_without_its_end_record_had_stopped(tmp_path, capsys):
+    cut, settings = tmp_path / "cut.mcap", {"config_toml": "", "provenance": {}, "started_at": None}
+    values, time_s = np.zeros(100), np.arange(100) / 100
+    with RecordingWriter(**settings, path=cut, trial=Trial(trial_id="cut")) as writer:
+        writer.write_block(
+            SampleBlock(device="cell", channel="force_n", unit="N", first_index=0, time_s=time_s, values=values)
+        )
+        writer.write_event(Event(kind="stop", time_s=1.0, text="1 s recorded"))
+    cut.write_bytes(cut.read_bytes()[:-50])
+    assert main(["recover", str(cut)]) == 0
+    out = capsys.readouterr().out
+    assert "100 samples of 1 channel kept, none of them damaged" in out
+    assert out.endswith("the recording had stopped at 1.00 s; only the end of the file is missing\n")
