@@ -47,22 +47,15 @@ def record_through_wires(path: Path, trial: Trial, played: Playback, loaded: Loa
     bench = ScriptedBench(
         played, loaded.config, clock_error_ppm=errors, trigger_after_s=_TRIGGER_S, seed=int(rng.integers(2**31))
     )
-    opened: list[RecordingWriter] = []
 
     def open_writer(start: RecordingStart) -> RecordingWriter:
-        opened.append(
-            RecordingWriter(
-                path=path, trial=trial, config_toml="", provenance=start.provenance, started_at=trial.started_at
-            )
+        return RecordingWriter(
+            path=path, trial=trial, config_toml="", provenance=start.provenance, started_at=trial.started_at
         )
-        return opened[0]
 
     with bench:
         devices = build_devices(loaded.config, bench.endpoints, clock=bench.clock)
-        summary = record(
-            devices, open_writer, seconds=played.seconds + _BEFORE_S, clock=bench.clock, between_rounds=bench.step
-        )
-    opened[0].close(provenance=summary.provenance, is_complete=summary.is_complete)
+        record(devices, open_writer, seconds=played.seconds + _BEFORE_S, clock=bench.clock, between_rounds=bench.step)
 
 
 def record_campaign(seed: int, folder: Path, length: float) -> list[Path]:

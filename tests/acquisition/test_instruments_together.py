@@ -80,21 +80,16 @@ def recording(tmp_path_factory):
     path = tmp_path_factory.mktemp("together") / "t.mcap"
     config = parse_config(CONFIG).config
     errors = {name: 30.0 * (-1) ** k for k, name in enumerate(config.devices)}
-    opened = []
 
     def open_writer(start):
         trial = Trial(trial_id="t", source="simulated bench")
-        opened.append(
-            RecordingWriter(
-                path=path, trial=trial, config_toml="", provenance=start.provenance, started_at=start.started_at
-            )
+        return RecordingWriter(
+            path=path, trial=trial, config_toml="", provenance=start.provenance, started_at=start.started_at
         )
-        return opened[0]
 
     with ScriptedBench(Swinging(), config, clock_error_ppm=errors, seed=4) as bench:
         devices = build_devices(config, bench.endpoints, clock=bench.clock)
         summary = record(devices, open_writer, seconds=SECONDS, clock=bench.clock, between_rounds=bench.step)
-    opened[0].close(provenance=summary.provenance, is_complete=summary.is_complete)
     assert summary.is_complete and not summary.losses
     assert not any(channel.n_missing for channel in summary.channels)
     return read_recording(path)

@@ -36,21 +36,18 @@ class Swinging:
 def recorded(path, *, latency_s=None, extra=None):
     loaded = config_for(None, default_config_path())
     errors = {name: 30.0 * (-1) ** k for k, name in enumerate(loaded.config.devices)}
-    opened = []
+
+    class Stating(RecordingWriter):
+        def close(self, provenance=None, is_complete=True):
+            return super().close({**(provenance or {}), **(extra or {})}, is_complete)
 
     def open_writer(start):
         trial = Trial(trial_id="t", source="simulated bench")
-        opened.append(
-            RecordingWriter(
-                path=path, trial=trial, config_toml="", provenance=start.provenance, started_at=start.started_at
-            )
-        )
-        return opened[0]
+        return Stating(path=path, trial=trial, config_toml="", provenance=start.provenance, started_at=start.started_at)
 
     with ScriptedBench(Swinging(), loaded.config, latency_s=latency_s, clock_error_ppm=errors, seed=4) as bench:
         devices = build_devices(loaded.config, bench.endpoints, clock=bench.clock)
         summary = record(devices, open_writer, seconds=SECONDS, clock=bench.clock, between_rounds=bench.step)
-    opened[0].close(provenance={**summary.provenance, **(extra or {})}, is_complete=summary.is_complete)
     assert summary.is_complete and not summary.losses
     return read_recording(path)
 
