@@ -47,21 +47,24 @@ def compared(outcomes: Iterable[Outcome[Place, ComparedTrial]]) -> tuple[list[Co
     """
     from sawbench.reporting.compared import LeftOut
 
-    rows: list[ComparedTrial] = []
+    found: list[ComparedTrial] = []
     left_out: list[LeftOut] = []
     for outcome in sorted(outcomes, key=lambda one: one.index):
         try:
             trial = outcome.result()
             _refuse_axis(trial)
-            rows.append(trial)
+            found.append(trial)
         except SawbenchError as error:
             left_out.append(LeftOut(name=outcome.item.name, reason=error.what, remedy=error.remedy or ""))
-    fullest = _fullest(rows)
-    for trial in rows:
-        if (kept := fullest.get(_taken(trial), trial)) is not trial:
+    rows: list[ComparedTrial] = []
+    fullest = _fullest(found)
+    for trial in found:
+        kept = fullest.get(_taken(trial), trial)
+        if kept is trial:
+            rows.append(trial)
+        else:
             reason = f"is the same trial as {Path(kept.processed.source_path).name}, which has as many samples or more"
             left_out.append(LeftOut(name=Path(trial.processed.source_path).name, reason=reason, remedy=""))
-    rows = [trial for trial in rows if fullest.get(_taken(trial), trial) is trial]
     if not rows:
         reasons = "; ".join(f"{item.name}: {item.reason}" for item in left_out)
         raise InputError(f"none of {len(left_out)} recordings can be compared: {reasons}")

@@ -5,13 +5,13 @@ data has no evidence. So the magnitude of every effect of a declared cause diffe
 the cause closes a tenth at least of the withheld gap where it acts, and so does each of several effects of what the
 others leave where it acts: where a hundredth is added and the rest stays unexplained, what explains the rest may well
 explain the hundredth. Where a little of the effects that are not named explains the rest, it adds most of what that
-leaves. Where half of what is left without an effect would be no gap, it closes more than half of what a
-little of the other effects does not explain: if the rest is no gap, all of it may be none. Nor may the simulated model
-with the cause miss the withheld channels by more than the re-tuned one does: two effects of one sensor that cancel in
-the harmonics compared need not cancel in the signal that they predict. What a claim leaves where it acts, beyond a
-little of the other effects, goes to "unknown" (`unlisted.py`). Where the answer is "unknown" for a law that is not in
-the catalogue, that law must close a tenth too, and in a size that every machine may have only of a gap beyond what an
-intact machine leaves.
+leaves. Where half of what is left without an effect would be no gap, it closes more than half of what a little of the
+other effects does not explain: if the rest is no gap, all of it may be none. Nor may the simulated model with the cause
+miss the withheld channels by more than the re-tuned one does: two effects of one sensor that cancel in the harmonics
+compared need not cancel in the signal that they predict. What a claim leaves where it acts, beyond a little of the
+other effects, goes to "unknown" (`unlisted.py`). Where the answer is "unknown" for a law that is not in the catalogue,
+that law must close a tenth too, and in a size that every machine may have only of a gap beyond what an intact machine
+leaves.
 Where the single strokes carry an effect, mean strokes hold little of what it closes: the report says so instead.
 """
 

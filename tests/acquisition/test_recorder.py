@@ -168,12 +168,13 @@ def test_the_writer_is_made_when_start_and_alignment_are_known():
     assert len(writer.blocks()) > 0
 
 
-def test_unplugged_and_back_goes_on_in_the_same_recording():
-    def unplugged(device):
-        # Half a second passes before the plug is back.
-        device.clock.now_s += 0.5
-        raise DeviceError("the link broke")
+def unplugged(device):
+    """Half a second passes before the plug is back."""
+    device.clock.now_s += 0.5
+    raise DeviceError("the link broke")
 
+
+def test_unplugged_and_back_goes_on_in_the_same_recording():
     device = Scripted(at={30: unplugged}, refuse_opening=2)
     summary, writer = run(device, seconds=20.0)
     (channel,) = summary.channels
@@ -192,10 +193,6 @@ def test_unplugged_and_back_goes_on_in_the_same_recording():
 
 
 def test_a_driver_that_fails_while_the_link_comes_back_is_tried_again_and_said_once():
-    def unplugged(device):
-        device.clock.now_s += 0.5
-        raise DeviceError("the link broke")
-
     class Confused(Scripted):
         def start(self):
             if 1 < self.n_opened < 4:
@@ -211,10 +208,6 @@ def test_a_driver_that_fails_while_the_link_comes_back_is_tried_again_and_said_o
 
 
 def test_a_link_that_comes_back_with_another_instrument_is_not_believed():
-    def unplugged(device):
-        device.clock.now_s += 0.5
-        raise DeviceError("the link broke")
-
     class Exchanged(Scripted):
         def describe(self):
             # The second and third time it is opened, another bench is on the plug.
