@@ -13,6 +13,7 @@ import numpy as np
 from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Floats, Signal
 from sawbench.bench.units import CHANNEL_BY_NAME, TIME_COLUMN
+from sawbench.storage.importers.clock_times import FirstTime, since_first
 from sawbench.storage.importers.raw_table import RawColumn, RawTable, names_shown
 from sawbench.storage.importers.table import Table
 from sawbench.storage.importers.table_map import ColumnRule, TableMap
@@ -35,8 +36,8 @@ class Choice:
     warnings, notes : tuple of str
     mapped : frozenset of str
         Channels that the map asked for.
-    first_of_day_s : float or None
-        Time of day from which the times count, where the table states one.
+    first : FirstTime or None
+        When the first row was, where the table states it: the times count from there.
     """
 
     tables: tuple[Table, ...]
@@ -44,7 +45,7 @@ class Choice:
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
     mapped: frozenset[str]
-    first_of_day_s: float | None
+    first: FirstTime | None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -100,6 +101,9 @@ def choose_columns(raw: RawTable, table_map: TableMap | None = None) -> Choice:
                 continue
             raise item.raw.problem
         values[channel], units[channel], words[channel] = _converted(raw, item, warnings)
+    first = taken[TIME_COLUMN].raw.first if TIME_COLUMN in taken else None
+    if first is None and TIME_COLUMN in values:
+        values[TIME_COLUMN], first = since_first(values[TIME_COLUMN])
     tables = _tables(raw, values, units, taken, table_map, warnings)
     return Choice(
         tables=tables,
@@ -107,7 +111,7 @@ def choose_columns(raw: RawTable, table_map: TableMap | None = None) -> Choice:
         warnings=tuple(warnings),
         notes=(f"left out, not in the map: {names_shown(left_out)}",) if left_out else (),
         mapped=frozenset(table_map.columns),
-        first_of_day_s=taken[TIME_COLUMN].raw.first_of_day_s if TIME_COLUMN in taken else None,
+        first=first,
     )
 
 

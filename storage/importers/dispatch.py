@@ -13,6 +13,7 @@ from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Alignment, Event, Recording, Signal, Trial
 from sawbench.bench.units import TIME_COLUMN
 from sawbench.storage.digest import sha256_of
+from sawbench.storage.importers.clock_times import FirstTime
 from sawbench.storage.importers.column_choice import choose_columns
 from sawbench.storage.importers.raw_table import RawTable
 from sawbench.storage.importers.table import FramesNeedDbc, signals_of
@@ -26,7 +27,6 @@ MAT_SUFFIXES: Final = (".mat",)
 JSON_SUFFIXES: Final = (".json",)
 MF4_SUFFIXES: Final = (".mf4", ".mdf")
 LOG_SUFFIXES: Final = (".log", ".asc", ".blf")
-_DAY_S: Final = 86400.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -66,15 +66,15 @@ class TableContent:
         Channel -> the column it was taken from, in words.
     notes : tuple of str
         How the file was read, where that was not plain.
-    first_of_day_s : float or None
-        Time of day from which the times count, where the file states one.
+    first : FirstTime or None
+        When the first row was, where the file states it: the times count from there.
     """
 
     signals: Mapping[str, Signal]
     warnings: tuple[str, ...]
     taken: Mapping[str, str]
     notes: tuple[str, ...]
-    first_of_day_s: float | None
+    first: FirstTime | None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -171,7 +171,8 @@ def _write_all(
         taken[target.name] = words
         for source, content in zip(job.sources, contents, strict=True):
             warnings += [f"{source.path.name}: {text}" for text in content.warnings]
-            notes += [f"{source.path.name}: {text}" for text in content.notes]
+            said = (*content.notes, *_unknown_start(recording.trial, content.first))
+            notes += [f"{source.path.name}: {text}" for text in said]
         n_samples += sum(len(signal.values) for signal in recording.signals.values())
     if len(refused) > 1:
         raise InputError("\n  ".join([f"{len(refused)} of {len(jobs)} trials cannot be imported:", *map(str, refused)]))
@@ -258,7 +259,7 @@ def _recording(job: _Job, contents: Sequence[TableContent], taken: Mapping[str, 
     signals = _of_one_clock(job.sources, contents)
     start_s = min((float(signal.time_s[0]) for signal in signals.values()), default=0.0)
     return Recording(
-        trial=job.trial,
+        trial=_started(job.trial, contents[0].first),
         signals=signals,
         events=tuple(
             Event(kind="warning", time_s=start_s, text=text) for content in contents for text in content.warnings
@@ -266,6 +267,21 @@ def _recording(job: _Job, contents: Sequence[TableContent], taken: Mapping[str, 
         config_toml=job.config_toml,
         provenance=provenance,
     )
+
+
+def _started(trial: Trial, first: FirstTime | None) -> Trial:
+    """A trial with its start, where the first of its tables knows it and nobody stated another one."""
+    if trial.started_at is not None or first is None or first.at is None:
+        return trial
+    return replace(trial, started_at=first.at)
+
+
+def _unknown_start(trial: Trial, first: FirstTime | None) -> list[str]:
+    """Say that times have a date which does not tell when they were."""
+    if trial.started_at is not None or first is None or not first.has_date:
+        return []
+    text = "the times have a date of which the time zone or the order of day and month is not known: when the trial "
+    return [f"{text}started is not recorded; state it in a map (--map): [table] time_zone, or started_at of the trial"]
 
 
 def _alignments(table_map: TableMap, content: TableContent) -> dict[str, str]:
@@ -286,14 +302,13 @@ def _taken(sources: Sequence[_Source], contents: Sequence[TableContent]) -> dict
 
 
 def _of_one_clock(sources: Sequence[_Source], contents: Sequence[TableContent]) -> dict[str, Signal]:
-    """Signals of all tables on the times of the first one; times of day say by themselves how far tables are apart."""
-    first = contents[0].first_of_day_s
+    """Signals of all tables on the times of the first one; times that a clock shows say how far tables are apart."""
+    first = contents[0].first
     signals: dict[str, Signal] = {}
     for source, content in zip(sources, contents, strict=True):
         shift_s = source.time_shift_s
-        if first is not None and content.first_of_day_s is not None:
-            # Midnight may lie between them.
-            shift_s += (content.first_of_day_s - first + 0.5 * _DAY_S) % _DAY_S - 0.5 * _DAY_S
+        if first is not None and content.first is not None:
+            shift_s += content.first.after(first)
         repeated = sorted(signals.keys() & content.signals.keys())
         if repeated:
             raise InputError(
@@ -357,7 +372,7 @@ def read_table(
         warnings=tuple(dict.fromkeys(warnings)),
         taken=choice.words,
         notes=(*raw.notes, *choice.notes),
-        first_of_day_s=choice.first_of_day_s,
+        first=choice.first,
     )
 
 

@@ -11,6 +11,7 @@ from typing import Final
 
 from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Floats
+from sawbench.storage.importers.clock_times import FirstTime
 from sawbench.storage.importers.unit_conversion import split_unit
 
 _N_NAMES_SHOWN: Final = 12
@@ -39,8 +40,8 @@ class RawColumn:
         Unit the file states; "" if it states none.
     time_s : ndarray, shape (n,), s, optional
         Of formats in which every channel has times of its own.
-    first_of_day_s : float, optional
-        Time of day of the first value, of times that count from it.
+    first : FirstTime, optional
+        When the first value was, of times that count from it.
     problem : InputError, optional
         Why the values cannot be used; raised when somebody asks for the column.
     """
@@ -48,7 +49,7 @@ class RawColumn:
     values: Floats
     unit: str = ""
     time_s: Floats | None = None
-    first_of_day_s: float | None = None
+    first: FirstTime | None = None
     problem: InputError | None = None
 
 

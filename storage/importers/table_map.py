@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from datetime import tzinfo
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tomli_w
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
 from sawbench.bench.errors import ConfigError
 from sawbench.bench.toml_text import parse_toml, read_toml_text
 from sawbench.bench.units import TIME_COLUMN
 from sawbench.bench.validation_text import describe_validation
+from sawbench.storage.importers.clock_times import zone_named
 
 _STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
@@ -74,6 +76,8 @@ class ReadingRules(BaseModel):
         Of a table without a time column.
     repeated_times : str
         "refuse", or "drop": of rows with the same time the first is taken.
+    time_zone : str, optional
+        Of times with a date that state none: an offset, "+01:00", or a name, "Europe/Berlin".
     alignment_std_s : float, optional
         Standard uncertainty of the times of its columns against each other: small where one instrument sampled them
         all; without it they are known to a row.
@@ -87,7 +91,20 @@ class ReadingRules(BaseModel):
     header_line: Annotated[int, Field(ge=0)] | None = None
     rate_hz: Annotated[float, Field(gt=0)] | None = None
     repeated_times: Literal["refuse", "drop"] = "refuse"
+    time_zone: str | None = None
     alignment_std_s: Annotated[float, Field(ge=0)] | None = None
+
+    @property
+    def zone(self) -> tzinfo | None:
+        """The time zone that is stated."""
+        return None if self.time_zone is None else zone_named(self.time_zone)
+
+    @field_validator("time_zone")
+    @classmethod
+    def _zone_is_known(cls, time_zone: str | None) -> str | None:
+        if time_zone is not None:
+            zone_named(time_zone)
+        return time_zone
 
     @model_validator(mode="after")
     def _signs_differ(self) -> ReadingRules:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from sawbench.bench.errors import InputError
-from sawbench.bench.recording import Floats
+from sawbench.storage.importers.clock_times import clock_times
 from sawbench.storage.importers.raw_table import RawColumn, RawTable
 from sawbench.storage.importers.table_map import ReadingRules
 from sawbench.storage.importers.text_layout import TextLayout, find_layout
@@ -21,11 +21,11 @@ from sawbench.storage.importers.text_rows import TextRows, without_cut_line
 from sawbench.storage.importers.unit_conversion import split_unit
 
 if TYPE_CHECKING:
+    from datetime import tzinfo
+
     import pandas as pd
 
 _MARKS: Final = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
-_TIME_OF_DAY: Final = r"^(?:\d[\d./-]*\d[ T])?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)(?:Z|[+-]\d{2}:?\d{2})?$"
-_HALF_DAY_S: Final = 43200.0
 _N_PROBED_LINES: Final = 1000
 _N_PROBED_CHARACTERS: Final = 1_000_000
 _MOST_BYTES: Final = 4_000_000_000
@@ -72,7 +72,7 @@ def read_text_table(path: Path, rules: ReadingRules | None = None) -> RawTable:
     for position, (name, unit, (_, cells)) in enumerate(named, start=1):
         if name or not bool(cells.isna().to_numpy().all()):
             column = name or str(position)
-            columns[column] = _column(rows, column, unit or split_unit(name)[1], cells, decimal)
+            columns[column] = _column(rows, column, unit or split_unit(name)[1], cells, decimal, rules.zone)
     return RawTable(
         path=path,
         columns=columns,
@@ -165,12 +165,14 @@ def _frame(path: Path, text: str, layout: TextLayout, decimal: str, rules: Readi
     return frame
 
 
-def _column(rows: TextRows, name: str, unit: str, cells: pd.Series, decimal: str) -> RawColumn:
+def _column(
+    rows: TextRows, name: str, unit: str, cells: pd.Series, decimal: str, zone: tzinfo | None
+) -> RawColumn:  # fmt: skip
     if cells.dtype.kind in "fiu":
         return RawColumn(values=cells.to_numpy(dtype=np.float64), unit=unit)
-    of_day_s = _seconds_of_day(cells)
-    if of_day_s is not None:
-        return RawColumn(values=of_day_s - of_day_s[0], unit="s", first_of_day_s=float(of_day_s[0]))
+    on_clock = clock_times(cells, zone)
+    if on_clock is not None:
+        return RawColumn(values=on_clock[0], unit="s", first=on_clock[1])
     problem = InputError(f"column {name} does not contain numbers", where=rows.path)
     # One cell that is no number leaves all of its column as text.
     for row, cell in enumerate(cells.tolist()):
@@ -183,17 +185,6 @@ def _column(rows: TextRows, name: str, unit: str, cells: pd.Series, decimal: str
             )
             break
     return RawColumn(values=np.full(len(cells), np.nan), unit=unit, problem=problem)
-
-
-def _seconds_of_day(cells: pd.Series) -> Floats | None:
-    """Seconds since the midnight before cells like "09:00:00.001", also behind a date; None for other cells."""
-    parts = cells.astype(str).str.extract(_TIME_OF_DAY)
-    if bool(parts.isna().to_numpy().any()):
-        return None
-    hours, minutes, seconds = (parts[k].str.replace(",", ".").to_numpy(dtype=np.float64) for k in range(3))
-    of_day_s = 3600.0 * hours + 60.0 * minutes + seconds
-    n_midnights = np.cumsum(np.diff(of_day_s, prepend=of_day_s[0]) < -_HALF_DAY_S)
-    return of_day_s + 2.0 * _HALF_DAY_S * n_midnights
 
 
 def _is_number(cell: str, decimal: str) -> bool:
