@@ -22,7 +22,8 @@ def beyond_catalogue(
     """Log evidence of each cause that has a form but no place in the catalogue, all equally likely beforehand.
 
     Of a form that a listed effect is the limit of, what it adds to that is a further thing about it. Where it adds less
-    than a further effect must, nobody can tell, and the listed effect is the answer.
+    than a further effect must, nobody can tell, and the listed effect is the answer: a form misses a share of what it
+    is to explain, and that share of the amplitude, squared, is the share of the evidence that another one may add.
 
     What a law leaves of the gap by itself says as much against it as it would against a listed effect: what its form
     may miss takes up the most of a gap, where that is strong.
@@ -37,6 +38,7 @@ def beyond_catalogue(
     """
     problem = forming.problem
     worth = worth_of_a_choice(len(problem.campaign.plant.effects))
+    missed = problem.settings.forms.screen_share**2
     gap = left_over(problem, forming.dispersion, nominal) - problem.quiet
 
     def weighed(entries: Sequence[Column]) -> float | None:
@@ -46,7 +48,7 @@ def beyond_catalogue(
         is_worth_it = rough.log_evidence >= problem.settings.forms.worth_forming
         found = (forming.single(rough, entries).explanation if is_worth_it else rough).log_evidence
         limits = [listed[other] for other in rough.effect.confused_with if other in listed]
-        if limits and found <= max(limits) + worth:
+        if limits and found <= max(limits) + worth + missed * max(*limits, 0.0):
             return None
         left = left_over(problem, forming.dispersion, nominal, rough) - problem.quiet
         of_right = log_density_of_left(max(left, 0.0) / gap) - log_density_of_left(0.0) if gap > 0.0 else 0.0

@@ -241,6 +241,25 @@ def test_friction_that_stays_is_no_friction_that_falls(states):
     assert not falling & beyond_catalogue(forming(gap), Marginal(gap), beyond, listed).keys()
 
 
+@pytest.mark.parametrize(("falls_by", "is_one_that_falls"), [(0.25, False), (0.6, True)])
+def test_what_the_form_of_a_strong_friction_misses_is_no_friction_that_falls(states, falls_by, is_one_that_falls):
+    """Evidence of hundreds is not known to a few: a form misses that much."""
+    lasting = [replace(s, time_s=np.linspace(0.5, 12.0, len(s.angle_rad))[:, None]) for s in states]
+
+    def friction(state):
+        falling = np.exp(-np.broadcast_to(state.time_s, state.angle_rad.shape) / 3.0)
+        return {"mechanical": 0.05 * (1.0 - falls_by * (1.0 - falling))}
+
+    gap = with_gap(problem_of(lasting), friction)
+    beyond = catalogue_columns(gap, gap.campaign.plant.beyond_catalogue)
+    _, constant = formed(gap, "motor_coulomb_friction")
+    alone = beyond_catalogue(forming(gap), Marginal(gap), beyond, {})[WARMING_FRICTION.name]
+    assert alone > constant.log_evidence + 4.0
+    listed = {"motor_coulomb_friction": constant.log_evidence}
+    found = beyond_catalogue(forming(gap), Marginal(gap), beyond, listed)
+    assert (WARMING_FRICTION.name in found) == is_one_that_falls
+
+
 def test_a_second_effect_may_miss_no_more_than_goes_with_its_size_beside_the_first(problem):
     """Alone windage explains most of a bent friction; what its form would then miss is no freedom of the pair."""
     gap = with_gap(problem, bent_friction)
