@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from typing import TYPE_CHECKING, Final
@@ -85,9 +86,13 @@ def clock_times(cells: pd.Series, zone: tzinfo | None = None) -> tuple[Floats, F
     half = parts["half"].str.upper()
     hours = np.where(half.notna(), hours % 12 + 12 * (half == "PM"), hours)
     of_day_s = 3600.0 * hours + 60.0 * minutes + seconds
-    n_midnights = np.cumsum(np.diff(of_day_s, prepend=of_day_s[0]) < -0.5 * _DAY_S)
+    days = _of_each(parts["date"], lambda date: np.nan if (day := _day(date)) is None else day.toordinal())
+    if np.isnan(days).any():
+        # No date, or of unknown order: a time that falls by half a day is past the next midnight.
+        days = np.cumsum(np.diff(of_day_s, prepend=of_day_s[0]) < -0.5 * _DAY_S)
+    ahead_s = _of_each(parts["zone"], lambda stated: _offset_s(stated) if isinstance(stated, str) else 0.0)
     first = _first(float(of_day_s[0]), parts["date"].iloc[0], parts["zone"].iloc[0], zone)
-    return of_day_s - of_day_s[0] + _DAY_S * n_midnights, first
+    return of_day_s - of_day_s[0] + _DAY_S * (days - days[0]) - (ahead_s - ahead_s[0]), first
 
 
 def since_first(time_s: Floats) -> tuple[Floats, FirstTime | None]:
@@ -147,12 +152,32 @@ def zone_named(text: str) -> tzinfo:
 def _first(of_day_s: float, date: object, stated: object, zone: tzinfo | None) -> FirstTime:
     if not isinstance(date, str):
         return FirstTime(of_day_s=of_day_s)
-    found = next((match for match in (pattern.match(date) for pattern in _DATES) if match), None)
+    day = _day(date)
     zone = zone_named(stated) if isinstance(stated, str) else zone
-    if found is None or zone is None:
+    if day is None or zone is None:
         return FirstTime(of_day_s=of_day_s, has_date=True)
+    at = day.replace(tzinfo=zone) + timedelta(seconds=of_day_s)
+    return FirstTime(of_day_s=of_day_s, at=at, has_date=True)
+
+
+def _day(date: object) -> datetime | None:
+    """Midnight of a date; None where there is none, it is no day, or its order is not known."""
+    if not isinstance(date, str):
+        return None
+    found = next((match for match in (pattern.match(date) for pattern in _DATES) if match), None)
     try:
-        midnight = datetime(int(found["year"]), int(found["month"]), int(found["day"]), tzinfo=zone)
-    except ValueError:  # there is no such day
-        return FirstTime(of_day_s=of_day_s, has_date=True)
-    return FirstTime(of_day_s=of_day_s, at=midnight + timedelta(seconds=of_day_s), has_date=True)
+        return found and datetime(int(found["year"]), int(found["month"]), int(found["day"]))
+    except ValueError:
+        return None
+
+
+def _offset_s(stated: str) -> float:
+    """Time by which a stated zone is ahead of UTC, s."""
+    ahead = zone_named(stated).utcoffset(None)
+    return 0.0 if ahead is None else ahead.total_seconds()
+
+
+def _of_each(cells: pd.Series, value: Callable[[object], float]) -> Floats:
+    """A number for every cell, of which few differ."""
+    codes, different = cells.factorize(use_na_sentinel=False)
+    return np.array([value(cell) for cell in different], dtype=np.float64)[codes]

@@ -19,7 +19,8 @@ _SEP_LINE: Final = re.compile(r"^sep=(.)\s*$", re.IGNORECASE)
 _NUMBER: Final = re.compile(r"^[+-]?(\d+(\.\d*|,\d+)?|[.,]\d+)([eE][+-]?\d+)?$|^[+-]?(nan|inf)$", re.IGNORECASE)
 _GROUPED: Final = re.compile(r"^[+-]?[1-9]\d{0,2}(?:([.,'\u00a0\u202f])\d{3})(?:\1\d{3})*(?:[.,]\d+)?$")
 _CLOCK: Final = re.compile(
-    r"^(\d{1,4}[-./]\d{1,2}[-./]\d{1,4})?[ T]?(\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?)?(Z|[+-]\d{2}:?\d{2})?$"
+    r"^(\d{1,4}[-./]\d{1,2}[-./]\d{1,4})?[ T]?(\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?)?"
+    r"( ?[AaPp][Mm])?( ?(Z|[+-]\d{2}:?\d{2}))?$"
 )
 _DECIMAL_COMMA: Final = re.compile(r"^[+-]?\d*,\d+([eE][+-]?\d+)?$")
 _DECIMAL_POINT: Final = re.compile(r"^[+-]?\d*\.\d+([eE][+-]?\d+)?$")
@@ -53,6 +54,12 @@ class TextLayout:
     n_lines_before: int
     comment: str | None
     n_remarks: int
+
+    def without_comments(self, text: str) -> str:
+        """Empty the lines that are comments; a sign within a line is part of its cell."""
+        if self.comment is None or self.comment not in text:
+            return text
+        return re.sub(rf"(?<![^\r\n])[ \t]*{re.escape(self.comment)}[^\r\n]*", "", text)
 
     @property
     def n_named(self) -> int:

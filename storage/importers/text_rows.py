@@ -66,7 +66,7 @@ class TextRows:
         def lines() -> Iterator[str]:
             nonlocal number
             for number, line in enumerate(StringIO(self.text, newline=None), start=1):
-                is_comment = layout.comment is not None and line.startswith(layout.comment)
+                is_comment = layout.comment is not None and line.lstrip(" \t").startswith(layout.comment)
                 if number > layout.n_lines_before and line.strip(blank) and not is_comment:
                     yield line
 

@@ -137,14 +137,13 @@ def _frame(path: Path, text: str, layout: TextLayout, decimal: str, rules: Readi
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # cells that would be dropped
             frame = pd.read_csv(
-                BytesIO(text.encode()),
+                BytesIO(layout.without_comments(text).encode()),
                 sep=r"\s+" if layout.separator == " " else layout.separator,
                 decimal=decimal,
                 thousands=rules.thousands,
                 header=None,
                 names=list(range(len(layout.names))),
                 skiprows=layout.n_lines_before,
-                comment=layout.comment,
                 index_col=False,
                 skipinitialspace=True,
                 low_memory=False,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import UTC
 
 import pytest
-from sawbench.bench.errors import ConfigError
+from sawbench.bench.errors import ConfigError, InputError
 from sawbench.storage.importers import import_path, load_map
 from sawbench.storage.importers.table_map import parse_map
 from sawbench.storage.reader import read_recording
@@ -87,3 +87,22 @@ def test_a_time_zone_that_does_not_exist_is_refused(tmp_path):
     with pytest.raises(ConfigError, match=r"table\.time_zone: must be an offset such as .\+01:00.") as caught:
         parse_map({"table": {"time_zone": "Berlin"}}, where=tmp_path)
     assert "Berlin" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "apart_s"),
+    [
+        ("2026-03-02T09:00:00Z", "2026-03-04T09:00:01Z", 172801.0),
+        ("2026-10-25T02:59:59.5+02:00", "2026-10-25T02:00:00.0+01:00", 0.5),
+        ("11:59:59.5 AM", "12:00:00 PM", 0.5),
+    ],
+    ids=["two days", "summer time ends", "noon"],
+)
+def test_dates_and_zones_of_every_row_count(first, second, apart_s, tmp_path):
+    recording, _ = taken_in(tmp_path, first, second)
+    assert recording.signal("force_n").time_s == pytest.approx([0.0, apart_s])
+
+
+def test_a_date_that_goes_back_is_refused(tmp_path):
+    with pytest.raises(InputError, match="time_s does not increase"):
+        taken_in(tmp_path, "2026-03-02T09:00:00Z", "2026-03-01T09:00:01Z")

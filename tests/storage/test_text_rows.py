@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import h5py
 import numpy as np
 import pytest
@@ -121,3 +123,13 @@ def test_a_file_without_lines_has_rows(tmp_path):
         store["time_s"], store["force_n"] = np.array([0.0, 0.1, 0.1]), np.arange(3.0)
     with pytest.raises(InputError, match=r"t\.h5, data row 3: time_s does not increase"):
         import_path(tmp_path / "t.h5", tmp_path / "out")
+
+
+@pytest.mark.parametrize("cell", ["12#3", "1.#INF", "#DIV/0!"])
+def test_a_comment_sign_within_a_row_is_no_comment(cell, tmp_path):
+    """Half of a number, or of a row, is no value."""
+    path = tmp_path / "t.csv"
+    path.write_text(f"# by hand\ntime_s,force_n\n0,1\n  # a pause\n1,{cell}\n2,3\n", encoding="utf-8")
+    with pytest.raises(InputError, match=re.escape(f"column force_n has {cell!r}, not a number")) as caught:
+        import_path(path, tmp_path / "out")
+    assert "t.csv, line 5" in str(caught.value)
