@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -79,6 +80,7 @@ def choose_columns(raw: RawTable, table_map: TableMap | None = None) -> Choice:
     for item in _by_map(raw, table_map):
         taken[item.channel] = item
     used = {item.column for item in taken.values()}
+    warnings = [*raw.warnings, *_taken_twice(taken)]
     left_out: list[str] = []
     for item in _by_name(raw, table_map, used):
         if item.channel in taken and not taken[item.channel].is_mapped:
@@ -92,7 +94,6 @@ def choose_columns(raw: RawTable, table_map: TableMap | None = None) -> Choice:
             left_out.append(item.column)
         else:
             taken[item.channel] = item
-    warnings = list(raw.warnings)
     values, units, words = {}, {}, {}
     for channel, item in taken.items():
         if item.raw.problem is not None:
@@ -113,6 +114,14 @@ def choose_columns(raw: RawTable, table_map: TableMap | None = None) -> Choice:
         mapped=frozenset(table_map.columns),
         first=first,
     )
+
+
+def _taken_twice(taken: Mapping[str, _Taken]) -> Iterator[str]:
+    """Say which columns are several channels: that is rarely meant."""
+    columns = Counter(item.column for item in taken.values())
+    for column in (column for column, n in columns.items() if n > 1):
+        channels = ", ".join(channel for channel, item in taken.items() if item.column == column)
+        yield f"the map takes column {column} for {channels}: check whether another column is meant"
 
 
 def _by_map(raw: RawTable, table_map: TableMap) -> Iterator[_Taken]:

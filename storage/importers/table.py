@@ -20,6 +20,7 @@ from sawbench.storage.importers.unit_conversion import stored_unit
 # Slower than this no stroke of a jigsaw can be seen: the times are probably not in seconds.
 _SLOWEST_INTERVAL_S: Final = 0.05
 _LARGEST_SHARE_OUTSIDE: Final = 0.01
+_OVERLOAD: Final = 1e30  # SCPI-99, 7.2.1.5, has 9.9e37 for infinity and 9.91e37 for no number, here in any unit
 # Where that many samples of a channel have another number of rows between them, the rows are not its own.
 _SHARE_OF_OWN_ROWS: Final = 0.02
 # Likeness of a name that is written wrong to the right one; 'force_2_n' is another channel than 'force_n'.
@@ -85,11 +86,13 @@ def signals_of(
     jumps = find_time_jumps(table.time_s)
     signals: dict[str, Signal] = {}
     warnings = _time_warnings(table.time_s)
-    for name, values in table.columns.items():
-        if np.isinf(values).any():
-            raise InputError(f"column {name} is infinite", where=_where(table, np.isinf(values)))
-        is_there = ~np.isnan(values)
-        if not is_there.any():
+    for name, cells in table.columns.items():
+        if np.isinf(cells).any():
+            raise InputError(f"column {name} is infinite", where=_where(table, np.isinf(cells)))
+        is_overload = np.abs(cells) >= _OVERLOAD
+        warnings += _overload_warnings(name, is_overload, table)
+        values = np.where(is_overload, np.nan, cells)
+        if np.isnan(values).all():
             warnings.append(f"column {name} is empty and left out")
             continue
         channel = CHANNEL_BY_NAME.get(name)
@@ -100,6 +103,7 @@ def signals_of(
         if channel is not None and is_saw:
             warnings += _value_warnings(channel, signal.values, is_idle=is_idle)
         signals[name] = signal
+        warnings += _end_warnings(signal, table.time_s)
     return signals, [*warnings, *_gap_warning(signals)]
 
 
@@ -113,6 +117,23 @@ def _gap_warning(signals: Mapping[str, Signal]) -> list[str]:
             channels.setdefault(f"{n_missing} in {len(signal.gaps)} {many}", []).append(name)
     said = "; ".join(f"{missing} ({', '.join(names)})" for missing, names in channels.items())
     return [f"samples are missing: {said}"] if said else []
+
+
+def _overload_warnings(name: str, is_overload: NDArray[np.bool_], table: Table) -> list[str]:
+    if not is_overload.any():
+        return []
+    first = table.place(int(np.argmax(is_overload)))
+    cells = f"{int(is_overload.sum())} cells beyond {_OVERLOAD:g}"
+    return [f"{name}: {cells}, as instruments mark an overload, are taken as missing; the first is in {first}"]
+
+
+def _end_warnings(signal: Signal, time_s: Floats) -> list[str]:
+    """Say that a channel begins later than its table, or ends before: no gap is between two of its samples there."""
+    usual_s = 1.5 * float(np.median(np.diff(signal.time_s))) if len(signal.time_s) > 1 else 0.0
+    late_s, early_s = signal.time_s[0] - time_s[0], time_s[-1] - signal.time_s[-1]
+    said = [f"begins {late_s:.3g} s after the table"] * int(late_s > usual_s)
+    said += [f"ends {early_s:.3g} s before the table"] * int(early_s > usual_s)
+    return [f"{signal.channel} {' and '.join(said)}: cells are empty"] if said else []
 
 
 def _check_time(table: Table) -> None:
@@ -193,11 +214,14 @@ def _time_warnings(time_s: Floats) -> list[str]:
 def _value_warnings(channel: Channel, values: Floats, *, is_idle: bool) -> list[str]:
     lowest, highest = channel.plausible
     warnings = []
-    outside = float(np.mean((values < lowest) | (values > highest)))
-    if outside > _LARGEST_SHARE_OUTSIDE:
+    n_outside = int(np.sum((values < lowest) | (values > highest)))
+    if n_outside:
+        is_many = n_outside > _LARGEST_SHARE_OUTSIDE * len(values)
+        share = f"{100 * n_outside / len(values):.0f} %" if is_many else f"{n_outside} of {len(values)}"
+        check = "check the unit and the channel" if is_many else "an overload, or a damaged sample"
         warnings.append(
-            f"{channel.name}: {100 * outside:.0f} % of the values are outside {lowest:g} to {highest:g} "
-            f"{channel.unit} (largest {np.abs(values).max():.4g}); check the unit and the channel"
+            f"{channel.name}: {share} of the values are outside {lowest:g} to {highest:g} "
+            f"{channel.unit} (largest {np.abs(values).max():.4g}); {check}"
         )
     largest = float(np.abs(values).max())
     if channel.name == "force_n" and 0.0 < largest < 1.0 and not is_idle:

@@ -32,6 +32,9 @@ FACTORS: Final = MappingProxyType(
 _AMBIGUOUS: Final = frozenset({"MN", "MV", "MA"})
 _SUFFIX_UNIT: Final = MappingProxyType({"s": "s", "n": "N", "mm": "mm", "a": "A", "v": "V"})
 _BRACKETED: Final = re.compile(r"^(.*?)\s*[\[(]\s*([^\[\]()]*)\s*[\])]\s*$")
+# "Force / kN" as DIN 461 has it, "Force in kN", and "force_kn" of a quantity that has a channel.
+_UNBRACKETED: Final = re.compile(r"^(.*\S)(?:\s+/\s+|\s+in\s+)([^\s/]+)$")
+_STEMS: Final = frozenset(name.rpartition("_")[0] for name in (TIME_COLUMN, *CHANNEL_BY_NAME))
 
 
 def stored_unit(channel: str) -> str:
@@ -87,12 +90,20 @@ def bare_unit(text: str) -> str:
 
 
 def split_unit(header: str) -> tuple[str, str]:
-    """Return the name in a header and the unit that stands in brackets behind it.
+    """Return the name in a header and the unit that stands behind it: in brackets, or known.
 
     Examples
     --------
-    >>> split_unit("Force Z [kN]"), split_unit("time_s")
-    (('Force Z', 'kN'), ('time_s', ''))
+    >>> split_unit("Force Z [kN]"), split_unit("Time / ms"), split_unit("time_ms"), split_unit("time_s")
+    (('Force Z', 'kN'), ('Time', 'ms'), ('time', 'ms'), ('time_s', ''))
     """
-    found = _BRACKETED.match(header.strip())
-    return (found[1], found[2].strip()) if found and found[1] else (header.strip(), "")
+    header = header.strip()
+    found = _BRACKETED.match(header)
+    if found and found[1]:
+        return found[1], found[2].strip()
+    found = _UNBRACKETED.match(header)
+    if found and is_unit(found[2]):
+        return found[1], found[2]
+    stem, _, suffix = header.rpartition("_")
+    is_channel = header.lower() == TIME_COLUMN or header.lower() in CHANNEL_BY_NAME
+    return (stem, suffix) if stem.lower() in _STEMS and is_unit(suffix) and not is_channel else (header, "")

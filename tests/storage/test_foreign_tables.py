@@ -514,3 +514,46 @@ def test_cell_whose_log_repeats_times(tmp_path):
     assert np.median(current.values[is_loaded]) == pytest.approx(10.0, abs=0.02)
     step_s = np.append(np.diff(current.time_s), 0.0)
     assert np.sum(current.values[is_loaded] * step_s[is_loaded]) / 3600 == pytest.approx(4.86, abs=0.01)
+
+
+@pytest.mark.parametrize("header", ["Time [ms]", "Time / ms", "Time in ms", "time_ms", "TIME_MS"])
+def test_a_unit_behind_the_name_is_seen(header, tmp_path):
+    recording, report = taken_in(tmp_path, "t.csv", f"{header},force_kN\n0,0.5\n1,0.25\n2,0.5\n")
+    assert recording.signal("force_n").time_s.tolist() == [0.0, 0.001, 0.002]
+    assert recording.signal("force_n").values.tolist() == [500.0, 250.0, 500.0]
+    assert report.warnings == ()
+
+
+def test_a_name_with_a_slash_or_an_underscore_stays_a_name(tmp_path):
+    recording, _ = taken_in(tmp_path, "t.csv", "time_s,force_n,rev/min,guide_mm,made in China\n0,1,2,3,4\n1,2,3,4,5\n")
+    assert set(recording.signals) == {"force_n", "rev/min", "guide_mm", "made in China"}
+
+
+def test_marks_of_an_overload_are_missing_samples(tmp_path):
+    """9.9e37 is what SCPI instruments write, here as milliampere."""
+    text = "time_s,Motor current [mA]\n" + "".join(f"{k},{9.9e37 if k in (3, 4) else 1000 + k}\n" for k in range(8))
+    recording, report = taken_in(tmp_path, "t.csv", text)
+    current = recording.signal("motor_current_a")
+    assert current.time_s.tolist() == [0.0, 1.0, 2.0, 5.0, 6.0, 7.0]
+    assert [gap.n_missing for gap in current.gaps] == [2]
+    assert any("motor_current_a: 2 cells beyond 1e+30" in text and "line 5" in text for text in report.warnings)
+
+
+def test_a_single_impossible_value_is_said(tmp_path):
+    text = "time_s,force_n\n" + "".join(f"{k / 1000},{32767 if k == 3 else k % 7}\n" for k in range(1000))
+    _, report = taken_in(tmp_path, "t.csv", text)
+    assert any("force_n: 1 of 1000 of the values are outside -5000 to 5000 N" in text for text in report.warnings)
+
+
+def test_empty_cells_at_the_ends_of_a_channel_are_said(tmp_path):
+    cells = ["" if k < 5 or k > 7 else "1" for k in range(10)]
+    text = "time_s,force_n,displacement_mm\n" + "".join(f"{k / 1000},{cell},{k}\n" for k, cell in enumerate(cells))
+    _, report = taken_in(tmp_path, "t.csv", text)
+    said = [text for text in report.warnings if "cells are empty" in text]
+    assert said == ["t.csv: force_n begins 0.005 s after the table and ends 0.002 s before the table: cells are empty"]
+
+
+def test_a_column_for_two_channels_is_said(tmp_path):
+    mapped = table_map(tmp_path, '[columns]\nforce_n = "a"\nmotor_current_a = "a"\n')
+    _, report = taken_in(tmp_path, "t.csv", "time_s,a\n0,1\n1,2\n", mapped)
+    assert any("takes column a for force_n, motor_current_a" in text for text in report.warnings)
