@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from sawbench.bench.units import BATTERY_CURRENT, MOTOR_CURRENT
+from sawbench.bench.units import BATTERY_CURRENT, FORCE, MOTOR_CURRENT
 from sawbench.reporting.compared_trial import ComparedTrial
 from sawbench.reporting.grouping import Setting, material_names, name_remarks, series_label
 from sawbench.reporting.quantities import format_quantity
@@ -126,11 +126,11 @@ class Comparison:
         return any("simulated" in trial.processed.trial.source for trial in shown)
 
 
-# Quantities read off one channel: not shown where that channel is doubted.
+# Quantities read off one channel, with the gain of its sensor: not shown where that channel is doubted.
 _CHANNEL_OF: Final = {
-    "peak_force_n": ("force_n",),
-    "rms_motor_current_a": (MOTOR_CURRENT.name,),
-    "mean_battery_current_a": (BATTERY_CURRENT.name,),
+    "peak_force_n": FORCE.name,
+    "rms_motor_current_a": MOTOR_CURRENT.name,
+    "mean_battery_current_a": BATTERY_CURRENT.name,
 }
 
 
@@ -161,10 +161,14 @@ def estimates_of(trial: ComparedTrial) -> dict[str, Estimate]:
         found["mean_battery_current_a"] = Estimate(value=processed.mean_values[BATTERY_CURRENT.name])
     if trial.runtime is not None and trial.runtime.status == "ok":
         found["runtime_s"] = Estimate(value=trial.runtime.runtime_s, common_std=trial.runtime.std_s)
+    for key, channel in _CHANNEL_OF.items():
+        if key in found:
+            gain_std = trial.gain_rel_std.get(channel, 0.0) * abs(found[key].value)
+            found[key] = replace(found[key], common_std=gain_std)
     return {
         key: estimate
         for key, estimate in found.items()
-        if math.isfinite(estimate.value) and not processed.doubts(*_CHANNEL_OF.get(key, ()))
+        if math.isfinite(estimate.value) and not (key in _CHANNEL_OF and processed.doubts(_CHANNEL_OF[key]))
     }
 
 
@@ -200,7 +204,7 @@ def compare(rows: Sequence[ComparedTrial], left_out: Sequence[LeftOut] = ()) -> 
         idle=idle,
         left_out=tuple(missing),
         remarks=(*name_remarks(names), *_amended(rows)),
-        wear=wear_of([*kept, *idle], names),
+        wear=wear_of(ordered, names),
     )
 
 
@@ -230,9 +234,12 @@ def _blocks(trials: Sequence[ComparedTrial], names: dict[str, str]) -> tuple[Blo
 def _differences(series: Sequence[Series]) -> dict[str, tuple[Difference, ...]]:
     found = {}
     for key in TESTED:
-        values = {one.label: one.means[key].values for one in series if key in one.means}
-        if len(values) > 1:
-            found[key] = compare_groups(values)
+        means = {one.label: one.means[key] for one in series if key in one.means}
+        if len(means) > 1:
+            found[key] = compare_groups(
+                {label: mean.values for label, mean in means.items()},
+                common_rel_std=max(means.values(), key=lambda mean: abs(mean.mean)).common_rel_std,
+            )
     return found
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from sawbench.bench.processed import ProcessedTrial
 from sawbench.modeling.results import CuttingFit, RuntimePrediction
@@ -19,12 +20,15 @@ class ComparedTrial:
     runtime : RuntimePrediction or None
     note : str
         Why there is no fit or runtime, where there is none.
+    gain_rel_std : mapping of str to float
+        Relative standard uncertainty of the sensors' gains by channel, as configured: all trials share it.
     """
 
     processed: ProcessedTrial
     fit: CuttingFit | None = None
     runtime: RuntimePrediction | None = None
     note: str = ""
+    gain_rel_std: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def name(self) -> str:

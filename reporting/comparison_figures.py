@@ -216,7 +216,7 @@ def _draw_dots(axis: Axes, series: Series, key: str, index: int) -> None:
     marker = SERIES_MARKERS[index % len(SERIES_MARKERS)]
     above = np.full(mean.n, index - 0.2)
     axis.plot(mean.values, above, marker, markerfacecolor="white", color=colour, markersize=4.5, linestyle="none")
-    if mean.high > mean.low:
+    if mean.low is not None and mean.high is not None:
         axis.plot([mean.low, mean.high], [index + 0.1] * 2, color=colour, linewidth=2.2, solid_capstyle="butt")
     axis.plot([mean.mean], [index + 0.1], marker, color=colour, markersize=7.5)
 

@@ -203,7 +203,7 @@ def _mean_cell(mean: GroupMean | None) -> Cell:
     if mean is None:
         return Cell(value="no value")
     value = format_quantity(mean.mean, mean.std)
-    if mean.std == 0.0:
+    if mean.low is None or mean.high is None:
         return Cell(value=value, details=("uncertainty not known",))
     details = (format_interval(mean.low, mean.high),)
     return Cell(value=value, details=details if mean.rests_on_repetitions else (*details, "one trial only"))

@@ -45,8 +45,10 @@ class GroupMean:
         Standard deviation from repetition to repetition; None for a single one.
     std : float
         Combined standard uncertainty of the mean.
-    low, high : float
-        95 % interval of the mean.
+    common_std : float
+        Its part that all trials share.
+    low, high : float or None
+        95 % interval of the mean; None where nothing is known of its uncertainty.
     rests_on_repetitions : bool
         False for a single trial: the interval then holds only what is known within that trial.
     """
@@ -56,9 +58,15 @@ class GroupMean:
     mean: float
     between_std: float | None
     std: float
-    low: float
-    high: float
+    common_std: float
+    low: float | None
+    high: float | None
     rests_on_repetitions: bool
+
+    @property
+    def common_rel_std(self) -> float:
+        """The part that all trials share, over the mean; 0 where that is 0."""
+        return self.common_std / abs(self.mean) if self.mean else 0.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -137,23 +145,33 @@ def group_mean(estimates: Sequence[Estimate]) -> GroupMean:
         mean=mean,
         between_std=between_std,
         std=std,
-        low=mean - half,
-        high=mean + half,
+        common_std=math.sqrt(common),
+        low=mean - half if std > 0.0 else None,
+        high=mean + half if std > 0.0 else None,
         rests_on_repetitions=n > 1,
     )
 
 
-def compare_groups(groups: Mapping[str, Sequence[float]], *, level: float = 0.05) -> tuple[Difference, ...]:
-    """Compare every pair of materials by Welch's t test with Holm's correction.
+def compare_groups(
+    groups: Mapping[str, Sequence[float]], *, common_rel_std: float = 0.0, level: float = 0.05
+) -> tuple[Difference, ...]:  # fmt: skip
+    r"""Compare every pair of materials by Welch's t test with Holm's correction.
 
-    What all trials share (plant constants, gains) is the same in both groups and is left out. The test takes
-    repetitions as independent and roughly normal; three a material detect only differences of several
+    What all trials share (plant constants, gains) is a factor on both means: whether there is a difference does not
+    depend on it, how large it is does. With Welch's standard uncertainty u of a difference d and its t, the 95 %
+    interval is d +- h with::
+
+        h^2 = t^2 u^2 + 1.96^2 (common_rel_std d)^2
+
+    The test takes repetitions as independent and roughly normal; three a material detect only differences of several
     standard deviations, and "not significant" never means "equal".
 
     Parameters
     ----------
     groups : mapping of str to sequence of float
         Values of the repetitions by material.
+    common_rel_std : float
+        Relative standard uncertainty of the factor that all trials share.
     level : float
         Probability of at least one false difference among all pairs.
 
@@ -168,7 +186,7 @@ def compare_groups(groups: Mapping[str, Sequence[float]], *, level: float = 0.05
     >>> [d.is_significant for d in compare_groups({"oak": oak, "pine": pine})]
     [True]
     """
-    found = [_welch(first, second, groups) for first, second in itertools.combinations(groups, 2)]
+    found = [_welch(first, second, groups, common_rel_std) for first, second in itertools.combinations(groups, 2)]
     tested = sorted((d for d in found if d.p_value is not None), key=lambda d: d.p_value or 0.0)
     adjusted: dict[tuple[str, str], float] = {}
     largest = 0.0
@@ -184,7 +202,7 @@ def _with_holm(difference: Difference, p_holm: float | None, level: float) -> Di
     return replace(difference, p_holm=p_holm, is_significant=p_holm < level)
 
 
-def _welch(first: str, second: str, groups: Mapping[str, Sequence[float]]) -> Difference:
+def _welch(first: str, second: str, groups: Mapping[str, Sequence[float]], common_rel_std: float) -> Difference:
     from scipy.special import stdtr, stdtrit
 
     a, b = np.asarray(groups[first], dtype=np.float64), np.asarray(groups[second], dtype=np.float64)
@@ -210,7 +228,7 @@ def _welch(first: str, second: str, groups: Mapping[str, Sequence[float]]) -> Di
     parts = [float(values.var(ddof=1)) / len(values) for values in (a, b)]
     std = math.sqrt(sum(parts))
     freedom = sum(parts) ** 2 / sum(part**2 / (len(values) - 1) for part, values in zip(parts, (a, b), strict=True))
-    half = float(stdtrit(freedom, 0.975)) * std
+    half = math.hypot(float(stdtrit(freedom, 0.975)) * std, _NORMAL_95 * common_rel_std * difference)
     return Difference(
         first=first,
         second=second,

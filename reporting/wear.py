@@ -47,7 +47,7 @@ class WornTrial:
 def cut_length_m(row: ComparedTrial) -> float | None:
     """Length cut in a trial: feed times the time the saw ran; 0 in air, None where the feed is not stated."""
     trial = row.processed.trial
-    if trial.is_idle:
+    if trial.is_idle or row.processed.status == "no_cutting":
         return 0.0
     if trial.feed_mm_s is None:
         return None
@@ -62,6 +62,7 @@ def wear_of(rows: Sequence[ComparedTrial], names: dict[str, str]) -> tuple[WornT
     Parameters
     ----------
     rows : sequence of ComparedTrial
+        Those that are left out of the comparison too: they wore the blade.
     names : dict
         Spelling of a material to its name.
 
@@ -80,7 +81,7 @@ def wear_of(rows: Sequence[ComparedTrial], names: dict[str, str]) -> tuple[WornT
         blade = str(trial.blade)
         before, own = cut.get(blade, 0.0), cut_length_m(row)
         cut[blade] = None if before is None or own is None else before + own
-        if row.fit is None or row.fit.status != "ok" or trial.is_idle or trial.material is None:
+        if row.left_out_because or row.fit is None or row.fit.status != "ok" or trial.is_idle or trial.material is None:
             continue
         key = (blade, names[trial.material], Setting.of(trial))
         now = (row.fit.k_fc_n_s_per_m, row.fit.statistical_std_n_s_per_m)

@@ -15,6 +15,7 @@ from sawbench.archive.detail import as_json, from_json
 from sawbench.archive.table import ResultTable
 from sawbench.bench.errors import InputError, SawbenchError
 from sawbench.bench.source_identity import analysis_identity
+from sawbench.bench.units import BATTERY_CURRENT, FORCE, MOTOR_CURRENT
 from sawbench.inputs import config_for
 from sawbench.reporting.compared import ComparedTrial
 from sawbench.storage.digest import sha256_of
@@ -77,7 +78,15 @@ def evaluate_file(place: Place, config: LoadedConfig | None, *, compiles: bool =
 def evaluated(trial: AnalysedTrial, *, compiles: bool = False) -> ComparedTrial:
     """Fit a processed trial and predict its runtime as far as it allows."""
     found = evaluate(trial, compiles=compiles)
-    return ComparedTrial(processed=light(trial.processed), fit=found.fit, runtime=found.runtime, note=found.note)
+    analysis = trial.loaded.config.analysis
+    gains = {
+        FORCE.name: analysis.force_gain_rel_std,
+        MOTOR_CURRENT.name: analysis.current_gain_rel_std,
+        BATTERY_CURRENT.name: analysis.current_gain_rel_std,
+    }
+    return ComparedTrial(
+        processed=light(trial.processed), fit=found.fit, runtime=found.runtime, note=found.note, gain_rel_std=gains
+    )
 
 
 def light(processed: ProcessedTrial) -> ProcessedTrial:

@@ -20,7 +20,7 @@ _CLOCK: Final = re.compile(
     r"^\s*(?:(?P<date>\d[\d./-]*\d)[ T]\s*)?(?P<h>\d{1,2}):(?P<m>\d{2}):(?P<s>\d{2}(?:[.,]\d+)?)"
     r"\s*(?P<half>[AaPp][Mm])?\s*(?P<zone>Z|[+-]\d{2}:?\d{2})?\s*$"
 )
-# Year first, or the day before points: of 3/4/2026 nobody knows which is the month.
+# Year first, or the day before points: in 3/4/2026 the month may be either number.
 _DATES: Final = (
     re.compile(r"^(?P<year>\d{4})[-/.](?P<month>\d{1,2})[-/.](?P<day>\d{1,2})$"),
     re.compile(r"^(?P<day>\d{1,2})\.(?P<month>\d{1,2})\.(?P<year>\d{4})$"),

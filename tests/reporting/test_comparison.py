@@ -135,3 +135,29 @@ def test_columns_of_the_table_that_scripts_rely_on_come_first():
         "trial", "material", "repetition", "thickness_mm", "feed_mm_s", "duty", "blade", "battery", "status", "use",
     ]  # fmt: skip
     assert columns[-4:] == ["started_at", "operator", "file", "cut_length_m"]
+
+
+def test_the_gain_of_the_load_cell_is_part_of_what_is_not_known_of_the_peak_force():
+    """Every trial has it alike: it does not shrink with their number, and makes a difference as uncertain as itself."""
+    rows = [
+        replace(trial(f"{name}-{k}", name, k_fc + 0.1 * (-1) ** k, repetition=k), gain_rel_std={"force_n": 0.01})
+        for name, k_fc in (("nylon", 100.0), ("oak", 300.0))
+        for k in range(1, 41)
+    ]
+    found = compare(rows)
+    means = {one.material: one.means["peak_force_n"] for one in found.series}
+    assert means["oak"].std == pytest.approx(3.0, rel=0.01)
+    (pair,) = found.blocks[0].differences["peak_force_n"]
+    assert 0.5 * (pair.high - pair.low) == pytest.approx(1.96 * 0.01 * 200.0, rel=0.01)
+    assert pair.is_significant
+
+
+def test_a_trial_that_is_left_out_has_worn_the_blade_too():
+    """Ten seconds at 4 mm/s each; the second one stalled at its end, the third never touched the wood."""
+    phases = (Phase(kind="running", start_s=1.0, end_s=11.0),)
+    status = {1: {"status": "stalled"}, 2: {"status": "no_cutting"}}
+    rows = [
+        trial(f"t{k}", "oak", 200.0 + k, minute=k, blade="B1", processed={"phases": phases} | status.get(k, {}))
+        for k in range(4)
+    ]
+    assert [(one.name, pytest.approx(one.cut_m)) for one in compare(rows).wear] == [("t0", 0.04), ("t3", 0.12)]

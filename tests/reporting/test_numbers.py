@@ -142,12 +142,32 @@ def test_welch_agrees_with_scipy_and_holm_with_the_textbook():
         assert difference.is_significant == (difference.p_holm < 0.05)
 
 
+def test_the_size_of_a_difference_is_not_known_better_than_the_factor_that_all_trials_share():
+    """Gains and plant constants multiply both means: the difference is wrong by their share, however many trials."""
+    rng = np.random.default_rng(5)
+    hits = {0.0: 0, 0.03: 0}
+    for _ in range(1000):
+        factor = 1.0 + 0.03 * rng.standard_normal()
+        groups = {name: factor * rng.normal(mean, 2.0, 10) for name, mean in (("oak", 240.0), ("nylon", 140.0))}
+        for common_rel_std in hits:
+            (found,) = compare_groups(groups, common_rel_std=common_rel_std)
+            hits[common_rel_std] += found.low <= 100.0 <= found.high
+            assert found.is_significant
+    assert 0.93 <= hits[0.03] / 1000 <= 0.985
+    assert hits[0.0] / 1000 < 0.7
+
+
 def test_holm_keeps_false_differences_rare():
     rng = np.random.default_rng(8)
     n_false = sum(
         any(d.is_significant for d in compare_groups({k: rng.normal(0.0, 1.0, 3) for k in "abcd"})) for _ in range(400)
     )
     assert n_false / 400 < 0.05 + 2 * math.sqrt(0.05 * 0.95 / 400)
+
+
+def test_a_single_value_of_unknown_uncertainty_has_no_interval():
+    found = group_mean([Estimate(value=10.7)])
+    assert (found.low, found.high) == (None, None)
 
 
 def test_what_cannot_be_said_is_said():

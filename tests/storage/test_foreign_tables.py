@@ -554,6 +554,6 @@ def test_empty_cells_at_the_ends_of_a_channel_are_said(tmp_path):
 
 
 def test_a_column_for_two_channels_is_said(tmp_path):
-    mapped = table_map(tmp_path, '[columns]\nforce_n = "a"\nmotor_current_a = "a"\n')
-    _, report = taken_in(tmp_path, "t.csv", "time_s,a\n0,1\n1,2\n", mapped)
-    assert any("takes column a for force_n, motor_current_a" in text for text in report.warnings)
+    mapped = table_map(tmp_path, '[columns]\nforce_n = "Fx"\nmotor_current_a = "Fx"\n')
+    _, report = taken_in(tmp_path, "t.csv", "time_s,Fx\n0,1\n1,2\n", mapped)
+    assert any("takes column Fx for force_n, motor_current_a" in text for text in report.warnings)
