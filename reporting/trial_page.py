@@ -397,7 +397,8 @@ def _fit_words(fit: CuttingFit) -> tuple[str, ...]:
     ]
     texts = [
         f"k_Fc = {k_fc}, fitted to the {fit.method.replace('_', ' ')}. Of the uncertainty, {statistical} "
-        "decreases with more strokes; the rest is due to the plant constants and the sensor gains."
+        "decreases with more strokes; the rest is due to the plant constants, the sensor gains and what the model "
+        "leaves out."
     ]
     if residuals:
         texts.append(f"RMS residual of the fit: {' and '.join(residuals)}.")
