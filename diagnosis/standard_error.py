@@ -40,24 +40,3 @@ def std_of_sum(values: Floats) -> float:
     1.632993
     """
     return float(np.sqrt(len(values)) * values.std(ddof=1))
-
-
-def jackknife_std(without_one: Floats) -> float:
-    """Standard error of an estimate from its values without each of n groups in turn.
-
-    Efron, Tibshirani, An Introduction to the Bootstrap, 11.
-
-    Parameters
-    ----------
-    without_one : ndarray, shape (n,)
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> values = np.array([3.0, 5.0, 8.0, 12.0])
-    >>> without_one = (values.sum() - values) / 3
-    >>> bool(np.isclose(jackknife_std(without_one), values.std(ddof=1) / 2.0))
-    True
-    """
-    n = len(without_one)
-    return float(np.sqrt((n - 1) / n * np.sum((without_one - without_one.mean()) ** 2)))

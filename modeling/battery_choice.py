@@ -21,6 +21,7 @@ import numpy as np
 from sawbench.bench.config import BatteryConfig
 from sawbench.bench.errors import InputError, UntrustedResult
 from sawbench.bench.plain_digits import rounded
+from sawbench.bench.spread import jackknife_std
 from sawbench.modeling.battery_fit import BatteryFit, BatteryModel, charge_left, fit_battery
 from sawbench.modeling.measured_discharge import MeasuredDischarge, common_cutoff
 
@@ -245,8 +246,7 @@ def _jackknife(folds: Sequence[BatteryFit], cutoff_v: float) -> dict[str, float]
     tables = [battery_table(fold, cutoff_v) for fold in folds]
     names = [name for name, value in tables[0].items() if isinstance(value, float) and name != "cutoff_voltage_v"]
     values = np.array([[table[name] for name in names] for table in tables])
-    spread = np.sqrt((len(folds) - 1) / len(folds) * np.sum((values - values.mean(axis=0)) ** 2, axis=0))
-    return {name: rounded(std, 2) for name, std in zip(names, spread, strict=True) if std > 0}
+    return {name: rounded(std, 2) for name, std in zip(names, jackknife_std(values), strict=True) if std > 0}
 
 
 def battery_table(fit: BatteryFit, cutoff_voltage_v: float) -> dict[str, Any]:

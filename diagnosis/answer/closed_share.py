@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.bench.spread import jackknife_std
 from sawbench.diagnosis.inference.settings import SETTINGS
-from sawbench.diagnosis.standard_error import jackknife_std, std_of_sum
+from sawbench.diagnosis.standard_error import std_of_sum
 
 _NUMBERS = SETTINGS.ladder
 
@@ -63,7 +64,7 @@ def closed_share(energy: dict[str, Floats]) -> tuple[float, tuple[float, float]]
         return (1.0, (share, 1.0)) if share > 0.0 else (0.0, (-1.0, 1.0))
     whole = root_of_left(everything)
     without_one = np.array([root_of_left(np.delete(everything, k)) for k in everything])
-    reach = float(stdtrit(n - 2, 0.975)) * jackknife_std(without_one)
+    reach = float(stdtrit(n - 2, 0.975)) * float(jackknife_std(without_one))
     low, high = _closed(whole + reach), _closed(whole - reach)
     most = room.sum() + times * std_of_sum(room)
     closed = _closed(whole)

@@ -11,10 +11,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.bench.spread import jackknife_std
 from sawbench.diagnosis.answer.ladder import Ladder, Rung
 from sawbench.diagnosis.inference.left_over import log_density_of_left
 from sawbench.diagnosis.inference.settings import SETTINGS, Weights
-from sawbench.diagnosis.standard_error import jackknife_std
 from sawbench.modeling.residuals import Equation
 
 _LEAST_SHARE = 1e-4
@@ -131,7 +131,7 @@ def left_share(
     if len(everything) < 2:
         return share(everything), 1.0
     logs: Floats = np.log([share(np.delete(everything, k)) for k in everything])
-    return share(everything), jackknife_std(logs)
+    return share(everything), float(jackknife_std(logs))
 
 
 def _left_beside_an_intact(
