@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -53,8 +54,17 @@ def parse_toml(text: str, *, where: str | Path) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"is not valid TOML: {error}", where=where, remedy="correct that line") from error
+        raise ConfigError(f"is not valid TOML: {error}", where=where, remedy=_remedy(text, str(error))) from error
     except RecursionError:
         raise ConfigError(
             "is not valid TOML: brackets are nested too deeply", where=where, remedy="check for unclosed brackets"
         ) from None
+
+
+def _remedy(text: str, said: str) -> str:
+    """What to do about an error of `tomllib`, which says the line."""
+    found = re.search(r"at line (\d+)", said)
+    line = text.splitlines()[int(found[1]) - 1] if found else ""
+    if re.search(r"=\s*[+-]?\d+,\d", line):
+        return "write the number with a decimal point"
+    return "keep one of the two: the key stands there already" if "overwrite" in said else "correct that line"

@@ -35,8 +35,17 @@ def describe_validation(error: ValidationError, model: type[BaseModel]) -> str:
         else:
             message = item["msg"].removeprefix("Value error, ")
             shown = f" (got {got!r})" if isinstance(got, str | int | float | bool) else ""
+            shown += "; write numbers without quotes" if isinstance(got, str) and _is_number(got) else ""
             lines.append(f"{key}: {message}{shown}" if key else f"{message}{shown}")
     return lines[0] if len(lines) == 1 else f"{len(lines)} problems:\n  " + "\n  ".join(lines)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.replace(",", "."))
+    except ValueError:
+        return False
+    return True
 
 
 def _allowed_keys(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:

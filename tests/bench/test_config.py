@@ -122,3 +122,19 @@ def test_a_gain_that_is_found_behind_a_stated_one_multiplies_it():
     inner, outer = SensorConfig(gain=1.02, offset=0.1), SensorConfig(gain=0.9, offset=1.0)
     both = outer.after(inner.gain, inner.offset)
     assert both.true(np.array([0.9 * 10.3 + 1.0])) == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize(
+    ("line", "remedy"),
+    [
+        ("capacity_ah = 1,5", "write the number with a decimal point"),
+        ("capacity_ah = 1.5\ncapacity_ah = 2.0", "keep one of the two: the key stands there already"),
+        ("capacity_ah = = 1.5", "correct that line"),
+        ('capacity_ah = "1,5"', "write numbers without quotes"),
+        ('capacity_ah = "much"', "valid number (got 'much')"),
+    ],
+)
+def test_slips_of_writing_say_what_to_write(line, remedy):
+    with pytest.raises(ConfigError) as caught:
+        parse_config(f"[battery]\n{line}\n", where="bench_config.toml")
+    assert str(caught.value).endswith(remedy)
