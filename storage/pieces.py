@@ -76,8 +76,8 @@ def read_pieces(path: str | Path, n_samples: int = SAMPLES_A_PIECE, *, with_raw:
     Yields
     ------
     Recording
-        Times are those of the whole recording. A gap at a cut belongs to the piece behind it; what is damaged is told
-        by the last piece.
+        Times are those of the whole recording. A gap at a cut belongs to the piece behind it; what is damaged, and
+        that the recording is incomplete, is told by the last piece.
 
     Raises
     ------
@@ -278,7 +278,7 @@ def _piece(content: Content, trial: Trial, pending: _Pending, end_s: float) -> R
         events=tuple(events),
         config_toml=content.config_toml or "",
         provenance=content.provenance,
-        is_complete=content.is_complete,
+        is_complete=end_s < np.inf or content.is_complete,
         path=str(content.path),
     )
 

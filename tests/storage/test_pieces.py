@@ -61,7 +61,15 @@ def test_pieces_hold_every_sample_gap_and_event_once(path, n_samples):
             (g.start_s, g.end_s, g.n_missing) for g in one.gaps
         ]
     assert sum(event.text == "knot in the wood" for piece in pieces for event in piece.events) == 1
-    assert pieces[-1].is_complete
+    assert all(piece.is_complete for piece in pieces)
+
+
+def test_of_an_incomplete_recording_the_last_piece_says_so(path, tmp_path):
+    left = write_recording(replace(read_recording(path), is_complete=False), tmp_path / "left.mcap")
+    *others, last = read_pieces(left, 5_000)
+    assert others
+    assert [piece.is_complete for piece in others] == [True] * len(others)
+    assert not last.is_complete
 
 
 def test_all_channels_are_cut_at_one_time(path):
@@ -118,6 +126,7 @@ def test_lost_settings_are_told_once(path, tmp_path, n_samples):
 
 def test_a_part_is_read_without_the_rest(path):
     part = read_span(path, 9.5, 14.0, 3_000)
+    assert part.is_complete
     force = part.signals["force_n"]
     assert force.time_s.tolist() == [k / 1000 for k in range(9_500, 14_000) if not 9_990 <= k < 10_020]
     whole = read_recording(path).signals["force_n"]
