@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain, compress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -44,52 +45,63 @@ def process_long(
     Returns
     -------
     AnalysedTrial
-        `strokes` are those of all pieces. Angle and channels of `processed` are of one piece, the one with the most
-        strokes; its samples, and an outline of all others, are the signals of `recording`.
+        `strokes` are those of all pieces that count (`joined.which_count`). Angle and channels of `processed` are of
+        one piece, of these the one with the most strokes; its samples, and an outline of all others, are the signals of
+        `recording`.
 
     Raises
     ------
     InputError
         As `load_and_process`.
     """
-    from sawbench.processing.joined import join_processed
+    from sawbench.processing.joined import join_processed, which_count
     from sawbench.processing.process import process_recording
     from sawbench.storage.pieces import SAMPLES_A_PIECE, joined_pieces, read_pieces
 
     loaded: LoadedConfig | None = None
     found: list[ProcessedTrial] = []
     outlines: list[Recording] = []
-    strokes: list[MeasuredCycles] = []
-    best = 0
+    strokes: list[list[MeasuredCycles]] = []
+    counts: list[bool] = []
+    drawn = 0
     for number, read in enumerate(read_pieces(local, n_samples or SAMPLES_A_PIECE)):
         piece = replace(read, path=path)
         if loaded is None:
             loaded = config_for(piece, config_path)
             refuse_wrong_effects(loaded)
-        processed = process_recording(piece, loaded.config, source_sha256=sha256)
-        strokes += _strokes(processed)
+        # That the recording is incomplete is said of all of it, below.
+        processed = process_recording(replace(piece, is_complete=True), loaded.config, source_sha256=sha256)
         found.append(processed)
-        if number and _n_strokes(processed) <= _n_strokes(found[best]):
-            found[number] = _light(processed)
-            outlines.append(_outline(piece))
-            continue
-        if number:
-            found[best], outlines[best] = _light(found[best]), _outline(outlines[best])
         outlines.append(piece)
-        best = number
+        strokes.append(_strokes(processed))
+        counts = which_count(found)
+        before, drawn = drawn, _drawn(found, counts, drawn)
+        for other in {before, number} - {drawn}:
+            found[other], outlines[other] = _light(found[other]), _outline(outlines[other])
     assert loaded is not None
-    whole = join_processed(found, loaded.config)
-    if whole.angle is not None and len(found) > 1:
-        span = f"{whole.angle.time_s[0]:.0f} s to {whole.angle.time_s[-1]:.0f} s"
-        note = f"long: processed in {len(found)} pieces; crank angle over time, spectra and offsets are those of {span}"
-        whole = replace(whole, warnings=(*whole.warnings, note))
+    recording, whole = joined_pieces(outlines), join_processed(found, loaded.config)
     return AnalysedTrial(
-        recording=joined_pieces(outlines), loaded=loaded, processed=whole, strokes=_joined_strokes(strokes)
-    )  # fmt: skip
+        recording=recording,
+        loaded=loaded,
+        processed=replace(whole, warnings=(*recording.interruptions, *whole.warnings, *_note(whole, counts))),
+        strokes=_joined_strokes(list(chain.from_iterable(compress(strokes, counts)))),
+    )
 
 
-def _n_strokes(processed: ProcessedTrial) -> int:
-    return 0 if processed.period is None else processed.period.n_cycles
+def _drawn(found: Sequence[ProcessedTrial], counts: Sequence[bool], before: int) -> int:
+    """Which of the piece drawn before and the newest one is drawn now: one that counts, with the most strokes."""
+    n_strokes = [0 if piece.period is None else piece.period.n_cycles for piece in found]
+    return max(before, len(found) - 1, key=lambda number: (counts[number], n_strokes[number]))
+
+
+def _note(whole: ProcessedTrial, counts: Sequence[bool]) -> tuple[str, ...]:
+    """Say that a trial was processed in pieces, how many are left out, and which one is drawn."""
+    if whole.angle is None or len(counts) == 1:
+        return ()
+    left_out = f", {counts.count(False)} of them left out (no cut, or next to none)" if not all(counts) else ""
+    span = f"{whole.angle.time_s[0]:.0f} s to {whole.angle.time_s[-1]:.0f} s"
+    drawn = f"crank angle over time, spectra and offsets are those of {span}"
+    return (f"long: processed in {len(counts)} pieces{left_out}; {drawn}",)
 
 
 def _light(processed: ProcessedTrial) -> ProcessedTrial:
@@ -107,7 +119,7 @@ def _strokes(processed: ProcessedTrial) -> list[MeasuredCycles]:
 
 
 def _joined_strokes(rows: Sequence[MeasuredCycles]) -> MeasuredCycles | None:
-    """Strokes of all pieces; of a channel that not every piece has, none."""
+    """Strokes of all pieces that count; of a channel that not every one has, none."""
     if not rows:
         return None
     names = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, compress
 from typing import Final
 
 import numpy as np
@@ -17,51 +17,83 @@ from sawbench.processing.return_stroke import zero_return_stroke
 # The first that any piece has is that of the whole.
 _STATUS: Final[tuple[TrialStatus, ...]] = ("stalled", "cutting", "no_cutting", "moving", "no_stroke")
 _CONFIDENCE: Final = ("low", "moderate", "high")
+# Of the piece whose force follows the stroke most: one with less is in air but for a few strokes.
+_LEAST_SHARE: Final = 0.25
 # Phases of one kind belong together over a cut, where no more than this lies between them.
 _CUT_S: Final = 0.1
 _FORCE: Final = "force_n"
 
 
+def which_count(pieces: Sequence[ProcessedTrial]) -> list[bool]:
+    """Say of each piece whether its strokes are among those of the trial: not where it is in air and others cut.
+
+    Parameters
+    ----------
+    pieces : sequence of ProcessedTrial
+        n of them, at least one.
+
+    Returns
+    -------
+    list of bool, length n
+        All True where no piece cuts, as in an idle run.
+    """
+    swings_n = [None if p.cutting_force is None else float(np.ptp(p.folded[_FORCE].mean)) for p in pieces]
+    least_n = _LEAST_SHARE * max((swing_n for swing_n in swings_n if swing_n is not None), default=0.0)
+    # Without a force the status is all that is known.
+    cuts = [
+        piece.status == "cutting" if swing_n is None else swing_n > least_n
+        for piece, swing_n in zip(pieces, swings_n, strict=True)
+    ]
+    return cuts if any(cuts) else [True] * len(pieces)
+
+
 def join_processed(pieces: Sequence[ProcessedTrial], config: BenchConfig) -> ProcessedTrial:
     """Join what was found in pieces that were cut out of one recording, one behind the other.
 
-    Means are weighted with the strokes of each piece, the scatter of the folded cycle is that of all strokes about
-    their common mean. The stroke that a cut goes through is in neither piece, so some are missing: one or two a cut.
+    Status, quality and phases are those of all pieces; all else is that of the pieces that count (`which_count`). Means
+    are weighted with the strokes of each piece, the scatter of the folded cycle is that of all strokes about their
+    common mean. The stroke that a cut goes through is in neither piece, so some are missing: one or two a cut.
 
     Parameters
     ----------
     pieces : sequence of ProcessedTrial
         At least one, in their order. Angle, channels, steady part and offsets between the instruments are those of the
-        last piece that has an angle.
+        last one that counts and has an angle.
     config : BenchConfig
         `cutting` says which half of the joined force cycle is zeroed.
     """
     if len(pieces) == 1:
         return pieces[0]
-    first = pieces[0]
-    status = next(status for status in _STATUS if any(piece.status == status for piece in pieces))
-    folded = {name: _pooled([p.folded[name] for p in pieces if name in p.folded]) for name in _names(pieces, "folded")}
+    first, counts = pieces[0], which_count(pieces)
+    counted = list(compress(pieces, counts))
+    folded = {
+        name: _pooled([p.folded[name] for p in counted if name in p.folded]) for name in _names(counted, "folded")
+    }
     cutting, removed = None, None
-    if _FORCE in folded and any(piece.cutting_force is not None for piece in pieces):
+    if _FORCE in folded and any(piece.cutting_force is not None for piece in counted):
         cutting, removed = zero_return_stroke(folded[_FORCE], config.cutting.cutting_half)
-    peak = _peak(pieces)
-    whole = next((piece for piece in reversed(pieces) if piece.angle is not None), first)
+    peak = _peak(counted)
+    drawn = next((piece for piece in reversed(counted) if piece.angle is not None), counted[0])
     return replace(
         first,
-        status=status,
-        period=_period([piece.period for piece in pieces if piece.period is not None]),
-        angle=whole.angle,
-        steady=whole.steady,
-        channels=whole.channels,
-        offsets=whole.offsets,
-        phases=_phases(chain.from_iterable(piece.phases for piece in pieces)),
+        status=next(status for status in _STATUS if any(piece.status == status for piece in pieces)),
+        period=_period([piece.period for piece in counted if piece.period is not None]),
+        angle=drawn.angle,
+        steady=drawn.steady,
+        channels=drawn.channels,
+        offsets=drawn.offsets,
+        phases=_phases(
+            phase if is_counted or phase.kind != "running" else replace(phase, kind="in_air")
+            for piece, is_counted in zip(pieces, counts, strict=True)
+            for phase in piece.phases
+        ),
         folded=folded,
         cutting_force=cutting,
         removed=removed,
         peak_force_n=None if peak is None else peak[0],
         peak_force_std_n=None if peak is None else peak[1],
-        mean_values=_weighted(pieces, "mean_values", lambda value: value, lambda mean: mean),
-        rms_values=_weighted(pieces, "rms_values", np.square, np.sqrt),
+        mean_values=_weighted(counted, "mean_values", lambda value: value, lambda mean: mean),
+        rms_values=_weighted(counted, "rms_values", np.square, np.sqrt),
         quality=tuple(
             _quality([q for piece in pieces for q in piece.quality if q.channel == name], len(pieces))
             for name in dict.fromkeys(q.channel for piece in pieces for q in piece.quality)
@@ -159,6 +191,7 @@ def _quality(rows: Sequence[ChannelQuality], n_pieces: int) -> ChannelQuality:
         noise_std=rms("noise_std"),
         n_spikes=sum(row.n_spikes for row in rows),
         n_clipped=sum(row.n_clipped for row in rows),
+        n_impacts=sum(row.n_impacts for row in rows),
         problems=_told([row.problems for row in rows], n_pieces),
         doubts=_told([row.doubts for row in rows], n_pieces),
     )
