@@ -45,6 +45,19 @@ class AnalysedTrial:
     strokes: MeasuredCycles | None = None
 
     @property
+    def fitted_strokes(self) -> MeasuredCycles:
+        """Strokes that k_Fc is fitted to, and that the fitted model is drawn for.
+
+        Raises
+        ------
+        InputError
+            If the trial has no running strokes or no crank angle with a known zero.
+        """
+        from sawbench.processing.measured_cycles import measured_cycles
+
+        return measured_cycles(self.processed) if self.strokes is None else self.strokes
+
+    @property
     def where(self) -> str:
         """File, or name of the trial where there is none."""
         return self.recording.path or self.recording.trial.trial_id

@@ -108,7 +108,6 @@ def fit_trial(trial: AnalysedTrial, method: FitMethod | None = None) -> tuple[Cu
     from sawbench.modeling.fit import available_method, cutting_fits, fit_cutting_coefficient
     from sawbench.modeling.joint_fit import SensorPriors, first_guess, fit_jointly
     from sawbench.modeling.machines.saw_baseline import baseline_of
-    from sawbench.processing.measured_cycles import measured_cycles
 
     processed, loaded = trial.processed, trial.loaded
     plant = loaded.plant()
@@ -119,7 +118,7 @@ def fit_trial(trial: AnalysedTrial, method: FitMethod | None = None) -> tuple[Cu
             where=trial.where,
             remedy="`sawbench report` shows its signals",
         )
-    cycles = measured_cycles(processed) if trial.strokes is None else trial.strokes
+    cycles = trial.fitted_strokes
     method = method or available_method(cycles)
     config = loaded.config
     if method != "force" and not knows_drive(trial):

@@ -197,10 +197,9 @@ def _fitted_model(trial: AnalysedTrial, fit: CuttingFit, sensor_angle_rad: Float
     from sawbench.modeling.cycle_observation import drive_of
     from sawbench.modeling.effect_fit import effect_share
     from sawbench.modeling.machines.saw_baseline import baseline_of
-    from sawbench.processing.measured_cycles import measured_cycles
 
     config, known = trial.loaded.config, _known(fit.estimates)
-    drive = drive_of(measured_cycles(trial.processed), config.battery, config.converter)
+    drive = drive_of(trial.fitted_strokes, config.battery, config.converter)
     constants = _constants(trial, known)
     constants["resistance_ohm"] += drive.source_resistance_ohm
     # An angle sensor whose zero is off by `angle_zero_rad` shows so much more than the crank's angle.

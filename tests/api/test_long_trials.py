@@ -187,6 +187,16 @@ def test_a_piece_counts_unless_only_others_cut(both, statuses, expected):
     assert which_count([kinds.get(one) or replace(air, status=one) for one in statuses]) == expected
 
 
+def test_the_fitted_model_is_drawn_at_the_voltage_of_all_pieces(tmp_path):
+    """A battery so small that its voltage falls from piece to piece; the one that is drawn is the first."""
+    small = {"capacity_ah": 0.025, "beta": 0.9}
+    made = integrated(tmp_path, np.full(500, K_FC), seconds=SECONDS, of_piece_s=2.0, **small)
+    fit, _ = fit_trial(made.trial)
+    cycle = fitted_cycle(made.trial, fit)
+    measured = made.trial.processed.folded["motor_current_a"].mean
+    assert cycle["motor_current_a"].mean() == pytest.approx(measured.mean(), rel=0.01)
+
+
 def test_only_an_incomplete_recording_is_called_so_and_once(both, tmp_path):
     whole, joined = (one.processed for one in both)
     assert joined.warnings[:-1] == whole.warnings == ()
