@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 from sawbench.bench.config import BenchConfig
-from sawbench.bench.folded import FoldedCycle
+from sawbench.bench.folded import pooled
 from sawbench.bench.processed import ChannelQuality, PeriodEstimate, Phase, ProcessedTrial, TrialStatus
 from sawbench.processing.return_stroke import zero_return_stroke
 
@@ -66,9 +66,7 @@ def join_processed(pieces: Sequence[ProcessedTrial], config: BenchConfig) -> Pro
         return pieces[0]
     first, counts = pieces[0], which_count(pieces)
     counted = list(compress(pieces, counts))
-    folded = {
-        name: _pooled([p.folded[name] for p in counted if name in p.folded]) for name in _names(counted, "folded")
-    }
+    folded = {name: pooled([p.folded[name] for p in counted if name in p.folded]) for name in _names(counted, "folded")}
     cutting, removed = None, None
     if _FORCE in folded and any(piece.cutting_force is not None for piece in counted):
         cutting, removed = zero_return_stroke(folded[_FORCE], config.cutting.cutting_half)
@@ -121,21 +119,6 @@ def _period(periods: Sequence[PeriodEstimate]) -> PeriodEstimate | None:
         period_s=mean_s,
         period_std_s=float(np.sqrt(np.sum((n * std_s) ** 2)) / n.sum()),
         spread_s=float(np.sqrt(n @ (spread_s**2 + (of_piece - mean_s) ** 2) / n.sum())),
-        n_cycles=int(n.sum()),
-    )
-
-
-def _pooled(cycles: Sequence[FoldedCycle]) -> FoldedCycle:
-    """Mean and scatter of the strokes of all pieces."""
-    n = np.array([cycle.n_cycles for cycle in cycles], dtype=float)[:, None]
-    means, stds = np.stack([cycle.mean for cycle in cycles]), np.stack([cycle.std for cycle in cycles])
-    mean = (n * means).sum(axis=0) / n.sum()
-    squares = ((n - 1.0) * stds**2 + n * (means - mean) ** 2).sum(axis=0)
-    return replace(
-        cycles[0],
-        mean=mean,
-        std=np.sqrt(squares / max(n.sum() - 1.0, 1.0)),
-        count=np.sum([cycle.count for cycle in cycles], axis=0),
         n_cycles=int(n.sum()),
     )
 

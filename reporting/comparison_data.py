@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from sawbench.bench.folded import pooled
 from sawbench.reporting.compared import QUANTITIES, ComparedTrial, Comparison, estimates_of
-from sawbench.reporting.comparison_figures import mean_cycle
 from sawbench.reporting.html import software_version
 from sawbench.reporting.wear import cut_length_m
 from sawbench.storage.output import write_whole
@@ -107,6 +107,7 @@ def write_comparison_hdf5(
             cycles = [t.processed.cutting_force for t in one.trials if t.processed.cutting_force is not None]
             if cycles:
                 group = store.require_group("cutting_force").create_group(one.label.replace("/", " per "))
-                for name, values in zip(("angle_rad", "mean_n", "std_n"), mean_cycle(cycles), strict=True):
+                cycle = pooled(cycles)
+                for name, values in (("angle_rad", cycle.angle_rad), ("mean_n", cycle.mean), ("std_n", cycle.std)):
                     group.create_dataset(name, data=values)
     return write_whole(path, content.getvalue(), overwrite=overwrite)

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from sawbench.bench.folded import FoldedCycle
-from sawbench.bench.recording import Floats
+from sawbench.bench.folded import FoldedCycle, pooled
 from sawbench.modeling.machines.words import SAW
 from sawbench.reporting.compared import QUANTITIES, Quantity, Series
 from sawbench.reporting.figures import (
@@ -28,44 +27,6 @@ if TYPE_CHECKING:
 
 _LARGEST_OVERLAY = 4
 """More series than this get panels of their own: five bands over each other tell nothing apart."""
-
-
-def mean_cycle(cycles: Sequence[FoldedCycle]) -> tuple[Floats, Floats, Floats]:
-    """Pool the strokes of several repetitions.
-
-    Mean and variance of all strokes together, each repetition weighted by its strokes in the bin: the
-    variance holds the scatter inside the repetitions and between them.
-
-    Parameters
-    ----------
-    cycles : sequence of FoldedCycle
-        Of one channel; cycles on another grid of angles than the first are interpolated onto it.
-
-    Returns
-    -------
-    angle_rad, mean, std : ndarray, shape (n_bins,)
-        NaN where no stroke has a value.
-    """
-    angle_rad = cycles[0].angle_rad
-    means, variances, counts = [], [], []
-    for cycle in cycles:
-        if len(cycle.angle_rad) == len(angle_rad) and np.allclose(cycle.angle_rad, angle_rad):
-            mean, std, count = cycle.mean, cycle.std, cycle.count.astype(np.float64)
-        else:
-            mean, std, count = (
-                np.interp(angle_rad, cycle.angle_rad, values, period=2.0 * np.pi)
-                for values in (cycle.mean, cycle.std, cycle.count.astype(np.float64))
-            )
-        is_known = np.isfinite(mean)
-        means.append(np.where(is_known, mean, 0.0))
-        variances.append(np.where(is_known, np.nan_to_num(std) ** 2, 0.0))
-        counts.append(np.where(is_known, count, 0.0))
-    weight = np.array(counts)
-    total = weight.sum(axis=0)
-    total[total == 0.0] = np.nan
-    pooled = (weight * means).sum(axis=0) / total
-    variance = (weight * (np.array(variances) + (np.array(means) - pooled) ** 2)).sum(axis=0) / total
-    return angle_rad, pooled, np.sqrt(variance)
 
 
 def cycles_picture(series: Sequence[Series], *, name: str = "cycles") -> Picture | None:
@@ -100,7 +61,7 @@ def cycles_picture(series: Sequence[Series], *, name: str = "cycles") -> Picture
         axes = figure.subplots(n_rows, n_columns, squeeze=False, sharex=True, sharey=True).ravel()
         for place, (index, one, cycles) in enumerate(shown):
             axis = axes[0 if is_overlay else place]
-            _draw_cycle(axis, mean_cycle(cycles), index, f"{one.label} (n = {len(cycles)})")
+            _draw_cycle(axis, pooled(cycles), index, f"{one.label} (n = {len(cycles)})")
             if not is_overlay:
                 axis.set_title(f"{one.label} (n = {len(cycles)})")
         for axis in axes[: 1 if is_overlay else len(shown)]:
@@ -112,7 +73,7 @@ def cycles_picture(series: Sequence[Series], *, name: str = "cycles") -> Picture
         else:
             figure.supylabel("cutting force / N", fontsize=9.5)
             _tidy_grid(list(axes), len(shown), n_columns)
-    peaks = [f"{one.label} {format_number(float(np.nanmax(mean_cycle(cycles)[1])))} N" for _, one, cycles in shown]
+    peaks = [f"{one.label} {format_number(float(np.nanmax(pooled(cycles).mean)))} N" for _, one, cycles in shown]
     svg = figure_to_svg(
         figure,
         name=name,
@@ -137,9 +98,8 @@ def _tidy_grid(axes: list[Axes], n_shown: int, n_columns: int) -> None:
             axis.tick_params(labelbottom=True)
 
 
-def _draw_cycle(axis: Axes, cycle: tuple[Floats, Floats, Floats], index: int, label: str) -> None:
-    angle_rad, mean, std = cycle
-    angle_deg = np.degrees(angle_rad)
+def _draw_cycle(axis: Axes, cycle: FoldedCycle, index: int, label: str) -> None:
+    angle_deg, mean, std = np.degrees(cycle.angle_rad), cycle.mean, cycle.std
     colour = SERIES_COLOURS[index % len(SERIES_COLOURS)]
     dashes = SERIES_DASHES[index % len(SERIES_DASHES)]
     axis.fill_between(angle_deg, mean - std, mean + std, color=colour, alpha=0.2, linewidth=0.0)

@@ -14,7 +14,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 from sawbench.bench.errors import InputError
-from sawbench.bench.folded import FoldedCycle
+from sawbench.bench.folded import FoldedCycle, pooled
 from sawbench.bench.processed import (
     ChannelQuality,
     PeriodCandidate,
@@ -30,7 +30,6 @@ from sawbench.modeling.results import CuttingFit, RuntimePrediction
 from sawbench.processing.spectrum import power_spectrum
 from sawbench.reporting.compared import ComparedTrial, LeftOut, compare, comparison_json
 from sawbench.reporting.comparison_data import comparison_table
-from sawbench.reporting.comparison_figures import mean_cycle
 from sawbench.reporting.comparison_page import write_comparison_page
 from sawbench.reporting.html import link_to
 from sawbench.reporting.model_figures import deviations_of
@@ -592,17 +591,18 @@ def test_comparison_of_any_number_of_materials(tmp_path, n_materials):
     assert ("No trial can be compared" in page.shown) == (n_materials == 0)
 
 
-def test_mean_cycle_pools_every_stroke():
+def test_pooled_cycles_hold_every_stroke():
     rng = np.random.default_rng(1)
     strokes = [rng.normal(100.0 + shift, 3.0, (n, 128)) for shift, n in ((-5.0, 20), (2.0, 50))]
     cycles = [
-        replace(folded(n_cycles=len(s)), mean=s.mean(axis=0), std=s.std(axis=0), count=np.full(128, len(s)))
+        replace(folded(n_cycles=len(s)), mean=s.mean(axis=0), std=s.std(axis=0, ddof=1), count=np.full(128, len(s)))
         for s in strokes
     ]
-    _, mean, std = mean_cycle(cycles)
+    both = pooled(cycles)
     together = np.concatenate(strokes)
-    np.testing.assert_allclose(mean, together.mean(axis=0))
-    np.testing.assert_allclose(std, together.std(axis=0))
+    np.testing.assert_allclose(both.mean, together.mean(axis=0))
+    np.testing.assert_allclose(both.std, together.std(axis=0, ddof=1))
+    assert both.n_cycles == 70
 
 
 def test_table_and_json_hold_every_trial():
