@@ -41,10 +41,11 @@ from sawbench.processing.quality import (
 )
 from sawbench.processing.return_stroke import stands_at_a_level, zero_return_stroke
 from sawbench.processing.settled import find_steady_part
-from sawbench.processing.spectrum import power_spectrum, steady_stretch
+from sawbench.processing.stretches import Stretches, without_holes
 from sawbench.processing.stroke_clock import Slip, find_slips
 from sawbench.processing.stroke_offsets import stroke_offsets
 from sawbench.processing.stroke_ripple import restore_ripple
+from sawbench.processing.stroke_spectrum import longest_spectrum
 
 _FORCE, _DISPLACEMENT, _CURRENT = "force_n", "displacement_mm", "motor_current_a"
 _LINE_CHANNELS = (_FORCE, _CURRENT, "battery_current_a", "battery_voltage_v")
@@ -54,7 +55,6 @@ _LOADED, _UNLOADED = 0.55, 1.05  # of the rate without load; less than twice apa
 _TWO_THREADS_FROM = 4_000_000
 
 Channels = dict[str, CleanChannel]
-Stretches = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -201,7 +201,7 @@ def _find_motion(channels: Channels, config: BenchConfig, trial: Trial) -> _Moti
     lines = {
         name: line
         for name in _LINE_CHANNELS
-        if name in channels and (line := _stroke_line(channels[name], band)) is not None
+        if name in channels and (line := _stroke_line(channels[name], (), band)) is not None
     }
     if not lines:
         warnings += ("no channel has a significant periodic component",)
@@ -268,7 +268,7 @@ def _motion_from_displacement(
     angle, steady = tracked
     phases, stretches, cycles, warnings = _phases_and_cycles(angle, channels, displacement.holes, steady.cut)
     band = config.stroke_rates_hz
-    line = _stroke_line(_longest(displacement, stretches), band) if stretches else None
+    line = _stroke_line(displacement, stretches, band) if stretches else None
     is_clipped = displacement.quality.n_clipped > _CLIPPED_SHARE * displacement.quality.n_samples
     doubt = "the displacement is clipped" if is_clipped else (warnings[0] if warnings else "")
     period = from_displacement(angle, stretches, cycles, line, band, doubt)
@@ -286,27 +286,10 @@ def _motion_from_displacement(
     return _Motion(angle=angle, phases=phases, cycles=cycles, period=period, warnings=warnings, steady=steady)
 
 
-def _longest(channel: CleanChannel, stretches: Stretches) -> CleanChannel:
-    """Return what a channel holds in the longest of the stretches."""
-    start, end = max(stretches, key=lambda stretch: stretch[1] - stretch[0])
-    inside = (channel.time_s >= start) & (channel.time_s <= end)
-    return replace(channel, time_s=channel.time_s[inside], values=channel.values[inside], holes=())
-
-
-def _stroke_line(channel: CleanChannel, band: tuple[float, float]) -> StrokeLine | None:
-    """Ask the longest stretch of a channel without gaps for the stroke rate."""
-    time, values = channel.time_s, channel.values
-    if channel.holes:
-        edges = [time[0], *(t for hole in channel.holes for t in hole), time[-1]]
-        start, end = max(zip(edges[::2], edges[1::2], strict=True), key=lambda pair: pair[1] - pair[0])
-        inside = (time >= start) & (time <= end)
-        time, values = time[inside], values[inside]
-    if len(time) < 32 or float(np.ptp(values)) == 0:
-        return None
-    uniform, rate_hz = steady_stretch(time, values, *band)
-    if len(uniform) < 32:
-        return None
-    return find_stroke_line(power_spectrum(uniform, rate_hz), channel.channel, *band)
+def _stroke_line(channel: CleanChannel, stretches: Stretches, band: tuple[float, float]) -> StrokeLine | None:
+    """Ask the longest stretch of a channel without holes for the stroke rate."""
+    spectrum = longest_spectrum(channel.time_s, channel.values, stretches, channel.holes, band)
+    return None if spectrum is None else find_stroke_line(spectrum, channel.channel, *band)
 
 
 def _phases_and_cycles(
@@ -320,12 +303,12 @@ def _phases_and_cycles(
         current_a=None if current is None else current.values,
     )
     phases = with_air(phases, cut)
-    running = _without(tuple((p.start_s, p.end_s) for p in phases if p.kind == "running"), holes)
+    running = without_holes(tuple((p.start_s, p.end_s) for p in phases if p.kind == "running"), holes)
     cycles = find_cycles(angle.time_s, angle.angle_rad, running)
     if len(cycles.index):
         return phases, running, cycles, ()
     moving = [(p.start_s, p.end_s) for p in phases if p.kind in ("spin_up", "running", "spin_down")]
-    whole = _without(((moving[0][0], moving[-1][1]),), holes) if moving else ()
+    whole = without_holes(((moving[0][0], moving[-1][1]),), holes) if moving else ()
     cycles = find_cycles(angle.time_s, angle.angle_rad, whole)
     turned = max((float(np.ptp(np.interp(part, angle.time_s, angle.angle_rad))) for part in running), default=0.0)
     stretches = running if turned > 2 * np.pi else whole
@@ -333,20 +316,6 @@ def _phases_and_cycles(
         return phases, stretches, cycles, ("no steady speed: strokes at changing speed are used",)
     warning = "no complete stroke from dead centre to dead centre without a gap: no folded cycle"
     return phases, stretches, cycles, (warning,)
-
-
-def _without(stretches: Stretches, holes: Stretches) -> Stretches:
-    """Cut the holes out of the stretches."""
-    left = list(stretches)
-    for low, high in holes:
-        cut = []
-        for start, end in left:
-            if end <= low or start >= high:
-                cut.append((start, end))
-                continue
-            cut += [part for part in ((start, low), (high, end)) if part[1] > part[0]]
-        left = cut
-    return tuple(left)
 
 
 def _status_without_cutting(channels: Channels, config: BenchConfig, trial: Trial, motion: _Motion) -> TrialStatus:

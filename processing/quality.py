@@ -17,8 +17,8 @@ from sawbench.processing.held_values import alignment_of_rows
 from sawbench.processing.interpolated_rows import own_samples
 from sawbench.processing.noise import robust_range, white_noise_std
 from sawbench.processing.spikes import at_one_crank_angle, find_spikes
+from sawbench.processing.stretches import Stretches, holes_of, longest_step
 
-_GAP_PERIODS = 2.5
 _CONSTANT: Final = "constant at"
 _CLIPPED: Final = "clipped:"
 # Problems that begin so make the values wrong; the others only leave fewer of them.
@@ -45,7 +45,7 @@ class CleanChannel:
     unit: str
     time_s: Floats
     values: Floats
-    holes: tuple[tuple[float, float], ...]
+    holes: Stretches
     noise_std: float
     quality: ChannelQuality
     alignment: Alignment | None = None
@@ -77,10 +77,7 @@ def clean_channel(signal: Signal, angle: CrankAngle | None = None) -> CleanChann
     n_clipped = sum(clipped_levels(values[~is_far_off]).values())
     step = np.diff(time)
     typical = float(np.median(step)) if len(step) else 0.0
-    longest = max(_GAP_PERIODS * typical, 1.5 * float(np.percentile(step, 98.0))) if len(step) else 0.0
-    at_gap = np.flatnonzero(step > longest)
-    holes = {(float(time[k]), float(time[k + 1])) for k in at_gap}
-    holes |= {(gap.start_s, gap.end_s) for gap in signal.gaps}
+    longest = longest_step(step)
     # What is missing at the end shows in no step of the time; what a foreign table lost stands in no gap.
     n_missing = max(_count_missing(step, typical, longest), signal.n_missing)
     regular = step[step <= 1.5 * typical] if typical else step
@@ -97,7 +94,7 @@ def clean_channel(signal: Signal, angle: CrankAngle | None = None) -> CleanChann
         unit=signal.unit,
         time_s=time[~is_spike],
         values=values[~is_spike],
-        holes=tuple(sorted(holes)),
+        holes=holes_of(time, signal.gaps, longest),
         noise_std=noise,
         alignment=alignment,
         quality=ChannelQuality(

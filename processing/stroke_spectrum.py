@@ -1,10 +1,12 @@
-"""The spectrum in which the stroke is looked for, of a trial that is processed already."""
+"""The spectrum in which the stroke is looked for."""
 
 from __future__ import annotations
 
 import numpy as np
 from sawbench.bench.processed import ProcessedTrial
+from sawbench.bench.recording import Floats
 from sawbench.processing.spectrum import Spectrum, power_spectrum, steady_stretch
+from sawbench.processing.stretches import Stretches, holes_of, longest_step, without_holes
 
 _LEAST_SAMPLES = 32
 
@@ -39,17 +41,35 @@ def stroke_spectrum(trial: ProcessedTrial, channel: str, band_hz: tuple[float, f
     True
     """
     signal = trial.channels.get(channel)
-    if signal is None:
+    if signal is None or not len(signal.values):
         return None
-    running = [(phase.start_s, phase.end_s) for phase in trial.phases if phase.kind == "running"]
-    stretches = []
-    for start, end in running or [(-np.inf, np.inf)]:
-        gaps = [gap for gap in signal.gaps if gap.end_s > start and gap.start_s < end]
-        starts = [start, *(gap.end_s for gap in gaps)]
-        stretches += list(zip(starts, [*(gap.start_s for gap in gaps), end], strict=True))
-    masks = [(signal.time_s >= start) & (signal.time_s <= end) for start, end in stretches]
-    inside = max(masks, key=np.count_nonzero)
-    time_s, values = signal.time_s[inside], signal.values[inside]
+    running = tuple((phase.start_s, phase.end_s) for phase in trial.phases if phase.kind == "running")
+    holes = holes_of(signal.time_s, signal.gaps, longest_step(np.diff(signal.time_s)))
+    return longest_spectrum(signal.time_s, signal.values, running, holes, band_hz)
+
+
+def longest_spectrum(
+    time_s: Floats, values: Floats, stretches: Stretches, holes: Stretches, band_hz: tuple[float, float]
+) -> Spectrum | None:
+    """Power spectrum of samples over the longest stretch without a hole.
+
+    Parameters
+    ----------
+    time_s, values : ndarray, shape (n,)
+    stretches, holes : tuple of (start_s, end_s)
+        Without a stretch all samples count.
+    band_hz : tuple of float
+        Allowed stroke rates.
+
+    Returns
+    -------
+    Spectrum or None
+        None where the values do not change there, or the stretch is too short.
+    """
+    left = without_holes(stretches or ((float(time_s[0]), float(time_s[-1])),), holes)
+    start, end = max(left, key=lambda stretch: stretch[1] - stretch[0], default=(0.0, 0.0))
+    inside = (time_s >= start) & (time_s <= end)
+    time_s, values = time_s[inside], values[inside]
     if len(time_s) < _LEAST_SAMPLES or float(np.ptp(values)) == 0.0:
         return None
     uniform, rate_hz = steady_stretch(time_s, values, *band_hz)

@@ -10,6 +10,7 @@ from sawbench.processing.folding import Cycles
 from sawbench.processing.period import find_stroke_line, mean_period
 from sawbench.processing.process import process_recording
 from sawbench.processing.spectrum import find_lines, power_spectrum
+from sawbench.processing.stroke_spectrum import stroke_spectrum
 
 pytestmark = pytest.mark.unit
 
@@ -32,6 +33,15 @@ def test_lines_are_found_between_the_bins():
     lines = find_lines(power_spectrum(y, 1000.0), 1.0, 100.0, count=2)
     assert [line.frequency_hz for line in lines] == pytest.approx([13.37, 40.11], abs=2e-3)
     assert [line.power for line in lines] == pytest.approx([9.0, 0.25], rel=0.02)
+
+
+def test_the_spectrum_ends_where_a_table_lost_rows():
+    """A third of a stroke more than eight is missing, and no gap is stated."""
+    t = np.arange(0, 8, 1e-3)
+    t = t[(t < 4.0) | (t > 4.0 + 8.33 / 15)]
+    found = process(displacement_mm=(t, 10 * (1 - np.cos(2 * np.pi * 15 * t))))
+    spectrum = stroke_spectrum(found, "displacement_mm", (1.0, 60.0))
+    assert 3.0 < 1.0 / spectrum.resolution_hz <= 4.0
 
 
 def test_coverage_of_the_stated_uncertainty_at_a_constant_rate():
