@@ -1,9 +1,9 @@
 """Lay every stroke over one turn of the crank: mean, spread and count per bin.
 
-Bin centres are found once a cycle on the time axis and serve every channel sampled at those times; the sums
-stay in the first-level cache. Each bin takes one value from each cycle, interpolated between
-neighbouring samples: linearly where there are over 400 samples a stroke, else through four points (the error
-of the first harmonic is then below 1e-4 down to 30 samples a stroke).
+Each bin takes one value from each cycle, interpolated between neighbouring samples. Where there are over 400 samples
+a stroke and 128 bins, linearly: every eighth bin centre is found on the time axis, a parabola leads through those
+between, they serve every channel sampled at those times, and the sums stay in the first-level cache. Else through four
+points, every bin centre found (the error of the first harmonic is then below 1e-4 down to 30 samples a stroke).
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from sawbench.bench.folded import FoldedCycle
 from sawbench.bench.recording import Floats
 
 _LINEAR_FROM_SAMPLES = 400
+_LINEAR_FROM_BINS = 128  # with fewer, a parabola over eight of them does not follow the speed within a stroke
 _CHANNELS_AT_ONCE = 2  # more evict each other from the first-level cache
 _CYCLES_AT_ONCE = 2048  # of few samples each: keeps the memory small
 _STRIDE = 8  # bins from one exact position to the next; a parabola leads through those between
@@ -245,7 +246,8 @@ def fold_channels(
     n_cycles = len(turns)
     ends_rad = 2.0 * np.pi * np.array([turns[0], turns[-1] + 1])
     span = np.searchsorted(time_s, np.interp(ends_rad, angle_rad, angle_time_s))
-    is_linear = (span[1] - span[0]) / max(int(turns[-1] - turns[0]) + 1, 1) >= _LINEAR_FROM_SAMPLES
+    n_samples = (span[1] - span[0]) / max(int(turns[-1] - turns[0]) + 1, 1)
+    is_linear = n_samples >= _LINEAR_FROM_SAMPLES and n_bins >= _LINEAR_FROM_BINS
     values = np.ascontiguousarray(values)
     centre = values[:, span[0] : max(span[1], span[0] + 1) : max((span[1] - span[0]) // 1000, 1)].mean(axis=1)
 

@@ -50,6 +50,13 @@ def test_mean_and_std_of_cycles(rate_hz, threads):
     assert std[0][inner] == pytest.approx((of_turns.std(ddof=1) * np.abs(shape(at)))[inner], abs=tolerance)
 
 
+@pytest.mark.parametrize("n_bins", [16, 24, 40, 64, 128, 256])
+def test_few_bins_are_at_their_angles(n_bins):
+    t = np.arange(0, 2, 1 / 6000)
+    mean, _ = fold_channels(t, turning(t), t, np.cos(turning(t))[None], np.arange(1, 26), n_bins=n_bins)
+    assert mean[0] == pytest.approx(np.cos((np.arange(n_bins) + 0.5) * 2 * np.pi / n_bins), abs=2e-4)
+
+
 def test_one_cycle_has_no_spread():
     t = np.arange(0, 1, 1e-3)
     mean, std = fold_channels(t, turning(t), t, np.ones((1, 1000)), np.array([3]), n_bins=32)
