@@ -47,7 +47,8 @@ class BatteryFit:
         The charge that shapes the curve, Ah.
     internal_resistance_ohm : float
     rmse_v : float
-        Over the samples it was fitted to, V.
+        Over the samples as they were logged, every discharge counting the same, V. The fit counts equal steps of
+        charge: a part of the curve that is logged more often counts more here than there.
     table_charge_a_s, table_voltage_v : ndarray or None
         Open-circuit voltage over the charge taken.
     """
