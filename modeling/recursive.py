@@ -235,7 +235,7 @@ class RecursiveCuttingEstimator:
             parts.append((k_fc, math.hypot(sensors.force_gain_rel_std, plant.crank_radius_m.rel_std)))
         if stroke.mean_current_a is not None and math.isfinite(stroke.mean_current_a):
             k_fc = self._tables.from_current(stroke.mean_current_a, stroke.period_s)
-            share = self._tables.damping_share(k_fc, stroke.period_s)
+            share = self._tables.damping_share(k_fc)
             parts.append(
                 (
                     k_fc,

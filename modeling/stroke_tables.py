@@ -52,9 +52,8 @@ class StrokeTables:
         raw = _from_torques(mean_current_a, speed, self.torque_constant, self.gear_ratio, self.damping, self.radius_m)
         return float(np.interp(raw, self.raw_k, K_GRID)) if raw > self.raw_k[0] else float(raw - self.raw_k[0])
 
-    def damping_share(self, k_fc: float, period_s: float) -> float:
+    def damping_share(self, k_fc: float) -> float:
         """Torque of the motor's damping over the torque of the cut."""
-        del period_s
         cutting = 0.25 * max(k_fc, 1e-3) * self.radius_m**2
         return self.damping * self.gear_ratio**2 / cutting
 
@@ -134,7 +133,8 @@ def stroke_tables(
             / (open_v + np.sqrt(np.maximum(open_v**2 - 4.0 * battery.internal_resistance_ohm * power_w, 0.0)))
         )
     else:
-        drawn_a = (duty or 1.0) * current_a
+        assert duty is not None  # `_supply` refuses a battery without
+        drawn_a = duty * current_a
     return with_draw(base, battery, drawn_a, open_v - battery.internal_resistance_ohm * drawn_a)
 
 
