@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from sawbench.bench.correlated import autocorrelation_time
 from sawbench.bench.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -58,44 +59,6 @@ class RestingMean:
         return float(np.hypot(self.mean_std, self.drift / 12**0.5))
 
 
-def autocorrelation_time(values: Floats) -> float:
-    """Integrated autocorrelation time, in samples: variance of the mean = variance * this / n.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-
-    Returns
-    -------
-    float
-        At least 1/n. 1 for white noise, (1 + a)/(1 - a) for a first-order process with coefficient a.
-
-    Notes
-    -----
-    Geyer's initial positive sequence: sums of two neighbouring autocovariances are added up until one is not
-    positive (Geyer 1992, "Practical Markov chain Monte Carlo", Statistical Science 7, 473, section 3.3). Bias: low by
-    the order of (autocorrelation time)/n, since the mean is taken from the same samples. Fails: correlation longer
-    than about a tenth of the window looks like drift, which `unsteady` finds.
-
-    Examples
-    --------
-    >>> white = np.random.default_rng(1).standard_normal(20000)
-    >>> bool(abs(autocorrelation_time(white) - 1.0) < 0.1)
-    True
-    """
-    n = len(values)
-    centred = values - values.mean()
-    spectrum = np.abs(np.fft.rfft(centred, 2 * n)) ** 2
-    covariance = np.fft.irfft(spectrum)[:n] / n
-    if covariance[0] <= 0:
-        return 1.0
-    correlation = covariance[: n - n % 2] / covariance[0]
-    pairs = correlation[0::2] + correlation[1::2]
-    is_negative = pairs <= 0
-    n_pairs = int(np.argmax(is_negative)) if is_negative.any() else len(pairs)
-    return max(float(2.0 * pairs[:n_pairs].sum() - 1.0), 1.0 / n)
-
-
 def resting_mean(time_s: Floats, values: Floats) -> RestingMean:
     """Average a value that should stand still.
 
@@ -116,7 +79,7 @@ def resting_mean(time_s: Floats, values: Floats) -> RestingMean:
     spread = float(t @ t)
     slope = float(t @ values) / spread
     residual = values - values.mean() - slope * t
-    tau = autocorrelation_time(residual)
+    tau = autocorrelation_time(residual, may_alternate=True)
     noise = float(np.sqrt(residual @ residual / max(n - 2, 1)))
     blocks = np.array_split(residual, _N_BLOCKS)
     block_means = np.array([block.mean() for block in blocks])
@@ -130,7 +93,7 @@ def resting_mean(time_s: Floats, values: Floats) -> RestingMean:
         drift_per_s=slope,
         drift_std_per_s=noise * (tau / spread) ** 0.5,
         block_spread=float(np.ptp(block_means)),
-        block_std=float(within.std()) * (autocorrelation_time(within) * _N_BLOCKS / n) ** 0.5,
+        block_std=float(within.std()) * (autocorrelation_time(within, may_alternate=True) * _N_BLOCKS / n) ** 0.5,
         seconds=float(time_s[-1] - time_s[0]),
     )
 

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.config import PlantConfig
+from sawbench.bench.correlated import std_of_mean
 from sawbench.bench.errors import InputError
-from sawbench.modeling.cycle_statistics import FEWEST_STROKES, std_of_mean
+from sawbench.modeling.cycle_statistics import FEWEST_STROKES
 from sawbench.modeling.measured_cycles import MeasuredCycles
 from sawbench.modeling.parts.linear import CuttingHalf, coefficient, sign_of
 from sawbench.modeling.parts.mechanism import Mechanism

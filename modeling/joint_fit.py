@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.config import BatteryConfig, ConverterConfig, PlantConfig
+from sawbench.bench.correlated import std_of_mean
 from sawbench.bench.errors import InputError
 from sawbench.modeling.cycle_observation import (
     SENSOR_NAMES,
@@ -19,7 +20,6 @@ from sawbench.modeling.cycle_observation import (
     drive_of,
     observe,
 )
-from sawbench.modeling.cycle_statistics import std_of_mean
 from sawbench.modeling.map_estimate import Estimate, Parameters, most_probable
 from sawbench.modeling.measured_cycles import MeasuredCycles
 from sawbench.modeling.periodic_cycle import PLANT_NAMES, CuttingHalf

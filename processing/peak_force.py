@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from sawbench.bench.correlated import std_of_mean
 from sawbench.bench.folded import FoldedCycle
 from sawbench.bench.recording import Floats
 from sawbench.processing.folding import resample_cycles
@@ -62,7 +63,8 @@ def estimate_peak_force(
     sample of a stroke would be high by 2.5 to 3.5 noise standard deviations). The peak is that of the force
     locked to the crank: tooth impacts that come at another angle in every stroke are averaged away, and a
     peak that wanders by d rad from stroke to stroke comes out low by about 0.5 (curvature) d^2, 0.5 d^2 of it
-    for a half sine. The standard uncertainty allows for correlation of neighbouring strokes.
+    for a half sine. The standard uncertainty allows for correlation of neighbouring strokes; of one
+    stroke it is the peak itself: nothing is known.
     """
     mean = cutting_force.mean
     n_bins = len(mean)
@@ -84,9 +86,10 @@ def estimate_peak_force(
     template = np.polynomial.polynomial.polyval(u, curve)
     strokes = resample_cycles(angle_time_s, angle_rad, time_s, force_n, turns, at)
     per_cycle = float(shape.max()) * (strokes @ template) / float(template @ template)
+    mean_n = float(per_cycle.mean())
     return PeakForce(
-        mean_n=float(per_cycle.mean()),
-        mean_std_n=standard_error(per_cycle),
+        mean_n=mean_n,
+        mean_std_n=std_of_mean(per_cycle)[0] if len(per_cycle) > 1 else abs(mean_n),
         angle_rad=float(at.mean() + dense[np.argmax(shape)] * max(float(np.ptp(at)), step)),
     )
 
@@ -99,33 +102,3 @@ def _window_around(mean: Floats, top: int) -> NDArray[np.int64]:
     while last < len(mean) - 1 and mean[last + 1] > level:
         last += 1
     return np.arange(first, last + 1)
-
-
-def standard_error(values: Floats) -> float:
-    """Give the standard uncertainty of the mean of values whose neighbours may be correlated.
-
-    Parameters
-    ----------
-    values : ndarray, shape (k,)
-
-    Returns
-    -------
-    float
-        s / sqrt(k), widened by the autocorrelation of lag 1 where that is positive and significant; for one
-        value its absolute value (nothing is known).
-
-    Examples
-    --------
-    >>> round(standard_error(np.array([1.0, -1.0] * 50)), 3)
-    0.101
-    """
-    k = len(values)
-    if k < 2:
-        return float(abs(values[0])) if k else 0.0
-    d = values - values.mean()
-    variance = float(d @ d) / (k - 1)
-    if variance == 0.0:
-        return 0.0
-    rho = float(d[1:] @ d[:-1]) / float(d @ d)
-    rho = min(rho, 0.95) if rho > 2.0 / np.sqrt(k) else 0.0
-    return float(np.sqrt(variance / k * (1 + rho) / (1 - rho)))

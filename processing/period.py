@@ -13,10 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from sawbench.bench.correlated import std_of_mean
 from sawbench.bench.processed import Confidence, CrankAngle, PeriodCandidate, PeriodEstimate
 from sawbench.bench.recording import Floats
 from sawbench.processing.folding import Cycles
-from sawbench.processing.peak_force import standard_error
 from sawbench.processing.spectrum import Line, Spectrum, find_lines, power_near
 
 _MIN_PROMINENCE = 40.0
@@ -208,8 +208,8 @@ def mean_period(
     -----
     The mean is time over whole turns, stretch by stretch, averaged over the starting angles that a stretch
     allows, so only its ends carry the error of the angle and the ripple within a stroke drops out. Where the
-    strokes differ by more than that error, s / sqrt(n) is added: the strokes are then a sample of how the saw
-    runs (standard uncertainty of type A). The gain of averaging over the starting angles is
+    strokes differ by more than that error, `std_of_mean` of them is added: the strokes are then a sample of how the
+    saw runs (standard uncertainty of type A). The gain of averaging over the starting angles is
     not claimed, so that at a constant rate the uncertainty is conservative by up to a factor of two. A scale
     error of the clock is not contained.
     """
@@ -238,7 +238,8 @@ def mean_period(
         std = np.interp([cycles.start_s, cycles.end_s], angle.time_s, angle.angle_std_rad)
         of_angle = 2 * float(np.mean(std**2)) * (mean / (2 * np.pi)) ** 2
         if spread**2 > of_angle * (1 + 4 * np.sqrt(2 / len(periods))):
-            variance += standard_error(periods) ** 2
+            # What is wrong of a dead centre makes one stroke longer and the next one shorter.
+            variance += std_of_mean(periods, may_alternate=True)[0] ** 2
     return mean, float(np.sqrt(variance)), spread, n
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sawbench.acquisition.averaging import autocorrelation_time, resting_mean, unsteady
+from sawbench.acquisition.averaging import resting_mean, unsteady
 from sawbench.bench.errors import InputError
 from scipy.signal import lfilter
 
@@ -17,12 +17,6 @@ def first_order(rng, n, a, std=1.0):
     """Stationary first-order process with standard deviation `std`; its autocorrelation time is (1 + a)/(1 - a)."""
     steps = rng.standard_normal(n + 2000) * std * np.sqrt(1 - a**2)
     return lfilter([1.0], [1.0, -a], steps)[2000:]
-
-
-@pytest.mark.parametrize("a", [0.0, 0.5, 0.9, -0.5])
-def test_autocorrelation_time_of_a_first_order_process(a):
-    values = first_order(np.random.default_rng(3), 60000, a)
-    assert autocorrelation_time(values) == pytest.approx((1 + a) / (1 - a), rel=0.15)
 
 
 @pytest.mark.parametrize("a", [0.0, 0.9])

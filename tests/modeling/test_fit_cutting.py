@@ -285,3 +285,8 @@ def test_intervals_cover_over_random_trials():
     rows = fit_coverage.run(120, None, 2)
     for method in ("current_and_force", "current", "force"):
         assert 0.89 <= fit_coverage.coverage(rows, method)["coverage"] <= 1.0
+
+
+def test_basis_is_orthonormal():
+    basis = fourier_basis((np.arange(64) + 0.5) * 2 * np.pi / 64, 8)
+    np.testing.assert_allclose(basis @ basis.T, np.eye(17), atol=1e-12)

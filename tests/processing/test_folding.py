@@ -7,10 +7,12 @@ from sawbench.bench.recording import Gap, Signal
 from sawbench.processing.averages import cycle_averages
 from sawbench.processing.folding import Cycles, find_cycles, fold_channels, fold_signals
 from sawbench.processing.noise import white_noise_std
-from sawbench.processing.peak_force import estimate_peak_force, standard_error
+from sawbench.processing.peak_force import estimate_peak_force
 from sawbench.processing.quality import clean_channel, plausibility_problems
 from sawbench.processing.return_stroke import zero_return_stroke
 from sawbench.processing.spikes import find_spikes
+
+from benchmarks.synthetic_trials import stroke_coefficients
 
 pytestmark = pytest.mark.unit
 
@@ -127,16 +129,22 @@ def test_peak_force_is_not_biased_by_noise_and_its_uncertainty_covers():
     assert inside >= 52  # 57 expected of 60
 
 
-def test_standard_error_allows_for_correlation():
-    rng = np.random.default_rng(3)
-    ratio = []
-    for _ in range(200):
-        x = np.zeros(300)
-        for k in range(1, 300):
-            x[k] = 0.7 * x[k - 1] + rng.standard_normal()
-        ratio.append((x.mean(), standard_error(x)))
-    means, stds = np.transpose(ratio)
-    assert np.std(means) == pytest.approx(np.mean(stds), rel=0.2)
+def test_uncertainty_of_the_peak_covers_where_strokes_are_few_or_correlated():
+    """Strokes whose force is that of the one before in part, or of which there are five."""
+    rng = np.random.default_rng(8)
+    for n_strokes, rho in ((5, 0.0), (20, 0.3)):
+        t = np.arange(0, n_strokes / 10, 1e-3)
+        angle = 2 * np.pi * 10 * t
+        turns = np.arange(n_strokes)
+        cycles = {"force_n": Cycles(index=turns, start_s=turns / 10, end_s=(turns + 1) / 10)}
+        held = 0
+        for _ in range(400):
+            peaks = stroke_coefficients(rng, n_strokes, 200, 0.05, rho)
+            force = peaks[np.floor(angle / (2 * np.pi) + 1e-9).astype(int)] * np.maximum(-np.sin(angle), 0)
+            folded = fold_signals(t, angle, {"force_n": ("N", t, force)}, cycles, n_bins=128)["force_n"]
+            peak = estimate_peak_force(folded, t, angle, t, force, turns)
+            held += abs(peak.mean_n - 200) < 1.96 * peak.mean_std_n
+        assert 0.91 < held / 400 < 0.99
 
 
 def signal(values, rate_hz=1000.0, channel="force_n", unit="N", **options):

@@ -12,6 +12,8 @@ from sawbench.processing.process import process_recording
 from sawbench.processing.spectrum import find_lines, power_spectrum
 from sawbench.processing.stroke_spectrum import stroke_spectrum
 
+from benchmarks.synthetic_trials import stroke_coefficients
+
 pytestmark = pytest.mark.unit
 
 UNITS = {"force_n": "N", "displacement_mm": "mm", "motor_current_a": "A"}
@@ -72,6 +74,20 @@ def test_coverage_where_the_strokes_differ():
         assert period.spread_s == pytest.approx(7e-4, rel=0.5)
         scaled.append((period.period_s - 0.07) / period.period_std_s)
     assert 0.75 < np.sqrt(np.mean(np.square(scaled))) < 1.35
+
+
+def test_coverage_where_strokes_follow_the_one_before():
+    rng, held, turns = np.random.default_rng(4), 0, np.arange(21)
+    for _ in range(1000):
+        ends = np.r_[0, np.cumsum(stroke_coefficients(rng, 20, 0.1, 0.01, 0.3))]
+        angle = CrankAngle(
+            time_s=ends, angle_rad=2 * np.pi * turns, speed_rad_s=np.full(21, 62.8), angle_std_rad=np.full(21, 1e-4),
+            radius_m=0.01, source="displacement_mm", is_absolute=True,
+        )  # fmt: skip
+        strokes = Cycles(index=turns[:-1], start_s=ends[:-1], end_s=ends[1:])
+        period, std, *_ = mean_period(angle, [(0.0, ends[-1])], strokes)
+        held += abs(period - 0.1) < 1.96 * std
+    assert 0.91 < held / 1000 < 0.99
 
 
 def test_a_drift_over_minutes_is_followed():

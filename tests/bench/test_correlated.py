@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sawbench.bench.correlated import autocorrelation_time, std_of_mean
 from sawbench.bench.errors import InputError
-from sawbench.modeling.cycle_statistics import autocorrelation_time, fourier_basis, std_of_mean
 
 pytestmark = pytest.mark.unit
 
@@ -26,7 +26,13 @@ def test_autocorrelation_time_of_a_first_order_process(rho):
     assert found == pytest.approx((1 + rho) / (1 - rho), rel=0.12)
 
 
-@pytest.mark.parametrize(("n", "rho"), [(12, 0.0), (60, 0.0), (100, 0.5)])
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9, -0.5])
+def test_autocorrelation_time_of_many_values(rho):
+    values = ar1(np.random.default_rng(3), 60000, rho)
+    assert autocorrelation_time(values, may_alternate=True) == pytest.approx((1 + rho) / (1 - rho), rel=0.15)
+
+
+@pytest.mark.parametrize(("n", "rho"), [(2, 0.0), (3, 0.0), (12, 0.0), (60, 0.0), (100, 0.5)])
 def test_interval_of_the_mean_covers(n, rho):
     rng = np.random.default_rng(12)
     held = 0
@@ -37,12 +43,7 @@ def test_interval_of_the_mean_covers(n, rho):
     assert 0.92 <= held / n_series <= 0.98
 
 
-def test_constant_series_has_no_scatter_and_short_ones_are_refused():
+def test_constant_series_has_no_scatter_and_a_single_value_is_refused():
     assert std_of_mean(np.ones(10))[0] == 0.0
     with pytest.raises(InputError, match="not enough"):
-        std_of_mean([1.0, 2.0, 3.0])
-
-
-def test_basis_is_orthonormal():
-    basis = fourier_basis((np.arange(64) + 0.5) * 2 * np.pi / 64, 8)
-    np.testing.assert_allclose(basis @ basis.T, np.eye(17), atol=1e-12)
+        std_of_mean([1.0])
