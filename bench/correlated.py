@@ -8,7 +8,7 @@ import numpy as np
 from sawbench.bench.errors import InputError
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
 # Fewer values do not show whether neighbours are correlated.
 _FEWEST: Final = 4
@@ -95,3 +95,23 @@ def std_of_mean(series: ArrayLike, *, may_alternate: bool = False) -> tuple[floa
     n_effective = max(len(values) / autocorrelation_time(values, may_alternate=may_alternate), 2.0)
     student = float(stdtrit(n_effective - 1.0, 0.975)) / 1.959964
     return float(values.std(ddof=1) / np.sqrt(n_effective)) * student, n_effective
+
+
+def covariance_of_means(series: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the covariance of the means of several autocorrelated series that were measured together.
+
+    The standard uncertainty of each mean is that of `std_of_mean`; their correlation is that of the values. A sum of
+    them need not be autocorrelated as they are, so its uncertainty comes from its own series.
+
+    Parameters
+    ----------
+    series : ndarray, shape (n, p)
+
+    Returns
+    -------
+    ndarray, shape (p, p)
+    """
+    std = np.array([std_of_mean(column)[0] for column in series.T])
+    raw = series.std(axis=0, ddof=1)
+    scale = np.divide(std, raw, out=np.zeros_like(std), where=raw > 0)
+    return np.atleast_2d(np.cov(series, rowvar=False)) * np.outer(scale, scale)

@@ -200,4 +200,5 @@ def _combined(found: Fitted, uncertain: list[KnownEffect], shifted: list[Fitted]
                 [(shifts.T * stds).T, np.diag(stds**2)],
             ]
         ),
+        by_stroke=tuple(np.pad(series, ((0, 0), (0, len(stds)))) for series in estimates.by_stroke),
     )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.config import BatteryConfig, ConverterConfig, PlantConfig
-from sawbench.bench.correlated import std_of_mean
+from sawbench.bench.correlated import covariance_of_means
 from sawbench.bench.errors import InputError
 from sawbench.modeling.cycle_observation import (
     SENSOR_NAMES,
@@ -116,6 +116,7 @@ class JointFit:
             values=self.estimates.values[keep],
             prior_std=self.estimates.prior_std[keep],
             covariance=self.estimates.covariance[np.ix_(keep, keep)],
+            by_stroke=tuple(series[:, keep] for series in self.estimates.by_stroke),
         )
 
 
@@ -313,13 +314,9 @@ def _result(
     has_misfit: bool,
 ) -> JointFit:
     parameters, slices = problem.parameters, problem.slices()
-    statistical = np.zeros((len(parameters.names),) * 2)
-    for part, observation in zip(slices, problem.observations, strict=True):
-        series = observation.scatter @ estimate.gain[:, part].T
-        std = np.array([std_of_mean(column)[0] for column in series.T])
-        raw = series.std(axis=0, ddof=1)
-        scale = np.divide(std, raw, out=np.zeros_like(std), where=raw > 0)
-        statistical += np.atleast_2d(np.cov(series, rowvar=False)) * np.outer(scale, scale)
+    parts = list(zip(slices, problem.observations, strict=True))
+    by_stroke = tuple(observation.scatter @ estimate.gain[:, part].T for part, observation in parts)
+    statistical = np.sum([covariance_of_means(series) for series in by_stroke], axis=0)
     prior_std = np.where(np.isfinite(parameters.prior_std), parameters.prior_std, 0.0)
     from_priors = estimate.prior_gain * prior_std
     from_model = (estimate.gain * model_error) @ estimate.gain.T
@@ -334,14 +331,17 @@ def _result(
     values = estimate.values
     pull = np.divide(values - parameters.prior_mean, prior_std, out=np.zeros_like(values), where=prior_std > 0)
     at_bound = (values[own] <= parameters.lower[own]) | (values[own] >= parameters.upper[own])
-    parts = list(zip(slices, problem.observations, strict=True))
     return JointFit(
         k_fc_n_s_per_m=values[own],
         std_n_s_per_m=np.sqrt(variance),
         statistical_std_n_s_per_m=np.sqrt(np.diag(statistical)[own]),
         labels=tuple(cycles.label for cycles in trials),
         estimates=ParameterEstimates(
-            names=parameters.names, values=values, prior_std=parameters.prior_std, covariance=covariance
+            names=parameters.names,
+            values=values,
+            prior_std=parameters.prior_std,
+            covariance=covariance,
+            by_stroke=by_stroke,
         ),
         rmse_a=tuple(_rms(estimate.residual[part], o, 0) for part, o in parts),
         rmse_n=tuple(_rms(estimate.residual[part], o, 1) for part, o in parts),

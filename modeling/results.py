@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from sawbench.bench.correlated import covariance_of_means, std_of_mean
 
 FitStatus = Literal["ok", "at_bound", "not_identifiable", "not_converged", "stalled", "contradicted"]
 RuntimeStatus = Literal["ok", "stalled", "cannot_start", "never_reached"]
@@ -24,12 +25,15 @@ class ParameterEstimates:
     values, prior_std : ndarray, shape (p,)
         `prior_std` is infinite where nothing was known before.
     covariance : ndarray, shape (p, p)
+    by_stroke : tuple of ndarray, shape (n_strokes, p)
+        By how much each stroke of a trial moves the estimates, their mean taken off; one array a trial.
     """
 
     names: tuple[str, ...]
     values: NDArray[np.float64]
     prior_std: NDArray[np.float64]
     covariance: NDArray[np.float64]
+    by_stroke: tuple[NDArray[np.float64], ...] = ()
 
     def value(self, name: str) -> float:
         """Return the estimate of one parameter."""
@@ -39,6 +43,17 @@ class ParameterEstimates:
         """Return the standard uncertainty of one parameter."""
         index = self.names.index(name)
         return float(np.sqrt(self.covariance[index, index]))
+
+    def std_along(self, slopes: Mapping[str, float]) -> float:
+        """Return the standard uncertainty of what changes with the estimates by `slopes`, 0 for names not there.
+
+        Strokes are correlated in some quantities more than in others, and where the noise of single strokes cancels,
+        the rest is the most correlated: the scatter of the strokes counts as it is in this quantity.
+        """
+        slope = np.array([slopes.get(name, 0.0) for name in self.names])
+        rest = self.covariance - sum(covariance_of_means(series) for series in self.by_stroke)
+        scatter = sum(std_of_mean(series @ slope)[0] ** 2 for series in self.by_stroke)
+        return float(np.sqrt(max(slope @ rest @ slope, 0.0) + scatter))
 
     def correlation(self, first: str, second: str) -> float:
         """Return the correlation of the errors of two parameters, -1..1."""

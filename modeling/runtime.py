@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Final
 
+import numpy as np
 from sawbench.bench.config import PlantConfig, Uncertain
 from sawbench.bench.errors import InputError
 from sawbench.modeling.discharge import Discharge, discharge
@@ -90,9 +91,9 @@ def predict_runtime(
     if not (math.isfinite(k_fc_std) and k_fc_std >= 0.0):
         raise InputError(f"k_fc_std is {k_fc_std!r}, allowed is a number >= 0, N*s/m")
     centre = {name: float(getattr(parameters, name)) for name in PLANT_NAMES} | {K_FC: k_fc}
-    covariance = _independent(plant, k_fc_std)
-    if estimates is not None:
-        centre, covariance = _joint(centre, estimates)
+    if estimates is None:
+        estimates = _independent(centre, _plant_stds(plant) | {K_FC: k_fc_std})
+    centre = _at_estimates(centre, estimates)
 
     def run(changes: Mapping[str, float], **accuracy: Any) -> Discharge:
         values = centre | dict(changes)
@@ -111,7 +112,7 @@ def predict_runtime(
     appendix_a_s = _appendix_a(usable_a_s, measured_mean_battery_current_a)
     nominal = run({}, steps_per_turn=STEPS_PER_TURN)
     quick = partial(run, steps_per_turn=SLOPE_STEPS_PER_TURN, target=math.inf)
-    return _with_uncertainty(nominal, quick, centre, covariance, appendix_a_s)
+    return _with_uncertainty(nominal, quick, centre, estimates, appendix_a_s)
 
 
 def predict_runtime_with_effects(
@@ -142,18 +143,16 @@ def predict_runtime_with_effects(
         If a value is out of its range, or an effect cannot be predicted without a campaign.
     """
     run, centre = effect_runs(baseline, point)
-    stds = {known.name: known.std for known in baseline.known}
-    covariance = _independent(baseline.plant, k_fc_std)
-    if estimates is not None:
-        centre, covariance = _joint(centre, estimates)
-    for name, std in stds.items():
-        covariance.setdefault((name, name), std**2)
+    if estimates is None:
+        effects = {known.name: known.std for known in baseline.known}
+        estimates = _independent(centre, _plant_stds(baseline.plant) | {K_FC: k_fc_std} | effects)
+    centre = _at_estimates(centre, estimates)
     nominal = run(centre, N_NODES)
     battery = baseline.battery
     assert battery is not None
     usable_a_s = 3600.0 * battery.capacity_ah * (1.0 - battery.cutoff_soc) - point.charge_used_as
     appendix_a_s = _appendix_a(usable_a_s, measured_mean_battery_current_a)
-    return _with_uncertainty(nominal, lambda changes: run(centre | dict(changes)), centre, covariance, appendix_a_s)
+    return _with_uncertainty(nominal, lambda changes: run(centre | dict(changes)), centre, estimates, appendix_a_s)
 
 
 def effect_runs(baseline: Baseline, point: OperatingPoint) -> tuple[Callable[..., Discharge], dict[str, float]]:
@@ -210,17 +209,16 @@ def _with_uncertainty(
     nominal: Discharge,
     run: Callable[[Mapping[str, float]], Discharge],
     centre: Mapping[str, float],
-    covariance: Mapping[tuple[str, str], float],
+    estimates: ParameterEstimates,
     appendix_a_s: float | None,
 ) -> RuntimePrediction:
-    """Carry the covariance of the parameters to the runtime, by differences of runs."""
+    """Carry the uncertainty of the parameters to the runtime, by differences of runs."""
     if nominal.status != "ok":
         return _prediction(nominal, 0.0, {}, appendix_a_s)
-    names = [name for name in centre if covariance.get((name, name), 0.0) > 0.0]
-    slope = {name: runtime_slope(run, name, centre[name], math.sqrt(covariance[name, name])) for name in names}
-    variance = sum(slope[a] * slope[b] * covariance.get((a, b), 0.0) for a in names for b in names)
-    shares = {name: abs(slope[name]) * math.sqrt(covariance[name, name]) for name in names}
-    return _prediction(nominal, math.sqrt(max(variance, 0.0)), shares, appendix_a_s)
+    stds = {name: estimates.std(name) for name in centre if name in estimates.names}
+    slopes = {name: runtime_slope(run, name, centre[name], std) for name, std in stds.items() if std > 0.0}
+    shares = {name: abs(slope) * stds[name] for name, slope in slopes.items()}
+    return _prediction(nominal, estimates.std_along(slopes), shares, appendix_a_s)
 
 
 def _prediction(
@@ -240,24 +238,22 @@ def _prediction(
     )
 
 
-def _independent(plant: PlantConfig | None, k_fc_std: float) -> dict[tuple[str, str], float]:
-    covariance = {(K_FC, K_FC): k_fc_std**2}
-    if plant is not None:
-        covariance |= {(name, name): getattr(plant, name).std ** 2 for name in PLANT_NAMES}
-    return covariance
+def _plant_stds(plant: PlantConfig | None) -> dict[str, float]:
+    return {} if plant is None else {name: getattr(plant, name).std for name in PLANT_NAMES}
 
 
-def _joint(
-    centre: dict[str, float], estimates: ParameterEstimates
-) -> tuple[dict[str, float], dict[tuple[str, str], float]]:
-    known = [name for name in estimates.names if name in centre]
-    if K_FC not in known:
+def _independent(centre: Mapping[str, float], stds: Mapping[str, float]) -> ParameterEstimates:
+    std = np.array(list(stds.values()))
+    values = np.array([centre[name] for name in stds])
+    return ParameterEstimates(names=tuple(stds), values=values, prior_std=std, covariance=np.diag(std**2))
+
+
+def _at_estimates(centre: Mapping[str, float], estimates: ParameterEstimates) -> dict[str, float]:
+    if K_FC not in estimates.names:
         raise InputError(
             f"the estimates do not contain {K_FC}", remedy="give the estimates of one trial: JointFit.of_trial"
         )
-    place = {name: estimates.names.index(name) for name in known}
-    covariance = {(a, b): float(estimates.covariance[place[a], place[b]]) for a in known for b in known}
-    return centre | {name: estimates.value(name) for name in known}, covariance
+    return {name: estimates.value(name) if name in estimates.names else value for name, value in centre.items()}
 
 
 def runtime_slope(run: Callable[[Mapping[str, float]], Discharge], name: str, value: float, std: float) -> float:

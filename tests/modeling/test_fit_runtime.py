@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sawbench.bench.config import BatteryConfig, PlantConfig
+from sawbench.bench.correlated import covariance_of_means
 from sawbench.bench.errors import InputError
 from sawbench.modeling.discharge import discharge
 from sawbench.modeling.fit import fit_cutting_coefficient
+from sawbench.modeling.joint_fit import SensorPriors, fit_jointly
 from sawbench.modeling.machines import paper_jigsaw as paper
 from sawbench.modeling.parts.eq16 import Eq16Battery
 from sawbench.modeling.parts.linear import LinearCutting
@@ -31,6 +33,7 @@ PLANT = PlantConfig.model_validate(
 )
 SMALL = Eq16Battery(nominal_voltage_v=18.0, capacity_ah=0.05, beta=0.9, internal_resistance_ohm=0.02)
 SUPPLY = FixedDuty(duty=0.4375, battery=SMALL)
+BATTERY = BatteryConfig(nominal_voltage_v=18.0, capacity_ah=1.5, beta=0.99, internal_resistance_ohm=0.02)
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +100,6 @@ def test_errors_that_keep_the_current_right_cancel():
 
 
 def test_interval_with_the_fits_covariance_holds_the_true_runtime():
-    battery = BatteryConfig(nominal_voltage_v=18.0, capacity_ah=1.5, beta=0.99, internal_resistance_ohm=0.02)
     z = []
     for seed in range(8):
         trial = synthetic.synthetic_trial(300 + seed, seconds=5.0)
@@ -109,17 +111,63 @@ def test_interval_with_the_fits_covariance_holds_the_true_runtime():
             start_s=1.5,
             duty=trial.duty,
         )
-        fit = fit_cutting_coefficient(cycles, plant=PLANT, battery=battery)
-        found = predict_runtime(paper.PARAMETERS, supply=SUPPLY, k_fc=fit.k_fc_n_s_per_m, estimates=fit.estimates)
+        fit = fit_cutting_coefficient(cycles, plant=PLANT, battery=BATTERY)
+        found = predict_runtime(
+            paper.PARAMETERS, supply=SUPPLY, k_fc=fit.k_fc_n_s_per_m, estimates=fit.estimates, compiles=True
+        )
         truth = discharge(
             paper.PARAMETERS.replace(**trial.true_plant),
             supply=SUPPLY,
             cutting=LinearCutting(k_fc_n_s_per_m=trial.true_k_fc),
+            compiles=True,
         )
         z.append((found.runtime_s - truth.runtime_s) / found.std_s)
         assert found.std_s < 0.02 * found.runtime_s
     assert np.abs(z).max() < 3.3
     assert np.mean(np.square(z)) < 2.4
+
+
+def test_interval_holds_the_true_runtime_where_strokes_are_correlated():
+    """The scatter of the strokes is most of what is uncertain: sensors are exact, the plant is known well."""
+    uncertain = [name for name in TRUE if name.startswith(("torque", "back_emf", "resistance", "motor_damping"))]
+    known = {name: 0.5 * std if name in uncertain else 0.0 for name, (_, std) in synthetic.NOMINAL.items()}
+    plant = PlantConfig.model_validate(
+        {name: {"nominal": TRUE[name], "rel_std": std} for name, std in known.items()}
+        | {"gear_ratio": synthetic.GEAR_RATIO}
+    )
+    exact = SensorPriors(
+        force_gain_rel_std=0.0, current_gain_rel_std=0.0, voltage_gain_rel_std=0.0, angle_zero_std_rad=0.0,
+        force_offset_std_n=0.0,
+    )  # fmt: skip
+    none = {"sensor_gain_std": 0.0, "voltage_gain_std": 0.0, "angle_zero_std_rad": 0.0, "force_offset_std_n": 0.0}
+    rng, z = np.random.default_rng(17), []
+    for seed in range(30):
+        true = {name: value * (1 + known[name] * rng.normal()) for name, value in TRUE.items()}
+        trial = synthetic.synthetic_trial(seed, seconds=8.0, correlation=0.5, plant=true, **none)
+        cycles = cycles_from_samples(
+            trial.angle_time_s, trial.angle_rad, trial.speed_rad_s, trial.channels, start_s=1.0, duty=trial.duty
+        )
+        estimates = fit_jointly([cycles], plant=plant, battery=BATTERY, sensors=exact).of_trial(0)
+        found = predict_runtime(paper.PARAMETERS, supply=SUPPLY, k_fc=240.0, estimates=estimates, compiles=True)
+        truth = discharge(
+            paper.PARAMETERS.replace(**true), supply=SUPPLY, cutting=LinearCutting(k_fc_n_s_per_m=240.0), compiles=True
+        )
+        z.append((found.runtime_s - truth.runtime_s) / found.std_s)
+    assert 0.5 < np.mean(np.square(z)) < 1.5
+
+
+def test_strokes_whose_noise_cancels_leave_what_is_correlated():
+    """The sum of two estimates has no noise of single strokes, which most of the scatter of each is."""
+    rng, z = np.random.default_rng(3), []
+    for _ in range(1000):
+        slow, noise = synthetic.stroke_coefficients(rng, 150, 1.0, 1.0, 0.5) - 1.0, 2.0 * rng.normal(size=150)
+        strokes = np.array([slow + noise, slow - noise]).T
+        estimates = ParameterEstimates(
+            names=("a", "b"), values=strokes.mean(axis=0), prior_std=np.full(2, np.inf),
+            covariance=covariance_of_means(strokes), by_stroke=(strokes - strokes.mean(axis=0),),
+        )  # fmt: skip
+        z.append(estimates.values.sum() / estimates.std_along({"a": 1.0, "b": 1.0}))
+    assert 0.91 < np.mean(np.abs(z) < 1.96) < 0.97
 
 
 def test_appendix_a_beside_it():
