@@ -36,13 +36,20 @@ def unusual_numbers(config: BenchConfig) -> list[str]:
     list of str
         One sentence each: table, key, value, the usual range, what to do.
     """
-    return [
+    outside = [
         f"[{name}] {key} = {value:g} is unusual: battery tools have {low:g} to {high:g}; check its unit"
         for name, table, usual in (("plant", config.plant, _PLANT), ("battery", config.battery, _BATTERY))
         if table is not None
         for key, (low, high) in usual.items()
         if is_outside(value := _value(getattr(table, key)), (low, high))
     ]
+    stated = {key: number for key, number in config.plant or () if isinstance(number, Uncertain)}
+    vague = [
+        f"[plant] {key} has rel_std = {number.rel_std:g}, which is {100.0 * number.rel_std:g} %: a share, not percent?"
+        for key, number in stated.items()
+        if number.rel_std is not None and number.rel_std > 1.0
+    ]
+    return [*outside, *vague]
 
 
 def _value(number: Uncertain | float) -> float:

@@ -35,7 +35,8 @@ def describe_validation(error: ValidationError, model: type[BaseModel]) -> str:
         else:
             message = item["msg"].removeprefix("Value error, ")
             shown = f" (got {got!r})" if isinstance(got, str | int | float | bool) else ""
-            shown += "; write numbers without quotes" if isinstance(got, str) and _is_number(got) else ""
+            is_quoted = item["type"] in ("float_type", "int_type") and isinstance(got, str) and _is_number(got)
+            shown += "; write numbers without quotes" if is_quoted else ""
             lines.append(f"{key}: {message}{shown}" if key else f"{message}{shown}")
     return lines[0] if len(lines) == 1 else f"{len(lines)} problems:\n  " + "\n  ".join(lines)
 

@@ -157,7 +157,7 @@ def _as_json(files: DemoFiles, trial: AnalysedTrial, fit: CuttingFit, runtime: R
         "period": plain(processed.period),
         "peak_force_n": processed.peak_force_n,
         "peak_force_std_n": processed.peak_force_std_n,
-        "fit": plain(fit),
+        "fit": plain(fit.in_outline),
         "runtime": plain(runtime),
         "files": {name: getattr(files, name) for name in DemoFiles.__slots__},
     }

@@ -50,7 +50,7 @@ def command(paths: tuple[Place, ...], config_path: Path | None, method: Any, bat
         if fit is None:
             click.echo(f"{place}: idle run, so there is no k_Fc", err=True)
     fits = [(name, fit) for _, name, fit in found if fit is not None]
-    emit([{"trial": name, **plain(fit)} for name, fit in fits], describe(fits), as_json=as_json)
+    emit([{"trial": name, **plain(fit.in_outline)} for name, fit in fits], describe(fits), as_json=as_json)
     return failures.exit_code(is_trusted=all(fit.status == "ok" for _, fit in fits))
 
 

@@ -62,7 +62,10 @@ def command(
 
     watch = Watch(folder=directory, archive=archive, workers=batch.workers(), on_change=write_page)
     if once:
-        return 1 if any(error for _, error in watch.look(waits=False)) else 0
+        failed = [(file, error) for file, error in watch.look(waits=False) if error]
+        for file, error in failed:
+            _say(f"{file.place}: {error}")
+        return 1 if failed else 0
     _say(f"watching {directory} every {every_s:g} s")
     try:
         while True:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -102,6 +102,13 @@ class CuttingFit:
     identifiability: str
     notes: tuple[str, ...] = ()
     estimates: ParameterEstimates | None = None
+
+    @property
+    def in_outline(self) -> CuttingFit:
+        """Without what is as long as the recording: what each stroke moves, which a runtime takes."""
+        if self.estimates is None:
+            return self
+        return replace(self, estimates=replace(self.estimates, by_stroke=()))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -16,7 +16,7 @@ from sawbench.bench.units import CHANNEL_BY_NAME
 from sawbench.processing.held_values import alignment_of_rows
 from sawbench.processing.interpolated_rows import own_samples
 from sawbench.processing.noise import robust_range, white_noise_std
-from sawbench.processing.spikes import at_one_crank_angle, find_spikes
+from sawbench.processing.spikes import at_one_crank_angle, find_overloads, find_spikes
 from sawbench.processing.stretches import Stretches, holes_of, longest_step
 
 _CONSTANT: Final = "constant at"
@@ -71,8 +71,9 @@ def clean_channel(signal: Signal, angle: CrankAngle | None = None) -> CleanChann
     """
     time, values = own_samples(signal.time_s, signal.values)
     noise = white_noise_std(values, time)
-    is_far_off = find_spikes(values, noise)
-    is_impact = at_one_crank_angle(time, is_far_off, angle)
+    is_overload = find_overloads(values, signal.channel)
+    is_far_off = find_spikes(values, noise) | is_overload
+    is_impact = at_one_crank_angle(time, is_far_off & ~is_overload, angle)
     is_spike = is_far_off & ~is_impact
     n_clipped = sum(clipped_levels(values[~is_far_off]).values())
     step = np.diff(time)

@@ -6,9 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.processed import CrankAngle
 from sawbench.bench.recording import Floats
+from sawbench.bench.units import CHANNEL_BY_NAME
 from sawbench.processing.noise import robust_range, white_noise_std
 
 _NOISE_STDS = 12.0
+_OVERLOAD_RANGES = 10.0
 _RANGE_SHARE = 0.25
 # A part strikes once a stroke, or at both dead centres, or at all four places where its load changes sides.
 _TIMES_A_STROKE = (1, 2, 4)
@@ -52,6 +54,28 @@ def find_spikes(values: Floats, noise_std: float | None = None) -> NDArray[np.bo
         around = np.clip(suspects[:, None] + np.arange(-2, 3), 0, len(values) - 1)
         is_spike[suspects] = np.abs(values[suspects] - np.median(values[around], axis=1)) > limit
     return is_spike
+
+
+def find_overloads(values: Floats, channel: str) -> NDArray[np.bool_]:
+    """Mark samples, any number on end, that the channel cannot have: what an instrument writes beyond its range.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    channel : str
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        Of a channel of `bench.units`, where it is outside its plausible values and off by ten times its range (0.5 to
+        99.5 %): a channel in another unit is outside throughout, and has its range there.
+    """
+    known = CHANNEL_BY_NAME.get(channel)
+    if known is None or len(values) < 16:
+        return np.zeros(len(values), dtype=bool)
+    low, high = robust_range(values)
+    is_outside = (values < known.plausible[0]) | (values > known.plausible[1])
+    return is_outside & (np.abs(values - 0.5 * (low + high)) > _OVERLOAD_RANGES * (high - low))
 
 
 def at_one_crank_angle(time_s: Floats, is_spike: NDArray[np.bool_], angle: CrankAngle | None) -> NDArray[np.bool_]:

@@ -148,6 +148,8 @@ def _facts_row(row: ComparedTrial) -> dict[str, str]:
 def _summary(found: Comparison) -> str:
     n_trials = sum(len(one.trials) for one in found.series)
     if not n_trials:
+        if found.idle and not found.left_out:
+            return "There is no cutting trial, so nothing is compared."
         return "No trial can be compared; the reasons are listed below."
     parts = [f"{_count(n_trials, 'cutting trial')} in {_count(len(found.series), 'series')}"]
     if found.idle:

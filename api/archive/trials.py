@@ -85,7 +85,11 @@ def evaluated(trial: AnalysedTrial, *, compiles: bool = False) -> ComparedTrial:
         BATTERY_CURRENT.name: analysis.current_gain_rel_std,
     }
     return ComparedTrial(
-        processed=light(trial.processed), fit=found.fit, runtime=found.runtime, note=found.note, gain_rel_std=gains
+        processed=light(trial.processed),
+        fit=None if found.fit is None else found.fit.in_outline,
+        runtime=found.runtime,
+        note=found.note,
+        gain_rel_std=gains,
     )
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _DAY_S: Final = 86400.0
 _CLOCK: Final = re.compile(
     r"^\s*(?:(?P<date>\d[\d./-]*\d)[ T]\s*)?(?P<h>\d{1,2}):(?P<m>\d{2}):(?P<s>\d{2}(?:[.,]\d+)?)"
-    r"\s*(?P<half>[AaPp][Mm])?\s*(?P<zone>Z|[+-]\d{2}:?\d{2})?\s*$"
+    r"\s*(?P<half>[AaPp][Mm])?\s*(?P<zone>Z|UTC|GMT|[+-]\d{2}:?\d{2})?\s*$"
 )
 # Year first, or the day before points: in 3/4/2026 the month may be either number.
 _DATES: Final = (
@@ -28,6 +28,7 @@ _DATES: Final = (
 _OFFSET: Final = re.compile(r"^([+-])(\d{2}):?(\d{2})$")
 # September 2001 to January 2065: no instrument has run for so long, and seconds since 1904 are later.
 _UNIX_S: Final = (1e9, 3e9)
+_PARTS: Final = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -95,12 +96,14 @@ def clock_times(cells: pd.Series, zone: tzinfo | None = None) -> tuple[Floats, F
     return of_day_s - of_day_s[0] + _DAY_S * (days - days[0]) - (ahead_s - ahead_s[0]), first
 
 
-def since_first(time_s: Floats) -> tuple[Floats, FirstTime | None]:
+def since_first(time_s: Floats, exact_s: Floats | None = None) -> tuple[Floats, FirstTime | None]:
     """Take seconds since 1970 as seconds from the first row; other times stay as they are.
 
     Parameters
     ----------
     time_s : ndarray, shape (n,), s
+    exact_s : ndarray, shape (n,), s, optional
+        Times since the first row with more digits than their difference has: 0.24 us is what is left of them otherwise.
 
     Returns
     -------
@@ -117,7 +120,19 @@ def since_first(time_s: Floats) -> tuple[Floats, FirstTime | None]:
     if not len(time_s) or not _UNIX_S[0] <= time_s[0] <= _UNIX_S[1]:
         return time_s, None
     at = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=float(time_s[0]))
-    return time_s - time_s[0], FirstTime(at=at, has_date=True)
+    return time_s - time_s[0] if exact_s is None else exact_s, FirstTime(at=at, has_date=True)
+
+
+def unit_since_1970(value: float) -> str:
+    """Name the part of a second in which a value counts since 1970; "" where it does not.
+
+    Examples
+    --------
+    >>> unit_since_1970(1772442000250.0), unit_since_1970(1772442000.25), unit_since_1970(3.0)
+    ('ms', '', '')
+    """
+    low, high = _UNIX_S
+    return next((unit for unit, factor in _PARTS.items() if low * factor <= value <= high * factor), "")
 
 
 def zone_named(text: str) -> tzinfo:
@@ -141,7 +156,7 @@ def zone_named(text: str) -> tzinfo:
     if offset is not None:
         sign, hours, minutes = offset.groups()
         return timezone((-1 if sign == "-" else 1) * timedelta(hours=int(hours), minutes=int(minutes)))
-    if text == "Z":
+    if text in ("Z", "UTC", "GMT"):
         return UTC
     try:
         return ZoneInfo(text)

@@ -14,7 +14,7 @@ import numpy as np
 from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Floats, Signal
 from sawbench.bench.units import CHANNEL_BY_NAME, TIME_COLUMN
-from sawbench.storage.importers.clock_times import FirstTime, since_first
+from sawbench.storage.importers.clock_times import FirstTime, since_first, unit_since_1970
 from sawbench.storage.importers.raw_table import RawColumn, RawTable, names_shown
 from sawbench.storage.importers.table import Table
 from sawbench.storage.importers.table_map import ColumnRule, TableMap
@@ -102,9 +102,9 @@ def choose_columns(raw: RawTable, table_map: TableMap | None = None) -> Choice:
                 continue
             raise item.raw.problem
         values[channel], units[channel], words[channel] = _converted(raw, item, warnings)
-    first = taken[TIME_COLUMN].raw.first if TIME_COLUMN in taken else None
-    if first is None and TIME_COLUMN in values:
-        values[TIME_COLUMN], first = since_first(values[TIME_COLUMN])
+    first = None
+    if TIME_COLUMN in values:
+        values[TIME_COLUMN], first = _times(raw, taken[TIME_COLUMN], values[TIME_COLUMN])
     tables = _tables(raw, values, units, taken, table_map, warnings)
     return Choice(
         tables=tables,
@@ -114,6 +114,24 @@ def choose_columns(raw: RawTable, table_map: TableMap | None = None) -> Choice:
         mapped=frozenset(table_map.columns),
         first=first,
     )
+
+
+def _times(raw: RawTable, item: _Taken, time_s: Floats) -> tuple[Floats, FirstTime | None]:
+    """Times of a table, since its first row where a clock shows them, and when that was."""
+    if item.raw.first is not None or not len(time_s):
+        return time_s, item.raw.first
+    part = unit_since_1970(float(time_s[0]))
+    if part:
+        raise InputError(
+            f"begins at {time_s[0]:.6g} s: probably {part} since 1970",
+            where=f"{raw.path}, column {item.column}",
+            remedy=f"state the unit in a map (--map): time_s = {{ column = {item.column!r}, unit = '{part}' }}",
+        )
+    exact = item.raw.since_first
+    if exact is not None:
+        exact = _converted(raw, replace(item, raw=replace(item.raw, values=exact)), [])[0]
+        exact = exact - exact[0]
+    return since_first(time_s, exact)
 
 
 def _taken_twice(taken: Mapping[str, _Taken]) -> Iterator[str]:

@@ -76,6 +76,12 @@ class TableContent:
     notes: tuple[str, ...]
     first: FirstTime | None
 
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last time of its signals, s."""
+        times = [signal.time_s for signal in self.signals.values()]
+        return min(float(time_s[0]) for time_s in times), max(float(time_s[-1]) for time_s in times)
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Source:
@@ -184,11 +190,13 @@ def _write_all(
 
 
 def _contents(job: _Job) -> list[TableContent]:
+    """Read all tables of a trial, on the times of the first one."""
     is_saw, expected = _machine(job.config_toml)
-    return [
+    contents = [
         read_table(source.path, source.table_map, is_idle=job.trial.is_idle, is_saw=is_saw, expected=expected)
         for source in job.sources
     ]
+    return [_of_one_clock(*table, contents[0]) for table in zip(job.sources, contents, strict=True)]
 
 
 def stem_of(path: Path) -> str:
@@ -256,7 +264,7 @@ def _recording(job: _Job, contents: Sequence[TableContent], taken: Mapping[str, 
         if content.notes:
             provenance[f"table{which}"] = "; ".join(content.notes)
     provenance |= {f"column of {channel}": words for channel, words in taken.items()}
-    signals = _of_one_clock(job.sources, contents)
+    signals = _of_all(job.sources, contents)
     start_s = min((float(signal.time_s[0]) for signal in signals.values()), default=0.0)
     return Recording(
         trial=_started(job.trial, contents[0].first),
@@ -301,14 +309,26 @@ def _taken(sources: Sequence[_Source], contents: Sequence[TableContent]) -> dict
     return {channel: words for taken in (first, *named) for channel, words in taken.items()}
 
 
-def _of_one_clock(sources: Sequence[_Source], contents: Sequence[TableContent]) -> dict[str, Signal]:
-    """Signals of all tables on the times of the first one; times that a clock shows say how far tables are apart."""
-    first = contents[0].first
+def _of_one_clock(source: _Source, content: TableContent, first: TableContent) -> TableContent:
+    """A table on the times of the first one: times that a clock shows say how far the two are apart."""
+    shift_s = source.time_shift_s
+    if first.first is not None and content.first is not None:
+        shift_s += content.first.after(first.first)
+    placed = replace(content, signals={name: signal.later(shift_s) for name, signal in content.signals.items()})
+    (start_s, end_s), (first_start_s, first_end_s) = placed.span_s, first.span_s
+    if max(start_s, first_start_s) <= min(end_s, first_end_s):
+        return placed
+    apart = (
+        f"its times, {start_s:.6g} to {end_s:.6g} s, and those of the first table, {first_start_s:.6g} to "
+        f"{first_end_s:.6g} s, do not overlap; check whether it is of this trial, or state time_shift_s"
+    )
+    return replace(placed, warnings=(*placed.warnings, apart))
+
+
+def _of_all(sources: Sequence[_Source], contents: Sequence[TableContent]) -> dict[str, Signal]:
+    """Signals of all tables of a trial."""
     signals: dict[str, Signal] = {}
     for source, content in zip(sources, contents, strict=True):
-        shift_s = source.time_shift_s
-        if first is not None and content.first is not None:
-            shift_s += content.first.after(first)
         repeated = sorted(signals.keys() & content.signals.keys())
         if repeated:
             raise InputError(
@@ -316,7 +336,7 @@ def _of_one_clock(sources: Sequence[_Source], contents: Sequence[TableContent]) 
                 where=source.path,
                 remedy="give this table a map that names the channels to take, with the other one under its own name",
             )
-        signals |= {name: signal.later(shift_s) for name, signal in content.signals.items()}
+        signals |= content.signals
     return signals
 
 

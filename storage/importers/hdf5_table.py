@@ -34,8 +34,10 @@ def read_hdf5_table(path: Path) -> RawTable:
             return
         stated = item.attrs.get("unit", item.attrs.get("units", ""))
         unit = stated.decode() if isinstance(stated, bytes) else str(stated)
-        values = np.asarray(item[()], dtype=np.float64).ravel()
-        columns[full_name.replace("/", ".")] = RawColumn(values=values, unit=unit)
+        stored = np.asarray(item[()]).ravel()
+        # The differences of unsigned numbers wrap around.
+        whole = (stored - stored[0]).astype(np.float64) if stored.dtype.kind == "i" else None
+        columns[full_name.replace("/", ".")] = RawColumn(values=stored.astype(np.float64), unit=unit, since_first=whole)
 
     if not path.exists():
         raise InputError("no such file", where=path, remedy="check the path")

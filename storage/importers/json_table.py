@@ -61,4 +61,11 @@ def _lists(content: Any, path: Path, prefix: str, names: list[str] | None = None
                 problem = InputError(what, where=path, remedy=remedy)
                 yield name, RawColumn(values=np.full(len(values), np.nan), problem=problem)
             elif all(value is None or isinstance(value, int | float) for value in values):
-                yield name, RawColumn(values=np.array([np.nan if v is None else v for v in values], dtype=np.float64))
+                whole = all(isinstance(value, int) for value in values)
+                yield (
+                    name,
+                    RawColumn(
+                        values=np.array([np.nan if v is None else v for v in values], dtype=np.float64),
+                        since_first=np.array([v - values[0] for v in values], dtype=np.float64) if whole else None,
+                    ),
+                )

@@ -40,6 +40,9 @@ class RawColumn:
         Unit the file states; "" if it states none.
     time_s : ndarray, shape (n,), s, optional
         Of formats in which every channel has times of its own.
+    since_first : ndarray, shape (n,), optional
+        The values less the first one, with all their digits, where a float64 does not hold these beside the digits
+        before the point.
     first : FirstTime, optional
         When the first value was, of times that count from it.
     problem : InputError, optional
@@ -49,6 +52,7 @@ class RawColumn:
     values: Floats
     unit: str = ""
     time_s: Floats | None = None
+    since_first: Floats | None = None
     first: FirstTime | None = None
     problem: InputError | None = None
 

@@ -193,6 +193,7 @@ def _signal(name: str, unit: str, time_s: Floats, values: Floats, jumps: NDArray
 def _unknown_column(name: str, *, is_asked_for: bool) -> list[str]:
     """Say so of a name that nobody asked for, and of one that a map or configuration has nearly right."""
     close = difflib.get_close_matches(name.lower(), CHANNEL_BY_NAME, n=1, cutoff=_MISSPELT if is_asked_for else 0.6)
+    close = close or [known for known in CHANNEL_BY_NAME if known.rpartition("_")[0] == name.lower()]
     if is_asked_for and not close:
         return []
     hint = f"; did you mean {close[0]!r}?" if close else ""

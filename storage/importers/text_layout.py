@@ -20,7 +20,7 @@ _NUMBER: Final = re.compile(r"^[+-]?(\d+(\.\d*|,\d+)?|[.,]\d+)([eE][+-]?\d+)?$|^
 _GROUPED: Final = re.compile(r"^[+-]?[1-9]\d{0,2}(?:([.,'\u00a0\u202f])\d{3})(?:\1\d{3})*(?:[.,]\d+)?$")
 _CLOCK: Final = re.compile(
     r"^(\d{1,4}[-./]\d{1,2}[-./]\d{1,4})?[ T]?(\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?)?"
-    r"( ?[AaPp][Mm])?( ?(Z|[+-]\d{2}:?\d{2}))?$"
+    r"( ?[AaPp][Mm])?( ?(Z|UTC|GMT|[+-]\d{2}:?\d{2}))?$"
 )
 _DECIMAL_COMMA: Final = re.compile(r"^[+-]?\d*,\d+([eE][+-]?\d+)?$")
 _DECIMAL_POINT: Final = re.compile(r"^[+-]?\d*\.\d+([eE][+-]?\d+)?$")
@@ -201,7 +201,9 @@ def _find_header(path: Path, table: list[_Line], rules: ReadingRules) -> _Line |
     def likeness(line: _Line) -> tuple[int, int, bool, int]:
         return -abs(len(line.cells) - n_cells), sum(map(bool, line.cells)), not line.is_comment, line.number
 
-    return max(above, key=likeness, default=None)
+    # Names may look like units, as in "time_s,v", where no other line is above the rows.
+    units = [line for line in table if line.is_units and first_row is not None and line.number < first_row]
+    return max(above, key=likeness, default=next(iter(units), None))
 
 
 def _without_header(path: Path, table: list[_Line], separator: str, rules: ReadingRules) -> TextLayout:

@@ -6,6 +6,7 @@ import gzip
 import re
 import warnings
 import zlib
+from dataclasses import replace
 from io import BytesIO, StringIO
 from itertools import islice
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from sawbench.bench.errors import InputError
+from sawbench.bench.recording import Floats
 from sawbench.storage.importers.clock_times import clock_times
 from sawbench.storage.importers.raw_table import RawColumn, RawTable
 from sawbench.storage.importers.table_map import ReadingRules
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
 
 _MARKS: Final = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 _N_PROBED_LINES: Final = 1000
+_MANY_DIGITS: Final = 1e9
 _N_PROBED_CHARACTERS: Final = 1_000_000
 _MOST_BYTES: Final = 4_000_000_000
 # As pandas says it.
@@ -55,6 +58,8 @@ def read_text_table(path: Path, rules: ReadingRules | None = None) -> RawTable:
     """
     rules = rules or ReadingRules()
     text, encoding = _decode(path, _read_bytes(path), rules)
+    if rules.thousands is not None and not rules.thousands.isascii():  # pandas takes a single byte
+        text, rules = text.replace(rules.thousands, ""), rules.model_copy(update={"thousands": None})
     layout = find_layout(path, _first_lines(text), rules)
     text, warning = without_cut_line(text, layout)
     rows = TextRows(path=path, text=text, layout=layout)
@@ -72,7 +77,11 @@ def read_text_table(path: Path, rules: ReadingRules | None = None) -> RawTable:
     for position, (name, unit, (_, cells)) in enumerate(named, start=1):
         if name or not bool(cells.isna().to_numpy().all()):
             column = name or str(position)
-            columns[column] = _column(rows, column, unit or split_unit(name)[1], cells, decimal, rules.zone)
+            found = _column(rows, column, unit or split_unit(name)[1], cells, decimal, rules.zone)
+            if cells.dtype.kind in "fi" and abs(cells.iloc[0]) >= _MANY_DIGITS:
+                texts = _frame(path, text, layout, decimal, rules, as_text=position - 1).iloc[:, 0]
+                found = replace(found, since_first=_since_first(texts, decimal))
+            columns[column] = found
     return RawTable(
         path=path,
         columns=columns,
@@ -130,7 +139,10 @@ def _decode(path: Path, content: bytes, rules: ReadingRules) -> tuple[str, str]:
     )
 
 
-def _frame(path: Path, text: str, layout: TextLayout, decimal: str, rules: ReadingRules) -> pd.DataFrame:
+def _frame(
+    path: Path, text: str, layout: TextLayout, decimal: str, rules: ReadingRules, *, as_text: int | None = None
+) -> pd.DataFrame:  # fmt: skip
+    """All columns, or the text of the cells of a single one."""
     import pandas as pd
 
     try:
@@ -147,6 +159,8 @@ def _frame(path: Path, text: str, layout: TextLayout, decimal: str, rules: Readi
                 index_col=False,
                 skipinitialspace=True,
                 low_memory=False,
+                usecols=None if as_text is None else [as_text],
+                dtype=None if as_text is None else str,
             )
     except (pd.errors.ParserError, pd.errors.ParserWarning, pd.errors.EmptyDataError) as error:
         if isinstance(error, pd.errors.EmptyDataError):
@@ -184,6 +198,17 @@ def _column(
             )
             break
     return RawColumn(values=np.full(len(cells), np.nan), unit=unit, problem=problem)
+
+
+def _since_first(cells: pd.Series, decimal: str) -> Floats | None:
+    """Numbers with more digits than a float64 holds, less the first one; None where they are not plain digits."""
+    parts = cells.str.partition(decimal)
+    try:
+        whole = parts[0].to_numpy(dtype=np.int64)
+        fraction = ("0." + parts[2].fillna("")).to_numpy(dtype=np.float64)
+    except (ValueError, TypeError):
+        return None
+    return (whole - whole[0]) + (fraction - fraction[0])
 
 
 def _is_number(cell: str, decimal: str) -> bool:

@@ -122,6 +122,12 @@ def test_watch_once_processes_and_writes_the_page(lab, tmp_path):
     assert main(["watch", str(lab / "in")]) == 2
 
 
+def test_watch_once_names_what_it_cannot_read(lab, tmp_path, capsys):
+    (lab / "in" / "torn.mcap").write_bytes(b"no recording")
+    assert main(["watch", str(lab / "in"), "--archive", str(tmp_path / "archive"), "--once"]) == 1
+    assert "torn.mcap: " in capsys.readouterr().err
+
+
 def test_process_goes_on_where_it_stopped(tmp_path, capsys, monkeypatch):
     """What an earlier run has written is taken as it stands, unless bytes, configuration or amendments changed."""
     from sawbench import analysis

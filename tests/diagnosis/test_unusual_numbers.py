@@ -106,3 +106,11 @@ def test_a_time_in_ms_is_named_as_that_and_not_as_a_slow_rate():
     assert "samples a second" not in in_ms.remedy
     slow = {name: (time_s[::50], values[::50]) for name, values in tracks.items()}
     assert "displacement_mm has 20 samples a second" in explain_faults(saw, trial, slow).remedy
+
+
+@pytest.mark.parametrize(("rel_std", "is_named"), [(0.05, False), (1.0, False), (5.0, True)])
+def test_percent_in_the_place_of_a_share_is_named(rel_std, is_named):
+    stated = Uncertain(nominal=CONFIG.plant.resistance_ohm.nominal, rel_std=rel_std)
+    plant = CONFIG.plant.model_copy(update={"resistance_ohm": stated})
+    said = unusual_numbers(CONFIG.model_copy(update={"plant": plant}))
+    assert any("resistance_ohm has rel_std = 5, which is 500 %" in text for text in said) == is_named

@@ -100,3 +100,22 @@ def test_a_trial_keeps_what_strikes_in_the_machine():
         assert quality["force_n"].n_impacts == pytest.approx(len(places), abs=2)
         assert quality["displacement_mm"].n_spikes == len(OF_CABLE)
         assert len(found.channels["displacement_mm"].values) == len(TIME_S) - len(OF_CABLE)
+
+
+@pytest.mark.parametrize("n_overloads", [1, 3, 40])
+@pytest.mark.parametrize("overload_n", [32767.0, -6000.0])
+def test_an_overload_of_any_length_is_left_out_and_said(n_overloads, overload_n):
+    t = np.arange(12_000) / 6000.0
+    values = 200.0 * np.abs(np.sin(40.0 * t)) + np.random.default_rng(3).normal(0.0, 0.3, len(t))
+    values[5000 : 5000 + n_overloads] = overload_n
+    found = clean_channel(Signal(channel="force_n", unit="N", time_s=t, values=values))
+    assert found.quality.n_spikes == n_overloads
+    assert found.values.max() < 210.0 and found.values.min() > -10.0
+    assert any(f"{n_overloads} spikes were left out" in text for text in found.quality.problems)
+
+
+def test_a_channel_in_another_unit_keeps_its_samples():
+    """A force in millinewton is outside of what is plausible for most of the time, and within its own range."""
+    t = np.arange(12_000) / 6000.0
+    values = 200_000.0 * np.abs(np.sin(40.0 * t))
+    assert clean_channel(Signal(channel="force_n", unit="N", time_s=t, values=values)).quality.n_spikes == 0

@@ -32,6 +32,7 @@ def taken_in(folder, first, second, map_toml=""):
     ("first", "second", "map_toml", "started"),
     [
         ("2026-03-02T09:00:00.250+01:00", "2026-03-02T09:00:00.251+01:00", "", "2026-03-02T08:00:00.250000+00:00"),
+        ("2026-03-02 09:00:00.250 UTC", "2026-03-02 09:00:00.251 UTC", "", "2026-03-02T09:00:00.250000+00:00"),
         ("2026/03/02 11:59:59.999 PM Z", "2026/03/03 12:00:00.000 AM Z", "", "2026-03-02T23:59:59.999000+00:00"),
         ("02.03.2026 09:00:00.5", "02.03.2026 09:00:00.501", in_zone("+01:00"), "2026-03-02T08:00:00.500000+00:00"),
         ("02.07.2026 09:00:00.5", "02.07.2026 09:00:00.501", in_zone("Europe/Berlin"),
@@ -106,3 +107,35 @@ def test_dates_and_zones_of_every_row_count(first, second, apart_s, tmp_path):
 def test_a_date_that_goes_back_is_refused(tmp_path):
     with pytest.raises(InputError, match="time_s does not increase"):
         taken_in(tmp_path, "2026-03-02T09:00:00Z", "2026-03-01T09:00:01Z")
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "first"),
+    [("t.csv", "s", "1772442000.123456"), ("t.csv", "us", "1772442000123456"), ("t.json", "us", "1772442000123456")],
+)
+def test_no_digit_of_seconds_since_1970_is_lost(name, unit, first, tmp_path):
+    """At 1 MHz a float64 of such a time is off by a quarter of a sample."""
+    times = [f"{first[:-1]}{k}" for k in (0, 1, 2, 3)]
+    if name == "t.csv":
+        (tmp_path / name).write_text("time_s,force_n\n" + "".join(f"{t},{k}\n" for k, t in enumerate(times)))
+    else:
+        (tmp_path / name).write_text(f'{{"time_s": [{", ".join(times)}], "force_n": [0, 1, 2, 3]}}')
+    (tmp_path / "map.toml").write_text(f'[columns]\ntime_s = {{ column = "time_s", unit = "{unit}" }}\n')
+    (path,) = import_path(tmp_path / name, tmp_path / "out", table_map=load_map(tmp_path / "map.toml")).paths
+    assert read_recording(path).signal("force_n").time_s == pytest.approx([0.0, 1e-6, 2e-6, 3e-6], abs=1e-10)
+
+
+def test_milliseconds_since_1970_ask_for_their_unit(tmp_path):
+    with pytest.raises(InputError, match="probably ms since 1970") as caught:
+        taken_in(tmp_path, "1772442000250", "1772442000251")
+    assert "t.csv, column time_s" in str(caught.value) and "unit = 'ms'" in str(caught.value)
+
+
+def test_a_table_of_another_day_is_asked_about(tmp_path):
+    (tmp_path / "daq.csv").write_text("time_s,force_n\n2026-03-02T09:00:00Z,1\n2026-03-02T09:00:01Z,2\n")
+    (tmp_path / "can.csv").write_text("time_s,motor_current_a\n2026-03-03T09:00:00Z,3\n2026-03-03T09:00:01Z,4\n")
+    (tmp_path / "campaign.toml").write_text('[[trial]]\nfile = "daq.csv"\n[[trial.further]]\nfile = "can.csv"\n')
+    report = import_path(tmp_path / "campaign.toml", tmp_path / "out")
+    said = [text for text in report.warnings if text.startswith("can.csv: its times, 86400 to 86401 s, ")]
+    assert len(said) == 1 and "do not overlap" in said[0]
+    assert any("do not overlap" in event.text for event in read_recording(report.paths[0]).events)

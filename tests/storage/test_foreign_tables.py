@@ -557,3 +557,21 @@ def test_a_column_for_two_channels_is_said(tmp_path):
     mapped = table_map(tmp_path, '[columns]\nforce_n = "Fx"\nmotor_current_a = "Fx"\n')
     _, report = taken_in(tmp_path, "t.csv", "time_s,Fx\n0,1\n1,2\n", mapped)
     assert any("takes column Fx for force_n, motor_current_a" in text for text in report.warnings)
+
+
+@pytest.mark.parametrize("header", ["time_s,v", "time_s,N", "time_s,a"])
+def test_names_that_look_like_units_are_names(header, tmp_path):
+    recording, _ = taken_in(tmp_path, "t.csv", f"{header}\n0,1\n1,2\n")
+    assert list(recording.signals) == [header.split(",")[1]]
+
+
+def test_a_name_without_its_unit_in_a_map_is_asked_about(tmp_path):
+    mapped = table_map(tmp_path, '[columns]\nforce = "Fz"\n')
+    _, report = taken_in(tmp_path, "t.csv", "time_s,Fz\n0,1\n1,2\n", mapped)
+    assert any("did you mean 'force_n'?" in text for text in report.warnings)
+
+
+def test_a_space_that_does_not_break_may_stand_between_thousands(tmp_path):
+    mapped = table_map(tmp_path, '[table]\nthousands = "\u00a0"\n')
+    recording, _ = taken_in(tmp_path, "t.csv", "time_s;force_n\n0;1\u00a0234,5\n1;2\u00a0000,0\n", mapped)
+    assert recording.signal("force_n").values.tolist() == [1234.5, 2000.0]
