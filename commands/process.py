@@ -58,7 +58,7 @@ def command(
               "offsets": plain(r.offsets)}
              for row, r in zip(rows, results, strict=True)]  # fmt: skip
     text = describe(results)
-    if out_dir is not None:
+    if out_dir is not None and results:
         text += f"\nwritten to {out_dir}: {len(results)} HDF5 files, {SUMMARY_NAME}"
     emit(shown, text, as_json=as_json)
     return failures.exit_code(is_trusted=all(is_trusted(processed) for processed in results))

@@ -86,8 +86,8 @@ def view_recording(
 
         save_path = Path(tempfile.mkdtemp(prefix="sawbench-")) / f"{uuid.uuid4().hex}.rrd"
     stream = rr.RecordingStream("sawbench", recording_id=uuid.uuid4())
-    stream.set_sinks(open_rrd(save_path, overwrite=overwrite))
     try:
+        stream.set_sinks(open_rrd(save_path, overwrite=overwrite))
         _fill(stream, recording, processed, model or {})
         stream.flush(timeout_sec=60.0)
     except RuntimeError as error:

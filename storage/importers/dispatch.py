@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
-from sawbench.bench.errors import InputError
+from sawbench.bench.errors import InputError, WritingError
 from sawbench.bench.recording import Alignment, Event, Recording, Signal, Trial
 from sawbench.bench.units import TIME_COLUMN
 from sawbench.storage.digest import sha256_of
@@ -172,7 +172,12 @@ def _write_all(
             refused.append(error)
         if refused:
             continue
-        target = write_recording(recording, folder / f"{job.trial.trial_id}.mcap")
+        target = folder / f"{job.trial.trial_id}.mcap"
+        try:
+            write_recording(recording, target)
+        except WritingError as error:
+            # All of an import is given up: nothing is left that could be recovered.
+            raise WritingError.of(error.__cause__ or error, where=target.name) from error
         paths.append(target)
         taken[target.name] = words
         for source, content in zip(job.sources, contents, strict=True):
