@@ -53,12 +53,12 @@ class WritingError(RecordingError):
     exit_code = 1
 
     @classmethod
-    def of(cls, error: Exception, *, where: object, kept: str = "") -> WritingError:
+    def of(cls, error: BaseException, *, where: object, kept: str = "") -> WritingError:
         """Say that a file cannot be written, why, and what to do.
 
         Parameters
         ----------
-        error : Exception
+        error : BaseException
             What the system or a library said.
         where : str or Path
             The file.

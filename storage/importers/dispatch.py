@@ -170,6 +170,7 @@ def _write_all(
             recording = _recording(job, contents, words)
         except InputError as error:
             refused.append(error)
+            continue
         if refused:
             continue
         target = folder / f"{job.trial.trial_id}.mcap"
