@@ -25,6 +25,9 @@ _CLOCK: Final = re.compile(
 _DECIMAL_COMMA: Final = re.compile(r"^[+-]?\d*,\d+([eE][+-]?\d+)?$")
 _DECIMAL_POINT: Final = re.compile(r"^[+-]?\d*\.\d+([eE][+-]?\d+)?$")
 _N_JUDGED_ROWS: Final = 40
+# Each of the two headers of a .lvm file ends so; its last column has a cell only in rows with a comment.
+_LABVIEW_END: Final = "***End_of_Header***"
+_LABVIEW_COMMENT: Final = "Comment"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -120,13 +123,15 @@ def _find_layout(path: Path, lines: list[str], rules: ReadingRules) -> TextLayou
     table = _parsed(lines, separator, skip_first=stated is not None)
     if not table:
         raise InputError("is empty", where=path)
-    header = _find_header(path, table, rules)
+    header = _find_header(path, _behind_labview_headers(table), rules)
     if header is None:
         return _without_header(path, table, separator, rules)
     below = [line for line in table if line.number > header.number]
     unit_line = next((line for line in below[:1] if line.is_units), None)
     rows = [line for line in below if line is not unit_line and not line.is_comment][:_N_JUDGED_ROWS]
     names = _check_names(path, header)
+    if names[-1] == _LABVIEW_COMMENT and all(len(line.cells) < len(names) for line in rows):
+        names.pop()
     _check_lengths(path, names, rows, separator)
     names += [""] * (max((len(line.cells) for line in rows), default=0) - len(names))
     units = [bare_unit(cell) for cell in unit_line.cells] if unit_line else []
@@ -141,6 +146,12 @@ def _find_layout(path: Path, lines: list[str], rules: ReadingRules) -> TextLayou
         comment=next((lines[c.number - 1].lstrip()[0] for c in comments), "#"),
         n_remarks=sum(line.number < header.number for line in table),
     )
+
+
+def _behind_labview_headers(table: list[_Line]) -> list[_Line]:
+    """Leave out the headers of a LabVIEW measurement file, whose lines look like names of columns."""
+    ends = [place for place, line in enumerate(table) if line.cells[:1] == [_LABVIEW_END]]
+    return table[ends[-1] + 1 :] if ends else table
 
 
 def _parsed(lines: list[str], separator: str, *, skip_first: bool) -> list[_Line]:

@@ -575,3 +575,19 @@ def test_a_space_that_does_not_break_may_stand_between_thousands(tmp_path):
     mapped = table_map(tmp_path, '[table]\nthousands = "\u00a0"\n')
     recording, _ = taken_in(tmp_path, "t.csv", "time_s;force_n\n0;1\u00a0234,5\n1;2\u00a0000,0\n", mapped)
     assert recording.signal("force_n").values.tolist() == [1234.5, 2000.0]
+
+
+@pytest.mark.parametrize("comment", ["", "\t"], ids=["no cell", "an empty cell"])
+def test_a_labview_measurement_file(comment, tmp_path):
+    """Two headers, of the file and of its segment, and a column that has a cell only where somebody wrote a comment."""
+    text = (
+        "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\nX_Columns\tOne\n"
+        "Date\t2026/11/30\nTime\t08:00:00,123\n***End_of_Header***\t\n\t\nChannels\t2\nSamples\t3\t3\n"
+        "Date\t2026/11/30\t2026/11/30\nTime\t08:00:00,123\t08:00:00,123\nY_Unit_Label\tNewton\tAmpere\n"
+        "X_Dimension\tTime\tTime\nX0\t0,0\t0,0\nDelta_X\t0,001\t0,001\n***End_of_Header***\t\t\n"
+        "X_Value\tforce_n\tmotor_current_a\tComment\n"
+    ) + "".join(f"0,00{k}\t{k},5\t{k + 1}{comment}\n" for k in range(5))
+    recording, _ = taken_in(tmp_path, "a.lvm", text, table_map(tmp_path, '[columns]\ntime_s = "X_Value"\n'))
+    assert recording.signal("force_n").time_s == pytest.approx([0.0, 0.001, 0.002, 0.003, 0.004])
+    assert recording.signal("force_n").values.tolist() == [0.5, 1.5, 2.5, 3.5, 4.5]
+    assert recording.signal("motor_current_a").values.tolist() == [1.0, 2.0, 3.0, 4.0, 5.0]
