@@ -9,7 +9,13 @@ from typing import Any, Final
 import numpy as np
 from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
 from sawbench.diagnosis.campaign import Campaign
-from sawbench.diagnosis.inference.asynchronous import Line, fixed_lines, hum_lines, is_mains
+from sawbench.diagnosis.inference.asynchronous import (
+    Line,
+    fastest_compared_hz,
+    fixed_lines,
+    hum_lines,
+    is_mains,
+)
 from sawbench.diagnosis.inference.gain_drift import GainDrift
 from sawbench.diagnosis.inference.off_stroke import OffStroke
 from sawbench.diagnosis.inference.settings import SETTINGS
@@ -86,7 +92,9 @@ def _lines(trials: Sequence[OffStroke], health: dict[str, list[ChannelHealth]]) 
             words = f"hum of {place.format(unit)}: mains pickup; check shield and ground of the cable"
             yield _entry(line.channel, "hum", line.amplitude, unit, words, line.frequency_hz)
         else:
-            words = f"line of {place.format(unit)} in this channel only, at any stroke rate: find its source"
+            is_fast = line.frequency_hz > fastest_compared_hz(trials)
+            which = "faster than what is compared with the model" if is_fast else "in this channel only"
+            words = f"line of {place.format(unit)}, {which}, at any stroke rate: find its source"
             yield _entry(line.channel, "line", line.amplitude, unit, words, line.frequency_hz)
     for one in wandering_lines(trials):
         unit = CHANNEL_BY_NAME[one.channel].unit

@@ -15,6 +15,7 @@ from typing import Final, Literal
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
+from sawbench.diagnosis.inference.features import HARMONICS
 from sawbench.diagnosis.inference.off_stroke import MAINS_HZ, MULTIPLES, OffStroke
 from sawbench.diagnosis.inference.peaks import Peak
 from sawbench.diagnosis.inference.settings import SETTINGS
@@ -184,9 +185,12 @@ def _is_no_pickup(group: Sequence[OffStroke], lock: Lock, name: str, line: Seque
 
     At the mains' frequency it is hum in however many channels, for no battery has that, unless both currents show it as
     the converter relates them: a charger that stays connected. Where all trials run at nearly one speed, a fixed
-    frequency stands at nearly one order of the stroke as well.
+    frequency stands at nearly one order of the stroke as well. Beyond the harmonics that are compared it is no gap in
+    however many channels: the model has the means over the switching of a converter, which sampling may place there.
     """
     middle = max((p for _, p in line), key=lambda p: p.power)
+    if lock == "time" and middle.place > fastest_compared_hz(group):
+        return False
     if is_mains(float(np.median([p.place if lock == "time" else p.place * trial.rate_hz for trial, p in line]))):
         return lock == "time" and name in _ELECTRICAL and _is_a_current(group, middle)
     if lock == "stroke":
@@ -194,6 +198,11 @@ def _is_no_pickup(group: Sequence[OffStroke], lock: Lock, name: str, line: Seque
     channels = {n for t in group for _, n in t.peaks}
     seen = [n for n in channels if len(_at(group, lock, n, middle)) >= _enough(group, lock, middle)]
     return name in seen and sum(n in _ELECTRICAL for n in seen) > 1
+
+
+def fastest_compared_hz(trials: Sequence[OffStroke]) -> float:
+    """Frequency of the highest harmonic of the stroke that is compared in any of some trials, Hz."""
+    return max(HARMONICS.values()) * max(trial.rate_hz for trial in trials)
 
 
 def _is_a_current(group: Sequence[OffStroke], line: Peak) -> bool:

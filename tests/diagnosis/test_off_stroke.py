@@ -308,6 +308,19 @@ def test_hum_in_several_cables_is_hum():
     assert {FORCE.name, MOTOR_CURRENT.name, BATTERY_CURRENT.name} <= found
 
 
+@pytest.mark.parametrize(("line_hz", "is_gap"), [(333.0, True), (1011.0, False)])
+def test_the_switching_of_a_converter_is_no_gap(line_hz, is_gap):
+    """Or its alias, in current and voltage: the model has means over it. A supply that ripples slower is a gap."""
+
+    def switched(rng, time_s, turns, feed):
+        wave = np.cos(2.0 * np.pi * line_hz * time_s + rng.uniform(0.0, 6.0))
+        return {BATTERY_VOLTAGE.name: 0.03 * wave, MOTOR_CURRENT.name: 0.5 * wave}
+
+    assert (campaign(switched) is not None) == is_gap
+    picked_up = {line.channel for line in fixed_lines(trials(switched))}
+    assert picked_up == (set() if is_gap else {BATTERY_VOLTAGE.name, MOTOR_CURRENT.name})
+
+
 @pytest.mark.parametrize(("of_motor", "is_current"), [(0.5, True), (1.0, False), (0.3, False)])
 def test_a_charger_that_stays_connected_is_no_hum(of_motor, is_current):
     """Both currents at twice the mains' frequency: the battery's is duty times that of the motor, or any."""
