@@ -21,6 +21,8 @@ DISPLACEMENT: Final = "displacement_mm"
 # Strokes on either side of a step that are compared, and the fewest at the ends of a trial.
 _WINDOW: Final = 6
 _FEWEST: Final = 3
+# Strokes on either side whose scatter tells whether the phase means anything there.
+_AROUND: Final = 4 * _WINDOW
 # A step is at least so long, so much of a turn, and so many times the scatter of single strokes about it.
 _LEAST_S: Final = 0.0025
 _LEAST_RAD: Final = 0.1
@@ -78,8 +80,9 @@ def find_slips(
 
     Notes
     -----
-    Found from 2.5 ms and 0.1 rad of the stroke on, if five times the scatter of single strokes. The shift is known up
-    to whole strokes. Within three strokes of an end of the trial, and before the strokes begin, nothing is seen.
+    Found from 2.5 ms and 0.1 rad of the stroke on, if five times the scatter of single strokes, there and around. The
+    shift is known up to whole strokes. Within three strokes of an end of the trial, and before the strokes begin,
+    nothing is seen.
     """
     found: list[Slip] = []
     n_judged = 0
@@ -119,9 +122,12 @@ def _slips_of(channel: str, cycles: Cycles, waves: NDArray[np.complex128]) -> li
         return []
     middle_s, typical_s = 0.5 * (cycles.start_s + cycles.end_s), float(np.median(cycles.period_s))
     least_rad = max(_LEAST_RAD, 2.0 * np.pi * _LEAST_S / typical_s)
-    steps_rad, turned = np.zeros(len(waves)), waves / size
+    steps_rad, stds_rad = np.zeros(len(waves)), np.full(len(waves), np.nan)
     for k in range(_FEWEST, len(waves) - _FEWEST):
-        steps_rad[k] = _step_at(turned, size, k, least_rad)
+        steps_rad[k], stds_rad[k] = _step_at(waves / size, size, k)
+    for k in np.flatnonzero(steps_rad):
+        if abs(steps_rad[k]) < max(least_rad, _LEAST_STDS * max(stds_rad[k], _std_around(stds_rad, k))):
+            steps_rad[k] = 0.0
     found: list[Slip] = []
     while steps_rad.any():
         k = int(np.argmax(np.abs(steps_rad)))
@@ -131,15 +137,22 @@ def _slips_of(channel: str, cycles: Cycles, waves: NDArray[np.complex128]) -> li
     return found
 
 
-def _step_at(turned: NDArray[np.complex128], size: Floats, k: int, least_rad: float) -> float:
-    """Step of the phase in stroke `k`, rad; 0 where there is none, or where the single strokes scatter too much."""
+def _step_at(turned: NDArray[np.complex128], size: Floats, k: int) -> tuple[float, float]:
+    """Step of the phase in stroke `k`, rad, 0 where the amplitude changes too; and the scatter of strokes about it."""
     before, after = slice(max(0, k - _WINDOW), k), slice(k + 1, k + 1 + _WINDOW)
     means = [np.sum(turned[part]) for part in (before, after)]
     step_rad = float(np.angle(means[1] * np.conj(means[0])))
-    if abs(step_rad) < least_rad or abs(np.log(np.median(size[after]) / np.median(size[before]))) > _SAME_AMPLITUDE:
-        return 0.0
     off_rad = np.concatenate([np.angle(turned[p] * np.conj(m)) for p, m in zip((before, after), means, strict=True)])
-    return step_rad if abs(step_rad) >= _LEAST_STDS * float(np.std(off_rad)) else 0.0
+    is_same = abs(np.log(np.median(size[after]) / np.median(size[before]))) <= _SAME_AMPLITUDE
+    return (step_rad if is_same else 0.0), float(np.std(off_rad))
+
+
+def _std_around(stds_rad: Floats, k: int) -> float:
+    """Scatter of the strokes before and after those that show a step: a few of pure noise agree now and then."""
+    near = slice(max(0, k - _AROUND), k + _AROUND + 1)
+    away = np.abs(np.arange(len(stds_rad))[near] - k) > _WINDOW
+    others = stds_rad[near][away & np.isfinite(stds_rad[near])]
+    return float(np.median(others)) if len(others) >= _WINDOW else 0.0
 
 
 def _of_displacement(found: list[Slip], n_judged: int) -> list[Slip]:

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 from sawbench.bench.config import BenchConfig
+from sawbench.bench.processed import CrankAngle
 from sawbench.bench.recording import Recording, Signal, Trial
+from sawbench.processing.folding import Cycles
 from sawbench.processing.process import process_recording
+from sawbench.processing.stroke_clock import find_slips
 
 pytestmark = pytest.mark.unit
 
@@ -95,3 +98,21 @@ def test_a_marked_gap_with_right_times_is_no_slip():
     there = (t < 3.0) | (t > 3.02)
     channels["force_n"] = t[there], values[there]
     assert not doubts(processed(channels))
+
+
+def test_the_phase_of_noise_is_no_clock():
+    """Without a cut little of a current follows the stroke, and a few strokes of noise agree now and then."""
+    angle = CrankAngle(
+        time_s=np.array([0.0, 40.0]), angle_rad=np.array([0.0, 80.0 * np.pi * 15.0]), speed_rad_s=np.full(2, 94.2),
+        angle_std_rad=np.zeros(2), radius_m=0.01, source="displacement_mm", is_absolute=True,
+    )  # fmt: skip
+    time_s = np.arange(0.0, 40.0, 1e-3)
+    turns = np.arange(600)
+    cycles = Cycles(index=turns, start_s=turns / 15.0, end_s=(turns + 1) / 15.0)
+    rng = np.random.default_rng(6)
+    weak_a = 2.0 + 0.03 * np.cos(2.0 * np.pi * 15.0 * time_s)
+    found = []
+    for _ in range(60):
+        current_a = weak_a + rng.normal(0.0, 0.05, len(time_s))
+        found += find_slips(angle, {"motor_current_a": (time_s, current_a)}, {"motor_current_a": cycles})
+    assert found == []
