@@ -150,6 +150,6 @@ def batch_options(*, has_archive: bool = True) -> Decorator:
 
 def named_config(config_path: Path | None) -> LoadedConfig | None:
     """Read the configuration that was named, once for all recordings; None where none was."""
-    from sawbench.bench.config import load_config
+    from sawbench.inputs import config_for
 
-    return None if config_path is None else load_config(config_path)
+    return None if config_path is None else config_for(None, config_path)

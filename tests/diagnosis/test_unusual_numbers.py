@@ -10,6 +10,7 @@ from sawbench.bench.config import Uncertain, load_config
 from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Recording, Signal, Trial
 from sawbench.bench.unusual_numbers import unusual_numbers
+from sawbench.commands.batch import named_config
 from sawbench.diagnosis.plausibility import explain_faults
 from sawbench.diagnosis.unusual_numbers import naming, slow_channels, unusual_settings
 from sawbench.inputs import config_for
@@ -47,12 +48,13 @@ def test_a_capacity_in_milliampere_hours_is_named():
     assert said.startswith("[battery] capacity_ah = 1500 ")
 
 
-def test_a_configuration_with_an_unusual_number_is_named_once_with_its_file(tmp_path, caplog):
+@pytest.mark.parametrize("read", [lambda path: config_for(None, path), named_config], ids=["one", "for a batch"])
+def test_a_configuration_with_an_unusual_number_is_named_once_with_its_file(read, tmp_path, caplog):
     path = tmp_path / "bench_config.toml"
     text = (Path(__file__).parents[2] / "bench_config.toml").read_text(encoding="utf-8")
     path.write_text(text.replace("capacity_ah = 1.5", "capacity_ah = 1500"), encoding="utf-8")
     for _ in range(2):
-        config_for(None, path)
+        read(path)
     (said,) = caplog.messages
     assert said.startswith(f"{path}: [battery] capacity_ah = 1500 is unusual")
 
