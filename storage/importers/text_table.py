@@ -58,8 +58,8 @@ def read_text_table(path: Path, rules: ReadingRules | None = None) -> RawTable:
     """
     rules = rules or ReadingRules()
     text, encoding = _decode(path, _read_bytes(path), rules)
-    if rules.thousands is not None and not rules.thousands.isascii():  # pandas takes a single byte
-        text, rules = text.replace(rules.thousands, ""), rules.model_copy(update={"thousands": None})
+    if rules.thousands is not None and rules.thousands.isspace():  # would be taken for a separator
+        text = re.sub(rf"(?<=\d){rules.thousands}(?=\d{{3}}(?!\d))", "", text)
     layout = find_layout(path, _first_lines(text), rules)
     text, warning = without_cut_line(text, layout)
     rows = TextRows(path=path, text=text, layout=layout)
@@ -152,7 +152,7 @@ def _frame(
                 BytesIO(layout.without_comments(text).encode()),
                 sep=r"\s+" if layout.separator == " " else layout.separator,
                 decimal=decimal,
-                thousands=rules.thousands,
+                thousands=None if rules.thousands is None or rules.thousands.isspace() else rules.thousands,
                 header=None,
                 names=list(range(len(layout.names))),
                 skiprows=layout.n_lines_before,

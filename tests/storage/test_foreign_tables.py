@@ -571,10 +571,12 @@ def test_a_name_without_its_unit_in_a_map_is_asked_about(tmp_path):
     assert any("did you mean 'force_n'?" in text for text in report.warnings)
 
 
-def test_a_space_that_does_not_break_may_stand_between_thousands(tmp_path):
-    mapped = table_map(tmp_path, '[table]\nthousands = "\u00a0"\n')
-    recording, _ = taken_in(tmp_path, "t.csv", "time_s;force_n\n0;1\u00a0234,5\n1;2\u00a0000,0\n", mapped)
-    assert recording.signal("force_n").values.tolist() == [1234.5, 2000.0]
+@pytest.mark.parametrize("space", [" ", "\u00a0", "\u202f"], ids=["plain", "no break", "narrow"])
+def test_a_space_may_stand_between_thousands(space, tmp_path):
+    mapped = table_map(tmp_path, f'[table]\nthousands = "{space}"\n')
+    text = f"time_s;force_n\n0,250;1{space}234,500\n1,250;2{space}000{space}000,125\n"
+    recording, _ = taken_in(tmp_path, "t.csv", text, mapped)
+    assert recording.signal("force_n").values.tolist() == [1234.5, 2000000.125]
 
 
 @pytest.mark.parametrize("comment", ["", "\t"], ids=["no cell", "an empty cell"])
