@@ -90,8 +90,12 @@ def process_long(
 
 def _drawn(found: Sequence[ProcessedTrial], counts: Sequence[bool], before: int) -> int:
     """Which of the piece drawn before and the newest one is drawn now: one that counts, with the most strokes."""
-    n_strokes = [0 if piece.period is None else piece.period.n_cycles for piece in found]
-    return max(before, len(found) - 1, key=lambda number: (counts[number], n_strokes[number]))
+
+    def worth(number: int) -> tuple[bool, int]:
+        period = found[number].period
+        return counts[number], 0 if period is None else period.n_cycles
+
+    return max(before, len(found) - 1, key=worth)
 
 
 def _note(whole: ProcessedTrial, counts: Sequence[bool]) -> tuple[str, ...]:

@@ -43,11 +43,10 @@ def unusual_numbers(config: BenchConfig) -> list[str]:
         for key, (low, high) in usual.items()
         if is_outside(value := _value(getattr(table, key)), (low, high))
     ]
-    stated = {key: number for key, number in config.plant or () if isinstance(number, Uncertain)}
     vague = [
         f"[plant] {key} has rel_std = {number.rel_std:g}, which is {100.0 * number.rel_std:g} %: a share, not percent?"
-        for key, number in stated.items()
-        if number.rel_std is not None and number.rel_std > 1.0
+        for key, number in config.plant or ()
+        if isinstance(number, Uncertain) and number.rel_std is not None and number.rel_std > 1.0
     ]
     return [*outside, *vague]
 

@@ -73,8 +73,10 @@ def find_overloads(values: Floats, channel: str) -> NDArray[np.bool_]:
     known = CHANNEL_BY_NAME.get(channel)
     if known is None or len(values) < 16:
         return np.zeros(len(values), dtype=bool)
-    low, high = robust_range(values)
     is_outside = (values < known.plausible[0]) | (values > known.plausible[1])
+    if not is_outside.any():
+        return is_outside
+    low, high = robust_range(values)
     return is_outside & (np.abs(values - 0.5 * (low + high)) > _OVERLOAD_RANGES * (high - low))
 
 

@@ -122,12 +122,9 @@ def _slips_of(channel: str, cycles: Cycles, waves: NDArray[np.complex128]) -> li
         return []
     middle_s, typical_s = 0.5 * (cycles.start_s + cycles.end_s), float(np.median(cycles.period_s))
     least_rad = max(_LEAST_RAD, 2.0 * np.pi * _LEAST_S / typical_s)
-    steps_rad, stds_rad = np.zeros(len(waves)), np.full(len(waves), np.nan)
+    steps_rad, turned = np.zeros(len(waves)), waves / size
     for k in range(_FEWEST, len(waves) - _FEWEST):
-        steps_rad[k], stds_rad[k] = _step_at(waves / size, size, k)
-    for k in np.flatnonzero(steps_rad):
-        if abs(steps_rad[k]) < max(least_rad, _LEAST_STDS * max(stds_rad[k], _std_around(stds_rad, k))):
-            steps_rad[k] = 0.0
+        steps_rad[k] = _step_at(turned, size, k, least_rad)
     found: list[Slip] = []
     while steps_rad.any():
         k = int(np.argmax(np.abs(steps_rad)))
@@ -137,21 +134,32 @@ def _slips_of(channel: str, cycles: Cycles, waves: NDArray[np.complex128]) -> li
     return found
 
 
-def _step_at(turned: NDArray[np.complex128], size: Floats, k: int) -> tuple[float, float]:
-    """Step of the phase in stroke `k`, rad, 0 where the amplitude changes too; and the scatter of strokes about it."""
-    before, after = slice(max(0, k - _WINDOW), k), slice(k + 1, k + 1 + _WINDOW)
-    means = [np.sum(turned[part]) for part in (before, after)]
-    step_rad = float(np.angle(means[1] * np.conj(means[0])))
-    off_rad = np.concatenate([np.angle(turned[p] * np.conj(m)) for p, m in zip((before, after), means, strict=True)])
-    is_same = abs(np.log(np.median(size[after]) / np.median(size[before]))) <= _SAME_AMPLITUDE
-    return (step_rad if is_same else 0.0), float(np.std(off_rad))
+def _step_at(turned: NDArray[np.complex128], size: Floats, k: int, least_rad: float) -> float:
+    """Step of the phase in stroke `k`, rad; 0 where there is none, or where the single strokes scatter too much."""
+    before, after = _sides(k)
+    step_rad = float(np.angle(np.sum(turned[after]) * np.conj(np.sum(turned[before]))))
+    if abs(step_rad) < least_rad or abs(np.log(np.median(size[after]) / np.median(size[before]))) > _SAME_AMPLITUDE:
+        return 0.0
+    if abs(step_rad) < _LEAST_STDS * max(_std_at(turned, k), _std_around(turned, k)):
+        return 0.0
+    return step_rad
 
 
-def _std_around(stds_rad: Floats, k: int) -> float:
+def _sides(k: int) -> tuple[slice, slice]:
+    """Strokes before and after stroke `k`."""
+    return slice(max(0, k - _WINDOW), k), slice(k + 1, k + 1 + _WINDOW)
+
+
+def _std_at(turned: NDArray[np.complex128], k: int) -> float:
+    """Scatter of the phase of single strokes about the mean of their side of stroke `k`, rad."""
+    off_rad = [np.angle(turned[side] * np.conj(np.sum(turned[side]))) for side in _sides(k)]
+    return float(np.std(np.concatenate(off_rad)))
+
+
+def _std_around(turned: NDArray[np.complex128], k: int) -> float:
     """Scatter of the strokes before and after those that show a step: a few of pure noise agree now and then."""
-    near = slice(max(0, k - _AROUND), k + _AROUND + 1)
-    away = np.abs(np.arange(len(stds_rad))[near] - k) > _WINDOW
-    others = stds_rad[near][away & np.isfinite(stds_rad[near])]
+    near = range(max(_FEWEST, k - _AROUND), min(len(turned) - _FEWEST, k + _AROUND + 1))
+    others = [_std_at(turned, other) for other in near if abs(other - k) > _WINDOW]
     return float(np.median(others)) if len(others) >= _WINDOW else 0.0
 
 

@@ -16,9 +16,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _DAY_S: Final = 86400.0
+HALF_OF_DAY: Final = "[AaPp][Mm]"
+ZONE: Final = r"Z|UTC|GMT|[+-]\d{2}:?\d{2}"
 _CLOCK: Final = re.compile(
     r"^\s*(?:(?P<date>\d[\d./-]*\d)[ T]\s*)?(?P<h>\d{1,2}):(?P<m>\d{2}):(?P<s>\d{2}(?:[.,]\d+)?)"
-    r"\s*(?P<half>[AaPp][Mm])?\s*(?P<zone>Z|UTC|GMT|[+-]\d{2}:?\d{2})?\s*$"
+    rf"\s*(?P<half>{HALF_OF_DAY})?\s*(?P<zone>{ZONE})?\s*$"
 )
 # Year first, or the day before points: in 3/4/2026 the month may be either number.
 _DATES: Final = (

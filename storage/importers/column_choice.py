@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final
 
 import numpy as np
 from sawbench.bench.errors import InputError
@@ -18,10 +17,14 @@ from sawbench.storage.importers.clock_times import FirstTime, since_first, unit_
 from sawbench.storage.importers.raw_table import RawColumn, RawTable, names_shown
 from sawbench.storage.importers.table import Table
 from sawbench.storage.importers.table_map import ColumnRule, TableMap
-from sawbench.storage.importers.unit_conversion import FACTORS, factor_between, is_unit, split_unit, stored_unit
-
-# "Motor current [mA]" is motor_current_a: the words without the unit, where the header states one.
-_STEMS: Final = MappingProxyType({name.rpartition("_")[0]: name for name in (TIME_COLUMN, *CHANNEL_BY_NAME)})
+from sawbench.storage.importers.unit_conversion import (
+    FACTORS,
+    NAME_OF_STEM,
+    factor_between,
+    is_unit,
+    split_unit,
+    stored_unit,
+)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -164,7 +167,7 @@ def _channel_named(column: str, unit: str) -> str:
     name = re.sub(r"[\s_\-]+", "_", split_unit(last)[0].strip()).lower()
     if name in CHANNEL_BY_NAME or name == TIME_COLUMN:
         return name
-    named = _STEMS.get(name)
+    named = NAME_OF_STEM.get(name)
     if named is not None and unit and factor_between(unit, stored_unit(named)) is not None:
         return named
     return column

@@ -202,7 +202,8 @@ def _contents(job: _Job) -> list[TableContent]:
         read_table(source.path, source.table_map, is_idle=job.trial.is_idle, is_saw=is_saw, expected=expected)
         for source in job.sources
     ]
-    return [_of_one_clock(*table, contents[0]) for table in zip(job.sources, contents, strict=True)]
+    first = contents[0]
+    return [_of_one_clock(source, content, first) for source, content in zip(job.sources, contents, strict=True)]
 
 
 def stem_of(path: Path) -> str:

@@ -15,7 +15,7 @@ from sawbench.bench.recording import Floats, Gap, Signal
 from sawbench.bench.units import CHANNEL_BY_NAME, TIME_COLUMN, Channel
 from sawbench.storage.assembly import find_time_jumps
 from sawbench.storage.importers.raw_table import data_row
-from sawbench.storage.importers.unit_conversion import stored_unit
+from sawbench.storage.importers.unit_conversion import NAME_OF_STEM, stored_unit
 
 # Slower than this no stroke of a jigsaw can be seen: the times are probably not in seconds.
 _SLOWEST_INTERVAL_S: Final = 0.05
@@ -193,7 +193,8 @@ def _signal(name: str, unit: str, time_s: Floats, values: Floats, jumps: NDArray
 def _unknown_column(name: str, *, is_asked_for: bool) -> list[str]:
     """Say so of a name that nobody asked for, and of one that a map or configuration has nearly right."""
     close = difflib.get_close_matches(name.lower(), CHANNEL_BY_NAME, n=1, cutoff=_MISSPELT if is_asked_for else 0.6)
-    close = close or [known for known in CHANNEL_BY_NAME if known.rpartition("_")[0] == name.lower()]
+    of_stem = NAME_OF_STEM.get(name.lower())
+    close = close or [known for known in (of_stem,) if known in CHANNEL_BY_NAME]
     if is_asked_for and not close:
         return []
     hint = f"; did you mean {close[0]!r}?" if close else ""

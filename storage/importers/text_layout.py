@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from sawbench.bench.errors import InputError
+from sawbench.storage.importers.clock_times import HALF_OF_DAY, ZONE
 from sawbench.storage.importers.table_map import ReadingRules
 from sawbench.storage.importers.unit_conversion import bare_unit, is_unit
 
@@ -20,7 +21,7 @@ _NUMBER: Final = re.compile(r"^[+-]?(\d+(\.\d*|,\d+)?|[.,]\d+)([eE][+-]?\d+)?$|^
 _GROUPED: Final = re.compile(r"^[+-]?[1-9]\d{0,2}(?:([.,'\u00a0\u202f])\d{3})(?:\1\d{3})*(?:[.,]\d+)?$")
 _CLOCK: Final = re.compile(
     r"^(\d{1,4}[-./]\d{1,2}[-./]\d{1,4})?[ T]?(\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?)?"
-    r"( ?[AaPp][Mm])?( ?(Z|UTC|GMT|[+-]\d{2}:?\d{2}))?$"
+    rf"( ?{HALF_OF_DAY})?( ?({ZONE}))?$"
 )
 _DECIMAL_COMMA: Final = re.compile(r"^[+-]?\d*,\d+([eE][+-]?\d+)?$")
 _DECIMAL_POINT: Final = re.compile(r"^[+-]?\d*\.\d+([eE][+-]?\d+)?$")
@@ -44,7 +45,7 @@ class TextLayout:
         None where the lines that were looked at hold no fraction.
     n_lines_before : int
         Lines before the first row of numbers.
-    comment : str, optional
+    comment : str
         Sign that begins a comment line.
     n_remarks : int
         Lines before the header that are neither empty nor part of the table.
@@ -55,12 +56,12 @@ class TextLayout:
     separator: str
     decimal: str | None
     n_lines_before: int
-    comment: str | None
+    comment: str
     n_remarks: int
 
     def without_comments(self, text: str) -> str:
         """Empty the lines that are comments; a sign within a line is part of its cell."""
-        if self.comment is None or self.comment not in text:
+        if self.comment not in text:
             return text
         return re.sub(rf"(?<![^\r\n])[ \t]*{re.escape(self.comment)}[^\r\n]*", "", text)
 

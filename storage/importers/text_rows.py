@@ -29,7 +29,7 @@ class TextRows:
     path : Path
         For errors.
     text : str
-        All of the file.
+        All of the file, its comments emptied.
     layout : TextLayout
     """
 
@@ -59,15 +59,14 @@ class TextRows:
                 )
 
     def _numbered(self) -> Iterator[tuple[int, list[str]]]:
-        """Yield line and cells of what pandas takes for a row: neither empty nor a comment."""
+        """Yield line and cells of what pandas takes for a row: what is not empty."""
         layout, number = self.layout, 0
         blank = " \r\n" if layout.separator == "\t" else " \t\r\n"
 
         def lines() -> Iterator[str]:
             nonlocal number
             for number, line in enumerate(StringIO(self.text, newline=None), start=1):
-                is_comment = layout.comment is not None and line.lstrip(" \t").startswith(layout.comment)
-                if number > layout.n_lines_before and line.strip(blank) and not is_comment:
+                if number > layout.n_lines_before and line.strip(blank):
                     yield line
 
         if layout.separator == " ":
@@ -102,7 +101,7 @@ def without_cut_line(text: str, layout: TextLayout) -> tuple[str, str]:
     whole = text.rstrip("\r\n")
     start = max(whole.rfind("\n"), whole.rfind("\r")) + 1
     last = whole[start:]
-    if not last.strip() or (layout.comment is not None and last.startswith(layout.comment)):
+    if not last.strip() or last.startswith(layout.comment):
         return text, ""
     try:
         cells = split_cells(last, layout.separator)

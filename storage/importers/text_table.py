@@ -62,6 +62,7 @@ def read_text_table(path: Path, rules: ReadingRules | None = None) -> RawTable:
         text = re.sub(rf"(?<=\d){rules.thousands}(?=\d{{3}}(?!\d))", "", text)
     layout = find_layout(path, _first_lines(text), rules)
     text, warning = without_cut_line(text, layout)
+    text = layout.without_comments(text)
     rows = TextRows(path=path, text=text, layout=layout)
     decimal = layout.decimal or "."
     frame = _frame(path, text, layout, decimal, rules)
@@ -149,7 +150,7 @@ def _frame(
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # cells that would be dropped
             frame = pd.read_csv(
-                BytesIO(layout.without_comments(text).encode()),
+                BytesIO(text.encode()),
                 sep=r"\s+" if layout.separator == " " else layout.separator,
                 decimal=decimal,
                 thousands=None if rules.thousands is None or rules.thousands.isspace() else rules.thousands,

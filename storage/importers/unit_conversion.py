@@ -34,7 +34,8 @@ _SUFFIX_UNIT: Final = MappingProxyType({"s": "s", "n": "N", "mm": "mm", "a": "A"
 _BRACKETED: Final = re.compile(r"^(.*?)\s*[\[(]\s*([^\[\]()]*)\s*[\])]\s*$")
 # "Force / kN" as DIN 461 has it, "Force in kN", and "force_kn" of a quantity that has a channel.
 _UNBRACKETED: Final = re.compile(r"^(.*\S)(?:\s+/\s+|\s+in\s+)([^\s/]+)$")
-_STEMS: Final = frozenset(name.rpartition("_")[0] for name in (TIME_COLUMN, *CHANNEL_BY_NAME))
+# "Motor current [mA]" is motor_current_a: the words without the unit, where the header states one.
+NAME_OF_STEM: Final = MappingProxyType({name.rpartition("_")[0]: name for name in (TIME_COLUMN, *CHANNEL_BY_NAME)})
 
 
 def stored_unit(channel: str) -> str:
@@ -106,4 +107,4 @@ def split_unit(header: str) -> tuple[str, str]:
         return found[1], found[2]
     stem, _, suffix = header.rpartition("_")
     is_channel = header.lower() == TIME_COLUMN or header.lower() in CHANNEL_BY_NAME
-    return (stem, suffix) if stem.lower() in _STEMS and is_unit(suffix) and not is_channel else (header, "")
+    return (stem, suffix) if stem.lower() in NAME_OF_STEM and is_unit(suffix) and not is_channel else (header, "")
