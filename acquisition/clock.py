@@ -15,12 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 _WINDOW_S: Final = 30.0
-_SLOT_S: Final = 0.1
+SLOT_S: Final = 0.1
 # The line is fitted with every slot until it is this long, then with every fifth: a quartz does not change so fast.
 _EVERY_SLOT_S: Final = 5.0
 _FIT_SLOTS: Final = 5
 # Slots whose least late arrival lies further above the line than this were late as a whole and bound nothing.
 _LATE_SLOT_S: Final = 0.003
+_LATE_SAMPLES: Final = 3
+# Share of the slots in time by which a line describes them.
+_MOST: Final = 0.75
 # Smallest latency of a link is not repeatable to better than this, however little the slots scatter.
 LATENCY_STD_S: Final = 1e-4
 # Latency of a USB link that is the same for every sample, at most: full-speed devices are asked once a millisecond.
@@ -28,6 +31,7 @@ LINK_LATENCY_S: Final = 1e-3
 # Standard deviation of the quartz of an instrument; a rate further off than this explains was rounded by it.
 _QUARTZ_STD: Final = 5e-5
 _ROUNDED_SIGMAS: Final = 5.0
+_STEADY_SIGMAS: Final = 3.0
 _SLEW_TIME_S: Final = 1.0
 _USUAL_SLEW: Final = 0.01
 _LARGE_ERROR_S: Final = 0.001
@@ -36,6 +40,8 @@ LARGEST_SLEW: Final = 0.1
 SLEW_SETTLED_S: Final = 2.0
 # Quartz errors are below 1e-4; a data rate that the instrument rounded can be off by a few percent.
 _LARGEST_RATE_ERROR: Final = 0.03
+# Over less than this a link that falls back into time, or out of it, looks like a rate that was rounded.
+LATE_LINK_S: Final = 2.1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -87,7 +93,7 @@ class ArrivalClock:
             raise ValueError(f"rate_hz must be greater than 0, got {rate_hz!r}")
         self._nominal_period_s = 1.0 / rate_hz
         self._can_be_rounded = can_be_rounded
-        self._n_slots = max(4, round(window_s / _SLOT_S))
+        self._n_slots = max(4, round(window_s / SLOT_S))
         self._lowest: deque[tuple[int, float]] = deque(maxlen=self._n_slots)
         self._slot = -1
         self._origin: tuple[int, float] | None = None
@@ -102,6 +108,21 @@ class ArrivalClock:
     def span_s(self) -> float:
         """Time between the first and the last arrival it still remembers, s."""
         return (self._lowest[-1][0] - self._lowest[0][0]) * self._nominal_period_s if self._lowest else 0.0
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether one rate explains the remembered arrivals: a quartz's, or over 2.1 s a rounded one.
+
+        Samples that gathered while this machine was busy come faster than they were taken.
+        """
+        if self.span_s <= 0:
+            return False
+        index, arrival_s = np.array(self._lowest, dtype=np.float64).T
+        period_s = _hull_slope_below_mean(index, arrival_s - arrival_s[0])
+        above_s = arrival_s - period_s * index
+        in_time = above_s <= above_s.min() + max(_LATE_SLOT_S, _LATE_SAMPLES * self._nominal_period_s)
+        off_stds = abs(period_s / self._nominal_period_s - 1.0) / _rate_std(self.span_s, _spread_s(above_s))
+        return bool(np.mean(in_time) >= _MOST) and (off_stds < _STEADY_SIGMAS or self.span_s >= LATE_LINK_S)
 
     @property
     def line(self) -> ClockLine:
@@ -139,7 +160,7 @@ class ArrivalClock:
         if self._origin is None:
             self._origin = (index, arrival_s)
         self._n_observed += 1
-        slot = int((index - self._origin[0]) * self._nominal_period_s / _SLOT_S)
+        slot = int((index - self._origin[0]) * self._nominal_period_s / SLOT_S)
         if slot != self._slot:
             self._slot = slot
             self._lowest.append((index, arrival_s))
@@ -152,9 +173,17 @@ class ArrivalClock:
             if self._line is not None and arrival_s < self._line.time_of(index):
                 self._line = self._fit(self._line)
 
+    def fit_anew(self) -> None:
+        """Fit all remembered arrivals, those too that were late by an earlier line."""
+        self._line = self._fit(None)
+
     def residual_s(self, index: int, arrival_s: float) -> float:
         """How much later than the estimate sample `index` arrived, s."""
         return arrival_s - self.line.time_of(index)
+
+    def least_late_s(self, line: ClockLine) -> float:
+        """Lateness of the least late of the remembered arrivals by `line`, s."""
+        return min(arrival_s - line.time_of(index) for index, arrival_s in self._lowest)
 
     def stamp(self, first_index: int, n_samples: int) -> tuple[float, float]:
         """Give `n_samples` samples their times; later calls never go back.
@@ -191,7 +220,7 @@ class ArrivalClock:
         )
         if self._last is not None and self._last[0] >= from_index:
             self._last = (self._last[0] + shift, self._last[1])
-        self._slot += int(shift * self._nominal_period_s / _SLOT_S)
+        self._slot += int(shift * self._nominal_period_s / SLOT_S)
 
     def measured_rate_hz(self) -> float:
         """Return samples per second by the earliest of the remembered arrivals (0 if too few).
@@ -248,9 +277,7 @@ class ArrivalClock:
         slope = self._slope(index, late_s)
         above_s = late_s - slope * index
         floor_s = float(above_s.min())
-        # The lower half of the slots says how repeatable the smallest latency is.
-        lower_half_s = np.sort(above_s)[: max(2, len(above_s) // 2)]
-        self._spread_s = float(np.sqrt(np.mean((lower_half_s - floor_s) ** 2)))
+        self._spread_s = _spread_s(above_s)
         period_s = self._nominal_period_s + slope
         return ClockLine(offset_s=float(t0 + floor_s - n0 * period_s), period_s=float(period_s))
 
@@ -265,13 +292,23 @@ class ArrivalClock:
         limit = _LARGEST_RATE_ERROR * self._nominal_period_s
         slope = float(np.clip(_hull_slope_below_mean(index, late_s), -limit, limit))
         self._hull_slope = slope
-        std = 2**0.5 * max(self._spread_s, LATENCY_STD_S) / span_s
-        relative = slope / self._nominal_period_s
-        is_quartz = abs(relative) < _ROUNDED_SIGMAS * (_QUARTZ_STD**2 + std**2) ** 0.5
-        if is_quartz or not self._can_be_rounded:
-            slope *= _QUARTZ_STD**2 / (_QUARTZ_STD**2 + std**2)
+        std = _rate_std(span_s, _spread_s(late_s - slope * index))
+        is_quartz = abs(slope) < _ROUNDED_SIGMAS * std * self._nominal_period_s
+        if is_quartz or span_s < LATE_LINK_S or not self._can_be_rounded:
+            slope *= (_QUARTZ_STD / std) ** 2
         self._learnt = (slope, span_s)
         return slope
+
+
+def _rate_std(span_s: float, spread_s: float) -> float:
+    """Relative standard deviation of the rate of a quartz as seen over `span_s`."""
+    return (_QUARTZ_STD**2 + 2.0 * (max(spread_s, LATENCY_STD_S) / span_s) ** 2) ** 0.5
+
+
+def _spread_s(above_s: NDArray[np.float64]) -> float:
+    """How repeatable the smallest latency is, s: by the lower half of the slots."""
+    lower_half_s = np.sort(above_s)[: max(2, len(above_s) // 2)]
+    return float(np.sqrt(np.mean((lower_half_s - lower_half_s[0]) ** 2)))
 
 
 def _hull_slope_below_mean(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:

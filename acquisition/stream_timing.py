@@ -15,9 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from sawbench.acquisition.clock import (
     LARGEST_SLEW,
+    LATE_LINK_S,
     LATENCY_STD_S,
     LINK_LATENCY_S,
     SLEW_SETTLED_S,
+    SLOT_S,
     ArrivalClock,
     ClockLine,
 )
@@ -27,6 +29,8 @@ from sawbench.bench.recording import Alignment
 
 _SETTLE_S: Final = 0.4
 _SETTLE_SAMPLES: Final = 5
+# After this long a stream begins however irregularly it comes.
+_SETTLE_LONGEST_S: Final = 5.0
 _BLOCK_S: Final = 0.2
 _LATE_S: Final = 0.004
 _LATE_SAMPLES: Final = 3
@@ -40,7 +44,6 @@ _EARLY_WAIT_S: Final = 0.25
 _EARLY_WAIT_LONGEST_S: Final = 1.0
 _HOLD_SUSPECT_S: Final = 0.5
 _SUSPECT_LATE_S: Final = 0.025
-_HOLD_LATE_S: Final = 2.1
 # Said so early that a loss is known of within 2 s, although it is not certain yet.
 _SAY_LATE_S: Final = 1.75
 _QUARTER_S: Final = 0.25
@@ -165,12 +168,28 @@ class StreamTimer:
         newest_s = float(chunk.arrival_s[-1])
         if not self._settled:
             self._observe(self._held[-1])
-            if self._clock.span_s < max(_SETTLE_S, _SETTLE_SAMPLES / self.stream.rate_hz):
+            steady = self._steady_clock()
+            if steady is None:
                 return []
+            self._clock = steady
             self._settled = True
             self._session_start_s = self._clock.line.time_of(0)
             return self._release()
         return self._judge(newest_s)
+
+    def _steady_clock(self) -> ArrivalClock | None:
+        """The clock by which to begin; None while the latest samples may just be coming back into time."""
+        for window_s in (max(_SETTLE_S, _SETTLE_SAMPLES / self.stream.rate_hz), LATE_LINK_S):
+            if self._clock.span_s < window_s:
+                return None
+            clock = ArrivalClock(rate_hz=self.stream.rate_hz)
+            for held in self._held:
+                if held.n_before >= self._count - (window_s + 2.0 * SLOT_S) * self.stream.rate_hz:
+                    self._observe(held, clock)
+            clock.fit_anew()
+            if clock.is_steady and self._clock.least_late_s(clock.line) >= self._early_limit_s():
+                return clock
+        return clock if self._clock.span_s >= _SETTLE_LONGEST_S else None
 
     def flush(self) -> list[Timed]:
         """Give out what is held, however uncertain (end of the recording, link lost)."""
@@ -285,7 +304,7 @@ class StreamTimer:
         """How much is missing for good, s; None while it may just be late."""
         waited_s = newest_s - hold.since_s
         is_suspect = hold.kind == "suspect"
-        if waited_s < (_HOLD_SUSPECT_S if is_suspect else _HOLD_LATE_S):
+        if waited_s < (_HOLD_SUSPECT_S if is_suspect else LATE_LINK_S):
             return None
         quarters: dict[int, float] = {}
         for _, held in self._waiting():
@@ -293,7 +312,7 @@ class StreamTimer:
             quarters[quarter] = min(self._late_s(held), quarters.get(quarter, np.inf))
         recent = [quarters[k] for k in range(2 if is_suspect else _STEADY_QUARTERS) if k in quarters]
         # Beyond what broken bytes explain, the link may be late on top.
-        if is_suspect and min(recent) > _SUSPECT_LATE_S and waited_s < _HOLD_LATE_S:
+        if is_suspect and min(recent) > _SUSPECT_LATE_S and waited_s < LATE_LINK_S:
             return None
         # What was lost stays away: a lateness that still changes is a link that is busy.
         is_steady = max(recent) - min(recent) <= self._tolerance_s()
@@ -382,18 +401,19 @@ class StreamTimer:
         last = held.n_before + len(held.chunk.raw) - 1
         return min(self._late_s(held), arrival_s - self._before.line.time_of(last))
 
-    def _observe(self, held: _Held) -> None:
+    def _observe(self, held: _Held, clock: ArrivalClock | None = None) -> None:
+        clock = clock or self._clock
         arrival_s = held.chunk.arrival_s
         n = len(held.chunk.raw)
         if len(arrival_s) == n:
             # Time stamps of the bus: each sample has its own; the least late one is as good as all.
             index = np.arange(n)
             best = int(np.argmin(arrival_s - index / self.stream.rate_hz))
-            self._clock.observe(held.n_before + best, float(arrival_s[best]))
+            clock.observe(held.n_before + best, float(arrival_s[best]))
             if best != n - 1:
-                self._clock.observe(held.n_before + n - 1, float(arrival_s[-1]))
+                clock.observe(held.n_before + n - 1, float(arrival_s[-1]))
         else:
-            self._clock.observe(held.n_before + n - 1, float(arrival_s[-1]))
+            clock.observe(held.n_before + n - 1, float(arrival_s[-1]))
 
     def _held_s(self) -> float:
         return sum(len(h.chunk.raw) for h in self._held) / self.stream.rate_hz

@@ -1,8 +1,8 @@
 """Times of streams whose links are late, and losses that no counter shows: `python -m benchmarks.arrivals`.
 
 Every pattern is drawn from its seed: rate, quartz, jitter, and one to three spells of lateness of up to 2 s, by up to
-2 s; a second set loses samples on top. The command writes docs/arrivals.md, and exits with 1 where a pattern breaks
-what the page promises.
+2 s; a second set loses samples on top, and in a third one the link is late as the stream begins. The command writes
+docs/arrivals.md, and exits with 1 where a pattern breaks what the page promises.
 """
 
 from __future__ import annotations
@@ -42,11 +42,14 @@ class Pattern:
         return READ_EVERY_S[self.seed % 2]
 
 
-def draw(seed: int) -> Pattern:
-    """Spells do not overlap, begin 1 s after the stream at the earliest and leave 1 s between them."""
-    rng = np.random.default_rng([20260322, seed])
+def draw(seed: int, *, is_late_at_start: bool = False) -> Pattern:
+    """Spells do not overlap and leave 1 s between them; they begin 1 s after the stream, or before it does.
+
+    A link that is late by the same time from the first sample on looks like one that is not.
+    """
+    rng = np.random.default_rng([20261130 if is_late_at_start else 20260322, seed])
     rate_hz = float(rng.choice([1000.0, 6000.0, 10_000.0]))
-    spells, words, at_s = [], [], 1.0
+    spells, words, at_s = [], [], -0.5 if is_late_at_start else 1.0
     for _ in range(int(rng.integers(1, 4))):
         at_s += float(rng.uniform(0.0, 1.0))
         lasts_s = float(np.exp(rng.uniform(np.log(0.05), np.log(2.0))))
@@ -54,7 +57,7 @@ def draw(seed: int) -> Pattern:
             spells.append(stalled(lasts_s, at_s))
             words.append(f"stalled for {lasts_s:.2f} s")
         else:
-            name = str(rng.choice(list(SHAPES)))
+            name = str(rng.choice([shape for shape in SHAPES if at_s > max(READ_EVERY_S) or shape != "late"]))
             by_s = float(np.exp(rng.uniform(np.log(0.005), np.log(2.0))))
             spells.append(SHAPES[name](by_s, lasts_s, at_s))
             words.append(f"{name} by {1e3 * by_s:.0f} ms for {lasts_s:.2f} s")
@@ -133,17 +136,24 @@ and whose link is late; `python -m benchmarks.arrivals` writes this page. Each p
 quartz (+-50 ppm), jitter of the reads (mean 0.03 to 0.3 ms), and spells of lateness; even seeds are read every
 4.7 ms, odd ones every 44.7 ms, as the recorder does at first and later. {summary}
 
+A stream begins once its latest 0.4 s came as those of a quartz do, or its latest 2.1 s as those of a rate that the
+instrument rounded; until then its samples wait, 5 s at most. What is late by the same time from the first sample on
+cannot be told from a link's latency before it falls back into time; where it does, that is said.
+
 A loss is only a loss when nothing has come in time for 2.1 s, as until then it may be a late link; the samples wait
 until then. After 1.75 s it is said that they do, and by how much they are late ("late" below): a late link, or a loss.
 What is shorter than 4 ms is not found by time, see [faults](faults.md).
 """
 
 
-def page(late_rows: list[Row], loss_rows: list[Row], summary: str) -> str:
+LATE_NAMES = ("seed", "rate, Hz", "spells", "worst error, ms", "in samples", "said")
+
+
+def page(late_rows: list[Row], loss_rows: list[Row], start_rows: list[Row], summary: str) -> str:
     """The page as text."""
     parts = [HEAD.format(summary=summary)]
     for title, names, rows in (
-        ("Late, nothing lost", ("seed", "rate, Hz", "spells", "worst error, ms", "in samples", "said"), late_rows),
+        ("Late, nothing lost", LATE_NAMES, late_rows),
         (
             "The same, and samples lost at 13 s",
             (
@@ -158,6 +168,7 @@ def page(late_rows: list[Row], loss_rows: list[Row], summary: str) -> str:
             ),
             loss_rows,
         ),
+        ("Late as the stream begins", LATE_NAMES, start_rows),
     ):
         lines = [f"## {title}", "", f"| {' | '.join(names)} |", "|" + "---|" * len(names)]
         parts.append("\n".join([*lines, *(f"| {' | '.join(row.cells)} |" for row in rows)]) + "\n")
@@ -171,16 +182,18 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=PAGE)
     options = parser.parse_args()
     patterns = [draw(seed) for seed in range(options.patterns)]
+    starts = [draw(seed, is_late_at_start=True) for seed in range(options.patterns)]
     late_rows, loss_rows = ([judge(pattern) for pattern in patterns] for judge in (without_loss, with_loss))
-    problems = [row.problem for row in (*late_rows, *loss_rows) if row.problem]
-    n_late, n_loss = (sum(not row.problem for row in rows) for rows in (late_rows, loss_rows))
+    start_rows = [without_loss(pattern) for pattern in starts]
+    problems = [row.problem for row in (*late_rows, *loss_rows, *start_rows) if row.problem]
+    n_late, n_loss, n_start = (sum(not row.problem for row in rows) for rows in (late_rows, loss_rows, start_rows))
     summary = (
         f"Late without loss: {n_late} of {len(patterns)} patterns move no sample by more than one sample "
         f"(or {1e3 * SMALLEST_ERROR_S:g} ms) and call nothing lost. With a loss of 5 ms to 2 s: {n_loss} of "
         f"{len(patterns)} say so within {FOUND_WITHIN_S:g} s, and count one loss, to one sample, with right times "
-        "behind it."
+        f"behind it. Late as the stream begins: {n_start} of {len(starts)} as without loss."
     )
-    options.out.write_text(page(late_rows, loss_rows, summary), encoding="utf-8")
+    options.out.write_text(page(late_rows, loss_rows, start_rows, summary), encoding="utf-8")
     print("\n".join([str(options.out), summary, *problems]))
     return 1 if problems else 0
 

@@ -34,7 +34,8 @@ def errors_ms(newest, came_s, period_s, *, settle_s=0.4):
     for index, arrival_s in zip(newest, came_s, strict=True):
         clock.observe(int(index), float(arrival_s))
         waiting += PER_READ
-        if clock.span_s < settle_s:
+        # As a stream begins: not before its clock is steady.
+        if clock.span_s < settle_s or not (stamped or clock.is_steady):
             continue
         first = int(index) - waiting + 1
         t0, dt = clock.stamp(first, waiting)

@@ -29,6 +29,33 @@ def test_lateness_up_to_two_seconds_moves_no_time_and_loses_nothing(name, rate_h
     assert np.abs(found.error_s).max() <= max(1.0 / rate_hz, SMALLEST_ERROR_S)
 
 
+AT_START = {
+    "stalled for 1.3 s": stalled(1.34, at_s=-0.13),
+    "stalled for 0.7 s": stalled(0.73, at_s=-0.07),
+    "rising by 0.3 s": rising(0.256, 0.83, at_s=-0.27),
+    "rising by 0.9 s": rising(0.9, 1.46, at_s=-0.23),
+    "swelling by 12 ms": swelling(0.012, 0.88, at_s=-0.26),
+    "late by 57 ms behind a tenth of a second in time": late(0.057, 1.13, at_s=0.1),
+}
+
+
+@pytest.mark.parametrize("rate_hz", [1000.0, 6000.0, 10_000.0])
+@pytest.mark.parametrize("name", AT_START)
+def test_what_is_late_as_the_stream_begins_moves_no_time_and_loses_nothing(name, rate_hz):
+    found = timed(rate_hz, AT_START[name])
+    assert not found.losses
+    assert not found.doubts
+    assert np.abs(found.error_s).max() <= max(1.0 / rate_hz, SMALLEST_ERROR_S)
+
+
+@pytest.mark.parametrize("off_ppm", [-20_000.0, -2000.0, 2000.0, 20_000.0])
+def test_a_rounded_rate_is_followed_from_the_first_sample_on(off_ppm):
+    found = timed(6000.0, lambda _: 0.0, ppm=off_ppm)
+    assert not found.losses
+    assert not found.doubts
+    assert np.abs(found.error_s).max() <= 1.0 / 6000.0
+
+
 @pytest.mark.parametrize("lasts_ms", [5, 10, 60, 1000])
 @pytest.mark.parametrize("name", ["100 ms late for 0.5 s", "30 ms late, half of every second", "stalled for 0.05 s"])
 @pytest.mark.parametrize("rate_hz", [1000.0, 6000.0])
