@@ -184,7 +184,7 @@ class StreamTimer:
                 return None
             clock = ArrivalClock(rate_hz=self.stream.rate_hz)
             for held in self._held:
-                if held.n_before >= self._count - (window_s + 2.0 * SLOT_S) * self.stream.rate_hz:
+                if held.n_before + len(held.chunk.raw) > self._count - (window_s + 2.0 * SLOT_S) * self.stream.rate_hz:
                     self._observe(held, clock)
             clock.fit_anew()
             if clock.is_steady and self._clock.least_late_s(clock.line) >= self._early_limit_s():

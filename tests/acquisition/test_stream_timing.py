@@ -171,6 +171,17 @@ def test_samples_that_come_late_at_first_are_no_wrong_rate(speed, is_said):
     assert bool(timer.rate_error()) is is_said
 
 
+def test_what_gathered_before_the_first_read_comes_as_one_chunk():
+    """The machine was busy for 3 s: what the link kept is read at once, then samples come as they are taken."""
+    timer = StreamTimer(STREAM)
+    out = timer.push(replace(chunk(0, 3000), arrival_s=np.array([103.0])))
+    for first in range(3000, 5000, 10):
+        out += timer.push(replace(chunk(first, 10), arrival_s=np.array([100.0 + (first + 9) / RATE_HZ])))
+    time_s = np.concatenate([block.time_s for block in blocks_of(out)])
+    assert np.abs(time_s - 100.0 - np.arange(len(time_s)) / RATE_HZ).max() < 1e-3
+    assert not [item for item in out if not isinstance(item, TimedBlock)]
+
+
 def test_a_lost_row_of_an_instrument_with_times_of_its_own_is_a_loss():
     timer = StreamTimer(Stream(name="values", rate_hz=0.0, channels=(CHANNEL,)))
     out = []
