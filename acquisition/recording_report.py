@@ -109,7 +109,17 @@ class RecordingStatus:
         """
         if self.lost_devices or self.is_spoilt or any(_loss(channel) for channel in self.channels):
             return "stop"
-        return "look" if self.warnings or any(channel.n_missing for channel in self.channels) else "ok"
+        return "look" if self.reasons else "ok"
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the light is not "ok", the gravest first."""
+        lost = [f"the link to {device} is lost" for device in self.lost_devices]
+        much = [text for text in map(_loss, self.channels) if text]
+        little = [
+            f"{c.channel}: {c.n_missing} samples are missing" for c in self.channels if c.n_missing and not _loss(c)
+        ]
+        return (*lost, *much, *self.warnings, *little)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -85,7 +85,7 @@ class LiveCounters:
             click.echo(
                 f"{status.elapsed_s:6.1f} s  {LIGHTS[status.light][0]}  {n_samples} samples  {missing} missing"
                 + (f"  {estimated}" if estimated else "")
-                + (f"  LOST: {', '.join(status.lost_devices)}" if status.lost_devices else ""),
+                + (f"  ({'; '.join(status.reasons)})" if status.reasons else ""),
                 err=True,
             )
 
@@ -135,7 +135,10 @@ class LiveCounters:
             return Text(f"finishing{name} ... closing the file", style="bold")
         total = "" if self._seconds is None else f" of {self._seconds:g}"
         words, style = LIGHTS[status.light]
-        return Text.assemble((f"recording{name}  {status.elapsed_s:.1f}{total} s  ", "bold"), (f" {words} ", style))
+        why = "; ".join(status.reasons)
+        return Text.assemble(
+            (f"recording{name}  {status.elapsed_s:.1f}{total} s  ", "bold"), (f" {words} ", style), why
+        )
 
 
 def _as_table(status: RecordingStatus) -> Any:

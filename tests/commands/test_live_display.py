@@ -33,18 +33,27 @@ def drawn(counters: LiveCounters) -> str:
 
 
 @pytest.mark.parametrize(
-    ("changes", "light"),
+    ("changes", "light", "why"),
     [
-        ({}, "ok"),
-        ({"warnings": ("force_n: noise",)}, "look"),
-        ({"channels": (replace(FORCE, n_gaps=1, n_missing=5),)}, "look"),
-        ({"channels": (replace(FORCE, n_gaps=1, n_missing=50),)}, "stop"),
-        ({"warnings": ("force_n: saturated",), "is_spoilt": True}, "stop"),
-        ({"lost_devices": ("cell",)}, "stop"),
+        ({}, "ok", ""),
+        ({"warnings": ("force_n: noise",)}, "look", "force_n: noise"),
+        ({"channels": (replace(FORCE, n_gaps=1, n_missing=5),)}, "look", "force_n: 5 samples are missing"),
+        (
+            {"channels": (replace(FORCE, n_gaps=1, n_missing=50),)},
+            "stop",
+            "force_n: 50 of 1050 samples are missing",
+        ),
+        ({"warnings": ("force_n: saturated",), "is_spoilt": True}, "stop", "force_n: saturated"),
+        ({"lost_devices": ("cell",)}, "stop", "the link to cell is lost"),
     ],
 )
-def test_the_light_says_whether_the_trial_will_be_trusted(changes, light):
-    assert replace(STATUS, **changes).light == light
+def test_the_light_says_whether_the_trial_will_be_trusted_and_why(changes, light, why, capsys):
+    status = replace(STATUS, elapsed_s=5.1, **changes)
+    assert status.light == light
+    counters = LiveCounters()
+    counters(status)
+    assert why in drawn(counters)
+    assert capsys.readouterr().err.splitlines()[-1].endswith(f"({why})" if why else "missing")
 
 
 def test_the_display_goes_through_its_phases():
