@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from sawbench.bench.folded import FoldedCycle
 from sawbench.bench.processed import Phase, ProcessedTrial
 from sawbench.bench.recording import Floats, Recording, Signal
 from sawbench.bench.units import CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
 from sawbench.modeling.machines.words import SAW, MachineWords, words_of
+from sawbench.processing.spikes import find_overloads
 from sawbench.reporting.charts import FINE_POINTS
 from sawbench.reporting.figures import (
     CHANNEL_COLOURS,
@@ -29,6 +31,9 @@ from sawbench.reporting.quantities import format_number, format_quantity
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+# Of an axis above and below its curve.
+_MARGIN: Final = 0.12
 
 
 def signals_picture(
@@ -81,6 +86,8 @@ def signals_picture(
     marked = [p for p in phases if p.kind != "running" and p.start_s < last_s and p.end_s > first_s]
     kinds = sorted({words.not_running[p.kind] for p in marked})
     grey = f" Grey: {', '.join(kinds)}." if kinds else ""
+    beyond = [words.label(channel) for channel, (_, values) in shown.items() if _overloads(channel, values).any()]
+    overloads = f" Triangles: overloads of {', '.join(beyond)}, beyond the axis." if beyond else ""
     svg = figure_to_svg(
         figure,
         name=name,
@@ -88,7 +95,8 @@ def signals_picture(
         description=f"{', '.join(names)} from {first_s:.2f} to {last_s:.2f} s, one panel each.",
         finer=finer,
     )
-    caption = f"{first_s:.2f} to {last_s:.2f} s as recorded. Interruptions of a line are gaps in the recording.{grey}"
+    stretch = f"{first_s:.2f} to {last_s:.2f} s as recorded."
+    caption = f"{stretch} Interruptions of a line are gaps in the recording.{grey}{overloads}"
     return Picture(svg=svg, caption=caption)
 
 
@@ -110,7 +118,8 @@ def _signal_panels(
             axis.plot(time_s, values, color=CHANNEL_COLOURS.get(name, QUIET), linewidth=0.9)
             axis.set_ylabel(unit, rotation=0, ha="right", va="center")
             axis.set_title(_title(words, name), fontsize=9.5, color=INK, pad=3)
-            axis.margins(y=0.12)
+            axis.margins(y=_MARGIN)
+            _mark_overloads(axis, name, time_s, values)
             axis.yaxis.set_major_locator(_few_ticks())
             for phase in phases:
                 start_s, end_s = max(phase.start_s, first_s), min(phase.end_s, last_s)
@@ -120,6 +129,27 @@ def _signal_panels(
         axes[-1].set_xlabel("time / s")
         figure.align_ylabels(axes)
     return figure
+
+
+def _mark_overloads(axis: Axes, channel: str, time_s: Floats, values: Floats) -> None:
+    """Scale an axis to what its channel can have, and put a triangle where the instrument wrote beyond its range."""
+    is_overload = _overloads(channel, values)
+    if not is_overload.any():
+        return
+    kept = values[np.isfinite(values) & ~is_overload]
+    margin = _MARGIN * float(np.ptp(kept))
+    low, high = float(kept.min()) - margin, float(kept.max()) + margin
+    axis.set_ylim(low, high)
+    for edge, marker, is_beyond in ((high, "^", values > high), (low, "v", values < low)):
+        at = time_s[is_overload & is_beyond]
+        axis.plot(at, np.full(len(at), edge), marker, color=INK, markersize=5, clip_on=False, zorder=3)
+
+
+def _overloads(channel: str, values: Floats) -> NDArray[np.bool_]:
+    """Overloads of a drawn line, whose gaps are not finite."""
+    found = np.isfinite(values)
+    found[found] = find_overloads(values[found], channel)
+    return found
 
 
 def _title(words: MachineWords, channel: str) -> str:
