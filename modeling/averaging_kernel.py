@@ -152,7 +152,7 @@ def discharge_averaged(p, spline, ocv, start, settings, gauss, table, result):
     n_steps, tolerance, cutoff_soc, cutoff_voltage = settings
     m = machine(p)
     tables = load_tables(m, spline, n_steps)
-    t0, i0, r0, soc0, status = start_up(
+    t0, i0, r0, soc0, _, n_started, status = start_up(
         m, spline, ocv, (start[0], start[1], start[2], start[3]), n_steps, tolerance, True
     )
     if status != 0:
@@ -160,6 +160,7 @@ def discharge_averaged(p, spline, ocv, start, settings, gauss, table, result):
     for _ in range(N_START_STROKES):
         i0, r0, soc0, took, _, _ = drifting_stroke(m, tables, ocv, i0, r0, soc0, -1.0)
         t0 += took
+        n_started += 1
     places, weights = np.empty(gauss.shape[1]), np.empty(gauss.shape[1])
     stop, ended, first = cutoff_soc, 0, np.zeros(13)
     for _ in range(MOST_CUTOFF_ROUNDS):
@@ -193,6 +194,6 @@ def discharge_averaged(p, spline, ocv, start, settings, gauss, table, result):
     if ended == 0:
         # The last stroke begins where a whole number of strokes is done; a cut-off by mean voltage has no such phase.
         runtime += _last_stroke(m, tables, ocv, places, weights, table, strokes - math.floor(strokes), stop)
-    result[RUNTIME], result[STROKES], result[MOTOR_CHARGE] = t0 + runtime, strokes, charge
+    result[RUNTIME], result[STROKES], result[MOTOR_CHARGE] = t0 + runtime, n_started + strokes, charge
     result[START_TIME], result[START_SOC], result[END_SOC] = t0, soc0, stop
     return ended

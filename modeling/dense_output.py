@@ -29,6 +29,12 @@ def quintic(h, y0, d0, s0, y1, d1, s1):
 
 
 @kernel()
+def mean(c):
+    """Mean of a quintic over [0, 1]."""
+    return c[0] + c[1] / 2.0 + c[2] / 3.0 + c[3] / 4.0 + c[4] / 5.0 + c[5] / 6.0
+
+
+@kernel()
 def at(c, u):
     """Value of a quintic."""
     return c[0] + u * (c[1] + u * (c[2] + u * (c[3] + u * (c[4] + u * c[5]))))

@@ -8,10 +8,19 @@ import numpy as np
 from sawbench.modeling.compilation import kernel
 from sawbench.modeling.machine import load_tables, machine, open_circuit
 from sawbench.modeling.stroke_kernel import drifting_stroke
-from sawbench.modeling.transient_kernel import N_RECORD, OK, STALLED, is_calm, time_phase
+from sawbench.modeling.transient_kernel import (
+    MOTOR_CHARGE,
+    N_RECORD,
+    NO_CONVERGENCE,
+    OK,
+    STALLED,
+    is_calm,
+    time_phase,
+)
 
 BY_SOC, BY_VOLTAGE, BY_STALL, BY_LIMIT, FAILED = 0, 1, 2, 3, 4
 LONGEST_S = 1.0e7
+_SWINGING = 2.0  # a crank that its blade swings is no faster than so many times its no-load speed
 LONGEST_START_S = 30.0  # a motor that has not turned the crank by then will not
 # Columns of the curves: at the middle of a stroke.
 TIME, SOC, VOLTAGE, BATTERY_CURRENT, MOTOR_CURRENT, RATE = range(6)
@@ -22,23 +31,32 @@ N_CURVES = 6
 def start_up(m, spline, ocv, y, n_steps, tolerance, must_be_calm):
     """Run from `y` = (i, W, a, soc) until the dead centre at angle 0 is passed, calmly where asked.
 
-    Returns time, (i, r, soc) there, and a status.
+    Returns time, (i, r, soc) there, charge through the motor, strokes, and a status: NO_CONVERGENCE where the crank
+    does not get faster any more and is not calm.
     """
     voltage = max(m.voltage, m.duty * m.nominal_voltage)
     scales = (max(voltage / m.resistance, 1e-3), max(voltage / m.back_emf, 1e-3))
+    if must_be_calm and not is_calm(m, (0.0, _SWINGING * scales[1]), n_steps):
+        return 0.0, y[0], 0.0, y[3], 0.0, 0, NO_CONVERGENCE
     record, out, limit = np.zeros(N_RECORD), np.empty((4, 1)), np.array([LONGEST_START_S])
     turns = math.floor(y[2] / math.pi)
+    first_stroke = turns // 2
     y = (y[0], y[1], y[2] - turns * math.pi, y[3])
-    t = 0.0
+    t = fastest = 0.0
     while True:
         waited, _, turns, y, status = time_phase(
             m, spline, ocv, limit, 0, 0.0, y, turns, n_steps, tolerance, scales, True, out, record
         )
         t += waited
+        charge, n_strokes = record[MOTOR_CHARGE], turns // 2 - first_stroke
         if status != OK or waited >= LONGEST_START_S:
-            return t, y[0], 0.0, y[3], status if status != OK else STALLED
-        if turns % 2 == 0 and (not must_be_calm or is_calm(m, y, n_steps)):
-            return t, y[0], 1.0 / y[1], y[3], OK
+            return t, y[0], 0.0, y[3], charge, n_strokes, status if status != OK else STALLED
+        if turns % 2 == 0:
+            if not must_be_calm or is_calm(m, y, n_steps):
+                return t, y[0], 1.0 / y[1], y[3], charge, n_strokes, OK
+            if y[1] <= fastest:
+                return t, y[0], 0.0, y[3], charge, n_strokes, NO_CONVERGENCE
+            fastest = y[1]
 
 
 @kernel()
@@ -68,14 +86,15 @@ def brute_force(p, spline, ocv, start, settings, curves):
     n_rows = n_strokes = 0
     before_volts, before_middle = -1.0, 0.0
     while t < LONGEST_S:
-        waited, i, r, soc, status = start_up(m, spline, ocv, y, n_steps, tolerance, False)
+        waited, i, r, soc, charge, passed, status = start_up(m, spline, ocv, y, n_steps, tolerance, False)
         if status != OK:
             used = (begin - y[3]) / m.per_capacity
             return t, motor_charge, used, n_strokes, n_rows, BY_STALL if status == STALLED else FAILED
         if soc <= cutoff_soc:
-            t += waited * (y[3] - cutoff_soc) / (y[3] - soc)
+            part = (y[3] - cutoff_soc) / (y[3] - soc)
+            t, motor_charge = t + part * waited, motor_charge + part * charge
             return t, motor_charge, (begin - cutoff_soc) / m.per_capacity, n_strokes, n_rows, BY_SOC
-        t += waited
+        t, motor_charge, n_strokes = t + waited, motor_charge + charge, n_strokes + passed
         while t < LONGEST_S:
             i1, r1, soc1, took, charge, was_calm = drifting_stroke(m, tables, ocv, i, r, soc, cutoff_soc)
             if not was_calm:

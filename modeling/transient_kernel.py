@@ -13,7 +13,7 @@ import math
 import numpy as np
 from sawbench.modeling import slots
 from sawbench.modeling.compilation import kernel
-from sawbench.modeling.dense_output import at, emit, quintic, slope_at
+from sawbench.modeling.dense_output import at, emit, mean, quintic, slope_at
 from sawbench.modeling.dormand_prince import compiled_step
 from sawbench.modeling.machine import TWO_PI, drive, load, load_tables, machine, source, source_rate
 from sawbench.modeling.parts.crank import acceleration
@@ -25,10 +25,11 @@ STALLED = 1
 NO_CONVERGENCE = 2
 EMPTY = 3
 
-# What `record` holds at the end: five integrals, end state.
+# What `record` holds at the end: five integrals, end state, and the charge through the motor in time steps.
 E_SUPPLIED, E_COPPER, E_CONVERTED, E_DAMPED, E_CUT = 0, 1, 2, 3, 4
 END_CURRENT, END_SPEED, END_ANGLE = 5, 6, 7
-N_RECORD = 8
+MOTOR_CHARGE = 8
+N_RECORD = 9
 MOST_STEPS_PER_TURN = 4096
 
 MOST_TIME_STEPS = 2_000_000
@@ -300,6 +301,7 @@ def time_phase(  # noqa: PLR0912, PLR0915
         k = emit(time_s, k, out, m.gear, t, t1, current, path, y[3], rates[3], new[3], rates1[3])
         for kind in range(5):
             record[kind] += new[4 + kind]
+        record[MOTOR_CHARGE] += (t1 - t) * mean(current)
         y, t, h = (new[0], new[1], new[2], new[3]), t1, next_h
         if event == DEAD_CENTRE:
             turns += 1

@@ -4,13 +4,16 @@ import numpy as np
 import pytest
 from sawbench.bench.errors import InputError
 from sawbench.modeling.discharge import discharge
+from sawbench.modeling.discharge_kernel import start_up
+from sawbench.modeling.machine import machine
 from sawbench.modeling.machines import paper_jigsaw as paper
 from sawbench.modeling.parts.eq16 import Eq16Battery
 from sawbench.modeling.parts.linear import LinearCutting
 from sawbench.modeling.parts.measured import MeasuredForce
 from sawbench.modeling.parts.ocv_table import TableBattery
 from sawbench.modeling.supplies import FixedDuty, FixedVoltage, HeldVoltage
-from sawbench.modeling.transient import InitialState
+from sawbench.modeling.transient import InitialState, model_vector, simulate
+from sawbench.modeling.transient_kernel import NO_CONVERGENCE
 
 pytestmark = pytest.mark.unit
 
@@ -56,6 +59,27 @@ def test_averaging_agrees_with_every_stroke_and_says_its_error(supply, cutting, 
     assert fast.numerical_error_s < 1e-5 * fast.runtime_s
     assert fast.mean_battery_current_a == pytest.approx(fine.mean_battery_current_a, rel=1e-4)
     assert fast.mean_motor_current_a == pytest.approx(fine.mean_motor_current_a, rel=2e-3)  # the start-up's share
+
+
+@pytest.mark.parametrize("k_fc", [240.0, 420.0, 500.0, 1000.0])
+def test_strokes_that_nearly_stop_the_crank_count_too(k_fc):
+    """In a hard cut the speed changes too much within an angle step: all strokes are run as starts are, in time."""
+    cutting = LinearCutting(k_fc_n_s_per_m=k_fc)
+    run = discharge(paper.PARAMETERS, supply=DUTY, cutting=cutting)
+    whole = simulate(paper.PARAMETERS, supply=DUTY, cutting=cutting, time_s=np.array([0.0, run.runtime_s]))
+    assert run.n_strokes == pytest.approx(whole.crank_angle_rad[-1] / (2.0 * np.pi), abs=2.0)
+    easy = discharge(paper.PARAMETERS, supply=DUTY, cutting=LinearCutting(k_fc_n_s_per_m=100.0))
+    ratio = easy.mean_motor_current_a / easy.mean_battery_current_a
+    assert run.mean_motor_current_a / run.mean_battery_current_a == pytest.approx(ratio, rel=2e-3)
+
+
+@pytest.mark.parametrize("k_fc", [500.0, 1e4, 1e9])
+def test_a_start_that_does_not_get_calm_is_given_up(k_fc):
+    """Interpreted, the 30 s of a start would take minutes."""
+    vector, spline, ocv = model_vector(paper.PARAMETERS, DUTY, LinearCutting(k_fc_n_s_per_m=k_fc))
+    took_s, *_, status = start_up(machine(vector), spline, ocv, (0.0, 0.0, 0.0, 1.0), 10, 1e-9, True)
+    assert status == NO_CONVERGENCE
+    assert took_s < 5.0
 
 
 def test_curves_agree():
