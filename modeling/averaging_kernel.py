@@ -17,9 +17,18 @@ import math
 
 import numpy as np
 from sawbench.modeling.compilation import kernel
-from sawbench.modeling.discharge_kernel import FAILED, start_up
+from sawbench.modeling.discharge_kernel import COARSE, FAILED, start_up
 from sawbench.modeling.machine import drive, load_tables, machine, open_circuit
-from sawbench.modeling.stroke_kernel import ACCEPT, PERIODIC, drifting_stroke, guess, solve_periodic, to_rest
+from sawbench.modeling.stroke_kernel import (
+    ACCEPT,
+    PERIODIC,
+    drifting_stroke,
+    guess,
+    is_too_coarse,
+    solve_periodic,
+    to_rest,
+)
+from sawbench.modeling.transient_kernel import NO_CONVERGENCE
 
 # Columns of the node table: what there is of the stroke whose middle is at the node, at its start and over it.
 SOC, PERIOD, SHARE, CHARGE, CURRENT, SLOWNESS, BATTERY = range(7)
@@ -28,7 +37,8 @@ N_COLUMNS = 7
 RUNTIME, STROKES, START_TIME, START_SOC, END_SOC, MOTOR_CHARGE, LOCAL_ERROR = range(7)
 N_RESULT = 7
 N_START_STROKES = 5
-MOST_CUTOFF_ROUNDS = 6
+MOST_CUTOFF_ROUNDS = 12
+CUTOFF_TOLERANCE = 1e-8
 
 
 @kernel()
@@ -112,9 +122,10 @@ def _solve_nodes(m, tables, ocv, places, weights, table):
 
 
 @kernel()
-def _voltage(m, ocv, places, weights, table, soc):
-    """Battery voltage at a state of charge, V; only the current is interpolated."""
-    return open_circuit(m, ocv, soc)[0] - m.battery_resistance * interpolate(places, weights, table[:, BATTERY], soc)
+def _voltage(m, ocv, places, weights, table, soc, end):
+    """Battery voltage at a state of charge, V; only the current is interpolated, and held beyond `end`."""
+    current = interpolate(places, weights, table[:, BATTERY], max(soc, end))
+    return open_circuit(m, ocv, soc)[0] - m.battery_resistance * current
 
 
 @kernel()
@@ -134,7 +145,7 @@ def _stop_at_voltage(m, ocv, places, weights, table, level, span):
     high, low = span[0], max(span[1] - 0.05 * (span[0] - span[1]), 0.0)
     for _ in range(60):
         middle = 0.5 * (low + high)
-        if _voltage(m, ocv, places, weights, table, middle) > level:
+        if _voltage(m, ocv, places, weights, table, middle, span[1]) > level:
             high = middle
         else:
             low = middle
@@ -146,8 +157,8 @@ def discharge_averaged(p, spline, ocv, start, settings, gauss, table, result):
     """Runtime to a cut-off; fills `table`, shape (n_nodes, N_COLUMNS), and `result`; returns how it ended.
 
     `settings` as in `discharge_kernel.brute_force`; `gauss`, shape (2, n_nodes), holds nodes that descend from 1 to -1
-    and their weights. BY_SOC 0, BY_VOLTAGE 1, FAILED 4 as in `discharge_kernel`; where it failed the discharge has to
-    be run stroke by stroke.
+    and their weights. BY_SOC 0, BY_VOLTAGE 1, FAILED 4, COARSE 5 as in `discharge_kernel`: coarse steps are to be
+    halved; where it failed the discharge has to be run stroke by stroke.
     """
     n_steps, tolerance, cutoff_soc, cutoff_voltage = settings
     m = machine(p)
@@ -156,15 +167,17 @@ def discharge_averaged(p, spline, ocv, start, settings, gauss, table, result):
         m, spline, ocv, (start[0], start[1], start[2], start[3]), n_steps, tolerance, True
     )
     if status != 0:
-        return FAILED
+        return COARSE if status == NO_CONVERGENCE else FAILED
+    if is_too_coarse(m, n_steps, r0):
+        return COARSE
     for _ in range(N_START_STROKES):
         i0, r0, soc0, took, _, _ = drifting_stroke(m, tables, ocv, i0, r0, soc0, -1.0)
         t0 += took
         n_started += 1
     places, weights = np.empty(gauss.shape[1]), np.empty(gauss.shape[1])
     stop, ended, first = cutoff_soc, 0, np.zeros(13)
-    for _ in range(MOST_CUTOFF_ROUNDS):
-        if not soc0 > stop:
+    for n_round in range(MOST_CUTOFF_ROUNDS + 1):
+        if not soc0 > stop or n_round == MOST_CUTOFF_ROUNDS:
             return FAILED
         for k in range(len(places)):
             places[k] = 0.5 * (soc0 + stop) + 0.5 * (soc0 - stop) * gauss[0, k]
@@ -173,8 +186,9 @@ def discharge_averaged(p, spline, ocv, start, settings, gauss, table, result):
             return FAILED
         if cutoff_voltage <= 0.0:
             break
-        reached = _voltage(m, ocv, places, weights, table, stop)
-        if (ended == 0 and reached > cutoff_voltage) or math.fabs(reached - cutoff_voltage) < 1e-9 * cutoff_voltage:
+        reached = _voltage(m, ocv, places, weights, table, stop, stop)
+        is_met = math.fabs(reached - cutoff_voltage) < CUTOFF_TOLERANCE * cutoff_voltage
+        if is_met or (ended == 0 and reached > cutoff_voltage):
             break
         ended = 1
         stop = _stop_at_voltage(m, ocv, places, weights, table, cutoff_voltage, (soc0, stop))

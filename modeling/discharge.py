@@ -16,6 +16,7 @@ from sawbench.modeling import signals, slots
 from sawbench.modeling.compilation import runner
 from sawbench.modeling.parameters import JigsawParameters
 from sawbench.modeling.steady_state import periodic_vector
+from sawbench.modeling.stroke_kernel import MOST_STEPS
 from sawbench.modeling.supplies import FixedDuty, FixedVoltage, HeldVoltage
 from sawbench.modeling.transient import AT_REST, Cutting, InitialState, model_vector, steps_for
 from sawbench.modeling.validation import positive
@@ -26,6 +27,7 @@ DischargeStatus = Literal["ok", "stalled", "cannot_start", "never_reached"]
 EndedBy = Literal["soc", "voltage", "stall", "time"]
 Settings = tuple[int, float, float, float]  # steps a turn, tolerance of the start-up, cut-off charge and voltage
 N_STEPS = 10
+MOST_INTERPRETED_STEPS = 160
 N_NODES = 8
 MOST_NODES = 64
 START_TOLERANCE = 1e-5  # of the second before the first calm dead centre; leaves some microseconds
@@ -147,12 +149,15 @@ def discharge(
     n_steps = steps_for(spline, N_STEPS) if steps_per_turn is None else steps_per_turn
     start = initial.to_state(parameters.gear_ratio)
     settings = (n_steps, START_TOLERANCE, float(cutoff_soc), volts)
-    done = (
-        _averaged(vector, spline, ocv, start, settings, target=target, compiles=compiles)
-        if method == "multi_scale"
-        else None
-    )
-    return _brute(vector, spline, ocv, start, settings) if done is None else done
+    done: Discharge | int = strokes.FAILED
+    if method == "multi_scale":
+        finer = settings
+        done = _averaged(vector, spline, ocv, start, settings, target=target, compiles=compiles)
+        while done == strokes.COARSE and 2 * finer[0] <= MOST_STEPS:
+            finer = (2 * finer[0], *settings[1:])
+            compiles = compiles or finer[0] > MOST_INTERPRETED_STEPS
+            done = _averaged(vector, spline, ocv, start, finer, target=target, compiles=compiles)
+    return done if isinstance(done, Discharge) else _brute(vector, spline, ocv, start, settings)
 
 
 @lru_cache(maxsize=16)
@@ -164,14 +169,15 @@ def _gauss(n: int) -> Floats:
 
 def _averaged(
     vector: Floats, spline: Floats, ocv: Floats, start: Floats, settings: Settings, *, target: float, compiles: bool
-) -> Discharge | None:
+) -> Discharge | int:
+    """A discharge from a few strokes, or a code of `averaging_kernel.discharge_averaged` why there is none."""
     run, parameters = runner(averaging.discharge_averaged, vector, compiles)
     n_nodes = N_NODES
     while True:
         table, result = np.zeros((n_nodes, averaging.N_COLUMNS)), np.zeros(averaging.N_RESULT)
         code = run(parameters, spline, ocv, start, settings, _gauss(n_nodes), table, result)
         if code not in (strokes.BY_SOC, strokes.BY_VOLTAGE):
-            return None
+            return code
         span = result[averaging.START_SOC] - result[averaging.END_SOC]
         error = quadrature_error(table[:, averaging.PERIOD] / table[:, averaging.SHARE], span)
         runtime = float(result[averaging.RUNTIME])

@@ -18,7 +18,7 @@ from sawbench.modeling.transient_kernel import (
     time_phase,
 )
 
-BY_SOC, BY_VOLTAGE, BY_STALL, BY_LIMIT, FAILED = 0, 1, 2, 3, 4
+BY_SOC, BY_VOLTAGE, BY_STALL, BY_LIMIT, FAILED, COARSE = 0, 1, 2, 3, 4, 5
 LONGEST_S = 1.0e7
 _SWINGING = 2.0  # a crank that its blade swings is no faster than so many times its no-load speed
 LONGEST_START_S = 30.0  # a motor that has not turned the crank by then will not
@@ -84,28 +84,30 @@ def brute_force(p, spline, ocv, start, settings, curves):
     begin = y[3]
     t = motor_charge = 0.0
     n_rows = n_strokes = 0
+    has_started = False
     before_volts, before_middle = -1.0, 0.0
     while t < LONGEST_S:
-        waited, i, r, soc, charge, passed, status = start_up(m, spline, ocv, y, n_steps, tolerance, False)
-        if status != OK:
-            used = (begin - y[3]) / m.per_capacity
-            return t, motor_charge, used, n_strokes, n_rows, BY_STALL if status == STALLED else FAILED
-        if soc <= cutoff_soc:
-            part = (y[3] - cutoff_soc) / (y[3] - soc)
-            t, motor_charge = t + part * waited, motor_charge + part * charge
-            return t, motor_charge, (begin - cutoff_soc) / m.per_capacity, n_strokes, n_rows, BY_SOC
-        t, motor_charge, n_strokes = t + waited, motor_charge + charge, n_strokes + passed
-        while t < LONGEST_S:
-            i1, r1, soc1, took, charge, was_calm = drifting_stroke(m, tables, ocv, i, r, soc, cutoff_soc)
-            if not was_calm:
-                break
-            if soc1 <= cutoff_soc:
-                used = (begin - cutoff_soc) / m.per_capacity
-                return t + took, motor_charge + charge, used, n_strokes, n_rows, BY_SOC
+        soc = y[3]
+        is_whole = False
+        if has_started:
+            i1, r1, soc1, took, charge, is_whole = drifting_stroke(m, tables, ocv, y[0], 1.0 / y[1], soc, cutoff_soc)
+            passed = 1
+        if not is_whole:
+            took, i1, r1, soc1, charge, passed, status = start_up(m, spline, ocv, y, n_steps, tolerance, False)
+            if status != OK:
+                used = (begin - soc) / m.per_capacity
+                return t, motor_charge, used, n_strokes, n_rows, BY_STALL if status == STALLED else FAILED
+            if soc1 < cutoff_soc:
+                part = (soc - cutoff_soc) / (soc - soc1)
+                took, charge, soc1 = part * took, part * charge, cutoff_soc
+        if soc1 <= cutoff_soc:
+            used = (begin - cutoff_soc) / m.per_capacity
+            return t + took, motor_charge + charge, used, n_strokes, n_rows, BY_SOC
+        motor_charge += charge
+        n_strokes += passed
+        if has_started:
             current, half, middle = (soc - soc1) / m.per_capacity / took, 0.5 * (soc + soc1), t + 0.5 * took
             volts = open_circuit(m, ocv, half)[0] - m.battery_resistance * current
-            motor_charge += charge
-            n_strokes += 1
             if n_rows < len(curves):
                 row = curves[n_rows]
                 row[TIME], row[SOC], row[VOLTAGE], row[BATTERY_CURRENT] = middle, half, volts, current
@@ -118,6 +120,7 @@ def brute_force(p, spline, ocv, start, settings, curves):
                     middle -= back
                 return middle, motor_charge, (begin - half) / m.per_capacity, n_strokes, n_rows, BY_VOLTAGE
             before_volts, before_middle = volts, middle
-            t, i, r, soc = t + took, i1, r1, soc1
-        y = (i, 1.0 / r, 0.0, soc)
+        has_started = True
+        t += took
+        y = (i1, 1.0 / r1, 0.0, soc1)
     return t, motor_charge, (begin - y[3]) / m.per_capacity, n_strokes, n_rows, BY_LIMIT

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Floats
-from sawbench.modeling.discharge import N_CURVE_POINTS, Discharge, DischargeCurves, quadrature_error
+from sawbench.modeling.discharge import N_CURVE_POINTS, Discharge, DischargeCurves, EndedBy, quadrature_error
 from sawbench.modeling.effects.learned import out_of_range
 from sawbench.modeling.operating_point import OperatingPoint, check_scales, mean_over_time, periodic_stroke
 from sawbench.modeling.residuals import Baseline
@@ -28,7 +28,10 @@ N_NODES: Final = 8
 _MOST_PASSES: Final = 8
 _SETTLED: Final = 1e-4
 _N_HISTORY: Final = 400
-_TRIMMINGS_OF_END: Final = 4
+# The end of a discharge stands where it moves by less than this share of the capacity.
+_SAME_END: Final = 1e-7
+_MOST_ENDS: Final = 12
+_HALVINGS: Final = 40
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -80,18 +83,22 @@ def discharge_with_effects(
     if point.charge_used_as >= end_as:
         raise InputError(f"cutoff_soc {cutoff_soc} must be below the state of charge at the start")
     run = _Run(baseline, point, n_nodes, start)
-    ended_by = "soc"
     means = run.to(end_as)
+    moved_as = 0.0
     if means is not None and cutoff_voltage_v is not None:
-        for _ in range(_TRIMMINGS_OF_END):
-            earlier_as = None if means is None else run.charge_at_voltage(means.battery_v, cutoff_voltage_v)
-            if earlier_as is None:
+        for _ in range(_MOST_ENDS):
+            before_as, last_as = run.span_as, run.charge_at_voltage(means.battery_v, cutoff_voltage_v, end_as)
+            moved_as = abs(last_as - point.charge_used_as - before_as)
+            if moved_as < _SAME_END * capacity_as:
                 break
-            ended_by = "voltage"
-            means = run.to(max(earlier_as, point.charge_used_as + 1e-6 * capacity_as))
+            means = run.to(max(last_as, point.charge_used_as + 1e-6 * capacity_as))
+            if means is None:
+                break
     if means is None:
         return _stalled()
     runtime_s, span_as = run.integral(1.0 / means.battery_a), run.span_as
+    numerical_error_s = quadrature_error(1.0 / means.battery_a[::-1], span_as) + moved_as / float(means.battery_a[-1])
+    ended_by: EndedBy = "voltage" if point.charge_used_as + span_as < end_as else "soc"
     return Discharge(
         runtime_s=runtime_s,
         mean_battery_current_a=span_as / runtime_s,
@@ -100,7 +107,7 @@ def discharge_with_effects(
         ended_by=ended_by,
         status="ok",
         message="reached the cut-off",
-        numerical_error_s=quadrature_error(1.0 / means.battery_a[::-1], span_as),
+        numerical_error_s=numerical_error_s,
         notes=out_of_range(baseline.known, baseline, [stroke.state for stroke in run.strokes if stroke is not None]),
         _make_curves=lambda: run.curves(means, capacity_as),
     )
@@ -138,13 +145,29 @@ class _Run:
         """Integral over the charge of what is known at the nodes."""
         return float(0.5 * self.span_as * self.weights @ values)
 
-    def charge_at_voltage(self, voltage_v: Floats, cutoff_v: float) -> float | None:
-        """Charge used at which the voltage has fallen to the cut-off; None where it stays above."""
-        share = np.linspace(-1.0, 1.0, _N_HISTORY)
-        below = self._between(voltage_v, share) <= cutoff_v
+    def charge_at_voltage(self, voltage_v: Floats, cutoff_v: float, end_as: float) -> float:
+        """Charge used at which the voltage has fallen to the cut-off, `end_as` at most.
+
+        What the load takes off the open-circuit voltage is interpolated, and held beyond the last stroke.
+        """
+        taken_v = self.baseline.open_circuit_voltage(self._at_nodes()) - voltage_v
+        used_as = np.linspace(self.point.charge_used_as, end_as, _N_HISTORY)
+
+        def above_v(used: Floats) -> Floats:
+            share = np.minimum(2.0 * (used - self.point.charge_used_as) / self.span_as - 1.0, 1.0)
+            return self.baseline.open_circuit_voltage(used) - self._between(taken_v, share) - cutoff_v
+
+        below = above_v(used_as) <= 0.0
         if not below.any():
-            return None
-        return self.point.charge_used_as + 0.5 * (share[int(np.argmax(below))] + 1.0) * self.span_as
+            return end_as
+        first = int(np.argmax(below))
+        if first == 0:
+            return float(used_as[0])
+        low, high = used_as[first - 1], used_as[first]
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if above_v(np.array([middle]))[0] > 0.0 else (low, middle)
+        return float(high)
 
     def curves(self, means: _Means, capacity_as: float) -> DischargeCurves:
         """Means along the discharge."""

@@ -23,6 +23,7 @@ START_CURRENT, START_SPEED, PERIOD, MOTOR_CHARGE, BATTERY_CHARGE, N_STROKES, LOC
 N_PERIODIC = 8
 MOST_NEWTON_STEPS = 30
 MOST_STEPS = 4096
+STABLE = 3.0  # largest share of the fastest decay within one step that the formula of the steps bears
 CALM = 0.15  # largest relative change of speed within one angle step
 ACCEPT = 3e-4  # relative Newton step that is the last: it leaves an error of its square
 
@@ -134,6 +135,13 @@ def to_rest(y, miss_i, miss_r):
 
 
 @kernel()
+def is_too_coarse(m, n_steps, r):
+    """Whether current or speed decays too fast for steps of the angle, at an inverse speed, to follow at all."""
+    decay = max(m.resistance * m.per_inductance, (m.damping + m.k_fc * m.radius**2) / m.rotating_inertia)
+    return decay * r * TWO_PI / n_steps > STABLE
+
+
+@kernel()
 def guess(m, tables, curve):
     """Guess current and inverse speed, A and s/rad, from the balance of mean torques; 0 where there is none."""
     drag = constant = 0.0
@@ -184,8 +192,9 @@ def solve_periodic(m, tables, curve, i, r, accept):
 def periodic_state(p, spline, ocv, soc, n_steps, tolerance, accept, result):
     """Periodic stroke of one parameter vector at a state of charge; fills `result`, returns a status.
 
-    Begins with `n_steps` steps a turn and doubles them until the largest local error, relative to current and speed, is
-    below the tolerance. The Newton step that is below `accept` is the last: it leaves an error of its square.
+    Begins with `n_steps` steps a turn and doubles them until they can follow the fastest decay, and the largest local
+    error, relative to current and speed, is below the tolerance. The Newton step that is below `accept` is the last: it
+    leaves an error of its square.
     """
     m = machine(p)
     curve = drive(m, ocv, soc)
@@ -195,6 +204,9 @@ def periodic_state(p, spline, ocv, soc, n_steps, tolerance, accept, result):
         tables = load_tables(m, spline, n_steps)
         if n_strokes == 0:
             i, r = guess(m, tables, curve)
+            if is_too_coarse(m, n_steps, r) and 2 * n_steps <= MOST_STEPS:
+                n_steps *= 2
+                continue
         status, i, r, y, step_i, step_r, local, count = solve_periodic(m, tables, curve, i, r, accept)
         n_strokes += count
         if status != PERIODIC:

@@ -73,6 +73,54 @@ def test_strokes_that_nearly_stop_the_crank_count_too(k_fc):
     assert run.mean_motor_current_a / run.mean_battery_current_a == pytest.approx(ratio, rel=2e-3)
 
 
+@pytest.mark.parametrize("cutoff", [{}, {"cutoff_voltage_v": 16.5}], ids=["charge", "volts"])
+@pytest.mark.parametrize(
+    ("inductance_h", "duty", "k_fc"), [(1e-4, 0.4375, 240.0), (1e-5, 0.4375, 240.0), (3.21e-3, 0.15, 500.0)]
+)
+def test_machines_whose_current_or_speed_decays_fast_need_finer_steps_alone(inductance_h, duty, k_fc, cutoff):
+    """A coarse angle step cannot follow them; every stroke in time steps can."""
+    how = {
+        "supply": FixedDuty(duty=duty, battery=EQ16),
+        "cutting": LinearCutting(k_fc_n_s_per_m=k_fc),
+        **cutoff,
+    }
+    parameters = paper.PARAMETERS.replace(inductance_h=inductance_h)
+    fast = discharge(parameters, **how)
+    every = discharge(parameters, method="brute_force", **how)
+    assert fast.ended_by == every.ended_by == ("voltage" if cutoff else "soc")
+    assert fast.runtime_s == pytest.approx(every.runtime_s, rel=1e-4)
+    assert fast.mean_motor_current_a == pytest.approx(every.mean_motor_current_a, rel=2e-3)
+    assert fast.n_strokes == pytest.approx(every.n_strokes, abs=3.0)
+    assert len(every.curves.time_s) > 0.9 * every.n_strokes
+    if inductance_h < 1e-3:
+        # So small an inductance does not matter for a runtime.
+        usual = discharge(paper.PARAMETERS, **how)
+        assert fast.runtime_s == pytest.approx(usual.runtime_s, rel=1e-3)
+
+
+@pytest.mark.parametrize("level_v", [17.2, 17.4, 17.5, 17.7])
+def test_a_cut_off_voltage_of_a_battery_with_a_fine_table(level_v):
+    """Where the curve has corners, many strokes are solved; the end is found between them, never beyond."""
+    soc = np.linspace(0.0, 1.0, 46)
+    corners = 0.01 * np.random.default_rng(5).standard_normal(len(soc))
+    battery = TableBattery(
+        soc=soc.tolist(),
+        ocv_v=(17.0 + 3.0 * soc - 2.5 * np.exp(-soc / 0.05) + corners).tolist(),
+        capacity_ah=0.5,
+        internal_resistance_ohm=0.08,
+    )
+    how = {
+        "supply": FixedDuty(duty=paper.DUTY, battery=battery),
+        "cutting": paper.CUTTING,
+        "cutoff_voltage_v": level_v,
+        "cutoff_soc": 0.02,
+    }
+    fast = discharge(paper.PARAMETERS, **how)
+    every = discharge(paper.PARAMETERS, method="brute_force", **how)
+    assert fast.ended_by == every.ended_by == "voltage"
+    assert fast.runtime_s == pytest.approx(every.runtime_s, rel=1e-3)
+
+
 @pytest.mark.parametrize("k_fc", [500.0, 1e4, 1e9])
 def test_a_start_that_does_not_get_calm_is_given_up(k_fc):
     """Interpreted, the 30 s of a start would take minutes."""

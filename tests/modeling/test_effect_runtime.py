@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from sawbench.bench.errors import InputError
+from sawbench.modeling.configured_battery import battery_from_config
+from sawbench.modeling.discharge import discharge
 from sawbench.modeling.effect_discharge import discharge_with_effects
 from sawbench.modeling.effect_fit import effect_share, fit_with_effects
 from sawbench.modeling.effect_transient import simulate_with_effects
@@ -18,7 +20,10 @@ from sawbench.modeling.joint_fit import fit_jointly
 from sawbench.modeling.machines.table import JIGSAW
 from sawbench.modeling.measured_cycles import MeasuredCycles
 from sawbench.modeling.operating_point import OperatingPoint, periodic_stroke
+from sawbench.modeling.parameters import JigsawParameters
+from sawbench.modeling.parts.linear import LinearCutting
 from sawbench.modeling.runtime import predict_runtime_with_effects
+from sawbench.modeling.supplies import FixedDuty
 from scipy.integrate import solve_ivp
 
 from tests.rigs.drawn_states import running
@@ -45,6 +50,26 @@ CASES = {
     "edge_force": (Machine(cut=lambda v, x, m: K_CUT * v + 40.0 * np.tanh(v / 0.01)), 40.0),
     "converter_loss": (Machine(lost_current=lambda duty, i: 0.08 * duty * i), 0.08),
 }
+
+
+@pytest.mark.parametrize("n_nodes", [8, 3])
+@pytest.mark.parametrize(("beta", "level_v"), [(0.99, 17.6), (0.99, 16.0), (0.95, 15.0), (0.0, 15.0)])
+def test_a_cut_off_voltage_ends_a_discharge_where_it_does_without_effects(beta, level_v, n_nodes):
+    """The knee of the open-circuit curve is that of the battery, however few strokes are solved."""
+    battery = BASELINE.battery.model_copy(update={"beta": beta})
+    baseline = replace(knowing("guide_friction", 1e-6), battery=battery)
+    found = discharge_with_effects(baseline, POINT, cutoff_soc=0.001, cutoff_voltage_v=level_v, n_nodes=n_nodes)
+    every = discharge(
+        JigsawParameters.from_config(BASELINE.plant),
+        supply=FixedDuty(duty=DUTY, battery=battery_from_config(battery)),
+        cutting=LinearCutting(k_fc_n_s_per_m=K_CUT),
+        cutoff_soc=0.001,
+        cutoff_voltage_v=level_v,
+        method="brute_force",
+    )
+    assert found.ended_by == every.ended_by == "voltage"
+    # The start, some tenths of a second, is not counted.
+    assert found.runtime_s == pytest.approx(every.runtime_s, rel=2e-3, abs=0.5)
 
 
 @pytest.mark.parametrize("name", CASES)
