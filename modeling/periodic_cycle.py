@@ -15,7 +15,7 @@ from sawbench.modeling.compilation import interpreted
 from sawbench.modeling.dormand_prince import FRACTIONS, step_of
 from sawbench.modeling.machine import Machine, load_at
 from sawbench.modeling.machine import machine as machine_of
-from sawbench.modeling.stroke_kernel import angle_rate, tangent_rate, to_rest
+from sawbench.modeling.stroke_kernel import MOST_STEPS_TO_SETTLE, angle_rate, tangent_rate, to_rest
 
 Floats = NDArray[np.float64]
 CuttingHalf = Literal["pi_to_2pi", "zero_to_pi"]
@@ -35,6 +35,8 @@ COLUMNS: Final = (*PLANT_NAMES, "k_fc_n_s_per_m", "voltage_v")
 N_STEPS: Final = 64
 # Steps a turn of Newton's method: 6e-8 of the current.
 N_COARSE: Final = 16
+# Steps are divided by this where current or speed changes too fast for them.
+_FINER: Final = 4
 MOST_NEWTON_STEPS: Final = 30
 # Relative; where few steps a turn leave more, all of them are taken.
 LOCAL_ERROR: Final = 1e-4
@@ -53,7 +55,7 @@ def periodic_cycles(
     """Periodic current and crank speed at equally spaced crank angles, one row a parameter vector.
 
     Newton's method on the stroke map with its exact derivative, steps aligned with the dead centres; 1e-7 relative for
-    the jigsaw.
+    the jigsaw. A machine that these steps cannot follow gets finer ones.
 
     Parameters
     ----------
@@ -91,7 +93,19 @@ def periodic_cycles(
         current[place], speed[place], is_periodic[place] = found[0].T[is_good], 1.0 / found[1].T[is_good], True
         left = left[~is_good]
         if len(left) == 0:
-            break
+            return current, speed, is_periodic
+    machine = _machine(values[left], gear_ratio, cutting_sign, rod_length_m or 0.0)
+    slowness = _guess(machine, _loads(machine, N_COARSE))[1]
+    left = left[slowness > 0.0]
+    if len(left) and _FINER * n_steps <= MOST_STEPS_TO_SETTLE:
+        finer = periodic_cycles(
+            values[left],
+            gear_ratio=gear_ratio,
+            cutting_half=cutting_half,
+            rod_length_m=rod_length_m,
+            n_steps=_FINER * n_steps,
+        )
+        current[left], speed[left], is_periodic[left] = finer[0][:, ::_FINER], finer[1][:, ::_FINER], finer[2]
     return current, speed, is_periodic
 
 

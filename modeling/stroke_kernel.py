@@ -23,6 +23,7 @@ START_CURRENT, START_SPEED, PERIOD, MOTOR_CHARGE, BATTERY_CHARGE, N_STROKES, LOC
 N_PERIODIC = 8
 MOST_NEWTON_STEPS = 30
 MOST_STEPS = 4096
+MOST_STEPS_TO_SETTLE = 1024  # with more, a stroke that there is has been found
 STABLE = 3.0  # largest share of the fastest decay within one step that the formula of the steps bears
 CALM = 0.15  # largest relative change of speed within one angle step
 ACCEPT = 3e-4  # relative Newton step that is the last: it leaves an error of its square
@@ -192,8 +193,8 @@ def solve_periodic(m, tables, curve, i, r, accept):
 def periodic_state(p, spline, ocv, soc, n_steps, tolerance, accept, result):
     """Periodic stroke of one parameter vector at a state of charge; fills `result`, returns a status.
 
-    Begins with `n_steps` steps a turn and doubles them until they can follow the fastest decay, and the largest local
-    error, relative to current and speed, is below the tolerance. The Newton step that is below `accept` is the last: it
+    Begins with `n_steps` steps a turn and doubles them until Newton's method settles and the largest local error,
+    relative to current and speed, is below the tolerance. The Newton step that is below `accept` is the last: it
     leaves an error of its square.
     """
     m = machine(p)
@@ -204,13 +205,13 @@ def periodic_state(p, spline, ocv, soc, n_steps, tolerance, accept, result):
         tables = load_tables(m, spline, n_steps)
         if n_strokes == 0:
             i, r = guess(m, tables, curve)
-            if is_too_coarse(m, n_steps, r) and 2 * n_steps <= MOST_STEPS:
-                n_steps *= 2
-                continue
         status, i, r, y, step_i, step_r, local, count = solve_periodic(m, tables, curve, i, r, accept)
         n_strokes += count
         if status != PERIODIC:
-            return status
+            if not r > 0.0 or 2 * n_steps > MOST_STEPS_TO_SETTLE:
+                return status
+            n_steps, n_strokes = 2 * n_steps, 0
+            continue
         if local <= tolerance or 2 * n_steps > MOST_STEPS:
             break
         n_steps *= 2

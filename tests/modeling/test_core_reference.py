@@ -16,6 +16,7 @@ from sawbench.modeling.parts.eq16 import Eq16Battery
 from sawbench.modeling.parts.linear import LinearCutting
 from sawbench.modeling.parts.measured import MeasuredForce
 from sawbench.modeling.parts.ocv_table import TableBattery
+from sawbench.modeling.periodic_cycle import PLANT_NAMES, periodic_cycles
 from sawbench.modeling.steady_state import steady_state
 from sawbench.modeling.supplies import FixedDuty, FixedVoltage, HeldVoltage
 from sawbench.modeling.transient import InitialState, Method, simulate
@@ -252,6 +253,31 @@ def test_periodic_stroke_is_where_a_long_run_settles():
         assert end[2] == pytest.approx(2 * np.pi * parameters.gear_ratio, rel=1e-7)
         used = (1.0 - end[3]) * 3600 * endless.capacity_ah / state.period_s
         assert used == pytest.approx(state.mean_battery_current_a, rel=1e-3)  # 16 digits of the charge, 3e-10 used
+
+
+@pytest.mark.parametrize(
+    ("inductance_h", "voltage_v", "k_fc"), [(1e-4, 7.5, 675.0), (1e-5, 7.5, 240.0), (3.21e-3, 5.4, 2000.0)]
+)
+def test_a_stroke_whose_current_or_speed_changes_fast_is_found(inductance_h, voltage_v, k_fc):
+    parameters = replace(paper.PARAMETERS, inductance_h=inductance_h)
+    supply, cutting = FixedVoltage(voltage_v=voltage_v), LinearCutting(k_fc_n_s_per_m=k_fc)
+    state = steady_state(parameters, supply=supply, cutting=cutting)
+    assert state.status == "ok"
+    start = (state.start_current_a, state.start_motor_speed_rad_s, 0.0, 1.0)
+    times = np.linspace(0.0, state.period_s, 4001)
+    current, speed, angle, _ = Reference(parameters, supply, cutting).run(times, start=start, tolerance=1e-9)
+    assert current[-1] == pytest.approx(state.start_current_a, rel=1e-3)
+    assert speed[-1] == pytest.approx(state.start_motor_speed_rad_s, rel=1e-3)
+    assert angle[-1] == pytest.approx(2 * np.pi * parameters.gear_ratio, rel=1e-5)
+    assert state.mean_motor_current_a == pytest.approx(np.trapezoid(current, times) / state.period_s, rel=1e-4)
+    row = [float(getattr(parameters, name)) for name in PLANT_NAMES]
+    currents, speeds, (is_periodic,) = periodic_cycles(
+        np.array([[*row, k_fc, voltage_v]]), gear_ratio=parameters.gear_ratio
+    )
+    pace = 1.0 / speeds[0]
+    assert is_periodic
+    assert 2 * np.pi * pace.mean() == pytest.approx(state.period_s, rel=2e-3)
+    assert (currents[0] * pace).mean() / pace.mean() == pytest.approx(state.mean_motor_current_a, rel=2e-3)
 
 
 @pytest.mark.parametrize("make", ["duty", "held", "free"])
