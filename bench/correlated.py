@@ -61,7 +61,9 @@ def std_of_mean(series: ArrayLike, *, may_alternate: bool = False) -> tuple[floa
     """Return the standard uncertainty of the mean of an autocorrelated series, and its effective length.
 
     The standard deviation is widened by the ratio of Student's to Gauss's 97.5 % point at the effective
-    number of values, so that +-1.96 of it covers 95 % for short series too.
+    number of values, so that +-1.96 of it covers 95 % for short series too. A trend leaves hardly any independent
+    values, yet the mean is within them: at most the standard deviation of a value anywhere in their range (a
+    rectangular distribution), or of the mean of independent values where that is larger.
 
     Parameters
     ----------
@@ -93,8 +95,12 @@ def std_of_mean(series: ArrayLike, *, may_alternate: bool = False) -> tuple[floa
             f"{len(values)} strokes are not enough to estimate the scatter, 2 are needed", remedy="record longer"
         )
     n_effective = max(len(values) / autocorrelation_time(values, may_alternate=may_alternate), 2.0)
-    student = float(stdtrit(n_effective - 1.0, 0.975)) / 1.959964
-    return float(values.std(ddof=1) / np.sqrt(n_effective)) * student, n_effective
+
+    def widened(n: float) -> float:
+        return float(values.std(ddof=1) / np.sqrt(n) * stdtrit(n - 1.0, 0.975) / 1.959964)
+
+    within_range = float(np.ptp(values)) / np.sqrt(12.0)
+    return min(widened(n_effective), max(widened(len(values)), within_range)), n_effective
 
 
 def covariance_of_means(series: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -29,6 +29,7 @@ from sawbench.processing.crank_angle import track_crank_angle
 from sawbench.processing.demodulation import angle_from_line
 from sawbench.processing.folding import Cycles, find_cycles, fold_signals
 from sawbench.processing.in_cut import find_cut, with_air
+from sawbench.processing.noise import robust_range
 from sawbench.processing.peak_force import PeakForce, estimate_peak_force
 from sawbench.processing.period import StrokeLine, find_stroke_line, from_displacement, from_line, line_noise_power
 from sawbench.processing.phases import find_phases, stalled_from_start
@@ -51,6 +52,9 @@ _FORCE, _DISPLACEMENT, _CURRENT = "force_n", "displacement_mm", "motor_current_a
 _LINE_CHANNELS = (_FORCE, _CURRENT, "battery_current_a", "battery_voltage_v")
 _WINDOW_CYCLES = 4.0
 _CLIPPED_SHARE = 0.02
+# Share of the range that the displacement moves from sample to sample (median) where a stroke has fewer than seven;
+# white noise at rest moves by 0.19 of its own.
+_COARSE_SHARE = 0.3
 _LOADED, _UNLOADED = 0.55, 1.05  # of the rate without load; less than twice apart, so one of two multiples is meant
 _TWO_THREADS_FROM = 4_000_000
 
@@ -256,6 +260,17 @@ def _fastest_cut_rad(config: BenchConfig) -> float:
     return 2.0 * np.pi - within_rad if config.cutting.cutting_half == "pi_to_2pi" else within_rad
 
 
+def _why_no_stroke(displacement: CleanChannel) -> str:
+    low, high = robust_range(displacement.values)
+    step = float(np.median(np.abs(np.diff(displacement.values)))) if len(displacement.values) > 1 else 0.0
+    if step <= _COARSE_SHARE * (high - low):
+        return "the displacement has no complete stroke"
+    return (
+        f"the displacement jumps by {step:.3g} {displacement.unit} of {high - low:.3g} from one sample to the next: "
+        f"{displacement.quality.rate_hz:.4g} Hz are too few samples a stroke; record faster"
+    )
+
+
 def _motion_from_displacement(
     displacement: CleanChannel, channels: Channels, config: BenchConfig, trial: Trial
 ) -> _Motion:
@@ -263,7 +278,7 @@ def _motion_from_displacement(
     tracked = _track(displacement, channels, config, trial)
     if tracked is None:
         rest = Phase(kind="rest", start_s=float(time[0]), end_s=float(time[-1]))
-        warning = "the displacement has no complete stroke"
+        warning = _why_no_stroke(displacement)
         return _Motion(angle=None, phases=(rest,), cycles=None, period=None, warnings=(warning,))
     angle, steady = tracked
     phases, stretches, cycles, warnings = _phases_and_cycles(angle, channels, displacement.holes, steady.cut)

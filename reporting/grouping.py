@@ -26,8 +26,16 @@ class Setting:
 
     @classmethod
     def of(cls, trial: Trial) -> Setting:
-        """Return the setting of a trial."""
-        return cls(duty=trial.duty, feed_mm_s=trial.feed_mm_s, thickness_mm=trial.thickness_mm)
+        """Return the setting of a trial, to the digits that are shown: trials that read alike are at one setting."""
+
+        def shown(value: float | None, form: str) -> float | None:
+            return None if value is None else float(form.format(value))
+
+        return cls(
+            duty=shown(trial.duty, "{:.4g}"),
+            feed_mm_s=shown(trial.feed_mm_s, "{:g}"),
+            thickness_mm=shown(trial.thickness_mm, "{:g}"),
+        )
 
     @property
     def label(self) -> str:

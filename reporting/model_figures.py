@@ -157,10 +157,11 @@ def discharge_picture(curves: Mapping[str, DischargeCurves], runtime: RuntimePre
     Returns
     -------
     Picture or None
-        None without a curve.
+        None without a stroke on any curve.
     """
     from matplotlib.figure import Figure
 
+    curves = {words: run for words, run in curves.items() if len(run.time_s)}
     if not curves:
         return None
     panels = (

@@ -219,7 +219,7 @@ def _tiles(processed: ProcessedTrial, fit: CuttingFit | None, runtime: RuntimePr
         tiles.append(Tile(label=words.rate.capitalize(), value=_stroke_rate(processed), detail=detail))
     if processed.peak_force_n is not None:
         peak = format_quantity(processed.peak_force_n, processed.peak_force_std_n, "N")
-        tiles.append(Tile(label="Peak force", value=peak, detail="mean over the strokes"))
+        tiles.append(Tile(label="Peak force", value=peak, detail="mean over the strokes; ± without the sensor's gain"))
     if fit is not None:
         k_fc = format_quantity(fit.k_fc_n_s_per_m, fit.std_n_s_per_m, "N·s/m")
         detail = f"from {fit.method.replace('_', ' ')}"

@@ -43,6 +43,19 @@ def test_interval_of_the_mean_covers(n, rho):
     assert 0.92 <= held / n_series <= 0.98
 
 
+@pytest.mark.parametrize("n", [12, 150, 3000])
+def test_the_mean_of_a_trend_is_as_certain_as_a_value_within_its_range(n):
+    """A rectangle of full width 2 has the standard deviation 1/sqrt(3)."""
+    rng = np.random.default_rng(n)
+    falling = np.linspace(1.0, -1.0, n)
+    assert std_of_mean(falling)[0] == pytest.approx(1.0 / np.sqrt(3.0), rel=1e-9)
+    assert std_of_mean(falling + 0.01 * rng.standard_normal(n))[0] == pytest.approx(1.0 / np.sqrt(3.0), rel=0.05)
+
+
+def test_two_values_are_as_uncertain_as_student_says():
+    assert std_of_mean([0.0, 1.0])[0] == pytest.approx(0.5 * 12.7062 / 1.95996, rel=1e-4)
+
+
 def test_constant_series_has_no_scatter_and_a_single_value_is_refused():
     assert std_of_mean(np.ones(10))[0] == 0.0
     with pytest.raises(InputError, match="not enough"):

@@ -189,6 +189,17 @@ def test_units_are_questioned_in_the_quality():
     assert process(channels, plant).warnings == ()
 
 
+@pytest.mark.parametrize("sample_rate_hz", [31.0, 40.0, 100.0])
+def test_too_few_samples_a_stroke_are_told_from_no_stroke(sample_rate_hz):
+    rng = np.random.default_rng(2)
+    time_s = np.arange(0.0, 6.0, 1.0 / sample_rate_hz)
+    turning_mm = 10.0 * (1.0 - np.cos(2.0 * np.pi * 0.37 * sample_rate_hz * time_s))
+    at_rest_mm = 0.01 * rng.standard_normal(len(time_s))
+    (said,) = process({"displacement_mm": (time_s, turning_mm)}).warnings
+    assert f"{sample_rate_hz:g} Hz are too few samples a stroke" in said
+    assert "too few samples" not in " ".join(process({"displacement_mm": (time_s, at_rest_mm)}).warnings)
+
+
 def test_a_clipped_displacement_costs_confidence():
     channels = make()
     t, y = channels["displacement_mm"]

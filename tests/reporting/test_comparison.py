@@ -46,6 +46,12 @@ def test_materials_are_compared_at_equal_settings_only():
     ]
 
 
+def test_settings_that_read_alike_are_one():
+    """A duty that was computed is not the decimal that somebody typed."""
+    rows = [trial(f"t{k}", "oak", duty=duty) for k, duty in enumerate((0.4375, 0.43750001, 0.43751, 0.46))]
+    assert [[len(one.trials) for one in block.series] for block in compare(rows).blocks] == [[3], [1]]
+
+
 def test_spellings_are_one_material_and_similar_names_are_asked_about():
     names = ("oak", "Oak ", "oak", "black locust", "Black_Locust", "nylon", "nylon 6")
     found = compare([trial(f"t{k}", name) for k, name in enumerate(names)])
