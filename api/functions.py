@@ -188,7 +188,7 @@ def simulate(
     k_fc_n_s_per_m : float
         0: the blade runs in air.
     duty : float, optional
-        0..1; default: the configuration's.
+        Above 0, at most 1; default: the configuration's.
     duration_s, rate_hz : float
     soc : float
         State of charge at the start, 0..1.
