@@ -204,18 +204,24 @@ def best_within(gram: Floats, moment: Floats, limits: Floats) -> Floats:
     moment : ndarray, shape (q,)
         Of `Marginal.gram`.
     limits : ndarray, shape (q,)
-        Largest size of either sign; inf where there is none.
+        Largest size of either sign; inf where there is none, 0 leaves a column out.
 
     Examples
     --------
     >>> best_within(np.array([[3.0, 2.0], [2.0, 3.0]]), np.array([6.0, 6.0]), np.array([0.5, np.inf])).round(6).tolist()
     [0.5, 1.25]
+    >>> best_within(np.array([[3.0, 2.0], [2.0, 3.0]]), np.array([6.0, 6.0]), np.array([0.0, np.inf])).round(6).tolist()
+    [0.0, 1.5]
     """
     from scipy.linalg import solve_triangular
     from scipy.optimize import lsq_linear
 
-    root = _root_of(gram)
-    return lsq_linear(root.T, solve_triangular(root, moment, lower=True), bounds=(-limits, limits)).x
+    sizes = np.zeros(len(moment))
+    free = limits > 0.0
+    root = _root_of(gram[np.ix_(free, free)])
+    half = solve_triangular(root, moment[free], lower=True)
+    sizes[free] = lsq_linear(root.T, half, bounds=(-limits[free], limits[free])).x
+    return sizes
 
 
 def side_by_side(columns: Sequence[Floats], n: int) -> Floats:
