@@ -7,11 +7,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple, TextIO, cast
+from typing import TYPE_CHECKING, BinaryIO, Final, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from sawbench.acquisition.can_signals import find_signal, frame_mask, is_available, load_dbc, needed_length, raw_signal
+from sawbench.acquisition.can_text_logs import read_asc, read_candump
 from sawbench.acquisition.transports.can_batch import EXTENDED_FLAG
 from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Event, Gap, Recording, Signal, Trial
@@ -175,22 +176,18 @@ def _read_frames(path: Path) -> tuple[_Frames, float, list[Event]]:
 
 @contextmanager
 def _open_log(path: Path) -> Iterator[Iterable[can.Message]]:
-    from can.io.asc import ASCReader
     from can.io.blf import BLFReader
-    from can.io.canutils import CanutilsLogReader
     from can.io.mf4 import MF4Reader
 
     name = path.name.lower()
     with ExitStack() as stack:
         if name.endswith((".blf", ".mf4")):
             reader = (BLFReader if name.endswith(".blf") else MF4Reader)(path)
+            stack.callback(reader.stop)
+            yield reader
         else:
-            opener = gzip.open if name.endswith(".gz") else open
-            text = stack.enter_context(cast("TextIO", opener(path, "rt", encoding="utf-8")))
-            is_asc = ".asc" in name
-            reader = ASCReader(text, relative_timestamp=False) if is_asc else CanutilsLogReader(text)
-        stack.callback(reader.stop)
-        yield reader
+            file = stack.enter_context(cast("BinaryIO", (gzip.open if name.endswith(".gz") else open)(path, "rb")))
+            yield (read_asc if ".asc" in name else read_candump)(file)
 
 
 def _decode(item: _Wanted, frames: _Frames, events: list[Event]) -> Signal | None:

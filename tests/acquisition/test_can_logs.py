@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import os
 import struct
+from datetime import UTC, datetime
 from pathlib import Path
 
 import can
@@ -88,6 +89,55 @@ def test_wrong_input_is_said(tmp_path):
         decode_can_log(other, "jigsaw_bench.dbc")
     with pytest.raises(ConfigError, match="no signal"):
         decode_can_log(other, "jigsaw_bench.dbc", {"motor_current_a": "MotorStatus.Speed"})
+
+
+def asc(*, header="date Mon Nov 30 10:11:12.250 am 2026\nbase hex  timestamps absolute\n", stamps):
+    rows = [f"{at_s:11.6f} 1  100             Rx   d 4 {k:02X} 00 64 00\n" for k, at_s in enumerate(stamps)]
+    return header + "".join(rows)
+
+
+def test_relative_stamps_of_an_asc_are_added_up(tmp_path):
+    path = tmp_path / "relative.asc"
+    step_s = np.round(0.01 + np.random.default_rng(0).uniform(-0.001, 0.001, 200), 6)
+    header = "date Mon Nov 30 10:11:12 2026\nbase hex  timestamps relative\ninternal events logged\n"
+    text = asc(header=header, stamps=step_s).splitlines(keepends=True)
+    # What stands between two frames counts as they do: 0.25 s pass before it, and so much less before the next frame.
+    text.insert(103, "   0.250000 1  Statistic: D 1 R 0 XD 0 XR 0 E 0 O 0 B 1.00%\n")
+    path.write_text("".join(text))
+    recording = decode_can_log(path, "jigsaw_bench.dbc", {"count": "MotorStatus.SampleCounter"})
+    signal = recording.signal("count")
+    truth_s = np.cumsum(step_s) - step_s[0]
+    truth_s[100:] += 0.25
+    assert signal.values.tolist() == list(range(200))
+    assert signal.time_s == pytest.approx(truth_s, abs=2e-6)
+    assert recording.events == () and recording.is_complete
+
+
+@pytest.mark.parametrize(
+    ("date", "encoding", "started_at"),
+    [
+        ("Mon Nov 30 10:11:12.250 am 2026", "utf-8", datetime(2026, 11, 30, 10, 11, 12, 250000)),
+        ("Mon Nov 30 12:11:12 am 2026", "utf-8", datetime(2026, 11, 30, 0, 11, 12)),
+        ("Mo Nov 30 10:11:12.250 nachm. 2026", "latin-1", datetime(2026, 11, 30, 22, 11, 12, 250000)),
+        ("Die Mrz 3 10:11:12 2026", "utf-8-sig", datetime(2026, 3, 3, 10, 11, 12)),
+        ("Die Mär 3 10:11:12 2026", "latin-1", datetime(2026, 3, 3, 10, 11, 12)),
+        ("lun. nov. 31 10:11:12 2026", "latin-1", None),
+        ("2026-11-30", "latin-1", None),
+    ],
+)
+def test_an_asc_in_any_language_and_encoding_is_read(tmp_path, date, encoding, started_at):
+    path = tmp_path / "date.asc"
+    header = f"date {date}\nbase hex  timestamps absolute\n// Prüfstand\nBegin Triggerblock {date}\n"
+    path.write_bytes(asc(header=header, stamps=np.arange(50) / 100).encode(encoding))
+    recording = decode_can_log(path, "jigsaw_bench.dbc", SIGNALS)
+    assert recording.signal("motor_current_a").time_s == pytest.approx(np.arange(50) / 100, abs=1e-6)
+    assert recording.trial.started_at == (started_at and started_at.astimezone(UTC))
+
+
+def test_the_first_frame_behind_a_short_header_counts(tmp_path):
+    path = tmp_path / "short.asc"
+    path.write_text(asc(stamps=np.arange(20) / 100))
+    assert len(decode_can_log(path, "jigsaw_bench.dbc", SIGNALS).signal("motor_current_a").values) == 20
 
 
 @pytest.mark.skipif(not SHARED.exists(), reason="the real log is not on this machine")
