@@ -153,9 +153,10 @@ def _read_frames(path: Path) -> tuple[_Frames, float, list[Event]]:
         # The readers raise whatever their parsing runs into: ValueError, IndexError, struct.error, their own
         # classes.
         if not rows:
-            raise InputError(
-                f"cannot be read as a CAN log: {error}", where=path, remedy="check that the suffix fits the content"
-            ) from error
+            what, remedy = str(error), "check that the suffix fits the content"
+            if isinstance(error, InputError):
+                what, remedy = error.what, error.remedy
+            raise InputError(f"cannot be read as a CAN log: {what}", where=path, remedy=remedy) from error
         last_s = rows[-1][0] - min(row[0] for row in rows)
         text = f"the log is cut off or damaged after {len(rows)} frames"
         damage.append(Event(kind="interrupted", time_s=last_s, text=text))

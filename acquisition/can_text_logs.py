@@ -8,9 +8,17 @@ from datetime import datetime
 from types import MappingProxyType
 from typing import TYPE_CHECKING, BinaryIO, Final, TextIO, cast
 
+from sawbench.bench.errors import InputError
+
 if TYPE_CHECKING:
     import can
 
+_CANDUMP_LOG: Final = re.compile(r"\s*\(\d+\.\d+\)\s+\S+\s+[0-9A-F]+#\S*(\s+[RT])?\s*$", re.IGNORECASE)
+# Stamps from zero, or since the frame before, have three digits before the point; `-x` adds three columns.
+_CANDUMP_COLUMNS: Final = re.compile(
+    r"\s*\((?P<time>\d{9,}\.\d+)\)\s+(?P<bus>\S+)\s+([RT]X\s+\S\s+\S\s+)?(?P<identifier>[0-9A-F]{3,8})"
+    r"\s+\[(?P<length>\d+)\]\s*(?P<data>.*)"
+)
 _ASC_BASE: Final = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
 _ASC_DATE: Final = re.compile(r"(?:date|begin\s+triggerblock)\b(.*)", re.IGNORECASE)
 _ASC_EVENT: Final = re.compile(r"\s*(\d+\.\d+)(\s.*)")
@@ -43,7 +51,7 @@ def read_asc(file: BinaryIO) -> Iterator[can.Message]:
 
 
 def read_candump(file: BinaryIO) -> Iterator[can.Message]:
-    """Frames of a log that `candump -L` wrote.
+    """Frames of what candump wrote: with `-L` or `-l`, or with `-ta` in its columns.
 
     Parameters
     ----------
@@ -53,10 +61,15 @@ def read_candump(file: BinaryIO) -> Iterator[can.Message]:
     ------
     can.Message
         Its time stamp is in s since 1970.
+
+    Raises
+    ------
+    InputError
+        At a line in another layout.
     """
     from can.io.canutils import CanutilsLogReader
 
-    yield from CanutilsLogReader(cast("TextIO", _lines(file)))
+    yield from CanutilsLogReader(cast("TextIO", _candump_lines(_lines(file))))
 
 
 def _lines(file: BinaryIO) -> Iterator[str]:
@@ -66,6 +79,24 @@ def _lines(file: BinaryIO) -> Iterator[str]:
             yield line.decode("utf-8-sig")
         except UnicodeDecodeError:
             yield line.decode("latin-1")
+
+
+def _candump_lines(lines: Iterator[str]) -> Iterator[str]:
+    """Lines as `candump -L` writes them: `(seconds) bus identifier#data`."""
+    for number, line in enumerate(lines, 1):
+        if _CANDUMP_LOG.match(line) or not line.strip():
+            yield line
+        elif columns := _CANDUMP_COLUMNS.match(line):
+            # A length of two digits marks a frame of CAN FD; what stands behind the bytes is the same as text.
+            sign = "#" if len(columns["length"]) == 1 else "##0"
+            is_remote = columns["data"].startswith("remote")
+            data = "R" if is_remote else "".join(columns["data"].split()[: int(columns["length"])])
+            yield f"({columns['time']}) {columns['bus']} {columns['identifier']}{sign}{data}"
+        else:
+            raise InputError(
+                f"line {number} is {line.strip()[:80]!r}, expected (SECONDS) BUS IDENTIFIER#DATA, seconds since 1970",
+                remedy="log with candump -L, or with candump -ta; a Vector log ends in .asc",
+            )
 
 
 def _asc_lines(lines: Iterator[str]) -> Iterator[str]:

@@ -140,6 +140,28 @@ def test_the_first_frame_behind_a_short_header_counts(tmp_path):
     assert len(decode_can_log(path, "jigsaw_bench.dbc", SIGNALS).signal("motor_current_a").values) == 20
 
 
+@pytest.mark.parametrize("extra", ["", "  RX - -"])
+def test_the_columns_of_candump_are_read(tmp_path, extra):
+    # As fprint_long_canframe of can-utils writes them, with `-a` (text behind the bytes) and without.
+    path = tmp_path / "columns.log"
+    rows = [f" (1700000000.{k:02d}0000)  can0{extra}  100   [4]  {k:02X} 00 64 00   '..d.'" for k in range(50)]
+    rows.insert(7, f" (1700000000.065000)  can0{extra}  100   [0]  remote request")
+    rows.insert(7, f" (1700000000.065000)  can0{extra}  00000100   [4]  FF 00 00 00")
+    rows.insert(7, f" (1700000000.065000)  can0{extra}  100  [04]  FF 00 C8 00")
+    path.write_text("\n".join(rows))
+    recording = decode_can_log(path, "jigsaw_bench.dbc", {"count": "MotorStatus.SampleCounter"})
+    assert recording.signal("count").values.tolist() == [*range(7), 255, *range(7, 50)]
+    assert recording.trial.started_at == datetime.fromtimestamp(1.7e9, UTC)
+
+
+@pytest.mark.parametrize("row", [" (000.010000)  can0  100   [4]  00 00 64 00", "  can0  100   [4]  00 00 64 00"])
+def test_candump_without_absolute_stamps_is_refused_with_the_reason(tmp_path, row):
+    path = tmp_path / "delta.log"
+    path.write_text(f"{row}\n" * 20)
+    with pytest.raises(InputError, match=r"line 1 is .*expected \(SECONDS\)(.|\n)*candump -ta"):
+        decode_can_log(path, "jigsaw_bench.dbc", SIGNALS)
+
+
 @pytest.mark.skipif(not SHARED.exists(), reason="the real log is not on this machine")
 def test_idle_of_a_real_engine():
     """Truth from the data set's README: 12719 frames at 10.0 ms, mean 650.05 rpm, 646.5..653.75 rpm."""
