@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING, BinaryIO, Final, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from sawbench.acquisition.can_signals import find_signal, frame_mask, is_available, load_dbc, needed_length, raw_signal
+from sawbench.acquisition.can_signals import (
+    find_signal,
+    frame_mask,
+    is_available,
+    load_dbc,
+    multiplexers,
+    needed_length,
+    raw_signal,
+)
 from sawbench.acquisition.can_text_logs import read_asc, read_candump
 from sawbench.acquisition.transports.can_batch import EXTENDED_FLAG
 from sawbench.bench.errors import InputError
@@ -193,20 +201,17 @@ def _open_log(path: Path) -> Iterator[Iterable[can.Message]]:
 
 def _decode(item: _Wanted, frames: _Frames, events: list[Event]) -> Signal | None:
     mask, value = frame_mask(item.message)
-    selector = [item.signal]
-    mux_name = item.signal.multiplexer_signal
-    mux = item.message.get_signal_by_name(mux_name) if mux_name else None
-    if mux is not None:
-        selector.append(mux)
-    is_ours = ((frames.identifier & np.uint32(mask)) == np.uint32(value)) & (frames.length >= needed_length(selector))
+    selectors = multiplexers(item.signal, item.message)
+    n_bytes = needed_length([item.signal, *(selector for selector, _ in selectors)])
+    is_ours = ((frames.identifier & np.uint32(mask)) == np.uint32(value)) & (frames.length >= n_bytes)
     if not is_ours.any():
         return None
     is_ours &= _most_frequent_sender(item, frames, is_ours, events)
     payload, time_s = frames.payload[is_ours], frames.time_s[is_ours]
     raw = raw_signal(item.signal, payload)
     is_good = is_available(item.signal, item.message, raw)
-    if mux is not None:
-        is_good &= np.isin(raw_signal(mux, payload), list(item.signal.multiplexer_ids or []))
+    for selector, ids in selectors:
+        is_good &= np.isin(raw_signal(selector, payload), ids)
     order = np.argsort(time_s[is_good], kind="stable")
     time_s, raw = time_s[is_good][order], raw[is_good][order]
     is_later = np.concatenate(([True], np.diff(time_s) > 0))[: len(time_s)]

@@ -130,6 +130,16 @@ def raw_signal(signal: DbcSignal, payload: NDArray[np.uint8]) -> NDArray[np.floa
     return bits.astype(np.float64)
 
 
+def multiplexers(signal: DbcSignal, message: Message) -> list[tuple[DbcSignal, list[int]]]:
+    """Multiplexers that decide whether a frame holds `signal`, innermost first, with the values at which it does."""
+    found: list[tuple[DbcSignal, list[int]]] = []
+    while signal.multiplexer_signal is not None:
+        values = list(signal.multiplexer_ids or [])
+        signal = message.get_signal_by_name(signal.multiplexer_signal)
+        found.append((signal, values))
+    return found
+
+
 def is_available(signal: DbcSignal, message: Message, raw: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Where a number is a measurement: the top of the range of J1939 means "error" or "not available"."""
     if message.protocol != "j1939" or signal.is_float or signal.is_signed or signal.length < 8:

@@ -162,6 +162,27 @@ def test_candump_without_absolute_stamps_is_refused_with_the_reason(tmp_path, ro
         decode_can_log(path, "jigsaw_bench.dbc", SIGNALS)
 
 
+DBC = 'VERSION ""\nNS_ :\n SG_MUL_VAL_\nBS_:\nBU_: A\n'
+
+
+def test_a_signal_behind_two_multiplexers_is_read_where_both_select_it(tmp_path):
+    """Truth from the frames: X is there on page 1 of P with page 2 of Q; on page 0 of P the place of Q is part of T."""
+    dbc, log = tmp_path / "nested.dbc", tmp_path / "nested.log"
+    dbc.write_text(
+        DBC + "BO_ 100 M: 8 A\n"
+        ' SG_ P M : 0|8@1+ (1,0) [0|0] "" A\n SG_ Q m1M : 8|8@1+ (1,0) [0|0] "" A\n'
+        ' SG_ X m2 : 16|16@1+ (0.1,0) [0|0] "A" A\n SG_ T m0 : 8|16@1+ (1,0) [0|0] "" A\n'
+        "SG_MUL_VAL_ 100 Q P 1-1;\nSG_MUL_VAL_ 100 X Q 2-2;\nSG_MUL_VAL_ 100 T P 0-0;\n"
+    )
+    payloads = [(1, 2, 100), (0, 2, 5000), (1, 3, 7000), (1, 2, 200)]
+    rows = [f"(1700000000.{k:02d}0000) can0 064#{struct.pack('<BBH', *p).hex()}" for k, p in enumerate(payloads)]
+    log.write_text("\n".join(rows))
+    recording = decode_can_log(log, dbc)
+    assert recording.signal("M.X").values == pytest.approx([10.0, 20.0])
+    assert recording.signal("M.Q").values.tolist() == [2, 3, 2]
+    assert recording.signal("M.T").values.tolist() == [2 + 256 * (5000 % 256)]
+
+
 @pytest.mark.skipif(not SHARED.exists(), reason="the real log is not on this machine")
 def test_idle_of_a_real_engine():
     """Truth from the data set's README: 12719 frames at 10.0 ms, mean 650.05 rpm, 646.5..653.75 rpm."""
