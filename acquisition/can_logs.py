@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 SUFFIXES: Final = (".log", ".log.gz", ".asc", ".asc.gz", ".blf", ".mf4")
 # Frames of a cyclic message that come this many periods late have others missing before them.
 _GAP_PERIODS: Final = 5.0
+# A frame with more is one of CAN FD.
+_CLASSIC_BYTES: Final = 8
 _YEAR_2000_S: Final = 946_684_800.0
 
 
@@ -107,6 +109,7 @@ def decode_can_log(
             raise InputError(f"has no bus {bus!r}; it has {', '.join(np.unique(frames.bus))}", where=path)
         frames = frames.where(frames.bus == bus)
     events: list[Event] = list(damage)
+    frames = _of_described_length(frames, database, events)
     found: dict[str, Signal] = {}
     for item in wanted:
         signal = _decode(item, frames, events)
@@ -137,7 +140,8 @@ def decode_can_log(
 def _wanted(database: Database, signals: Mapping[str, str] | None, where: str) -> list[_Wanted]:
     if signals is not None:
         return [_Wanted(name, *find_signal(database, path, where=where)) for name, path in signals.items()]
-    return [_Wanted(f"{m.name}.{s.name}", m, s) for m in database.messages for s in m.signals]
+    # What is wider than 64 bits is text.
+    return [_Wanted(f"{m.name}.{s.name}", m, s) for m in database.messages for s in m.signals if s.length <= 64]
 
 
 def _read_frames(path: Path) -> tuple[_Frames, float, list[Event]]:
@@ -153,10 +157,10 @@ def _read_frames(path: Path) -> tuple[_Frames, float, list[Event]]:
     try:
         with _open_log(path) as reader:
             for m in reader:
-                if m.is_error_frame or m.is_remote_frame or len(m.data) > 8:
+                if m.is_error_frame or m.is_remote_frame:
                     continue
                 identifier = m.arbitration_id | (EXTENDED_FLAG if m.is_extended_id else 0)
-                rows.append((m.timestamp, identifier, len(m.data), bytes(m.data).ljust(8, b"\0"), str(m.channel)))
+                rows.append((m.timestamp, identifier, len(m.data), bytes(m.data), str(m.channel)))
     except Exception as error:
         # The readers raise whatever their parsing runs into: ValueError, IndexError, struct.error, their own
         # classes.
@@ -173,11 +177,12 @@ def _read_frames(path: Path) -> tuple[_Frames, float, list[Event]]:
     time_s, identifiers, lengths, payloads, buses = zip(*rows, strict=True)
     absolute_s = np.array(time_s)
     start_s = float(absolute_s.min())
+    n_bytes = max(_CLASSIC_BYTES, *lengths)
     frames = _Frames(
         time_s=absolute_s - start_s,
         identifier=np.array(identifiers, dtype=np.uint32),
         length=np.array(lengths),
-        payload=np.frombuffer(b"".join(payloads), dtype=np.uint8).reshape(-1, 8),
+        payload=np.frombuffer(b"".join(p.ljust(n_bytes, b"\0") for p in payloads), dtype=np.uint8).reshape(-1, n_bytes),
         bus=np.array(buses),
     )
     return frames, start_s, damage
@@ -199,11 +204,29 @@ def _open_log(path: Path) -> Iterator[Iterable[can.Message]]:
             yield (read_asc if ".asc" in name else read_candump)(file)
 
 
+def _of_described_length(frames: _Frames, database: Database, events: list[Event]) -> _Frames:
+    """Leave out frames of more than 8 bytes that are of no message of that kind."""
+    is_wanted = frames.length <= _CLASSIC_BYTES
+    if is_wanted.all():
+        return frames
+    for message in database.messages:
+        if message.length > _CLASSIC_BYTES:
+            is_wanted |= _is_of(message, frames)
+    if n_others := int((~is_wanted).sum()):
+        text = f"{n_others} frames of CAN FD with more than 8 bytes left out: the DBC has no such message"
+        events.append(Event(kind="warning", time_s=0.0, text=text))
+    return frames.where(is_wanted)
+
+
+def _is_of(message: Message, frames: _Frames) -> NDArray[np.bool_]:
+    mask, value = frame_mask(message)
+    return (frames.identifier & np.uint32(mask)) == np.uint32(value)
+
+
 def _decode(item: _Wanted, frames: _Frames, events: list[Event]) -> Signal | None:
-    mask, value = frame_mask(item.message)
     selectors = multiplexers(item.signal, item.message)
     n_bytes = needed_length([item.signal, *(selector for selector, _ in selectors)])
-    is_ours = ((frames.identifier & np.uint32(mask)) == np.uint32(value)) & (frames.length >= n_bytes)
+    is_ours = _is_of(item.message, frames) & (frames.length >= n_bytes)
     if not is_ours.any():
         return None
     is_ours &= _most_frequent_sender(item, frames, is_ours, events)

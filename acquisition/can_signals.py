@@ -99,24 +99,32 @@ def raw_signal(signal: DbcSignal, payload: NDArray[np.uint8]) -> NDArray[np.floa
     Parameters
     ----------
     signal : cantools Signal
-        At most 64 bits, integer or IEEE float of 32 or 64 bits.
-    payload : ndarray of uint8, shape (n, 8)
+        At most 64 bits within 8 bytes, integer or IEEE float of 32 or 64 bits.
+    payload : ndarray of uint8, shape (n, n_bytes)
+        At least 8 bytes; zero beyond the frame.
 
     Returns
     -------
     ndarray, shape (n,)
         Integers are exact up to 53 bits.
+
+    Raises
+    ------
+    InputError
+        If the signal lies in more than 8 bytes, or beyond the payload.
     """
-    if signal.byte_order == "little_endian":
-        words = payload.view("<u8")[:, 0]
-        shift = signal.start
-    else:
-        words = payload.view(">u8")[:, 0]
-        # Motorola start bit: byte * 8 + bit, where bit 7 is the first on the wire.
-        first_on_wire = 8 * (signal.start // 8) + (7 - signal.start % 8)
-        shift = 64 - first_on_wire - signal.length
+    is_little = signal.byte_order == "little_endian"
+    # Motorola start bit: byte * 8 + bit, where bit 7 is the first on the wire.
+    first_bit = signal.start if is_little else 8 * (signal.start // 8) + (7 - signal.start % 8)
+    first_byte = max(0, min(first_bit // 8, payload.shape[1] - 8))
+    bit = first_bit - 8 * first_byte
+    shift = bit if is_little else 64 - bit - signal.length
     if shift < 0 or shift + signal.length > 64:
-        raise InputError(f"signal {signal.name} reaches beyond 8 bytes, which classic CAN does not have")
+        raise InputError(
+            f"signal {signal.name} lies in more than 8 bytes, or beyond a frame of {payload.shape[1]} bytes"
+        )
+    window = np.ascontiguousarray(payload[:, first_byte : first_byte + 8])
+    words = window.view("<u8" if is_little else ">u8")[:, 0]
     mask = np.uint64((1 << signal.length) - 1)
     bits = (words.astype(np.uint64) >> np.uint64(shift)) & mask
     if signal.is_float:

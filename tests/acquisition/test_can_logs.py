@@ -183,6 +183,40 @@ def test_a_signal_behind_two_multiplexers_is_read_where_both_select_it(tmp_path)
     assert recording.signal("M.T").values.tolist() == [2 + 256 * (5000 % 256)]
 
 
+@pytest.mark.parametrize("suffix", [".log", ".asc", ".blf"])
+def test_frames_of_can_fd_are_decoded_where_the_dbc_is_as_long_and_counted_where_not(tmp_path, suffix):
+    dbc, log = tmp_path / "fd.dbc", tmp_path / f"fd{suffix}"
+    dbc.write_text(
+        DBC + 'BO_ 100 M: 8 A\n SG_ S : 0|16@1+ (1,0) [0|0] "A" A\n'
+        'BO_ 101 F: 48 A\n SG_ V : 0|16@1+ (1,0) [0|0] "V" A\n SG_ I : 364|16@1- (0.5,0) [0|0] "A" A\n'
+        ' SG_ B : 295|16@0- (1,0) [0|0] "" A\n SG_ Text : 16|128@1+ (1,0) [0|0] "" A\n'
+    )
+    numbers = np.arange(-25, 25)
+    with can.Logger(log) as logger:
+        for k, number in enumerate(numbers.tolist()):
+            # Bits 364 to 379 in Intel order are the middle of bytes 45 to 47; 295 is the first bit of byte 36.
+            first, second = struct.pack("<H34x", k), struct.pack(">h7x", -3 * number)
+            long = first + second + ((number & 0xFFFF) << 4).to_bytes(3, "little")
+            for identifier, data in ((100, struct.pack("<H", k)), (101, long), (102, bytes(12)), (100, bytes(16))):
+                logger.on_message_received(
+                    can.Message(
+                        timestamp=1.7e9 + k / 100 + (identifier - 100 + len(data) // 16) / 1000,
+                        arbitration_id=identifier,
+                        is_extended_id=False,
+                        is_fd=len(data) > 8,
+                        data=data,
+                        channel=0,
+                    )
+                )
+    recording = decode_can_log(log, dbc)
+    assert recording.signal("M.S").values.tolist() == list(range(50))
+    assert recording.signal("F.V").values.tolist() == list(range(50))
+    assert recording.signal("F.I").values.tolist() == (0.5 * numbers).tolist()
+    assert recording.signal("F.B").values.tolist() == (-3 * numbers).tolist()
+    (event,) = recording.events
+    assert event.kind == "warning" and event.text.startswith("100 frames of CAN FD with more than 8 bytes left out")
+
+
 @pytest.mark.skipif(not SHARED.exists(), reason="the real log is not on this machine")
 def test_idle_of_a_real_engine():
     """Truth from the data set's README: 12719 frames at 10.0 ms, mean 650.05 rpm, 646.5..653.75 rpm."""
