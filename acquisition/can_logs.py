@@ -45,6 +45,11 @@ class _Frames(NamedTuple):
     payload: NDArray[np.uint8]
     bus: NDArray[np.str_]
 
+    @property
+    def sender(self) -> NDArray[np.str_]:
+        """Bus and identifier of each frame."""
+        return np.char.add(np.char.add(self.bus, " "), self.identifier.astype(str))
+
     def where(self, mask: NDArray[np.bool_]) -> _Frames:
         """Return the frames for which `mask` is true."""
         return _Frames(self.time_s[mask], self.identifier[mask], self.length[mask], self.payload[mask], self.bus[mask])
@@ -110,6 +115,7 @@ def decode_can_log(
         frames = frames.where(frames.bus == bus)
     events: list[Event] = list(damage)
     frames = _of_described_length(frames, database, events)
+    events += _clock_set_back(frames)
     found: dict[str, Signal] = {}
     for item in wanted:
         signal = _decode(item, frames, events)
@@ -218,6 +224,27 @@ def _of_described_length(frames: _Frames, database: Database, events: list[Event
     return frames.where(is_wanted)
 
 
+def _clock_set_back(frames: _Frames) -> list[Event]:
+    """Say where the stamps go back: a log holds the frames of one sender as they were sent."""
+    names, sender = np.unique(frames.sender, return_inverse=True)
+    order = np.argsort(sender, kind="stable")
+    found: list[tuple[float, float]] = []
+    for time_s in np.split(frames.time_s[order], np.cumsum(np.bincount(sender, minlength=len(names)))[:-1]):
+        step_s = np.diff(time_s)
+        if (step_s < 0).any():
+            # Less than a period is jitter of the stamps.
+            period_s = float(np.median(np.abs(step_s[step_s != 0])))
+            found += [(float(time_s[k]), -float(step_s[k])) for k in np.flatnonzero(step_s < -period_s)]
+    if not found:
+        return []
+    at_s, back_s = min(found)[0], max(back for _, back in found)
+    text = (
+        f"the time stamps go back by up to {back_s:.3f} s, first behind {at_s:.3f} s, as where a clock was set back:"
+        " frames from before and after it are mixed; split the log there"
+    )
+    return [Event(kind="warning", time_s=at_s, text=text)]
+
+
 def _is_of(message: Message, frames: _Frames) -> NDArray[np.bool_]:
     mask, value = frame_mask(message)
     return (frames.identifier & np.uint32(mask)) == np.uint32(value)
@@ -260,7 +287,7 @@ def _most_frequent_sender(
     item: _Wanted, frames: _Frames, is_ours: NDArray[np.bool_], events: list[Event]
 ) -> NDArray[np.bool_]:
     """Mask of the (bus, identifier) that sends most of it: two senders must not become one channel."""
-    senders = np.char.add(np.char.add(frames.bus, " "), frames.identifier.astype(str))
+    senders = frames.sender
     names, counts = np.unique(senders[is_ours], return_counts=True)
     chosen = names[int(np.argmax(counts))]
     if len(names) > 1:

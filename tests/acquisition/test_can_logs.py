@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import os
+import re
 import struct
 from datetime import UTC, datetime
 from pathlib import Path
@@ -215,6 +216,24 @@ def test_frames_of_can_fd_are_decoded_where_the_dbc_is_as_long_and_counted_where
     assert recording.signal("F.B").values.tolist() == (-3 * numbers).tolist()
     (event,) = recording.events
     assert event.kind == "warning" and event.text.startswith("100 frames of CAN FD with more than 8 bytes left out")
+
+
+def test_a_clock_that_was_set_back_is_said_and_jitter_is_not(tmp_path):
+    path = tmp_path / "back.log"
+    truth_s = np.arange(200) / 100
+    jitter_s = np.random.default_rng(1).uniform(-0.006, 0.006, 200)
+
+    def said(stamps_s):
+        rows = [f"({1.7e9 + at_s:.6f}) can0 100#{struct.pack('<Hh', k, 100).hex()}" for k, at_s in enumerate(stamps_s)]
+        path.write_text("\n".join(rows))
+        return decode_can_log(path, "jigsaw_bench.dbc", SIGNALS).events
+
+    assert (np.diff(truth_s + jitter_s) < 0).any()
+    assert said(truth_s + jitter_s) == ()
+    for back_s in (0.5, 3600.0):
+        (event,) = [e for e in said(np.where(truth_s < 1.0, truth_s, truth_s - back_s + 0.004)) if "go back" in e.text]
+        assert event.kind == "warning"
+        assert float(re.search(r"by up to (\S+) s", event.text)[1]) == pytest.approx(back_s - 0.014, abs=1e-3)
 
 
 @pytest.mark.skipif(not SHARED.exists(), reason="the real log is not on this machine")
