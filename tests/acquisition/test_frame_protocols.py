@@ -141,6 +141,17 @@ def test_a_counter_tells_how_many_frames_were_lost(monkeypatch):
     assert port.sent == [b"\x02", b"\x01", b"\x02"]
 
 
+@pytest.mark.parametrize("kind", "BHIQ")
+def test_a_counter_of_any_width_tells_what_was_lost(kind):
+    instrument, settings = validate_table("f", table(fields=f"<{kind}h", counter_field=1))
+    device = instrument.make("f", settings, lambda: 0.0)
+    counts = [k for k in range(20) if k not in (7, 8, 9)]
+    data = b"".join(b"\xaa\x55" + struct.pack(f"<{kind}h", k, k) for k in counts)
+    chunks = device.decode(data, 1.0)
+    assert [chunk.n_lost for chunk in chunks] == [0, 3]
+    assert np.concatenate([chunk.raw[:, 0] for chunk in chunks]).tolist() == counts
+
+
 # --- Micro-Epsilon over Ethernet -----------------------------------------------------------------------------
 
 # capaNCDT 6200, 6.2: "MEAS", order number, serial number, channels (two bits each), status, M = 2 frames of 8 bytes,
