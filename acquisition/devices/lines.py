@@ -10,8 +10,9 @@ import numpy as np
 from sawbench.acquisition.devices.row_instrument import Rows
 
 NUMBER: Final = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
-# The first number of a line, behind a label that ends in a colon: "Reading: 12.5 kg"; with nothing grown onto it.
-LABELLED_NUMBER: Final = re.compile(rf"^(?:.*?:)?\s*({NUMBER})(?=$|[\s,;|])")
+# The first number of a line, behind a label that ends in a colon: "Reading: 12.5 kg"; with nothing grown onto it, and
+# no comma or space in front of further digits, which may be of the same number: "12,5", "1 234".
+LABELLED_NUMBER: Final = re.compile(rf"^(?:.*?:)?\s*({NUMBER})(?=$|[;|\t]|,(?!\d)|\s(?! *\d))")
 _NUMBER: Final = re.compile(NUMBER)
 _DIGIT: Final = re.compile(r"\d")
 _LINE_END: Final = re.compile(r"[\r\n]")

@@ -95,6 +95,8 @@ class TextLinesSettings(SerialTable):
             raise ValueError("counter_column needs rate_hz")
         if self.stop and not self.start:
             raise ValueError("stop needs start: a stopped instrument has to be started again")
+        if self.separator == self.decimal == ",":
+            raise ValueError('separator "," and decimal "," cannot be told apart: set another separator, or a pattern')
         if self.pattern is not None:
             n_groups = re.compile(self.pattern).groups
             if max(self.line_format.columns) > n_groups:

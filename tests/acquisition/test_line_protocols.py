@@ -86,11 +86,27 @@ def test_what_never_ends_is_given_up():
         ("HX711 reading: ", None),
         ("HX711 not found.", None),
         ("Reading: 12.5kg3", None),
+        ("12.5, 13.0", 12.5),
+        ("12.5\t13.0", 12.5),
+        ("12.5 kg", 12.5),
+        ("Weight: 12,5 kg", None),
+        ("-0,75", None),
+        ("1,234", None),
+        ("Reading: 1 234", None),
+        ("1  234 567", None),
     ],
 )
 def test_lines_of_the_common_sketches(line, number):
     expected = None if number is None else (number,)
     assert LineFormat(columns=(1,), pattern=LABELLED_NUMBER).numbers(line) == expected
+
+
+@pytest.mark.parametrize("line", [b"Weight: 12,5 kg\r\n", b"Reading: 1 234\r\n"])
+def test_a_number_that_may_go_on_is_a_lost_sample(line):
+    framer = LineFramer(LineFormat(columns=(1,), pattern=LABELLED_NUMBER), is_begun=True)
+    pieces = framer.feed(b"1\r\n" + line + b"2\r\n")
+    assert [(piece.values.tolist(), piece.n_lost) for piece in pieces] == [([[1.0]], 0), ([[2.0]], 1)]
+    assert framer.n_discarded_bytes == len(line)
 
 
 def test_a_sketch_that_prints_label_and_number_on_two_lines_loses_nothing(monkeypatch):
@@ -226,6 +242,7 @@ def test_the_time_stamps_of_the_instrument_are_its_times(monkeypatch):
             "1 groups, but group 2 is configured",
         ),
         ({"rate_hz": 10, "pattern": "(a)", "separator": ","}, "not both"),
+        ({"rate_hz": 10, "decimal": ",", "separator": ","}, "cannot be told apart"),
         ({"rate_hz": 10, "channels": {"force_n": {"input": 65}}}, "columns are numbered 1..64"),
     ],
 )
