@@ -156,6 +156,20 @@ def is_available(signal: DbcSignal, message: Message, raw: NDArray[np.float64]) 
     return raw < 0xFB * top_byte
 
 
+def counts_of(signal: DbcSignal) -> tuple[int, int]:
+    """First count of a counter, unscaled, and how many there are: its stated range, else all that its bits can say.
+
+    Many counters leave some out: that of AUTOSAR's E2E profile 1 has 4 bits and runs from 0 to 14.
+    """
+    n_counts = 1 << signal.length
+    first = -(n_counts // 2) if signal.is_signed else 0
+    if signal.minimum is None or signal.maximum is None or signal.minimum >= signal.maximum:
+        return first, n_counts
+    low, high = sorted(round((end - signal.offset) / signal.scale) for end in (signal.minimum, signal.maximum))
+    is_possible = first <= low and high < first + n_counts
+    return (low, high - low + 1) if is_possible else (first, n_counts)
+
+
 def needed_length(signals: list[DbcSignal]) -> int:
     """Bytes a frame must have to hold all `signals`."""
     last_bits = []

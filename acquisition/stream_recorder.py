@@ -64,6 +64,7 @@ class StreamRecorder:
         self._is_cut_short = False
         self._keep_s = 0.0
         self._kept: deque[Timed] = deque()
+        self._warnings: list[str] = []
 
     @property
     def reached_s(self) -> float:
@@ -90,11 +91,13 @@ class StreamRecorder:
         self._end_s = np.inf if duration_s is None else duration_s
         kept = list(self._kept)
         self._kept.clear()
-        return self._to_recording(kept)
+        return self._to_recording(kept) + self._warned()
 
     def push(self, chunk: Chunk) -> list[SampleBlock | Event]:
         """Take one chunk; return what belongs into the recording now."""
-        return self._to_recording(self.timer.push(chunk))
+        if chunk.warning:
+            self._warnings.append(chunk.warning)
+        return self._to_recording(self.timer.push(chunk)) + self._warned()
 
     def link_lost(self, reason: str) -> list[SampleBlock | Event]:
         """Note that the link broke; the next chunk is the first after the gap."""
@@ -127,6 +130,14 @@ class StreamRecorder:
             n_missing=c.n_missing,
             latest=c.latest,
         )
+
+    def _warned(self) -> list[SampleBlock | Event]:
+        """Give out what the driver warned of, once the recording has begun."""
+        if self._zero_s is None:
+            return []
+        texts, self._warnings = self._warnings, []
+        at_s = max(0.0, self._reached_s)
+        return [Event(kind="warning", time_s=at_s, text=text, device=self.device) for text in texts]
 
     def _to_recording(self, items: list[Timed]) -> list[SampleBlock | Event]:
         if self._zero_s is None:

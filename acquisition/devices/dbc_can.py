@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 from sawbench.acquisition.calibration import Calibration
-from sawbench.acquisition.can_signals import find_signal, frame_mask, load_dbc, needed_length, raw_signal
+from sawbench.acquisition.can_signals import counts_of, find_signal, frame_mask, load_dbc, needed_length, raw_signal
 from sawbench.acquisition.devices.can_instrument import CanInstrument, CanTable, require_slcan
 from sawbench.acquisition.devices.dbc_can_emulator import CanEmulator, EmulatedMessage
 from sawbench.acquisition.devices.device import BenchChannel, Chunk, Stream, StreamChannel
@@ -217,10 +217,10 @@ class DbcCan(CanInstrument[DbcCanSettings]):
         name, raw = layout.stream.name, _physical(layout, payload)
         if layout.counter is None:
             return [Chunk(stream=name, raw=raw, arrival_s=arrival_s)]
+        first, n_counts = counts_of(layout.counter)
         if name not in self._counted:
-            self._counted[name] = CountedStream(name, n_bits=layout.counter.length, rate_hz=layout.stream.rate_hz)
-        counts = raw_signal(layout.counter, payload).astype(np.int64)
-        return self._counted[name].chunks(raw, counts, arrival_s)
+            self._counted[name] = CountedStream(name, modulus=n_counts, rate_hz=layout.stream.rate_hz)
+        return self._counted[name].chunks(raw, raw_signal(layout.counter, payload) - first, arrival_s)
 
 
 def _physical(layout: MessageLayout, payload: NDArray[np.uint8]) -> NDArray[np.float64]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from sawbench.acquisition.can_signals import counts_of
 from sawbench.acquisition.devices.slcan_emulator import SentFrame, SlcanAdapter, line_of
 from sawbench.acquisition.simulation.plant_stream import PlantStream
 
@@ -85,7 +86,8 @@ class CanEmulator(SlcanAdapter):
         bits = np.zeros((len(index), 64), dtype=np.uint8)
         for signal in message.signals:
             if signal.name == sent.counter:
-                put_bits(bits, signal, index % (1 << signal.length))
+                first, n_counts = counts_of(signal)
+                put_bits(bits, signal, first + index % n_counts)
             elif signal.name in sent.channels:
                 physical = self._plant.read(sent.channels[signal.name], time_s)
                 put_bits(bits, signal, to_raw(signal, physical))

@@ -78,6 +78,8 @@ class Chunk:
         Whether `n_lost` was counted (by a sample counter) or only bounded from below by broken bytes.
     time_s : ndarray, shape (n,), s, optional
         Monotonic time of each sample, where the instrument was asked for it.
+    warning : str
+        What the driver found wrong with the instrument here, once.
     """
 
     stream: str
@@ -86,6 +88,7 @@ class Chunk:
     n_lost: int = 0
     is_loss_exact: bool = True
     time_s: NDArray[np.float64] | None = None
+    warning: str = ""
 
 
 class Device(Protocol):
@@ -153,7 +156,7 @@ def joined(before: Sequence[Chunk], after: Sequence[Chunk]) -> list[Chunk]:
     latest = {chunk.stream: k for k, chunk in enumerate(out)}
     for chunk in after:
         k = latest.pop(chunk.stream, None)
-        if k is None or chunk.n_lost or not chunk.is_loss_exact or chunk.time_s is not None:
+        if k is None or chunk.n_lost or not chunk.is_loss_exact or chunk.time_s is not None or chunk.warning:
             out.append(chunk)
             continue
         first = out[k]

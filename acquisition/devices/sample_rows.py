@@ -10,8 +10,6 @@ from sawbench.acquisition.devices.device import Chunk
 from sawbench.acquisition.instrument_clock import InstrumentClock
 from sawbench.acquisition.sample_counter import CountedStream
 
-# Numbers of a row are whole up to so many bits; no counter gets beyond them by itself.
-_EXACT_BITS = 53
 ARRIVAL = "sample count and arrival of the bytes at this machine"
 OWN_CLOCK = "time stamps of the instrument, tied to the arrival of the bytes at this machine"
 
@@ -49,9 +47,11 @@ class RowStream:
     def __init__(self, stream: str, timing: RowTiming) -> None:
         self._stream = stream
         self._clock = None if timing.tick_s is None else InstrumentClock(tick_s=timing.tick_s, n_bits=timing.tick_bits)
-        n_bits = min(timing.counter_bits or 0, _EXACT_BITS)
-        self._modulus = 1 << n_bits
-        self._counted = CountedStream(stream, n_bits=n_bits, rate_hz=timing.rate_hz) if n_bits else None
+        self._counted = (
+            None
+            if timing.counter_bits is None
+            else CountedStream(stream, modulus=1 << timing.counter_bits, rate_hz=timing.rate_hz)
+        )
         self._n_lost = 0
 
     def chunks(self, rows: NDArray[np.float64], n_lost: int, arrival_s: float) -> list[Chunk]:
@@ -67,8 +67,7 @@ class RowStream:
         """
         arrival = np.array([arrival_s])
         if self._counted is not None:
-            counts = (rows[:, -1] % self._modulus).astype(np.int64)
-            return self._counted.chunks(rows[:, :-1], counts, np.repeat(arrival, len(rows)))
+            return self._counted.chunks(rows[:, :-1], rows[:, -1], np.repeat(arrival, len(rows)))
         if self._clock is not None:
             time_s, is_used = self._clock.times(rows[:, -1], arrival_s)
             raw = rows[is_used, :-1]

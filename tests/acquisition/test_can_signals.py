@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sawbench.acquisition.can_signals import find_signal, frame_mask, load_dbc, needed_length, raw_signal
+from sawbench.acquisition.can_signals import counts_of, find_signal, frame_mask, load_dbc, needed_length, raw_signal
 from sawbench.acquisition.devices.dbc_can_emulator import put_bits
 from sawbench.bench.errors import ConfigError
 
@@ -75,6 +75,25 @@ def test_needed_length_is_that_of_the_last_bit(database):
     assert needed_length([by_name["IntelU12"]]) == 2
     assert needed_length([by_name["IntelS17"]]) == 4
     assert needed_length([by_name["MotoU12"]]) == 6
+
+
+@pytest.mark.parametrize(
+    ("kind", "stated", "expected"),
+    [
+        ("4@1+ (1,0)", "0|14", (0, 15)),
+        ("4@1+ (1,0)", "1|15", (1, 15)),
+        ("4@1+ (1,0)", "0|0", (0, 16)),
+        ("4@1+ (1,0)", "0|65535", (0, 16)),
+        ("8@1+ (2,10)", "10|408", (0, 200)),
+        ("8@1- (1,0)", "0|0", (-128, 256)),
+    ],
+)
+def test_counts_are_those_of_the_stated_range(tmp_path, kind, stated, expected):
+    dbc = tmp_path / "counter.dbc"
+    dbc.write_text(
+        f'VERSION ""\nNS_ :\nBS_:\nBU_: A\nBO_ 100 M: 8 A\n SG_ C : 0|{kind} [{stated}] "" A\n',
+    )
+    assert counts_of(load_dbc(dbc).get_message_by_name("M").get_signal_by_name("C")) == expected
 
 
 def test_a_signal_name_in_two_messages_needs_its_message(database):
