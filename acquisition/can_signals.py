@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 SHIPPED_DBC_DIRECTORY: Final = Path(__file__).parent / "devices"
 # J1939: priority and source address are not part of what a message is.
 _J1939_PGN_MASK: Final = 0x03FFFF00
+J1939_SOURCE_MASK: Final = 0xFF
 _J1939_PDU2: Final = 0xF0
 
 

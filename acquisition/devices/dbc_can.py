@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -12,7 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 from sawbench.acquisition.calibration import Calibration
-from sawbench.acquisition.can_signals import counts_of, find_signal, frame_mask, load_dbc, needed_length, raw_signal
+from sawbench.acquisition.can_signals import (
+    J1939_SOURCE_MASK,
+    counts_of,
+    find_signal,
+    frame_mask,
+    is_available,
+    load_dbc,
+    needed_length,
+    raw_signal,
+)
 from sawbench.acquisition.devices.can_instrument import CanInstrument, CanTable, require_slcan
 from sawbench.acquisition.devices.dbc_can_emulator import CanEmulator, EmulatedMessage
 from sawbench.acquisition.devices.device import BenchChannel, Chunk, Stream, StreamChannel
@@ -63,6 +72,7 @@ class MessageLayout:
     Attributes
     ----------
     stream : Stream
+    message : cantools Message
     mask, wanted : int
         An identifier is this message where `identifier & mask == wanted`.
     n_bytes : int
@@ -73,6 +83,7 @@ class MessageLayout:
     """
 
     stream: Stream
+    message: Message
     mask: int
     wanted: int
     n_bytes: int
@@ -127,6 +138,7 @@ def _layout(
     channels = tuple(_channel(where, channel, signal, settings) for channel, signal in pairs)
     return MessageLayout(
         stream=Stream(name=message.name, rate_hz=rate_hz, channels=channels),
+        message=message,
         mask=mask,
         wanted=wanted,
         n_bytes=needed_length(used),
@@ -166,6 +178,10 @@ class DbcCan(CanInstrument[DbcCanSettings]):
     def __init__(self, name: str, settings: DbcCanSettings, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(name, settings, clock=clock)
         self._counted: dict[str, CountedStream] = {}
+        # Message -> source address that is read, and what to say of others that send it.
+        self._sources: dict[str, int] = {}
+        self._warnings: dict[str, str] = {}
+        self._warned: set[str] = set()
         self._n_other_frames = 0
         self._n_short_frames = 0
 
@@ -183,6 +199,8 @@ class DbcCan(CanInstrument[DbcCanSettings]):
         """Open the bus; see `Device.open`."""
         _ = self.layouts
         self._counted.clear()
+        self._sources.clear()
+        self._warned.clear()
         self._bus.open()
 
     def decode(self, batch: CanBatch) -> list[Chunk]:
@@ -192,6 +210,7 @@ class DbcCan(CanInstrument[DbcCanSettings]):
         for layout in self.layouts:
             is_ours = (batch.identifier & np.uint32(layout.mask)) == np.uint32(layout.wanted)
             n_taken += int(np.count_nonzero(is_ours))
+            is_ours = self._of_one_source(layout, batch, is_ours)
             is_whole = is_ours & (batch.length >= layout.n_bytes)
             self._n_short_frames += int(np.count_nonzero(is_ours) - np.count_nonzero(is_whole))
             if is_whole.any():
@@ -216,16 +235,39 @@ class DbcCan(CanInstrument[DbcCanSettings]):
     ) -> list[Chunk]:
         name, raw = layout.stream.name, _physical(layout, payload)
         if layout.counter is None:
-            return [Chunk(stream=name, raw=raw, arrival_s=arrival_s)]
-        first, n_counts = counts_of(layout.counter)
-        if name not in self._counted:
-            self._counted[name] = CountedStream(name, modulus=n_counts, rate_hz=layout.stream.rate_hz)
-        return self._counted[name].chunks(raw, raw_signal(layout.counter, payload) - first, arrival_s)
+            chunks = [Chunk(stream=name, raw=raw, arrival_s=arrival_s)]
+        else:
+            first, n_counts = counts_of(layout.counter)
+            if name not in self._counted:
+                self._counted[name] = CountedStream(name, modulus=n_counts, rate_hz=layout.stream.rate_hz)
+            chunks = self._counted[name].chunks(raw, raw_signal(layout.counter, payload) - first, arrival_s)
+        if chunks and name in self._warnings:
+            texts = (self._warnings.pop(name), chunks[0].warning)
+            chunks[0] = replace(chunks[0], warning="; ".join(filter(None, texts)))
+        return chunks
+
+    def _of_one_source(self, layout: MessageLayout, batch: CanBatch, is_ours: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Where a message is of the source that sent it first: several may send a J1939 group, each its values."""
+        name, source = layout.stream.name, batch.identifier & np.uint32(J1939_SOURCE_MASK)
+        if not is_ours.any():
+            return is_ours
+        taken = self._sources.setdefault(name, int(source[is_ours][0]))
+        others = np.unique(source[is_ours & (source != taken)])
+        if len(others) and name not in self._warned:
+            self._warned.add(name)
+            addresses = ", ".join(f"{address:02X}" for address in others)
+            text = f"{name}: source address {addresses} sends it too; {taken:02X} is read, which came first"
+            self._warnings[name] = text
+        return is_ours & (source == taken)
 
 
 def _physical(layout: MessageLayout, payload: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Values of a message as the DBC scales them, shape (n, n_channels)."""
-    columns = [raw_signal(s, payload) * float(s.scale) + float(s.offset) for s in layout.signals]
+    """Values of a message as the DBC scales them, shape (n, n_channels); NaN where one is not available."""
+    columns: list[NDArray[np.float64]] = []
+    for signal in layout.signals:
+        raw = raw_signal(signal, payload)
+        values = raw * float(signal.scale) + float(signal.offset)
+        columns.append(np.where(is_available(signal, layout.message, raw), values, np.nan))
     return np.stack(columns, axis=1)
 
 
