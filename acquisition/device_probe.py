@@ -41,6 +41,8 @@ class StreamProbe:
         From the last arrival to the end of the reading, s.
     drift_ppm, drift_std_ppm : float or None
         Of the instrument's quartz against this machine's clock, 1e-6; None where not known.
+    warnings : tuple of str
+        What the driver warned of.
     """
 
     stream: Stream
@@ -53,6 +55,7 @@ class StreamProbe:
     silent_s: float = 0.0
     drift_ppm: float | None = None
     drift_std_ppm: float | None = None
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -147,10 +150,12 @@ class _Collector:
         self._losses: list[Loss] = []
         self._arrivals: list[tuple[float, int]] = []
         self._n_arrived = 0
+        self._warnings: list[str] = []
 
     def push(self, chunk: Chunk) -> None:
         self._n_arrived += len(chunk.raw)
         self._arrivals.append((float(chunk.arrival_s[-1]), self._n_arrived))
+        self._warnings += [chunk.warning] if chunk.warning else []
         self._keep(self._timer.push(chunk))
 
     def finish(self, ended_s: float) -> StreamProbe:
@@ -171,6 +176,7 @@ class _Collector:
             silent_s=ended_s - self._arrivals[-1][0] if self._arrivals else 0.0,
             drift_ppm=None if drift is None else drift[0],
             drift_std_ppm=None if drift is None else drift[1],
+            warnings=tuple(self._warnings),
         )
 
     def _keep(self, items: list[Timed]) -> None:

@@ -162,6 +162,9 @@ def _device_findings(probe: DeviceProbe) -> list[Finding]:
         what = f"the amplifier itself marked {n_overloads} frames as overloaded"
         remedy = "check the wiring of the bridge and whether the sensor is overloaded"
         found.append(_fault("overload", probe.device, what=what, remedy=remedy))
+    remedy = "correct the table of the configuration, or the instrument; a recording says the same"
+    for text in (text for stream in probe.streams for text in stream.warnings):
+        found.append(Finding(severity="note", code="driver_warning", device=probe.device, what=text, remedy=remedy))
     return found
 
 

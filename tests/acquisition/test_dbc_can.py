@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sawbench.acquisition.device_probe import probe_devices
 from sawbench.acquisition.devices.dbc_can import DbcCan, DbcCanSettings
+from sawbench.acquisition.preflight import judge
 from sawbench.acquisition.stream_recorder import StreamRecorder
 from sawbench.acquisition.transports.can_batch import CanBatch, ParsedFrame
 from sawbench.bench.recording import Event, SampleBlock
@@ -71,3 +73,33 @@ def test_one_of_several_sources_is_read_and_the_others_are_warned_of(device):
     (warning,) = [item for item in recorder.begin(50.0, None) if isinstance(item, Event)]
     assert warning.kind == "warning"
     assert warning.text == "Power: source address 2A sends it too; 17 is read, which came first"
+
+
+class TwoSources:
+    """A bus on which two nodes send the group in turn every 10 ms; every read takes 0.1 s."""
+
+    time_source, n_discarded_bytes, facts = "of the test", 0, {}
+
+    def __init__(self):
+        self.now_s = 50.0
+        self.n_read = 0
+
+    def open(self):
+        pass
+
+    def close(self):
+        pass
+
+    def read(self):
+        self.now_s += 0.1
+        self.n_read += 10
+        return batch([(0x17, 360), (0x2A, 0)] * 5, self.n_read)
+
+
+def test_check_says_what_the_driver_warned_of(device, monkeypatch):
+    bus = TwoSources()
+    monkeypatch.setattr(device, "_bus", bus)
+    probes = probe_devices([device], seconds=2.0, clock=lambda: bus.now_s)
+    (note,) = [finding for finding in judge(probes).findings if finding.code == "driver_warning"]
+    assert (note.severity, note.device) == ("note", "power")
+    assert "source address 2A" in note.what
