@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from sawbench.acquisition.calibration import Calibration
+from sawbench.bench.correlated import student_factor
 from sawbench.bench.errors import InputError, UntrustedResult
 from sawbench.storage.output import write_whole
 
@@ -113,8 +114,8 @@ def fit_line(points: Sequence[CalibrationPoint], *, common_rel_std: float = 0.0)
     Weighted total least squares, iterated on the weights 1 / (u_reference**2 + gain**2 u_raw**2), with the covariance
     of York, Evensen, Martinez, Delgado 2004, "Unified equations for the slope, intercept, and standard errors of the
     best straight line", Am. J. Phys. 72, 367, eqs. 13a to 13d, r = 0. Where no uncertainty is stated the points weigh
-    the same and the covariance comes from their scatter. Bias: none to first order in the uncertainties. Fails:
-    curvature is not fitted, only stated as `nonlinearity`.
+    the same and the covariance comes from their scatter, widened by `student_factor` at n - 2 degrees of freedom.
+    Bias: none to first order in the uncertainties. Fails: curvature is not fitted, only stated as `nonlinearity`.
 
     Examples
     --------
@@ -135,7 +136,7 @@ def fit_line(points: Sequence[CalibrationPoint], *, common_rel_std: float = 0.0)
     chi2 = float(weights @ residuals**2) / (len(points) - 2)
     mean = float(weights @ adjusted / weights.sum())
     gain_variance = 1.0 / float(weights @ (adjusted - mean) ** 2)
-    widening = max(1.0, chi2) if is_stated else chi2
+    widening = max(1.0, chi2) if is_stated else chi2 * student_factor(len(points) - 2) ** 2
     gain_variance *= widening
     offset_variance = widening / float(weights.sum()) + mean**2 * gain_variance
     span = float(np.ptp(y))

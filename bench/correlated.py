@@ -57,13 +57,35 @@ def autocorrelation_time(series: ArrayLike, *, may_alternate: bool = False) -> f
     return time / (1.0 - min(time / n, 0.5))
 
 
+def student_factor(degrees: float) -> float:
+    """Factor on a standard deviation that comes from few residuals, with which +-1.96 of it covers 95 %.
+
+    Parameters
+    ----------
+    degrees : float
+        Degrees of freedom it comes from, above 0.
+
+    Returns
+    -------
+    float
+        Ratio of Student's to Gauss's 97.5 % point.
+
+    Examples
+    --------
+    >>> round(student_factor(1), 2), round(student_factor(1000), 2)
+    (6.48, 1.0)
+    """
+    from scipy.special import ndtri, stdtrit
+
+    return float(stdtrit(degrees, 0.975) / ndtri(0.975))
+
+
 def std_of_mean(series: ArrayLike, *, may_alternate: bool = False) -> tuple[float, float]:
     """Return the standard uncertainty of the mean of an autocorrelated series, and its effective length.
 
-    The standard deviation is widened by the ratio of Student's to Gauss's 97.5 % point at the effective
-    number of values, so that +-1.96 of it covers 95 % for short series too. A trend leaves hardly any independent
-    values, yet the mean is within them: at most the standard deviation of a value anywhere in their range (a
-    rectangular distribution), or of the mean of independent values where that is larger.
+    The standard deviation is widened by `student_factor` at the effective number of values. A trend leaves hardly any
+    independent values, yet the mean is within them: at most the standard deviation of a value anywhere in their range
+    (a rectangular distribution), or of the mean of independent values where that is larger.
 
     Parameters
     ----------
@@ -87,8 +109,6 @@ def std_of_mean(series: ArrayLike, *, may_alternate: bool = False) -> tuple[floa
     >>> round(std, 3), n_effective > 97
     (0.102, True)
     """
-    from scipy.special import stdtrit
-
     values = np.asarray(series, dtype=np.float64)
     if len(values) < 2:
         raise InputError(
@@ -97,7 +117,7 @@ def std_of_mean(series: ArrayLike, *, may_alternate: bool = False) -> tuple[floa
     n_effective = max(len(values) / autocorrelation_time(values, may_alternate=may_alternate), 2.0)
 
     def widened(n: float) -> float:
-        return float(values.std(ddof=1) / np.sqrt(n) * stdtrit(n - 1.0, 0.975) / 1.959964)
+        return float(values.std(ddof=1) / np.sqrt(n)) * student_factor(n - 1.0)
 
     within_range = float(np.ptp(values)) / np.sqrt(12.0)
     return min(widened(n_effective), max(widened(len(values)), within_range)), n_effective

@@ -19,6 +19,7 @@ from typing import Any, Final, get_args
 
 import numpy as np
 from sawbench.bench.config import BatteryConfig
+from sawbench.bench.correlated import student_factor
 from sawbench.bench.errors import InputError, UntrustedResult
 from sawbench.bench.plain_digits import rounded
 from sawbench.bench.spread import jackknife_std
@@ -236,10 +237,8 @@ def predicted_runtime_s(fit: BatteryFit, discharge: MeasuredDischarge, cutoff_vo
 
 
 def _rel_std(withheld: Sequence[Miss]) -> float:
-    from scipy.stats import norm, t
-
     mean_square = float(np.mean([miss.runtime_error**2 + miss.voltage_error**2 for miss in withheld]))
-    return math.sqrt(mean_square) * float(t.ppf(0.975, len(withheld)) / norm.ppf(0.975))
+    return math.sqrt(mean_square) * student_factor(len(withheld))
 
 
 def _jackknife(folds: Sequence[BatteryFit], cutoff_v: float) -> dict[str, float]:

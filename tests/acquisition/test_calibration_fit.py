@@ -78,6 +78,19 @@ def test_without_stated_uncertainties_the_scatter_gives_them():
     assert line.gain_std == pytest.approx(250.0 * 2e-3 / spread, rel=0.3)
 
 
+@pytest.mark.parametrize("loads", [[0.0, 250.0, 500.0], [0.0, 250.0, 500.0, 0.0]])
+def test_intervals_from_the_scatter_of_few_points_cover_the_truth(loads):
+    rng = np.random.default_rng(14)
+    gain, zero, n = 250.0, 0.1, 2000
+    is_covered = np.zeros((n, 2), dtype=bool)
+    for k in range(n):
+        line = fit_line(points_of(loads, zero + np.array(loads) / gain + 1e-3 * rng.standard_normal(len(loads))))
+        is_covered[k] = (
+            abs(line.gain - gain) < 1.96 * line.gain_std, abs(line.zero_raw - zero) < 1.96 * line.zero_std_raw
+        )  # fmt: skip
+    assert is_covered.mean(axis=0) == pytest.approx(0.95, abs=4 * (0.95 * 0.05 / n) ** 0.5)
+
+
 def test_the_common_uncertainty_of_the_weights_widens_the_gain_only():
     loads = [0.0, 100.0, 200.0]
     line = fit_line(points_of(loads, [0.0, 0.4, 0.8], raw_std=1e-6), common_rel_std=0.003)
