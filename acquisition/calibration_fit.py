@@ -107,7 +107,8 @@ def fit_line(points: Sequence[CalibrationPoint], *, common_rel_std: float = 0.0)
     Raises
     ------
     InputError
-        If the points cannot tell a line: fewer than three loads, the same load twice in a row, all readings equal.
+        If the points cannot tell a line: fewer than three loads, the same load twice in a row, all readings equal,
+        readings that do not follow the loads.
 
     Notes
     -----
@@ -186,6 +187,21 @@ def judge_line(line: StraightLine, former: Calibration, *, largest_deviation: fl
     if line.hysteresis is not None and line.hysteresis > largest_deviation:
         said.append(f"loading and unloading differ by up to {line.hysteresis:.2%} of the range")
     return said
+
+
+def require_gain(line: StraightLine, *, where: str) -> None:
+    """Raise where not even the sign of the gain is known: no reading means anything then, so nothing can be stored.
+
+    Raises
+    ------
+    UntrustedResult
+    """
+    if line.gain_rel_std > 1.0:
+        raise UntrustedResult(
+            f"the calibration was not stored: the gain is only known to {line.gain_rel_std:.0%}, not even its sign",
+            where=where,
+            remedy="check that the loads act on the sensor of this channel, and that each reading belongs to its load",
+        )
 
 
 def require_sound(complaints: Sequence[str], *, where: str, force: bool) -> None:
@@ -269,8 +285,11 @@ def require_loads(references: Sequence[float]) -> None:
     Raises
     ------
     InputError
-        If there are fewer than three different loads, or the same one twice in a row.
+        If one is not a finite number, there are fewer than three different loads, or the same one twice in a row.
     """
+    for reference in references:
+        if not np.isfinite(reference):
+            raise InputError(f"the load {reference:g} is not a finite number", remedy="give the load as a number")
     span = max(references) - min(references) if references else 0.0
     n_loads = len({round(r / (span or 1.0), 9) for r in references})
     if n_loads < _MIN_LOADS:
@@ -290,11 +309,12 @@ def require_loads(references: Sequence[float]) -> None:
 
 def _refuse_nonsense(points: Sequence[CalibrationPoint]) -> None:
     require_loads([p.reference for p in points])
+    remedy = "check that the loads act on the sensor of this channel"
     if float(np.ptp([p.raw for p in points])) == 0.0:
-        raise InputError(
-            "the reading was the same at every load",
-            remedy="check that the loads act on the sensor of this channel",
-        )
+        raise InputError("the reading was the same at every load", remedy=remedy)
+    raw, references = (values - values.mean() for values in np.array([[p.raw, p.reference] for p in points]).T)
+    if abs(raw @ references) <= _SAME * np.linalg.norm(raw) * np.linalg.norm(references):
+        raise InputError("the readings do not follow the loads, neither rising nor falling with them", remedy=remedy)
 
 
 def _york(x: Floats, y: Floats, ux: Floats, uy: Floats) -> tuple[float, float, Floats, Floats]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -33,6 +35,7 @@ class Session:
 
     loaded: LoadedConfig
     config_path: Path
+    book: Path
     channel: str
     seconds: float
     tolerance: float | None
@@ -110,7 +113,7 @@ def command(
     --force is given.
     """
     from sawbench.acquisition.calibration_book import add_entry
-    from sawbench.acquisition.calibration_fit import fit_line, judge_line, require_sound
+    from sawbench.acquisition.calibration_fit import fit_line, judge_line, require_gain, require_sound
     from sawbench.commands.recording_session import check_devices
 
     if kilograms and channel != "force_n":
@@ -122,23 +125,28 @@ def command(
     device_name, former, configured = lines_in_force(loaded, path, channel, force=force)
     unit = loaded.config.known_channels[channel].unit
     session = Session(
-        loaded=loaded, config_path=config_path, channel=channel, seconds=seconds, tolerance=tolerance,
+        loaded=loaded, config_path=config_path, book=path, channel=channel, seconds=seconds, tolerance=tolerance,
         unit="kg" if kilograms else unit, factor=gravity if kilograms else 1.0,
         reference_std=reference_std, simulated=simulated, seed=seed,
     )  # fmt: skip
     is_read = bool(values) or table_path is None
-    points, instrument = all_points(session, values, table_path, is_read=is_read)
-    line = fit_line(points, common_rel_std=reference_rel_std)
-    complaints = judge_line(line, former, largest_deviation=largest_deviation)
-    said = describe(points, line, former, channel, unit)
-    if complaints and not force:
-        click.echo(said, err=True)
-    require_sound(complaints, where=f"{device_name} {channel}", force=force)
-    entry = book_entry(
-        points, line, former, configured, device=device_name, channel=channel,
-        seconds=seconds if is_read else None, instrument=instrument, operator=operator, note=note,
-    )  # fmt: skip
-    add_entry(path, entry)
+    with kept_until_stored(session, table_points(table_path, values)) as taken:
+        instrument = {} if table_path is None else {"points": str(table_path)}
+        instrument |= take_points(session, values, taken) if is_read else {}
+        points = [_scaled(p, session.factor) for p in taken]
+        line = fit_line(points, common_rel_std=reference_rel_std)
+        complaints = judge_line(line, former, largest_deviation=largest_deviation)
+        said = describe(points, line, former, channel, unit)
+        where = f"{device_name} {channel}"
+        if complaints and not force:
+            click.echo(said, err=True)
+        require_gain(line, where=where)
+        require_sound(complaints, where=where, force=force)
+        entry = book_entry(
+            points, line, former, configured, device=device_name, channel=channel,
+            seconds=seconds if is_read else None, instrument=instrument, operator=operator, note=note,
+        )  # fmt: skip
+        add_entry(path, entry)
     emit(
         {"book": path, "unit": unit, "complaints": complaints, "fit": line_rows(line), **entry.model_dump(mode="json")},
         f"{said}\nstored in {path}",
@@ -173,77 +181,72 @@ def lines_in_force(
     return name, made[0].result if made else configured[name, channel], configured[name, channel]
 
 
-def all_points(
-    session: Session, values: tuple[float, ...], table_path: Path | None, *, is_read: bool
-) -> tuple[list[CalibrationPoint], dict[str, str]]:
-    """Points of the table, then those read at the bench (`is_read`), in the channel's unit; where they come from."""
+def table_points(table_path: Path | None, values: tuple[float, ...]) -> list[CalibrationPoint]:
+    """Read the points of the table, none without one; refuse known values that tell no line before a load hangs."""
     from sawbench.acquisition.calibration_fit import read_points, require_loads
 
     points = [] if table_path is None else list(read_points(table_path))
     if values:
-        # Before anybody hangs a load.
         require_loads([*(p.reference for p in points), *values])
-    instrument = {} if table_path is None else {"points": str(table_path)}
-    if is_read:
-        known = iter(values) if values else _asked(session.channel, session.unit)
-        points, facts = take_points(session, known, points, is_asked=not values)
-        instrument |= facts
-    return [_scaled(p, session.factor) for p in points], instrument
+    return points
 
 
-def take_points(
-    session: Session, references: Iterator[float], before: list[CalibrationPoint], *, is_asked: bool
-) -> tuple[list[CalibrationPoint], dict[str, str]]:
+@contextlib.contextmanager
+def kept_until_stored(session: Session, before: list[CalibrationPoint]) -> Iterator[list[CalibrationPoint]]:
+    """Give the list of points, in the unit of the session, which begins with `before`.
+
+    Where anything fails before they are stored, and some were measured, they are written to a table for `--from`: loads
+    that hung once need not be hung again.
+    """
+    points = list(before)
+    try:
+        yield points
+    except BaseException:
+        if len(points) > len(before):
+            _keep_for_later(session, points)
+        raise
+
+
+def take_points(session: Session, values: tuple[float, ...], points: list[CalibrationPoint]) -> dict[str, str]:
     """Read one resting mean a load; a reading that does not rest is taken again.
 
     Parameters
     ----------
     session : Session
-    references : iterator of float
-        In the unit of the session.
-    before : list of CalibrationPoint
-        What the new ones are added to.
-    is_asked : bool
-        The operator has just said the value, so the load hangs already.
+    values : tuple of float
+        Known values, in the unit of the session; without any the operator is asked, who types what hangs already.
+    points : list of CalibrationPoint
+        In the unit of the session; each new one is added at once.
 
     Returns
     -------
-    points : list of CalibrationPoint
-        In the unit of the session.
-    instrument : dict of str to str
-        What it says of itself.
+    dict of str to str
+        What the instrument says of itself.
 
     Raises
     ------
     SawbenchError
-        If the instrument fails, or the loads are too few; the points taken until then are written to a table for
-        `--from`.
+        If the instrument fails.
     """
-    from sawbench.acquisition.calibration_fit import CalibrationPoint, require_loads
+    from sawbench.acquisition.calibration_fit import CalibrationPoint
 
-    points, instrument = list(before), dict[str, str]()
-    try:
-        for reference in references:
-            if not is_asked and not session.simulated:
-                _ask(f"apply {reference:g} {session.unit}, let it settle, press Enter")
-            resting = _read_point(session, reference, n_before=len(points))
-            unit = resting.channel.calibration.raw_unit
-            click.echo(f"{reference:g} {session.unit}: {resting.raw_mean:.7g} ± {resting.raw_std:.2g} {unit}", err=True)
-            points.append(
-                CalibrationPoint(
-                    reference=reference,
-                    raw=resting.raw_mean,
-                    raw_std=resting.raw_std,
-                    reference_std=session.reference_std,
-                )
+    instrument = dict[str, str]()
+    for reference in values or _asked(session.channel, session.unit):
+        if values and not session.simulated:
+            _ask(f"apply {reference:g} {session.unit}, let it settle, press Enter")
+        resting = _read_point(session, reference, n_before=len(points))
+        unit = resting.channel.calibration.raw_unit
+        click.echo(f"{reference:g} {session.unit}: {resting.raw_mean:.7g} ± {resting.raw_std:.2g} {unit}", err=True)
+        points.append(
+            CalibrationPoint(
+                reference=reference,
+                raw=resting.raw_mean,
+                raw_std=resting.raw_std,
+                reference_std=session.reference_std,
             )
-            instrument = {"port": resting.port, **resting.facts}
-        require_loads([p.reference for p in points])
-    except BaseException:
-        if len(points) > len(before):
-            _keep_for_later(session, points)
-        raise
-    return points, instrument
+        )
+        instrument = {"port": resting.port, **resting.facts}
+    return instrument
 
 
 def _read_point(session: Session, reference: float, *, n_before: int) -> RestingChannel:
@@ -282,15 +285,15 @@ def _ask(text: str) -> str:
 
 
 def _keep_for_later(session: Session, points: list[CalibrationPoint]) -> None:
-    """Write points to a table, so that loads that hung once need not be hung again."""
     from sawbench.acquisition.calibration_fit import write_points
 
-    path = session.config_path.with_name(f"calibration-points-{session.channel}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.csv")
+    path = session.book.with_name(f"calibration-points-{session.channel}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.csv")
     write_points(path, points)
-    unit = " --kilograms" if session.unit == "kg" else ""
+    options = (" --simulated" if session.simulated else "") + (" --kilograms" if session.unit == "kg" else "")
     click.echo(
         f"the {len(points)} points measured so far are stored in {path}\n"
-        f"  -> continue with: sawbench calibrate --channel {session.channel}{unit} --from {path} --point ...",
+        f"  -> continue with: sawbench calibrate --channel {session.channel}{options} --from {path}, "
+        "and --point ... for each further load",
         err=True,
     )
 
@@ -344,7 +347,8 @@ def describe(points: list[CalibrationPoint], line: StraightLine, former: Calibra
     zero_std = max(line.zero_std_raw, 1e-6 * max(abs(p.raw) for p in points))
     offset_std = max(line.offset_std, 1e-6 * max(abs(p.reference) for p in points))
     gain_std = max(line.gain_rel_std, 1e-6) * abs(line.gain)
-    change = line.gain / former.slope_at(former.zero_raw) - 1.0
+    former_gain = former.slope_at(former.zero_raw)
+    change = f"{line.gain / former_gain - 1.0:+.2%} relative to the previous one; " if former_gain else ""
     hysteresis = (
         "not determined (no loading and unloading)"
         if line.hysteresis is None
@@ -359,7 +363,7 @@ def describe(points: list[CalibrationPoint], line: StraightLine, former: Calibra
         [
             table([f"load {unit}", raw_unit, "1 std", f"deviation {unit}"], rows),
             f"{channel}: gain {format_quantity(line.gain, gain_std, f'{unit}/({raw_unit})')}, "
-            f"{change:+.2%} relative to the previous one; zero at {format_quantity(line.zero_raw, zero_std, raw_unit)}",
+            f"{change}zero at {format_quantity(line.zero_raw, zero_std, raw_unit)}",
             f"offset {format_quantity(line.offset, offset_std, unit)}, covariance with the gain "
             f"{line.covariance:.2g}{chi2}",
             f"nonlinearity {line.nonlinearity:.3%} of the range; hysteresis {hysteresis}",
@@ -376,8 +380,12 @@ def _asked(channel: str, unit: str) -> Iterator[float]:
         if not said.strip():
             return
         try:
-            yield float(said.replace(",", "."))
+            value = float(said.replace(",", "."))
         except ValueError:
+            value = math.nan
+        if math.isfinite(value):
+            yield value
+        else:
             click.echo(f"{said!r} is not a number", err=True)
 
 

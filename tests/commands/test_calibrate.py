@@ -17,6 +17,7 @@ import sawbench.commands.recording_session
 from sawbench.acquisition.calibration import Calibration
 from sawbench.acquisition.calibration_book import read_book
 from sawbench.acquisition.calibration_fit import CalibrationPoint, read_points, write_points
+from sawbench.bench.errors import InputError
 from sawbench.commands.main import main
 from sawbench.storage.reader import read_recording
 
@@ -284,6 +285,77 @@ def test_loads_that_were_typed_and_are_too_few_are_kept(bench, monkeypatch, caps
     (kept,) = bench.config_path.parent.glob("calibration-points-force_n-*.csv")
     assert [p.reference for p in read_points(kept)] == [0.0, 100.0]
     assert "are too few" in capsys.readouterr().err
+
+
+def kept_points(bench):
+    (kept,) = bench.config_path.parent.glob("calibration-points-force_n-*.csv")
+    return kept, [p.reference for p in read_points(kept)]
+
+
+def test_points_of_a_calibration_that_is_not_stored_are_kept(bench, capsys):
+    """A sensor that saturates is refused; the loads need not be hung again to store it all the same."""
+    bench.force = lambda load, t, noise: TRUE_ZERO_N + min(load, 150.0) + 0.3 * noise
+    points = [word for load in (0, 100, 200) for word in ("--point", load)]
+    assert bench.run("calibrate", "--seconds", 0.6, *points) == 1
+    kept, loads = kept_points(bench)
+    said = capsys.readouterr().err
+    assert "deviate from a straight line" in said and f"--simulated --from {kept}" in said
+    assert loads == [0.0, 100.0, 200.0] and not bench.book_path.exists()
+    assert bench.run("calibrate", "--from", kept, "--force") == 1
+    assert [p["reference"] for p in bench.entries()[0].details["points"]] == loads
+    assert len(list(kept.parent.glob("calibration-points-*"))) == 1
+
+
+def test_points_are_kept_where_the_book_cannot_be_written(bench, monkeypatch):
+    def full(path, _):
+        raise InputError("cannot be written: no space left", where=path)
+
+    monkeypatch.setattr(sawbench.acquisition.calibration_book, "add_entry", full)
+    assert bench.run("calibrate", "--seconds", 0.6, "--point", 0, "--point", 100, "--point", 200) != 0
+    assert kept_points(bench)[1] == [0.0, 100.0, 200.0]
+
+
+def test_loads_that_are_no_numbers_are_refused_where_they_are_typed(bench, monkeypatch, capsys):
+    """On the command line before a load hangs; at the question it is asked again."""
+    answering(monkeypatch, lambda _: pytest.fail("a load was asked for"))
+    points = [word for load in ("0", "nan", "100", "200") for word in ("--point", load)]
+    assert main(["calibrate", "--config", str(bench.config_path), *points]) == 2
+    assert "the load nan is not a finite number" in capsys.readouterr().err
+    typed, hanging = ["0", "nan", "100", "inf", "200", ""], [0.0]
+    bench.force = lambda load, t, noise: TRUE_ZERO_N + hanging[0] + 0.3 * noise
+
+    def answer(_):
+        text = typed.pop(0)
+        hanging[0] = float(text) if text.isdigit() else hanging[0]
+        return text
+
+    answering(monkeypatch, answer)
+    with real_ports(bench):
+        assert main(["calibrate", "--config", str(bench.config_path), "--seconds", "0.6"]) == 0
+    said = capsys.readouterr().err
+    assert "'nan' is not a number" in said and "'inf' is not a number" in said
+    (entry,) = read_book(bench.config_path.with_name("bench_config.calibration.toml")).entries
+    assert [p["reference"] for p in entry.details["points"]] == [0.0, 100.0, 200.0]
+
+
+@pytest.mark.parametrize("raw", [(0.0, 0.9, -0.8, 0.1), (0.1, 0.5, 0.5, 0.1)])
+def test_a_gain_of_unknown_sign_is_never_stored(bench, tmp_path, capsys, raw):
+    path = tmp_path / "points.csv"
+    path.write_text("reference,raw\n" + "".join(f"{100 * k},{r}\n" for k, r in enumerate(raw)))
+    assert bench.run("calibrate", "--from", path, "--force") in {1, 2}
+    said = capsys.readouterr().err
+    assert "not even its sign" in said or "do not follow the loads" in said
+    assert "internal error" not in said and not bench.book_path.exists()
+
+
+def test_a_former_polynomial_that_is_flat_at_its_zero_is_no_obstacle(bench, tmp_path, capsys):
+    text = bench.config_path.read_text()
+    bench.config_path.write_text(text.replace("scale = 250.0", "polynomial = [0.0, 0.0, 3.0]", 1))
+    path = tmp_path / "points.csv"
+    path.write_text("reference,raw\n0,0.1\n100,0.5\n200,0.9\n100,0.5\n")
+    assert bench.run("calibrate", "--from", path) == 0
+    assert "relative to the previous one" not in capsys.readouterr().out
+    assert bench.entries()[0].result.scale == pytest.approx(250.0)
 
 
 def test_a_table_of_points_is_read_back_as_it_was_written(tmp_path):
