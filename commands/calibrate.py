@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -130,7 +130,7 @@ def command(
         reference_std=reference_std, simulated=simulated, seed=seed,
     )  # fmt: skip
     is_read = bool(values) or table_path is None
-    with kept_until_stored(session, table_points(table_path, values)) as taken:
+    with kept_until_stored(session, table_points(table_path, values, reference_std)) as taken:
         instrument = {} if table_path is None else {"points": str(table_path)}
         instrument |= take_points(session, values, taken) if is_read else {}
         points = [_scaled(p, session.factor) for p in taken]
@@ -181,11 +181,36 @@ def lines_in_force(
     return name, made[0].result if made else configured[name, channel], configured[name, channel]
 
 
-def table_points(table_path: Path | None, values: tuple[float, ...]) -> list[CalibrationPoint]:
-    """Read the points of the table, none without one; refuse known values that tell no line before a load hangs."""
+def table_points(
+    table_path: Path | None, values: tuple[float, ...], reference_std: float = 0.0
+) -> list[CalibrationPoint]:
+    """Read the points of the table, none without one; refuse known values that tell no line before a load hangs.
+
+    Parameters
+    ----------
+    table_path : Path, optional
+    values : tuple of float
+        Known values of the points to come.
+    reference_std : float
+        Standard uncertainty of each known value; it holds where the table states none.
+
+    Raises
+    ------
+    InputError
+        If table and `reference_std` state different uncertainties, or the known values tell no line.
+    """
     from sawbench.acquisition.calibration_fit import read_points, require_loads
 
     points = [] if table_path is None else list(read_points(table_path))
+    if reference_std:
+        other = [p.reference_std for p in points if p.reference_std not in {0.0, reference_std}]
+        if other:
+            raise InputError(
+                f"the column reference_std states {other[0]:g}, --reference-std {reference_std:g}",
+                where=table_path,
+                remedy="leave out the option or the column",
+            )
+        points = [replace(p, reference_std=reference_std) for p in points]
     if values:
         require_loads([*(p.reference for p in points), *values])
     return points
@@ -390,8 +415,6 @@ def _asked(channel: str, unit: str) -> Iterator[float]:
 
 
 def _scaled(point: CalibrationPoint, factor: float) -> CalibrationPoint:
-    from dataclasses import replace
-
     return replace(point, reference=factor * point.reference, reference_std=factor * point.reference_std)
 
 

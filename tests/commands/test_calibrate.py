@@ -173,6 +173,25 @@ def test_points_from_a_table_and_masses(bench, tmp_path, capsys):
     assert bench.run("tare", "--channel", "torque_n_m") == 2
 
 
+def test_the_uncertainty_of_the_known_values_holds_for_a_table_that_states_none(bench, tmp_path, capsys):
+    """As if the table had a column of it; 20 N on four loads 100 N apart make u(gain)/gain = 20/(100 sqrt 5)."""
+    loads, raw = (0, 100, 200, 300), (0.0, 0.4, 0.8, 1.2)
+
+    def fit(name, last, *options):
+        path = tmp_path / name
+        rows = [f"{f},{r},{std}" for f, r, std in zip(loads, raw, last, strict=True)]
+        path.write_text("\n".join(["reference,raw,reference_std", *rows]) + "\n")
+        code = bench.run("calibrate", "--from", path, "--reference-rel-std", 0, "--force", "--json", *options)
+        said = capsys.readouterr()
+        return (code, said.err) if code else json.loads(said.out)["fit"]["gain_rel_std"]
+
+    by_option = fit("bare.csv", ("", "", "", 20), "--reference-std", 20)
+    assert by_option == pytest.approx(20.0 / (100.0 * 5.0**0.5), rel=1e-9)
+    assert by_option == fit("column.csv", (20, 20, 20, 20))
+    code, said = fit("other.csv", (20, 20, 20, 10), "--reference-std", 20)
+    assert code == 2 and "the column reference_std states 10, --reference-std 20" in said
+
+
 def answering(monkeypatch, react):
     """Stand in for the operator: `react` is told what is asked and says the answer."""
     asked = []
