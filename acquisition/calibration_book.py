@@ -218,8 +218,10 @@ def calibrated(
     Raises
     ------
     ConfigError
-        If the configuration of a channel was changed since an entry that is in force was made.
+        If the configuration of a channel was changed since an entry that is in force was made, or the entry is of a
+        device that is no longer configured while another one gives the channel.
     """
+    _refuse_other_device(book, configured)
     tables = {name: dict(table) for name, table in config.devices.items()}
     for (device, channel), present in configured.items():
         entries = book.in_force(device, channel)
@@ -340,6 +342,24 @@ def zeroed(calibration: Calibration, raw_at_rest: float) -> Calibration:
     return calibration.model_copy(update={"zero_raw": raw_at_rest - at_zero})
 
 
+def _refuse_other_device(book: CalibrationBook, configured: Mapping[tuple[str, str], Calibration]) -> None:
+    present = {channel: device for device, channel in configured}
+    for former, channel in dict.fromkeys((e.device, e.channel) for e in book.entries):
+        device = present.get(channel)
+        if device is None or (former, channel) in configured:
+            continue
+        lost, own = book.in_force(former, channel), book.in_force(device, channel)
+        if own and (own[0].kind == "calibration" or lost[0].kind == "tare"):
+            continue
+        again = "tare" if lost[0].kind == "tare" else "calibrate"
+        raise ConfigError(
+            f"the {lost[0].title} is of device {former!r}, which is not configured; {channel} is given by {device!r}",
+            where=f"calibration book, {channel}",
+            remedy=f"if it is the same instrument, name it {former!r} in the configuration, or {device!r} in the "
+            f"entries of the book; otherwise `sawbench {again} --channel {channel}`",
+        )
+
+
 def _refuse_stale(entries: Sequence[BookEntry], present: Calibration) -> None:
     for entry in entries:
         if entry.configured.is_same_formula(present):
@@ -370,15 +390,39 @@ def _without_none(value: Any) -> Any:
     return value
 
 
-def said_in_force(book: CalibrationBook, now: datetime) -> list[str]:
-    """One line for each entry in force: channel, what it is, how old."""
-    return [f"{e.channel}: {e.title}, {age(e, now)}" for e in entries_in_force(book)]
+def said_in_force(book: CalibrationBook, configured: Mapping[tuple[str, str], Calibration], now: datetime) -> list[str]:
+    """One line for each entry that is applied: channel, what it is, how old."""
+    return [f"{e.channel}: {e.title}, {age(e, now)}" for e in entries_in_force(book, configured)]
 
 
-def entries_in_force(book: CalibrationBook) -> list[BookEntry]:
-    """Return what is in force of every channel."""
-    places = dict.fromkeys((e.device, e.channel) for e in book.entries)
-    return [entry for place in places for entry in book.in_force(*place)]
+def entries_in_force(book: CalibrationBook, configured: Mapping[tuple[str, str], Calibration]) -> list[BookEntry]:
+    """Return what is applied to the channels of the configured instruments."""
+    return [entry for place in configured for entry in book.in_force(*place)]
+
+
+def not_in_book(
+    book: CalibrationBook,
+    configured: Mapping[tuple[str, str], Calibration],
+    channels: Mapping[str, Channel],
+    path: Path,
+) -> list[tuple[str, str, str]]:
+    """Return device, channel and words for every channel whose raw values the configuration alone turns into its unit.
+
+    Parameters
+    ----------
+    book : CalibrationBook
+    configured : mapping of (device, channel) to Calibration
+    channels : mapping of str to Channel
+        Those of the bench.
+    path : Path
+        Of the book.
+    """
+    where = f"{path} has no entry of it" if path.exists() else f"no calibration book was found at {path}"
+    return [
+        (device, channel, f"the calibration of the configuration is used: {where}")
+        for (device, channel), present in configured.items()
+        if present.raw_unit not in {"", channels[channel].unit} and not book.in_force(device, channel)
+    ]
 
 
 def age(entry: BookEntry, now: datetime) -> str:

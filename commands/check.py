@@ -69,7 +69,7 @@ def look(
     is_running : bool
         The tool is running: do not check noise and zero.
     """
-    from sawbench.acquisition.calibration_book import build_calibrated, read_book, uncalibrated
+    from sawbench.acquisition.calibration_book import build_calibrated, not_in_book, read_book, uncalibrated
     from sawbench.acquisition.device_probe import probe_devices
     from sawbench.acquisition.preflight import Finding, judge
 
@@ -92,7 +92,18 @@ def look(
         )
         for device, channel, error in uncalibrated(entries, configured, loaded.config.known_channels)
     ]
-    return replace(found, findings=(*lacking, *found.findings))
+    own = [
+        Finding(
+            severity="note",
+            code="not_in_calibration_book",
+            device=device,
+            channel=channel,
+            what=what,
+            remedy=f"`sawbench calibrate --channel {channel}`, or copy the book of the bench there",
+        )
+        for device, channel, what in not_in_book(entries, configured, loaded.config.known_channels, book)
+    ]
+    return replace(found, findings=(*lacking, *found.findings, *own))
 
 
 def describe(found: Preflight) -> str:

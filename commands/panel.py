@@ -75,14 +75,20 @@ def bench_facts(config_path: Path, *, simulated: bool) -> Mapping[str, Any]:
     """Return what the panel shows of the bench; what is wrong with the configuration is said in `problem`."""
     from datetime import UTC, datetime
 
-    from sawbench.acquisition.calibration_book import age, entries_in_force, read_book
-    from sawbench.acquisition.devices import build_devices
+    from sawbench.acquisition.calibration_book import (
+        CalibrationBook,
+        age,
+        build_calibrated,
+        entries_in_force,
+        read_book,
+    )
     from sawbench.bench.config import load_config
 
     facts: dict[str, Any] = {"config": str(config_path), "devices": [], "channels": [], "in_force": [], "problem": ""}
     try:
         config = load_config(config_path).config
-        for device in build_devices(config):
+        devices, configured = build_calibrated(config, CalibrationBook())
+        for device in devices:
             channels = [channel.name for stream in device.streams for channel in stream.channels]
             row = {"name": device.name, "kind": type(device).__name__, "channels": ", ".join(channels),
                    "port": "simulated" if simulated else device.port}  # fmt: skip
@@ -92,7 +98,7 @@ def bench_facts(config_path: Path, *, simulated: bool) -> Mapping[str, Any]:
         now, units = datetime.now(UTC), {name: known.unit for name, known in config.known_channels.items()}
         facts["in_force"] = [
             {**entry.model_dump(), "unit": units.get(entry.channel, ""), "age": age(entry, now)}
-            for entry in entries_in_force(book)
+            for entry in entries_in_force(book, configured)
         ]
     except SawbenchError as error:
         facts["problem"] = str(error)

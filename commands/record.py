@@ -122,7 +122,7 @@ def command(
         path=path, trial=trial, seconds=None if until_stopped else seconds or settings.seconds, overwrite=force,
         calibration_book=book_path, touch=touch,
     )  # fmt: skip
-    say_in_force(book_path)
+    say_in_force(loaded, book_path)
     if touch is not None:
         click.echo(f"the recording starts when {touch.channel} exceeds {touch.above:g}: waiting", err=True)
     typed = typed_lines()
@@ -235,14 +235,18 @@ def run_session(
     return summary, estimate
 
 
-def say_in_force(book_path: Path) -> None:
-    """Tell the operator which tares and calibrations go into the recording, and how old they are."""
+def say_in_force(loaded: LoadedConfig, book_path: Path) -> None:
+    """Tell the operator which tares and calibrations go into the recording, how old they are, and what has none."""
     from datetime import UTC, datetime
 
-    from sawbench.acquisition.calibration_book import read_book, said_in_force
+    from sawbench.acquisition.calibration_book import build_calibrated, not_in_book, read_book, said_in_force
 
-    for line in said_in_force(read_book(book_path), datetime.now(UTC)):
+    book = read_book(book_path)
+    _, configured = build_calibrated(loaded.config, book)
+    for line in said_in_force(book, configured, datetime.now(UTC)):
         click.echo(line, err=True)
+    for _, channel, what in not_in_book(book, configured, loaded.config.known_channels, book_path):
+        click.echo(f"{channel}: {what}", err=True)
 
 
 def next_trial_id(folder: Path, material: str) -> str:

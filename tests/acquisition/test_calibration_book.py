@@ -14,9 +14,11 @@ from sawbench.acquisition.calibration_book import (
     CalibrationBook,
     add_entry,
     build_calibrated,
+    not_in_book,
     provenance,
     read_book,
     refuse_uncalibrated,
+    said_in_force,
     zeroed,
 )
 from sawbench.bench.config import parse_config
@@ -130,6 +132,40 @@ def test_a_configuration_that_was_changed_since_is_refused():
     # Other words for the same numbers change nothing.
     same = parse_config(TEXT.format(scale=250.0, source="certificate 4711")).config
     assert in_force(tare, config=same)["force_n"].zero_raw == 0.1
+
+
+def test_an_entry_of_a_device_with_another_name_is_refused_with_both_names():
+    """A calibration that is not applied must not get lost in silence; one of the new name makes up for it."""
+    renamed = parse_config(TEXT.format(scale=250.0, source="nominal").replace("devices.cell", "devices.sensor")).config
+    made, tare = entry("calibration", 0, scale=245.0), entry("tare", 1, scale=245.0, zero_raw=0.1)
+    for book in ((made,), (tare,), (made, tare)):
+        with pytest.raises(
+            ConfigError, match="of device 'cell', which is not configured; force_n is given by 'sensor'"
+        ):
+            in_force(*book, config=renamed)
+    new_tare = tare.model_copy(update={"device": "sensor"})
+    new = made.model_copy(update={"device": "sensor", "result": Calibration(raw_unit="mV/V", scale=240.0)})
+    assert in_force(tare, new_tare, config=renamed)["force_n"].zero_raw == 0.1
+    assert in_force(made, tare, new, config=renamed)["force_n"].scale == 240.0
+    # A tare has no gain.
+    with pytest.raises(ConfigError, match="sawbench calibrate --channel force_n"):
+        in_force(made, new_tare, config=renamed)
+
+
+def test_what_is_said_to_be_in_force_is_what_is_applied(tmp_path):
+    """A channel that no device gives is not said; one without an entry is, with where its book would be."""
+    book = CalibrationBook(entries=(entry("calibration", 0, scale=245.0),))
+    bus = {("power", "motor_current_a"): Calibration()}
+    cell, path = {("cell", "force_n"): CONFIGURED}, tmp_path / "improved_model.calibration.toml"
+    assert said_in_force(book, bus, BEGUN) == []
+    (line,) = said_in_force(book, bus | cell, BEGUN)
+    assert line.startswith("force_n: calibration of 2026-03-02")
+    assert not_in_book(book, bus | cell, CHANNEL_BY_NAME, path) == []
+    ((device, channel, what),) = not_in_book(CalibrationBook(), bus | cell, CHANNEL_BY_NAME, path)
+    assert (device, channel) == ("cell", "force_n") and f"no calibration book was found at {path}" in what
+    path.touch()
+    ((_, _, what),) = not_in_book(CalibrationBook(), bus | cell, CHANNEL_BY_NAME, path)
+    assert f"{path} has no entry of it" in what
 
 
 def test_the_file_keeps_everything_and_comes_back(tmp_path):

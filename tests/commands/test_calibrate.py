@@ -94,6 +94,24 @@ def test_a_tare_is_right_is_kept_and_reaches_the_recording(bench, tmp_path, caps
     assert "tare of" in recording.provenance["calibration force_n"]
 
 
+def test_a_device_with_another_name_and_a_configuration_without_a_book_are_said(bench, tmp_path, capsys):
+    record = ("record", "--material", "none", "--seconds", 0.8, "--out", tmp_path / "out")
+    assert bench.run(*record) == 0
+    assert f"no calibration book was found at {bench.book_path.resolve()}" in capsys.readouterr().err
+    assert bench.run("tare", "--seconds", 1) == 0
+    assert bench.run(*record) == 0
+    said = capsys.readouterr().err
+    assert "force_n: tare of" in said and "no calibration book" not in said
+    bench.config_path.write_text(bench.config_path.read_text().replace("devices.load_cell", "devices.sensor"))
+    # The book of the real bench; the refusal comes before a port is opened.
+    shutil.copy(bench.book_path, bench.config_path.with_name("bench_config.calibration.toml"))
+    for name, *options in (record, ("check", "--seconds", 0.6)):
+        assert main([name, "--config", str(bench.config_path), *map(str, options)]) == 2
+        said = capsys.readouterr().err
+        assert "'load_cell', which is not configured; force_n is given by 'sensor'" in said
+        assert "force_n: tare of" not in said
+
+
 def test_a_second_tare_is_added_and_holds(bench):
     assert bench.run("tare", "--seconds", 1) == 0
     bench.force = lambda load, t, noise: 5.0 + load + 0.3 * noise

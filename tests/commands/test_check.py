@@ -175,10 +175,12 @@ def test_channels_that_nobody_gives_are_a_note(monkeypatch, tmp_path, capsys):
         code = main(["check", "--config", str(path), "--seconds", "1.2", "--simulated", "--json"])
     said = json.loads(capsys.readouterr().out)
     assert code == 0 and said["is_good"]
-    assert {f["channel"] for f in said["findings"]} == {
-        "displacement_mm", "motor_current_a", "battery_voltage_v", "battery_current_a"
+    absent = ("displacement_mm", "motor_current_a", "battery_voltage_v", "battery_current_a")
+    assert {(f["channel"], f["code"]) for f in said["findings"]} == {
+        *((channel, "channel_not_configured") for channel in absent), ("force_n", "not_in_calibration_book"),
     }  # fmt: skip
-    assert {f["code"] for f in said["findings"]} == {"channel_not_configured"}
+    (own,) = [f for f in said["findings"] if f["channel"] == "force_n"]
+    assert str(tmp_path / "bench_config.calibration-simulated.toml") in own["what"]
 
 
 def test_a_fault_is_exit_code_1_and_a_wrong_configuration_2(tmp_path, capsys):
