@@ -400,6 +400,27 @@ def entries_in_force(book: CalibrationBook, configured: Mapping[tuple[str, str],
     return [entry for place in configured for entry in book.in_force(*place)]
 
 
+def of_other_instruments(
+    entries: Sequence[BookEntry], facts: Mapping[str, Mapping[str, str]]
+) -> list[tuple[BookEntry, str]]:
+    """Return the entries that were made with another instrument than the one that is there, and words for each.
+
+    Parameters
+    ----------
+    entries : sequence of BookEntry
+        Those that are applied.
+    facts : mapping of str to mapping
+        What the instruments say of themselves, by device; one without a serial number is not compared.
+    """
+    found = []
+    for entry in entries:
+        before, now = (said.get("serial_number") for said in (entry.instrument, facts.get(entry.device, {})))
+        if before and now and before != now:
+            words = f"the {entry.title} was made with serial number {before}, the instrument now has {now}"
+            found.append((entry, words))
+    return found
+
+
 def not_in_book(
     book: CalibrationBook,
     configured: Mapping[tuple[str, str], Calibration],

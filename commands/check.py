@@ -69,7 +69,14 @@ def look(
     is_running : bool
         The tool is running: do not check noise and zero.
     """
-    from sawbench.acquisition.calibration_book import build_calibrated, not_in_book, read_book, uncalibrated
+    from sawbench.acquisition.calibration_book import (
+        build_calibrated,
+        entries_in_force,
+        not_in_book,
+        of_other_instruments,
+        read_book,
+        uncalibrated,
+    )
     from sawbench.acquisition.device_probe import probe_devices
     from sawbench.acquisition.preflight import Finding, judge
 
@@ -103,7 +110,20 @@ def look(
         )
         for device, channel, what in not_in_book(entries, configured, loaded.config.known_channels, book)
     ]
-    return replace(found, findings=(*lacking, *found.findings, *own))
+    facts = {probe.device: probe.facts for probe in probes}
+    foreign = [
+        Finding(
+            severity="note",
+            code="calibration_of_other_instrument",
+            device=entry.device,
+            channel=entry.channel,
+            what=what,
+            remedy=f"`sawbench {'tare' if entry.kind == 'tare' else 'calibrate --force'} --channel {entry.channel}`"
+            " with this instrument, or connect the other one",
+        )
+        for entry, what in of_other_instruments(entries_in_force(entries, configured), facts)
+    ]
+    return replace(found, findings=(*lacking, *found.findings, *foreign, *own))
 
 
 def describe(found: Preflight) -> str:

@@ -13,6 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import click
 from sawbench.bench.errors import ConfigError, DeviceError, InputError
 from sawbench.bench.recording import Event, Trial
 
@@ -108,6 +109,8 @@ def record_trial(
     from sawbench.acquisition.calibration_book import (
         CalibrationBook,
         build_calibrated,
+        entries_in_force,
+        of_other_instruments,
         provenance,
         read_book,
         refuse_uncalibrated,
@@ -136,6 +139,11 @@ def record_trial(
             overwrite=options.overwrite,
         )
         opened.append(writer)
+        facts = {device.name: device.describe() for device in devices}
+        for entry, words in of_other_instruments(entries_in_force(book, configured), facts):
+            text = f"{entry.channel}: {words}"
+            writer.write_event(Event(kind="warning", time_s=0.0, text=text, device=entry.device))
+            click.echo(f"warning: {text}", err=True)
         if notes is not None:
             notes.attach(writer, (datetime.now(UTC) - start.started_at).total_seconds())
         return writer

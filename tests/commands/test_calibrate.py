@@ -112,6 +112,28 @@ def test_a_device_with_another_name_and_a_configuration_without_a_book_are_said(
         assert "force_n: tare of" not in said
 
 
+def test_a_tare_of_another_amplifier_is_said(bench, tmp_path, capsys):
+    """Its serial number is in the book; the one that is there says another."""
+    assert bench.run("tare", "--seconds", 1) == 0
+    number = bench.entries()[0].instrument["serial_number"]
+    record = ("record", "--material", "none", "--seconds", 0.8, "--out", tmp_path / "out")
+    assert bench.run(*record) == 0
+    assert bench.run("check", "--seconds", 0.6, "--json") == 0
+    said = capsys.readouterr()
+    assert "serial number" not in said.err and "calibration_of_other_instrument" not in said.out
+
+    bench.book_path.write_text(bench.book_path.read_text().replace(number, "999999"))
+    words = f"was made with serial number 999999, the instrument now has {number}"
+    assert bench.run(*record) == 0
+    assert words in capsys.readouterr().err
+    events = read_recording(tmp_path / "out" / "none-02.mcap").events
+    assert [e.device for e in events if words in e.text] == ["load_cell"]
+    assert bench.run("check", "--seconds", 0.6, "--json") == 0
+    findings = json.loads(capsys.readouterr().out)["findings"]
+    (found,) = [f for f in findings if f["code"] == "calibration_of_other_instrument"]
+    assert words in found["what"] and (found["device"], found["channel"]) == ("load_cell", "force_n")
+
+
 def test_a_second_tare_is_added_and_holds(bench):
     assert bench.run("tare", "--seconds", 1) == 0
     bench.force = lambda load, t, noise: 5.0 + load + 0.3 * noise
