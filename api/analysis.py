@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sawbench.analysed_trial import AnalysedTrial, OpenedTrial
 from sawbench.bench.errors import InputError, SawbenchError
+from sawbench.bench.units import FORCE
 from sawbench.inputs import config_for
 
 if TYPE_CHECKING:
@@ -237,7 +239,22 @@ def doubted(fit: CuttingFit, trial: AnalysedTrial) -> CuttingFit:
     status = "contradicted" if doubts and fit.status == "ok" else fit.status
     duty = None if status == "ok" else wrong_duty(processed)
     cause = () if duty is None else (f"likely cause: {'; '.join(duty)}",)
-    return replace(fit, status=status, notes=(*cause, *doubts, *losses, *trial.recording.interruptions, *fit.notes))
+    gain = _doubtful_gain(trial) if FORCE.name in channels else ()
+    notes = (*cause, *doubts, *losses, *trial.recording.interruptions, *gain, *fit.notes)
+    return replace(fit, status=status, notes=notes)
+
+
+def _doubtful_gain(trial: AnalysedTrial) -> tuple[str, ...]:
+    """Say where the force was recorded with a gain that is less certain than the fit takes it to be."""
+    stated = trial.recording.provenance.get(f"calibration values {FORCE.name}")
+    recorded = 0.0 if stated is None else float(json.loads(stated).get("rel_std", 0.0))
+    taken = trial.loaded.config.analysis.force_gain_rel_std
+    if recorded <= taken:
+        return ()
+    return (
+        f"the calibration of the force states its gain to {recorded:.2%}, the uncertainty of k_Fc holds {taken:.2%}: "
+        f"set [analysis] force_gain_rel_std = {recorded:.2g}",
+    )
 
 
 def knows_drive(trial: AnalysedTrial) -> bool:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from sawbench.acquisition.calibration import Calibration
 from sawbench.analysis import Evaluation, evaluate, fit_trial, load_and_process
 from sawbench.commands.main import main
 from sawbench.model_cycles import discharges_of, fitted_cycle, measured_force_cycle
@@ -32,6 +34,18 @@ def test_fitted_stroke_lies_on_the_measured_one_as_closely_as_the_fit_says(trial
     # The scatter of the mean of the strokes within a bin comes on top of the fit's smooth residual.
     noise = float(np.sqrt(np.mean(folded.std**2 / folded.n_cycles)))
     assert np.sqrt(np.mean((model - folded.mean) ** 2)) < 1.5 * np.hypot(getattr(fit, of_fit), noise)
+
+
+@pytest.mark.parametrize(("rel_std", "method", "n"), [(0.001, "force", 0), (0.08, "force", 1), (0.08, "current", 0)])
+def test_a_gain_that_is_less_certain_than_the_fit_takes_it_is_noted(trial_and_fit, rel_std, method, n):
+    trial, _ = trial_and_fit
+    stated = Calibration(scale=250.0, raw_unit="mV/V", rel_std=rel_std).model_dump_json(exclude_none=True)
+    recording = replace(
+        trial.recording, provenance={**trial.recording.provenance, "calibration values force_n": stated}
+    )
+    fit, _ = fit_trial(replace(trial, recording=recording), method)
+    assert len([note for note in fit.notes if "force_gain_rel_std = 0.08" in note and "8.00%" in note]) == n
+    assert n or not any("force_gain_rel_std" in note for note in fit.notes)
 
 
 def test_replayed_force_gives_the_measured_stroke_and_current(trial_and_fit):
