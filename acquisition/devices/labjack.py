@@ -19,6 +19,9 @@ from sawbench.bench.errors import DeviceError
 
 _EXTRA: Final = "labjack"
 _READ_S: Final = 0.02
+# Negative input of a single-ended one. Inputs of a T4 are always single-ended, those of a T8 always differential.
+_GROUND: Final = 199
+_WITH_NEGATIVE_INPUT: Final = "T7"
 
 
 class LabJackSettings(PackageTable):
@@ -65,8 +68,10 @@ class LabJack(PackageInstrument[LabJackSettings]):
             for table in self._settings.channels.values():
                 ain = table.input - 1
                 ljm.eWriteName(self._handle, f"AIN{ain}_RANGE", self._settings.range_v)
-                if self._settings.is_differential:
-                    ljm.eWriteName(self._handle, f"AIN{ain}_NEGATIVE_CH", ain + 1)
+                # The device keeps what another program set until it is switched off, so single-ended is written too.
+                if self._settings.is_differential or self._facts["model"] == _WITH_NEGATIVE_INPUT:
+                    negative = ain + 1 if self._settings.is_differential else _GROUND
+                    ljm.eWriteName(self._handle, f"AIN{ain}_NEGATIVE_CH", negative)
         except ljm.LJMError as error:
             raise self._refused(error) from error
 

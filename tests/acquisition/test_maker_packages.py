@@ -127,7 +127,7 @@ def test_what_ni_refuses_is_one_clear_error(nidaqmx):
 @pytest.fixture
 def ljm(monkeypatch):
     """A stand-in of `labjack.ljm`."""
-    calls, answers = [], {"rate_hz": 1000.0, "values": [1.0, 2.0, -9999.0, -9999.0, 3.0, 4.0]}
+    calls, answers = [], {"rate_hz": 1000.0, "values": [1.0, 2.0, -9999.0, -9999.0, 3.0, 4.0], "kind": 7}
 
     def keep(name, result=None):
         def call(*given):
@@ -142,7 +142,7 @@ def ljm(monkeypatch):
         LJMError=Refused,
         constants=types.SimpleNamespace(DUMMY_VALUE=-9999),
         openS=keep("openS", 17),
-        getHandleInfo=keep("getHandleInfo", (7, 1, 470012345, 0, 0, 64)),
+        getHandleInfo=keep("getHandleInfo", lambda: (answers["kind"], 1, 470012345, 0, 0, 64)),
         eWriteName=keep("eWriteName"),
         namesToAddresses=keep("namesToAddresses", ([4, 0], [3, 3])),
         eStreamStart=keep("eStreamStart", lambda: answers["rate_hz"]),
@@ -170,6 +170,18 @@ def test_a_stream_of_labjack_is_started_read_and_stopped(ljm):
     assert ("eStreamStart", 17, 20, 2, [4, 0], 1000.0) in calls
     assert [call[0] for call in calls][-2:] == ["eStreamStop", "close"]
     assert labjack.describe()["model"] == "T7"
+
+
+def test_a_single_ended_input_of_a_t7_is_measured_against_ground_whatever_was_set_before(ljm):
+    calls, answers = ljm
+    device("labjack").open()
+    # T-Series datasheet, analogue inputs: 199 is GND.
+    written = {call[2]: call[3] for call in calls if call[0] == "eWriteName" and "NEGATIVE" in call[2]}
+    assert written == {"AIN2_NEGATIVE_CH": 199, "AIN0_NEGATIVE_CH": 199}
+    calls.clear()
+    answers["kind"] = 4
+    device("labjack").open()
+    assert not [call for call in calls if call[0] == "eWriteName" and "NEGATIVE" in call[2]]
 
 
 def test_what_labjack_refuses_is_one_clear_error(ljm):
