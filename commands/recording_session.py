@@ -337,9 +337,13 @@ def simulated_bench(
 def _announced_ports(process: subprocess.Popen[str]) -> dict[str, str]:
     assert process.stdout is not None and process.stderr is not None
     timer = threading.Timer(_START_TIMEOUT_S, process.kill)
+    timer.daemon = True
     timer.start()
-    line = process.stdout.readline()
-    timer.cancel()
+    try:
+        line = process.stdout.readline()
+    finally:
+        # Ctrl-C comes here too: the command must not wait for the timer.
+        timer.cancel()
     if not line:
         said = process.stderr.read().strip().removeprefix("sawbench: error: ")
         code = process.wait()

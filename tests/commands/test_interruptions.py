@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import signal
+import threading
+import types
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -11,7 +14,7 @@ import sawbench.commands.main
 from sawbench.acquisition.recording_report import RecordingStart
 from sawbench.bench.config import load_config
 from sawbench.bench.recording import Trial
-from sawbench.commands.recording_session import SessionOptions, record_trial
+from sawbench.commands.recording_session import SessionOptions, record_trial, simulated_bench
 from sawbench.storage.reader import read_recording
 
 pytestmark = pytest.mark.unit
@@ -88,3 +91,32 @@ def test_nohup_holds(hang_up):
     with pytest.raises(SystemExit) as ended:
         sawbench.commands.main.run()
     assert ended.value.code == 0
+
+
+@pytest.mark.parametrize("interruption", [KeyboardInterrupt, SystemExit])
+def test_an_interruption_while_the_simulated_bench_starts_leaves_nothing_to_wait_for(monkeypatch, interruption):
+    class Starting:
+        stdin = stdout = stderr = None
+
+        def __init__(self, *_args, **_options):
+            self.stdin, self.stderr = io.StringIO(), io.StringIO()
+            self.stdout = types.SimpleNamespace(readline=self.interrupt, close=lambda: None)
+
+        def interrupt(self):
+            raise interruption
+
+        def wait(self, _timeout=None):
+            return 0
+
+        def kill(self):
+            pass
+
+    monkeypatch.setattr("sawbench.commands.recording_session.subprocess.Popen", Starting)
+    before = set(threading.enumerate())
+    with (
+        pytest.raises(interruption),
+        simulated_bench(Path("bench_config.toml"), material="oak", duty=None, seed=0),
+    ):
+        pass
+    left = [thread for thread in threading.enumerate() if thread not in before and not thread.daemon]
+    assert not left
