@@ -27,6 +27,7 @@ _WINDOW_S: Final = 1.0
 _LATENESS_S: Final = 0.5
 _MOST_WINDOWS: Final = 10
 _LEAST_SAMPLES: Final = 20
+_SILENT_PERIODS: Final = 3.0
 # The tool runs where the blade moves so far in a second, or the motor draws so much and this share of the most it drew.
 _MOVES_MM: Final = 1.0
 _DRAWS_SHARE: Final = 0.3
@@ -34,6 +35,10 @@ _DRAWS_A: Final = 0.5
 _STROKE_SHARE: Final = 0.2
 _NOISE_FACTOR: Final = 3.0
 _BASE_WINDOWS: Final = 3
+# Every stroke moves these, whatever their resolution.
+_MOVED_BY_STROKE: Final = frozenset({DISPLACEMENT.name, FORCE.name, MOTOR_CURRENT.name})
+# What moves by so many steps of its resolution in a second does not keep one value by chance.
+_MANY_STEPS: Final = 10.0
 # Of a second, so many values make a median that is good to 3 %, wherever in the stroke they lie.
 _ENOUGH: Final = 2000
 _PRELOAD_SHARE: Final = 0.9
@@ -60,20 +65,22 @@ class LiveWarnings:
     A second is judged half a second after its end. The rules, each for one channel or instrument:
 
     - saturated: `preflight_values.saturation`, and samples beyond what the instrument can mean.
-    - flat: all values of a second are equal while the tool runs.
+    - flat: all values of a second are equal while the tool runs; a channel other than displacement, force
+      and motor current may, within its resolution, where it did not move by ten steps in the first three such seconds.
     - noise: the standard deviation of white noise that the third differences show (robust, over sqrt 20) is over three
       times its median of the first three seconds of the running tool, twice in a row.
     - preload: the force exceeds 90 % of `preload_n`.
     - rate: samples come more than 3 % faster or slower than configured.
     - stroke: the blade moves less than a fifth of before, while the motor draws more than half of before.
     - clock: more than 500 ppm and three standard uncertainties off.
-    - silent: an instrument is a second behind the newest sample of the others.
+    - silent: an instrument is a second, or three of its periods, behind the newest sample of the others.
     - disk: under 500 MB are free.
     - busy: this computer let the recorder wait for 0.25 s, or has four programs a processor; an instrument that is
       silent then may not be to blame.
 
     The tool runs where the blade moves by 1 mm in a second or the motor draws 0.5 A and 30 % of the most it drew. A
-    second in which that changes is judged for range and rate alone. Fails: noise that is there from the beginning.
+    second in which that changes is judged for range and rate alone. What the latest sample of a channel showed holds
+    until the next one, or until the instrument is silent. Fails: noise that is there from the beginning.
     """
 
     def __init__(
@@ -98,6 +105,7 @@ class LiveWarnings:
         self._n_windows = 0
         self._is_running = False
         self._noise: dict[str, list[float]] = {}
+        self._swings: dict[str, list[float]] = {}
         self._is_noisy: set[str] = set()
         self._most: dict[str, float] = {}
         self._active: dict[Key, str] = {}
@@ -158,15 +166,20 @@ class LiveWarnings:
                 yield Event(kind="warning", time_s=start_s, text=f"over: {text}", device=key[1], channel=key[2])
 
     def _judge(self, start_s: float, drift_ppm: Drifts) -> Iterator[tuple[Key, str]]:
-        window = {name: self._cut(name, start_s, start_s + _WINDOW_S) for name in self._channels}
+        end_s = start_s + _WINDOW_S
+        window = {name: self._cut(name, start_s, end_s) for name in self._channels}
         is_running = self._runs(window)
         is_steady = is_running == self._is_running
         for name, (device, channel) in self._channels.items():
+            is_seen = bool(len(window[name][1])) or name in self._outside
+            if not is_seen and not self._is_silent(self._source[name], end_s):
+                yield from ((key, text) for key, text in self._active.items() if key[2] == name)
+                continue
             for what, text in self._of_channel(channel, window[name][1], is_running=is_running, is_steady=is_steady):
                 yield (what, device, name), text
         if is_steady:
             yield from self._stroke(window)
-        yield from self._of_streams(window, start_s + _WINDOW_S, drift_ppm)
+        yield from self._of_streams(window, end_s, drift_ppm)
         yield from self._disk()
         if text := self._busy():
             yield ("busy", "", ""), text
@@ -197,7 +210,7 @@ class LiveWarnings:
         outside = self._outside.pop(channel.name, [])
         if outside:
             yield "saturated", f"samples are {OUTSIDE}: overloaded, or a broken wire"
-        if len(values) < _LEAST_SAMPLES:
+        if not len(values):
             return
         if is_steady and not outside and (found := saturation(channel, values, self._limits)) is not None:
             yield "saturated", found.what
@@ -208,12 +221,19 @@ class LiveWarnings:
                     "preload",
                     f"{peak_n:.0f} N of {self._preload_n:g} N preload: above it the carriage lifts off its support",
                 )
-        if is_running and is_steady:
-            if np.ptp(values) == 0.0:
+        if is_running and is_steady and len(values) >= _LEAST_SAMPLES:
+            if self._must_move(channel, values) and np.ptp(values) == 0.0:
                 what = f"all values of a second are {values[0]:.6g} {channel.unit}"
                 yield "flat", f"flat line: {what} while the tool runs"
             else:
                 yield from self._noisy(channel, values)
+
+    def _must_move(self, channel: StreamChannel, values: Floats) -> bool:
+        swings = self._swings.setdefault(channel.name, [])
+        if len(swings) < _BASE_WINDOWS:
+            swings.append(float(np.ptp(values)))
+        moves = float(np.median(swings)) >= _MANY_STEPS * channel.resolution
+        return moves or channel.name in _MOVED_BY_STROKE
 
     def _noisy(self, channel: StreamChannel, values: Floats) -> Iterator[tuple[str, str]]:
         differences = _enough_of(np.diff(values, 3))
@@ -250,11 +270,9 @@ class LiveWarnings:
         end_s: float,
         drift_ppm: Drifts,
     ) -> Iterator[tuple[Key, str]]:
-        newest_s = max(self._reached_s.values(), default=0.0)
         drifts = drift_ppm()
         for (device, name), stream in self._streams.items():
-            behind_s = min(newest_s, end_s + _LATENESS_S) - self._reached_s[device, name]
-            if behind_s > _WINDOW_S:
+            if self._is_silent((device, name), end_s):
                 blame = ", or its samples wait: this computer is too busy" if self._busy() else ""
                 yield ("silent", device, ""), f"{name} is silent{blame}"
                 continue
@@ -264,6 +282,12 @@ class LiveWarnings:
             drift = drifts.get((device, name))
             if drift is not None and abs(drift[0]) > self._limits.drift_ppm + 3.0 * drift[1]:
                 yield ("clock", device, ""), f"the clock of {name} deviates by {drift[0]:+.0f} ± {drift[1]:.0f} ppm"
+
+    def _is_silent(self, source: Source, end_s: float) -> bool:
+        newest_s = min(max(self._reached_s.values()), end_s + _LATENESS_S)
+        rate_hz = self._streams[source].rate_hz
+        allowed_s = max(_WINDOW_S, _SILENT_PERIODS / rate_hz) if rate_hz > 0 else _WINDOW_S
+        return newest_s - self._reached_s[source] > allowed_s
 
     def _rate(self, stream: Stream, time_s: Floats) -> str:
         if stream.rate_hz <= 0 or len(time_s) < _LEAST_SAMPLES:

@@ -125,6 +125,72 @@ def test_a_full_disk_is_said(monkeypatch, tmp_path):
     assert "100 MB" in event.text and str(tmp_path) in event.text
 
 
+def beside_the_saw(channel, rate_hz, values, seconds=SECONDS, resolution=0.0, **settings):
+    """Events, and lights of every tenth, of an intact saw with one more channel: `values` gives those at its times."""
+    unit, calibration = channel.rpartition("_")[2], Calibration(source="test")
+    own = StreamChannel(
+        name=channel, unit=unit, calibration=calibration, valid_range=(-500.0, 500.0), resolution=resolution
+    )
+    streams = {k: v for k, v in STREAMS.items() if k[0] != channel}
+    streams["beside", "beside"] = Stream(name="beside", rate_hz=rate_hz, channels=(own,))
+    watch, rng, events, spoilt = LiveWarnings(streams, **settings), np.random.default_rng(5), [], []
+    for tenth in range(10 * seconds):
+        end_s = 0.1 * (tenth + 1)
+        for _, stream in streams.items():
+            n_before, n = (int(np.ceil(stream.rate_hz * s - 1e-9)) for s in (0.1 * tenth, end_s))
+            t = np.arange(n_before, n) / stream.rate_hz
+            (one,) = stream.channels
+            made = values(t) if one is own else sensed(one.name, t, rng)
+            watch.take(SampleBlock(device="x", channel=one.name, unit="", first_index=n_before, time_s=t, values=made))
+        events += watch.check(end_s, lambda: dict.fromkeys(streams))
+        spoilt.append(watch.is_spoilt)
+    return [event.text for event in events], spoilt
+
+
+def test_a_battery_voltage_may_stay_within_its_resolution_while_the_tool_runs():
+    def volts(t):
+        return np.full(len(t), 17.8)
+
+    assert beside_the_saw("battery_voltage_v", 100.0, volts, resolution=0.1)[0] == []
+    (said,) = beside_the_saw("battery_voltage_v", 100.0, volts)[0]
+    assert said.startswith("flat line")
+    # A node that freezes: before, its voltage moved by many steps.
+    (said,) = beside_the_saw(
+        "battery_voltage_v", 100.0, lambda t: np.where(t < 6.0, 17.8 + 0.05 * np.sin(9.0 * t), 17.8), resolution=0.001
+    )[0]
+    assert said.startswith("flat line")
+    # Every stroke moves the force: of that a resolution excuses nothing.
+    assert "flat line" in beside_the_saw("force_n", 100.0, volts, resolution=0.1)[0][0]
+
+
+@pytest.mark.parametrize("rate_hz", [10.0, 2.0, 0.5])
+def test_a_slow_instrument_is_judged_by_every_sample(rate_hz):
+    said, spoilt = beside_the_saw("force_n", rate_hz, lambda t: np.where(t < 3.0, 20.0, 200.0), preload_n=100.0)
+    assert said == ["200 N of 100 N preload: above it the carriage lifts off its support"]
+    assert not any(spoilt[:30]) and all(spoilt[60:])
+    said, _ = beside_the_saw("force_n", rate_hz, lambda t: np.where(t < 3.0, 20.0, 490.0))
+    assert len(said) == 1 and "of full scale" in said[0]
+
+
+@pytest.mark.parametrize("rate_hz", [2.0, 0.5, 0.2])
+def test_a_slow_instrument_is_silent_after_three_of_its_periods(rate_hz):
+    seconds = round(6.0 / rate_hz) + 6
+
+    def degrees(t):
+        return 21.0 + 0.1 * np.sin(t)
+
+    said, spoilt = beside_the_saw("board_temp_degc", rate_hz, degrees, seconds)
+    assert said == [] and not any(spoilt)
+    watch = LiveWarnings(STREAMS | {("slow", "slow"): replace(STREAMS["force_n", "force_n"], rate_hz=rate_hz)})
+    last_s = 3.0 / rate_hz
+    for channel, reached_s in (("motor_current_a", last_s + 3.0 / rate_hz + 3.0), ("force_n", last_s)):
+        t = np.arange(0.0, reached_s, 0.001)
+        watch.take(SampleBlock(device="x", channel=channel, unit="", first_index=0, time_s=t, values=np.sin(1e3 * t)))
+    found = [e for e in watch.check(last_s + 3.0 / rate_hz + 3.0, dict) if e.device == "slow"]
+    assert [e.text for e in found if e.text.endswith("is silent")]
+    assert found[-1].time_s >= last_s
+
+
 def test_values_beyond_the_range_are_said():
     watch = LiveWarnings(STREAMS)
     text = f"about 30 samples missing: {live.OUTSIDE}, -500..500 N"
