@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sawbench.acquisition.devices.device import Stream, StreamChannel
 from sawbench.acquisition.preflight_values import PreflightLimits, saturation
-from sawbench.acquisition.stream_recorder import OUTSIDE
+from sawbench.acquisition.stream_recorder import OUTSIDE, SILENT_PERIODS
 from sawbench.bench.recording import Event, SampleBlock
 from sawbench.bench.spread import robust_std
 from sawbench.bench.units import DISPLACEMENT, FORCE, MOTOR_CURRENT
@@ -27,7 +27,6 @@ _WINDOW_S: Final = 1.0
 _LATENESS_S: Final = 0.5
 _MOST_WINDOWS: Final = 10
 _LEAST_SAMPLES: Final = 20
-_SILENT_PERIODS: Final = 3.0
 # The tool runs where the blade moves so far in a second, or the motor draws so much and this share of the most it drew.
 _MOVES_MM: Final = 1.0
 _DRAWS_SHARE: Final = 0.3
@@ -285,8 +284,7 @@ class LiveWarnings:
 
     def _is_silent(self, source: Source, end_s: float) -> bool:
         newest_s = min(max(self._reached_s.values()), end_s + _LATENESS_S)
-        rate_hz = self._streams[source].rate_hz
-        allowed_s = max(_WINDOW_S, _SILENT_PERIODS / rate_hz) if rate_hz > 0 else _WINDOW_S
+        allowed_s = max(_WINDOW_S, SILENT_PERIODS * self._streams[source].period_s)
         return newest_s - self._reached_s[source] > allowed_s
 
     def _rate(self, stream: Stream, time_s: Floats) -> str:

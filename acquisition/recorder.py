@@ -31,7 +31,7 @@ from sawbench.acquisition.recording_report import (
     RecordingStatus,
     RecordingSummary,
 )
-from sawbench.acquisition.stream_recorder import OUTSIDE, StreamRecorder
+from sawbench.acquisition.stream_recorder import OUTSIDE, SILENT_PERIODS, StreamRecorder
 from sawbench.bench.errors import DeviceError, InputError
 from sawbench.bench.recording import Event, SampleBlock
 
@@ -52,13 +52,13 @@ class RecorderLimits:
     Attributes
     ----------
     first_sample_s : float
-        A device must deliver within this after its start.
+        A stream must deliver within this, and a period, after its start.
     settle_s : float
-        All clocks must have settled within this.
+        All clocks must have settled within this, and the periods that they need.
     rate_s : float
         A rate that seems wrong is watched for this long: after a moment in which the machine was busy it looks so too.
     silence_s : float
-        Silence that counts as a lost link.
+        Silence that counts as a lost link, where it is longer than three periods.
     all_lost_s : float
         Recording ends when no device delivered for this long.
     grace_s : float
@@ -193,8 +193,10 @@ class _Run:
                 self._streams[device.name, stream.name] = StreamRecorder(device.name, stream)
         for device in self._devices:
             device.start()
+            period_s = min((stream.period_s for stream in device.streams), default=0.0)
+            silence_s = max(self._limits.silence_s, SILENT_PERIODS * period_s)
             reader = DeviceReader(
-                device, self._messages, clock=self._clock, silence_s=self._limits.silence_s, gather_s=self._gather_s
+                device, self._messages, clock=self._clock, silence_s=silence_s, gather_s=self._gather_s
             )
             self._readers.append(reader)
         for reader in self._readers if self._between_rounds is None else ():
@@ -208,16 +210,13 @@ class _Run:
         while not self._is_ready(self._clock() - begun_s):
             self._take_next(stop, before="the recording began")
             waited_s = self._clock() - begun_s
-            for (device, stream), recorder in self._streams.items():
-                if not recorder.timer.has_data and waited_s > self._limits.first_sample_s:
+            for (device, _), recorder in self._streams.items():
+                if problem := recorder.timer.overdue(
+                    waited_s, first_sample_s=self._limits.first_sample_s, settle_s=self._limits.settle_s
+                ):
                     raise DeviceError(
-                        f"opens, but sent no sample of {stream} within {self._limits.first_sample_s:g} s",
-                        where=self._where(device),
-                        remedy="check power, transmission, port and settings",
+                        problem, where=self._where(device), remedy="check power, transmission, port, rate and settings"
                     )
-            if waited_s > self._limits.settle_s:
-                slow = [f"{d} {s}" for (d, s), r in self._streams.items() if not r.timer.is_settled]
-                raise DeviceError(f"the samples of {', '.join(slow)} arrive too irregularly to be time-stamped")
         for (device, _), recorder in self._streams.items():
             if problem := recorder.timer.rate_error():
                 raise DeviceError(

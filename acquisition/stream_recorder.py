@@ -13,6 +13,8 @@ from sawbench.acquisition.stream_timing import Doubt, Loss, StreamTimer, Timed, 
 from sawbench.bench.recording import Event, SampleBlock
 
 OUTSIDE = "outside the valid range of the instrument"
+# So many periods without a sample are no jitter.
+SILENT_PERIODS = 3.0
 _SMALLEST_SILENCE_S = 0.25
 _CUT_SHORT_S = 1.0
 
@@ -106,7 +108,7 @@ class StreamRecorder:
     def finish(self, end_s: float, reason: str) -> list[SampleBlock | Event]:
         """Give out what is held, and a gap event where the stream ended before `end_s` (recording time)."""
         out = self._to_recording(self.timer.flush())
-        silence_s = max(_SMALLEST_SILENCE_S, 3.0 / self.stream.rate_hz if self.stream.rate_hz > 0 else 1.0)
+        silence_s = max(_SMALLEST_SILENCE_S, SILENT_PERIODS * self.stream.period_s if self.stream.rate_hz > 0 else 1.0)
         last_s = max(0.0, self._reached_s)
         if self._zero_s is not None and end_s - last_s > silence_s:
             n_missing = round((end_s - last_s) * self.stream.rate_hz)

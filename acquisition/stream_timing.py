@@ -137,6 +137,23 @@ class StreamTimer:
             return ""
         return f"{self.stream.name} sends {measured_hz:.4g} samples/s, configured are {self.stream.rate_hz:g}"
 
+    def overdue(self, waited_s: float, *, first_sample_s: float, settle_s: float) -> str:
+        """Say what has been waited for too long since the start; empty if nothing is.
+
+        Parameters
+        ----------
+        waited_s : float
+        first_sample_s, settle_s : float
+            How long the first sample and a settled clock may take, beside the samples that they need.
+        """
+        first_sample_s += self.stream.period_s
+        if not self.has_data and waited_s > first_sample_s:
+            return f"opens, but sent no sample of {self.stream.name} within {first_sample_s:g} s"
+        settle_s += (1 + _SETTLE_SAMPLES) * self.stream.period_s
+        if not self._settled and waited_s > settle_s:
+            return f"the samples of {self.stream.name} arrive too irregularly to be time-stamped within {settle_s:g} s"
+        return ""
+
     def drift_ppm(self) -> tuple[float, float] | None:
         """See `ArrivalClock.drift_ppm`; None for polled instruments."""
         return self._clock.drift_ppm() if self.stream.rate_hz > 0 else None
@@ -179,7 +196,7 @@ class StreamTimer:
 
     def _steady_clock(self) -> ArrivalClock | None:
         """The clock by which to begin; None while the latest samples may just be coming back into time."""
-        for window_s in (max(_SETTLE_S, _SETTLE_SAMPLES / self.stream.rate_hz), LATE_LINK_S):
+        for window_s in (max(_SETTLE_S, _SETTLE_SAMPLES * self.stream.period_s), LATE_LINK_S):
             if self._clock.span_s < window_s:
                 return None
             clock = ArrivalClock(rate_hz=self.stream.rate_hz)

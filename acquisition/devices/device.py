@@ -60,6 +60,11 @@ class Stream:
     channels: tuple[StreamChannel, ...]
     own_time: str = "middle between question and answer of each sample"
 
+    @property
+    def period_s(self) -> float:
+        """Nominal time between two samples, s; 0 where each sample carries its own time."""
+        return 1.0 / self.rate_hz if self.rate_hz > 0 else 0.0
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Chunk:

@@ -376,6 +376,64 @@ def test_silence_at_the_start_names_device_and_port():
     assert not device.is_open
 
 
+class Paced(Scripted):
+    """Samples at a rate of its own, by the time of the clock, until `ends_s`; a read may take `step_s`."""
+
+    def __init__(self, rate_hz, ends_s=np.inf, step_s=0.0, **options):
+        super().__init__(f"{rate_hz:g} Hz", has_begun=True, **options)
+        self.rate_hz, self.ends_s, self.step_s = rate_hz, ends_s, step_s
+
+    @property
+    def streams(self):
+        return (Stream(name="frames", rate_hz=self.rate_hz, channels=(self.channel,)),)
+
+    def start(self):
+        self.start_s, self.n_samples = self.clock.now_s, 0
+
+    def read(self):
+        self.clock.now_s += self.step_s
+        now_s = min(self.clock.now_s, self.ends_s)
+        n = int((now_s - self.start_s) * self.rate_hz + 1e-6) - self.n_samples
+        self.n_samples += n
+        if not n:
+            return []
+        return [Chunk(stream="frames", raw=np.full((n, 1), 21.0), arrival_s=np.array([self.clock.now_s]))]
+
+
+def paced(*devices, seconds):
+    """Record in turn, in 50 ms of the devices' clock a round."""
+    clock, writer = devices[0].clock, Writer()
+
+    def pass_time():
+        clock.now_s += 0.05
+
+    return record(devices, writer, seconds=seconds, clock=clock, between_rounds=pass_time), writer
+
+
+@pytest.mark.parametrize("rate_hz", [2.0, 1.0, 0.5, 0.2])
+def test_a_slow_instrument_has_the_time_that_its_samples_take(rate_hz):
+    clock = Clock()
+    slow = Paced(rate_hz, clock=clock, channel="board_temp_degc")
+    summary, writer = paced(Paced(1000.0, clock=clock), slow, seconds=20.0)
+    assert summary.is_complete and not writer.events("gap") and not writer.events("warning")
+    assert {c.channel: c.n_samples for c in summary.channels}["board_temp_degc"] == round(20.0 * rate_hz)
+
+
+@pytest.mark.parametrize(("ends_s", "words"), [(0.0, "sent no sample of frames within 4 s"), (5.0, "within 18 s")])
+def test_a_slow_instrument_that_does_not_begin_is_said_with_the_time_that_it_had(ends_s, words):
+    clock = Clock()
+    slow = Paced(0.5, clock=clock, ends_s=clock.now_s + ends_s, channel="board_temp_degc")
+    with pytest.raises(DeviceError, match=words) as caught:
+        paced(Paced(1000.0, clock=clock), slow, seconds=20.0)
+    assert "0.5 Hz on port of 0.5 Hz" in str(caught.value)
+
+
+def test_the_pause_between_two_samples_of_a_slow_instrument_is_no_lost_link():
+    slow = Paced(0.2, step_s=0.05)
+    summary, writer = run(slow, limits=replace(PATIENT, silence_s=2.5), seconds=40.0)
+    assert summary.devices[0].n_reconnects == 0 and not writer.events("gap")
+
+
 def test_silence_while_recording_is_a_lost_link():
     device = Scripted(at=dict.fromkeys(range(30, 60), silent))
     limits = replace(PATIENT, silence_s=2.0)
