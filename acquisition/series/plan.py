@@ -6,6 +6,7 @@ import csv
 import hashlib
 import io
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from sawbench.bench.errors import ConfigError, InputError
 from sawbench.bench.toml_text import parse_toml, read_toml_text
 from sawbench.bench.validation_text import describe_validation
 from sawbench.bench.wear_rule import BLADE_GROWTH_LIMIT
+from sawbench.storage.importers.unit_conversion import factor_between, split_unit
 
 _STRICT: Final = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 # Repetitions of every setting that the paper asks for.
@@ -196,7 +198,7 @@ def is_plan(path: Path) -> bool:
             head = file.read(_HEAD_CHARACTERS)
         if path.suffix.lower() != ".csv":
             return _TRIALS.search(head) is not None and "\nfile" not in head
-        names, _ = _columns(_rows("\n".join(head.split("\n")[:2]), path))
+        names, _, _ = _columns(_rows("\n".join(head.split("\n")[:2]), path))
     except (OSError, ConfigError):
         return False
     known = [name for name in names if name in _COLUMNS or name == "idle"]
@@ -223,8 +225,8 @@ def load_plan(path: Path) -> LoadedPlan:
         plan = SeriesPlan.model_validate(tables)
     except ValidationError as error:
         raise ConfigError(describe_validation(error, SeriesPlan), where=path) from error
-    ids = [trial.id.lower() for trial in plan.trial]
-    repeated = next((trial.id for trial in plan.trial if ids.count(trial.id.lower()) > 1), None)
+    n_of_id = Counter(trial.id.lower() for trial in plan.trial)
+    repeated = next((trial.id for trial in plan.trial if n_of_id[trial.id.lower()] > 1), None)
     if repeated is not None:
         raise ConfigError(f"has the trial {repeated} more than once", where=path, remedy="give every trial its own id")
     return LoadedPlan(plan=plan, path=path, sha256=hashlib.sha256(text.encode()).hexdigest())
@@ -254,11 +256,12 @@ def departures(plan: SeriesPlan) -> list[str]:
     """Say where a plan departs from the paper's rule: a new blade for every setting, three repetitions, +20 %."""
     said = []
     cut = [trial for trial in plan.trial if not trial.is_idle]
-    settings = {trial.setting for trial in cut}
-    few = [s for s in settings if sum(t.setting == s for t in cut) < PAPER_REPETITIONS]
+    settings = Counter(trial.setting for trial in cut)
+    few = [setting for setting, n in settings.items() if n < PAPER_REPETITIONS]
     if few:
         said.append(f"{len(few)} of {len(settings)} settings have fewer than {PAPER_REPETITIONS} repetitions")
-    shared = {b for b in {t.blade for t in cut} if len({t.setting for t in cut if t.blade == b}) > 1}
+    n_settings = Counter(blade for blade, _ in {(trial.blade, trial.setting) for trial in cut})
+    shared = [blade for blade, n in n_settings.items() if n > 1]
     if shared:
         said.append(f"{len(shared)} blades cut more than one setting: wear and setting are then partly confounded")
     if plan.blade_growth_limit != BLADE_GROWTH_LIMIT:
@@ -268,13 +271,18 @@ def departures(plan: SeriesPlan) -> list[str]:
     return said
 
 
-# Column -> key of a trial; what is compared is lower case, without what stands after a bracket.
+# Column -> key of a trial; what is compared is lower case, without a unit.
 _COLUMNS: Final[Mapping[str, str]] = {
     "id": "id", "trial": "id", "block": "block", "material": "material", "workpiece": "material", "duty": "duty",
     "feed": "feed_mm_s", "feed_mm_s": "feed_mm_s", "thickness": "thickness_mm", "thickness_mm": "thickness_mm",
     "length": "seconds", "length_s": "seconds", "seconds": "seconds", "rest": "rest_s", "rest_s": "rest_s",
     "repetition": "repetition", "blade": "blade", "battery": "battery", "batch": "batch",
 }  # fmt: skip
+# Numbers that may be stated in another unit.
+_UNITS: Final[Mapping[str, str]] = {
+    "duty": "1", "feed_mm_s": "mm/s", "thickness_mm": "mm", "seconds": "s", "rest_s": "s",
+}  # fmt: skip
+_SHARES: Final[Mapping[str, float]] = {"1": 1.0, "-": 1.0, "%": 0.01}
 _TEXTS: Final = frozenset({"id", "material", "blade", "battery", "batch"})
 _WHOLE: Final = frozenset({"block", "repetition"})
 _YES: Final = frozenset({"1", "true", "yes", "y", "x"})
@@ -284,7 +292,7 @@ _NO: Final = frozenset({"", "0", "false", "no", "n"})
 def _table_of(text: str, path: Path) -> dict[str, Any]:
     """Return the keys of a plan for a table with a row for each trial."""
     rows = _rows(text, path)
-    names, n_before = _columns(rows)
+    names, units, n_before = _columns(rows)
     unknown = [name for name in names if name not in {*_COLUMNS, "idle"}]
     if unknown or not names:
         raise ConfigError(
@@ -295,11 +303,18 @@ def _table_of(text: str, path: Path) -> dict[str, Any]:
     keys = [_COLUMNS.get(name, name) for name in names]
     if repeated := next((name for name, key in zip(names, keys, strict=True) if keys.count(key) > 1), None):
         raise ConfigError(f"has more than one column for {repeated!r}", where=path, remedy="leave out one of them")
+    factors = {name: _factor(name, unit, path) for name, unit in zip(names, units, strict=True)}
     trials: list[dict[str, Any]] = []
+    n_of_setting: Counter[Setting] = Counter()
     for line, cells in enumerate(rows[n_before + 1 :], start=n_before + 2):
         if any(cell.strip() for cell in cells):
             cells_by_name = dict(zip(names, (cell.strip() for cell in cells), strict=False))
-            trials.append(_row(cells_by_name, trials, f"{path}: line {line}"))
+            trial = _row(cells_by_name, factors, f"{path}: line {line}")
+            setting = (trial["material"], trial.get("duty"), trial.get("feed_mm_s"), trial.get("thickness_mm"))
+            n_of_setting[setting] += 1
+            trial.setdefault("repetition", n_of_setting[setting])
+            trial.setdefault("id", trial_name(len(trials) + 1, trial["material"]))
+            trials.append(trial)
     return {"trial": trials}
 
 
@@ -315,21 +330,34 @@ def _rows(text: str, path: Path) -> list[list[str]]:
         raise ConfigError(f"cannot be read as a table: {error}", where=path) from error
 
 
-def _columns(rows: Sequence[Sequence[str]]) -> tuple[list[str], int]:
-    """Return the names of the columns of a table, without their units, and how many rows are before them."""
+def _columns(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str], int]:
+    """Return names and units ("" where none is stated) of the columns of a table, and how many rows are before them."""
     n_before = 1 if rows and not rows[0] else 0
     header = rows[n_before] if rows[n_before:] else []
-    return [name.strip().lower().partition("(")[0].strip() for name in header], n_before
+    split = [split_unit(name) for name in header]
+    return [name.strip().lower() for name, _ in split], [unit for _, unit in split], n_before
 
 
-def _row(cells: Mapping[str, str], before: Sequence[dict[str, Any]], where: str) -> dict[str, Any]:
+def _factor(name: str, unit: str, path: Path) -> float:
+    """What the numbers of a column are multiplied by; what stands in brackets behind a text is no unit."""
+    stored = _UNITS.get(_COLUMNS.get(name, ""), "")
+    if not unit or not stored:
+        return 1.0
+    factor = _SHARES.get(unit) if stored == "1" else factor_between(unit, stored)
+    if factor is None:
+        known = "1 or %" if stored == "1" else f"{stored}, or a unit of the same kind, as `sawbench import` knows them"
+        raise ConfigError(f"column {name!r} is in {unit!r}", where=path, remedy=f"state it in {known}")
+    return factor
+
+
+def _row(cells: Mapping[str, str], factors: Mapping[str, float], where: str) -> dict[str, Any]:
     idle = cells.get("idle", "").lower()
     if idle not in _YES | _NO:
         raise ConfigError(f"idle is {idle!r}, expected yes or no", where=where)
     trial: dict[str, Any] = {}
     for name, cell in cells.items():
         if name != "idle" and cell:
-            trial[_COLUMNS[name]] = _cell(_COLUMNS[name], cell, where)
+            trial[_COLUMNS[name]] = _cell(_COLUMNS[name], cell, factors[name], where)
     if idle in _YES:
         trial["material"] = "none"
     if "material" not in trial:
@@ -337,18 +365,20 @@ def _row(cells: Mapping[str, str], before: Sequence[dict[str, Any]], where: str)
     # In air there is neither workpiece nor feed.
     if trial["material"] == "none":
         trial = {key: value for key, value in trial.items() if key not in {"feed_mm_s", "thickness_mm"}}
-    same = ("material", "duty", "feed_mm_s", "thickness_mm")
-    trial.setdefault("repetition", 1 + sum(all(b.get(k) == trial.get(k) for k in same) for b in before))
-    trial.setdefault("id", trial_name(len(before) + 1, trial["material"]))
     trial.setdefault("blade", "B1")
     trial.setdefault("battery", "P1")
     return trial
 
 
-def _cell(key: str, cell: str, where: str) -> str | float | int:
+def _rounded(number: float) -> float:
+    """A number as a person writes it: repetitions have equal settings, whatever unit those were typed in."""
+    return float(f"{number:.12g}")
+
+
+def _cell(key: str, cell: str, factor: float, where: str) -> str | float | int:
     if key in _TEXTS:
         return cell
     try:
-        return int(cell) if key in _WHOLE else float(cell.replace(",", "."))
+        return int(cell) if key in _WHOLE else _rounded(factor * float(cell.replace(",", ".")))
     except ValueError:
         raise ConfigError(f"{key} is {cell!r}, expected a {'whole ' * (key in _WHOLE)}number", where=where) from None

@@ -5,13 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import random
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from typing import Any, Literal
 
 from pydantic import ValidationError
-from sawbench.acquisition.series.plan import PlannedTrial, SeriesPlan, trial_name
+from sawbench.acquisition.series.plan import PlannedTrial, SeriesPlan, Setting, trial_name
 from sawbench.bench.errors import InputError
 from sawbench.bench.toml_writing import toml_text
 from sawbench.bench.validation_text import describe_validation
@@ -72,8 +73,10 @@ def designed_trials(design: SeriesDesign) -> tuple[PlannedTrial, ...]:
     [(1, 'nylon', 1, 'B1'), (1, 'nylon', 2, 'B1'), (2, 'oak', 1, 'B2'), (2, 'oak', 2, 'B2')]
     """
     trials: list[PlannedTrial] = []
+    n_of_setting: Counter[Setting] = Counter()
     for number, (block, setting) in enumerate(_in_order(design), start=1):
         material, duty, feed, thickness = setting
+        n_of_setting[setting] += 1
         trials.append(
             PlannedTrial(
                 id=trial_name(number, material),
@@ -82,7 +85,7 @@ def designed_trials(design: SeriesDesign) -> tuple[PlannedTrial, ...]:
                 duty=duty,
                 feed_mm_s=feed,
                 thickness_mm=thickness,
-                repetition=1 + sum(t.setting == setting for t in trials),
+                repetition=n_of_setting[setting],
                 blade=f"B{max(block, 1)}",
                 battery=f"P{1 + int((number - 1) // max(1.0, design.battery_seconds // design.seconds))}",
                 batch=design.batches.get(material),
@@ -145,7 +148,7 @@ def plan_table(trials: Sequence[PlannedTrial]) -> str:
     return text.getvalue()
 
 
-def _in_order(design: SeriesDesign) -> Iterator[tuple[int, tuple[str, float | None, float | None, float | None]]]:
+def _in_order(design: SeriesDesign) -> Iterator[tuple[int, Setting]]:
     """Give block and setting of each trial in turn."""
     order = random.Random(design.seed)
     duties = design.duties or (None,)

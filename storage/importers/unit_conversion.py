@@ -62,9 +62,16 @@ def factor_between(stated: str, stored: str) -> float | None:
     --------
     >>> factor_between("kN", "N"), factor_between("KN", "N"), factor_between("counts", "N")
     (1000.0, 1000.0, None)
+    >>> factor_between("m/s", "mm/s"), factor_between("mm", "mm/s")
+    (1000.0, None)
     """
     if stated == stored:
         return 1.0
+    if stated.count("/") == stored.count("/") == 1:
+        above, below = (
+            factor_between(one.strip(), other) for one, other in zip(stated.split("/"), stored.split("/"), strict=True)
+        )
+        return None if above is None or below is None else above / below
     known = FACTORS.get(stored, {})
     if stated in known or stated in _AMBIGUOUS:
         return known.get(stated)

@@ -100,6 +100,9 @@ def test_a_table_is_a_plan(tmp_path):
         ("trial,id,material\na,b,oak\n", ["more than one column", "'trial'"]),
         ("block,material\n1.5,oak\n", ["line 2", "block is '1.5'", "whole number"]),
         ("", ["is empty"]),
+        ("material,feed (furlong/min)\noak,4\n", ["'feed' is in 'furlong/min'", "mm/s"]),
+        ("material,feed (mm)\noak,4\n", ["'feed' is in 'mm'", "mm/s"]),
+        ("material,duty (V)\noak,4\n", ["'duty' is in 'V'", "%"]),
     ],
 )
 def test_a_wrong_table_is_named(text, words, tmp_path):
@@ -108,6 +111,38 @@ def test_a_wrong_table_is_named(text, words, tmp_path):
     with pytest.raises(ConfigError) as caught:
         load_plan(path)
     assert all(word in str(caught.value) for word in words)
+
+
+@pytest.mark.parametrize(
+    ("header", "cells", "expected"),
+    [
+        ("feed (mm/min),thickness (cm),length (min),rest (min)", "240,2,1,15", (4.0, 20.0, 60.0, 900.0)),
+        ("feed [m/min],thickness (in),length [ms],rest (s)", "0.24,0.75,1500,9", (4.0, 19.05, 1.5, 9.0)),
+        ("feed (mm/s),thickness (mm),length (s),rest", "4,2,3,5", (4.0, 2.0, 3.0, 5.0)),
+    ],
+)
+def test_a_unit_in_the_header_is_converted(header, cells, expected, tmp_path):
+    path = tmp_path / "next.csv"
+    path.write_text(f"Workpiece (wood),duty (%),{header}\noak,44,{cells}\n")
+    (trial,) = load_plan(path).plan.trial
+    assert (trial.material, trial.duty) == ("oak", 0.44)
+    assert (trial.feed_mm_s, trial.thickness_mm, trial.seconds, trial.rest_s) == expected
+
+
+def test_a_plan_of_many_repetitions_compares_no_trial_with_all_others(monkeypatch):
+    n_compared = 0
+
+    class Counted(str):
+        def __eq__(self, other):
+            nonlocal n_compared
+            n_compared += 1
+            return str.__eq__(self, other)
+
+        __hash__ = str.__hash__
+
+    trials = designed_trials(SeriesDesign(materials=(Counted("oak"), Counted("nylon")), repetitions=300, seed=1))
+    assert [t.repetition for t in trials] == [*range(1, 301)] * 2
+    assert n_compared < 10 * len(trials)
 
 
 def test_the_line_of_excel_before_the_header_is_no_header(tmp_path):
