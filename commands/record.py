@@ -103,6 +103,8 @@ def command(
     """Record one trial. Lines typed during the recording are stored as notes; Ctrl-C ends the recording."""
     from sawbench.commands.recording_session import SessionOptions, check_devices, ports_of_trial
 
+    if until_stopped and seconds is not None:
+        raise click.UsageError("--until-stopped and --seconds exclude each other: leave out one of them")
     config_path = config_path or default_config_path()
     loaded = config_for(None, config_path)
     settings = loaded.config.recording

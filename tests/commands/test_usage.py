@@ -42,3 +42,9 @@ def test_unknown_command_is_wrong_usage(capsys):
 def test_what_a_recording_states_itself_is_no_option_beside_it(option, capsys):
     assert main(["runtime", "recordings/oak-01.mcap", option, "0.5"]) == 2
     assert "go with --k-fc" in capsys.readouterr().err
+
+
+def test_a_recording_has_a_duration_or_is_stopped(capsys):
+    call = ["record", "--material", "oak", "--simulated", "--until-stopped", "--seconds", "5"]
+    assert main(call) == 2
+    assert "--until-stopped and --seconds exclude each other" in capsys.readouterr().err
