@@ -41,7 +41,7 @@ _MANY_STEPS: Final = 10.0
 # Of a second, so many values make a median that is good to 3 %, wherever in the stroke they lie.
 _ENOUGH: Final = 2000
 _PRELOAD_SHARE: Final = 0.9
-_SPOILS: Final = frozenset({"saturated", "flat", "preload", "stroke", "silent", "disk"})
+_SPOILS: Final = frozenset({"saturated", "flat", "preload", "stroke", "silent", "disk", "overload"})
 _LEAST_FREE_BYTES: Final = 500e6
 
 
@@ -57,6 +57,8 @@ class LiveWarnings:
         Where the recording is written, for the space on its disk.
     busy : callable, optional
         Says that this computer is too busy; empty where it is not.
+    overloads : callable, optional
+        Gives, for each device, how many frames it has marked as overloaded so far.
     limits : PreflightLimits, optional
 
     Notes
@@ -64,6 +66,7 @@ class LiveWarnings:
     A second is judged half a second after its end. The rules, each for one channel or instrument:
 
     - saturated: `preflight_values.saturation`, and samples beyond what the instrument can mean.
+    - overload: the amplifier marks frames as overloaded; of which input it does not say, so no value is left out.
     - flat: all values of a second are equal while the tool runs; a channel other than displacement, force
       and motor current may, within its resolution, where it did not move by ten steps in the first three such seconds.
     - noise: the standard deviation of white noise that the third differences show (robust, over sqrt 20) is over three
@@ -89,6 +92,7 @@ class LiveWarnings:
         preload_n: float | None = None,
         folder: Path | None = None,
         busy: Callable[[], str] = str,
+        overloads: Callable[[], Mapping[str, int]] = dict,
         limits: PreflightLimits | None = None,
     ) -> None:
         self._streams = dict(streams)
@@ -97,6 +101,8 @@ class LiveWarnings:
         self._preload_n = preload_n
         self._folder = folder
         self._busy = busy
+        self._overloads = overloads
+        self._n_overloads = dict(overloads())
         self._limits = limits or PreflightLimits()
         self._blocks: dict[str, list[SampleBlock]] = {name: [] for name in self._channels}
         self._outside: dict[str, list[Event]] = {}
@@ -179,6 +185,7 @@ class LiveWarnings:
         if is_steady:
             yield from self._stroke(window)
         yield from self._of_streams(window, end_s, drift_ppm)
+        yield from self._overloaded()
         yield from self._disk()
         if text := self._busy():
             yield ("busy", "", ""), text
@@ -295,6 +302,16 @@ class LiveWarnings:
         if abs(rate_hz / stream.rate_hz - 1.0) <= self._limits.rate_error:
             return ""
         return f"{stream.name} sends {rate_hz:.4g} samples/s, configured are {stream.rate_hz:g}"
+
+    def _overloaded(self) -> Iterator[tuple[Key, str]]:
+        before, self._n_overloads = self._n_overloads, dict(self._overloads())
+        for device, n in self._n_overloads.items():
+            # An amplifier that was opened again counts anew.
+            if n not in {0, before.get(device, 0)}:
+                yield (
+                    ("overload", device, ""),
+                    "overload of the amplifier, at one or more of its inputs",
+                )
 
     def _disk(self) -> Iterator[tuple[Key, str]]:
         if self._folder is None:

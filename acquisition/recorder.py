@@ -289,6 +289,7 @@ class _Run:
             preload_n=self._limits.preload_n,
             folder=self._limits.folder,
             busy=self._busy.words,
+            overloads=lambda: {d.name: int(d.describe().get("n_overloads", "0")) for d in self._devices},
         )
         started_at = datetime.now(UTC) - timedelta(seconds=self._latest_data_s - self._zero_s)
         return RecordingStart(started_at=started_at, provenance=self._provenance())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections import namedtuple
 from dataclasses import replace
 
@@ -10,10 +11,12 @@ import pytest
 import sawbench.acquisition.live_warnings as live
 from sawbench.acquisition.calibration import Calibration
 from sawbench.acquisition.devices.device import Stream, StreamChannel
+from sawbench.acquisition.devices.gsv8 import Gsv8, Gsv8Settings
 from sawbench.acquisition.live_warnings import LiveWarnings
+from sawbench.acquisition.recorder import record
 from sawbench.bench.recording import Event, SampleBlock
 
-from tests.acquisition.test_recorder import PATIENT, Scripted, run
+from tests.acquisition.test_recorder import PATIENT, Clock, Scripted, Writer, run
 
 pytestmark = pytest.mark.unit
 
@@ -189,6 +192,41 @@ def test_a_slow_instrument_is_silent_after_three_of_its_periods(rate_hz):
     found = [e for e in watch.check(last_s + 3.0 / rate_hz + 3.0, dict) if e.device == "slow"]
     assert [e.text for e in found if e.text.endswith("is silent")]
     assert found[-1].time_s >= last_s
+
+
+def test_frames_that_the_gsv8_marks_as_overloaded_are_said_and_spoil_the_trial():
+    """Bit 0 of the second byte of a frame; the values of all its inputs stay."""
+    clock, sent, lights = Clock(), [0], []
+    channels = {
+        "force_n": {"input": 1, "calibration": {"scale": 1.0, "source": "test"}},
+        "displacement_mm": {"input": 2, "calibration": {"scale": 1.0, "source": "test"}},
+    }
+    settings = Gsv8Settings.model_validate({"driver": "gsv8", "port": "x", "rate_hz": 1000.0, "channels": channels})
+    amplifier, writer = Gsv8("cell", settings, clock=clock), Writer()
+    begun_s = clock.now_s
+
+    def frame(n):
+        is_overloaded = 4.0 < n / 1000.0 < 6.0 and n % 3 == 0
+        return bytes([0xAA, 0x11, 0xB0 | is_overloaded]) + struct.pack(">2f", 100.0 + n % 7, 5.0 + n % 5) + b"\x85"
+
+    def read():
+        first, sent[0] = sent[0], round((clock.now_s - begun_s) * 1000.0)
+        return amplifier.decode(b"".join(frame(n) for n in range(first, sent[0])), clock.now_s)
+
+    def pass_time():
+        clock.now_s += 0.02
+
+    amplifier.open = amplifier.start = amplifier.stop = lambda: None
+    amplifier.read = read
+    summary = record(
+        [amplifier], writer, seconds=10.0, clock=clock, between_rounds=pass_time,
+        status=lambda now: lights.append((now.elapsed_s, now.is_spoilt)), limits=replace(PATIENT, status_every_s=0.0),
+    )  # fmt: skip
+    said, over = (event for event in writer.events("warning") if "overload of the amplifier" in event.text)
+    assert said.device == "cell" and over.text.startswith("over: ")
+    assert {is_spoilt for elapsed_s, is_spoilt in lights if elapsed_s < 3.0 or elapsed_s > 9.0} == {False}
+    assert any(is_spoilt for _, is_spoilt in lights)
+    assert [c.n_samples for c in summary.channels] == [10_000] * 2
 
 
 def test_values_beyond_the_range_are_said():
